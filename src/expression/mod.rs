@@ -1,0 +1,1 @@
+//! Infix text to evaluable code with exact derivatives.

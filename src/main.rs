@@ -1,0 +1,3 @@
+//! The command line, thin.
+
+fn main() {}

@@ -1,0 +1,86 @@
+//! What a stepper sees of a differential variational inequality:
+//!
+//! ```text
+//! M x' = F(t,x,z) = f(t,x) + B(t,x) z,    z in K(t,x),    <G(t,x,z), z~ - z> >= 0  for all z~ in K(t,x)
+//! ```
+//!
+//! with `n` states `x` and `m` variables `z`. A problem is its [`Structure`], which is data, and two evaluations.
+//! Stage unknowns are stored as `y = (x, z)`, of length `n + m`.
+
+mod control;
+mod convex_set;
+
+pub use control::{Control, Stop};
+pub use convex_set::ConvexSet;
+
+/// Which end of an interval a moving bound is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    /// The lower end, `l`.
+    Lower,
+    /// The upper end, `u`.
+    Upper,
+}
+
+/// A bound of `K` that varies with `(t, x)`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MovingBound {
+    /// The index of the bounded variable, below `m`.
+    pub variable: usize,
+    /// The end of its interval that moves.
+    pub side: Side,
+}
+
+/// The mass matrix `M` of the differential part.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Mass {
+    /// `M = I`.
+    Identity,
+    /// A constant matrix as `(row, column, value)`, at most one entry a place; it may be singular.
+    Constant(Vec<(usize, usize, f64)>),
+}
+
+/// The shape of a problem: sizes, set, sparsity.
+#[derive(Clone, Debug)]
+pub struct Structure {
+    /// `n`, the number of states.
+    pub states: usize,
+    /// `m`, the number of variables.
+    pub variables: usize,
+    /// The mass matrix.
+    pub mass: Mass,
+    /// `K` with its constant bounds; places of `moving` bounds hold any value.
+    pub set: ConvexSet,
+    /// The bounds that vary, in the order in which [`Dvi::evaluate`] writes them.
+    pub moving: Vec<MovingBound>,
+    /// The places of the Jacobian that may be nonzero, as `(row, column)` sorted by row, then column.
+    /// Rows: `F` (n), `G` (m), moving bounds. Columns: `x` (n), `z` (m).
+    pub pattern: Vec<(usize, usize)>,
+    /// Whether the Jacobian is the same at every `(t, y)`.
+    pub constant_jacobian: bool,
+}
+
+impl Structure {
+    /// `n + m`, the length of `y`.
+    pub fn unknowns(&self) -> usize {
+        self.states + self.variables
+    }
+
+    /// The length of what [`Dvi::evaluate`] writes: `n + m +` moving bounds.
+    pub fn rows(&self) -> usize {
+        self.unknowns() + self.moving.len()
+    }
+}
+
+/// A differential variational inequality, ready to be evaluated without allocation.
+pub trait Dvi: Send {
+    /// Sizes, set and sparsity.
+    fn structure(&self) -> &Structure;
+
+    /// Writes `F` (n), `G` (m) and the moving bounds at `(t, y)` into `values`, of length [`Structure::rows`].
+    /// What is not defined there comes out as NaN or an infinity, for the caller to check.
+    fn evaluate(&mut self, t: f64, y: &[f64], values: &mut [f64]);
+
+    /// Writes the derivatives of the same rows by `y`, in the order of [`Structure::pattern`].
+    fn jacobian(&mut self, t: f64, y: &[f64], values: &mut [f64]);
+}

@@ -1,0 +1,48 @@
+//! What a solve hands back: the trajectory in columns, events, diagnostics, and how it ended.
+
+mod diagnostics;
+mod trajectory;
+
+pub use diagnostics::{Complementarity, Diagnostics, Evaluations, Steps, ViCounts, Warning};
+pub use trajectory::{Event, EventKind, Field, Trajectory};
+
+use serde::Serialize;
+
+/// How a solve ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Status {
+    /// The end time was reached.
+    Completed,
+    /// A limit or a cancel; the trajectory so far is kept.
+    Stopped,
+    /// The numerics could not go on; the trajectory so far is kept.
+    Failed,
+}
+
+/// Why a solve did not reach its end time.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Failure {
+    /// A stable word for programs, such as `step_too_small`.
+    pub code: &'static str,
+    /// What happened and what to try, for people.
+    pub message: String,
+    /// The time reached.
+    pub time: f64,
+    /// The states there, in the order of the specification.
+    pub state: Vec<f64>,
+}
+
+/// The answer to a specification. Every number in it is finite.
+#[derive(Clone, Debug, Serialize)]
+pub struct Solution {
+    /// How it ended.
+    pub status: Status,
+    /// Why it stopped or failed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub error: Option<Failure>,
+    /// Values over time.
+    pub trajectory: Trajectory,
+    /// The evidence.
+    pub diagnostics: Diagnostics,
+}

@@ -1,0 +1,74 @@
+//! The trajectory in columns.
+
+use serde::ser::{Serialize, SerializeMap, SerializeStruct, Serializer};
+
+/// One output over time.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Field {
+    /// The name of the state or variable.
+    pub name: String,
+    /// Its values, as many as there are times.
+    pub values: Vec<f64>,
+}
+
+/// What happened to a variable at a switch of the active face of `K`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum EventKind {
+    /// It left its bound: the inequality became an equation.
+    Activated,
+    /// It came to rest on a bound.
+    Deactivated,
+}
+
+/// A switch of the active face.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Event {
+    /// When.
+    pub t: f64,
+    /// What.
+    pub kind: EventKind,
+    /// The variable that switched.
+    pub of: String,
+}
+
+/// Values over time, in columns of equal length.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Trajectory {
+    /// The times, increasing.
+    pub t: Vec<f64>,
+    /// The outputs that were asked for.
+    pub fields: Vec<Field>,
+    /// The switches.
+    pub events: Vec<Event>,
+}
+
+impl Trajectory {
+    /// The column of that name.
+    pub fn field(&self, name: &str) -> Option<&[f64]> {
+        self.fields.iter().find(|field| field.name == name).map(|field| field.values.as_slice())
+    }
+}
+
+impl Serialize for Trajectory {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut object = serializer.serialize_struct("Trajectory", 3)?;
+        object.serialize_field("t", &self.t)?;
+        object.serialize_field("fields", &Columns(&self.fields))?;
+        object.serialize_field("events", &self.events)?;
+        object.end()
+    }
+}
+
+/// Fields as one object, name to values, in order.
+struct Columns<'a>(&'a [Field]);
+
+impl Serialize for Columns<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(Some(self.0.len()))?;
+        for field in self.0 {
+            map.serialize_entry(&field.name, &field.values)?;
+        }
+        map.end()
+    }
+}
