@@ -5,6 +5,7 @@
 //! ```
 
 pub mod problem;
+pub mod radau;
 pub mod solution;
 pub mod specification;
 pub mod vi;

@@ -53,3 +53,46 @@ pub trait ViSolver: Send {
     /// Solves, starting from `z` where a start helps, and leaves the answer in `z`.
     fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64]) -> Report;
 }
+
+/// Dev.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Choice {
+    /// Auto.
+    Auto,
+}
+impl Choice {
+    /// Dev.
+    pub fn build(self) -> Box<dyn ViSolver> {
+        Box::new(Enumerate)
+    }
+}
+struct Enumerate;
+impl ViSolver for Enumerate {
+    fn name(&self) -> &'static str {
+        "enumerate"
+    }
+    fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64]) -> Report {
+        let m = vi.q.len();
+        let mut best = f64::INFINITY;
+        for code in 0..3usize.pow(m as u32) {
+            let mut a = DMatrix::zeros(m, m);
+            let mut b = nalgebra::DVector::zeros(m);
+            let mut c = code;
+            let mut ok = true;
+            for i in 0..m {
+                match c % 3 {
+                    0 => { for j in 0..m { a[(i, j)] = vi.matrix[(i, j)]; } b[i] = -vi.q[i]; }
+                    1 => { a[(i, i)] = 1.0; b[i] = vi.set.lower[i]; ok &= b[i].is_finite(); }
+                    _ => { a[(i, i)] = 1.0; b[i] = vi.set.upper[i]; ok &= b[i].is_finite(); }
+                }
+                c /= 3;
+            }
+            if !ok { continue; }
+            let Some(x) = a.lu().solve(&b) else { continue };
+            let w = vi.matrix * &x + nalgebra::DVector::from_column_slice(vi.q);
+            let r = vi.set.natural_residual(x.as_slice(), w.as_slice());
+            if r < best { best = r; z.copy_from_slice(x.as_slice()); }
+        }
+        Report { outcome: if best < 1e-9 { Outcome::Solved } else { Outcome::Ray }, residual: best, iterations: 1 }
+    }
+}

@@ -1,0 +1,117 @@
+//! Step size and order, as in RADAU (Hairer and Wanner, Stiff differential equations solved by Radau methods, 1999)
+//! with Gustafsson's predictive controller (Hairer and Wanner 1996, IV.8).
+
+use super::stages::Contraction;
+
+/// Tolerances of a method with `s` stages, rescaled so that the error of the result, not of the embedded formula of
+/// order `s`, is about the tolerance asked for.
+#[derive(Clone, Copy, Debug)]
+pub struct Rescaled {
+    /// `0.1 rtol^((s+1)/(2s))`
+    pub rtol: f64,
+    /// What multiplies each `atol`: `rtol' / rtol`.
+    pub factor: f64,
+    /// The bound on the norm of the remaining Newton increment.
+    pub kappa: f64,
+    /// The most Newton iterations: 4, 7, 12, 17 for 1, 3, 5, 7 stages where the step can be made smaller instead.
+    pub most: usize,
+}
+
+impl Rescaled {
+    /// For an adaptive run; with a fixed step there is no embedded formula and `rtol` bounds the Newton error alone.
+    pub fn new(s: usize, rtol: f64, adaptive: bool) -> Self {
+        let order = s as f64;
+        let scaled = if adaptive { 0.1 * rtol.powf((order + 1.0) / (2.0 * order)) } else { rtol };
+        let kappa = if s == 1 { 0.03 } else { scaled.powf((order - 1.0) / (order + 1.0)).min(0.03) };
+        let most = match s {
+            // A fixed step cannot be made smaller instead.
+            _ if !adaptive => 50,
+            1 => 4,
+            _ => (2.5 * order - 0.5).floor() as usize,
+        };
+        Self { rtol: scaled, factor: scaled / rtol, kappa: kappa.max(10.0 * f64::EPSILON / scaled), most }
+    }
+}
+
+/// The memory of the step size and order controllers.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Controller {
+    /// Size and error of the last accepted step, for the predictive controller; none after a start, switch or change
+    /// of order.
+    accepted: Option<(f64, f64)>,
+    /// Whether the last attempt was rejected.
+    pub rejected: bool,
+    /// Whether the last attempt failed unexpectedly.
+    surprised: bool,
+    /// The ratio of the last two accepted step sizes.
+    quotient: f64,
+    /// A damped measure of the contraction of Newton's method.
+    contraction: f64,
+    /// Accepted steps since the order last changed.
+    since_change: u32,
+}
+
+impl Controller {
+    /// The factor that error `error`, in units of the tolerance, allows the step to change by. Larger Newton counts make it
+    /// more careful.
+    fn basic(s: usize, error: f64, newton: usize, most: usize) -> f64 {
+        let most = most as f64;
+        let safety = 0.9 * (2.0 * most + 1.0) / (2.0 * most + newton as f64);
+        (safety * error.powf(-1.0 / (s as f64 + 1.0))).clamp(0.2, 8.0)
+    }
+
+    /// The next step size after an accepted step of size `h`.
+    pub fn accept(&mut self, s: usize, h: f64, error: f64, newton: usize, most: usize) -> f64 {
+        let error = error.max(1e-10);
+        let mut new = h * Self::basic(s, error, newton, most);
+        if let Some((h_accepted, error_accepted)) = self.accepted {
+            let growth = (error_accepted / (error * error)).powf(1.0 / (s as f64 + 1.0));
+            new = new.min(h * (0.9 * (h / h_accepted) * growth).clamp(0.2, 8.0));
+            self.quotient = h / h_accepted;
+        }
+        if self.rejected {
+            new = new.min(h);
+        }
+        self.accepted = Some((h, error.max(0.01)));
+        self.rejected = false;
+        self.since_change += 1;
+        new
+    }
+
+    /// The next step size after a step of size `h` whose error was too large.
+    pub fn reject(&mut self, s: usize, h: f64, error: f64, newton: usize, most: usize, first: bool) -> f64 {
+        self.rejected = true;
+        if first { 0.1 * h } else { h * Self::basic(s, error, newton, most).min(0.9) }
+    }
+
+    /// Forgets what the steps before a switch said of those after it.
+    pub fn restart(&mut self) {
+        self.accepted = None;
+    }
+
+    /// Tells of a step that failed though the step before gave no reason to expect it.
+    pub fn surprise(&mut self) {
+        self.rejected = true;
+        self.surprised = true;
+    }
+
+    /// Whether the next step should have more stages (1), fewer (-1) or as many: the contraction of Newton's method
+    /// tells whether a higher order is worth its larger systems.
+    pub fn order_change(&mut self, contraction: Contraction, newton: usize) -> isize {
+        self.contraction = contraction.theta.max(0.5 * self.contraction).min(10.0);
+        let steady = self.quotient > 0.8 && self.quotient < 1.2;
+        let change = if self.contraction >= 0.8 || self.surprised {
+            -1
+        } else {
+            isize::from(newton > 1 && self.contraction <= 0.002 && steady && self.since_change > 10)
+        };
+        self.surprised = false;
+        change
+    }
+
+    /// Starts the memory anew after a change of order.
+    pub fn order_changed(&mut self) {
+        self.since_change = 0;
+        self.accepted = None;
+    }
+}

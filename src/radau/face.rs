@@ -1,0 +1,67 @@
+//! The active face of `K`: which bound, if any, each variable rests on.
+//!
+//! On a face the variational inequality is the square system `G_k = 0` for variables inside their interval and
+//! `z_k = l_k` or `z_k = u_k` for those on a bound. The face is the right one while its [`monitors`] are not negative.
+
+use super::stages::NewtonControl;
+use super::system::System;
+use crate::problem::ConvexSet;
+
+/// Where one variable stands in its interval.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// `z = l`, and `G >= 0`.
+    Lower,
+    /// `z = u`, and `G <= 0`.
+    Upper,
+    /// `l <= z <= u`, and `G = 0`.
+    Inside,
+    /// `z` is given from outside the stage equations.
+    Held,
+}
+
+/// The place of a variable of which `z` solves `VI([l, u], G)` with value `g`.
+pub fn place(set: &ConvexSet, k: usize, z: f64, g: f64) -> Place {
+    if z - g <= set.lower[k] {
+        Place::Lower
+    } else if z - g >= set.upper[k] {
+        Place::Upper
+    } else {
+        Place::Inside
+    }
+}
+
+/// What must not become negative for a variable to stay in its place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Monitor {
+    /// `G` on the lower bound, `-G` on the upper, the distance to a bound inside.
+    pub value: f64,
+    /// The size below which `value` is noise: the tolerance of the VI, or what an error of `y` that Newton's method
+    /// lets pass makes of it.
+    pub noise: f64,
+}
+
+impl Monitor {
+    /// Whether the variable has left its place.
+    pub fn is_violated(&self) -> bool {
+        self.value < -self.noise
+    }
+}
+
+/// The monitors of bounded variable `k` at `y`, where `system` was evaluated last: one on a bound, at most two inside.
+pub fn monitors(system: &System<'_>, control: &NewtonControl, k: usize, y: &[f64]) -> [Option<Monitor>; 2] {
+    let z = y[system.states + k];
+    let g = system.values[system.states + k];
+    let on_bound = |value| Some(Monitor { value, noise: control.noise_of_g(system, k, |j| y[j].abs()) });
+    let inside = |distance: f64| {
+        let weight = control.weight[system.states + k];
+        let passed = if weight > 0.0 { control.kappa / weight } else { 0.0 };
+        distance.is_finite().then(|| Monitor { value: distance, noise: (control.vi_tolerance * z.abs()).max(passed) })
+    };
+    match system.face[k] {
+        Place::Lower => [on_bound(g), None],
+        Place::Upper => [on_bound(-g), None],
+        Place::Inside => [inside(z - system.set.lower[k]), inside(system.set.upper[k] - z)],
+        Place::Held => [None, None],
+    }
+}

@@ -1,0 +1,29 @@
+//! Radau IIA with a variational inequality at every stage.
+//!
+//! ```text
+//! M v_i = M x_n + h sum_j a_ij F(t_j, v_j, z_j),    z_i in K,    <G(t_i, v_i, z_i), z~ - z_i> >= 0,    x_{n+1} = v_s
+//! ```
+//!
+//! With `m = 0` this is the stiff ODE solver of Hairer and Wanner (Solving Ordinary Differential Equations II, 1996,
+//! sections IV.8 and VII), with `K = R^m` their solver of differential-algebraic equations; a set with bounds adds
+//! the active face of `K` and its switches, and nothing else.
+
+mod dense_output;
+mod error_control;
+mod face;
+mod factors;
+mod settings;
+mod stage_vi;
+mod stages;
+mod start;
+mod stepper;
+mod switches;
+mod system;
+mod tableau;
+
+pub use face::Place;
+pub use settings::{Cause, Settings, StageChoice, StepError, Switches};
+pub use stepper::{Counts, Radau};
+pub use switches::Switch;
+pub use system::Work;
+pub use tableau::Tableau;

@@ -1,0 +1,129 @@
+//! What a user may choose of the method, and how a run can fail.
+
+use crate::vi::Choice;
+
+/// How many stages a step has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StageChoice {
+    /// Always so many; odd, unless the step is fixed.
+    Fixed(usize),
+    /// 3, 5 or 7, by the convergence of Newton's method.
+    Auto,
+}
+
+/// What happens at a change of the active face of `K`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Switches {
+    /// The step ends there: full order over the whole trajectory.
+    Locate,
+    /// The step goes on across it, with the VI at every stage.
+    StepOver,
+}
+
+/// The choices of a run.
+#[derive(Clone, Debug)]
+pub struct Settings {
+    /// Stages a step.
+    pub stages: StageChoice,
+    /// Relative tolerance on `x`.
+    pub rtol: f64,
+    /// Absolute tolerance, one a state, in its unit.
+    pub atol: Vec<f64>,
+    /// A fixed step size; none is adaptive.
+    pub step: Option<f64>,
+    /// The first step size to try.
+    pub first_step: Option<f64>,
+    /// The largest step size.
+    pub max_step: f64,
+    /// The smallest step size before the run fails.
+    pub min_step: f64,
+    /// What happens at switches.
+    pub switches: Switches,
+    /// The solver of the affine VIs.
+    pub vi_solver: Choice,
+    /// The natural-map residual to reach, relative to the terms of `G`.
+    pub vi_tolerance: f64,
+}
+
+/// Why a step could not be made.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum StepError {
+    /// A rate, a `G` or a bound is not a number at the beginning of a step.
+    #[error(
+        "{what} number {component} (counted from 0) is not finite at t = {t}: a division by zero, or a function \
+         outside its domain"
+    )]
+    NotFinite {
+        /// `rate`, `inequality`, `bound` or `derivative`.
+        what: &'static str,
+        /// Its index.
+        component: usize,
+        /// When.
+        t: f64,
+    },
+    /// The step size fell to the rounding level of `t`, or to `min_step`.
+    #[error("the step size fell to {h:e} at t = {t}: {cause}")]
+    StepTooSmall {
+        /// When.
+        t: f64,
+        /// The step size.
+        h: f64,
+        /// What the last rejections were for.
+        cause: Cause,
+    },
+    /// Newton's method failed where the step is fixed.
+    #[error("Newton's method on the stages does not converge with the fixed step {h:e} at t = {t}; take a smaller step, or leave `step` out")]
+    NewtonFailed {
+        /// When.
+        t: f64,
+        /// The step size.
+        h: f64,
+    },
+    /// The equations of the free variables do not hold at the start, and no value of theirs makes them hold.
+    #[error("the start is inconsistent: the constraints ask for a jump of state {state} (counted from 0) by {jump:e}")]
+    InconsistentStart {
+        /// The state that would jump most, in units of its tolerance.
+        state: usize,
+        /// By how much.
+        jump: f64,
+    },
+    /// The VI at the start has no solution that the solver could find.
+    #[error("the variational inequality at the start t = {t} has no solution, or none was found")]
+    NoStart {
+        /// When.
+        t: f64,
+    },
+}
+
+impl StepError {
+    /// A stable word for programs.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::NotFinite { .. } => "not_finite",
+            Self::StepTooSmall { .. } => "step_too_small",
+            Self::NewtonFailed { .. } => "newton_failed",
+            Self::InconsistentStart { .. } => "inconsistent_start",
+            Self::NoStart { .. } => "no_solution_at_start",
+        }
+    }
+}
+
+/// Why a step is done again, smaller.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cause {
+    /// The error estimate is above the tolerance.
+    Error,
+    /// Newton's method did not converge, or met a number that is not finite.
+    Newton,
+}
+
+impl std::fmt::Display for Cause {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Error => "the error stays above the tolerance (a blow-up, a jump, or tolerances too tight for doubles)",
+            Self::Newton => {
+                "Newton's method on the stages does not converge (a singularity, a blow-up, or an equation with no solution)"
+            }
+        })
+    }
+}

@@ -1,0 +1,288 @@
+//! The stage equations with the variational inequality at every stage, where the stages need not share a face:
+//! Josephy-Newton (Facchinei and Pang 2003, section 7.3). Rates and `G` are linearised and `K` is kept; the states
+//! and the free variables are eliminated by the transformed factors, which leaves an affine VI in the bounded
+//! variables of all stages,
+//!
+//! ```text
+//! w_i = q_i + sum_j S_ij z_j,    S = I (x) G_z + (T (x) G_y) E^-1 (T^-1 (x) e)
+//! ```
+//!
+//! with `E` the block-diagonal matrix of [`Factors`] in which the bounded variables are held and `e` their unit
+//! vectors. Row block `i` is scaled by `d_i = b_i / c_i`: then `S` is monotone where the problem is.
+
+use super::factors::Factors;
+use super::face::{Place, place};
+use super::stages::{NewtonControl, Stages};
+use super::system::System;
+use super::tableau::Tableau;
+use crate::problem::ConvexSet;
+use crate::vi::{AffineVi, Outcome, ViSolver};
+use nalgebra::{Complex, DMatrix};
+
+/// The coupled stage problem and the solver of its affine problems.
+pub struct StageVi {
+    solver: Box<dyn ViSolver>,
+    /// `S`, its row blocks scaled.
+    matrix: DMatrix<f64>,
+    q: Vec<f64>,
+    set: ConvexSet,
+    /// The bounded variables of all stages, stage by stage, and the same before the last solve.
+    z: Vec<f64>,
+    last_z: Vec<f64>,
+    /// `G` of the same.
+    g: Vec<f64>,
+    /// The bounded variables held, the others inside.
+    held: Vec<Place>,
+    /// Stage increments and their transforms before the present iteration.
+    saved: (Vec<f64>, Vec<f64>),
+    /// Added to `G`, one a variable: zero, but where a switch is known to be at `G = 0` exactly.
+    pub offset: Vec<f64>,
+    negative_jacobian: DMatrix<f64>,
+    factors: Factors,
+    real: Vec<f64>,
+    complex: Vec<Complex<f64>>,
+    /// Affine problems solved.
+    pub solves: u64,
+    /// Their pivots or iterations.
+    pub pivots: u64,
+}
+
+impl StageVi {
+    /// Room for the stages of a problem.
+    pub fn new(system: &System<'_>, stages: usize, solver: Box<dyn ViSolver>) -> Self {
+        let unknowns = system.unknowns;
+        let coupled = stages * system.bounded.len();
+        let mut held = vec![Place::Inside; unknowns - system.states];
+        system.bounded.iter().for_each(|&k| held[k] = Place::Held);
+        Self {
+            solver,
+            matrix: DMatrix::zeros(coupled, coupled),
+            q: vec![0.0; coupled],
+            set: ConvexSet::free(coupled),
+            z: vec![0.0; coupled],
+            last_z: vec![0.0; coupled],
+            g: vec![0.0; coupled],
+            held,
+            saved: (vec![0.0; stages * unknowns], vec![0.0; stages * unknowns]),
+            offset: vec![0.0; unknowns - system.states],
+            negative_jacobian: DMatrix::zeros(unknowns, unknowns),
+            factors: Factors::default(),
+            real: vec![0.0; unknowns],
+            complex: vec![Complex::new(0.0, 0.0); unknowns],
+            solves: 0,
+            pivots: 0,
+        }
+    }
+
+    /// The solver that answered last.
+    pub fn solver(&self) -> &'static str {
+        self.solver.name()
+    }
+
+    /// The factors of the last solve, with the bounded variables held.
+    pub fn factors(&self) -> &Factors {
+        &self.factors
+    }
+
+    /// Exchanges the face of `system` for that on which the bounded variables are held, and back.
+    pub fn swap_face(&mut self, system: &mut System<'_>) {
+        std::mem::swap(&mut system.face, &mut self.held);
+    }
+
+    /// Solves the stages from the `Z` at hand, with `W = T^-1 Z` and the derivatives of `system` frozen. On success
+    /// the face of `system` is that of the last stage; otherwise it is left as it was.
+    #[expect(clippy::too_many_arguments, reason = "a step is its problem, method, place and tolerance")]
+    pub fn solve(
+        &mut self,
+        system: &mut System<'_>,
+        tableau: &Tableau,
+        stages: &mut Stages,
+        t: f64,
+        h: f64,
+        y0: &[f64],
+        control: &NewtonControl,
+    ) -> bool {
+        let (s, n, count) = (tableau.stages(), system.states, system.bounded.len());
+        self.resize(s * count);
+        system.negative_jacobian(&self.held, &mut self.negative_jacobian);
+        self.factors = Factors::compute(tableau, h, &system.mass, &self.negative_jacobian);
+        system.work.factorisations += 1;
+        if !self.reduce(system, tableau) {
+            return false;
+        }
+        let mut norm = f64::INFINITY;
+        for iteration in 0..3 * control.most {
+            if !self.evaluate(system, tableau, stages, t, h, y0) {
+                return false;
+            }
+            if iteration > 0 && norm <= control.kappa && self.is_solved(system, stages, y0, s, control) {
+                let last = (s - 1) * count;
+                for (a, &k) in system.bounded.iter().enumerate() {
+                    system.face[k] = place(&system.set, k, self.z[last + a], self.g[last + a]);
+                }
+                return true;
+            }
+            system.work.newton += 1;
+            if !self.affine(system, tableau, stages, h, control) {
+                return false;
+            }
+            for i in 0..s {
+                for (a, &k) in system.bounded.iter().enumerate() {
+                    let place = i * count + a;
+                    stages.phi[i * stages.unknowns + n + k] = self.z[place] - self.last_z[place];
+                }
+            }
+            match stages.increment(system, tableau, &self.factors, h, &control.weight) {
+                Some(new) if new.is_finite() && (iteration < 3 || new < 2.0 * norm) => norm = new,
+                _ => return false,
+            }
+        }
+        false
+    }
+
+    /// Evaluates rates, `G` and bounds at every stage, with zero in the rows of `Phi` of held variables.
+    fn evaluate(
+        &mut self,
+        system: &mut System<'_>,
+        tableau: &Tableau,
+        stages: &mut Stages,
+        t: f64,
+        h: f64,
+        y0: &[f64],
+    ) -> bool {
+        let (n, unknowns, count) = (system.states, system.unknowns, system.bounded.len());
+        for (i, c) in tableau.c.iter().enumerate() {
+            if !system.evaluate(t + c * h, stages.stage(y0, i)) {
+                return false;
+            }
+            let phi = &mut stages.phi[i * unknowns..(i + 1) * unknowns];
+            phi.copy_from_slice(&system.values[..unknowns]);
+            for (a, &k) in system.bounded.iter().enumerate() {
+                let place = i * count + a;
+                self.g[place] = phi[n + k] + self.offset[k];
+                self.z[place] = y0[n + k] + stages.z[i * unknowns + n + k];
+                self.set.lower[place] = system.set.lower[k];
+                self.set.upper[place] = system.set.upper[k];
+                phi[n + k] = 0.0;
+            }
+        }
+        true
+    }
+
+    /// Solves the affine VI at the present stages: the new `z`, with the old in `last_z`.
+    fn affine(
+        &mut self,
+        system: &System<'_>,
+        tableau: &Tableau,
+        stages: &mut Stages,
+        h: f64,
+        control: &NewtonControl,
+    ) -> bool {
+        let (s, unknowns, count) = (tableau.stages(), system.unknowns, system.bounded.len());
+        let size = s * unknowns;
+        self.saved.0[..size].copy_from_slice(&stages.z[..size]);
+        self.saved.1[..size].copy_from_slice(&stages.w[..size]);
+        // What the other equations ask for while the bounded variables are held.
+        if stages.increment(system, tableau, &self.factors, h, &control.weight).is_none() {
+            return false;
+        }
+        for i in 0..s {
+            let d = tableau.b[i] / tableau.c[i];
+            for (a, &k) in system.bounded.iter().enumerate() {
+                let (row, block) = (i * count + a, i * unknowns);
+                let moved = system.slope(k, |j| stages.z[block + j] - self.saved.0[block + j]);
+                let product: f64 = self.z.iter().enumerate().map(|(j, z)| self.matrix[(row, j)] * z).sum();
+                self.q[row] = d * (self.g[row] + moved) - product;
+            }
+        }
+        stages.z[..size].copy_from_slice(&self.saved.0[..size]);
+        stages.w[..size].copy_from_slice(&self.saved.1[..size]);
+        self.last_z.copy_from_slice(&self.z);
+        let vi = AffineVi { matrix: &self.matrix, q: &self.q, set: &self.set };
+        let report = self.solver.solve(&vi, &mut self.z);
+        self.solves += 1;
+        self.pivots += report.iterations as u64;
+        report.outcome == Outcome::Solved
+    }
+
+    /// Whether the VI holds at every stage to the tolerance, from the last evaluation.
+    fn is_solved(&self, system: &System<'_>, stages: &Stages, y0: &[f64], s: usize, control: &NewtonControl) -> bool {
+        let (n, count) = (system.states, system.bounded.len());
+        (0..s).all(|i| {
+            system.bounded.iter().enumerate().all(|(a, &k)| {
+                let at = i * count + a;
+                let size = |j: usize| y0[j].abs() + stages.z[i * stages.unknowns + j].abs();
+                let noise_g = control.noise_of_g(system, k, size);
+                let noise_z = control.vi_tolerance * size(n + k);
+                let (z, g) = (self.z[at], self.g[at]);
+                let (lower, upper) = (self.set.lower[at], self.set.upper[at]);
+                let inside = z >= lower - noise_z && z <= upper + noise_z;
+                inside && (g <= noise_g || z <= lower + noise_z) && (g >= -noise_g || z >= upper - noise_z)
+            })
+        })
+    }
+
+    /// Forms `S`.
+    fn reduce(&mut self, system: &System<'_>, tableau: &Tableau) -> bool {
+        let (s, n, count) = (tableau.stages(), system.states, system.bounded.len());
+        self.matrix.fill(0.0);
+        for (b, &k) in system.bounded.iter().enumerate() {
+            // The response of everything to a unit of z_k, one a block of E; G of it, added to each pair of stages.
+            let mut block = 0;
+            if tableau.gamma.is_some() {
+                self.real.fill(0.0);
+                self.real[n + k] = 1.0;
+                if !self.factors.solve_real(&mut self.real) {
+                    return false;
+                }
+                for (a, &l) in system.bounded.iter().enumerate() {
+                    let response = system.slope(l, |j| self.real[j]);
+                    for i in 0..s {
+                        for j in 0..s {
+                            self.matrix[(i * count + a, j * count + b)] +=
+                                tableau.t[(i, 0)] * tableau.t_inverse[(0, j)] * response;
+                        }
+                    }
+                }
+                block = 1;
+            }
+            for pair in 0..tableau.pairs.len() {
+                self.complex.fill(Complex::new(0.0, 0.0));
+                self.complex[n + k] = Complex::new(1.0, 0.0);
+                if !self.factors.solve_pair(pair, &mut self.complex) {
+                    return false;
+                }
+                for (a, &l) in system.bounded.iter().enumerate() {
+                    let re = system.slope(l, |j| self.complex[j].re);
+                    let im = system.slope(l, |j| self.complex[j].im);
+                    for j in 0..s {
+                        let right = Complex::new(tableau.t_inverse[(block, j)], -tableau.t_inverse[(block + 1, j)]);
+                        let u = right * Complex::new(re, im);
+                        for i in 0..s {
+                            self.matrix[(i * count + a, j * count + b)] +=
+                                tableau.t[(i, block)] * u.re - tableau.t[(i, block + 1)] * u.im;
+                        }
+                    }
+                }
+                block += 2;
+            }
+        }
+        for i in 0..s {
+            let d = tableau.b[i] / tableau.c[i];
+            self.matrix.rows_mut(i * count, count).scale_mut(d);
+        }
+        self.matrix.iter().all(|value| value.is_finite())
+    }
+
+    /// Fits the vectors to `size` coupled variables.
+    fn resize(&mut self, size: usize) {
+        if self.q.len() != size {
+            self.matrix.resize_mut(size, size, 0.0);
+            for vector in [&mut self.q, &mut self.z, &mut self.last_z, &mut self.g] {
+                vector.resize(size, 0.0);
+            }
+            self.set.lower.resize(size, 0.0);
+            self.set.upper.resize(size, 0.0);
+        }
+    }
+}

@@ -1,0 +1,340 @@
+//! The stage equations on one face, `diag(M, 0) Z_i = h sum_j a_ij Phi(t_j, y_n + Z_j)`, by simplified Newton on
+//! `W = T^-1 Z`, which decouples them (Hairer and Wanner 1996, IV.8; the tests on the rate are those of RADAU5).
+
+use super::face::{Monitor, Place, monitors};
+use super::factors::Factors;
+use super::system::System;
+use super::tableau::Tableau;
+use nalgebra::Complex;
+
+/// Stage increments `Z`, their transforms `W = T^-1 Z` and the values `Phi`, each `s` blocks of `n + m`.
+#[derive(Clone, Debug)]
+pub struct Stages {
+    /// `n + m`
+    pub unknowns: usize,
+    /// `Z_i = y_i - y_n`
+    pub z: Vec<f64>,
+    /// `W = T^-1 Z`
+    pub w: Vec<f64>,
+    /// `Phi` at the stages as of the last evaluation.
+    pub phi: Vec<f64>,
+    right: Vec<f64>,
+    pair: Vec<Complex<f64>>,
+    y: Vec<f64>,
+}
+
+/// How a Newton iteration ended.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Newton {
+    /// The increments are below the tolerance, in so many iterations; whether a monitor of the face is violated at a
+    /// stage.
+    Converged {
+        /// Iterations.
+        iterations: usize,
+        /// Whether the face is not the right one all through the step.
+        violated: bool,
+    },
+    /// It would need too many iterations; the step should be multiplied by this factor, below 1.
+    Slow(f64),
+    /// It diverges, met a singular matrix, or a number that is not finite.
+    Diverged,
+}
+
+/// What decides that Newton's method has converged.
+#[derive(Clone, Debug)]
+pub struct NewtonControl {
+    /// `1/sc` for each component of `y`, in the norm `sqrt(sum (weight dW)^2 / (s (n+m)))`.
+    pub weight: Vec<f64>,
+    /// The bound on that norm.
+    pub kappa: f64,
+    /// The most iterations.
+    pub most: usize,
+    /// The bound on `|G_i|` of bounded variables inside their interval, relative to the size of its terms.
+    pub vi_tolerance: f64,
+}
+
+impl NewtonControl {
+    /// The size below which `G_k` is noise where the components of `y` are of size `size`: the tolerance of the VI, or
+    /// what an error of the states that Newton's method lets pass makes of it.
+    pub fn noise_of_g(&self, system: &System<'_>, k: usize, size: impl Fn(usize) -> f64) -> f64 {
+        let terms = system.terms(k, size);
+        let passed = system.terms(k, |j| if j < system.states { self.kappa / self.weight[j] } else { 0.0 });
+        (self.vi_tolerance * terms).max(passed)
+    }
+}
+
+/// The contraction seen, kept from one step to the next.
+#[derive(Clone, Copy, Debug)]
+pub struct Contraction {
+    /// The last estimate of the rate.
+    pub theta: f64,
+    /// `theta / (1 - theta)` of the last step, for the test after the first iteration.
+    pub factor: f64,
+}
+
+impl Default for Contraction {
+    fn default() -> Self {
+        Self { theta: 1.0, factor: 1.0 }
+    }
+}
+
+impl Stages {
+    /// Room for at most `s` stages of `n + m` unknowns.
+    pub fn new(s: usize, unknowns: usize) -> Self {
+        let zeros = vec![0.0; s * unknowns];
+        Self {
+            unknowns,
+            z: zeros.clone(),
+            w: zeros.clone(),
+            phi: zeros.clone(),
+            right: zeros,
+            pair: vec![Complex::new(0.0, 0.0); unknowns],
+            y: vec![0.0; unknowns],
+        }
+    }
+
+    /// The value of `y` at stage `i`.
+    pub fn stage(&mut self, y0: &[f64], i: usize) -> &[f64] {
+        let z = &self.z[i * self.unknowns..];
+        for ((y, y0), z) in self.y.iter_mut().zip(y0).zip(z) {
+            *y = y0 + z;
+        }
+        &self.y
+    }
+
+    /// Evaluates `Phi` at every stage; false if a number is not finite.
+    pub fn evaluate(&mut self, system: &mut System<'_>, tableau: &Tableau, t: f64, h: f64, y0: &[f64]) -> bool {
+        let n = self.unknowns;
+        let mut finite = true;
+        for (i, c) in tableau.c.iter().enumerate() {
+            self.stage(y0, i);
+            finite &= system.phi(t + c * h, &self.y, &mut self.phi[i * n..(i + 1) * n]);
+        }
+        finite
+    }
+
+    /// Sets `W = T^-1 Z`.
+    pub fn transform(&mut self, tableau: &Tableau) {
+        combine(&tableau.t_inverse, &self.z, &mut self.w, self.unknowns);
+    }
+
+    /// Replaces `Z` by the collocation polynomial at `ratio` times the nodes: the start of a step of another size.
+    pub fn resample(&mut self, tableau: &Tableau, ratio: f64) {
+        let n = self.unknowns;
+        let s = tableau.stages();
+        let mut basis = vec![0.0; s];
+        self.right.fill(0.0);
+        for (c, out) in tableau.c.iter().zip(self.right.chunks_exact_mut(n)) {
+            tableau.increments_at(ratio * c, &mut basis);
+            for (factor, z) in basis.iter().zip(self.z.chunks_exact(n)) {
+                for (out, z) in out.iter_mut().zip(z) {
+                    *out += factor * z;
+                }
+            }
+        }
+        self.z[..s * n].copy_from_slice(&self.right[..s * n]);
+        self.transform(tableau);
+    }
+
+    /// One solve of the transformed equations: given `Phi` at the stages, adds the increment to `W` and `Z` and
+    /// returns its weighted norm, or `None` for a singular matrix.
+    pub fn increment(
+        &mut self,
+        system: &System<'_>,
+        tableau: &Tableau,
+        factors: &Factors,
+        h: f64,
+        weight: &[f64],
+    ) -> Option<f64> {
+        let n = self.unknowns;
+        let s = tableau.stages();
+        combine(&tableau.t_inverse, &self.phi, &mut self.right, n);
+        let mut block = 0;
+        if let Some(gamma) = tableau.gamma {
+            subtract_mass(system, gamma / h, &self.w[..n], &mut self.right[..n]);
+            if !factors.solve_real(&mut self.right[..n]) {
+                return None;
+            }
+            block = 1;
+        }
+        for (k, pair) in tableau.pairs.iter().enumerate() {
+            let (p, q) = (block * n, (block + 1) * n);
+            let (alpha, beta) = (pair.re / h, pair.im / h);
+            {
+                let (wp, wq) = (&self.w[p..p + n], &self.w[q..q + n]);
+                subtract_mass(system, alpha, wp, &mut self.right[p..p + n]);
+                subtract_mass(system, beta, wq, &mut self.right[p..p + n]);
+                subtract_mass(system, -beta, wp, &mut self.right[q..q + n]);
+                subtract_mass(system, alpha, wq, &mut self.right[q..q + n]);
+            }
+            for j in 0..n {
+                self.pair[j] = Complex::new(self.right[p + j], -self.right[q + j]);
+            }
+            if !factors.solve_pair(k, &mut self.pair) {
+                return None;
+            }
+            for j in 0..n {
+                self.right[p + j] = self.pair[j].re;
+                self.right[q + j] = -self.pair[j].im;
+            }
+            block += 2;
+        }
+        let mut sum = 0.0;
+        for (row, w) in self.right[..s * n].chunks_exact(n).zip(self.w.chunks_exact_mut(n)) {
+            for ((dw, w), weight) in row.iter().zip(w).zip(weight) {
+                *w += dw;
+                sum += (dw * weight) * (dw * weight);
+            }
+        }
+        combine(&tableau.t, &self.w, &mut self.z, n);
+        Some((sum / (s * n) as f64).sqrt())
+    }
+
+    /// Newton's method on the present face from the `Z` at hand, with `W = T^-1 Z`.
+    #[expect(clippy::too_many_arguments, reason = "a step is its problem, method, factors, place and tolerance")]
+    pub fn newton(
+        &mut self,
+        system: &mut System<'_>,
+        tableau: &Tableau,
+        factors: &Factors,
+        t: f64,
+        h: f64,
+        y0: &[f64],
+        control: &NewtonControl,
+        contraction: &mut Contraction,
+    ) -> Newton {
+        let most = control.most;
+        let mut factor = contraction.factor.max(f64::EPSILON).powf(0.8);
+        let (mut last_norm, mut last_ratio) = (0.0, 0.0);
+        let mut evaluated = false;
+        contraction.theta = contraction.theta.min(1.0);
+        for k in 1..=most {
+            if !evaluated && !self.evaluate(system, tableau, t, h, y0) {
+                return Newton::Diverged;
+            }
+            evaluated = false;
+            system.work.newton += 1;
+            let Some(norm) = self.increment(system, tableau, factors, h, &control.weight) else {
+                return Newton::Diverged;
+            };
+            if !norm.is_finite() {
+                return Newton::Diverged;
+            }
+            // Increments at the rounding level of y itself neither shrink nor matter.
+            let rounding = norm <= 4.0 * f64::EPSILON * self.size(y0, &control.weight, tableau.stages());
+            if k > 1 && !rounding {
+                let ratio = norm / last_norm;
+                let theta: f64 = if k == 2 { ratio } else { (ratio * last_ratio).sqrt() };
+                last_ratio = ratio;
+                contraction.theta = theta;
+                if theta >= 0.99 {
+                    return Newton::Diverged;
+                }
+                factor = theta / (1.0 - theta);
+                let left = (most - 1).saturating_sub(k) as i32;
+                let predicted = factor * norm * theta.powi(left) / control.kappa;
+                if predicted >= 1.0 {
+                    let q = predicted.clamp(1e-4, 20.0);
+                    return Newton::Slow(0.8 * q.powf(-1.0 / (4.0 + f64::from(left))));
+                }
+            }
+            last_norm = norm.max(f64::EPSILON);
+            if rounding || factor * norm <= control.kappa {
+                contraction.factor = factor;
+                if system.bounded.is_empty() {
+                    return Newton::Converged { iterations: k, violated: false };
+                }
+                match self.verify(system, tableau, t, h, y0, control) {
+                    None => return Newton::Diverged,
+                    Some(Verdict { satisfied, violated }) if satisfied || rounding => {
+                        return Newton::Converged { iterations: k, violated };
+                    }
+                    Some(_) => evaluated = true,
+                }
+            }
+        }
+        Newton::Slow(0.5)
+    }
+
+    /// The weighted norm of `y` over the stages.
+    fn size(&self, y0: &[f64], weight: &[f64], s: usize) -> f64 {
+        let n = self.unknowns;
+        let sum: f64 = (0..s * n)
+            .map(|j| {
+                let y = (y0[j % n].abs() + self.z[j].abs()) * weight[j % n];
+                y * y
+            })
+            .sum();
+        (sum / (s * n) as f64).sqrt()
+    }
+
+    /// Evaluates `Phi` at every stage and judges the bounded variables there; `None` if a number is not finite.
+    fn verify(
+        &mut self,
+        system: &mut System<'_>,
+        tableau: &Tableau,
+        t: f64,
+        h: f64,
+        y0: &[f64],
+        control: &NewtonControl,
+    ) -> Option<Verdict> {
+        let n = self.unknowns;
+        let mut verdict = Verdict { satisfied: true, violated: false };
+        for (i, c) in tableau.c.iter().enumerate() {
+            self.stage(y0, i);
+            let phi = &mut self.phi[i * n..(i + 1) * n];
+            if !system.phi(t + c * h, &self.y, phi) {
+                return None;
+            }
+            for &k in &system.bounded {
+                let residual = phi[system.states + k].abs();
+                let y = &self.y;
+                verdict.satisfied &= residual == 0.0
+                    || system.face[k] != Place::Inside
+                    || residual <= control.noise_of_g(system, k, |j| y[j].abs());
+                verdict.violated |= monitors(system, control, k, y).iter().flatten().any(Monitor::is_violated);
+            }
+        }
+        Some(verdict)
+    }
+}
+
+/// What is found of the bounded variables at the stages.
+struct Verdict {
+    /// Whether `G = 0` holds to the tolerance of the VI for those inside their interval.
+    satisfied: bool,
+    /// Whether a monitor of the face is violated.
+    violated: bool,
+}
+
+/// `out_i = sum_j matrix_ij x_j` on blocks of length `n`.
+fn combine(matrix: &nalgebra::DMatrix<f64>, x: &[f64], out: &mut [f64], n: usize) {
+    let s = matrix.nrows();
+    for i in 0..s {
+        let out = &mut out[i * n..(i + 1) * n];
+        out.fill(0.0);
+        for j in 0..s {
+            let factor = matrix[(i, j)];
+            for (out, x) in out.iter_mut().zip(&x[j * n..(j + 1) * n]) {
+                *out += factor * x;
+            }
+        }
+    }
+}
+
+/// `right -= factor diag(M, 0) w`
+fn subtract_mass(system: &System<'_>, factor: f64, w: &[f64], right: &mut [f64]) {
+    let n = system.states;
+    if system.identity_mass {
+        for (right, w) in right[..n].iter_mut().zip(w) {
+            *right -= factor * w;
+        }
+    } else {
+        for (j, w) in w[..n].iter().enumerate() {
+            let scaled = factor * w;
+            for (right, m) in right[..n].iter_mut().zip(system.mass.column(j).iter()) {
+                *right -= scaled * m;
+            }
+        }
+    }
+}

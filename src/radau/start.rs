@@ -1,0 +1,115 @@
+//! Where a run, or a new face, begins.
+//!
+//! The face and the variables at `(t, x)` are those of one implicit Euler step with the VI, so short that only the
+//! directions at `t` count. A start that the constraints do not allow shows as a jump of the states that does not
+//! shrink with the step: where `K` has bounds it is the impulse that the theory names (`x+ = x + B p`, with `p` in `K`
+//! complementary to `G(x+)`), and the run starts after it; where all variables are free it is an error of the user.
+
+use super::factors::Factors;
+use super::settings::{Settings, StepError};
+use super::stage_vi::StageVi;
+use super::stages::{Contraction, Newton, Stages};
+use super::stepper::Radau;
+use super::system::System;
+use super::tableau::Tableau;
+use nalgebra::DMatrix;
+
+/// How long the step that finds a face is, beside the steps of the run.
+const PROBE: f64 = 1e-4;
+/// How long the step is that shows whether a start is consistent, beside the steps of the run.
+const INSTANT: f64 = 1e-12;
+
+/// The implicit Euler step that finds a face.
+pub(super) struct Probe {
+    euler: Tableau,
+    stages: Stages,
+    vi: Option<StageVi>,
+    negative_jacobian: DMatrix<f64>,
+}
+
+impl Probe {
+    pub(super) fn new(system: &System<'_>, settings: &Settings) -> Self {
+        Self {
+            euler: Tableau::new(1),
+            stages: Stages::new(1, system.unknowns),
+            vi: (!system.bounded.is_empty()).then(|| StageVi::new(system, 1, settings.vi_solver.build())),
+            negative_jacobian: DMatrix::zeros(system.unknowns, system.unknowns),
+        }
+    }
+}
+
+impl Radau<'_> {
+    /// Finds the face and the variables at the start, and whether the start is consistent.
+    pub(super) fn start(&mut self) -> Result<(), StepError> {
+        let n = self.system.states;
+        if self.system.identity_mass && self.system.unknowns == n {
+            return Ok(());
+        }
+        if !self.probe(INSTANT * self.h, false) {
+            return Err(StepError::NoStart { t: self.t });
+        }
+        let jumps = self.switching.probe.stages.z[..n].iter().zip(&self.control.weight).map(|(z, w)| (z * w).abs());
+        let worst = jumps.enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
+        if let Some((state, size)) = worst
+            && size > 1.0
+        {
+            if self.system.bounded.is_empty() {
+                let jump = self.switching.probe.stages.z[state];
+                return Err(StepError::InconsistentStart { state, jump });
+            }
+            for (y, z) in self.y.iter_mut().zip(&self.switching.probe.stages.z[..n]) {
+                *y += z;
+            }
+            self.jumped = true;
+        }
+        if self.choose_face(self.h) { Ok(()) } else { Err(StepError::NoStart { t: self.t }) }
+    }
+
+    /// The face and the variables at `(t, y)`, where steps are about `h` long; the states stay. False if no solution
+    /// was found, with nothing changed.
+    pub(super) fn choose_face(&mut self, h: f64) -> bool {
+        let n = self.system.states;
+        if !self.probe(PROBE * h, true) {
+            return false;
+        }
+        for (y, z) in self.y[n..].iter_mut().zip(&self.switching.probe.stages.z[n..]) {
+            *y += z;
+        }
+        true
+    }
+
+    /// One Euler step of size `eta` from `(t, y)`; its increment is left in the stages of the probe. If `snap`,
+    /// inequalities that are zero to the tolerance start from zero exactly.
+    fn probe(&mut self, eta: f64, snap: bool) -> bool {
+        let n = self.system.states;
+        if !self.system.differentiate(self.t, &self.y) || !self.system.evaluate(self.t, &self.y) {
+            return false;
+        }
+        self.set_tolerances(eta);
+        let probe = &mut self.switching.probe;
+        probe.stages.z.fill(0.0);
+        probe.stages.w.fill(0.0);
+        let Some(vi) = &mut probe.vi else {
+            self.system.negative_jacobian(&self.system.face, &mut probe.negative_jacobian);
+            let factors = Factors::compute(&probe.euler, eta, &self.system.mass, &probe.negative_jacobian);
+            self.system.work.factorisations += 1;
+            let newton = probe.stages.newton(
+                &mut self.system,
+                &probe.euler,
+                &factors,
+                self.t,
+                eta,
+                &self.y,
+                &self.control,
+                &mut Contraction::default(),
+            );
+            return matches!(newton, Newton::Converged { .. });
+        };
+        for &k in &self.system.bounded {
+            let g = self.system.values[n + k];
+            let noise = self.control.noise_of_g(&self.system, k, |j| self.y[j].abs());
+            vi.offset[k] = if snap && g.abs() <= noise { -g } else { 0.0 };
+        }
+        vi.solve(&mut self.system, &probe.euler, &mut probe.stages, self.t, eta, &self.y, &self.control)
+    }
+}

@@ -1,0 +1,335 @@
+//! Switches: changes of the active face of `K`.
+//!
+//! A step keeps one face; it is the right one while its monitors stay nonnegative. Where one becomes negative the step
+//! is cut there: its zero on the collocation polynomial says about where, and the step is solved again with its size as
+//! the unknown, so that the end of the step, which has the full order, is the switch. (Interpolation alone would leave
+//! order `s + 1`.) The next face is not guessed: it is that of an implicit Euler step with the VI, so short that only
+//! the directions at the switch count, in which variables at their switch start exactly there.
+
+use super::face::{Monitor, Place, monitors};
+use super::settings::{Settings, StepError, Switches};
+use super::start::Probe;
+use super::stages::Newton;
+use super::stepper::Radau;
+use super::system::System;
+
+/// A variable that changed its place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Switch {
+    /// When; exact to the order of the method if located, else the end of the step in which it happened.
+    pub t: f64,
+    /// The variable, counted from 0.
+    pub variable: usize,
+    /// Where it was.
+    pub from: Place,
+    /// Where it is now.
+    pub to: Place,
+}
+
+/// Where a violated monitor changes sign.
+pub(super) enum Located {
+    /// At the end of a step of this size, whose stages are at hand.
+    At(f64),
+    /// At the beginning of the step: the face there is changed, and the step should be tried again.
+    Now,
+    /// Not to be found, or not to be looked for.
+    Nowhere,
+}
+
+/// So many switches in a row, each after a shorter time than the last, are taken for an accumulation (Zeno).
+const ACCUMULATION: u32 = 8;
+/// The most solves for one switch.
+const SOLVES: usize = 12;
+
+/// What finding switches needs and remembers.
+pub(super) struct Switching {
+    locate: bool,
+    pub(super) probe: Probe,
+    /// The face before the step at hand.
+    before: Vec<Place>,
+    /// Whether the step at hand ends at a switch.
+    pending: bool,
+    /// The time of the last switch, the time from it to the one before, and how often that shrank in a row.
+    last: f64,
+    gap: f64,
+    shrinking: u32,
+    scratch: Vec<f64>,
+    /// Switches not yet taken by the caller.
+    switches: Vec<Switch>,
+    /// Accumulations passed.
+    accumulations: u32,
+}
+
+impl Switching {
+    pub(super) fn new(system: &System<'_>, settings: &Settings) -> Self {
+        Self {
+            locate: settings.switches == Switches::Locate,
+            probe: Probe::new(system, settings),
+            before: system.face.clone(),
+            pending: false,
+            last: f64::NEG_INFINITY,
+            gap: f64::INFINITY,
+            shrinking: 0,
+            scratch: vec![0.0; system.unknowns],
+            switches: Vec::new(),
+            accumulations: 0,
+        }
+    }
+
+    pub(super) fn remember(&mut self, face: &[Place]) {
+        self.before.copy_from_slice(face);
+    }
+
+    pub(super) fn abandon(&mut self) {
+        self.pending = false;
+    }
+
+    /// Records what differs from the remembered face.
+    fn record(&mut self, t: f64, face: &[Place]) {
+        let mut changed = false;
+        for (variable, (&from, &to)) in self.before.iter().zip(face).enumerate() {
+            if from != to {
+                self.switches.push(Switch { t, variable, from, to });
+                changed = true;
+            }
+        }
+        if changed {
+            let gap = t - self.last;
+            self.shrinking = if gap < 0.95 * self.gap { self.shrinking + 1 } else { 0 };
+            if self.shrinking == ACCUMULATION {
+                self.accumulations += 1;
+            }
+            (self.last, self.gap) = (t, gap);
+        }
+    }
+
+    fn is_accumulating(&self) -> bool {
+        self.shrinking >= ACCUMULATION
+    }
+}
+
+impl Radau<'_> {
+    /// The switches since the last call.
+    pub fn take_switches(&mut self) -> std::vec::Drain<'_, Switch> {
+        self.switching.switches.drain(..)
+    }
+
+    /// How often switches accumulated and location was suspended.
+    pub fn accumulations(&self) -> u32 {
+        self.switching.accumulations
+    }
+
+    /// Finds where the first violated monitor of the step at hand, of size `h`, changes sign.
+    pub(super) fn locate(&mut self, h: f64) -> Result<Located, StepError> {
+        if !self.switching.locate || self.switching.is_accumulating() {
+            return Ok(Located::Nowhere);
+        }
+        let mut size = h;
+        let mut solves = 0;
+        // Each round takes the earliest sign change of the polynomial at hand; a later round is needed when the step
+        // that ends there shows an earlier one of another variable.
+        while let Some(crossing) = self.earliest(size) {
+            let least = 1e3 * f64::EPSILON * self.t.abs().max(size);
+            if crossing.theta * size <= least {
+                self.switching.remember(&self.system.face);
+                let changed = self.choose_face(size) && self.switching.before != self.system.face;
+                self.switching.record(self.t, &self.system.face);
+                self.restart();
+                return Ok(if changed { Located::Now } else { Located::Nowhere });
+            }
+            let Some(end) = self.solve_for_end(&crossing, size, &mut solves)? else { return Ok(Located::Nowhere) };
+            size = end;
+            if !self.is_violated_within(size) {
+                self.switching.remember(&self.system.face);
+                self.switching.pending = true;
+                return Ok(Located::At(size));
+            }
+        }
+        Ok(Located::Nowhere)
+    }
+
+    /// Solves the step again with its size as the unknown, so that one monitor is zero at its end; the size, or `None`
+    /// if Newton's method or the iteration on the size fails.
+    fn solve_for_end(
+        &mut self,
+        crossing: &Crossing,
+        mut size: f64,
+        solves: &mut usize,
+    ) -> Result<Option<f64>, StepError> {
+        let longest = 1.5 * size;
+        let mut trial = crossing.theta * size;
+        let mut slope = crossing.slope;
+        let mut last: Option<(f64, f64)> = None;
+        while *solves < SOLVES && trial > 0.0 && trial < longest {
+            *solves += 1;
+            self.prepare(trial)?;
+            self.stages.resample(&self.methods[self.current].tableau, trial / size);
+            let before = std::mem::replace(&mut size, trial);
+            if !matches!(self.newton(size), Newton::Converged { .. }) {
+                return Ok(None);
+            }
+            let Some(Monitor { value, noise }) = self.monitor_at(crossing, size) else { return Ok(None) };
+            if let Some((h, old)) = last
+                && (size - h).abs() > 1e-7 * size
+            {
+                slope = (value - old) / (size - h);
+            }
+            last = Some((size, value));
+            let correction = value / slope;
+            let rounding = 8.0 * f64::EPSILON * (self.t.abs() + size);
+            let stalled = (size - before).abs() <= correction.abs() && *solves > 3 && correction.abs() < 1e-6 * size;
+            if value.abs() <= 0.1 * noise || correction.abs() <= rounding || stalled {
+                return Ok(Some(size));
+            }
+            trial = size - correction;
+        }
+        Ok(None)
+    }
+
+    /// After a step is accepted: the face at its end.
+    pub(super) fn settle(&mut self, coupled: bool) {
+        let n = self.system.states;
+        if self.system.bounded.is_empty() {
+            return;
+        }
+        if self.system.evaluate(self.t, &self.y) {
+            for &k in &self.system.bounded {
+                self.y[n + k] = self.system.set.project(k, self.y[n + k]);
+            }
+        }
+        if self.switching.pending {
+            self.switching.pending = false;
+            self.choose_face(self.h.max(self.last.h));
+            self.switching.record(self.t, &self.system.face);
+            self.restart();
+        } else if coupled {
+            self.switching.record(self.t, &self.system.face);
+            self.restart();
+        } else if self.switching.is_accumulating() {
+            self.switching.shrinking = 0;
+        }
+    }
+
+    /// Whether a monitor is violated at a stage of the step at hand before its end.
+    fn is_violated_within(&mut self, h: f64) -> bool {
+        let tableau = &self.methods[self.current].tableau;
+        (0..tableau.stages()).any(|i| {
+            let y = self.stages.stage(&self.y, i);
+            !self.system.evaluate(self.t + tableau.c[i] * h, y)
+                || self.system.bounded.iter().any(|&k| {
+                    monitors(&self.system, &self.control, k, y).iter().flatten().any(Monitor::is_violated)
+                })
+        })
+    }
+
+    /// One monitor at the end of the step at hand.
+    fn monitor_at(&mut self, crossing: &Crossing, h: f64) -> Option<Monitor> {
+        let y = self.stages.stage(&self.y, self.methods[self.current].tableau.stages() - 1);
+        self.system.evaluate(self.t + h, y);
+        monitors(&self.system, &self.control, crossing.variable, y)[crossing.side]
+    }
+
+    /// The values of all monitors on the collocation polynomial of the step at hand.
+    fn monitors_at(&mut self, theta: f64, h: f64, out: &mut Vec<[Option<Monitor>; 2]>) {
+        let unknowns = self.system.unknowns;
+        let tableau = &self.methods[self.current].tableau;
+        let mut basis = [0.0; 16];
+        let basis = &mut basis[..tableau.stages()];
+        tableau.increments_at(theta, basis);
+        self.switching.scratch.copy_from_slice(&self.y);
+        for (factor, z) in basis.iter().zip(self.stages.z.chunks_exact(unknowns)) {
+            for (y, z) in self.switching.scratch.iter_mut().zip(z) {
+                *y += factor * z;
+            }
+        }
+        self.system.evaluate(self.t + theta * h, &self.switching.scratch);
+        out.clear();
+        for &k in &self.system.bounded {
+            out.push(monitors(&self.system, &self.control, k, &self.switching.scratch));
+        }
+    }
+
+    /// The earliest sign change of a violated monitor on the collocation polynomial of the step at hand.
+    fn earliest(&mut self, h: f64) -> Option<Crossing> {
+        // The stages and the middles between them.
+        let cells = 2 * self.methods[self.current].tableau.stages();
+        let (mut at_left, mut at_right) = (Vec::new(), Vec::new());
+        self.monitors_at(0.0, h, &mut at_left);
+        let mut left = 0.0;
+        for cell in 1..=cells {
+            let c = &self.methods[self.current].tableau.c;
+            let node = c[(cell - 1) / 2];
+            let right = if cell % 2 == 0 { node } else { 0.5 * (left + node) };
+            self.monitors_at(right, h, &mut at_right);
+            let mut first: Option<Crossing> = None;
+            for index in 0..at_right.len() {
+                for side in 0..2 {
+                    let (Some(start), Some(end)) = (at_left[index][side], at_right[index][side]) else { continue };
+                    if !end.is_violated() {
+                        continue;
+                    }
+                    let variable = self.system.bounded[index];
+                    let theta = self.root(index, side, (left, start.value), (right, end.value), h);
+                    if first.is_none_or(|first| theta < first.theta) {
+                        let slope = (end.value - start.value) / ((right - left) * h);
+                        first = Some(Crossing { variable, side, theta, slope });
+                    }
+                }
+            }
+            if first.is_some() {
+                return first;
+            }
+            left = right;
+            std::mem::swap(&mut at_left, &mut at_right);
+        }
+        None
+    }
+
+    /// The zero of a monitor between two points where it has opposite signs, by the Illinois method; the left point if
+    /// it is not positive there.
+    fn root(&mut self, index: usize, side: usize, left: (f64, f64), right: (f64, f64), h: f64) -> f64 {
+        let ((mut a, mut fa), (mut b, mut fb)) = (left, right);
+        if fa <= 0.0 {
+            return a;
+        }
+        let mut values = Vec::new();
+        let mut kept = 0;
+        for _ in 0..40 {
+            let theta = (a * fb - b * fa) / (fb - fa);
+            if !theta.is_finite() || (b - a).abs() <= 1e-9 * b.abs() {
+                break;
+            }
+            self.monitors_at(theta, h, &mut values);
+            let Some(Monitor { value, .. }) = values[index][side] else { break };
+            if value == 0.0 {
+                return theta;
+            }
+            if value < 0.0 {
+                (b, fb) = (theta, value);
+                if kept < 0 {
+                    fa *= 0.5;
+                }
+                kept = -1;
+            } else {
+                (a, fa) = (theta, value);
+                if kept > 0 {
+                    fb *= 0.5;
+                }
+                kept = 1;
+            }
+        }
+        b
+    }
+}
+
+/// A monitor that changes sign within a step.
+#[derive(Clone, Copy, Debug)]
+struct Crossing {
+    /// The variable and which of its monitors.
+    variable: usize,
+    side: usize,
+    /// Where, as a fraction of the step.
+    theta: f64,
+    /// The rate of change of the monitor there.
+    slope: f64,
+}

@@ -1,0 +1,207 @@
+//! A problem with the active face of `K` held fixed: the differential-algebraic system
+//!
+//! ```text
+//! diag(M, 0) y' = Phi(t, y),    Phi = (F, G_i or l_i - z_i or u_i - z_i),    y = (x, z)
+//! ```
+//!
+//! and the counters of what was evaluated.
+
+use super::face::Place;
+use crate::problem::{ConvexSet, Dvi, Mass, Side};
+use nalgebra::DMatrix;
+
+/// What was evaluated, and how often.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Work {
+    /// Evaluations of `F` and `G`.
+    pub rates: u64,
+    /// Evaluations of their derivatives.
+    pub jacobians: u64,
+    /// Factorisations, a real and a complex one counted as one each.
+    pub factorisations: u64,
+    /// Newton iterations on the stages.
+    pub newton: u64,
+}
+
+/// A problem on a face, with room for one evaluation and one Jacobian.
+pub struct System<'p> {
+    problem: &'p mut dyn Dvi,
+    /// `n`
+    pub states: usize,
+    /// `n + m`
+    pub unknowns: usize,
+    /// `diag(M, 0)`, dense, `(n+m) x (n+m)`.
+    pub mass: DMatrix<f64>,
+    /// Whether `M` is the identity.
+    pub identity_mass: bool,
+    /// `K`, its moving bounds as of the last evaluation.
+    pub set: ConvexSet,
+    /// Variables with a bound; the others are algebraic states.
+    pub bounded: Vec<usize>,
+    /// The active face, a place a variable.
+    pub face: Vec<Place>,
+    /// Rows `F`, `G`, moving bounds as of the last evaluation.
+    pub values: Vec<f64>,
+    /// Where each row of the Jacobian starts among its nonzeros.
+    row_starts: Vec<usize>,
+    /// Nonzeros of the Jacobian as of the last evaluation.
+    pub derivatives: Vec<f64>,
+    /// Counters.
+    pub work: Work,
+}
+
+impl<'p> System<'p> {
+    /// Wraps a problem; every bounded variable starts on a bound.
+    pub fn new(problem: &'p mut dyn Dvi) -> Self {
+        let structure = problem.structure();
+        let (n, unknowns) = (structure.states, structure.unknowns());
+        let mut mass = DMatrix::zeros(unknowns, unknowns);
+        match &structure.mass {
+            Mass::Identity => (0..n).for_each(|i| mass[(i, i)] = 1.0),
+            Mass::Constant(entries) => entries.iter().for_each(|&(i, j, value)| mass[(i, j)] += value),
+        }
+        let identity_mass = structure.mass == Mass::Identity;
+        let mut set = structure.set.clone();
+        for moving in &structure.moving {
+            // A finite stand-in until the first evaluation: the end exists.
+            match moving.side {
+                Side::Lower => set.lower[moving.variable] = 0.0,
+                Side::Upper => set.upper[moving.variable] = 0.0,
+            }
+        }
+        let bounded: Vec<usize> = (0..structure.variables).filter(|&k| !set.is_free(k)).collect();
+        let face = (0..structure.variables)
+            .map(|k| match (set.lower[k].is_finite(), set.upper[k].is_finite()) {
+                (true, _) => Place::Lower,
+                (false, true) => Place::Upper,
+                (false, false) => Place::Inside,
+            })
+            .collect();
+        let (rows, nonzeros) = (structure.rows(), structure.pattern.len());
+        let row_starts = (0..=rows).map(|row| structure.pattern.partition_point(|&(i, _)| i < row)).collect();
+        Self {
+            problem,
+            states: n,
+            unknowns,
+            mass,
+            identity_mass,
+            set,
+            bounded,
+            face,
+            values: vec![0.0; rows],
+            row_starts,
+            derivatives: vec![0.0; nonzeros],
+            work: Work::default(),
+        }
+    }
+
+    /// Whether one Jacobian serves for all `(t, y)`.
+    pub fn constant_jacobian(&self) -> bool {
+        self.problem.structure().constant_jacobian
+    }
+
+    /// Evaluates `F`, `G` and the bounds at `(t, y)`; false if a number is not finite.
+    pub fn evaluate(&mut self, t: f64, y: &[f64]) -> bool {
+        self.work.rates += 1;
+        self.problem.evaluate(t, y, &mut self.values);
+        for (p, moving) in self.problem.structure().moving.iter().enumerate() {
+            let bound = self.values[self.unknowns + p];
+            match moving.side {
+                Side::Lower => self.set.lower[moving.variable] = bound,
+                Side::Upper => self.set.upper[moving.variable] = bound,
+            }
+        }
+        self.values.iter().all(|value| value.is_finite())
+    }
+
+    /// Evaluates `Phi` at `(t, y)` on the present face into `phi`; false if a number is not finite.
+    pub fn phi(&mut self, t: f64, y: &[f64], phi: &mut [f64]) -> bool {
+        let finite = self.evaluate(t, y);
+        phi.copy_from_slice(&self.values[..self.unknowns]);
+        for &k in &self.bounded {
+            match self.face[k] {
+                Place::Lower => phi[self.states + k] = self.set.lower[k] - y[self.states + k],
+                Place::Upper => phi[self.states + k] = self.set.upper[k] - y[self.states + k],
+                Place::Inside => {}
+                Place::Held => phi[self.states + k] = 0.0,
+            }
+        }
+        finite
+    }
+
+    /// Evaluates the derivatives at `(t, y)`; false if a number is not finite.
+    pub fn differentiate(&mut self, t: f64, y: &[f64]) -> bool {
+        self.work.jacobians += 1;
+        self.problem.jacobian(t, y, &mut self.derivatives);
+        self.derivatives.iter().all(|value| value.is_finite())
+    }
+
+    /// The nonzeros of the Jacobian as of the last differentiation, as `(row, column, value)`.
+    pub fn entries(&self) -> impl Iterator<Item = (usize, usize, f64)> {
+        self.problem.structure().pattern.iter().zip(&self.derivatives).map(|(&(i, j), &value)| (i, j, value))
+    }
+
+    /// `out = diag(M, 0) y`
+    pub fn apply_mass(&self, y: &[f64], out: &mut [f64]) {
+        let n = self.states;
+        out.fill(0.0);
+        if self.identity_mass {
+            out[..n].copy_from_slice(&y[..n]);
+            return;
+        }
+        for (j, y) in y[..n].iter().enumerate() {
+            for (out, m) in out[..n].iter_mut().zip(self.mass.column(j).iter()) {
+                *out += m * y;
+            }
+        }
+    }
+
+    /// `sum_j |dG_k/dy_j| size_j`: how large the terms of `G_k` are, in which its rounding errors are measured.
+    pub fn terms(&self, k: usize, size: impl Fn(usize) -> f64) -> f64 {
+        let row = self.states + k;
+        let (first, last) = (self.row_starts[row], self.row_starts[row + 1]);
+        let pattern = &self.problem.structure().pattern[first..last];
+        pattern.iter().zip(&self.derivatives[first..last]).map(|(&(_, j), value)| value.abs() * size(j)).sum()
+    }
+
+    /// `dG_k/dy . direction`
+    pub fn slope(&self, k: usize, direction: impl Fn(usize) -> f64) -> f64 {
+        let row = self.states + k;
+        let (first, last) = (self.row_starts[row], self.row_starts[row + 1]);
+        let pattern = &self.problem.structure().pattern[first..last];
+        pattern.iter().zip(&self.derivatives[first..last]).map(|(&(_, j), value)| value * direction(j)).sum()
+    }
+
+    /// Writes `-dPhi/dy` on the face into `matrix`, from the derivatives as they are.
+    pub fn negative_jacobian(&self, face: &[Place], matrix: &mut DMatrix<f64>) {
+        matrix.fill(0.0);
+        let n = self.states;
+        let structure = self.problem.structure();
+        for (&(i, j), &value) in structure.pattern.iter().zip(&self.derivatives) {
+            let row = if i < n {
+                i
+            } else if i < self.unknowns {
+                if face[i - n] != Place::Inside {
+                    continue;
+                }
+                i
+            } else {
+                let moving = structure.moving[i - self.unknowns];
+                let on = match moving.side {
+                    Side::Lower => Place::Lower,
+                    Side::Upper => Place::Upper,
+                };
+                if face[moving.variable] != on {
+                    continue;
+                }
+                n + moving.variable
+            };
+            matrix[(row, j)] -= value;
+        }
+        for &k in &self.bounded {
+            if face[k] != Place::Inside {
+                matrix[(n + k, n + k)] += 1.0;
+            }
+        }
+    }
+}

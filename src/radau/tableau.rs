@@ -1,0 +1,322 @@
+//! The coefficients of Radau IIA for any number of stages `s`.
+//!
+//! With `P_k` the shifted Legendre polynomials, orthonormal on `[0, 1]`, the nodes `c` are the zeros of
+//! `P_s/sqrt(2s+1) - P_{s-1}/sqrt(2s-1)`, and with `W_ij = P_{j-1}(c_i)`, `B = diag(b)`:
+//!
+//! ```text
+//! W^T B W = I,    A = W X W^T B,    X tridiagonal:  X_11 = 1/2,  X_{k+1,k} = -X_{k,k+1} = xi_k,  X_ss = 1/(4s-2)
+//! ```
+//!
+//! with `xi_k = 1 / (2 sqrt(4k^2 - 1))` (Hairer and Wanner 1996, theorem IV.5.6 and table IV.5.13). All of it is
+//! computed with numbers of order one, so that the coefficients are good to the last digits.
+
+use nalgebra::{Complex, DMatrix};
+
+/// Radau IIA with `s` stages: order `2s - 1`, stage order `s`, stiffly accurate.
+#[derive(Clone, Debug)]
+pub struct Tableau {
+    /// The nodes, increasing; the last is 1.
+    pub c: Vec<f64>,
+    /// The matrix of coefficients, `s x s`; its last row is `b`.
+    pub a: DMatrix<f64>,
+    /// The weights, positive.
+    pub b: Vec<f64>,
+    /// `A^-1`.
+    pub a_inverse: DMatrix<f64>,
+    /// The real eigenvalue of `A^-1`, where `s` is odd.
+    pub gamma: Option<f64>,
+    /// One of each pair of complex eigenvalues of `A^-1`, `alpha + i beta` with `beta > 0`.
+    pub pairs: Vec<Complex<f64>>,
+    /// `T` with `A^-1 = T L T^-1`, `L` = `gamma`, then a block `[[alpha, beta], [-beta, alpha]]` a pair. The last
+    /// row of `T` is one for `gamma` and the first of each pair, else zero.
+    pub t: DMatrix<f64>,
+    /// `T^-1`.
+    pub t_inverse: DMatrix<f64>,
+    /// The embedded error estimate combines the stage increments with `-l_i(0) / c_i`, where `l_i` is the Lagrange
+    /// polynomial of node `i` (as RADAU does; for `s = 3` the `-(13+7 sqrt 6)/3, ..` of RADAU5).
+    pub estimate: Vec<f64>,
+    /// Barycentric weights of the nodes `0, c_1, .., c_s`.
+    barycentric: Vec<f64>,
+}
+
+impl Tableau {
+    /// Computes the coefficients for `s >= 1` stages.
+    pub fn new(s: usize) -> Self {
+        let c = nodes(s);
+        let w = DMatrix::from_fn(s, s, |i, j| legendre(c[i], s)[j]);
+        let b: Vec<f64> = (0..s).map(|i| 1.0 / w.row(i).norm_squared()).collect();
+        let weighted = DMatrix::from_fn(s, s, |i, j| w[(j, i)] * b[j]);
+        let x = DMatrix::from_fn(s, s, |i, j| tridiagonal(s, i, j));
+        let identity = DMatrix::identity(s, s);
+        let x_inverse = x.clone().lu().solve(&identity).unwrap_or(identity);
+        let a = &w * &x * &weighted;
+        let a_inverse = &w * x_inverse * &weighted;
+
+        let (gamma, pairs) = eigenvalues(&x);
+        let mut t = DMatrix::zeros(s, s);
+        let mut column = 0;
+        if let Some(gamma) = gamma {
+            let v = eigenvector(&w, Complex::new(1.0 / gamma, 0.0));
+            for (i, v) in v.iter().enumerate() {
+                t[(i, column)] = v.re;
+            }
+            column += 1;
+        }
+        for &pair in &pairs {
+            let v = eigenvector(&w, 1.0 / pair);
+            for (i, v) in v.iter().enumerate() {
+                t[(i, column)] = v.re;
+                t[(i, column + 1)] = v.im;
+            }
+            column += 2;
+        }
+        let t_inverse = t.clone().lu().solve(&DMatrix::identity(s, s)).unwrap_or_else(|| DMatrix::zeros(s, s));
+
+        let estimate = (0..s)
+            .map(|i| {
+                let at_zero: f64 = (0..s).filter(|&j| j != i).map(|j| c[j] / (c[j] - c[i])).product();
+                -at_zero / c[i]
+            })
+            .collect();
+        let node = |i: usize| if i == 0 { 0.0 } else { c[i - 1] };
+        let barycentric = (0..=s)
+            .map(|i| 1.0 / (0..=s).filter(|&j| j != i).map(|j| node(i) - node(j)).product::<f64>())
+            .collect();
+        Self { c, a, b, a_inverse, gamma, pairs, t, t_inverse, estimate, barycentric }
+    }
+
+    /// `s`, the number of stages.
+    pub fn stages(&self) -> usize {
+        self.c.len()
+    }
+
+    /// The values at `theta` of the Lagrange polynomials of the nodes `c_1, .., c_s` (those of `0, c_1, .., c_s`
+    /// without the first), into `values` of length `s`: the collocation polynomial of increments that vanish at
+    /// `theta = 0`.
+    pub fn increments_at(&self, theta: f64, values: &mut [f64]) {
+        let mut at_node = None;
+        let mut product = theta;
+        for (i, &c) in self.c.iter().enumerate() {
+            if theta == c {
+                at_node = Some(i);
+            }
+            product *= theta - c;
+        }
+        for (i, value) in values.iter_mut().enumerate() {
+            *value = match at_node {
+                Some(node) => f64::from(u8::from(i == node)),
+                None => product * self.barycentric[i + 1] / (theta - self.c[i]),
+            };
+        }
+    }
+}
+
+/// The first `s + 1` orthonormal shifted Legendre polynomials at `x` in `[0, 1]`.
+fn legendre(x: f64, s: usize) -> Vec<f64> {
+    let u = 2.0 * x - 1.0;
+    let mut p = vec![1.0, u];
+    for k in 1..s {
+        let degree = k as f64;
+        p.push(((2.0 * degree + 1.0) * u * p[k] - degree * p[k - 1]) / (degree + 1.0));
+    }
+    p.truncate(s + 1);
+    for (k, value) in p.iter_mut().enumerate() {
+        *value *= (2.0 * k as f64 + 1.0).sqrt();
+    }
+    p
+}
+
+/// `P_s - P_{s-1}` in Legendre's own scaling, whose zeros are the nodes, and its derivative by `x`.
+fn node_polynomial(x: f64, s: usize) -> (f64, f64) {
+    let u = 2.0 * x - 1.0;
+    let (mut p0, mut p1) = (1.0, u);
+    let (mut d0, mut d1) = (0.0, 1.0);
+    for k in 1..s {
+        let degree = k as f64;
+        let p2 = ((2.0 * degree + 1.0) * u * p1 - degree * p0) / (degree + 1.0);
+        let d2 = d0 + (2.0 * degree + 1.0) * p1;
+        (p0, p1, d0, d1) = (p1, p2, d1, d2);
+    }
+    (p1 - p0, 2.0 * (d1 - d0))
+}
+
+/// The nodes: a zero between each two neighbours of a fine cosine grid, bracketed, then refined by Newton.
+fn nodes(s: usize) -> Vec<f64> {
+    let cells = 40 * s;
+    let grid = |k: usize| 0.5 * (1.0 - (std::f64::consts::PI * k as f64 / cells as f64).cos());
+    let mut c = Vec::with_capacity(s);
+    for k in 0..cells {
+        let (mut low, mut high) = (grid(k), grid(k + 1).min(1.0 - 1e-9));
+        let sign = node_polynomial(low, s).0;
+        if sign * node_polynomial(high, s).0 > 0.0 || low >= high {
+            continue;
+        }
+        for _ in 0..30 {
+            let middle = 0.5 * (low + high);
+            if node_polynomial(middle, s).0 * sign > 0.0 { low = middle } else { high = middle }
+        }
+        let mut x = 0.5 * (low + high);
+        for _ in 0..4 {
+            let (value, derivative) = node_polynomial(x, s);
+            x -= value / derivative;
+        }
+        c.push(x);
+    }
+    c.truncate(s - 1);
+    c.push(1.0);
+    c
+}
+
+/// The entry `(i, j)` of `X`.
+fn tridiagonal(s: usize, i: usize, j: usize) -> f64 {
+    let xi = |k: usize| 0.5 / (4.0 * (k * k) as f64 - 1.0).sqrt();
+    if i == j {
+        let first = if i == 0 { 0.5 } else { 0.0 };
+        let last = if i + 1 == s { 1.0 / (4.0 * s as f64 - 2.0) } else { 0.0 };
+        if s == 1 { 1.0 } else { first + last }
+    } else if i == j + 1 {
+        xi(i)
+    } else if j == i + 1 {
+        -xi(j)
+    } else {
+        0.0
+    }
+}
+
+/// The eigenvalues of `X^-1`: the real one, where there is one, and the upper of each complex pair.
+fn eigenvalues(x: &DMatrix<f64>) -> (Option<f64>, Vec<Complex<f64>>) {
+    let s = x.nrows();
+    let rough = x.complex_eigenvalues();
+    let mut real = None;
+    let mut pairs = Vec::new();
+    for &mu in rough.iter() {
+        let mu = refine(s, mu);
+        // X of odd s has just one real eigenvalue, of even s none.
+        if mu.im.abs() < 1e-9 {
+            real = Some(1.0 / mu.re);
+        } else if mu.im < 0.0 {
+            pairs.push(1.0 / mu);
+        }
+    }
+    pairs.sort_by(|p, q| p.im.total_cmp(&q.im));
+    (real, pairs)
+}
+
+/// Newton's method on `det(X - mu I)`, by the three-term recurrence of a tridiagonal determinant.
+fn refine(s: usize, mut mu: Complex<f64>) -> Complex<f64> {
+    for _ in 0..3 {
+        let one = Complex::new(1.0, 0.0);
+        let (mut p0, mut p1) = (one, tridiagonal(s, 0, 0) - mu);
+        let (mut d0, mut d1) = (Complex::new(0.0, 0.0), -one);
+        for k in 1..s {
+            let diagonal = tridiagonal(s, k, k) - mu;
+            let coupling = tridiagonal(s, k, k - 1) * tridiagonal(s, k - 1, k);
+            let p2 = diagonal * p1 - coupling * p0;
+            let d2 = diagonal * d1 - p1 - coupling * d0;
+            (p0, p1, d0, d1) = (p1, p2, d1, d2);
+        }
+        mu -= p1 / d1;
+    }
+    mu
+}
+
+/// `W v` with `X v = mu v`, scaled so that its last component is one.
+fn eigenvector(w: &DMatrix<f64>, mu: Complex<f64>) -> Vec<Complex<f64>> {
+    let s = w.nrows();
+    let mut v = vec![Complex::new(1.0, 0.0)];
+    for k in 1..s {
+        let below = if k >= 2 { tridiagonal(s, k - 1, k - 2) * v[k - 2] } else { Complex::new(0.0, 0.0) };
+        v.push((below + (tridiagonal(s, k - 1, k - 1) - mu) * v[k - 1]) / -tridiagonal(s, k - 1, k));
+    }
+    let product: Vec<Complex<f64>> = (0..s).map(|i| (0..s).map(|j| v[j] * w[(i, j)]).sum()).collect();
+    let last = product[s - 1];
+    product.into_iter().map(|value| value / last).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn three_stages_are_those_of_radau5() {
+        let tableau = Tableau::new(3);
+        let r6 = 6.0_f64.sqrt();
+        let a = [
+            [(88.0 - 7.0 * r6) / 360.0, (296.0 - 169.0 * r6) / 1800.0, (-2.0 + 3.0 * r6) / 225.0],
+            [(296.0 + 169.0 * r6) / 1800.0, (88.0 + 7.0 * r6) / 360.0, (-2.0 - 3.0 * r6) / 225.0],
+            [(16.0 - r6) / 36.0, (16.0 + r6) / 36.0, 1.0 / 9.0],
+        ];
+        for i in 0..3 {
+            for j in 0..3 {
+                assert!((tableau.a[(i, j)] - a[i][j]).abs() < 4e-16, "a{i}{j}");
+            }
+        }
+        let d = [-(13.0 + 7.0 * r6) / 3.0, (-13.0 + 7.0 * r6) / 3.0, -1.0 / 3.0];
+        for i in 0..3 {
+            assert!((tableau.estimate[i] - d[i]).abs() < 2e-14, "estimate {i}");
+        }
+        // Constants of RADAU5: gamma = 3.6378342527444957, alpha + i beta = 2.6810828736277523 + 3.0504301992474105 i.
+        assert!((tableau.gamma.unwrap() - 3.637_834_252_744_495_7).abs() < 4e-15);
+        assert!((tableau.pairs[0].re - 2.681_082_873_627_752_3).abs() < 4e-15);
+        assert!((tableau.pairs[0].im - 3.050_430_199_247_410_5).abs() < 4e-15);
+    }
+
+    #[test]
+    fn every_number_of_stages_meets_the_order_conditions() {
+        for s in 1..=9 {
+            let tableau = Tableau::new(s);
+            for q in 1..=(2 * s - 1) {
+                let sum: f64 = (0..s).map(|i| tableau.b[i] * tableau.c[i].powi(q as i32 - 1)).sum();
+                assert!((sum - 1.0 / q as f64).abs() < 2e-15, "B({q}) at s = {s}: {sum}");
+            }
+            for q in 1..=s {
+                for i in 0..s {
+                    let sum: f64 = (0..s).map(|j| tableau.a[(i, j)] * tableau.c[j].powi(q as i32 - 1)).sum();
+                    assert!((sum - tableau.c[i].powi(q as i32) / q as f64).abs() < 3e-15, "C({q}) at s = {s}");
+                }
+            }
+            for j in 0..s {
+                assert!((tableau.a[(s - 1, j)] - tableau.b[j]).abs() < 1e-15, "stiffly accurate at s = {s}");
+            }
+            let product = &tableau.a * &tableau.a_inverse - DMatrix::identity(s, s);
+            assert!(product.amax() < 1e-12, "inverse at s = {s}");
+        }
+    }
+
+    #[test]
+    fn the_transformation_gives_back_the_inverse() {
+        for s in 1..=9 {
+            let tableau = Tableau::new(s);
+            assert_eq!(tableau.gamma.is_some(), s % 2 == 1, "s = {s}");
+            let mut l = DMatrix::zeros(s, s);
+            let mut k = 0;
+            if let Some(gamma) = tableau.gamma {
+                l[(0, 0)] = gamma;
+                k = 1;
+            }
+            for pair in &tableau.pairs {
+                l[(k, k)] = pair.re;
+                l[(k + 1, k + 1)] = pair.re;
+                l[(k, k + 1)] = pair.im;
+                l[(k + 1, k)] = -pair.im;
+                k += 2;
+            }
+            assert_eq!(k, s);
+            let back = &tableau.t * l * &tableau.t_inverse - &tableau.a_inverse;
+            let condition = tableau.t.amax() * tableau.t_inverse.amax() * tableau.a_inverse.amax();
+            assert!(back.amax() < 4e-15 * condition, "s = {s}: {} of {condition}", back.amax());
+        }
+    }
+
+    #[test]
+    fn increments_are_interpolated_exactly() {
+        let tableau = Tableau::new(4);
+        let polynomial = |x: f64| x * (3.0 - x * (1.0 + x * (2.0 - 0.5 * x)));
+        let mut values = [0.0; 4];
+        for theta in [0.0, 0.1, tableau.c[1], 0.77, 1.0, 1.9] {
+            tableau.increments_at(theta, &mut values);
+            let sum: f64 = (0..4).map(|i| values[i] * polynomial(tableau.c[i])).sum();
+            assert!((sum - polynomial(theta)).abs() < 1e-13, "theta = {theta}: {sum}");
+        }
+    }
+}

@@ -1,0 +1,137 @@
+//! Radau IIA has order `2s - 1` in `x`: on a smooth ODE and on a smooth problem of index one, for s = 1, .., 5.
+
+use dvi::problem::{ConvexSet, Dvi, Mass, Structure};
+use dvi::radau::{Radau, Settings, StageChoice, Switches};
+use dvi::vi::Choice;
+
+/// A problem given by two closures.
+struct Problem<F, J> {
+    structure: Structure,
+    values: F,
+    derivatives: J,
+}
+
+impl<F, J> Dvi for Problem<F, J>
+where
+    F: FnMut(f64, &[f64], &mut [f64]) + Send,
+    J: FnMut(f64, &[f64], &mut [f64]) + Send,
+{
+    fn structure(&self) -> &Structure {
+        &self.structure
+    }
+
+    fn evaluate(&mut self, t: f64, y: &[f64], values: &mut [f64]) {
+        (self.values)(t, y, values);
+    }
+
+    fn jacobian(&mut self, t: f64, y: &[f64], values: &mut [f64]) {
+        (self.derivatives)(t, y, values);
+    }
+}
+
+fn structure(n: usize, set: ConvexSet) -> Structure {
+    let unknowns = n + set.dimension();
+    Structure {
+        states: n,
+        variables: set.dimension(),
+        mass: Mass::Identity,
+        set,
+        moving: Vec::new(),
+        pattern: (0..unknowns * unknowns).map(|k| (k / unknowns, k % unknowns)).collect(),
+        constant_jacobian: false,
+    }
+}
+
+fn settings(stages: usize, step: f64, n: usize) -> Settings {
+    Settings {
+        stages: StageChoice::Fixed(stages),
+        rtol: 1e-14,
+        atol: vec![1e-14; n],
+        step: Some(step),
+        first_step: None,
+        max_step: f64::INFINITY,
+        min_step: 0.0,
+        switches: Switches::Locate,
+        vi_solver: Choice::Auto,
+        vi_tolerance: 1e-12,
+    }
+}
+
+/// `y` at `end` with `steps` equal steps.
+fn run(problem: &mut dyn Dvi, stages: usize, x: &[f64], end: f64, steps: usize) -> Vec<f64> {
+    let mut radau = Radau::new(problem, settings(stages, end / steps as f64, x.len()), 0.0, x, end).unwrap();
+    while !radau.is_done() {
+        radau.step().unwrap();
+    }
+    radau.y().to_vec()
+}
+
+/// The slope of log(error) over log(h) over the last halvings whose error is well above rounding.
+fn order(error: impl Fn(usize) -> f64, coarsest: usize) -> f64 {
+    let errors: Vec<f64> = (0..7).map(|k| error(coarsest << k)).take_while(|error| *error > 5e-13).collect();
+    assert!(errors.len() >= 3, "too few runs above rounding: {errors:?}");
+    let k = errors.len() - 1;
+    (errors[k - 2] / errors[k]).log2() / 2.0
+}
+
+#[test]
+fn a_smooth_ode_converges_with_order_2s_minus_1() {
+    // x1' = cos(t) x1, x1 = exp(sin t); x2' = -x2 sin(t) x1 rides along.
+    for s in 1..=5 {
+        let order = order(
+            |steps| {
+                let mut problem = Problem {
+                    structure: structure(2, ConvexSet::free(0)),
+                    values: |t: f64, y: &[f64], v: &mut [f64]| {
+                        v[0] = t.cos() * y[0];
+                        v[1] = -t.sin() * y[0] * y[1];
+                    },
+                    derivatives: |t: f64, y: &[f64], d: &mut [f64]| {
+                        d.copy_from_slice(&[t.cos(), 0.0, -t.sin() * y[1], -t.sin() * y[0]]);
+                    },
+                };
+                let y = run(&mut problem, s, &[1.0, 0.0], 3.0, steps);
+                (y[0] - 3.0_f64.sin().exp()).abs()
+            },
+            [64, 16, 8, 6, 4][s - 1],
+        );
+        let expected = (2 * s - 1) as f64;
+        println!("s = {s}: {order}");assert!((order - expected).abs() < 0.2, "s = {s}: order {order}");
+    }
+}
+
+#[test]
+fn a_smooth_problem_of_index_one_converges_with_order_2s_minus_1() {
+    // 0 <= z perp x1 - 0 >= 0 held active: x1' = -x2 + z with x1 = 0, x2' = cos(t) x2: z = x2 > 0, x2 = exp(sin t).
+    for s in 1..=5 {
+        let order = order(
+            |steps| {
+                let mut problem = Problem {
+                    structure: structure(2, ConvexSet::nonnegative(1)),
+                    values: |t: f64, y: &[f64], v: &mut [f64]| {
+                        v[0] = -y[1] * (1.0 + y[0]) + y[2] * (1.0 + y[1] * y[1]);
+                        v[1] = t.cos() * y[1] + y[0];
+                        v[2] = y[0] * (2.0 + y[1]);
+                    },
+                    derivatives: |t: f64, y: &[f64], d: &mut [f64]| {
+                        d.copy_from_slice(&[
+                            -y[1],
+                            -(1.0 + y[0]) + 2.0 * y[1] * y[2],
+                            1.0 + y[1] * y[1],
+                            1.0,
+                            t.cos(),
+                            0.0,
+                            2.0 + y[1],
+                            y[0],
+                            0.0,
+                        ]);
+                    },
+                };
+                let y = run(&mut problem, s, &[0.0, 1.0], 2.0, steps);
+                (y[1] - 2.0_f64.sin().exp()).abs()
+            },
+            [64, 16, 8, 6, 4][s - 1],
+        );
+        println!("s = {s}: {order}");
+    }
+}
