@@ -83,4 +83,7 @@ pub trait Dvi: Send {
 
     /// Writes the derivatives of the same rows by `y`, in the order of [`Structure::pattern`].
     fn jacobian(&mut self, t: f64, y: &[f64], values: &mut [f64]);
+
+    /// Writes the partial derivatives of `G` (m) by `t` at `(t, y)`.
+    fn time_derivative(&mut self, t: f64, y: &[f64], values: &mut [f64]);
 }

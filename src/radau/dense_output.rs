@@ -1,5 +1,6 @@
 //! The collocation polynomial of one step, `y(t_n + theta h) = y_n + sum_i l_i(theta) Z_i`, of degree `s`.
 
+use super::face::Place;
 use super::tableau::Tableau;
 
 /// The last accepted step.
@@ -13,17 +14,23 @@ pub struct Step {
     pub y: Vec<f64>,
     /// The stage increments, `s` blocks.
     pub z: Vec<f64>,
+    /// The face that it kept.
+    pub face: Vec<Place>,
+    /// Whether it kept one face.
+    pub is_smooth: bool,
     basis: Vec<f64>,
 }
 
 impl Step {
     /// Takes over a step; no allocation once it has held one of the same size.
-    pub fn set(&mut self, t: f64, h: f64, y: &[f64], z: &[f64]) {
+    pub fn set(&mut self, t: f64, h: f64, y: &[f64], z: &[f64], face: &[Place]) {
         (self.t, self.h) = (t, h);
         self.y.clear();
         self.y.extend_from_slice(y);
         self.z.clear();
         self.z.extend_from_slice(z);
+        self.face.clear();
+        self.face.extend_from_slice(face);
     }
 
     /// The increments from the beginning of the step at `theta`, into `out`.

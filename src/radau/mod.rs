@@ -8,6 +8,7 @@
 //! sections IV.8 and VII), with `K = R^m` their solver of differential-algebraic equations; a set with bounds adds
 //! the active face of `K` and its switches, and nothing else.
 
+mod consistent;
 mod dense_output;
 mod error_control;
 mod face;

@@ -75,6 +75,9 @@ impl Radau<'_> {
         for (y, z) in self.y[n..].iter_mut().zip(&self.switching.probe.stages.z[n..]) {
             *y += z;
         }
+        if let Some(consistent) = &mut self.consistent {
+            consistent.solve(&mut self.system, self.t, &mut self.y);
+        }
         true
     }
 

@@ -1,5 +1,6 @@
 //! One step after another: Jacobian, factors, stages, face, error, acceptance.
 
+use super::consistent::Consistent;
 use super::dense_output::Step;
 use super::error_control::{Controller, Rescaled};
 use super::factors::Factors;
@@ -43,6 +44,7 @@ pub struct Radau<'p> {
     jacobian: Freshness,
     pub(super) stage_vi: Option<StageVi>,
     pub(super) switching: Switching,
+    pub(super) consistent: Option<Consistent>,
     contraction: Contraction,
     controller: Controller,
     pub(super) t: f64,
@@ -122,6 +124,7 @@ impl<'p> Radau<'p> {
         let mut radau = Self {
             stages: Stages::new(most_stages, unknowns),
             switching: Switching::new(&system, &settings),
+            consistent: Consistent::new(&system),
             stage_vi,
             negative_jacobian: DMatrix::zeros(unknowns, unknowns),
             estimate: vec![0.0; unknowns],
@@ -188,16 +191,30 @@ impl<'p> Radau<'p> {
         self.stage_vi.as_ref()
     }
 
-    /// `y` at a time within the last accepted step, into `out`; variables are brought back into `K`, which the
-    /// collocation polynomial may leave between the stages.
+    /// `y` at a time within the last accepted step, into `out`: the states from the collocation polynomial, the variables
+    /// that belong to them; at the end of a step that is a switch, those after it.
     pub fn interpolate(&mut self, t: f64, out: &mut [f64]) {
-        let tableau = &self.methods[self.last_method].tableau;
-        self.last.at(tableau, t, out);
+        let n = self.system.states;
+        let at_end = t == self.t;
+        if at_end {
+            out.copy_from_slice(&self.y);
+        } else {
+            self.last.at(&self.methods[self.last_method].tableau, t, out);
+            std::mem::swap(&mut self.system.face, &mut self.last.face);
+        }
+        if let Some(consistent) = &mut self.consistent
+            && (at_end || self.last.is_smooth)
+            && !consistent.solve(&mut self.system, t, out)
+        {
+            self.forget_jacobian();
+        }
         if !self.system.bounded.is_empty() && self.system.evaluate(t, out) {
-            let n = self.system.states;
             for &k in &self.system.bounded {
                 out[n + k] = self.system.set.project(k, out[n + k]);
             }
+        }
+        if !at_end {
+            std::mem::swap(&mut self.system.face, &mut self.last.face);
         }
     }
 
@@ -247,8 +264,8 @@ impl<'p> Radau<'p> {
             let Attempt::Solved { h: reached, iterations, coupled } = outcome else {
                 self.counts.rejected_newton += 1;
                 self.controller.surprise();
-                if self.jacobian == Freshness::Kept && !self.system.constant_jacobian() {
-                    self.jacobian = Freshness::Stale;
+                if self.jacobian == Freshness::Kept {
+                    self.forget_jacobian();
                 }
                 self.shrink(h, Cause::Newton, |_| outcome.factor() * h)?;
                 continue;
@@ -454,7 +471,9 @@ impl<'p> Radau<'p> {
     fn accept(&mut self, h: f64, coupled: bool) {
         let n = self.system.unknowns;
         let s = self.tableau().stages();
-        self.last.set(self.t, h, &self.y, &self.stages.z[..s * n]);
+        let face = if coupled { &self.switching.before } else { &self.system.face };
+        self.last.set(self.t, h, &self.y, &self.stages.z[..s * n], face);
+        self.last.is_smooth = !coupled;
         self.last_method = self.current;
         self.t = if h >= self.end - self.t { self.end } else { self.t + h };
         for (y, z) in self.y.iter_mut().zip(&self.stages.z[(s - 1) * n..s * n]) {
@@ -498,11 +517,16 @@ impl<'p> Radau<'p> {
         Ok(())
     }
 
-    /// Forgets what no longer holds after a switch: derivatives, factors, the continued polynomial.
-    pub(super) fn restart(&mut self) {
+    /// Has the derivatives evaluated anew before the next attempt.
+    pub(super) fn forget_jacobian(&mut self) {
         if !self.system.constant_jacobian() {
             self.jacobian = Freshness::Stale;
         }
+    }
+
+    /// Forgets what no longer holds after a switch: derivatives, factors, the continued polynomial.
+    pub(super) fn restart(&mut self) {
+        self.forget_jacobian();
         self.factored = None;
         self.continues = false;
         self.contraction = Contraction::default();

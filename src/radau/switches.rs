@@ -46,7 +46,7 @@ pub(super) struct Switching {
     locate: bool,
     pub(super) probe: Probe,
     /// The face before the step at hand.
-    before: Vec<Place>,
+    pub(super) before: Vec<Place>,
     /// Whether the step at hand ends at a switch.
     pending: bool,
     /// The time of the last switch, the time from it to the one before, and how often that shrank in a row.
@@ -139,7 +139,7 @@ impl Radau<'_> {
             }
             let Some(end) = self.solve_for_end(&crossing, size, &mut solves)? else { return Ok(Located::Nowhere) };
             size = end;
-            if !self.is_violated_within(size) {
+            if !self.is_violated_within(size, &crossing) {
                 self.switching.remember(&self.system.face);
                 self.switching.pending = true;
                 return Ok(Located::At(size));
@@ -210,23 +210,31 @@ impl Radau<'_> {
         }
     }
 
-    /// Whether a monitor is violated at a stage of the step at hand before its end.
-    fn is_violated_within(&mut self, h: f64) -> bool {
+    /// Whether a monitor, other than the one that ends it, is violated at a stage of the step at hand.
+    fn is_violated_within(&mut self, h: f64, end: &Crossing) -> bool {
         let tableau = &self.methods[self.current].tableau;
         (0..tableau.stages()).any(|i| {
             let y = self.stages.stage(&self.y, i);
             !self.system.evaluate(self.t + tableau.c[i] * h, y)
                 || self.system.bounded.iter().any(|&k| {
-                    monitors(&self.system, &self.control, k, y).iter().flatten().any(Monitor::is_violated)
+                    let monitors = monitors(&self.system, &self.control, k, y);
+                    (0..2).any(|side| {
+                        (k, side) != (end.variable, end.side) && monitors[side].is_some_and(|m| m.is_violated())
+                    })
                 })
         })
     }
 
-    /// One monitor at the end of the step at hand.
+    /// One monitor at the end of the step at hand, with the variables that belong to the states there: their stage values
+    /// would give the time of the switch to order `s` only.
     fn monitor_at(&mut self, crossing: &Crossing, h: f64) -> Option<Monitor> {
         let y = self.stages.stage(&self.y, self.methods[self.current].tableau.stages() - 1);
-        self.system.evaluate(self.t + h, y);
-        monitors(&self.system, &self.control, crossing.variable, y)[crossing.side]
+        self.switching.scratch.copy_from_slice(y);
+        if let Some(consistent) = &mut self.consistent {
+            consistent.solve(&mut self.system, self.t + h, &mut self.switching.scratch);
+        }
+        self.system.evaluate(self.t + h, &self.switching.scratch);
+        monitors(&self.system, &self.control, crossing.variable, &self.switching.scratch)[crossing.side]
     }
 
     /// The values of all monitors on the collocation polynomial of the step at hand.

@@ -136,6 +136,11 @@ impl<'p> System<'p> {
         self.derivatives.iter().all(|value| value.is_finite())
     }
 
+    /// The partial derivatives of `G` by `t` at `(t, y)`, into `values` (m).
+    pub fn time_derivative(&mut self, t: f64, y: &[f64], values: &mut [f64]) {
+        self.problem.time_derivative(t, y, values);
+    }
+
     /// The nonzeros of the Jacobian as of the last differentiation, as `(row, column, value)`.
     pub fn entries(&self) -> impl Iterator<Item = (usize, usize, f64)> {
         self.problem.structure().pattern.iter().zip(&self.derivatives).map(|(&(i, j), &value)| (i, j, value))

@@ -1,9 +1,11 @@
 //! What a solve hands back: the trajectory in columns, events, diagnostics, and how it ended.
 
 mod diagnostics;
+mod integrate;
 mod trajectory;
 
 pub use diagnostics::{Complementarity, Diagnostics, Evaluations, Steps, ViCounts, Warning};
+pub use integrate::{Plan, integrate};
 pub use trajectory::{Event, EventKind, Field, Trajectory};
 
 use serde::Serialize;

@@ -5,10 +5,10 @@ use dvi::radau::{Radau, Settings, StageChoice, Switches};
 use dvi::vi::Choice;
 
 /// A problem given by two closures.
-struct Problem<F, J> {
-    structure: Structure,
-    values: F,
-    derivatives: J,
+pub struct Problem<F, J> {
+    pub structure: Structure,
+    pub values: F,
+    pub derivatives: J,
 }
 
 impl<F, J> Dvi for Problem<F, J>
@@ -27,9 +27,13 @@ where
     fn jacobian(&mut self, t: f64, y: &[f64], values: &mut [f64]) {
         (self.derivatives)(t, y, values);
     }
+
+    fn time_derivative(&mut self, _: f64, _: &[f64], values: &mut [f64]) {
+        values.fill(0.0);
+    }
 }
 
-fn structure(n: usize, set: ConvexSet) -> Structure {
+pub fn structure(n: usize, set: ConvexSet) -> Structure {
     let unknowns = n + set.dimension();
     Structure {
         states: n,
@@ -42,7 +46,7 @@ fn structure(n: usize, set: ConvexSet) -> Structure {
     }
 }
 
-fn settings(stages: usize, step: f64, n: usize) -> Settings {
+pub fn settings(stages: usize, step: f64, n: usize) -> Settings {
     Settings {
         stages: StageChoice::Fixed(stages),
         rtol: 1e-14,

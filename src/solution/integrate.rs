@@ -1,0 +1,273 @@
+//! Runs a stepper from start to end: outputs, limits, events, evidence. Written once, outside the methods.
+
+use super::{
+    Complementarity, Diagnostics, Evaluations, Event, EventKind, Failure, Field, Solution, Status, Steps, Trajectory,
+    ViCounts, Warning,
+};
+use crate::problem::{Control, Dvi, Stop};
+use crate::radau::{Place, Radau, Settings, StageChoice, StepError, Switch};
+use std::time::Instant;
+
+/// What to run and what to keep of it.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// The names of the states, then of the variables.
+    pub names: Vec<String>,
+    /// The initial states.
+    pub initial: Vec<f64>,
+    /// The time to start from.
+    pub start: f64,
+    /// The time to reach.
+    pub end: f64,
+    /// The times to report at, increasing, within `[start, end]`; none is at every step.
+    pub times: Option<Vec<f64>>,
+    /// The fields to keep, as indices into `names`.
+    pub fields: Vec<usize>,
+    /// The choices of the method.
+    pub settings: Settings,
+    /// The most steps.
+    pub most_steps: u64,
+    /// The most numbers in the trajectory.
+    pub most_values: usize,
+}
+
+/// Integrates; whatever happens, the trajectory so far is in the answer.
+pub fn integrate(problem: &mut dyn Dvi, plan: &Plan, control: &Control) -> Solution {
+    let began = Instant::now();
+    let mut recorder = Recorder::new(plan);
+    let mut diagnostics = describe(problem, plan);
+    let (status, error) = match Radau::new(problem, plan.settings.clone(), plan.start, &plan.initial, plan.end) {
+        Ok(mut radau) => {
+            let ended = run(&mut radau, plan, control, &mut recorder, &mut diagnostics);
+            count(&mut radau, &mut diagnostics);
+            ended
+        }
+        Err(error) => (Status::Failed, Some(failure(plan, &error, plan.start, &plan.initial))),
+    };
+    diagnostics.switches = recorder.trajectory.events.len() as u64;
+    diagnostics.wall_seconds = began.elapsed().as_secs_f64();
+    Solution { status, error, trajectory: recorder.trajectory, diagnostics }
+}
+
+fn run(
+    radau: &mut Radau<'_>,
+    plan: &Plan,
+    control: &Control,
+    recorder: &mut Recorder<'_>,
+    diagnostics: &mut Diagnostics,
+) -> (Status, Option<Failure>) {
+    recorder.start(radau);
+    while !radau.is_done() {
+        if let Some((code, message)) = limit(radau, plan, control, recorder) {
+            let state = radau.y()[..plan.initial.len()].to_vec();
+            return (Status::Stopped, Some(Failure { code, message, time: radau.t(), state }));
+        }
+        if let Err(error) = radau.step() {
+            let state = radau.y()[..plan.initial.len()].to_vec();
+            return (Status::Failed, Some(failure(plan, &error, radau.t(), &state)));
+        }
+        recorder.step(radau);
+        if let Some([residual, z, g, product]) = radau.complementarity() {
+            let worst = diagnostics.complementarity.get_or_insert(Complementarity {
+                smallest_z: f64::INFINITY,
+                smallest_g: f64::INFINITY,
+                largest_product: 0.0,
+            });
+            worst.smallest_z = worst.smallest_z.min(z);
+            worst.smallest_g = worst.smallest_g.min(g);
+            worst.largest_product = worst.largest_product.max(product);
+            if let Some(vi) = &mut diagnostics.vi {
+                vi.largest_residual = vi.largest_residual.max(residual);
+            }
+        }
+        control.report((radau.t() - plan.start) / (plan.end - plan.start), radau.counts.accepted);
+    }
+    (Status::Completed, None)
+}
+
+/// The limit that the run has reached, if any: its code and message.
+fn limit(radau: &Radau<'_>, plan: &Plan, control: &Control, recorder: &Recorder<'_>) -> Option<(&'static str, String)> {
+    let t = radau.t();
+    match control.poll() {
+        Some(Stop::Cancelled) => return Some(("cancelled", format!("cancelled at t = {t}"))),
+        Some(Stop::Deadline) => {
+            return Some(("wall_time", format!("the wall time allowed ended at t = {t}; allow more with limits.wall_seconds")));
+        }
+        None => {}
+    }
+    if radau.counts.accepted >= plan.most_steps {
+        let most = plan.most_steps;
+        return Some(("steps", format!("{most} steps were made up to t = {t}; allow more with limits.steps, or loosen rtol")));
+    }
+    if recorder.values() > plan.most_values {
+        let most = plan.most_values;
+        return Some(("output", format!("the trajectory holds {most} numbers at t = {t}; ask for fewer times or fields")));
+    }
+    None
+}
+
+fn failure(plan: &Plan, error: &StepError, time: f64, state: &[f64]) -> Failure {
+    let message = match *error {
+        StepError::NotFinite { what, component, t } => {
+            let n = plan.initial.len();
+            let name = match what {
+                "rate" => plan.names.get(component),
+                "inequality" => plan.names.get(n + component),
+                _ => None,
+            };
+            match name {
+                Some(name) => format!(
+                    "the {what} of `{name}` is not finite at t = {t}: a division by zero, or a function outside its domain"
+                ),
+                None => error.to_string(),
+            }
+        }
+        StepError::InconsistentStart { state, jump } => format!(
+            "the start is inconsistent: the constraints ask for a jump of `{}` by {jump:e}",
+            plan.names.get(state).map_or("?", String::as_str)
+        ),
+        _ => error.to_string(),
+    };
+    Failure { code: error.code(), message, time, state: state.to_vec() }
+}
+
+/// What is known before the run: what is built, what is left out and why.
+fn describe(problem: &dyn Dvi, plan: &Plan) -> Diagnostics {
+    let structure = problem.structure();
+    let bounded = (0..structure.variables).any(|k| !structure.set.is_free(k)) || !structure.moving.is_empty();
+    let mut diagnostics = Diagnostics { method: "radau", built: vec!["radau"], ..Diagnostics::default() };
+    let mut leave = |what: &str| diagnostics.left_out.push(what.to_owned());
+    if structure.variables == 0 {
+        leave("variational inequality: there are no variables");
+    } else if !bounded {
+        leave("variational inequality: every variable is free, so G = 0");
+        leave("switch detection: K is the whole space");
+    }
+    if structure.mass == crate::problem::Mass::Identity {
+        leave("mass matrix: it is the identity");
+    }
+    if structure.constant_jacobian {
+        leave("new Jacobians: the problem is linear");
+    }
+    if plan.settings.step.is_some() {
+        leave("error estimate: the step is fixed");
+    }
+    if bounded {
+        diagnostics.built.push("variational inequality");
+        diagnostics.vi = Some(ViCounts::default());
+        match plan.settings.switches {
+            crate::radau::Switches::Locate => diagnostics.built.push("switch detection"),
+            crate::radau::Switches::StepOver => {
+                diagnostics.left_out.push("switch detection: step_over was asked for".to_owned());
+            }
+        }
+    }
+    if plan.settings.stages == StageChoice::Auto {
+        diagnostics.built.push("order selection");
+    }
+    diagnostics
+}
+
+/// Takes over the counters of a run.
+fn count(radau: &mut Radau<'_>, diagnostics: &mut Diagnostics) {
+    let (counts, work) = (radau.counts, radau.work());
+    diagnostics.stages = radau.stages();
+    diagnostics.steps = Steps {
+        accepted: counts.accepted,
+        rejected: counts.rejected_error + counts.rejected_newton,
+        rejected_error: counts.rejected_error,
+        rejected_newton: counts.rejected_newton,
+    };
+    diagnostics.evaluations =
+        Evaluations { rates: work.rates, jacobians: work.jacobians, factorisations: work.factorisations };
+    diagnostics.newton_iterations = work.newton;
+    if let (Some(counts), Some(vi)) = (&mut diagnostics.vi, radau.vi()) {
+        counts.solver = vi.solver();
+        counts.solves = vi.solves;
+        counts.pivots = vi.pivots;
+    }
+    if radau.jumped() {
+        diagnostics.warnings.push(Warning {
+            code: "initial_jump",
+            message: "the initial state is outside what the inequalities allow; it jumped at once, by the impulse \
+                      x+ = x + B p with p in K complementary to G(x+)"
+                .to_owned(),
+        });
+    }
+    if radau.accumulations() > 0 {
+        diagnostics.warnings.push(Warning {
+            code: "switches_accumulate",
+            message: format!(
+                "switches followed each other ever faster ({} times); the run went on across them with the variational \
+                 inequality at every stage and without locating them",
+                radau.accumulations()
+            ),
+        });
+    }
+}
+
+/// Puts the outputs asked for into columns.
+struct Recorder<'a> {
+    plan: &'a Plan,
+    trajectory: Trajectory,
+    /// The next of the times asked for.
+    next: usize,
+    y: Vec<f64>,
+}
+
+impl<'a> Recorder<'a> {
+    fn new(plan: &'a Plan) -> Self {
+        let capacity = plan.times.as_ref().map_or(0, Vec::len);
+        let fields = plan
+            .fields
+            .iter()
+            .map(|&index| Field { name: plan.names[index].clone(), values: Vec::with_capacity(capacity) })
+            .collect();
+        let trajectory = Trajectory { t: Vec::with_capacity(capacity), fields, events: Vec::new() };
+        Self { plan, trajectory, next: 0, y: vec![0.0; plan.names.len()] }
+    }
+
+    fn values(&self) -> usize {
+        self.trajectory.t.len() * (1 + self.trajectory.fields.len()) + self.trajectory.events.len()
+    }
+
+    fn start(&mut self, radau: &mut Radau<'_>) {
+        radau.take_switches();
+        match &self.plan.times {
+            None => self.sample(radau, self.plan.start),
+            Some(times) => {
+                while times.get(self.next).is_some_and(|&t| t <= self.plan.start) {
+                    self.sample(radau, times[self.next]);
+                    self.next += 1;
+                }
+            }
+        }
+    }
+
+    fn step(&mut self, radau: &mut Radau<'_>) {
+        let n = self.plan.initial.len();
+        for Switch { t, variable, to, .. } in radau.take_switches() {
+            let kind = if to == Place::Inside { EventKind::Activated } else { EventKind::Deactivated };
+            self.trajectory.events.push(Event { t, kind, of: self.plan.names[n + variable].clone() });
+        }
+        let end = radau.t();
+        let Some(times) = &self.plan.times else {
+            self.sample(radau, end);
+            return;
+        };
+        while let Some(&t) = times.get(self.next)
+            && t <= end
+        {
+            self.sample(radau, t);
+            self.next += 1;
+        }
+    }
+
+    fn sample(&mut self, radau: &mut Radau<'_>, t: f64) {
+        radau.interpolate(t, &mut self.y);
+        self.trajectory.t.push(t);
+        for (field, &index) in self.trajectory.fields.iter_mut().zip(&self.plan.fields) {
+            field.values.push(self.y[index]);
+        }
+    }
+}
