@@ -7,8 +7,25 @@
 //! Each solver is built once for a size, allocates then, and is used many times; each reports the natural-map
 //! residual of what it returns.
 
+mod auto;
+mod elimination;
+mod equilibration;
+mod fischer_burmeister;
+mod lemke;
+mod semismooth_newton;
+#[cfg(test)]
+mod tests;
+
+pub use auto::{Auto, SolverKind};
+pub use lemke::Lemke;
+pub use semismooth_newton::SemismoothNewton;
+
 use crate::problem::ConvexSet;
 use nalgebra::DMatrix;
+
+/// A point is a solution when its residual is below this fraction of `max(|q|, |A| |z|)`, the size of the terms that
+/// cancel in `w`.
+const TOLERANCE: f64 = 1e-10;
 
 /// An affine variational inequality over `K`; `m = q.len()`.
 #[derive(Clone, Copy, Debug)]
@@ -19,6 +36,59 @@ pub struct AffineVi<'a> {
     pub q: &'a [f64],
     /// `K`.
     pub set: &'a ConvexSet,
+}
+
+/// The natural-map residual of a point, and the size of the terms it is the difference of.
+#[derive(Clone, Copy, Debug)]
+struct Accuracy {
+    /// `max_i |z_i - P_K(z - w)_i|`.
+    residual: f64,
+    /// `max_i (|q| + |A| |z|)_i`.
+    magnitude: f64,
+    /// The largest residual of a component over the size of that component's own terms.
+    componentwise: f64,
+}
+
+impl Accuracy {
+    fn is_solved(&self) -> bool {
+        self.residual <= TOLERANCE * self.magnitude
+    }
+
+    fn report(&self, failure: Outcome, iterations: usize) -> Report {
+        let outcome = if self.is_solved() { Outcome::Solved } else { failure };
+        Report { outcome, residual: self.residual, iterations }
+    }
+}
+
+impl AffineVi<'_> {
+    /// Writes `w = A z + q`, with `|A| |z| + |q|` beside it, and measures how well `z` solves the problem.
+    fn measure(&self, z: &[f64], w: &mut [f64], terms: &mut [f64]) -> Accuracy {
+        let m = self.q.len();
+        for ((w, terms), &q) in w.iter_mut().zip(terms.iter_mut()).zip(self.q) {
+            (*w, *terms) = (q, q.abs());
+        }
+        for (column, &z) in self.matrix.as_slice().chunks_exact(m.max(1)).zip(z) {
+            if z != 0.0 {
+                for ((w, terms), &a) in w.iter_mut().zip(terms.iter_mut()).zip(column) {
+                    *w += a * z;
+                    *terms += (a * z).abs();
+                }
+            }
+        }
+        let mut accuracy = Accuracy { residual: 0.0, magnitude: 0.0, componentwise: 0.0 };
+        for i in 0..m {
+            let r = (z[i] - self.set.project(i, z[i] - w[i])).abs();
+            if r.is_nan() {
+                return Accuracy { residual: f64::NAN, magnitude: f64::NAN, componentwise: f64::NAN };
+            }
+            accuracy.residual = accuracy.residual.max(r);
+            accuracy.magnitude = accuracy.magnitude.max(terms[i]);
+            if r > 0.0 {
+                accuracy.componentwise = accuracy.componentwise.max(r / terms[i]);
+            }
+        }
+        accuracy
+    }
 }
 
 /// How a solver ended.
@@ -41,8 +111,13 @@ pub struct Report {
     pub outcome: Outcome,
     /// `max_i |z_i - P_K(z - A z - q)_i|` at the returned point, unscaled.
     pub residual: f64,
-    /// Pivots or Newton iterations.
+    /// Pivots or Newton iterations; zero where the start was the answer.
     pub iterations: usize,
+}
+
+impl Report {
+    /// What is said of a problem whose numbers are not finite, or whose intervals are empty.
+    const BREAKDOWN: Self = Self { outcome: Outcome::Breakdown, residual: f64::NAN, iterations: 0 };
 }
 
 /// A solver of affine variational inequalities.

@@ -1,0 +1,24 @@
+//! One solution of a dense linear system without allocation, by nalgebra's kernels of Gaussian elimination with
+//! partial pivoting, the right-hand side carried along as a further column.
+
+use nalgebra::{DMatrixViewMut, Dyn, U1};
+
+/// Overwrites the last column of `augmented`, `k x (k + 1)`, with the solution of the system that the first `k`
+/// columns hold. False if a pivot is zero or not a number.
+pub(super) fn solve_augmented(augmented: &mut DMatrixViewMut<'_, f64, U1, Dyn>) -> bool {
+    let k = augmented.nrows();
+    for i in 0..k {
+        let pivot = augmented.view_range(i.., i).icamax() + i;
+        let diagonal = augmented[(pivot, i)];
+        if diagonal == 0.0 || diagonal.is_nan() {
+            return false;
+        }
+        if pivot == i {
+            nalgebra::linalg::gauss_step(augmented, diagonal, i);
+        } else {
+            nalgebra::linalg::gauss_step_swap(augmented, diagonal, i, pivot);
+        }
+    }
+    let (matrix, mut rhs) = augmented.columns_range_pair_mut(..k, k);
+    matrix.solve_upper_triangular_mut(&mut rhs)
+}

@@ -1,0 +1,94 @@
+//! Scaling of an affine variational inequality over intervals by positive diagonal matrices,
+//!
+//! ```text
+//! A' = R A C,    q' = R q,    z' = C^-1 z,    w' = R w,    K' = C^-1 K
+//! ```
+//!
+//! which keeps every sign and so the solutions. Where the entries of `A` lie far apart, `R` and `C` bring the largest
+//! entry of each row and column near one (Ruiz 2001, *A scaling algorithm to equilibrate both rows and columns norms
+//! in matrices*); powers of two, so that nothing is rounded.
+
+use super::AffineVi;
+
+/// Largest entries within this factor of one are left as they are.
+const BALANCED: f64 = 64.0;
+
+/// Each sweep takes the square root of the imbalance; this many bring 1e-18..1e18 within a factor of two.
+const SWEEPS: usize = 8;
+
+/// The diagonals of `R` and `C`.
+#[derive(Debug)]
+pub(super) struct Equilibration {
+    /// `R`, of length `m`.
+    pub row: Vec<f64>,
+    /// `C`, of length `m`.
+    pub column: Vec<f64>,
+    row_largest: Vec<f64>,
+    column_largest: Vec<f64>,
+}
+
+impl Equilibration {
+    pub fn new(m: usize) -> Self {
+        Self { row: vec![1.0; m], column: vec![1.0; m], row_largest: vec![0.0; m], column_largest: vec![0.0; m] }
+    }
+
+    pub fn resize(&mut self, m: usize) {
+        for vector in [&mut self.row, &mut self.column, &mut self.row_largest, &mut self.column_largest] {
+            vector.resize(m, 1.0);
+        }
+    }
+
+    /// Chooses `R` and `C`. False if the problem has an entry that is not finite, or an empty interval.
+    pub fn fit(&mut self, vi: &AffineVi<'_>) -> bool {
+        self.row.fill(1.0);
+        self.column.fill(1.0);
+        if !self.survey(vi) {
+            return false;
+        }
+        for _ in 0..SWEEPS {
+            if self.row_largest.iter().chain(&self.column_largest).all(|&x| is_balanced(x)) {
+                break;
+            }
+            for (scale, &largest) in self.row.iter_mut().zip(&self.row_largest) {
+                *scale *= inverse_root(largest);
+            }
+            for (scale, &largest) in self.column.iter_mut().zip(&self.column_largest) {
+                *scale *= inverse_root(largest);
+            }
+            self.survey(vi);
+        }
+        true
+    }
+
+    /// Records the largest entry of each row and column of `R A C`; false if the problem is not well formed.
+    fn survey(&mut self, vi: &AffineVi<'_>) -> bool {
+        let m = vi.q.len();
+        // Zero times an entry is zero unless the entry is infinite or NaN, and a sum keeps a NaN.
+        let mut poison = 0.0;
+        self.row_largest.fill(0.0);
+        for (j, column) in vi.matrix.as_slice().chunks_exact(m.max(1)).enumerate() {
+            let mut largest = 0.0;
+            let scale = self.column[j];
+            for ((&a, &r), row_largest) in column.iter().zip(&self.row).zip(&mut self.row_largest) {
+                let size = (a * r * scale).abs();
+                poison += size * 0.0;
+                largest = if size > largest { size } else { largest };
+                *row_largest = if size > *row_largest { size } else { *row_largest };
+            }
+            self.column_largest[j] = largest;
+        }
+        for ((&q, &lower), &upper) in vi.q.iter().zip(&vi.set.lower).zip(&vi.set.upper) {
+            let nonempty = lower <= upper && lower < f64::INFINITY && upper > f64::NEG_INFINITY;
+            poison += if nonempty { q * 0.0 } else { f64::NAN };
+        }
+        poison == 0.0
+    }
+}
+
+fn is_balanced(largest: f64) -> bool {
+    largest == 0.0 || (1.0 / BALANCED..=BALANCED).contains(&largest)
+}
+
+fn inverse_root(largest: f64) -> f64 {
+    if largest == 0.0 { 1.0 } else { (-0.5 * largest.log2()).round().exp2() }
+}

@@ -1,0 +1,262 @@
+//! Complementary pivoting for the mixed problem over intervals, `l <= z <= u`, after Lemke:
+//!
+//! ```text
+//! w = A z + q + theta d,    z_i = l_i, w_i >= 0   or   l_i < z_i < u_i, w_i = 0   or   z_i = u_i, w_i <= 0
+//! ```
+//!
+//! From a `theta` for which the start is a solution, the path of solutions is followed through changes of basis until
+//! `theta = 0`, or to infinity. A basic variable may block at either end of its interval, and the entering one at its
+//! own opposite end. For copositive-plus `A` a ray says that there is no solution (Cottle, Pang and Stone 1992,
+//! sections 4.4 and 4.9; Dirkse and Ferris 1995, *The PATH solver*, for intervals).
+//!
+//! The start takes the active set of the incoming `z`; if that is the right one, there is no path to follow. The
+//! tableau of the last basis holds the inverse that refines the answer against the original data; if that does not
+//! make it exact, the path is taken up again from the same active set in a fresh tableau.
+
+mod path;
+mod ratio;
+mod start;
+mod tableau;
+
+use super::equilibration::Equilibration;
+use super::{Accuracy, AffineVi, Outcome, Report, ViSolver};
+use ratio::Perturbation;
+use tableau::Tableau;
+
+/// Pivots before a path is given up: Murty's exponential problems of a dozen variables must pass.
+const PIVOTS: usize = 10_000;
+
+/// And for every variable so many more; paths of practical problems have one to three.
+const PIVOTS_PER_VARIABLE: usize = 50;
+
+/// Fresh tableaus in one solve: the guess, a start without one, and twice to repair rounding.
+const ROUNDS: usize = 4;
+
+/// Values below this fraction of the largest at the start are zero.
+const NOISE: f64 = 1e-13;
+
+/// Corrections of the answer against the original data.
+const REFINEMENTS: usize = 3;
+
+/// A residual this small against its own terms is rounding.
+const EXACT: f64 = 1e-14;
+
+/// Where a component of `z` is thought to lie.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Face {
+    Lower,
+    Inside,
+    Upper,
+}
+
+/// How a path ended.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Ending {
+    Complementary,
+    Singular,
+    Ray,
+    Limit,
+}
+
+/// Lemke's method; see the module.
+#[derive(Debug)]
+pub struct Lemke {
+    equilibration: Equilibration,
+    tableau: Tableau,
+    perturbation: Perturbation,
+    /// The ends of the scaled intervals.
+    lower: Vec<f64>,
+    upper: Vec<f64>,
+    face: Vec<Face>,
+    /// The values at which nonbasic `z` rest.
+    resting: Vec<f64>,
+    free_rows: Vec<usize>,
+    free_columns: Vec<usize>,
+    inside: Vec<usize>,
+    w: Vec<f64>,
+    terms: Vec<f64>,
+    trial: Vec<f64>,
+    pivots: usize,
+}
+
+impl Lemke {
+    /// A solver for problems of up to `m` variables; a larger one makes it grow.
+    pub fn new(m: usize) -> Self {
+        Self {
+            equilibration: Equilibration::new(m),
+            tableau: Tableau::new(m),
+            perturbation: Perturbation { variable: vec![0; m], sense: vec![0.0; m] },
+            lower: vec![0.0; m],
+            upper: vec![0.0; m],
+            face: vec![Face::Lower; m],
+            resting: vec![0.0; m],
+            free_rows: Vec::with_capacity(m),
+            free_columns: Vec::with_capacity(m),
+            inside: Vec::with_capacity(m),
+            w: vec![0.0; m],
+            terms: vec![0.0; m],
+            trial: vec![0.0; m],
+            pivots: 0,
+        }
+    }
+}
+
+impl ViSolver for Lemke {
+    fn name(&self) -> &'static str {
+        "lemke"
+    }
+
+    fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64]) -> Report {
+        self.resize(vi.q.len());
+        if !self.equilibration.fit(vi) {
+            return Report::BREAKDOWN;
+        }
+        self.scale_intervals(vi);
+        self.guess(z);
+        self.pivots = 0;
+        let mut failure = Outcome::Breakdown;
+        let mut accuracy = None;
+        for _ in 0..ROUNDS {
+            let guessed = !self.inside.is_empty();
+            let ending = self.pivot_to_end(vi);
+            self.read(vi, z);
+            let found = self.refine(vi, z);
+            accuracy = Some(found);
+            failure = match ending {
+                Ending::Complementary | Ending::Singular => Outcome::Breakdown,
+                Ending::Ray => Outcome::Ray,
+                Ending::Limit => Outcome::Limit,
+            };
+            if found.is_solved() || ending == Ending::Limit || (ending != Ending::Complementary && !guessed) {
+                break;
+            }
+            if ending == Ending::Complementary {
+                self.adopt_faces();
+            } else {
+                self.forget_guess();
+            }
+        }
+        match accuracy {
+            Some(accuracy) if accuracy.residual.is_finite() => accuracy.report(failure, self.pivots),
+            _ => Report { iterations: self.pivots, ..Report::BREAKDOWN },
+        }
+    }
+}
+
+impl Lemke {
+    fn resize(&mut self, m: usize) {
+        if m == self.tableau.m {
+            return;
+        }
+        self.equilibration.resize(m);
+        self.tableau.resize(m);
+        self.perturbation.variable.resize(m, 0);
+        self.face.resize(m, Face::Lower);
+        for vector in [
+            &mut self.perturbation.sense,
+            &mut self.lower,
+            &mut self.upper,
+            &mut self.resting,
+            &mut self.w,
+            &mut self.terms,
+            &mut self.trial,
+        ] {
+            vector.resize(m, 0.0);
+        }
+    }
+
+    fn scale_intervals(&mut self, vi: &AffineVi<'_>) {
+        for (i, &c) in self.equilibration.column.iter().enumerate() {
+            self.lower[i] = vi.set.lower[i] / c;
+            self.upper[i] = vi.set.upper[i] / c;
+        }
+    }
+
+    fn is_free(&self, i: usize) -> bool {
+        self.lower[i] == f64::NEG_INFINITY && self.upper[i] == f64::INFINITY
+    }
+
+    /// Reads the active set off a point.
+    fn guess(&mut self, z: &[f64]) {
+        for (i, &c) in self.equilibration.column.iter().enumerate() {
+            let z = z[i] / c;
+            self.face[i] = if z > self.lower[i] && z < self.upper[i] {
+                Face::Inside
+            } else if z >= self.upper[i] {
+                Face::Upper
+            } else {
+                Face::Lower
+            };
+        }
+        self.list_inside();
+    }
+
+    /// Takes the active set of the basis at hand.
+    fn adopt_faces(&mut self) {
+        for i in 0..self.tableau.m {
+            self.face[i] = if self.tableau.row_of(i).is_some() {
+                Face::Inside
+            } else if self.resting[i] == self.upper[i] {
+                Face::Upper
+            } else {
+                Face::Lower
+            };
+        }
+        self.list_inside();
+    }
+
+    fn forget_guess(&mut self) {
+        self.face.fill(Face::Lower);
+        self.list_inside();
+    }
+
+    fn list_inside(&mut self) {
+        self.inside.clear();
+        for (i, &face) in self.face.iter().enumerate() {
+            let bounded = self.lower[i] > f64::NEG_INFINITY || self.upper[i] < f64::INFINITY;
+            if face == Face::Inside && bounded {
+                self.inside.push(i);
+            }
+        }
+    }
+
+    /// Writes `z` from the tableau, unscaled and in `K`.
+    fn read(&self, vi: &AffineVi<'_>, z: &mut [f64]) {
+        for (i, &c) in self.equilibration.column.iter().enumerate() {
+            let scaled = self.tableau.row_of(i).map_or(self.resting[i], |row| self.tableau.value[row]);
+            z[i] = vi.set.project(i, scaled * c);
+        }
+    }
+
+    /// Iterative refinement: `w` of the variables inside their intervals, computed afresh, goes to zero when `z`
+    /// moves by the tableau's inverse times it.
+    fn refine(&mut self, vi: &AffineVi<'_>, z: &mut [f64]) -> Accuracy {
+        let m = self.tableau.m;
+        let mut accuracy = vi.measure(z, &mut self.w, &mut self.terms);
+        for _ in 0..REFINEMENTS {
+            if accuracy.componentwise <= EXACT || accuracy.residual.is_nan() {
+                break;
+            }
+            let correction = &mut self.tableau.value;
+            correction.fill(0.0);
+            for c in 0..m {
+                let w = self.tableau.nonbasic[c];
+                if w >= m && w < 2 * m {
+                    let defect = self.w[w - m] * self.equilibration.row[w - m];
+                    self.tableau.advance(c, -defect);
+                }
+            }
+            for (i, &c) in self.equilibration.column.iter().enumerate() {
+                let change = self.tableau.row_of(i).map_or(0.0, |row| self.tableau.value[row]);
+                self.trial[i] = vi.set.project(i, z[i] + change * c);
+            }
+            let trial = vi.measure(&self.trial, &mut self.w, &mut self.terms);
+            if trial.componentwise.is_nan() || trial.componentwise >= accuracy.componentwise {
+                break;
+            }
+            z.copy_from_slice(&self.trial);
+            accuracy = trial;
+        }
+        accuracy
+    }
+}

@@ -1,0 +1,165 @@
+//! The path: from a start in which some basic variables lie outside their intervals, over which `theta d` covers, to
+//! `theta = 0`.
+
+use super::ratio::{Block, Motion, first_block};
+use super::{Ending, Face, Lemke, NOISE, PIVOTS, PIVOTS_PER_VARIABLE, start};
+use crate::vi::AffineVi;
+
+impl Lemke {
+    /// Builds the tableau of the guessed active set and follows the path from there.
+    pub(super) fn pivot_to_end(&mut self, vi: &AffineVi<'_>) -> Ending {
+        let noise = self.load(vi);
+        if !self.free_rows.is_empty() {
+            let (rows, columns) = (&mut self.free_rows, &mut self.free_columns);
+            if !start::settle_free(&mut self.tableau, &self.resting, rows, columns, noise) {
+                return Ending::Singular;
+            }
+        }
+        if !self.inside.is_empty() {
+            start::settle_inside(&mut self.tableau, &self.resting, &mut self.inside);
+        }
+        for row in 0..self.tableau.m {
+            (self.tableau.lower[row], self.tableau.upper[row]) = self.interval(self.tableau.basic[row]);
+        }
+        if self.cover(noise) { self.follow(noise) } else { Ending::Complementary }
+    }
+
+    /// Writes the scaled problem with all `z` nonbasic, and returns the size below which its values are noise.
+    fn load(&mut self, vi: &AffineVi<'_>) -> f64 {
+        let m = self.tableau.m;
+        let (row, column) = (&self.equilibration.row, &self.equilibration.column);
+        self.tableau.reset();
+        self.free_rows.clear();
+        let mut largest = 0.0_f64;
+        for i in 0..m {
+            self.tableau.value[i] = vi.q[i] * row[i];
+            largest = largest.max(self.tableau.value[i].abs());
+        }
+        for (j, source) in vi.matrix.as_slice().chunks_exact(m.max(1)).enumerate() {
+            for ((t, &a), &r) in self.tableau.column_mut(j).iter_mut().zip(source).zip(row) {
+                *t = a * r * column[j];
+            }
+            let (lower, upper) = (self.lower[j], self.upper[j]);
+            let to_upper = lower == f64::NEG_INFINITY || (self.face[j] == Face::Upper && upper < f64::INFINITY);
+            self.resting[j] = if to_upper { upper } else { lower };
+            if to_upper && upper == f64::INFINITY {
+                self.resting[j] = 0.0;
+                self.free_rows.push(j);
+            } else if self.resting[j] != 0.0 {
+                self.tableau.advance(j, self.resting[j]);
+            }
+        }
+        self.free_columns.clone_from(&self.free_rows);
+        NOISE * self.tableau.value.iter().fold(largest, |largest, value| largest.max(value.abs()))
+    }
+
+    /// The interval of a variable as long as it is basic. What never blocks has no ends: `w` of a point interval, and
+    /// `w` of a free variable, which is basic only where its equation is redundant.
+    fn interval(&self, variable: usize) -> (f64, f64) {
+        let m = self.tableau.m;
+        if variable < m {
+            return (self.lower[variable], self.upper[variable]);
+        }
+        let i = variable - m;
+        if self.is_free(i) || self.lower[i] == self.upper[i] {
+            (f64::NEG_INFINITY, f64::INFINITY)
+        } else if self.resting[i] == self.upper[i] {
+            (f64::NEG_INFINITY, 0.0)
+        } else {
+            (0.0, f64::INFINITY)
+        }
+    }
+
+    /// Chooses `d`, of size one into the intervals, and `theta` such that all basic variables lie inside: a
+    /// variable between two ends goes no further than the middle. The last to come inside makes way for `theta`.
+    /// False if all are inside at `theta = 0`.
+    fn cover(&mut self, noise: f64) -> bool {
+        let m = self.tableau.m;
+        let mut theta = noise;
+        let mut last = None;
+        for row in 0..m {
+            let value = self.tableau.value[row];
+            let (lower, upper) = (self.tableau.lower[row], self.tableau.upper[row]);
+            let outside = (lower - value).max(value - upper);
+            self.perturbation.variable[row] = self.tableau.basic[row];
+            let from_below = lower > f64::NEG_INFINITY && (upper == f64::INFINITY || value - lower < upper - value);
+            self.perturbation.sense[row] = if from_below { 1.0 } else { -1.0 };
+            // Of rows equally far out, the least perturbed is the last to come inside.
+            if outside > theta || (outside == theta && last.is_some()) {
+                (theta, last) = (outside, Some(row));
+            }
+        }
+        let Some(last) = last else { return false };
+        for row in 0..m {
+            let (lower, upper) = (self.tableau.lower[row], self.tableau.upper[row]);
+            let value = self.tableau.value[row];
+            let sense = self.perturbation.sense[row];
+            let d = if lower == f64::NEG_INFINITY && upper == f64::INFINITY {
+                0.0
+            } else if upper - lower == f64::INFINITY {
+                sense
+            } else if value < lower || value > upper {
+                sense * ((0.5 * (lower + upper) - value).abs() / theta).min(1.0)
+            } else {
+                0.0
+            };
+            self.tableau.column_mut(m)[row] = d;
+        }
+        self.tableau.advance(m, theta);
+        self.enter(last, m, theta, (0.0, f64::INFINITY));
+        true
+    }
+
+    /// Exchanges row `r` with column `c`, whose variable now has `value` in `interval`; what leaves rests at the end
+    /// of its interval that it reached.
+    fn enter(&mut self, r: usize, c: usize, value: f64, interval: (f64, f64)) {
+        let m = self.tableau.m;
+        let leaving = self.tableau.basic[r];
+        if leaving < m {
+            let (lower, upper, at) = (self.lower[leaving], self.upper[leaving], self.tableau.value[r]);
+            self.resting[leaving] = if (at - lower).abs() <= (upper - at).abs() { lower } else { upper };
+        }
+        self.tableau.exchange(r, c, m + 1);
+        self.tableau.value[r] = value;
+        (self.tableau.lower[r], self.tableau.upper[r]) = interval;
+        self.pivots += 1;
+    }
+
+    /// Follows the path after `theta` took the place of the variable of column `m`, whose complement enters next.
+    fn follow(&mut self, noise: f64) -> Ending {
+        let m = self.tableau.m;
+        let theta = 2 * m;
+        let mut left = self.tableau.nonbasic[m];
+        let limit = PIVOTS + PIVOTS_PER_VARIABLE * m;
+        while self.pivots < limit {
+            let entering = self.tableau.complement(left);
+            let Some(column) = self.tableau.column_of(entering) else { return Ending::Singular };
+            let i = if entering < m { entering } else { left };
+            let at_upper = self.resting[i] == self.upper[i];
+            let sense = if at_upper { -1.0 } else { 1.0 };
+            let range = if entering < m { self.upper[i] - self.lower[i] } else { f64::INFINITY };
+            let motion = Motion { column, sense, range, noise };
+            let (block, length) = first_block(&self.tableau, motion, &self.perturbation);
+            match block {
+                Block::None => return Ending::Ray,
+                Block::Own => {
+                    self.tableau.advance(column, sense * length);
+                    self.resting[i] = if at_upper { self.lower[i] } else { self.upper[i] };
+                    self.pivots += 1;
+                    left = entering;
+                }
+                Block::Row(row) => {
+                    self.tableau.advance(column, sense * length);
+                    let from = if entering < m { self.resting[i] } else { 0.0 };
+                    let interval = self.interval(entering);
+                    left = self.tableau.basic[row];
+                    self.enter(row, column, from + sense * length, interval);
+                    if left == theta {
+                        return Ending::Complementary;
+                    }
+                }
+            }
+        }
+        Ending::Limit
+    }
+}

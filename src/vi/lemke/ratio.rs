@@ -1,0 +1,107 @@
+//! The ratio test of complementary pivoting over intervals: how far the entering variable moves before a basic
+//! variable reaches an end of its interval, or the entering one its own opposite end.
+//!
+//! Ties are broken as if the basic variable of row `j` at the start had been moved into its interval by `epsilon^j`,
+//! for every small `epsilon > 0` at once. That makes each basis nondegenerate, so none comes twice (Cottle, Pang and
+//! Stone 1992, section 4.9). The perturbed value of a basic variable is linear in the perturbations:
+//! the coefficient of `epsilon^j` stands in the column of the variable that was basic in row `j`.
+
+use super::tableau::{Tableau, Variable};
+use std::cmp::Ordering;
+
+/// A rate this much smaller than the largest of its column is rounding noise, not a reason to pivot.
+const SMALLEST_RATE: f64 = 1e-11;
+
+/// Steps that differ by less than this fraction are a tie.
+const TIE: f64 = 1e-12;
+
+/// Perturbation coefficients are of the size of an equilibrated tableau, one; below this their difference is noise.
+const COEFFICIENT_NOISE: f64 = 1e-11;
+
+/// What ends the motion of the entering variable.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Block {
+    /// Nothing: a ray.
+    None,
+    /// Its own opposite end.
+    Own,
+    /// The basic variable of this row.
+    Row(usize),
+}
+
+/// Where the perturbations stand: by row, the variable basic at the start and the sense into its interval.
+#[derive(Debug)]
+pub(super) struct Perturbation {
+    pub variable: Vec<Variable>,
+    pub sense: Vec<f64>,
+}
+
+/// The motion of the variable of one column.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Motion {
+    /// Its column.
+    pub column: usize,
+    /// `+1` if it rises, `-1` if it falls.
+    pub sense: f64,
+    /// The length of its own interval.
+    pub range: f64,
+    /// Distances below this are zero.
+    pub noise: f64,
+}
+
+/// Finds what blocks a motion first, and after which length.
+pub(super) fn first_block(tableau: &Tableau, motion: Motion, perturbation: &Perturbation) -> (Block, f64) {
+    let column = tableau.column(motion.column);
+    let largest = column.iter().fold(0.0_f64, |largest, t| largest.max(t.abs()));
+    let theta = tableau.row_of(2 * tableau.m);
+    let (mut block, mut shortest) = (Block::None, f64::INFINITY);
+    if motion.range < f64::INFINITY {
+        (block, shortest) = (Block::Own, motion.range);
+    }
+    for (row, &t) in column.iter().enumerate() {
+        let rate = motion.sense * t;
+        if rate.abs() <= SMALLEST_RATE * largest {
+            continue;
+        }
+        let value = tableau.value[row];
+        let distance = if rate < 0.0 { value - tableau.lower[row] } else { tableau.upper[row] - value };
+        let length = if distance <= motion.noise { 0.0 } else { distance / rate.abs() };
+        if length == f64::INFINITY || length > shortest + TIE * shortest {
+            continue;
+        }
+        let first = if length + TIE * length < shortest {
+            true
+        } else if theta == Some(row) {
+            true
+        } else if block == Block::None || block == theta.map_or(Block::None, Block::Row) {
+            false
+        } else {
+            compare(tableau, motion, perturbation, row, block) == Ordering::Less
+        };
+        if first {
+            (block, shortest) = (Block::Row(row), length);
+        }
+    }
+    (block, shortest)
+}
+
+/// Compares the perturbed lengths of two blocks whose lengths tie.
+fn compare(tableau: &Tableau, motion: Motion, perturbation: &Perturbation, row: usize, other: Block) -> Ordering {
+    let length = |row: usize, j: usize| {
+        let variable = perturbation.variable[j];
+        let coefficient = match tableau.column_of(variable) {
+            Some(column) => -tableau.entry(row, column),
+            None if tableau.basic[row] == variable => 1.0,
+            None => 0.0,
+        };
+        -coefficient * perturbation.sense[j] / (motion.sense * tableau.entry(row, motion.column))
+    };
+    for j in 0..tableau.m {
+        let a = length(row, j);
+        let b = if let Block::Row(other) = other { length(other, j) } else { 0.0 };
+        if (a - b).abs() > COEFFICIENT_NOISE * a.abs().max(b.abs()).max(1.0) {
+            return a.total_cmp(&b);
+        }
+    }
+    Ordering::Equal
+}

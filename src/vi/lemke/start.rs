@@ -1,0 +1,153 @@
+//! The basis from which the path starts: free variables, which must be basic at a solution, and those that a guess
+//! says lie inside their intervals, trade places with the `w` of the same index.
+//!
+//! Free variables first, by complete pivoting in their own block. Where that block is singular, as in a saddle point
+//! `[[H, -B^T], [B, 0]]` with `H` on bounded variables, each rest is bordered by a bounded variable that both its row
+//! and its column see. A row that sees none is a redundant equation, or one that nothing can satisfy.
+
+use super::tableau::Tableau;
+
+/// A pivot this much smaller than the largest of its block says that the block is singular.
+const SINGULAR: f64 = 1e-12;
+
+/// A diagonal pivot this much smaller than its column gives way to a two by two one.
+const WEAK_DIAGONAL: f64 = 0.01;
+
+/// The values at which nonbasic `z` rest, by index.
+pub(super) type Resting = [f64];
+
+/// Lets `w` of row `r` go to zero by moving the `z` of column `c`, which takes its place.
+fn settle(tableau: &mut Tableau, resting: &Resting, r: usize, c: usize) {
+    let change = -tableau.value[r] / tableau.entry(r, c);
+    let entering = tableau.nonbasic[c];
+    tableau.advance(c, change);
+    tableau.exchange(r, c, tableau.m);
+    tableau.value[r] = resting[entering] + change;
+}
+
+/// The row of `w_i`, while `w_i` is basic and `z_i` is not.
+fn open_row(tableau: &Tableau, i: usize) -> Option<(usize, usize)> {
+    Some((tableau.row_of(tableau.m + i)?, tableau.column_of(i)?))
+}
+
+/// Makes the free variables basic, whose `w` stand in `rows` and `z` in `columns`. False if their equations are
+/// singular and not redundant.
+pub(super) fn settle_free(
+    tableau: &mut Tableau,
+    resting: &Resting,
+    rows: &mut [usize],
+    columns: &mut [usize],
+    noise: f64,
+) -> bool {
+    let mut largest = 0.0;
+    for done in 0..rows.len() {
+        let (mut pivot, mut place) = (0.0, (done, done));
+        for b in done..columns.len() {
+            let column = tableau.column(columns[b]);
+            for a in done..rows.len() {
+                let size = column[rows[a]].abs();
+                if size > pivot {
+                    (pivot, place) = (size, (a, b));
+                }
+            }
+        }
+        if done == 0 {
+            largest = pivot;
+        }
+        if pivot <= SINGULAR * largest {
+            return border(tableau, resting, &mut rows[done..], &mut columns[done..], noise);
+        }
+        rows.swap(done, place.0);
+        columns.swap(done, place.1);
+        settle(tableau, resting, rows[done], columns[done]);
+    }
+    true
+}
+
+/// Settles free `rows` and `columns` whose common block is zero, with the help of bounded variables.
+fn border(
+    tableau: &mut Tableau,
+    resting: &Resting,
+    rows: &mut [usize],
+    columns: &mut [usize],
+    noise: f64,
+) -> bool {
+    let m = tableau.m;
+    for done in 0..rows.len() {
+        let (mut largest, mut best) = (SINGULAR, None);
+        for i in 0..m {
+            let Some((row, column)) = open_row(tableau, i) else { continue };
+            if rows.contains(&row) || columns.contains(&column) {
+                continue;
+            }
+            let argmax = |sizes: &mut dyn Iterator<Item = f64>| {
+                sizes.enumerate().fold((done, 0.0), |best, (k, x)| if x > best.1 { (done + k, x) } else { best })
+            };
+            let (a, in_column) = argmax(&mut rows[done..].iter().map(|&r| tableau.entry(r, column).abs()));
+            let (b, in_row) = argmax(&mut columns[done..].iter().map(|&c| tableau.entry(row, c).abs()));
+            if in_column * in_row > largest {
+                (largest, best) = (in_column * in_row, Some((a, b, row, column)));
+            }
+        }
+        let Some((a, b, row, column)) = best else {
+            return rows[done..].iter().all(|&r| is_redundant(tableau, r, noise));
+        };
+        rows.swap(done, a);
+        columns.swap(done, b);
+        settle(tableau, resting, row, columns[done]);
+        settle(tableau, resting, rows[done], column);
+    }
+    true
+}
+
+/// Whether the equation `w_r = 0` holds and no nonbasic `z` can disturb it.
+fn is_redundant(tableau: &Tableau, r: usize, noise: f64) -> bool {
+    let m = tableau.m;
+    let disturbs = |c: usize| tableau.nonbasic[c] < m && tableau.entry(r, c).abs() > SINGULAR;
+    tableau.value[r].abs() <= noise && !(0..m).any(disturbs)
+}
+
+/// Makes the bounded variables `inside` basic, as far as their block is regular; the others stay where they rest.
+pub(super) fn settle_inside(tableau: &mut Tableau, resting: &Resting, inside: &mut Vec<usize>) {
+    let m = tableau.m;
+    inside.retain(|&i| open_row(tableau, i).is_some());
+    let mut largest = 0.0_f64;
+    while !inside.is_empty() {
+        let size = |i: usize, j: usize| match (tableau.row_of(m + i), tableau.column_of(j)) {
+            (Some(r), Some(c)) => tableau.entry(r, c).abs(),
+            _ => 0.0,
+        };
+        let (mut a, mut b, mut pivot) = (0, 0, 0.0);
+        for k in 0..inside.len() {
+            let diagonal = size(inside[k], inside[k]);
+            if diagonal > pivot {
+                (a, b, pivot) = (k, k, diagonal);
+            }
+        }
+        let in_column = inside.iter().fold(0.0_f64, |x, &i| x.max(size(i, inside[b])));
+        if pivot <= WEAK_DIAGONAL * in_column.max(largest) {
+            for k in 0..inside.len() {
+                for l in 0..k {
+                    let product = (size(inside[k], inside[l]) * size(inside[l], inside[k])).sqrt();
+                    if product > pivot {
+                        (a, b, pivot) = (k, l, product);
+                    }
+                }
+            }
+        }
+        if pivot <= SINGULAR * largest || pivot == 0.0 {
+            return;
+        }
+        largest = largest.max(pivot);
+        let (i, j) = (inside[a], inside[b]);
+        for (i, j) in [(i, j), (j, i)].into_iter().take(if a == b { 1 } else { 2 }) {
+            if let (Some(r), Some(c)) = (tableau.row_of(m + i), tableau.column_of(j)) {
+                settle(tableau, resting, r, c);
+            }
+        }
+        inside.swap_remove(a.max(b));
+        if a != b {
+            inside.swap_remove(a.min(b));
+        }
+    }
+}

@@ -1,0 +1,140 @@
+//! The condensed tableau of complementary pivoting: `m` basic variables as affine functions of `m + 1` nonbasic ones,
+//!
+//! ```text
+//! x_B = const + T x_N,    at first  w = q + A z + d theta
+//! ```
+//!
+//! An exchange makes one basic and one nonbasic variable trade places (Cottle, Pang and Stone 1992, *The Linear
+//! Complementarity Problem*, section 2.3). The constant is not stored: the values of the basic variables are, as the
+//! nonbasic ones may rest at either end of an interval.
+
+/// `z_i` is `i`, `w_i` is `m + i`, `theta` is `2 m`.
+pub(super) type Variable = usize;
+
+/// See the module.
+#[derive(Debug)]
+pub(super) struct Tableau {
+    /// `m`.
+    pub m: usize,
+    /// The columns of `T`, each of length `m`, one after the other.
+    entries: Vec<f64>,
+    /// The basic variable of each row.
+    pub basic: Vec<Variable>,
+    /// The nonbasic variable of each column.
+    pub nonbasic: Vec<Variable>,
+    /// The row of each basic variable, `m +` the column of each nonbasic one.
+    place: Vec<usize>,
+    /// The values of the basic variables, by row.
+    pub value: Vec<f64>,
+    /// The interval in which each basic variable may move, by row.
+    pub lower: Vec<f64>,
+    /// Its upper end.
+    pub upper: Vec<f64>,
+    spare: Vec<f64>,
+}
+
+impl Tableau {
+    pub fn new(m: usize) -> Self {
+        Self {
+            m,
+            entries: vec![0.0; m * (m + 1)],
+            basic: (m..2 * m).collect(),
+            nonbasic: (0..m).chain([2 * m]).collect(),
+            place: vec![0; 2 * m + 1],
+            value: vec![0.0; m],
+            lower: vec![0.0; m],
+            upper: vec![0.0; m],
+            spare: vec![0.0; m],
+        }
+    }
+
+    /// Makes room for `m` variables. What was in the tableau is lost.
+    pub fn resize(&mut self, m: usize) {
+        self.m = m;
+        self.entries.resize(m * (m + 1), 0.0);
+        self.basic.resize(m, 0);
+        self.nonbasic.resize(m + 1, 0);
+        self.place.resize(2 * m + 1, 0);
+        for vector in [&mut self.value, &mut self.lower, &mut self.upper, &mut self.spare] {
+            vector.resize(m, 0.0);
+        }
+    }
+
+    /// Makes every `w` basic and every `z` nonbasic again. The entries are the caller's to write.
+    pub fn reset(&mut self) {
+        let m = self.m;
+        for i in 0..m {
+            self.basic[i] = m + i;
+            self.nonbasic[i] = i;
+            self.place[i] = m + i;
+            self.place[m + i] = i;
+        }
+        self.nonbasic[m] = 2 * m;
+        self.place[2 * m] = 2 * m;
+    }
+
+    pub fn column(&self, c: usize) -> &[f64] {
+        &self.entries[c * self.m..][..self.m]
+    }
+
+    pub fn column_mut(&mut self, c: usize) -> &mut [f64] {
+        &mut self.entries[c * self.m..][..self.m]
+    }
+
+    pub fn entry(&self, r: usize, c: usize) -> f64 {
+        self.entries[c * self.m + r]
+    }
+
+    /// `w_i` for `z_i`, and `z_i` for `w_i`.
+    pub fn complement(&self, variable: Variable) -> Variable {
+        if variable < self.m { variable + self.m } else { variable - self.m }
+    }
+
+    /// The row of a basic variable.
+    pub fn row_of(&self, variable: Variable) -> Option<usize> {
+        let place = self.place[variable];
+        (place < self.m).then_some(place)
+    }
+
+    /// The column of a nonbasic variable.
+    pub fn column_of(&self, variable: Variable) -> Option<usize> {
+        self.place[variable].checked_sub(self.m)
+    }
+
+    /// Moves the nonbasic variable of column `c` by `change`, and the basic ones with it.
+    pub fn advance(&mut self, c: usize, change: f64) {
+        let column = &self.entries[c * self.m..][..self.m];
+        for (value, &t) in self.value.iter_mut().zip(column) {
+            *value += t * change;
+        }
+    }
+
+    /// Exchanges the basic variable of row `r` with the nonbasic one of column `c`, among the first `width` columns.
+    /// The values and the interval of row `r` are the caller's to set.
+    pub fn exchange(&mut self, r: usize, c: usize, width: usize) {
+        let m = self.m;
+        self.spare.copy_from_slice(&self.entries[c * m..][..m]);
+        let reciprocal = 1.0 / self.spare[r];
+        for (j, column) in self.entries.chunks_exact_mut(m).take(width).enumerate() {
+            if j == c {
+                for t in column.iter_mut() {
+                    *t *= reciprocal;
+                }
+                column[r] = reciprocal;
+                continue;
+            }
+            let factor = column[r] * reciprocal;
+            if factor != 0.0 {
+                for (t, &s) in column.iter_mut().zip(&self.spare) {
+                    *t -= s * factor;
+                }
+            }
+            column[r] = -factor;
+        }
+        let (leaving, entering) = (self.basic[r], self.nonbasic[c]);
+        self.basic[r] = entering;
+        self.nonbasic[c] = leaving;
+        self.place[entering] = r;
+        self.place[leaving] = m + c;
+    }
+}

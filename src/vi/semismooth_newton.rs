@@ -1,0 +1,340 @@
+//! Semismooth Newton on the natural map, globalised by a Fischer-Burmeister merit function.
+//!
+//! ```text
+//! z - P_K(z - S w) = 0,    w = A z + q
+//! ```
+//!
+//! An element of the B-subdifferential of the natural map has the row `e_i` where `z - S w` lies outside the interval
+//! and `(S A)_i` inside, so that a Newton step solves one system in the variables inside and sets the others to their
+//! ends; it ends after finitely many steps, but alone it may cycle. A step is therefore taken only if it lowers
+//!
+//! ```text
+//! Psi(z) = 1/2 |psi(z_i, (S w)_i)|^2
+//! ```
+//!
+//! enough; else the Newton direction of `psi` with Armijo's line search is taken, and where that is no direction of
+//! descent, the gradient's (De Luca, Facchinei and Kanzow 1996, *A semismooth equation approach to the solution of
+//! nonlinear complementarity problems*; Facchinei and Pang 2003, sections 8.3 and 9.1). `S` is diagonal.
+
+use super::elimination::solve_augmented;
+use super::equilibration::Equilibration;
+use super::fischer_burmeister::psi;
+use super::{Accuracy, AffineVi, Outcome, Report, ViSolver};
+use nalgebra::DMatrixViewMut;
+
+/// Newton steps; practical problems take five to thirty.
+const ITERATIONS: usize = 200;
+
+/// A natural-map step must lower the norm of `psi` to this fraction.
+const NATURAL_DECREASE: f64 = 0.5;
+
+/// A direction is one of descent if the slope of `Psi` is below `-DESCENT |d|^DESCENT_POWER`.
+const DESCENT: f64 = 1e-10;
+const DESCENT_POWER: f64 = 2.1;
+
+/// Armijo's fraction of the slope, and the halvings of a step before it is given up.
+const ARMIJO: f64 = 1e-4;
+const HALVINGS: usize = 40;
+
+/// A diagonal entry of the equilibrated matrix below this says nothing about the scale of its row.
+const SMALL_DIAGONAL: f64 = 1.0 / 64.0;
+
+/// The proximal term `mu I` that keeps the Jacobian regular where `A` is singular, as a fraction of `|psi|`; it
+/// vanishes with it, and so does not spoil the order.
+const PROXIMAL: f64 = 1e-3;
+
+/// Semismooth Newton; see the module.
+#[derive(Debug)]
+pub struct SemismoothNewton {
+    equilibration: Equilibration,
+    /// The scaled problem: `S R A C`, `S R q` and the intervals; `S` is absorbed.
+    matrix: Vec<f64>,
+    q: Vec<f64>,
+    lower: Vec<f64>,
+    upper: Vec<f64>,
+    /// The iterate and `S w` there, `psi` and its generalised gradient.
+    z: Vec<f64>,
+    w: Vec<f64>,
+    psi: Vec<f64>,
+    by_z: Vec<f64>,
+    by_w: Vec<f64>,
+    gradient: Vec<f64>,
+    direction: Vec<f64>,
+    trial: Vec<f64>,
+    augmented: Vec<f64>,
+    inside: Vec<usize>,
+    candidate: Vec<f64>,
+    work: [Vec<f64>; 2],
+}
+
+impl SemismoothNewton {
+    /// A solver for problems of up to `m` variables; a larger one makes it grow.
+    pub fn new(m: usize) -> Self {
+        let vector = || vec![0.0; m];
+        Self {
+            equilibration: Equilibration::new(m),
+            matrix: vec![0.0; m * m],
+            q: vector(),
+            lower: vector(),
+            upper: vector(),
+            z: vector(),
+            w: vector(),
+            psi: vector(),
+            by_z: vector(),
+            by_w: vector(),
+            gradient: vector(),
+            direction: vector(),
+            trial: vector(),
+            augmented: vec![0.0; m * (m + 1)],
+            inside: Vec::with_capacity(m),
+            candidate: vector(),
+            work: [vector(), vector()],
+        }
+    }
+}
+
+impl ViSolver for SemismoothNewton {
+    fn name(&self) -> &'static str {
+        "semismooth_newton"
+    }
+
+    fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64]) -> Report {
+        self.resize(vi.q.len());
+        if !self.equilibration.fit(vi) {
+            return Report::BREAKDOWN;
+        }
+        self.load(vi, z);
+        let mut best = self.offer(vi, z, None);
+        let mut iterations = 0;
+        while !best.is_solved() && iterations < ITERATIONS {
+            iterations += 1;
+            self.linearise();
+            let norm = norm(&self.psi);
+            if self.natural_step() && self.residual_norm_at_trial() <= NATURAL_DECREASE * norm {
+                self.z.copy_from_slice(&self.trial);
+            } else if !self.descend(norm) {
+                break;
+            }
+            best = self.offer(vi, z, Some(best));
+        }
+        if best.componentwise > 0.0 && best.is_solved() {
+            self.evaluate_at_z();
+            if self.natural_step() {
+                self.z.copy_from_slice(&self.trial);
+                best = self.offer(vi, z, Some(best));
+            }
+        }
+        if best.residual.is_nan() {
+            return Report { iterations, ..Report::BREAKDOWN };
+        }
+        best.report(Outcome::Limit, iterations)
+    }
+}
+
+impl SemismoothNewton {
+    fn resize(&mut self, m: usize) {
+        if m == self.q.len() {
+            return;
+        }
+        self.equilibration.resize(m);
+        self.matrix.resize(m * m, 0.0);
+        self.augmented.resize(m * (m + 1), 0.0);
+        for vector in [
+            &mut self.q,
+            &mut self.lower,
+            &mut self.upper,
+            &mut self.z,
+            &mut self.w,
+            &mut self.psi,
+            &mut self.by_z,
+            &mut self.by_w,
+            &mut self.gradient,
+            &mut self.direction,
+            &mut self.trial,
+            &mut self.candidate,
+        ] {
+            vector.resize(m, 0.0);
+        }
+        for vector in &mut self.work {
+            vector.resize(m, 0.0);
+        }
+    }
+
+    /// Scales the problem, with `S` the inverse of the diagonal of `R A C` where that says something.
+    fn load(&mut self, vi: &AffineVi<'_>, z: &[f64]) {
+        let m = self.q.len();
+        let Equilibration { row, column, .. } = &self.equilibration;
+        let scale = &mut self.work[0];
+        for i in 0..m {
+            let diagonal = (vi.matrix[(i, i)] * row[i] * column[i]).abs();
+            scale[i] = if diagonal < SMALL_DIAGONAL { row[i] } else { row[i] / diagonal };
+            self.q[i] = scale[i] * vi.q[i];
+            self.lower[i] = vi.set.lower[i] / column[i];
+            self.upper[i] = vi.set.upper[i] / column[i];
+            let start = if z[i].is_finite() { z[i] } else { 0.0 };
+            self.z[i] = vi.set.project(i, start) / column[i];
+        }
+        let sources = vi.matrix.as_slice().chunks_exact(m.max(1));
+        for ((target, source), &c) in self.matrix.chunks_exact_mut(m.max(1)).zip(sources).zip(column) {
+            for ((t, &a), &s) in target.iter_mut().zip(source).zip(&*scale) {
+                *t = a * s * c;
+            }
+        }
+    }
+
+    /// Unscales the iterate, and keeps it in `z` if there is none better.
+    fn offer(&mut self, vi: &AffineVi<'_>, z: &mut [f64], best: Option<Accuracy>) -> Accuracy {
+        for (i, &c) in self.equilibration.column.iter().enumerate() {
+            self.candidate[i] = vi.set.project(i, self.z[i] * c);
+        }
+        let [w, terms] = &mut self.work;
+        let found = vi.measure(&self.candidate, w, terms);
+        match best {
+            Some(best) if found.residual.is_nan() || found.residual >= best.residual => best,
+            _ => {
+                z.copy_from_slice(&self.candidate);
+                found
+            }
+        }
+    }
+
+    fn evaluate_at_z(&mut self) {
+        evaluate(&self.matrix, &self.q, &self.z, &mut self.w);
+    }
+
+    /// `psi`, its generalised gradient and that of `Psi` at the iterate.
+    fn linearise(&mut self) {
+        self.evaluate_at_z();
+        for i in 0..self.q.len() {
+            let at = psi(self.z[i], self.w[i], self.lower[i], self.upper[i]);
+            (self.psi[i], self.by_z[i], self.by_w[i]) = (at.value, at.by_z, at.by_w);
+        }
+    }
+
+    /// The Newton step of the natural map, to `trial`. False if its system is singular.
+    fn natural_step(&mut self) -> bool {
+        let m = self.q.len();
+        self.inside.clear();
+        for i in 0..m {
+            let moved = self.z[i] - self.w[i];
+            self.trial[i] = moved.clamp(self.lower[i], self.upper[i]);
+            if moved > self.lower[i] && moved < self.upper[i] {
+                self.inside.push(i);
+                self.trial[i] = 0.0;
+            }
+        }
+        let k = self.inside.len();
+        // With zeros inside, `w` at the trial point is what the variables inside must cancel.
+        evaluate(&self.matrix, &self.q, &self.trial, &mut self.direction);
+        let storage = &mut self.augmented[..k * (k + 1)];
+        for (target, &j) in storage.chunks_exact_mut(k.max(1)).zip(&self.inside) {
+            let column = &self.matrix[j * m..][..m];
+            for (t, &i) in target.iter_mut().zip(&self.inside) {
+                *t = column[i];
+            }
+        }
+        for (t, &i) in storage[k * k..].iter_mut().zip(&self.inside) {
+            *t = -self.direction[i];
+        }
+        if !solve_augmented(&mut DMatrixViewMut::from_slice(storage, k, k + 1)) {
+            return false;
+        }
+        for (&x, &i) in self.augmented[k * k..].iter().zip(&self.inside) {
+            self.trial[i] = x;
+        }
+        self.trial.iter().all(|z| z.is_finite())
+    }
+
+    /// `|psi|` at the trial point.
+    fn residual_norm_at_trial(&mut self) -> f64 {
+        let w = &mut self.work[0];
+        evaluate(&self.matrix, &self.q, &self.trial, w);
+        let mut sum = 0.0;
+        for i in 0..w.len() {
+            let value = psi(self.trial[i], w[i], self.lower[i], self.upper[i]).value;
+            sum += value * value;
+        }
+        sum.sqrt()
+    }
+
+    /// A step of Armijo's line search along the Newton direction of `psi`, else along the steepest descent of `Psi`.
+    /// False if neither lowers `Psi`.
+    fn descend(&mut self, norm: f64) -> bool {
+        let m = self.q.len();
+        let work = &mut self.work[0];
+        for ((x, &psi), &by_w) in work.iter_mut().zip(&self.psi).zip(&self.by_w) {
+            *x = psi * by_w;
+        }
+        for (j, column) in self.matrix.chunks_exact(m.max(1)).enumerate() {
+            self.gradient[j] = self.by_z[j] * self.psi[j] + dot(column, work);
+        }
+        if self.newton_direction(PROXIMAL * norm.min(1.0)) {
+            let slope = dot(&self.gradient, &self.direction);
+            let length = self::norm(&self.direction);
+            if slope <= -DESCENT * length.powf(DESCENT_POWER) && self.search(norm, slope) {
+                return true;
+            }
+        }
+        for (d, &g) in self.direction.iter_mut().zip(&self.gradient) {
+            *d = -g;
+        }
+        let slope = -dot(&self.gradient, &self.gradient);
+        self.search(norm, slope)
+    }
+
+    /// Solves `(diag(by_z) + diag(by_w) (A + mu I)) d = -psi`.
+    fn newton_direction(&mut self, mu: f64) -> bool {
+        let m = self.q.len();
+        for (j, column) in self.matrix.chunks_exact(m.max(1)).enumerate() {
+            let target = &mut self.augmented[j * m..][..m];
+            for ((t, &a), &by_w) in target.iter_mut().zip(column).zip(&self.by_w) {
+                *t = a * by_w;
+            }
+            target[j] += self.by_z[j] + mu * self.by_w[j];
+        }
+        for (t, &psi) in self.augmented[m * m..].iter_mut().zip(&self.psi) {
+            *t = -psi;
+        }
+        if !solve_augmented(&mut DMatrixViewMut::from_slice(&mut self.augmented, m, m + 1)) {
+            return false;
+        }
+        self.direction.copy_from_slice(&self.augmented[m * m..]);
+        self.direction.iter().all(|d| d.is_finite())
+    }
+
+    fn search(&mut self, norm: f64, slope: f64) -> bool {
+        let mut step = 1.0;
+        for _ in 0..HALVINGS {
+            for ((trial, &z), &d) in self.trial.iter_mut().zip(&self.z).zip(&self.direction) {
+                *trial = z + step * d;
+            }
+            let reached = self.residual_norm_at_trial();
+            if reached < norm && 0.5 * reached * reached <= 0.5 * norm * norm + ARMIJO * step * slope {
+                self.z.copy_from_slice(&self.trial);
+                return true;
+            }
+            step *= 0.5;
+        }
+        false
+    }
+}
+
+/// `w = A z + q`.
+fn evaluate(matrix: &[f64], q: &[f64], z: &[f64], w: &mut [f64]) {
+    w.copy_from_slice(q);
+    for (column, &z) in matrix.chunks_exact(q.len().max(1)).zip(z) {
+        if z != 0.0 {
+            for (w, &a) in w.iter_mut().zip(column) {
+                *w += a * z;
+            }
+        }
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+fn norm(a: &[f64]) -> f64 {
+    dot(a, a).sqrt()
+}

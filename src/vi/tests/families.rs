@@ -1,0 +1,76 @@
+//! Random families of every size.
+
+use super::*;
+
+#[test]
+fn every_size_to_a_few_dozen_is_solved() {
+    let mut random = Random(6);
+    let (mut lemke, mut newton) = (Lemke::new(0), SemismoothNewton::new(0));
+    for m in 1..=40 {
+        for matrix in [random.positive_definite(m), random.nonsymmetric_p(m)] {
+            let q = random.vector(m);
+            for set in [ConvexSet::nonnegative(m), random.intervals(m)] {
+                let problem = Problem::new(matrix.clone(), q.clone(), set);
+                let by_lemke = problem.solve_exactly(&mut lemke);
+                let by_newton = problem.solve_exactly(&mut newton);
+                assert!(largest_difference(&by_lemke, &by_newton) < 1e-7, "m = {m}");
+            }
+        }
+    }
+}
+
+#[test]
+fn large_problems_are_solved() {
+    let mut random = Random(7);
+    for m in [75, 150, 300, 500] {
+        for matrix in [random.positive_definite(m), random.nonsymmetric_p(m)] {
+            let problem = Problem::new(matrix, random.vector(m), random.intervals(m));
+            let answers = problem.solve_by_all();
+            assert!(largest_difference(&answers[0], &answers[1]) < 1e-6, "m = {m}");
+        }
+    }
+}
+
+#[test]
+fn small_problems_agree_with_the_enumeration_of_faces() {
+    let mut random = Random(8);
+    for m in 1..=5 {
+        for _ in 0..60 {
+            let problem = Problem::new(random.nonsymmetric_p(m), random.vector(m), random.intervals(m));
+            let exact = problem.solutions_by_enumeration();
+            for z in problem.solve_by_all() {
+                assert!(largest_difference(&z, &exact[0]) < 1e-8, "{z:?} instead of {exact:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_answer_is_its_own_warm_start() {
+    let mut random = Random(9);
+    let mut lemke = Lemke::new(30);
+    for m in [1, 2, 3, 6, 12, 30] {
+        let problem = Problem::new(random.nonsymmetric_p(m), random.vector(m), random.intervals(m));
+        let mut z = problem.solve_exactly(&mut lemke);
+        let cold = z.clone();
+        let report = problem.solve(&mut lemke, &mut z);
+        assert_eq!((report.outcome, report.iterations), (Outcome::Solved, 0));
+        assert!(largest_difference(&z, &cold) < 1e-12);
+    }
+}
+
+#[test]
+fn a_wrong_start_does_not_change_the_answer() {
+    let mut random = Random(10);
+    for m in [2, 3, 6, 12, 30] {
+        for _ in 0..20 {
+            let problem = Problem::new(random.nonsymmetric_p(m), random.vector(m), random.intervals(m));
+            for mut solver in solvers(m) {
+                let cold = problem.solve_exactly(&mut *solver);
+                let mut z = random.member(&problem.set);
+                assert_eq!(problem.solve(&mut *solver, &mut z).outcome, Outcome::Solved);
+                assert!(largest_difference(&z, &cold) < 1e-8);
+            }
+        }
+    }
+}

@@ -1,0 +1,69 @@
+//! What holds for every problem that has a solution.
+
+use super::super::{Auto, SolverKind};
+use super::*;
+use proptest::prelude::*;
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// `<w, y - z> >= 0` for 1,000 points `y` of `K`.
+    #[test]
+    fn the_answer_satisfies_the_inequality_in_every_direction(seed in any::<u64>(), m in 1_usize..25) {
+        let mut random = Random(seed);
+        let problem = Problem::new(random.nonsymmetric_p(m), random.vector(m), random.intervals(m));
+        for z in problem.solve_by_all() {
+            let w = problem.w(&z);
+            for _ in 0..1_000 {
+                let y = random.member(&problem.set);
+                let along: f64 = (0..m).map(|i| w[i] * (y[i] - z[i])).sum();
+                prop_assert!(along > -1e-9 * m as f64, "{along}");
+            }
+        }
+    }
+
+    /// Monotone problems on boxes have solutions, and all solvers find one; `w` of the symmetric ones is unique.
+    #[test]
+    fn a_semidefinite_matrix_on_a_box_has_one_w(seed in any::<u64>(), m in 1_usize..12) {
+        let mut random = Random(seed);
+        let j = random.matrix(m, m.div_ceil(2));
+        let set = ConvexSet { lower: vec![-1.0; m], upper: vec![2.0; m] };
+        let problem = Problem::new(&j * j.transpose(), random.vector(m), set);
+        let answers = problem.solve_by_all();
+        prop_assert!(largest_difference(&problem.w(&answers[0]), &problem.w(&answers[1])) < 1e-5);
+    }
+
+    /// Any matrix at all: what is called solved is solved, and a box always has a solution to be found by one of them.
+    #[test]
+    fn what_is_called_solved_is_solved(seed in any::<u64>(), m in 1_usize..8) {
+        let mut random = Random(seed);
+        let problem = Problem::new(random.matrix(m, m), random.vector(m), random.intervals(m));
+        for kind in SolverKind::ALL {
+            let mut z = random.member(&problem.set);
+            let report = problem.solve(&mut *kind.build(m), &mut z);
+            let residual = problem.set.natural_residual(&z, &problem.w(&z));
+            prop_assert!((residual - report.residual).abs() <= 1e-12 * (1.0 + residual));
+            prop_assert_eq!(report.outcome == Outcome::Solved, problem.scaled_residual(&z) <= 1e-10);
+        }
+    }
+}
+
+#[test]
+fn auto_names_the_solver_that_answered() {
+    let mut random = Random(11);
+    let mut auto = Auto::new(3);
+    assert_eq!(auto.name(), "auto");
+    for (m, name) in [(3, "lemke"), (220, "semismooth_newton"), (5, "lemke")] {
+        let problem = Problem::complementarity(random.positive_definite(m), random.vector(m));
+        problem.solve_exactly(&mut auto);
+        assert_eq!(auto.name(), name);
+    }
+}
+
+#[test]
+fn kinds_are_known_by_their_names() {
+    for kind in SolverKind::ALL {
+        assert_eq!(SolverKind::by_name(kind.name()), Some(kind));
+    }
+    assert_eq!(SolverKind::by_name("simplex"), None);
+}
