@@ -125,11 +125,8 @@ impl Consistent {
         }
         let hidden = DVector::from_fn(count, |a, _| self.drift[self.inside[a]]) + &c * rates;
         let derivative = c * b;
-        let (matrix, right) = if d.amax() == 0.0 {
-            (derivative, hidden)
-        } else {
-            combine(&d, &g, &derivative, &hidden)?
-        };
+        let (matrix, right) =
+            if d.amax() == 0.0 { (derivative, hidden) } else { combine(&d, &g, &derivative, &hidden)? };
         matrix.lu().solve(&right)
     }
 }

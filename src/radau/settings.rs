@@ -1,6 +1,6 @@
 //! What a user may choose of the method, and how a run can fail.
 
-use crate::vi::Choice;
+use crate::vi::SolverKind;
 
 /// How many stages a step has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,7 +40,7 @@ pub struct Settings {
     /// What happens at switches.
     pub switches: Switches,
     /// The solver of the affine VIs.
-    pub vi_solver: Choice,
+    pub vi_solver: SolverKind,
     /// The natural-map residual to reach, relative to the terms of `G`.
     pub vi_tolerance: f64,
 }
@@ -72,7 +72,9 @@ pub enum StepError {
         cause: Cause,
     },
     /// Newton's method failed where the step is fixed.
-    #[error("Newton's method on the stages does not converge with the fixed step {h:e} at t = {t}; take a smaller step, or leave `step` out")]
+    #[error(
+        "Newton's method on the stages does not converge with the fixed step {h:e} at t = {t}; take a smaller step, or leave `step` out"
+    )]
     NewtonFailed {
         /// When.
         t: f64,

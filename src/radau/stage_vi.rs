@@ -10,13 +10,13 @@
 //! with `E` the block-diagonal matrix of [`Factors`] in which the bounded variables are held and `e` their unit
 //! vectors. Row block `i` is scaled by `d_i = b_i / c_i`: then `S` is monotone where the problem is.
 
-use super::factors::Factors;
 use super::face::{Place, place};
+use super::factors::Factors;
 use super::stages::{NewtonControl, Stages};
 use super::system::System;
 use super::tableau::Tableau;
 use crate::problem::ConvexSet;
-use crate::vi::{AffineVi, Outcome, ViSolver};
+use crate::vi::{AffineVi, Outcome, SolverKind, ViSolver};
 use nalgebra::{Complex, DMatrix};
 
 /// The coupled stage problem and the solver of its affine problems.
@@ -49,13 +49,13 @@ pub struct StageVi {
 
 impl StageVi {
     /// Room for the stages of a problem.
-    pub fn new(system: &System<'_>, stages: usize, solver: Box<dyn ViSolver>) -> Self {
+    pub fn new(system: &System<'_>, stages: usize, solver: SolverKind) -> Self {
         let unknowns = system.unknowns;
         let coupled = stages * system.bounded.len();
         let mut held = vec![Place::Inside; unknowns - system.states];
         system.bounded.iter().for_each(|&k| held[k] = Place::Held);
         Self {
-            solver,
+            solver: solver.build(coupled),
             matrix: DMatrix::zeros(coupled, coupled),
             q: vec![0.0; coupled],
             set: ConvexSet::free(coupled),

@@ -32,7 +32,7 @@ impl Probe {
         Self {
             euler: Tableau::new(1),
             stages: Stages::new(1, system.unknowns),
-            vi: (!system.bounded.is_empty()).then(|| StageVi::new(system, 1, settings.vi_solver.build())),
+            vi: (!system.bounded.is_empty()).then(|| StageVi::new(system, 1, settings.vi_solver)),
             negative_jacobian: DMatrix::zeros(system.unknowns, system.unknowns),
         }
     }

@@ -114,13 +114,9 @@ impl<'p> Radau<'p> {
         for k in 0..unknowns - system.states {
             y[system.states + k] = system.set.project(k, 0.0);
         }
-        let control = NewtonControl {
-            weight: vec![0.0; unknowns],
-            kappa: 0.0,
-            most: 0,
-            vi_tolerance: settings.vi_tolerance,
-        };
-        let stage_vi = (!system.bounded.is_empty()).then(|| StageVi::new(&system, most_stages, settings.vi_solver.build()));
+        let control =
+            NewtonControl { weight: vec![0.0; unknowns], kappa: 0.0, most: 0, vi_tolerance: settings.vi_tolerance };
+        let stage_vi = (!system.bounded.is_empty()).then(|| StageVi::new(&system, most_stages, settings.vi_solver));
         let mut radau = Self {
             stages: Stages::new(most_stages, unknowns),
             switching: Switching::new(&system, &settings),
@@ -458,7 +454,8 @@ impl<'p> Radau<'p> {
             if !factors.solve_real(&mut self.estimate) {
                 return f64::INFINITY;
             }
-            let sum: f64 = self.estimate[..states].iter().zip(&self.control.weight).map(|(e, w)| (e * w) * (e * w)).sum();
+            let sum: f64 =
+                self.estimate[..states].iter().zip(&self.control.weight).map(|(e, w)| (e * w) * (e * w)).sum();
             error = (sum / states as f64).sqrt();
             if error < 1.0 || !(self.counts.accepted == 0 || self.controller.rejected) {
                 break;

@@ -8,8 +8,8 @@
 
 use super::face::{Monitor, Place, monitors};
 use super::settings::{Settings, StepError, Switches};
-use super::start::Probe;
 use super::stages::Newton;
+use super::start::Probe;
 use super::stepper::Radau;
 use super::system::System;
 

@@ -79,9 +79,8 @@ impl Tableau {
             })
             .collect();
         let node = |i: usize| if i == 0 { 0.0 } else { c[i - 1] };
-        let barycentric = (0..=s)
-            .map(|i| 1.0 / (0..=s).filter(|&j| j != i).map(|j| node(i) - node(j)).product::<f64>())
-            .collect();
+        let barycentric =
+            (0..=s).map(|i| 1.0 / (0..=s).filter(|&j| j != i).map(|j| node(i) - node(j)).product::<f64>()).collect();
         Self { c, a, b, a_inverse, gamma, pairs, t, t_inverse, estimate, barycentric }
     }
 

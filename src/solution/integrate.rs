@@ -91,17 +91,26 @@ fn limit(radau: &Radau<'_>, plan: &Plan, control: &Control, recorder: &Recorder<
     match control.poll() {
         Some(Stop::Cancelled) => return Some(("cancelled", format!("cancelled at t = {t}"))),
         Some(Stop::Deadline) => {
-            return Some(("wall_time", format!("the wall time allowed ended at t = {t}; allow more with limits.wall_seconds")));
+            return Some((
+                "wall_time",
+                format!("the wall time allowed ended at t = {t}; allow more with limits.wall_seconds"),
+            ));
         }
         None => {}
     }
     if radau.counts.accepted >= plan.most_steps {
         let most = plan.most_steps;
-        return Some(("steps", format!("{most} steps were made up to t = {t}; allow more with limits.steps, or loosen rtol")));
+        return Some((
+            "steps",
+            format!("{most} steps were made up to t = {t}; allow more with limits.steps, or loosen rtol"),
+        ));
     }
     if recorder.values() > plan.most_values {
         let most = plan.most_values;
-        return Some(("output", format!("the trajectory holds {most} numbers at t = {t}; ask for fewer times or fields")));
+        return Some((
+            "output",
+            format!("the trajectory holds {most} numbers at t = {t}; ask for fewer times or fields"),
+        ));
     }
     None
 }

@@ -2,7 +2,7 @@
 
 use dvi::problem::{ConvexSet, Dvi, Mass, Structure};
 use dvi::radau::{Radau, Settings, StageChoice, Switches};
-use dvi::vi::Choice;
+use dvi::vi::SolverKind;
 
 /// A problem given by two closures.
 pub struct Problem<F, J> {
@@ -56,7 +56,7 @@ pub fn settings(stages: usize, step: f64, n: usize) -> Settings {
         max_step: f64::INFINITY,
         min_step: 0.0,
         switches: Switches::Locate,
-        vi_solver: Choice::Auto,
+        vi_solver: SolverKind::Auto,
         vi_tolerance: 1e-12,
     }
 }
@@ -100,7 +100,8 @@ fn a_smooth_ode_converges_with_order_2s_minus_1() {
             [64, 16, 8, 6, 4][s - 1],
         );
         let expected = (2 * s - 1) as f64;
-        println!("s = {s}: {order}");assert!((order - expected).abs() < 0.2, "s = {s}: order {order}");
+        println!("s = {s}: {order}");
+        assert!((order - expected).abs() < 0.2, "s = {s}: order {order}");
     }
 }
 
