@@ -4,6 +4,7 @@
 //! x' = f(t,x) + B(t,x) z,    z in K,    <G(t,x,z), z~ - z> >= 0  for all z~ in K
 //! ```
 
+pub mod expression;
 pub mod problem;
 pub mod solution;
 pub mod specification;
