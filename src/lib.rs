@@ -3,7 +3,22 @@
 //! ```text
 //! x' = f(t,x) + B(t,x) z,    z in K,    <G(t,x,z), z~ - z> >= 0  for all z~ in K
 //! ```
+//!
+//! A [`Specification`](specification::Specification) is read from JSON and checked as a whole; [`solve`] gives a
+//! [`Solution`](solution::Solution): the trajectory in columns, and the evidence that it is right.
+//!
+//! ```
+//! use dvi::{problem::Control, specification::Specification};
+//!
+//! let text = br#"{"problem": {"dvi": {"states": {"x": {"initial": 1, "rate": "-x"}}}}, "time": {"end": 1}}"#;
+//! let specification = Specification::from_json(text).expect("a valid specification");
+//! let solution = dvi::solve(&specification, &Control::new());
+//! let x = solution.trajectory.field("x").expect("a state named x");
+//! assert!((x.last().expect("a value at the end") - (-1.0_f64).exp()).abs() < 1e-6);
+//! ```
 
+pub mod expression;
+pub mod models;
 pub mod problem;
 pub mod radau;
 pub mod solution;
@@ -11,16 +26,13 @@ pub mod specification;
 pub mod vi;
 
 use problem::Control;
-use solution::{Diagnostics, Solution, Status, Trajectory};
+use solution::Solution;
 use specification::Specification;
 
 /// Solves a checked specification. Stops at the next step when `control` says so; never panics on a user's input.
 pub fn solve(specification: &Specification, control: &Control) -> Solution {
-    let _ = (specification, control);
-    Solution {
-        status: Status::Completed,
-        error: None,
-        trajectory: Trajectory::default(),
-        diagnostics: Diagnostics::default(),
-    }
+    let model = specification.model();
+    let mut solution = solution::integrate(&mut *model.problem(), &specification.plan(), control);
+    solution.diagnostics.warnings.extend(model.warnings.iter().cloned());
+    solution
 }

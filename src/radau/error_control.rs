@@ -97,13 +97,13 @@ impl Controller {
 
     /// Whether the next step should have more stages (1), fewer (-1) or as many: the contraction of Newton's method
     /// tells whether a higher order is worth its larger systems.
-    pub fn order_change(&mut self, contraction: Contraction, newton: usize) -> isize {
+    pub fn order_change(&mut self, contraction: Contraction) -> isize {
         self.contraction = contraction.theta.max(0.5 * self.contraction).min(10.0);
         let steady = self.quotient > 0.8 && self.quotient < 1.2;
         let change = if self.contraction >= 0.8 || self.surprised {
             -1
         } else {
-            isize::from(newton > 1 && self.contraction <= 0.002 && steady && self.since_change > 10)
+            isize::from(self.contraction <= 0.002 && steady && self.since_change > 10)
         };
         self.surprised = false;
         change

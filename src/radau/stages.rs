@@ -241,6 +241,10 @@ impl Stages {
             last_norm = norm.max(f64::EPSILON);
             if rounding || factor * norm <= control.kappa {
                 contraction.factor = factor;
+                if k == 1 && system.constant_jacobian() {
+                    // Linear stage equations: one iteration solves them.
+                    contraction.theta = 0.0;
+                }
                 if system.bounded.is_empty() {
                     return Newton::Converged { iterations: k, violated: false };
                 }

@@ -281,7 +281,7 @@ impl<'p> Radau<'p> {
                 // A step cut short by a switch says nothing against the size that was tried.
                 self.h = if reached < h { h } else { new };
                 self.accept(reached, coupled);
-                self.change_order(iterations);
+                self.change_order();
                 return Ok(());
             }
             self.counts.rejected_error += 1;
@@ -487,11 +487,11 @@ impl<'p> Radau<'p> {
     }
 
     /// Takes more stages or fewer from the next step on, where the number is free.
-    fn change_order(&mut self, iterations: usize) {
+    fn change_order(&mut self) {
         if self.methods.len() == 1 {
             return;
         }
-        let wish = self.controller.order_change(self.contraction, iterations);
+        let wish = self.controller.order_change(self.contraction);
         let new = self.current.saturating_add_signed(wish).min(self.methods.len() - 1);
         if new != self.current {
             self.current = new;

@@ -1,0 +1,88 @@
+//! Ideal diodes: bridges with four, a rectifier with one.
+
+use crate::harness::{column, digits, distance, events, example, last, solve, switching};
+use serde_json::json;
+
+/// Whether no variable is below zero and no inequality either.
+fn assert_complementary(solution: &dvi::solution::Solution, variables: &[&str]) {
+    for name in variables {
+        let least = column(solution, name).iter().copied().fold(f64::INFINITY, f64::min);
+        assert!(least >= 0.0, "`{name}` falls to {least}");
+    }
+}
+
+#[test]
+fn the_diode_bridge_reaches_its_reference() {
+    let reference = switching("diode_bridge");
+    for name in ["diode_bridge", "diode_bridge_dvi"] {
+        let solution = solve(&example(name));
+        for (state, field) in ["v", "i"].iter().enumerate() {
+            let exact = digits(&reference["x_T"][state]);
+            let error = (last(&solution, field) / exact - 1.0).abs();
+            assert!(error < 1e-8, "{name}: `{field}` is off by {error:e} relative");
+        }
+        assert_complementary(&solution, &["v_R1", "v_F2", "i_F1", "i_R2"]);
+        let switches = reference["switches"].as_u64();
+        assert!(solution.diagnostics.switches >= switches.expect("a count"), "{}", solution.diagnostics.switches);
+        // The two diodes of a branch conduct in turn: their currents add to |i_load| and never both flow.
+        let (forward, backward) = (column(&solution, "i_F1"), column(&solution, "i_R2"));
+        assert!(forward.iter().chain(backward).any(|&current| current > 1e-3));
+    }
+}
+
+#[test]
+fn the_filtered_bridge_reaches_its_reference() {
+    let reference = switching("diode_bridge_filter");
+    let mut specification = example("diode_bridge_filter");
+    specification["method"]["rtol"] = json!(1e-10);
+    let solution = solve(&specification);
+    let names: Vec<String> = solution.trajectory.fields.iter().map(|field| field.name.clone()).collect();
+    for (state, name) in names.iter().take(3).enumerate() {
+        let exact = digits(&reference["x_T"][state]);
+        let error = (last(&solution, name) / exact - 1.0).abs();
+        assert!(error < 1e-7, "`{name}` is off by {error:e} relative");
+    }
+    // Each diode pair stops or starts to conduct at the tabulated instants.
+    let times: Vec<f64> = solution.trajectory.events.iter().map(|event| event.t).collect();
+    for mode in reference["modes"].as_array().expect("modes").iter().skip(1) {
+        let exact = digits(&mode[0]);
+        let nearest = times.iter().map(|t| (t - exact).abs()).fold(f64::INFINITY, f64::min);
+        assert!(nearest < 1e-11, "no event within {nearest:e} of {exact}");
+    }
+}
+
+#[test]
+fn the_filtered_bridge_jumps_from_an_inconsistent_start() {
+    let reference = switching("diode_bridge_filter");
+    let mut specification = example("diode_bridge_filter");
+    specification["method"]["rtol"] = json!(1e-10);
+    specification["problem"]["lcs"]["initial"] = reference["x0_inconsistent"].clone();
+    let solution = solve(&specification);
+    assert!(solution.diagnostics.warnings.iter().any(|warning| warning.code == "initial_jump"));
+    for (state, field) in solution.trajectory.fields.iter().take(3).enumerate() {
+        let after = digits(&reference["x0"][state]);
+        assert!((field.values[0] - after).abs() < 1e-9, "`{}` starts from {}", field.name, field.values[0]);
+        let error = (field.values.last().expect("values") / digits(&reference["x_T"][state]) - 1.0).abs();
+        assert!(error < 1e-7, "`{}` is off by {error:e} relative", field.name);
+    }
+}
+
+#[test]
+fn the_rectifier_follows_its_closed_form() {
+    let (v, r, l, omega) = (10.0_f64, 10.0_f64, 0.02_f64, 100.0 * std::f64::consts::PI);
+    let impedance = r.hypot(omega * l);
+    let phi = (omega * l).atan2(r);
+    let t_off = 0.011_790_323_194_208_857;
+    let period = 0.02;
+    let solution = solve(&example("rectifier"));
+    let exact = |t: f64| {
+        let t = t % period;
+        if t < t_off { v / impedance * ((omega * t - phi).sin() + phi.sin() * (-r / l * t).exp()) } else { 0.0 }
+    };
+    let error = distance(&solution, "i", exact);
+    assert!(error < 1e-7, "the current is off by {error:e}");
+    let blocked = events(&solution, "v_diode");
+    let nearest = blocked.iter().map(|t| (t - t_off).abs()).fold(f64::INFINITY, f64::min);
+    assert!(nearest < 1e-9, "the diode blocks {nearest:e} off its time");
+    assert_complementary(&solution, &["v_diode"]);
+}

@@ -1,0 +1,10 @@
+//! The systems of the theory, each solved from its example as a user would and held to an answer from outside:
+//! a closed form, or a reference computed in extended precision by two independent codes (`tests/reference/`).
+
+mod circuits;
+mod friction;
+mod harness;
+mod pendulum;
+mod queues;
+mod sliding;
+mod stiff;

@@ -1,0 +1,40 @@
+//! A pendulum in Cartesian coordinates, its tension a free variable: `K = R`, a differential-algebraic equation.
+
+use crate::harness::{column, digits, example, last, read, solve};
+use serde_json::json;
+
+#[test]
+fn the_pendulum_reaches_its_reference_and_keeps_its_length() {
+    let problems = read("tests/reference/smooth.json")["problems"].take();
+    let reference = problems
+        .as_array()
+        .and_then(|problems| problems.iter().find(|problem| problem["name"] == "pend_i1"))
+        .map(|problem| problem["reference"].clone())
+        .expect("the pendulum");
+    let mut specification = example("pendulum");
+    specification["method"]["rtol"] = json!(1e-9);
+    let solution = solve(&specification);
+    for (k, name) in ["x", "y", "u", "v"].iter().enumerate() {
+        let error = (last(&solution, name) - digits(&reference[k])).abs();
+        assert!(error < 3e-7, "`{name}` is off by {error:e}");
+    }
+    // The tension belongs to the states: it is not the stage value, which is of lower order.
+    let tension = last(&solution, "tension") - digits(&reference[4]);
+    assert!(tension.abs() < 3e-6, "the tension is off by {tension:e}");
+    for (x, y) in column(&solution, "x").iter().zip(column(&solution, "y")) {
+        assert!((x.hypot(*y) - 1.0).abs() < 1e-7);
+    }
+}
+
+#[test]
+fn an_inconsistent_velocity_is_an_error_that_says_by_how_much() {
+    let mut specification = example("pendulum");
+    specification["problem"]["dvi"]["states"]["u"]["initial"] = json!(0.5);
+    let text = specification.to_string();
+    let specification = dvi::specification::Specification::from_json(text.as_bytes()).expect("a specification");
+    let solution = dvi::solve(&specification, &dvi::problem::Control::new());
+    let error = solution.error.expect("an error");
+    assert_eq!(error.code, "inconsistent_start");
+    // The velocity along the rod, all of it, has to go.
+    assert!(error.message.contains("`u`") && error.message.contains("-5e-1"), "{}", error.message);
+}
