@@ -78,7 +78,7 @@ pub struct Reserved;
 
 impl PartialSchema for Reserved {
     fn schema() -> RefOr<Schema> {
-        ObjectBuilder::with_type(Type::Null).description(Some("Only null for now.")).into()
+        ObjectBuilder::new().schema_type(Type::Null).description(Some("Only null for now.")).into()
     }
 }
 

@@ -21,7 +21,6 @@ use super::start;
 use crate::expression::Node;
 use crate::models::{Equations, Model, Refusal, Rows, Symbolic};
 use serde::Deserialize;
-use std::collections::BTreeMap;
 use utoipa::ToSchema;
 
 /// The general form: rates of the states, an inequality for each variable, and the set they lie in.
@@ -30,14 +29,14 @@ use utoipa::ToSchema;
 pub struct DviProblem {
     /// Constants by name; each may be an expression in those before it.
     #[serde(default)]
-    #[schema(value_type = BTreeMap<String, Expression>)]
+    #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub parameters: Ordered<Expression>,
     /// The states `x` by name, at least one. Their order is that of the output.
-    #[schema(value_type = BTreeMap<String, State>)]
+    #[schema(value_type = std::collections::BTreeMap<String, State>)]
     pub states: Ordered<State>,
     /// The variables `z` by name. None for an ordinary differential equation.
     #[serde(default)]
-    #[schema(value_type = BTreeMap<String, Variable>)]
+    #[schema(value_type = std::collections::BTreeMap<String, Variable>)]
     pub variables: Ordered<Variable>,
     /// The set `K` as a product of blocks. Required where there are variables; each stands in exactly one block.
     pub set: Option<Vec<Block>>,

@@ -22,8 +22,8 @@ const DESCRIPTION: &str = "A number, or a string in infix notation: `+ - * / ^`,
 impl PartialSchema for Expression {
     fn schema() -> RefOr<Schema> {
         OneOfBuilder::new()
-            .item(ObjectBuilder::with_type(Type::Number))
-            .item(ObjectBuilder::with_type(Type::String))
+            .item(ObjectBuilder::new().schema_type(Type::Number))
+            .item(ObjectBuilder::new().schema_type(Type::String))
             .description(Some(DESCRIPTION))
             .into()
     }

@@ -16,7 +16,6 @@ use super::start;
 use crate::expression::Node;
 use crate::models::{Equations, Linear, LinearRows, Model};
 use serde::Deserialize;
-use std::collections::BTreeMap;
 use utoipa::ToSchema;
 
 /// `M x' = A x + B z + a(t)`, `G = C x + D z + g(t)`, `z in K`. What is left out is zero.
@@ -26,7 +25,7 @@ use utoipa::ToSchema;
 pub struct LcsProblem {
     /// Constants by name; each may be an expression in those before it.
     #[serde(default)]
-    #[schema(value_type = BTreeMap<String, Expression>)]
+    #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub parameters: Ordered<Expression>,
     /// The states at the start, expressions in the parameters; their number is `n`.
     pub initial: Vec<Expression>,

@@ -9,13 +9,17 @@ use utoipa::ToSchema;
 
 /// How the problem is solved. Every key may be left out.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields)]
 pub struct Method {
-    /// The family of methods.
+    /// The family of methods. Default `auto`.
+    #[serde(default)]
     pub name: MethodName,
-    /// Stages of Radau IIA, of order `2s - 1`: any `s` from 1 to 9 with a fixed `step`, an odd one without, or `auto`.
+    /// Stages of Radau IIA, of order `2s - 1`: any `s` from 1 to 9 with a fixed `step`, an odd one without, or `auto`,
+    /// the default.
+    #[serde(default)]
     pub stages: Stages,
     /// Relative tolerance of the local error, from 1e-14 to 0.1. Default 1e-6.
+    #[serde(default = "default_rtol")]
     #[schema(minimum = 1e-14, maximum = 0.1, default = 1e-6)]
     pub rtol: f64,
     /// Absolute tolerance of the local error, one number or one for each state. Default `rtol/1000`, which also holds
@@ -33,9 +37,11 @@ pub struct Method {
     /// The shortest step; a solve that needs a shorter one fails.
     #[schema(exclusive_minimum = 0.0)]
     pub min_step: Option<f64>,
-    /// What to do where the active set changes.
+    /// What to do where the active set changes. Default `locate`.
+    #[serde(default)]
     pub switches: Switches,
-    /// The solver of the variational inequalities at the stages.
+    /// The solver of the variational inequalities at the stages. Default `auto`.
+    #[serde(default)]
     pub vi_solver: ViSolverName,
     /// Natural-map residual below which a variational inequality is solved.
     #[schema(exclusive_minimum = 0.0, maximum = 0.01)]
@@ -45,46 +51,53 @@ pub struct Method {
 impl Default for Method {
     fn default() -> Self {
         Self {
-            name: MethodName::Auto,
-            stages: Stages::Auto,
-            rtol: 1e-6,
+            name: MethodName::default(),
+            stages: Stages::default(),
+            rtol: default_rtol(),
             atol: None,
             step: None,
             first_step: None,
             max_step: None,
             min_step: None,
-            switches: Switches::Locate,
-            vi_solver: ViSolverName::Auto,
+            switches: Switches::default(),
+            vi_solver: ViSolverName::default(),
             vi_tolerance: None,
         }
     }
 }
 
+fn default_rtol() -> f64 {
+    1e-6
+}
+
 /// The families of methods.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, ToSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum MethodName {
     /// The one that fits the problem.
+    #[default]
     Auto,
     /// Radau IIA with a variational inequality at every stage.
     Radau,
 }
 
 /// What to do where the active set changes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, ToSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Switches {
     /// End a step on every change: full order throughout.
+    #[default]
     Locate,
     /// Step over them: cheaper a step, of low order where there is one.
     StepOver,
 }
 
 /// The solvers of the variational inequalities at the stages.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, ToSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ViSolverName {
     /// By structure and size.
+    #[default]
     Auto,
     /// Lemke's pivoting, with lexicographic ties.
     Lemke,

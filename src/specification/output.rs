@@ -11,9 +11,10 @@ use utoipa::ToSchema;
 
 /// What is kept of the trajectory. Nothing that is not asked for is computed or stored.
 #[derive(Clone, Debug, Default, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields)]
 pub struct Output {
     /// The times to report at. Default `"steps"`.
+    #[serde(default)]
     pub times: Times,
     /// The states and variables to keep, by name. Default all.
     pub fields: Option<Vec<String>>,

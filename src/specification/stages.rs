@@ -7,9 +7,10 @@ use utoipa::openapi::schema::{ObjectBuilder, OneOfBuilder, Schema, Type};
 use utoipa::{PartialSchema, ToSchema};
 
 /// The number of stages.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Stages {
     /// Chosen as the solve goes.
+    #[default]
     Auto,
     /// That many, 1 to 9.
     Fixed(u64),
@@ -18,8 +19,8 @@ pub enum Stages {
 impl PartialSchema for Stages {
     fn schema() -> RefOr<Schema> {
         OneOfBuilder::new()
-            .item(ObjectBuilder::with_type(Type::Integer).minimum(Some(1)).maximum(Some(9)))
-            .item(ObjectBuilder::with_type(Type::String).enum_values(Some(["auto"])))
+            .item(ObjectBuilder::new().schema_type(Type::Integer).minimum(Some(1)).maximum(Some(9)))
+            .item(ObjectBuilder::new().schema_type(Type::String).enum_values(Some(["auto"])))
             .description(Some("A whole number from 1 to 9, or `auto`: chosen as the solve goes."))
             .into()
     }

@@ -24,18 +24,18 @@ pub enum Times {
 impl PartialSchema for Times {
     fn schema() -> RefOr<Schema> {
         let rule = |key: &str, value: ObjectBuilder| {
-            ObjectBuilder::with_type(Type::Object)
+            ObjectBuilder::new().schema_type(Type::Object)
                 .property(key, value)
                 .required(key)
                 .additional_properties(Some(AdditionalProperties::FreeForm(false)))
         };
-        let count = ObjectBuilder::with_type(Type::Integer).minimum(Some(2)).maximum(Some(2_000_000));
-        let every = ObjectBuilder::with_type(Type::Number).exclusive_minimum(Some(0.0));
+        let count = ObjectBuilder::new().schema_type(Type::Integer).minimum(Some(2)).maximum(Some(2_000_000));
+        let every = ObjectBuilder::new().schema_type(Type::Number).exclusive_minimum(Some(0.0));
         OneOfBuilder::new()
-            .item(ObjectBuilder::with_type(Type::String).enum_values(Some(["steps"])))
+            .item(ObjectBuilder::new().schema_type(Type::String).enum_values(Some(["steps"])))
             .item(rule("count", count))
             .item(rule("every", every))
-            .item(ArrayBuilder::new().items(ObjectBuilder::with_type(Type::Number)).min_items(Some(1)))
+            .item(ArrayBuilder::new().items(ObjectBuilder::new().schema_type(Type::Number)).min_items(Some(1)))
             .description(Some(
                 "`\"steps\"`: after every step; `{\"count\": n}`: n times evenly spaced, the start and the end among \
                  them; `{\"every\": dt}`: from the start at that distance, and the end; or a list of increasing times. \

@@ -65,11 +65,11 @@ fn unknown_state(name: &str, states: &[String], place: &Place<'_>) -> Specificat
 
 impl PartialSchema for AbsoluteTolerance {
     fn schema() -> RefOr<Schema> {
-        let positive = || ObjectBuilder::with_type(Type::Number).exclusive_minimum(Some(0.0));
+        let positive = || ObjectBuilder::new().schema_type(Type::Number).exclusive_minimum(Some(0.0));
         OneOfBuilder::new()
             .item(positive())
             .item(
-                ObjectBuilder::with_type(Type::Object)
+                ObjectBuilder::new().schema_type(Type::Object)
                     .additional_properties(Some(AdditionalProperties::RefOr(positive().into()))),
             )
             .description(Some("One number for every state, or one for each by its name."))
