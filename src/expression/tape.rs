@@ -4,7 +4,8 @@
 use super::graph::{Graph, Node, Term};
 use super::lanes::Lanes;
 use super::operator::Operator;
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxBuildHasher, FxHashMap};
+use std::hash::BuildHasher;
 use std::mem::take;
 
 /// From this number on, terms of one depth and operator run as lanes.
@@ -42,7 +43,7 @@ impl Tape {
     /// A program that computes `outputs`, and of the terms of `graph` only those that they need.
     pub fn compile(graph: &Graph, outputs: &[Node]) -> Self {
         let steps = steps(graph, outputs);
-        let inputs = steps.iter().filter_map(|step| match step.term {
+        let inputs = steps.iter().filter_map(|(_, node)| match graph.terms[node.place()] {
             Term::Input(index) => Some(index + 1),
             _ => None,
         });
@@ -51,8 +52,8 @@ impl Tape {
         let mut registers = vec![0.0; inputs];
         let mut register_of = FxHashMap::default();
         let mut instructions = Vec::new();
-        for step in &steps {
-            let register = match step.term {
+        for &(kind, node) in &steps {
+            let register = match graph.terms[node.place()] {
                 Term::Input(index) => index,
                 Term::Constant(bits) => {
                     registers.push(f64::from_bits(bits));
@@ -60,12 +61,12 @@ impl Tape {
                 }
                 Term::Apply(operator, a, b) => {
                     let instruction = Instruction { operator, a: register_of[&a], b: register_of[&b] };
-                    instructions.push((step.depth, instruction));
+                    instructions.push((kind, instruction));
                     registers.push(0.0);
                     registers.len() - 1
                 }
             };
-            register_of.insert(step.node, u32::try_from(register).expect("a graph has fewer than 2^32 terms"));
+            register_of.insert(node, u32::try_from(register).expect("a graph has fewer than 2^32 terms"));
         }
         Self {
             blocks: blocks(&instructions),
@@ -109,41 +110,47 @@ impl Tape {
     }
 }
 
-/// A term to be computed, and the length of the longest path below it.
-struct Step {
+/// What terms that can be computed together have in common.
+#[derive(Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
+struct Kind {
+    /// The length of the longest path below: terms of one depth do not depend on each other.
     depth: u32,
-    term: Term,
-    node: Node,
+    operator: Option<Operator>,
+    /// A hash of the operators below. Terms of one shape made row by row have operands that stand side by side.
+    shape: u64,
 }
 
-/// All terms that the outputs need, operands first, those of one depth and operator together.
-fn steps(graph: &Graph, outputs: &[Node]) -> Vec<Step> {
+impl Kind {
+    fn of(term: Term, kinds: &FxHashMap<Node, Self>) -> Self {
+        let Term::Apply(operator, a, b) = term else {
+            return Self::default();
+        };
+        let (a, b) = (kinds[&a], kinds[&b]);
+        let shape = FxBuildHasher.hash_one((operator, a.shape, b.shape));
+        Self { depth: 1 + a.depth.max(b.depth), operator: Some(operator), shape }
+    }
+}
+
+/// All terms that the outputs need, operands first, those of one kind together.
+fn steps(graph: &Graph, outputs: &[Node]) -> Vec<(Kind, Node)> {
     let mut nodes = graph.terms_below(outputs);
     nodes.sort_unstable();
-    let mut depths: FxHashMap<Node, u32> = FxHashMap::default();
+    let mut kinds = FxHashMap::default();
     let mut steps = Vec::with_capacity(nodes.len());
     for node in nodes {
-        let term = graph.terms[node.place()];
-        let depth = match term {
-            Term::Apply(_, a, b) => 1 + depths[&a].max(depths[&b]),
-            _ => 0,
-        };
-        depths.insert(node, depth);
-        steps.push(Step { depth, term, node });
+        let kind = Kind::of(graph.terms[node.place()], &kinds);
+        kinds.insert(node, kind);
+        steps.push((kind, node));
     }
-    let operator = |step: &Step| match step.term {
-        Term::Apply(operator, ..) => Some(operator),
-        _ => None,
-    };
-    steps.sort_unstable_by_key(|step| (step.depth, operator(step), step.node));
+    steps.sort_unstable();
     steps
 }
 
-/// The instructions, with their depths, cut where lanes begin and end.
-fn blocks(instructions: &[(u32, Instruction)]) -> Vec<Block> {
+/// The instructions, with their kinds, cut where lanes begin and end.
+fn blocks(instructions: &[(Kind, Instruction)]) -> Vec<Block> {
     let mut blocks = Vec::new();
     let mut scalars = Vec::new();
-    for alike in instructions.chunk_by(|one, other| one.0 == other.0 && one.1.operator == other.1.operator) {
+    for alike in instructions.chunk_by(|(one, _), (other, _)| one == other) {
         let operator = alike[0].1.operator;
         let alike = alike.iter().map(|&(_, instruction)| instruction);
         if alike.len() < FEWEST_LANES {
