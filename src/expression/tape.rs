@@ -9,7 +9,7 @@ use std::hash::BuildHasher;
 use std::mem::take;
 
 /// From this number on, terms of one depth and operator run as lanes.
-const FEWEST_LANES: usize = 16;
+const FEWEST_LANES: usize = 24;
 
 /// `operator(registers[a], registers[b])`, for the next register.
 #[derive(Clone, Copy, Debug)]
@@ -123,7 +123,7 @@ struct Kind {
 impl Kind {
     fn of(term: Term, kinds: &FxHashMap<Node, Self>) -> Self {
         let Term::Apply(operator, a, b) = term else {
-            return Self::default();
+            return Self { shape: u64::from(matches!(term, Term::Input(_))), ..Self::default() };
         };
         let (a, b) = (kinds[&a], kinds[&b]);
         let shape = FxBuildHasher.hash_one((operator, a.shape, b.shape));
