@@ -1,5 +1,6 @@
-//! A straight program for several nodes of a graph: each instruction writes the next register, and terms that have
-//! the same depth and operator stand together. Where many do they run as lanes, without a dispatch for each.
+//! A straight program for several nodes of a graph. Each instruction writes the next register. Terms are ordered by
+//! depth, then by operator and shape: those that agree in all three do not depend on each other, and where there are
+//! many, as in the rows of a discretised partial differential equation, they run as lanes without a dispatch for each.
 
 use super::graph::{Graph, Node, Term};
 use super::lanes::Lanes;
@@ -8,7 +9,7 @@ use rustc_hash::{FxBuildHasher, FxHashMap};
 use std::hash::BuildHasher;
 use std::mem::take;
 
-/// From this number on, terms of one depth and operator run as lanes.
+/// From this number on, terms of one kind run as lanes; for fewer the staging of operands costs more than it saves.
 const FEWEST_LANES: usize = 24;
 
 /// `operator(registers[a], registers[b])`, for the next register.
@@ -77,9 +78,10 @@ impl Tape {
         }
     }
 
-    /// Writes the values of the outputs at `inputs`, which has at least as many entries as the largest index that
-    /// occurs demands. Equal inputs give equal bits.
+    /// Writes the values of the outputs at `inputs`, which reach at least to the largest index that occurs. Equal
+    /// inputs give equal bits. What is not defined comes out as NaN or an infinity.
     pub fn evaluate(&mut self, inputs: &[f64], outputs: &mut [f64]) {
+        debug_assert_eq!(outputs.len(), self.outputs.len(), "as many outputs as were compiled");
         let registers = self.registers.as_mut_slice();
         registers[..self.inputs].copy_from_slice(&inputs[..self.inputs]);
         let mut next = self.first;

@@ -1,3 +1,5 @@
+//! What a user is told, word for word.
+
 use super::parse;
 
 #[track_caller]

@@ -1,3 +1,5 @@
+//! Precedence and values, against plain Rust.
+
 use super::{parse, value};
 use std::f64::consts::{E, PI};
 
@@ -151,9 +153,10 @@ fn lanes_have_the_bits_of_single_evaluations() {
     let mut nodes = Vec::new();
     for i in 1..N - 1 {
         let text = format!(
-            "1.7*(u{} - 2*u{i} + u{})/0.3 + exp(-u{i})*max(u{i}, 0.4) + sqrt(u{i}) - u{i}^3/atan2(u{i}, 2)",
+            "1.7*(u{} - 2*u{i} + u{})/0.3 + exp(-u{i})*max(u{i}, 0.4) + sqrt(u{i}) - u{i}^3/atan2(u{i}, 2)*u{}",
             i - 1,
-            i + 1
+            i + 1,
+            7 * i % N
         );
         nodes.push(graph.parse(&text, &scope).unwrap());
     }
