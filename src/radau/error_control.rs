@@ -25,7 +25,7 @@ impl Rescaled {
         let kappa = if s == 1 { 0.03 } else { scaled.powf((order - 1.0) / (order + 1.0)).min(0.03) };
         let most = match s {
             // A fixed step cannot be made smaller instead.
-            _ if !adaptive => 50,
+            _ if !adaptive => 150,
             1 => 4,
             _ => (2.5 * order - 0.5).floor() as usize,
         };

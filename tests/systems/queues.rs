@@ -20,9 +20,7 @@ fn commuters_leave_as_vickrey_says() {
     let (first, last_arrival, on_time) = (7.408_163_265_306_122, 9.408_163_265_306_122, 8.029_974_489_795_919);
     let (early, late) = (7680.0, 888.477_556_866_719_1);
     let solution = solve(&example("bottleneck"));
-    let departed = |t: f64| {
-        early * (t.min(on_time) - first).max(0.0) + late * (t.min(last_arrival) - on_time).max(0.0)
-    };
+    let departed = |t: f64| early * (t.min(on_time) - first).max(0.0) + late * (t.min(last_arrival) - on_time).max(0.0);
     let error = distance(&solution, "departed", departed);
     assert!(error < 1e-4, "departures are off by {error:e} of 6000");
     let arrived = |t: f64| 3000.0 * (t.min(last_arrival) - first).max(0.0);
