@@ -23,17 +23,27 @@ pub(super) struct Equilibration {
     pub row: Vec<f64>,
     /// `C`, of length `m`.
     pub column: Vec<f64>,
+    /// `C^-1`, exact.
+    pub inverse_column: Vec<f64>,
     row_largest: Vec<f64>,
     column_largest: Vec<f64>,
 }
 
 impl Equilibration {
     pub fn new(m: usize) -> Self {
-        Self { row: vec![1.0; m], column: vec![1.0; m], row_largest: vec![0.0; m], column_largest: vec![0.0; m] }
+        Self {
+            row: vec![1.0; m],
+            column: vec![1.0; m],
+            inverse_column: vec![1.0; m],
+            row_largest: vec![0.0; m],
+            column_largest: vec![0.0; m],
+        }
     }
 
     pub fn resize(&mut self, m: usize) {
-        for vector in [&mut self.row, &mut self.column, &mut self.row_largest, &mut self.column_largest] {
+        for vector in
+            [&mut self.row, &mut self.column, &mut self.inverse_column, &mut self.row_largest, &mut self.column_largest]
+        {
             vector.resize(m, 1.0);
         }
     }
@@ -42,6 +52,7 @@ impl Equilibration {
     pub fn fit(&mut self, vi: &AffineVi<'_>) -> bool {
         self.row.fill(1.0);
         self.column.fill(1.0);
+        self.inverse_column.fill(1.0);
         if !self.survey(vi) {
             return false;
         }
@@ -52,8 +63,9 @@ impl Equilibration {
             for (scale, &largest) in self.row.iter_mut().zip(&self.row_largest) {
                 *scale *= inverse_root(largest);
             }
-            for (scale, &largest) in self.column.iter_mut().zip(&self.column_largest) {
-                *scale *= inverse_root(largest);
+            for (j, &largest) in self.column_largest.iter().enumerate() {
+                self.column[j] *= inverse_root(largest);
+                self.inverse_column[j] = 1.0 / self.column[j];
             }
             self.survey(vi);
         }
@@ -66,7 +78,8 @@ impl Equilibration {
         // Zero times an entry is zero unless the entry is infinite or NaN, and a sum keeps a NaN.
         let mut poison = 0.0;
         self.row_largest.fill(0.0);
-        for (j, column) in vi.matrix.as_slice().chunks_exact(m.max(1)).enumerate() {
+        for j in 0..m {
+            let column = &vi.matrix.as_slice()[j * m..][..m];
             let mut largest = 0.0;
             let scale = self.column[j];
             for ((&a, &r), row_largest) in column.iter().zip(&self.row).zip(&mut self.row_largest) {

@@ -166,9 +166,9 @@ impl Lemke {
     }
 
     fn scale_intervals(&mut self, vi: &AffineVi<'_>) {
-        for (i, &c) in self.equilibration.column.iter().enumerate() {
-            self.lower[i] = vi.set.lower[i] / c;
-            self.upper[i] = vi.set.upper[i] / c;
+        for (i, &c) in self.equilibration.inverse_column.iter().enumerate() {
+            self.lower[i] = vi.set.lower[i] * c;
+            self.upper[i] = vi.set.upper[i] * c;
         }
     }
 
@@ -178,8 +178,8 @@ impl Lemke {
 
     /// Reads the active set off a point.
     fn guess(&mut self, z: &[f64]) {
-        for (i, &c) in self.equilibration.column.iter().enumerate() {
-            let z = z[i] / c;
+        for (i, &c) in self.equilibration.inverse_column.iter().enumerate() {
+            let z = z[i] * c;
             self.face[i] = if z > self.lower[i] && z < self.upper[i] {
                 Face::Inside
             } else if z >= self.upper[i] {

@@ -67,8 +67,9 @@ impl AffineVi<'_> {
         for ((w, terms), &q) in w.iter_mut().zip(terms.iter_mut()).zip(self.q) {
             (*w, *terms) = (q, q.abs());
         }
-        for (column, &z) in self.matrix.as_slice().chunks_exact(m.max(1)).zip(z) {
+        for (j, &z) in z.iter().enumerate() {
             if z != 0.0 {
+                let column = &self.matrix.as_slice()[j * m..][..m];
                 for ((w, terms), &a) in w.iter_mut().zip(terms.iter_mut()).zip(column) {
                     *w += a * z;
                     *terms += (a * z).abs();

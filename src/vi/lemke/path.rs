@@ -35,7 +35,8 @@ impl Lemke {
             self.tableau.value[i] = vi.q[i] * row[i];
             largest = largest.max(self.tableau.value[i].abs());
         }
-        for (j, source) in vi.matrix.as_slice().chunks_exact(m.max(1)).enumerate() {
+        for j in 0..m {
+            let source = &vi.matrix.as_slice()[j * m..][..m];
             for ((t, &a), &r) in self.tableau.column_mut(j).iter_mut().zip(source).zip(row) {
                 *t = a * r * column[j];
             }

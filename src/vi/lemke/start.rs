@@ -65,13 +65,7 @@ pub(super) fn settle_free(
 }
 
 /// Settles free `rows` and `columns` whose common block is zero, with the help of bounded variables.
-fn border(
-    tableau: &mut Tableau,
-    resting: &Resting,
-    rows: &mut [usize],
-    columns: &mut [usize],
-    noise: f64,
-) -> bool {
+fn border(tableau: &mut Tableau, resting: &Resting, rows: &mut [usize], columns: &mut [usize], noise: f64) -> bool {
     let m = tableau.m;
     for done in 0..rows.len() {
         let (mut largest, mut best) = (SINGULAR, None);

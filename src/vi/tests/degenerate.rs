@@ -12,7 +12,9 @@ fn murtys_family_is_solved_though_its_paths_grow_exponentially() {
             std::cmp::Ordering::Less => 2.0,
             std::cmp::Ordering::Greater => 0.0,
         });
-        let q: Vec<f64> = (0..m).map(|i| -(2.0_f64.powi(m as i32) - (0..i).map(|k| 2.0_f64.powi((m - 1 - k) as i32)).sum::<f64>())).collect();
+        let q: Vec<f64> = (0..m)
+            .map(|i| -(2.0_f64.powi(m as i32) - (0..i).map(|k| 2.0_f64.powi((m - 1 - k) as i32)).sum::<f64>()))
+            .collect();
         let problem = Problem::complementarity(matrix, q);
         let answers = problem.solve_by_all();
         if m <= 5 {
