@@ -53,7 +53,7 @@ impl Equilibration {
         self.row.fill(1.0);
         self.column.fill(1.0);
         self.inverse_column.fill(1.0);
-        if !self.survey(vi) {
+        if !vi.set.is_nonempty() || !self.survey(vi) {
             return false;
         }
         for _ in 0..SWEEPS {
@@ -72,7 +72,7 @@ impl Equilibration {
         true
     }
 
-    /// Records the largest entry of each row and column of `R A C`; false if the problem is not well formed.
+    /// Records the largest entry of each row and column of `R A C`; false if an entry is not finite.
     fn survey(&mut self, vi: &AffineVi<'_>) -> bool {
         let m = vi.q.len();
         // Zero times an entry is zero unless the entry is infinite or NaN, and a sum keeps a NaN.
@@ -90,9 +90,8 @@ impl Equilibration {
             }
             self.column_largest[j] = largest;
         }
-        for ((&q, &lower), &upper) in vi.q.iter().zip(&vi.set.lower).zip(&vi.set.upper) {
-            let nonempty = lower <= upper && lower < f64::INFINITY && upper > f64::NEG_INFINITY;
-            poison += if nonempty { q * 0.0 } else { f64::NAN };
+        for &q in vi.q {
+            poison += q * 0.0;
         }
         poison == 0.0
     }
@@ -104,4 +103,27 @@ fn is_balanced(largest: f64) -> bool {
 
 fn inverse_root(largest: f64) -> f64 {
     if largest == 0.0 { 1.0 } else { (-0.5 * largest.log2()).round().exp2() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::problem::ConvexSet;
+    use nalgebra::DMatrix;
+
+    #[test]
+    fn entries_far_apart_come_near_one_by_powers_of_two() {
+        let matrix = DMatrix::from_row_slice(3, 3, &[1e9, 1.0, 0.0, 3.0, 1e-9, 0.0, 0.0, 0.0, 0.0]);
+        let set = ConvexSet::nonnegative(3);
+        let mut equilibration = Equilibration::new(3);
+        assert!(equilibration.fit(&AffineVi { matrix: &matrix, q: &[1.0; 3], set: &set }));
+        let (r, c) = (&equilibration.row, &equilibration.column);
+        for i in 0..2 {
+            let largest = (0..3).map(|j| matrix[(i, j)] * r[i] * c[j]).fold(0.0, f64::max);
+            assert!(is_balanced(largest), "row {i} has {largest}");
+            assert!(r[i].log2().fract() == 0.0 && c[i].log2().fract() == 0.0);
+            assert!(c[i] * equilibration.inverse_column[i] == 1.0);
+        }
+        assert_eq!((r[2], c[2]), (1.0, 1.0));
+    }
 }

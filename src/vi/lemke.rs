@@ -19,7 +19,7 @@ mod start;
 mod tableau;
 
 use super::equilibration::Equilibration;
-use super::{Accuracy, AffineVi, Outcome, Report, ViSolver};
+use super::{Accuracy, AffineVi, EXACT, Outcome, Report, ViSolver};
 use ratio::Perturbation;
 use tableau::Tableau;
 
@@ -37,9 +37,6 @@ const NOISE: f64 = 1e-13;
 
 /// Corrections of the answer against the original data.
 const REFINEMENTS: usize = 3;
-
-/// A residual this small against its own terms is rounding.
-const EXACT: f64 = 1e-14;
 
 /// Where a component of `z` is thought to lie.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -6,7 +6,7 @@ use dvi::problem::ConvexSet;
 use dvi::vi::{AffineVi, Lemke, SemismoothNewton, ViSolver};
 use nalgebra::{DMatrix, DVector};
 
-const SIZES: [usize; 9] = [2, 3, 6, 10, 20, 30, 50, 100, 200];
+const SIZES: [usize; 7] = [2, 3, 6, 10, 50, 200, 500];
 
 /// Problems of one size that a bench goes through in turn, so that no branch predictor learns one by heart.
 const PROBLEMS: usize = 16;
