@@ -23,17 +23,27 @@ pub(super) struct Equilibration {
     pub row: Vec<f64>,
     /// `C`, of length `m`.
     pub column: Vec<f64>,
+    /// `C^-1`, exact.
+    pub inverse_column: Vec<f64>,
     row_largest: Vec<f64>,
     column_largest: Vec<f64>,
 }
 
 impl Equilibration {
     pub fn new(m: usize) -> Self {
-        Self { row: vec![1.0; m], column: vec![1.0; m], row_largest: vec![0.0; m], column_largest: vec![0.0; m] }
+        Self {
+            row: vec![1.0; m],
+            column: vec![1.0; m],
+            inverse_column: vec![1.0; m],
+            row_largest: vec![0.0; m],
+            column_largest: vec![0.0; m],
+        }
     }
 
     pub fn resize(&mut self, m: usize) {
-        for vector in [&mut self.row, &mut self.column, &mut self.row_largest, &mut self.column_largest] {
+        for vector in
+            [&mut self.row, &mut self.column, &mut self.inverse_column, &mut self.row_largest, &mut self.column_largest]
+        {
             vector.resize(m, 1.0);
         }
     }
@@ -42,7 +52,8 @@ impl Equilibration {
     pub fn fit(&mut self, vi: &AffineVi<'_>) -> bool {
         self.row.fill(1.0);
         self.column.fill(1.0);
-        if !self.survey(vi) {
+        self.inverse_column.fill(1.0);
+        if !vi.set.is_nonempty() || !self.survey(vi) {
             return false;
         }
         for _ in 0..SWEEPS {
@@ -52,21 +63,23 @@ impl Equilibration {
             for (scale, &largest) in self.row.iter_mut().zip(&self.row_largest) {
                 *scale *= inverse_root(largest);
             }
-            for (scale, &largest) in self.column.iter_mut().zip(&self.column_largest) {
-                *scale *= inverse_root(largest);
+            for (j, &largest) in self.column_largest.iter().enumerate() {
+                self.column[j] *= inverse_root(largest);
+                self.inverse_column[j] = 1.0 / self.column[j];
             }
             self.survey(vi);
         }
         true
     }
 
-    /// Records the largest entry of each row and column of `R A C`; false if the problem is not well formed.
+    /// Records the largest entry of each row and column of `R A C`; false if an entry is not finite.
     fn survey(&mut self, vi: &AffineVi<'_>) -> bool {
         let m = vi.q.len();
         // Zero times an entry is zero unless the entry is infinite or NaN, and a sum keeps a NaN.
         let mut poison = 0.0;
         self.row_largest.fill(0.0);
-        for (j, column) in vi.matrix.as_slice().chunks_exact(m.max(1)).enumerate() {
+        for j in 0..m {
+            let column = &vi.matrix.as_slice()[j * m..][..m];
             let mut largest = 0.0;
             let scale = self.column[j];
             for ((&a, &r), row_largest) in column.iter().zip(&self.row).zip(&mut self.row_largest) {
@@ -77,9 +90,8 @@ impl Equilibration {
             }
             self.column_largest[j] = largest;
         }
-        for ((&q, &lower), &upper) in vi.q.iter().zip(&vi.set.lower).zip(&vi.set.upper) {
-            let nonempty = lower <= upper && lower < f64::INFINITY && upper > f64::NEG_INFINITY;
-            poison += if nonempty { q * 0.0 } else { f64::NAN };
+        for &q in vi.q {
+            poison += q * 0.0;
         }
         poison == 0.0
     }
@@ -91,4 +103,27 @@ fn is_balanced(largest: f64) -> bool {
 
 fn inverse_root(largest: f64) -> f64 {
     if largest == 0.0 { 1.0 } else { (-0.5 * largest.log2()).round().exp2() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::problem::ConvexSet;
+    use nalgebra::DMatrix;
+
+    #[test]
+    fn entries_far_apart_come_near_one_by_powers_of_two() {
+        let matrix = DMatrix::from_row_slice(3, 3, &[1e9, 1.0, 0.0, 3.0, 1e-9, 0.0, 0.0, 0.0, 0.0]);
+        let set = ConvexSet::nonnegative(3);
+        let mut equilibration = Equilibration::new(3);
+        assert!(equilibration.fit(&AffineVi { matrix: &matrix, q: &[1.0; 3], set: &set }));
+        let (r, c) = (&equilibration.row, &equilibration.column);
+        for i in 0..2 {
+            let largest = (0..3).map(|j| matrix[(i, j)] * r[i] * c[j]).fold(0.0, f64::max);
+            assert!(is_balanced(largest), "row {i} has {largest}");
+            assert!(r[i].log2().fract() == 0.0 && c[i].log2().fract() == 0.0);
+            assert!(c[i] * equilibration.inverse_column[i] == 1.0);
+        }
+        assert_eq!((r[2], c[2]), (1.0, 1.0));
+    }
 }

@@ -19,7 +19,7 @@ mod start;
 mod tableau;
 
 use super::equilibration::Equilibration;
-use super::{Accuracy, AffineVi, Outcome, Report, ViSolver};
+use super::{Accuracy, AffineVi, EXACT, Outcome, Report, ViSolver};
 use ratio::Perturbation;
 use tableau::Tableau;
 
@@ -37,9 +37,6 @@ const NOISE: f64 = 1e-13;
 
 /// Corrections of the answer against the original data.
 const REFINEMENTS: usize = 3;
-
-/// A residual this small against its own terms is rounding.
-const EXACT: f64 = 1e-14;
 
 /// Where a component of `z` is thought to lie.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -166,9 +163,9 @@ impl Lemke {
     }
 
     fn scale_intervals(&mut self, vi: &AffineVi<'_>) {
-        for (i, &c) in self.equilibration.column.iter().enumerate() {
-            self.lower[i] = vi.set.lower[i] / c;
-            self.upper[i] = vi.set.upper[i] / c;
+        for (i, &c) in self.equilibration.inverse_column.iter().enumerate() {
+            self.lower[i] = vi.set.lower[i] * c;
+            self.upper[i] = vi.set.upper[i] * c;
         }
     }
 
@@ -178,8 +175,8 @@ impl Lemke {
 
     /// Reads the active set off a point.
     fn guess(&mut self, z: &[f64]) {
-        for (i, &c) in self.equilibration.column.iter().enumerate() {
-            let z = z[i] / c;
+        for (i, &c) in self.equilibration.inverse_column.iter().enumerate() {
+            let z = z[i] * c;
             self.face[i] = if z > self.lower[i] && z < self.upper[i] {
                 Face::Inside
             } else if z >= self.upper[i] {

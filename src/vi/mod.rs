@@ -23,9 +23,12 @@ pub use semismooth_newton::SemismoothNewton;
 use crate::problem::ConvexSet;
 use nalgebra::DMatrix;
 
-/// A point is a solution when its residual is below this fraction of `max(|q|, |A| |z|)`, the size of the terms that
-/// cancel in `w`.
-const TOLERANCE: f64 = 1e-10;
+/// A point is a solution when its residual is below this fraction of the largest of `|q| + |A| |z|`, the terms that
+/// cancel in `w`: below 1e-10 of the larger of the two.
+const TOLERANCE: f64 = 5e-11;
+
+/// A residual this small against its own terms is rounding.
+const EXACT: f64 = 1e-14;
 
 /// An affine variational inequality over `K`; `m = q.len()`.
 #[derive(Clone, Copy, Debug)]
@@ -67,8 +70,9 @@ impl AffineVi<'_> {
         for ((w, terms), &q) in w.iter_mut().zip(terms.iter_mut()).zip(self.q) {
             (*w, *terms) = (q, q.abs());
         }
-        for (column, &z) in self.matrix.as_slice().chunks_exact(m.max(1)).zip(z) {
+        for (j, &z) in z.iter().enumerate() {
             if z != 0.0 {
+                let column = &self.matrix.as_slice()[j * m..][..m];
                 for ((w, terms), &a) in w.iter_mut().zip(terms.iter_mut()).zip(column) {
                     *w += a * z;
                     *terms += (a * z).abs();

@@ -19,18 +19,20 @@
 use super::elimination::solve_augmented;
 use super::equilibration::Equilibration;
 use super::fischer_burmeister::psi;
-use super::{Accuracy, AffineVi, Outcome, Report, ViSolver};
+use super::{Accuracy, AffineVi, EXACT, Outcome, Report, ViSolver};
 use nalgebra::DMatrixViewMut;
 
 /// Newton steps; practical problems take five to thirty.
-const ITERATIONS: usize = 200;
+const ITERATIONS: usize = 100;
+
+/// A step that lowers the residual to this fraction is one of fast convergence.
+const FAST: f64 = 0.1;
 
 /// A natural-map step must lower the norm of `psi` to this fraction.
-const NATURAL_DECREASE: f64 = 0.5;
+const NATURAL_DECREASE: f64 = 0.9;
 
-/// A direction is one of descent if the slope of `Psi` is below `-DESCENT |d|^DESCENT_POWER`.
-const DESCENT: f64 = 1e-10;
-const DESCENT_POWER: f64 = 2.1;
+/// The slope of `Psi` along an exact Newton direction is `-2 Psi`; a direction with this fraction is one of descent.
+const DESCENT: f64 = 0.01;
 
 /// Armijo's fraction of the slope, and the halvings of a step before it is given up.
 const ARMIJO: f64 = 1e-4;
@@ -39,9 +41,11 @@ const HALVINGS: usize = 40;
 /// A diagonal entry of the equilibrated matrix below this says nothing about the scale of its row.
 const SMALL_DIAGONAL: f64 = 1.0 / 64.0;
 
-/// The proximal term `mu I` that keeps the Jacobian regular where `A` is singular, as a fraction of `|psi|`; it
-/// vanishes with it, and so does not spoil the order.
-const PROXIMAL: f64 = 1e-3;
+/// The proximal term `mu I` that keeps the Jacobian regular where `A` is singular, as fractions of `|psi|`; it
+/// vanishes with it, and so does not spoil the order. Too little lets the direction run along the kernel, too much
+/// turns it away from descent; the next is tried where one has not lowered `|psi|` to this fraction.
+const PROXIMAL: [f64; 3] = [1e-1, 1e-3, 1e-6];
+const SUFFICIENT_DECREASE: f64 = 0.7;
 
 /// Semismooth Newton; see the module.
 #[derive(Debug)]
@@ -61,6 +65,7 @@ pub struct SemismoothNewton {
     gradient: Vec<f64>,
     direction: Vec<f64>,
     trial: Vec<f64>,
+    best: Vec<f64>,
     augmented: Vec<f64>,
     inside: Vec<usize>,
     candidate: Vec<f64>,
@@ -85,6 +90,7 @@ impl SemismoothNewton {
             gradient: vector(),
             direction: vector(),
             trial: vector(),
+            best: vector(),
             augmented: vec![0.0; m * (m + 1)],
             inside: Vec::with_capacity(m),
             candidate: vector(),
@@ -106,7 +112,9 @@ impl ViSolver for SemismoothNewton {
         self.load(vi, z);
         let mut best = self.offer(vi, z, None);
         let mut iterations = 0;
-        while !best.is_solved() && iterations < ITERATIONS {
+        let mut converging = true;
+        // A solved problem is worth further steps as long as they converge fast.
+        while iterations < ITERATIONS && best.componentwise > EXACT && (converging || !best.is_solved()) {
             iterations += 1;
             self.linearise();
             let norm = norm(&self.psi);
@@ -115,14 +123,9 @@ impl ViSolver for SemismoothNewton {
             } else if !self.descend(norm) {
                 break;
             }
-            best = self.offer(vi, z, Some(best));
-        }
-        if best.componentwise > 0.0 && best.is_solved() {
-            self.evaluate_at_z();
-            if self.natural_step() {
-                self.z.copy_from_slice(&self.trial);
-                best = self.offer(vi, z, Some(best));
-            }
+            let found = self.offer(vi, z, Some(best));
+            converging = found.residual <= FAST * best.residual;
+            best = found;
         }
         if best.residual.is_nan() {
             return Report { iterations, ..Report::BREAKDOWN };
@@ -151,6 +154,7 @@ impl SemismoothNewton {
             &mut self.gradient,
             &mut self.direction,
             &mut self.trial,
+            &mut self.best,
             &mut self.candidate,
         ] {
             vector.resize(m, 0.0);
@@ -250,8 +254,8 @@ impl SemismoothNewton {
         let w = &mut self.work[0];
         evaluate(&self.matrix, &self.q, &self.trial, w);
         let mut sum = 0.0;
-        for i in 0..w.len() {
-            let value = psi(self.trial[i], w[i], self.lower[i], self.upper[i]).value;
+        for (i, &w) in w.iter().enumerate() {
+            let value = psi(self.trial[i], w, self.lower[i], self.upper[i]).value;
             sum += value * value;
         }
         sum.sqrt()
@@ -268,18 +272,26 @@ impl SemismoothNewton {
         for (j, column) in self.matrix.chunks_exact(m.max(1)).enumerate() {
             self.gradient[j] = self.by_z[j] * self.psi[j] + dot(column, work);
         }
-        if self.newton_direction(PROXIMAL * norm.min(1.0)) {
+        let mut reached = norm;
+        self.best.copy_from_slice(&self.z);
+        for proximal in PROXIMAL {
+            if reached <= SUFFICIENT_DECREASE * norm || !self.newton_direction(proximal * norm.min(1.0)) {
+                break;
+            }
             let slope = dot(&self.gradient, &self.direction);
-            let length = self::norm(&self.direction);
-            if slope <= -DESCENT * length.powf(DESCENT_POWER) && self.search(norm, slope) {
-                return true;
+            if slope <= -DESCENT * norm * norm {
+                reached = self.search(norm, slope, reached);
             }
         }
-        for (d, &g) in self.direction.iter_mut().zip(&self.gradient) {
-            *d = -g;
+        if reached == norm {
+            for (d, &g) in self.direction.iter_mut().zip(&self.gradient) {
+                *d = -g;
+            }
+            let slope = -dot(&self.gradient, &self.gradient);
+            reached = self.search(norm, slope, reached);
         }
-        let slope = -dot(&self.gradient, &self.gradient);
-        self.search(norm, slope)
+        self.z.copy_from_slice(&self.best);
+        reached < norm
     }
 
     /// Solves `(diag(by_z) + diag(by_w) (A + mu I)) d = -psi`.
@@ -302,20 +314,25 @@ impl SemismoothNewton {
         self.direction.iter().all(|d| d.is_finite())
     }
 
-    fn search(&mut self, norm: f64, slope: f64) -> bool {
+    /// Armijo's line search from the iterate, where `|psi|` is `norm`. Keeps the point in `best` if it beats the
+    /// `record`, and returns the better of the two.
+    fn search(&mut self, norm: f64, slope: f64, record: f64) -> f64 {
         let mut step = 1.0;
         for _ in 0..HALVINGS {
             for ((trial, &z), &d) in self.trial.iter_mut().zip(&self.z).zip(&self.direction) {
                 *trial = z + step * d;
             }
             let reached = self.residual_norm_at_trial();
-            if reached < norm && 0.5 * reached * reached <= 0.5 * norm * norm + ARMIJO * step * slope {
-                self.z.copy_from_slice(&self.trial);
-                return true;
+            if 0.5 * reached * reached <= 0.5 * norm * norm + ARMIJO * step * slope {
+                if reached < record {
+                    self.best.copy_from_slice(&self.trial);
+                    return reached;
+                }
+                break;
             }
             step *= 0.5;
         }
-        false
+        record
     }
 }
 

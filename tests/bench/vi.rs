@@ -1,3 +1,106 @@
+//! What one variational inequality costs, by solver and size: positive definite, nonsymmetric P, and degenerate
+//! contact problems of rank `m / 2`. `cargo bench --bench vi`.
+
+use divan::{Bencher, black_box};
+use dvi::problem::ConvexSet;
+use dvi::vi::{AffineVi, Lemke, SemismoothNewton, ViSolver};
+use nalgebra::{DMatrix, DVector};
+
+const SIZES: [usize; 7] = [2, 3, 6, 10, 50, 200, 500];
+
+/// Problems of one size that a bench goes through in turn, so that no branch predictor learns one by heart.
+const PROBLEMS: usize = 16;
+
 fn main() {
     divan::main();
+}
+
+struct Problem {
+    matrix: DMatrix<f64>,
+    q: Vec<f64>,
+    set: ConvexSet,
+}
+
+/// Uniform numbers in `[-1, 1)` (`SplitMix64`).
+fn number(state: &mut u64) -> f64 {
+    *state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
+    let mut x = *state;
+    x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    x = (x ^ (x >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    ((x ^ (x >> 31)) >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+}
+
+fn positive_definite(m: usize, state: &mut u64) -> Problem {
+    let b = DMatrix::from_fn(m, m, |_, _| number(state));
+    let matrix = &b * b.transpose() / m as f64 + DMatrix::identity(m, m) * 0.1;
+    Problem { matrix, q: (0..m).map(|_| number(state)).collect(), set: ConvexSet::nonnegative(m) }
+}
+
+fn nonsymmetric(m: usize, state: &mut u64) -> Problem {
+    let mut problem = positive_definite(m, state);
+    let s = DMatrix::from_fn(m, m, |_, _| number(state));
+    problem.matrix += (&s - s.transpose()) / (m as f64).sqrt();
+    problem
+}
+
+fn contact(m: usize, state: &mut u64) -> Problem {
+    let j = DMatrix::from_fn(m, m.div_ceil(2), |_, _| number(state));
+    let v = DVector::from_fn(j.ncols(), |_, _| number(state));
+    Problem { matrix: &j * j.transpose(), q: (j * v).as_slice().to_vec(), set: ConvexSet::nonnegative(m) }
+}
+
+/// Solves problems in turn, from zero or, `warm`, from their answers.
+fn run(bencher: Bencher, mut solver: impl ViSolver, family: fn(usize, &mut u64) -> Problem, m: usize, warm: bool) {
+    let mut state = 1;
+    let problems: Vec<_> = (0..PROBLEMS).map(|_| family(m, &mut state)).collect();
+    let mut solve = |problem: &Problem, z: &mut [f64]| {
+        solver.solve(&AffineVi { matrix: &problem.matrix, q: &problem.q, set: &problem.set }, z)
+    };
+    let starts: Vec<_> = problems
+        .iter()
+        .map(|problem| {
+            let mut z = vec![0.0; m];
+            if warm {
+                solve(problem, &mut z);
+            }
+            z
+        })
+        .collect();
+    let mut turn = 0;
+    let mut z = vec![0.0; m];
+    bencher.bench_local(|| {
+        turn = (turn + 1) % PROBLEMS;
+        z.copy_from_slice(&starts[turn]);
+        black_box(solve(black_box(&problems[turn]), &mut z))
+    });
+}
+
+#[divan::bench(args = SIZES)]
+fn lemke_positive_definite(bencher: Bencher, m: usize) {
+    run(bencher, Lemke::new(m), positive_definite, m, false);
+}
+
+#[divan::bench(args = SIZES)]
+fn lemke_nonsymmetric(bencher: Bencher, m: usize) {
+    run(bencher, Lemke::new(m), nonsymmetric, m, false);
+}
+
+#[divan::bench(args = SIZES)]
+fn lemke_contact(bencher: Bencher, m: usize) {
+    run(bencher, Lemke::new(m), contact, m, false);
+}
+
+#[divan::bench(args = SIZES)]
+fn lemke_warm(bencher: Bencher, m: usize) {
+    run(bencher, Lemke::new(m), nonsymmetric, m, true);
+}
+
+#[divan::bench(args = SIZES)]
+fn newton_contact(bencher: Bencher, m: usize) {
+    run(bencher, SemismoothNewton::new(m), contact, m, false);
+}
+
+#[divan::bench(args = SIZES)]
+fn newton_nonsymmetric(bencher: Bencher, m: usize) {
+    run(bencher, SemismoothNewton::new(m), nonsymmetric, m, false);
 }

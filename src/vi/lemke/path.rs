@@ -31,13 +31,14 @@ impl Lemke {
         self.tableau.reset();
         self.free_rows.clear();
         let mut largest = 0.0_f64;
-        for i in 0..m {
-            self.tableau.value[i] = vi.q[i] * row[i];
-            largest = largest.max(self.tableau.value[i].abs());
+        for ((value, &q), &r) in self.tableau.value.iter_mut().zip(vi.q).zip(row) {
+            *value = q * r;
+            largest = largest.max(value.abs());
         }
-        for (j, source) in vi.matrix.as_slice().chunks_exact(m.max(1)).enumerate() {
+        for (j, &c) in column.iter().enumerate() {
+            let source = &vi.matrix.as_slice()[j * m..][..m];
             for ((t, &a), &r) in self.tableau.column_mut(j).iter_mut().zip(source).zip(row) {
-                *t = a * r * column[j];
+                *t = a * r * c;
             }
             let (lower, upper) = (self.lower[j], self.upper[j]);
             let to_upper = lower == f64::NEG_INFINITY || (self.face[j] == Face::Upper && upper < f64::INFINITY);

@@ -69,15 +69,10 @@ pub(super) fn first_block(tableau: &Tableau, motion: Motion, perturbation: &Pert
         if length == f64::INFINITY || length > shortest + TIE * shortest {
             continue;
         }
-        let first = if length + TIE * length < shortest {
-            true
-        } else if theta == Some(row) {
-            true
-        } else if block == Block::None || block == theta.map_or(Block::None, Block::Row) {
-            false
-        } else {
-            compare(tableau, motion, perturbation, row, block) == Ordering::Less
-        };
+        let first = length + TIE * length < shortest
+            || theta == Some(row)
+            || (theta.map(Block::Row) != Some(block)
+                && compare(tableau, motion, perturbation, row, block) == Ordering::Less);
         if first {
             (block, shortest) = (Block::Row(row), length);
         }

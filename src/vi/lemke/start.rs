@@ -25,7 +25,7 @@ fn settle(tableau: &mut Tableau, resting: &Resting, r: usize, c: usize) {
     tableau.value[r] = resting[entering] + change;
 }
 
-/// The row of `w_i`, while `w_i` is basic and `z_i` is not.
+/// The row of `w_i` and the column of `z_i`, while the one is basic and the other is not.
 fn open_row(tableau: &Tableau, i: usize) -> Option<(usize, usize)> {
     Some((tableau.row_of(tableau.m + i)?, tableau.column_of(i)?))
 }
@@ -42,10 +42,10 @@ pub(super) fn settle_free(
     let mut largest = 0.0;
     for done in 0..rows.len() {
         let (mut pivot, mut place) = (0.0, (done, done));
-        for b in done..columns.len() {
-            let column = tableau.column(columns[b]);
-            for a in done..rows.len() {
-                let size = column[rows[a]].abs();
+        for (b, &c) in columns.iter().enumerate().skip(done) {
+            let column = tableau.column(c);
+            for (a, &r) in rows.iter().enumerate().skip(done) {
+                let size = column[r].abs();
                 if size > pivot {
                     (pivot, place) = (size, (a, b));
                 }
@@ -112,17 +112,17 @@ pub(super) fn settle_inside(tableau: &mut Tableau, resting: &Resting, inside: &m
             _ => 0.0,
         };
         let (mut a, mut b, mut pivot) = (0, 0, 0.0);
-        for k in 0..inside.len() {
-            let diagonal = size(inside[k], inside[k]);
+        for (k, &i) in inside.iter().enumerate() {
+            let diagonal = size(i, i);
             if diagonal > pivot {
                 (a, b, pivot) = (k, k, diagonal);
             }
         }
         let in_column = inside.iter().fold(0.0_f64, |x, &i| x.max(size(i, inside[b])));
         if pivot <= WEAK_DIAGONAL * in_column.max(largest) {
-            for k in 0..inside.len() {
-                for l in 0..k {
-                    let product = (size(inside[k], inside[l]) * size(inside[l], inside[k])).sqrt();
+            for (k, &i) in inside.iter().enumerate() {
+                for (l, &j) in inside[..k].iter().enumerate() {
+                    let product = (size(i, j) * size(j, i)).sqrt();
                     if product > pivot {
                         (a, b, pivot) = (k, l, product);
                     }

@@ -115,7 +115,8 @@ impl Tableau {
         let m = self.m;
         self.spare.copy_from_slice(&self.entries[c * m..][..m]);
         let reciprocal = 1.0 / self.spare[r];
-        for (j, column) in self.entries.chunks_exact_mut(m).take(width).enumerate() {
+        for j in 0..width {
+            let column = &mut self.entries[j * m..][..m];
             if j == c {
                 for t in column.iter_mut() {
                     *t *= reciprocal;

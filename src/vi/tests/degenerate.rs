@@ -104,10 +104,8 @@ fn rows_and_columns_of_any_size_are_solved_each_to_its_own_digits() {
                 wild.q[i] *= rows[i];
                 wild.set.lower[i] /= columns[i];
                 wild.set.upper[i] /= columns[i];
-                for j in 0..m {
-                    wild.matrix[(i, j)] *= rows[i] * columns[j];
-                }
             }
+            wild.matrix = DMatrix::from_fn(m, m, |i, j| wild.matrix[(i, j)] * rows[i] * columns[j]);
             for z in wild.solve_by_all() {
                 let z: Vec<f64> = z.iter().zip(&columns).map(|(z, c)| z * c).collect();
                 assert!(largest_difference(&z, &exact) < 1e-7 * (1.0 + largest_difference(&exact, &vec![0.0; m])));

@@ -74,3 +74,20 @@ fn a_wrong_start_does_not_change_the_answer() {
         }
     }
 }
+
+#[test]
+fn no_monotone_problem_on_a_box_or_of_contact_is_left_unsolved() {
+    for seed in 0..300 {
+        let mut random = Random(seed);
+        let m = 1 + (random.next() % 30) as usize;
+        let j = random.matrix(m, m.div_ceil(2));
+        let contact = &j * j.transpose();
+        let along = (&j * DVector::from_vec(random.vector(j.ncols()))).as_slice().to_vec();
+        Problem::complementarity(contact.clone(), along).solve_by_all();
+        let s = random.matrix(m, m);
+        for matrix in [contact.clone(), &contact + &s - s.transpose()] {
+            let set = ConvexSet { lower: vec![-1.0; m], upper: vec![2.0; m] };
+            Problem::new(matrix, random.vector(m), set).solve_by_all();
+        }
+    }
+}

@@ -59,7 +59,7 @@ impl Problem {
         z
     }
 
-    /// Whether a solution is found by trying all `3^m` faces of `K`, with those of them that are isolated.
+    /// The solutions that one of the `3^m` faces of `K` determines.
     fn solutions_by_enumeration(&self) -> Vec<Vec<f64>> {
         let m = self.q.len();
         (0..3_usize.pow(u32::try_from(m).expect("small"))).filter_map(|code| self.solution_on_face(code)).collect()
@@ -83,7 +83,7 @@ impl Problem {
         let w = &self.matrix * &z + DVector::from_column_slice(&self.q);
         let block = self.matrix.select_rows(&inside).select_columns(&inside);
         let rhs = -w.select_rows(&inside);
-        let x = block.lu().solve(&rhs)?;
+        let x = if inside.is_empty() { rhs } else { block.lu().solve(&rhs)? };
         for (k, &i) in inside.iter().enumerate() {
             z[i] = x[k];
         }

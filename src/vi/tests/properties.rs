@@ -5,7 +5,7 @@ use super::*;
 use proptest::prelude::*;
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..Default::default() })]
 
     /// `<w, y - z> >= 0` for 1,000 points `y` of `K`.
     #[test]
@@ -53,8 +53,8 @@ fn auto_names_the_solver_that_answered() {
     let mut random = Random(11);
     let mut auto = Auto::new(3);
     assert_eq!(auto.name(), "auto");
-    for (m, name) in [(3, "lemke"), (220, "semismooth_newton"), (5, "lemke")] {
-        let problem = Problem::complementarity(random.positive_definite(m), random.vector(m));
+    for (m, name) in [(3, "lemke"), (501, "semismooth_newton"), (5, "lemke")] {
+        let problem = Problem::complementarity(DMatrix::identity(m, m), random.vector(m));
         problem.solve_exactly(&mut auto);
         assert_eq!(auto.name(), name);
     }
