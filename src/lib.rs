@@ -5,6 +5,7 @@
 //! ```
 
 pub mod problem;
+pub mod service;
 pub mod solution;
 pub mod specification;
 pub mod vi;
