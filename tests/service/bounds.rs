@@ -1,6 +1,7 @@
 //! What is refused when there is too much, and that nobody is starved.
 
-use crate::harness::{Call, DECAY, Gate, Site, count, instant, one_worker};
+use crate::harness::{Arrival, Call, DECAY, Gate, Scripted, Site, count, instant, one_worker};
+use axum::body::Body;
 use axum::http::StatusCode;
 use dvi::service::Options;
 
@@ -78,43 +79,21 @@ async fn a_body_over_the_bound_is_refused_by_its_length_and_by_its_bytes() {
     let site = Site::new(Options { body_mib: count(1), ..one_worker() }, instant());
     let long = "x".repeat((1 << 20) + 1);
     Call::solve(long.clone()).send(&site).await.problem(413, "body-too-large");
-    let pieces = axum::body::Body::new(Pieces(vec![long[..1 << 19].to_owned(), long[1 << 19..].to_owned()]));
-    Call::solve(pieces).send(&site).await.problem(413, "body-too-large");
+    let (first, second) = long.split_at(1 << 19);
+    let pieces = Scripted(vec![Arrival::Piece(second.to_owned()), Arrival::Piece(first.to_owned())]);
+    Call::solve(Body::new(pieces)).send(&site).await.problem(413, "body-too-large");
 }
 
 #[tokio::test(start_paused = true)]
 async fn a_body_that_does_not_come_is_waited_for_only_so_long() {
     let site = Site::new(one_worker(), instant());
-    let never = axum::body::Body::new(Never);
-    Call::solve(never).send(&site).await.problem(408, "body-timeout");
+    let stalls = Scripted(vec![Arrival::Never, Arrival::Piece("{".to_owned())]);
+    Call::solve(Body::new(stalls)).send(&site).await.problem(408, "body-timeout");
 }
 
-/// A body whose length is not known beforehand.
-struct Pieces(Vec<String>);
-
-impl axum::body::HttpBody for Pieces {
-    type Data = axum::body::Bytes;
-    type Error = std::convert::Infallible;
-
-    fn poll_frame(
-        mut self: std::pin::Pin<&mut Self>,
-        _: &mut std::task::Context<'_>,
-    ) -> std::task::Poll<Option<Result<hyper::body::Frame<Self::Data>, Self::Error>>> {
-        std::task::Poll::Ready(self.0.pop().map(|piece| Ok(hyper::body::Frame::data(piece.into()))))
-    }
-}
-
-/// A body that never comes.
-struct Never;
-
-impl axum::body::HttpBody for Never {
-    type Data = axum::body::Bytes;
-    type Error = std::convert::Infallible;
-
-    fn poll_frame(
-        self: std::pin::Pin<&mut Self>,
-        _: &mut std::task::Context<'_>,
-    ) -> std::task::Poll<Option<Result<hyper::body::Frame<Self::Data>, Self::Error>>> {
-        std::task::Poll::Pending
-    }
+#[tokio::test]
+async fn a_body_that_breaks_off_is_said_to() {
+    let site = Site::new(one_worker(), instant());
+    let breaks = Scripted(vec![Arrival::Broken, Arrival::Piece("{".to_owned())]);
+    Call::solve(Body::new(breaks)).send(&site).await.problem(400, "bad-request");
 }

@@ -1,17 +1,21 @@
 //! Requests without a socket, and solvers whose course a test decides.
 
 use axum::Router;
-use axum::body::Body;
+use axum::body::{Body, Bytes, HttpBody};
 use axum::http::{HeaderMap, Request, StatusCode};
 use dvi::problem::Stop;
 use dvi::service::jobs::{Client, Solver};
 use dvi::service::{Options, Service};
 use dvi::solution::{Diagnostics, Field, Solution, Status, Trajectory};
 use http_body_util::BodyExt;
+use hyper::body::Frame;
 use serde_json::Value;
+use std::io;
 use std::net::IpAddr;
 use std::num::NonZeroUsize;
+use std::pin::Pin;
 use std::sync::{Arc, Condvar, Mutex};
+use std::task::{Context, Poll};
 use std::time::Duration;
 use tokio::sync::watch;
 use tower::ServiceExt;
@@ -193,5 +197,29 @@ impl Reply {
             assert!(problem[member].as_str().is_some_and(|text| !text.is_empty()), "{member} in {problem}");
         }
         problem
+    }
+}
+
+/// What a body does next.
+pub enum Arrival {
+    Piece(String),
+    Broken,
+    Never,
+}
+
+/// A body of unknown length that does what is written, from the last to the first.
+pub struct Scripted(pub Vec<Arrival>);
+
+impl HttpBody for Scripted {
+    type Data = Bytes;
+    type Error = io::Error;
+
+    fn poll_frame(mut self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<Option<io::Result<Frame<Bytes>>>> {
+        match self.0.pop() {
+            Some(Arrival::Piece(text)) => Poll::Ready(Some(Ok(Frame::data(text.into())))),
+            Some(Arrival::Broken) => Poll::Ready(Some(Err(io::ErrorKind::UnexpectedEof.into()))),
+            Some(Arrival::Never) => Poll::Pending,
+            None => Poll::Ready(None),
+        }
     }
 }
