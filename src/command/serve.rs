@@ -3,7 +3,7 @@
 use super::{UNSERVABLE, USAGE};
 use clap::{Args, ValueEnum};
 use dvi::service::{Options, Service};
-use std::io;
+use std::io::{self, IsTerminal};
 use std::panic;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -37,8 +37,13 @@ Examples:
   curl -d @long.json -H 'Prefer: respond-async' -i localhost:8080/solve
   curl -H 'Accept: text/csv' localhost:8080/jobs/ID/results
 
-SIGTERM or Ctrl-C: no more jobs are taken on, those there are have the grace time to end, then they are
-cancelled; the exit code is 0. A second signal cancels them at once.";
+SIGTERM or Ctrl-C: no more jobs are taken on; those there are have the grace time to end,
+then they are cancelled. A second signal cancels them at once.
+
+Exit codes:
+  0   it was stopped by a signal, in order
+  5   it could not start, for example because the address is taken
+  64  the command line or RUST_LOG makes no sense";
 
 /// A form of the log.
 #[derive(Clone, Copy, ValueEnum)]
@@ -101,7 +106,8 @@ fn signals() -> io::Result<Receiver<()>> {
 
 fn log(format: LogFormat) -> Result<(), Box<dyn std::error::Error>> {
     let filter = EnvFilter::builder().with_default_directive(LevelFilter::INFO.into()).from_env()?;
-    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(io::stderr);
+    let log =
+        tracing_subscriber::fmt().with_env_filter(filter).with_writer(io::stderr).with_ansi(io::stderr().is_terminal());
     match format {
         LogFormat::Text => log.init(),
         LogFormat::Json => log.json().init(),

@@ -218,7 +218,10 @@ impl HttpBody for Scripted {
         match self.0.pop() {
             Some(Arrival::Piece(text)) => Poll::Ready(Some(Ok(Frame::data(text.into())))),
             Some(Arrival::Broken) => Poll::Ready(Some(Err(io::ErrorKind::UnexpectedEof.into()))),
-            Some(Arrival::Never) => Poll::Pending,
+            Some(Arrival::Never) => {
+                self.0.push(Arrival::Never);
+                Poll::Pending
+            }
             None => Poll::Ready(None),
         }
     }
