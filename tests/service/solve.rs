@@ -1,6 +1,6 @@
 //! `POST /solve`: the answer in time, or a monitor.
 
-use crate::harness::{Call, DECAY, Gate, Site, halving, instant, one_worker};
+use crate::harness::{Call, DECAY, Gate, Site, count, halving, instant, one_worker};
 use axum::http::StatusCode;
 use dvi::problem::Control;
 use dvi::service::Options;
@@ -72,6 +72,23 @@ async fn a_request_that_is_dropped_takes_its_job_with_it() {
     gate.entered(1).await;
     running.abort();
     gate.cancelled(1).await;
+}
+
+#[tokio::test]
+async fn a_request_that_is_dropped_while_its_job_waits_leaves_the_queue() {
+    let gate = Gate::new();
+    let site = Site::new(Options { queue: count(1), ..one_worker() }, gate.solver());
+    let running = tokio::spawn(Call::solve(DECAY).send_to(site.router.clone()));
+    gate.entered(1).await;
+    let waiting = tokio::spawn(Call::solve(DECAY).send_to(site.router.clone()));
+    let another = || Call::solve(DECAY).header("prefer", "wait=0").send(&site);
+    tokio::task::yield_now().await;
+    assert_eq!(another().await.status, StatusCode::TOO_MANY_REQUESTS, "the place is taken");
+    waiting.abort();
+    assert!(waiting.await.unwrap_err().is_cancelled());
+    assert_eq!(another().await.status, StatusCode::ACCEPTED);
+    gate.let_through(2);
+    assert_eq!(running.await.unwrap().status, StatusCode::OK);
 }
 
 #[tokio::test]

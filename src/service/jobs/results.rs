@@ -34,13 +34,15 @@ impl Results {
         let mut json = Bounded { bytes: Vec::new(), limit };
         // The only way in which writing to memory fails is the bound.
         encodings::write_json(&solution, &mut json).map_err(|_| Fault::TooLarge { limit })?;
-        Ok(Self { solution, json: json.bytes })
+        let mut json = json.bytes;
+        json.shrink_to_fit();
+        Ok(Self { solution, json })
     }
 
     /// The bytes that keeping it takes.
     pub fn bytes(&self) -> usize {
         let trajectory = &self.solution.trajectory;
-        self.json.capacity() + (trajectory.fields.len() + 1) * trajectory.t.len() * size_of::<f64>()
+        self.json.len() + (trajectory.fields.len() + 1) * trajectory.t.len() * size_of::<f64>()
     }
 }
 
