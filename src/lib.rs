@@ -4,6 +4,8 @@
 //! x' = f(t,x) + B(t,x) z,    z in K,    <G(t,x,z), z~ - z> >= 0  for all z~ in K
 //! ```
 
+pub mod expression;
+pub mod models;
 pub mod problem;
 pub mod service;
 pub mod solution;

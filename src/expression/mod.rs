@@ -1,1 +1,30 @@
 //! Infix text to evaluable code with exact derivatives.
+//!
+//! [`Graph::parse`] reads text into a directed acyclic graph in which equal terms are one node. [`Graph::gradient`]
+//! sweeps that graph in reverse (Griewank and Walther 2008, *Evaluating Derivatives*, chapter 3) and leaves the
+//! derivatives in it as further nodes, so that values and derivatives share what they have in common and may be
+//! differentiated again. [`Tape::compile`] turns the nodes that are wanted into a straight program.
+//!
+//! Precedence, from loose to tight: `+ -`, `* /`, sign, `^` (also written `**`), which groups to the right:
+//! `-x^2` is `-(x^2)`, `2^3^2` is `2^9`, `2^-1` is one half.
+//!
+//! Conventions at kinks: `abs'(0) = 1`, `sign(0) = 0`, `heaviside(0) = 1`, and where the arguments of `min` or `max`
+//! are equal one of them gives the derivative. NaN passes through every function.
+
+mod caret;
+mod derivative;
+mod error;
+mod function;
+mod grammar;
+mod graph;
+mod lanes;
+mod operator;
+mod power;
+mod scope;
+mod structure;
+mod tape;
+
+pub use error::ExpressionError;
+pub use graph::{Graph, Node};
+pub use scope::{NameError, Scope};
+pub use tape::Tape;

@@ -1,47 +1,50 @@
 //! What a user writes: one JSON object, checked as a whole.
+//!
+//! A document is read ([`Specification::from_json`]) in three steps, and the errors of all three are reported together:
+//! JSON to a tree that keeps the order of members; the tree to the types of this module, which are also the source of
+//! the JSON Schema ([`json_schema`]); the types to a [`Model`](crate::models::Model), where names, shapes, domains and
+//! the affine form of the rates are checked. Choices are tagged from outside, `{"box": {..}}`, so that every value has
+//! an exact place.
 
-use serde::Serialize;
+mod checked;
+mod deserializer;
+mod document;
+mod dvi;
+mod error;
+mod expression;
+mod json;
+mod kinks;
+mod lcs;
+mod lowering;
+mod mass;
+mod matrix;
+mod method;
+mod mismatch;
+mod nearest;
+mod ordered;
+mod output;
+mod place;
+mod reading;
+mod repairs;
+mod schema;
+mod set;
+mod stages;
+mod start;
+mod times;
+mod tolerance;
 
-/// One thing wrong with a specification.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct SpecificationError {
-    /// The JSON pointer (RFC 6901) of the offender.
-    pub pointer: String,
-    /// A stable word for programs, such as `unknown_key`.
-    pub code: &'static str,
-    /// What is wrong, for people.
-    pub detail: String,
-    /// What would be right.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub expected: Option<String>,
-    /// The nearest valid name.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub did_you_mean: Option<String>,
-}
-
-/// A specification that has passed every check, lowered and ready to be solved any number of times.
-#[derive(Debug)]
-pub struct Specification {
-    label: Option<String>,
-}
-
-impl Specification {
-    /// Reads and checks a JSON document.
-    ///
-    /// # Errors
-    /// All that is wrong with it, at least one.
-    pub fn from_json(text: &[u8]) -> Result<Self, Vec<SpecificationError>> {
-        let _ = text;
-        Ok(Self { label: None })
-    }
-
-    /// The user's own words for it, at most 200 characters.
-    pub fn label(&self) -> Option<&str> {
-        self.label.as_deref()
-    }
-
-    /// The wall-clock time the user allows, in seconds.
-    pub fn wall_seconds(&self) -> Option<f64> {
-        None
-    }
-}
+pub use checked::Specification;
+pub use document::{Document, Limits, Problem, Reserved, Time};
+pub use dvi::{DviProblem, State, Variable};
+pub use error::SpecificationError;
+pub use expression::Expression;
+pub use lcs::LcsProblem;
+pub use matrix::{Matrix, SparseMatrix};
+pub use method::{Method, MethodName, Switches, ViSolverName};
+pub use ordered::Ordered;
+pub use output::Output;
+pub use schema::json_schema;
+pub use set::{Block, BoxBlock};
+pub use stages::Stages;
+pub use times::Times;
+pub use tolerance::AbsoluteTolerance;

@@ -1,0 +1,212 @@
+//! Derivatives, by one sweep in reverse over the graph (Griewank and Walther 2008, section 3.2): with the adjoint
+//! `w = d root / d y` of a term `y = phi(a, b)` known,
+//!
+//! ```text
+//! d root / d a  +=  w d phi / d a,    d root / d b  +=  w d phi / d b
+//! ```
+//!
+//! The adjoints are terms of the same graph, at most a few for each term of the expression.
+
+use super::error::ExpressionError;
+use super::graph::{Graph, Node, Term};
+use super::operator::Operator;
+use std::collections::BTreeMap;
+use std::f64::consts::LN_10;
+
+/// The largest number of terms in a graph, derivatives included.
+pub(super) const MAXIMUM_TERMS: usize = 2_000_000;
+
+impl Graph {
+    /// The inputs that `root` has a derivative by, and the derivatives, sorted by input; those that vanish
+    /// identically are left out.
+    ///
+    /// # Errors
+    /// `too_many_nodes` when the graph has grown past two million terms.
+    pub fn gradient(&mut self, root: Node) -> Result<Vec<(usize, Node)>, ExpressionError> {
+        let mut gradient = Vec::new();
+        // Sorted by place, so that the last one has all that its users contribute.
+        let mut adjoints = BTreeMap::from([(root, self.constant(1.0))]);
+        while let Some((y, w)) = adjoints.pop_last() {
+            if self.len() > MAXIMUM_TERMS {
+                return Err(ExpressionError::too_many_nodes(0));
+            }
+            for (operand, contribution) in self.contributions(y, w).into_iter().flatten() {
+                if self.value(contribution) != Some(0.0) {
+                    let sum = match adjoints.get(&operand) {
+                        Some(&adjoint) => self.add(adjoint, contribution),
+                        None => contribution,
+                    };
+                    adjoints.insert(operand, sum);
+                }
+            }
+            if let Term::Input(index) = self.terms[y.place()]
+                && self.value(w) != Some(0.0)
+            {
+                gradient.push((index, w));
+            }
+        }
+        gradient.sort_unstable_by_key(|&(index, _)| index);
+        Ok(gradient)
+    }
+
+    /// What `y` with adjoint `w` gives to the adjoints of its operands. Constants need none.
+    fn contributions(&mut self, y: Node, w: Node) -> [Option<(Node, Node)>; 2] {
+        let Term::Apply(operator, a, b) = self.terms[y.place()] else {
+            return [None, None];
+        };
+        if let Some(&(base, exponent)) = self.powers.get(&y) {
+            let (k, less) = (self.constant(f64::from(exponent)), self.constant(f64::from(exponent - 1)));
+            let slope = self.power(base, less);
+            let slope = self.multiply(k, slope);
+            return [Some((base, self.multiply(w, slope))), None];
+        }
+        let first = self.value(a).is_none().then(|| (a, self.by_first(operator, a, b, y, w)));
+        let second =
+            (!operator.is_unary() && self.value(b).is_none()).then(|| (b, self.by_second(operator, a, b, y, w)));
+        [first, second]
+    }
+
+    /// `w d phi(a, b) / d a`, with `y = phi(a, b)`.
+    fn by_first(&mut self, operator: Operator, a: Node, b: Node, y: Node, w: Node) -> Node {
+        let one = self.constant(1.0);
+        match operator {
+            Operator::Negate => self.negate(w),
+            Operator::Sin => self.scaled(w, Operator::Cos, a),
+            Operator::Cos => {
+                let slope = self.scaled(w, Operator::Sin, a);
+                self.negate(slope)
+            }
+            Operator::Tan => {
+                let square = self.multiply(y, y);
+                let slope = self.add(one, square);
+                self.multiply(w, slope)
+            }
+            Operator::Asin => self.by_arc(w, a),
+            Operator::Acos => {
+                let slope = self.by_arc(w, a);
+                self.negate(slope)
+            }
+            Operator::Atan => {
+                let square = self.multiply(a, a);
+                let denominator = self.add(one, square);
+                self.divide(w, denominator)
+            }
+            Operator::Sinh => self.scaled(w, Operator::Cosh, a),
+            Operator::Cosh => self.scaled(w, Operator::Sinh, a),
+            Operator::Tanh => {
+                let square = self.multiply(y, y);
+                let slope = self.subtract(one, square);
+                self.multiply(w, slope)
+            }
+            Operator::Exp => self.multiply(w, y),
+            Operator::Ln => self.divide(w, a),
+            Operator::Log10 => {
+                let ln_10 = self.constant(LN_10);
+                let denominator = self.multiply(ln_10, a);
+                self.divide(w, denominator)
+            }
+            Operator::Sqrt => {
+                let half = self.constant(0.5);
+                let numerator = self.multiply(half, w);
+                self.divide(numerator, y)
+            }
+            Operator::Cbrt => {
+                let (three, square) = (self.constant(3.0), self.multiply(y, y));
+                let denominator = self.multiply(three, square);
+                self.divide(w, denominator)
+            }
+            // 2 H - 1 rather than the sign, which is 0 at 0 and no limit of derivatives there.
+            Operator::Abs => {
+                let (two, step) = (self.constant(2.0), self.unary(Operator::Heaviside, a));
+                let double = self.multiply(two, step);
+                let slope = self.subtract(double, one);
+                self.multiply(w, slope)
+            }
+            Operator::Sign | Operator::Heaviside | Operator::Greater | Operator::Gate => self.constant(0.0),
+            Operator::Add | Operator::Subtract => w,
+            Operator::Multiply => self.multiply(w, b),
+            Operator::Divide => self.divide(w, b),
+            Operator::Power => {
+                let less = self.subtract(b, one);
+                let power = self.power(a, less);
+                let slope = self.multiply(b, power);
+                self.multiply(w, slope)
+            }
+            Operator::Atan2 => self.by_angle(w, b, a, b),
+            Operator::Max => self.gate(a, b, w),
+            Operator::Min => self.gate(b, a, w),
+        }
+    }
+
+    /// `w d phi(a, b) / d b`, with `y = phi(a, b)`, of a binary operator.
+    fn by_second(&mut self, operator: Operator, a: Node, b: Node, y: Node, w: Node) -> Node {
+        match operator {
+            Operator::Add => w,
+            Operator::Subtract => self.negate(w),
+            Operator::Multiply => self.multiply(w, a),
+            Operator::Divide => {
+                let quotient = self.divide(w, b);
+                let slope = self.multiply(quotient, y);
+                self.negate(slope)
+            }
+            Operator::Power => {
+                let logarithm = self.guarded_logarithm(a);
+                let slope = self.multiply(y, logarithm);
+                self.multiply(w, slope)
+            }
+            Operator::Atan2 => {
+                let slope = self.by_angle(w, a, a, b);
+                self.negate(slope)
+            }
+            Operator::Max => self.gate_not(a, b, w),
+            Operator::Min => self.gate_not(b, a, w),
+            Operator::Gate => self.binary(Operator::Gate, a, w),
+            _ => self.constant(0.0),
+        }
+    }
+
+    /// `w phi(a)`
+    fn scaled(&mut self, w: Node, operator: Operator, a: Node) -> Node {
+        let slope = self.unary(operator, a);
+        self.multiply(w, slope)
+    }
+
+    /// `w / sqrt((1 - a)(1 + a))`, which loses no digits near 1.
+    fn by_arc(&mut self, w: Node, a: Node) -> Node {
+        let one = self.constant(1.0);
+        let (below, above) = (self.subtract(one, a), self.add(one, a));
+        let product = self.multiply(below, above);
+        let root = self.unary(Operator::Sqrt, product);
+        self.divide(w, root)
+    }
+
+    /// `w p / (a^2 + b^2)`
+    fn by_angle(&mut self, w: Node, p: Node, a: Node, b: Node) -> Node {
+        let (a, b) = (self.multiply(a, a), self.multiply(b, b));
+        let square = self.add(a, b);
+        let slope = self.divide(p, square);
+        self.multiply(w, slope)
+    }
+
+    /// `w` where `a > b`, else 0.
+    fn gate(&mut self, a: Node, b: Node, w: Node) -> Node {
+        let greater = self.binary(Operator::Greater, a, b);
+        self.binary(Operator::Gate, greater, w)
+    }
+
+    /// `w` where not `a > b`, else 0.
+    fn gate_not(&mut self, a: Node, b: Node, w: Node) -> Node {
+        let (one, greater) = (self.constant(1.0), self.binary(Operator::Greater, a, b));
+        let not_greater = self.subtract(one, greater);
+        self.binary(Operator::Gate, not_greater, w)
+    }
+
+    /// `ln a` where `a > 0`, else 0: `0^y` does not depend on `y > 0`, and below 0 there is no derivative by `y`.
+    fn guarded_logarithm(&mut self, a: Node) -> Node {
+        let (zero, one) = (self.constant(0.0), self.constant(1.0));
+        let positive_part = self.gate(a, zero, a);
+        let one_elsewhere = self.gate_not(a, zero, one);
+        let argument = self.add(positive_part, one_elsewhere);
+        self.unary(Operator::Ln, argument)
+    }
+}

@@ -1,0 +1,27 @@
+//! What is wrong with an expression, and where.
+
+/// Why a text is no expression, or an expression cannot be kept.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{message}")]
+pub struct ExpressionError {
+    /// A stable word for programs: `syntax`, `unknown_name`, `unknown_function`, `wrong_arity`, `number_out_of_range`,
+    /// `not_ascii`, `too_long`, `too_deep` or `too_many_nodes`.
+    pub code: &'static str,
+    /// The byte at which the offender starts; the length of the text if it ends too early.
+    pub offset: usize,
+    /// What was expected and what was found, for people.
+    pub message: String,
+    /// The nearest valid spelling.
+    pub did_you_mean: Option<String>,
+}
+
+impl ExpressionError {
+    pub(super) fn new(code: &'static str, offset: usize, message: String) -> Self {
+        Self { code, offset, message, did_you_mean: None }
+    }
+
+    pub(super) fn too_many_nodes(offset: usize) -> Self {
+        let message = "all expressions and their derivatives together have more than two million terms";
+        Self::new("too_many_nodes", offset, message.to_owned())
+    }
+}

@@ -1,0 +1,244 @@
+//! The graph of terms: equal terms are one node, and operands stand before the terms that use them.
+//!
+//! Rewriting is exact in IEEE arithmetic with rounding to nearest, up to the sign of a zero: neutral elements are
+//! dropped, signs move outwards (`-a - b = -(a + b)`), and a division by a power of two becomes a product. Neither
+//! `0 x -> 0` nor `x - x -> 0` is among the rules: they would hide a NaN or an infinity in `x`.
+
+use super::operator::Operator;
+use rustc_hash::FxHashMap;
+
+/// A term of a [`Graph`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Node(pub(super) u32);
+
+impl Node {
+    /// Its place among the terms.
+    pub(super) fn place(self) -> usize {
+        self.0 as usize
+    }
+}
+
+/// A number, an input, or an operator at two terms (at the same one twice if it is unary).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Term {
+    /// By its bits, so that it can be hashed.
+    Constant(u64),
+    Input(usize),
+    Apply(Operator, Node, Node),
+}
+
+/// A directed acyclic graph of terms, shared by any number of expressions.
+#[derive(Clone, Debug, Default)]
+pub struct Graph {
+    pub(super) terms: Vec<Term>,
+    places: FxHashMap<Term, Node>,
+    /// Terms that are `base^exponent` written out as products: they have shorter derivatives than the products.
+    pub(super) powers: FxHashMap<Node, (Node, i32)>,
+}
+
+impl Graph {
+    /// A graph without terms.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// The number of terms.
+    pub fn len(&self) -> usize {
+        self.terms.len()
+    }
+
+    /// Whether there is no term.
+    pub fn is_empty(&self) -> bool {
+        self.terms.is_empty()
+    }
+
+    /// A number.
+    pub fn constant(&mut self, value: f64) -> Node {
+        self.intern(Term::Constant(value.to_bits()))
+    }
+
+    /// The input at `index` of what [`Tape::evaluate`](super::Tape::evaluate) is given.
+    pub fn input(&mut self, index: usize) -> Node {
+        self.intern(Term::Input(index))
+    }
+
+    /// The value of a constant node.
+    pub fn value(&self, node: Node) -> Option<f64> {
+        match self.terms[node.place()] {
+            Term::Constant(bits) => Some(f64::from_bits(bits)),
+            _ => None,
+        }
+    }
+
+    /// `-a`
+    pub fn negate(&mut self, a: Node) -> Node {
+        match self.negated(a) {
+            Some(inner) => inner,
+            None => self.unary(Operator::Negate, a),
+        }
+    }
+
+    /// `a + b`
+    pub fn add(&mut self, a: Node, b: Node) -> Node {
+        if self.value(a) == Some(0.0) {
+            return b;
+        }
+        if self.value(b) == Some(0.0) {
+            return a;
+        }
+        match (self.negated(a), self.negated(b)) {
+            (Some(a), Some(b)) => {
+                let sum = self.binary(Operator::Add, a, b);
+                self.negate(sum)
+            }
+            (Some(a), None) => self.binary(Operator::Subtract, b, a),
+            (None, Some(b)) => self.binary(Operator::Subtract, a, b),
+            (None, None) => self.binary(Operator::Add, a, b),
+        }
+    }
+
+    /// `a - b`
+    pub fn subtract(&mut self, a: Node, b: Node) -> Node {
+        if self.value(b) == Some(0.0) {
+            return a;
+        }
+        let minus_b = self.negate(b);
+        if self.value(a) == Some(0.0) {
+            return minus_b;
+        }
+        match self.negated(a) {
+            Some(_) => self.add(a, minus_b),
+            None if self.negated(b).is_some() => self.binary(Operator::Add, a, minus_b),
+            None => self.binary(Operator::Subtract, a, b),
+        }
+    }
+
+    /// `a b`
+    pub fn multiply(&mut self, a: Node, b: Node) -> Node {
+        if self.value(a) == Some(1.0) {
+            return b;
+        }
+        if self.value(b) == Some(1.0) {
+            return a;
+        }
+        self.signed(Operator::Multiply, a, b)
+    }
+
+    /// `a / b`
+    pub fn divide(&mut self, a: Node, b: Node) -> Node {
+        match self.value(b) {
+            Some(1.0) => a,
+            Some(divisor) if is_power_of_two(divisor) => {
+                let reciprocal = self.constant(1.0 / divisor);
+                self.multiply(a, reciprocal)
+            }
+            _ => self.signed(Operator::Divide, a, b),
+        }
+    }
+
+    /// A product or a quotient, its sign taken out so that `-k x` and `k x` share their work.
+    fn signed(&mut self, operator: Operator, a: Node, b: Node) -> Node {
+        let (minus_a, a) = self.without_sign(a);
+        let (minus_b, b) = self.without_sign(b);
+        let magnitude = self.binary(operator, a, b);
+        if minus_a == minus_b { magnitude } else { self.negate(magnitude) }
+    }
+
+    /// Whether a minus can be taken off, and what remains.
+    fn without_sign(&mut self, a: Node) -> (bool, Node) {
+        match (self.terms[a.place()], self.value(a)) {
+            (Term::Apply(Operator::Negate, inner, _), _) => (true, inner),
+            (_, Some(value)) if value < 0.0 => (true, self.constant(-value)),
+            _ => (false, a),
+        }
+    }
+
+    /// `b` where `a = -b` is written with its sign.
+    fn negated(&self, a: Node) -> Option<Node> {
+        match self.terms[a.place()] {
+            Term::Apply(Operator::Negate, inner, _) => Some(inner),
+            _ => None,
+        }
+    }
+
+    /// A unary operator at `a`; a number if `a` is one.
+    pub(super) fn unary(&mut self, operator: Operator, a: Node) -> Node {
+        match self.value(a) {
+            Some(a) => self.constant(operator.apply(a, a)),
+            None => self.intern(Term::Apply(operator, a, a)),
+        }
+    }
+
+    /// A binary operator at `(a, b)`; a number if both are.
+    pub(super) fn binary(&mut self, operator: Operator, a: Node, b: Node) -> Node {
+        match (self.value(a), self.value(b)) {
+            (Some(a), Some(b)) => self.constant(operator.apply(a, b)),
+            _ if operator.commutes() && b < a => self.intern(Term::Apply(operator, b, a)),
+            _ => self.intern(Term::Apply(operator, a, b)),
+        }
+    }
+
+    fn intern(&mut self, term: Term) -> Node {
+        *self.places.entry(term).or_insert_with(|| {
+            let place = u32::try_from(self.terms.len()).expect("a graph has fewer than 2^32 terms");
+            self.terms.push(term);
+            Node(place)
+        })
+    }
+}
+
+/// Whether `1 / divisor` is exact: no mantissa, and neither number is subnormal.
+fn is_power_of_two(divisor: f64) -> bool {
+    const MANTISSA: u64 = (1 << 52) - 1;
+    divisor.to_bits() & MANTISSA == 0 && divisor.is_normal() && (1.0 / divisor).is_normal()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn equal_terms_are_one_node_whatever_the_order_and_the_sign() {
+        let mut graph = Graph::new();
+        let (x, y, k) = (graph.input(1), graph.input(2), graph.constant(-3.0));
+        let product = graph.multiply(x, y);
+        assert_eq!(product, graph.multiply(y, x));
+        let minus_x = graph.negate(x);
+        let minus_product = graph.multiply(minus_x, y);
+        assert_eq!(product, graph.negate(minus_product));
+        let left = graph.multiply(k, x);
+        let three = graph.constant(3.0);
+        let right = graph.multiply(three, x);
+        assert_eq!(left, graph.negate(right));
+    }
+
+    #[test]
+    fn neutral_elements_vanish_but_zero_times_x_stays() {
+        let mut graph = Graph::new();
+        let (x, zero, one) = (graph.input(1), graph.constant(0.0), graph.constant(1.0));
+        assert_eq!(graph.add(x, zero), x);
+        assert_eq!(graph.subtract(x, zero), x);
+        assert_eq!(graph.multiply(one, x), x);
+        assert_eq!(graph.divide(x, one), x);
+        let product = graph.multiply(zero, x);
+        let difference = graph.subtract(x, x);
+        assert_eq!((graph.value(product), graph.value(difference)), (None, None));
+    }
+
+    #[test]
+    fn constants_fold_to_what_they_evaluate_to_even_if_that_is_not_finite() {
+        let mut graph = Graph::new();
+        let (zero, one) = (graph.constant(0.0), graph.constant(1.0));
+        let infinite = graph.divide(one, zero);
+        assert_eq!(graph.value(infinite), Some(f64::INFINITY));
+        let undefined = graph.multiply(zero, infinite);
+        assert!(graph.value(undefined).is_some_and(f64::is_nan));
+    }
+
+    #[test]
+    fn only_exact_reciprocals_replace_a_division() {
+        assert!(is_power_of_two(8.0) && is_power_of_two(-0.25));
+        assert!(!is_power_of_two(3.0) && !is_power_of_two(0.0) && !is_power_of_two(f64::INFINITY));
+        assert!(!is_power_of_two(2f64.powi(1023)), "its reciprocal is subnormal");
+    }
+}

@@ -1,0 +1,105 @@
+//! One operator at many pairs of registers, all results written side by side. Without a dispatch for each and with
+//! operands in contiguous runs, the arithmetic is vectorised by the compiler; each result has the bits that
+//! [`Operator::apply`] gives.
+
+use super::operator::Operator;
+
+/// Lanes that are staged together: small enough for the stack, large enough to hide the dispatch.
+const CHUNK: usize = 64;
+
+/// Where the operands of the lanes stand.
+#[derive(Clone, Debug)]
+enum Operands {
+    /// One register for all lanes.
+    Same(usize),
+    /// Registers one after the other, from the first.
+    Run(usize),
+    /// Anywhere.
+    Each(Vec<u32>),
+}
+
+/// One operator at many pairs of registers.
+#[derive(Clone, Debug)]
+pub(super) struct Lanes {
+    operator: Operator,
+    length: usize,
+    a: Operands,
+    b: Operands,
+}
+
+impl Lanes {
+    /// The operator at the pairs of registers `(a[i], b[i])`, of which there is at least one.
+    pub(super) fn new(operator: Operator, a: Vec<u32>, b: Vec<u32>) -> Self {
+        Self { operator, length: a.len(), a: Operands::new(a), b: Operands::new(b) }
+    }
+
+    /// The number of results.
+    pub(super) fn len(&self) -> usize {
+        self.length
+    }
+
+    /// Writes all results.
+    pub(super) fn evaluate(&self, registers: &[f64], results: &mut [f64]) {
+        let (mut a, mut b) = ([0.0; CHUNK], [0.0; CHUNK]);
+        for (chunk, results) in results.chunks_mut(CHUNK).enumerate() {
+            let (start, length) = (chunk * CHUNK, results.len());
+            let a = self.a.stage(registers, start, &mut a[..length]);
+            let b = if self.operator.is_unary() { a } else { self.b.stage(registers, start, &mut b[..length]) };
+            self.operator.apply_all(a, b, results);
+        }
+    }
+}
+
+impl Operands {
+    fn new(registers: Vec<u32>) -> Self {
+        let first = registers[0] as usize;
+        if registers.iter().all(|&register| register as usize == first) {
+            Self::Same(first)
+        } else if registers.iter().enumerate().all(|(lane, &register)| register as usize == first + lane) {
+            Self::Run(first)
+        } else {
+            Self::Each(registers)
+        }
+    }
+
+    /// The operands of the lanes from `start` on, in `room` if they do not stand together already.
+    #[inline(always)]
+    fn stage<'r>(&self, registers: &'r [f64], start: usize, room: &'r mut [f64]) -> &'r [f64] {
+        match self {
+            Self::Same(register) => {
+                room.fill(registers[*register]);
+                room
+            }
+            Self::Run(first) => &registers[first + start..][..room.len()],
+            Self::Each(places) => {
+                for (value, &place) in room.iter_mut().zip(&places[start..]) {
+                    *value = registers[place as usize];
+                }
+                room
+            }
+        }
+    }
+}
+
+impl Operator {
+    /// `results[i] = apply(a[i], b[i])`. The operator is known inside each loop, so that arithmetic is vectorised.
+    fn apply_all(self, a: &[f64], b: &[f64], results: &mut [f64]) {
+        match self {
+            Self::Negate => each(a, b, results, |a, b| Self::Negate.apply(a, b)),
+            Self::Add => each(a, b, results, |a, b| Self::Add.apply(a, b)),
+            Self::Subtract => each(a, b, results, |a, b| Self::Subtract.apply(a, b)),
+            Self::Multiply => each(a, b, results, |a, b| Self::Multiply.apply(a, b)),
+            Self::Divide => each(a, b, results, |a, b| Self::Divide.apply(a, b)),
+            Self::Sqrt => each(a, b, results, |a, b| Self::Sqrt.apply(a, b)),
+            // The function itself takes far longer than its dispatch.
+            other => each(a, b, results, |a, b| other.apply(a, b)),
+        }
+    }
+}
+
+#[inline(always)]
+fn each(a: &[f64], b: &[f64], results: &mut [f64], apply: impl Fn(f64, f64) -> f64) {
+    for ((result, &a), &b) in results.iter_mut().zip(a).zip(b) {
+        *result = apply(a, b);
+    }
+}

@@ -1,0 +1,151 @@
+//! Names and what they stand for.
+
+use super::function::Function;
+use super::graph::Node;
+use rustc_hash::FxHashMap;
+use strsim::osa_distance;
+
+/// The constant that every scope knows.
+pub(super) const PI: &str = "pi";
+
+/// Names bound to nodes, in the order of binding.
+#[derive(Clone, Debug, Default)]
+pub struct Scope {
+    names: Vec<String>,
+    nodes: FxHashMap<String, Node>,
+}
+
+/// Why a name cannot be bound.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NameError {
+    /// It is not of the form of a name.
+    #[error("`{}` is no name: a name is a letter or `_`, then letters, digits and `_`, all ASCII", excerpt(.name))]
+    Malformed {
+        /// The offender.
+        name: String,
+    },
+    /// It belongs to the language.
+    #[error("`{name}` is a reserved word: the functions of the language and `pi` cannot be names")]
+    Reserved {
+        /// The offender.
+        name: String,
+    },
+    /// It stands for something else already.
+    #[error("the name `{}` is taken", excerpt(.name))]
+    Bound {
+        /// The offender.
+        name: String,
+    },
+}
+
+impl Scope {
+    /// A scope without names.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Lets `name` stand for `node`.
+    ///
+    /// # Errors
+    /// If it is malformed, reserved or already bound.
+    pub fn bind(&mut self, name: &str, node: Node) -> Result<(), NameError> {
+        let owned = || name.to_owned();
+        if !is_name(name) {
+            return Err(NameError::Malformed { name: owned() });
+        }
+        if name == PI || Function::named(name).is_some() {
+            return Err(NameError::Reserved { name: owned() });
+        }
+        if self.nodes.contains_key(name) {
+            return Err(NameError::Bound { name: owned() });
+        }
+        self.nodes.insert(owned(), node);
+        self.names.push(owned());
+        Ok(())
+    }
+
+    /// What `name` stands for.
+    pub fn get(&self, name: &str) -> Option<Node> {
+        self.nodes.get(name).copied()
+    }
+
+    /// The names, in the order of binding.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.names.iter().map(String::as_str)
+    }
+}
+
+fn is_name(name: &str) -> bool {
+    let mut bytes = name.bytes();
+    bytes.next().is_some_and(|first| first.is_ascii_alphabetic() || first == b'_')
+        && bytes.all(|byte| byte.is_ascii_alphanumeric() || byte == b'_')
+}
+
+/// The start of a text that may be very long.
+pub(super) fn excerpt(text: &str) -> String {
+    const LONGEST: usize = 40;
+    match text.char_indices().nth(LONGEST) {
+        Some((end, _)) => format!("{}...", &text[..end]),
+        None => text.to_owned(),
+    }
+}
+
+/// The candidate that is closest to `name` in spelling, if it is close: a third of the letters may differ.
+pub(super) fn nearest<'a>(name: &str, candidates: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    const LONGEST: usize = 64;
+    let allowed = (name.len() / 3).max(1);
+    candidates
+        .filter(|candidate| name.len() <= LONGEST && candidate.len().abs_diff(name.len()) <= allowed)
+        .map(|candidate| (osa_distance(name, candidate), candidate))
+        // One letter for another is no slip of the pen where there is only one.
+        .filter(|&(distance, candidate)| {
+            distance <= allowed && (name.len() > 1 || candidate.eq_ignore_ascii_case(name))
+        })
+        .min_by_key(|&(distance, _)| distance)
+        .map(|(_, candidate)| candidate)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Graph;
+    use super::*;
+
+    #[test]
+    fn names_are_kept_in_the_order_of_binding() {
+        let (mut graph, mut scope) = (Graph::new(), Scope::new());
+        for (index, name) in ["z", "a_1", "_", "e", "t"].into_iter().enumerate() {
+            scope.bind(name, graph.input(index)).unwrap();
+        }
+        assert_eq!(scope.names().collect::<Vec<_>>(), ["z", "a_1", "_", "e", "t"]);
+        assert_eq!(scope.get("a_1"), Some(graph.input(1)));
+        assert_eq!(scope.get("b"), None);
+    }
+
+    #[test]
+    fn a_name_that_cannot_be_bound_says_why() {
+        let (mut graph, mut scope) = (Graph::new(), Scope::new());
+        let node = graph.input(0);
+        scope.bind("x", node).unwrap();
+        for name in ["", "1x", "a-b", "a b", "\u{3bc}"] {
+            assert_eq!(scope.bind(name, node), Err(NameError::Malformed { name: name.to_owned() }));
+        }
+        for name in ["pi", "sin", "heaviside", "pow"] {
+            assert_eq!(scope.bind(name, node), Err(NameError::Reserved { name: name.to_owned() }));
+        }
+        assert_eq!(scope.bind("x", node), Err(NameError::Bound { name: "x".to_owned() }));
+        assert_eq!(
+            scope.bind("1x", node).unwrap_err().to_string(),
+            "`1x` is no name: a name is a letter or `_`, then letters, digits and `_`, all ASCII"
+        );
+    }
+
+    #[test]
+    fn only_a_close_spelling_is_suggested() {
+        let names = || ["position", "velocity", "x", "X2"].into_iter();
+        assert_eq!(nearest("velocty", names()), Some("velocity"));
+        assert_eq!(nearest("psoition", names()), Some("position"));
+        assert_eq!(nearest("X", names()), Some("x"));
+        assert_eq!(nearest("y", names()), None);
+        assert_eq!(nearest("temperature", names()), None);
+    }
+}

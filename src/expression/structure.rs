@@ -1,0 +1,100 @@
+//! What a term depends on: its inputs, and the functions in it that have a kink or a jump.
+
+use super::graph::{Graph, Node, Term};
+use super::operator::Operator;
+use rustc_hash::FxHashSet;
+
+impl Graph {
+    /// The inputs that `node` depends on, sorted.
+    pub fn inputs(&self, node: Node) -> Vec<usize> {
+        self.inputs_of(&[node])
+    }
+
+    /// The functions in `node` that are not smooth (`abs`, `sign`, `heaviside`, `min`, `max`), each with the sorted
+    /// inputs its arguments depend on, without repetition. A `min` of several arguments counts once.
+    pub fn kinks(&self, node: Node) -> Vec<(&'static str, Vec<usize>)> {
+        let mut absorbed = FxHashSet::default();
+        let mut kinks = Vec::new();
+        let mut terms = self.terms_below(&[node]);
+        terms.sort_unstable_by(|a, b| b.cmp(a));
+        for y in terms {
+            let Term::Apply(operator, a, b) = self.terms[y.place()] else { continue };
+            let Some(name) = operator.kink() else { continue };
+            if matches!(operator, Operator::Min | Operator::Max) {
+                absorbed.extend([a, b].into_iter().filter(|&operand| self.is_apply(operator, operand)));
+            }
+            if !absorbed.contains(&y) {
+                kinks.push((name, self.inputs_of(&[a, b])));
+            }
+        }
+        kinks.sort_unstable();
+        kinks.dedup();
+        kinks
+    }
+
+    fn is_apply(&self, operator: Operator, node: Node) -> bool {
+        matches!(self.terms[node.place()], Term::Apply(found, ..) if found == operator)
+    }
+
+    fn inputs_of(&self, nodes: &[Node]) -> Vec<usize> {
+        let terms = self.terms_below(nodes);
+        let mut inputs: Vec<usize> = terms
+            .into_iter()
+            .filter_map(|node| match self.terms[node.place()] {
+                Term::Input(index) => Some(index),
+                _ => None,
+            })
+            .collect();
+        inputs.sort_unstable();
+        inputs
+    }
+
+    /// The nodes themselves and all that they are made of, each once.
+    pub(super) fn terms_below(&self, nodes: &[Node]) -> Vec<Node> {
+        let mut seen = FxHashSet::default();
+        let mut open = nodes.to_vec();
+        let mut terms = Vec::new();
+        while let Some(node) = open.pop() {
+            if seen.insert(node) {
+                terms.push(node);
+                if let Term::Apply(_, a, b) = self.terms[node.place()] {
+                    open.extend([a, b]);
+                }
+            }
+        }
+        terms
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Scope;
+    use super::*;
+
+    fn parsed(text: &str) -> (Graph, Node) {
+        let (mut graph, mut scope) = (Graph::new(), Scope::new());
+        for (index, name) in ["t", "x", "y", "z"].into_iter().enumerate() {
+            scope.bind(name, graph.input(index)).unwrap();
+        }
+        let node = graph.parse(text, &scope).unwrap();
+        (graph, node)
+    }
+
+    #[test]
+    fn inputs_are_those_that_occur() {
+        let (graph, node) = parsed("z*sin(t) + z^2 - 0*y");
+        assert_eq!(graph.inputs(node), [0, 2, 3]);
+    }
+
+    #[test]
+    fn kinks_are_named_with_the_inputs_of_their_arguments() {
+        let (graph, node) = parsed("exp(abs(x - t)) + min(x, y, z, 1) + sign(y) + 2*abs(x - t) + abs(t - x*1)");
+        assert_eq!(graph.kinks(node), [("abs", vec![0, 1]), ("min", vec![1, 2, 3]), ("sign", vec![2])]);
+    }
+
+    #[test]
+    fn a_smooth_expression_has_no_kinks() {
+        let (graph, node) = parsed("x^2 + sqrt(y)/tanh(z) + abs(-3)");
+        assert_eq!(graph.kinks(node), []);
+    }
+}

@@ -1,0 +1,114 @@
+//! The linear complementarity system
+//!
+//! ```text
+//! M x' = A x + B z + a(t),    z in K(t,x),    G = C x + D z + g(t)
+//! ```
+//!
+//! The matrices are stored as one, `[A B; C D]`, by its nonzeros, which are its Jacobian. The forcing `(a, g)` and the
+//! moving bounds of `K`, if there are any, are expressions.
+
+use crate::expression::{ExpressionError, Graph, Node, Tape};
+use crate::problem::{ConvexSet, Dvi, Mass, MovingBound, Structure};
+
+/// The parts of a linear system with `n` states and `m` variables.
+#[derive(Clone, Debug)]
+pub struct LinearRows {
+    /// `M`.
+    pub mass: Mass,
+    /// `[A B; C D]` as `(row, column, value)`, each place once, in any order.
+    pub matrix: Vec<(usize, usize, f64)>,
+    /// `a` (n), in the input `t` alone.
+    pub state_forcing: Vec<Node>,
+    /// `g` (m), in the input `t` alone.
+    pub inequality_forcing: Vec<Node>,
+    /// `K` with its constant bounds.
+    pub set: ConvexSet,
+    /// The bounds that vary with `(t, x)`.
+    pub moving: Vec<(MovingBound, Node)>,
+}
+
+/// A linear complementarity system, with registers of its own.
+#[derive(Clone, Debug)]
+pub struct Linear {
+    structure: Structure,
+    /// The values at the first places of the pattern; the others are derivatives of moving bounds.
+    coefficients: Vec<f64>,
+    /// `a`, `g` and the moving bounds.
+    forcing: Tape,
+    bound_derivatives: Tape,
+    inputs: Vec<f64>,
+}
+
+impl Linear {
+    /// Compiles the forcing and puts the matrix in order.
+    ///
+    /// # Errors
+    /// The index of the first moving bound whose derivative passes the bounds of `graph`.
+    pub fn new(graph: &mut Graph, rows: LinearRows) -> Result<Self, (usize, ExpressionError)> {
+        let (n, m) = (rows.state_forcing.len(), rows.inequality_forcing.len());
+        let mut matrix = rows.matrix;
+        matrix.sort_unstable_by_key(|&(row, column, _)| (row, column));
+        let mut pattern: Vec<(usize, usize)> = matrix.iter().map(|&(row, column, _)| (row, column)).collect();
+        let coefficients = matrix.into_iter().map(|(_, _, value)| value).collect();
+        let mut derivatives = Vec::new();
+        for (k, &(_, bound)) in rows.moving.iter().enumerate() {
+            let gradient = graph.gradient(bound).map_err(|error| (k, error))?;
+            for (input, derivative) in gradient.into_iter().filter(|&(input, _)| input > 0) {
+                pattern.push((n + m + k, input - 1));
+                derivatives.push(derivative);
+            }
+        }
+        let outputs: Vec<Node> = rows
+            .state_forcing
+            .into_iter()
+            .chain(rows.inequality_forcing)
+            .chain(rows.moving.iter().map(|&(_, node)| node))
+            .collect();
+        let structure = Structure {
+            states: n,
+            variables: m,
+            mass: rows.mass,
+            set: rows.set,
+            moving: rows.moving.into_iter().map(|(bound, _)| bound).collect(),
+            pattern,
+            constant_jacobian: derivatives.iter().all(|&derivative| graph.value(derivative).is_some()),
+        };
+        Ok(Self {
+            structure,
+            coefficients,
+            forcing: Tape::compile(graph, &outputs),
+            bound_derivatives: Tape::compile(graph, &derivatives),
+            inputs: vec![0.0; 1 + n + m],
+        })
+    }
+
+    fn set_inputs(&mut self, t: f64, y: &[f64]) {
+        self.inputs[0] = t;
+        if !self.structure.moving.is_empty() {
+            self.inputs[1..].copy_from_slice(y);
+        }
+    }
+}
+
+impl Dvi for Linear {
+    fn structure(&self) -> &Structure {
+        &self.structure
+    }
+
+    fn evaluate(&mut self, t: f64, y: &[f64], values: &mut [f64]) {
+        self.set_inputs(t, y);
+        self.forcing.evaluate(&self.inputs, values);
+        for (&(row, column), coefficient) in self.structure.pattern.iter().zip(&self.coefficients) {
+            values[row] += coefficient * y[column];
+        }
+    }
+
+    fn jacobian(&mut self, t: f64, y: &[f64], values: &mut [f64]) {
+        let (constant, varying) = values.split_at_mut(self.coefficients.len());
+        constant.copy_from_slice(&self.coefficients);
+        if !varying.is_empty() {
+            self.set_inputs(t, y);
+            self.bound_derivatives.evaluate(&self.inputs, varying);
+        }
+    }
+}

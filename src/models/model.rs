@@ -1,0 +1,47 @@
+//! A problem with its names and its start, to be solved any number of times.
+
+use super::{Linear, Symbolic};
+use crate::problem::{Dvi, Structure};
+use crate::solution::Warning;
+
+/// The equations of a model.
+#[derive(Clone, Debug)]
+pub enum Equations {
+    /// Rates and inequality as expressions.
+    Symbolic(Symbolic),
+    /// Constant matrices and a forcing.
+    Linear(Linear),
+}
+
+/// A differential variational inequality with its names, its initial values and what is to be said of it.
+#[derive(Clone, Debug)]
+pub struct Model {
+    /// The names of the `n` states.
+    pub state_names: Vec<String>,
+    /// The names of the `m` variables.
+    pub variable_names: Vec<String>,
+    /// The states at the start, `n` finite values.
+    pub initial: Vec<f64>,
+    /// The equations.
+    pub equations: Equations,
+    /// What the user should know before it is solved.
+    pub warnings: Vec<Warning>,
+}
+
+impl Model {
+    /// An evaluator with registers of its own.
+    pub fn problem(&self) -> Box<dyn Dvi> {
+        match &self.equations {
+            Equations::Symbolic(equations) => Box::new(equations.clone()),
+            Equations::Linear(equations) => Box::new(equations.clone()),
+        }
+    }
+
+    /// Sizes, set and sparsity.
+    pub fn structure(&self) -> &Structure {
+        match &self.equations {
+            Equations::Symbolic(equations) => equations.structure(),
+            Equations::Linear(equations) => equations.structure(),
+        }
+    }
+}

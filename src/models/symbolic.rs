@@ -1,0 +1,132 @@
+//! The general form, in expressions:
+//!
+//! ```text
+//! M x' = F(t,x,z),    z in K(t,x),    <G(t,x,z), z~ - z> >= 0  for all z~ in K(t,x)
+//! ```
+//!
+//! with `F` affine in `z`. Values and Jacobian are one [`Tape`] each; derivatives are exact.
+
+use crate::expression::{ExpressionError, Graph, Node, Tape};
+use crate::problem::{ConvexSet, Dvi, Mass, MovingBound, Structure};
+
+/// The rows of a problem as nodes of a [`Graph`] whose inputs are `t`, then `x` (n), then `z` (m).
+#[derive(Clone, Debug)]
+pub struct Rows {
+    /// `M`.
+    pub mass: Mass,
+    /// `F`, one a state.
+    pub rates: Vec<Node>,
+    /// `G`, one a variable.
+    pub inequality: Vec<Node>,
+    /// `K` with its constant bounds.
+    pub set: ConvexSet,
+    /// The bounds that vary with `(t, x)`.
+    pub moving: Vec<(MovingBound, Node)>,
+}
+
+/// Why rows are no differential variational inequality.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Refusal {
+    /// The derivative of a rate by a variable depends on the variables.
+    #[error("rate {rate} is not affine in variable {variable}")]
+    NotAffine {
+        /// The row of `F`.
+        rate: usize,
+        /// The index of the variable.
+        variable: usize,
+    },
+    /// A row could not be differentiated.
+    #[error("row {row}: {error}")]
+    Derivative {
+        /// The row, counted through `F`, `G` and the moving bounds.
+        row: usize,
+        /// The bound that was passed.
+        error: ExpressionError,
+    },
+}
+
+/// A problem in expressions, with registers of its own.
+#[derive(Clone, Debug)]
+pub struct Symbolic {
+    structure: Structure,
+    values: Tape,
+    derivatives: Tape,
+    inputs: Vec<f64>,
+}
+
+impl Symbolic {
+    /// Differentiates and compiles the rows.
+    ///
+    /// # Errors
+    /// Every rate that is not affine in the variables, and every row whose derivative passes the bounds of `graph`.
+    pub fn new(graph: &mut Graph, rows: Rows) -> Result<Self, Vec<Refusal>> {
+        let (n, m) = (rows.rates.len(), rows.inequality.len());
+        let outputs: Vec<Node> = rows
+            .rates
+            .iter()
+            .chain(&rows.inequality)
+            .copied()
+            .chain(rows.moving.iter().map(|&(_, node)| node))
+            .collect();
+        let mut refusals = Vec::new();
+        let (mut pattern, mut derivatives) = (Vec::new(), Vec::new());
+        for (row, &output) in outputs.iter().enumerate() {
+            let gradient = match graph.gradient(output) {
+                Ok(gradient) => gradient,
+                Err(error) => {
+                    refusals.push(Refusal::Derivative { row, error });
+                    continue;
+                }
+            };
+            for (input, derivative) in gradient.into_iter().filter(|&(input, _)| input > 0) {
+                let column = input - 1;
+                if row < n && column >= n && graph.inputs(derivative).iter().any(|&input| input > n) {
+                    refusals.push(Refusal::NotAffine { rate: row, variable: column - n });
+                }
+                if graph.value(derivative) != Some(0.0) {
+                    pattern.push((row, column));
+                    derivatives.push(derivative);
+                }
+            }
+        }
+        if !refusals.is_empty() {
+            return Err(refusals);
+        }
+        let structure = Structure {
+            states: n,
+            variables: m,
+            mass: rows.mass,
+            set: rows.set,
+            moving: rows.moving.into_iter().map(|(bound, _)| bound).collect(),
+            pattern,
+            constant_jacobian: derivatives.iter().all(|&derivative| graph.value(derivative).is_some()),
+        };
+        Ok(Self {
+            structure,
+            values: Tape::compile(graph, &outputs),
+            derivatives: Tape::compile(graph, &derivatives),
+            inputs: vec![0.0; 1 + n + m],
+        })
+    }
+
+    fn set_inputs(&mut self, t: f64, y: &[f64]) {
+        self.inputs[0] = t;
+        self.inputs[1..].copy_from_slice(y);
+    }
+}
+
+impl Dvi for Symbolic {
+    fn structure(&self) -> &Structure {
+        &self.structure
+    }
+
+    fn evaluate(&mut self, t: f64, y: &[f64], values: &mut [f64]) {
+        self.set_inputs(t, y);
+        self.values.evaluate(&self.inputs, values);
+    }
+
+    fn jacobian(&mut self, t: f64, y: &[f64], values: &mut [f64]) {
+        self.set_inputs(t, y);
+        self.derivatives.evaluate(&self.inputs, values);
+    }
+}

@@ -1,0 +1,162 @@
+//! A specification that has passed every check.
+
+use super::document::{Document, Limits, Problem, Time};
+use super::error::{Errors, SpecificationError};
+use super::lowering::{Lowering, MOST_UNKNOWNS};
+use super::method::{Method, out_of_range};
+use super::nearest::abridged;
+use super::place::Place;
+use super::reading::{Reading, read};
+use super::repairs::Repairs;
+use crate::models::Model;
+
+/// A specification that has passed every check, lowered and ready to be solved any number of times.
+#[derive(Debug)]
+pub struct Specification {
+    label: Option<String>,
+    model: Model,
+    time: Time,
+    method: Method,
+    absolute_tolerances: Vec<f64>,
+    output_times: Option<Vec<f64>>,
+    output_fields: Vec<usize>,
+    limits: Limits,
+}
+
+/// The longest label, in characters.
+const LONGEST_LABEL: usize = 200;
+
+impl Specification {
+    /// Reads and checks a JSON document.
+    ///
+    /// # Errors
+    /// All that is wrong with it, at least one.
+    pub fn from_json(text: &[u8]) -> Result<Self, Vec<SpecificationError>> {
+        let Reading { document, repairs, mut errors } = read(text).map_err(Errors::into_list)?;
+        match Self::check(document, &repairs, &mut errors) {
+            Some(specification) if errors.found() == 0 => Ok(specification),
+            _ => Err(errors.into_list()),
+        }
+    }
+
+    /// Checks what a document means. What was mended in reading it is not held against it again.
+    fn check(document: Document, repairs: &Repairs, errors: &mut Errors) -> Option<Self> {
+        let Document { problem, time, method, output, limits, study: _, label } = document;
+        let mut found = Errors::default();
+        let root = Place::Root;
+        let horizon = check_time(time, &root.key("time"), &mut found).filter(|_| !repairs.touch("/time"));
+        let start = horizon.map(|time| time.start).filter(|_| !repairs.touch("/problem"));
+        let model = (!repairs.reshape("/problem")).then(|| lower(&problem, start, &mut found)).flatten();
+
+        let place = root.key("method");
+        method.check(&place, horizon.map(|time| time.end - time.start), &mut found);
+        let place_of_output = root.key("output");
+        let output_times = output.times(horizon, &place_of_output, &mut found);
+        check_limits(limits, &root.key("limits"), &mut found);
+        check_label(label.as_deref(), &root.key("label"), &mut found);
+        let specification = model.map(|model| {
+            let absolute_tolerances = method.absolute_tolerances(&model.state_names, &place, &mut found);
+            let names: Vec<&str> = model.state_names.iter().chain(&model.variable_names).map(String::as_str).collect();
+            let output_fields = output.fields(&names, &place_of_output, &mut found);
+            Self { label, model, time, method, absolute_tolerances, output_times, output_fields, limits }
+        });
+        found.retain(|pointer| !repairs.explain(pointer));
+        errors.append(found);
+        specification
+    }
+
+    /// The user's own words for it, at most 200 characters.
+    pub fn label(&self) -> Option<&str> {
+        self.label.as_deref()
+    }
+
+    /// The problem, with names and initial values.
+    pub fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// The time horizon; the end comes after the start.
+    pub fn time(&self) -> Time {
+        self.time
+    }
+
+    /// How it is to be solved; every number is in its range.
+    pub fn method(&self) -> &Method {
+        &self.method
+    }
+
+    /// The absolute tolerance of each state, above zero.
+    pub fn absolute_tolerances(&self) -> &[f64] {
+        &self.absolute_tolerances
+    }
+
+    /// The increasing times to report at, within the horizon; none for those of the steps.
+    pub fn output_times(&self) -> Option<&[f64]> {
+        self.output_times.as_deref()
+    }
+
+    /// The fields to keep, as places in `(x, z)`.
+    pub fn output_fields(&self) -> &[usize] {
+        &self.output_fields
+    }
+
+    /// The wall-clock time the user allows, in seconds.
+    pub fn wall_seconds(&self) -> Option<f64> {
+        self.limits.wall_seconds
+    }
+
+    /// The steps, accepted and rejected, that the user allows.
+    pub fn step_limit(&self) -> Option<u64> {
+        self.limits.steps
+    }
+}
+
+/// The model, where the problem has one; its errors go to `errors`.
+fn lower(problem: &Problem, start: Option<f64>, errors: &mut Errors) -> Option<Model> {
+    let place = Place::Root.key("problem");
+    let (key, unknowns) = match problem {
+        Problem::Dvi(problem) => ("dvi", problem.states.len() + problem.variables.len()),
+        Problem::Lcs(problem) => ("lcs", problem.initial.len() + problem.variables()),
+    };
+    let place = place.key(key);
+    if unknowns > MOST_UNKNOWNS {
+        let error = SpecificationError::new(place.to_string(), "too_many_unknowns", format!("{unknowns} unknowns"));
+        errors.push(error.expected(format!("at most {MOST_UNKNOWNS} states and variables")));
+        return None;
+    }
+    let (Lowering { errors: found, .. }, model) = match problem {
+        Problem::Dvi(problem) => problem.lower(&place, start),
+        Problem::Lcs(problem) => problem.lower(&place, start),
+    };
+    errors.append(found);
+    model
+}
+
+/// The horizon, if it is one.
+fn check_time(time: Time, place: &Place<'_>, errors: &mut Errors) -> Option<Time> {
+    if time.end > time.start && (time.end - time.start).is_finite() {
+        return Some(time);
+    }
+    let detail = format!("the end {} does not come after the start {}", time.end, time.start);
+    let error = SpecificationError::new(place.key("end").to_string(), "end_before_start", detail);
+    errors.push(error.expected(format!("a time above {}, a finite distance away", time.start)));
+    None
+}
+
+fn check_limits(limits: Limits, place: &Place<'_>, errors: &mut Errors) {
+    if let Some(seconds) = limits.wall_seconds.filter(|seconds| *seconds <= 0.0) {
+        out_of_range(&place.key("wall_seconds"), seconds, "above 0", errors);
+    }
+    if let Some(steps) = limits.steps.filter(|steps| !(1..=10_000_000).contains(steps)) {
+        out_of_range(&place.key("steps"), steps as f64, "1 to 10000000", errors);
+    }
+}
+
+fn check_label(label: Option<&str>, place: &Place<'_>, errors: &mut Errors) {
+    let Some(length) = label.map(|label| label.chars().count()).filter(|length| *length > LONGEST_LABEL) else {
+        return;
+    };
+    let detail = format!("the label has {length} characters: {}", abridged(label.unwrap_or_default()));
+    let error = SpecificationError::new(place.to_string(), "label_too_long", detail);
+    errors.push(error.expected(format!("at most {LONGEST_LABEL} characters")));
+}

@@ -1,0 +1,103 @@
+//! The document as a whole: what a user posts, before it is checked.
+
+use super::dvi::DviProblem;
+use super::lcs::LcsProblem;
+use super::method::Method;
+use super::output::Output;
+use serde::Deserialize;
+use serde::de::{Deserializer, Error, Visitor};
+use std::fmt;
+use utoipa::openapi::RefOr;
+use utoipa::openapi::schema::{ObjectBuilder, Schema, Type};
+use utoipa::{PartialSchema, ToSchema};
+
+/// A problem, the time to solve it over, and how. Only `problem` and `time.end` are required.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(as = Specification)]
+pub struct Document {
+    /// What is to be solved.
+    pub problem: Problem,
+    /// The time horizon.
+    pub time: Time,
+    /// How it is solved.
+    #[serde(default)]
+    pub method: Method,
+    /// What is kept of the trajectory.
+    #[serde(default)]
+    pub output: Output,
+    /// When to stop early.
+    #[serde(default)]
+    pub limits: Limits,
+    /// Reserved for studies of error against run time; only null for now.
+    #[serde(default)]
+    pub study: Reserved,
+    /// Free text, at most 200 characters.
+    #[schema(max_length = 200)]
+    pub label: Option<String>,
+}
+
+/// Exactly one type of problem. Each is a way to write `M x' = f(t,x) + B(t,x) z`, `z in K`,
+/// `<G(t,x,z), z~ - z> >= 0` for all `z~ in K`.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Problem {
+    /// The general form, in expressions.
+    Dvi(DviProblem),
+    /// A linear complementarity system, in matrices.
+    Lcs(LcsProblem),
+}
+
+/// The time horizon, in seconds unless the model says otherwise.
+#[derive(Clone, Copy, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Time {
+    /// Where the initial values hold.
+    #[serde(default)]
+    #[schema(default = 0.0)]
+    pub start: f64,
+    /// Where the solve ends; after `start`.
+    pub end: f64,
+}
+
+/// When to stop early, with the trajectory so far.
+#[derive(Clone, Copy, Debug, Default, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Limits {
+    /// Wall-clock time, in seconds. The server has a limit of its own, and the lesser counts.
+    #[schema(exclusive_minimum = 0.0)]
+    pub wall_seconds: Option<f64>,
+    /// Accepted and rejected steps.
+    #[schema(minimum = 1, maximum = 10_000_000)]
+    pub steps: Option<u64>,
+}
+
+/// A key that is there, but with no values yet other than null.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Reserved;
+
+impl PartialSchema for Reserved {
+    fn schema() -> RefOr<Schema> {
+        ObjectBuilder::new().schema_type(Type::Null).description(Some("Only null for now.")).into()
+    }
+}
+
+impl ToSchema for Reserved {}
+
+impl<'de> Deserialize<'de> for Reserved {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct NullVisitor;
+        impl Visitor<'_> for NullVisitor {
+            type Value = Reserved;
+
+            fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+                formatter.write_str("null: this version runs no studies")
+            }
+
+            fn visit_unit<E: Error>(self) -> Result<Reserved, E> {
+                Ok(Reserved)
+            }
+        }
+        deserializer.deserialize_any(NullVisitor)
+    }
+}

@@ -1,0 +1,172 @@
+//! The general form, in expressions:
+//!
+//! ```text
+//! M x' = F(t,x,z),    z in K(t,x),    <G(t,x,z), z~ - z> >= 0  for all z~ in K(t,x)
+//! ```
+//!
+//! A problem without variables is an ordinary differential equation; one with only free variables is
+//! differential-algebraic.
+
+use super::error::SpecificationError;
+use super::expression::Expression;
+use super::kinks;
+use super::lowering::Lowering;
+use super::mass;
+use super::matrix::Matrix;
+use super::nearest::abridged;
+use super::ordered::Ordered;
+use super::place::Place;
+use super::set::{self, Block, LoweredSet};
+use super::start;
+use crate::expression::Node;
+use crate::models::{Equations, Model, Refusal, Rows, Symbolic};
+use serde::Deserialize;
+use utoipa::ToSchema;
+
+/// The general form: rates of the states, an inequality for each variable, and the set they lie in.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct DviProblem {
+    /// Constants by name; each may be an expression in those before it.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
+    pub parameters: Ordered<Expression>,
+    /// The states `x` by name, at least one. Their order is that of the output.
+    #[schema(value_type = std::collections::BTreeMap<String, State>)]
+    pub states: Ordered<State>,
+    /// The variables `z` by name. None for an ordinary differential equation.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, Variable>)]
+    pub variables: Ordered<Variable>,
+    /// The set `K` as a product of blocks. Required where there are variables; each stands in exactly one block.
+    pub set: Option<Vec<Block>>,
+    /// The mass matrix `M`, square of the number of states, constant; it may be singular. Default the identity.
+    pub mass: Option<Matrix>,
+}
+
+/// A state `x_i`.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct State {
+    /// Its value at the start, an expression in the parameters.
+    pub initial: Expression,
+    /// Its rate: row `i` of `F` in `M x' = F(t,x,z)`. Affine in the variables, which is checked.
+    pub rate: Expression,
+}
+
+/// A variable `z_i`.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Variable {
+    /// The component of `G(t,x,z)` paired with it. For `z_i >= 0` it is what must be nonnegative, and zero while
+    /// `z_i > 0`; for a free variable it is what must be zero; between bounds it is nonnegative at the lower,
+    /// nonpositive at the upper.
+    pub inequality: Expression,
+}
+
+impl DviProblem {
+    /// Lowers the problem as far as it can be; the model is of use only if no error was found.
+    pub(super) fn lower(&self, place: &Place<'_>, start: Option<f64>) -> (Lowering, Option<Model>) {
+        let mut lowering = Lowering::new(start, &self.parameters, place);
+        let (n, m) = (self.states.len(), self.variables.len());
+        if n == 0 {
+            let error = SpecificationError::new(place.key("states").to_string(), "empty_states", "there are no states");
+            lowering.errors.push(error.expected("at least one state"));
+        }
+        let state_names: Vec<String> = self.states.names().map(String::from).collect();
+        let variable_names: Vec<String> = self.variables.names().map(String::from).collect();
+        lowering.bind_unknowns(self.states.names().chain(self.variables.names()), |i| {
+            let (section, name) = match i.checked_sub(n) {
+                None => ("states", self.states.name(i)),
+                Some(i) => ("variables", self.variables.name(i)),
+            };
+            place.key(section).key(name).to_string()
+        });
+        let initial = self.initial(place, &mut lowering);
+        let rates = self.rates(place, &mut lowering);
+        let inequality = self.inequality(place, &mut lowering);
+        let mass = mass::lower(self.mass.as_ref(), n, place, &mut lowering);
+        let variable_pointer = |i: usize| place.key("variables").key(self.variables.name(i)).to_string();
+        let LoweredSet { set, moving, moving_pointers } =
+            set::lower(self.set.as_deref(), n, &variable_names, place, variable_pointer, &mut lowering);
+        let warnings = self
+            .states
+            .names()
+            .zip(&rates)
+            .flat_map(|(name, &rate)| kinks::warnings(name, rate, &state_names, &lowering.graph))
+            .collect();
+        let rows = Rows { mass, rates, inequality, set, moving };
+        let row_pointer = |row: usize| match (row.checked_sub(n), row.checked_sub(n + m)) {
+            (_, Some(bound)) => moving_pointers[bound].clone(),
+            (Some(i), None) => place.key("variables").key(self.variables.name(i)).key("inequality").to_string(),
+            (None, None) => place.key("states").key(self.states.name(row)).key("rate").to_string(),
+        };
+        let equations = match Symbolic::new(&mut lowering.graph, rows) {
+            Ok(equations) => Equations::Symbolic(equations),
+            Err(refusals) => {
+                for refusal in refusals {
+                    lowering.errors.push(refused(refusal, &state_names, &variable_names, &row_pointer));
+                }
+                return (lowering, None);
+            }
+        };
+        let model = Model { state_names, variable_names, initial, equations, warnings };
+        if let Some(t) = lowering.start.filter(|_| lowering.errors.found() == 0) {
+            start::check(&model, t, row_pointer, &mut lowering.errors);
+        }
+        (lowering, Some(model))
+    }
+
+    fn initial(&self, place: &Place<'_>, lowering: &mut Lowering) -> Vec<f64> {
+        let place = place.key("states");
+        self.states
+            .iter()
+            .map(|(name, state)| {
+                lowering.constant(&state.initial, &place.key(name).key("initial")).unwrap_or(0.0)
+            })
+            .collect()
+    }
+
+    fn rates(&self, place: &Place<'_>, lowering: &mut Lowering) -> Vec<Node> {
+        let place = place.key("states");
+        self.states
+            .iter()
+            .map(|(name, state)| {
+                let rate = lowering.node(&state.rate, &place.key(name).key("rate"));
+                rate.unwrap_or_else(|| lowering.graph.constant(0.0))
+            })
+            .collect()
+    }
+
+    fn inequality(&self, place: &Place<'_>, lowering: &mut Lowering) -> Vec<Node> {
+        let place = place.key("variables");
+        self.variables
+            .iter()
+            .map(|(name, variable)| {
+                let row = lowering.node(&variable.inequality, &place.key(name).key("inequality"));
+                row.unwrap_or_else(|| lowering.graph.constant(0.0))
+            })
+            .collect()
+    }
+}
+
+fn refused(
+    refusal: Refusal,
+    states: &[String],
+    variables: &[String],
+    pointer: impl Fn(usize) -> String,
+) -> SpecificationError {
+    match refusal {
+        Refusal::NotAffine { rate, variable } => {
+            let (state, variable) = (abridged(&states[rate]), abridged(&variables[variable]));
+            let detail = format!(
+                "the rate of `{state}` is not affine in the variables: its derivative by `{variable}` depends on them"
+            );
+            SpecificationError::new(pointer(rate), "rate_not_affine", detail)
+                .expected("f(t,x) + B(t,x) z; a nonlinear law belongs into an `inequality`")
+        }
+        Refusal::Derivative { row, error } => {
+            SpecificationError::new(pointer(row), error.code, error.message).did_you_mean(error.did_you_mean)
+        }
+    }
+}

@@ -1,0 +1,64 @@
+//! An expression as it stands in a document: a number, or text in infix notation.
+
+use serde::de::{Deserialize, Deserializer, Error, Visitor};
+use std::fmt;
+use utoipa::openapi::schema::{ObjectBuilder, OneOfBuilder, Schema, Type};
+use utoipa::openapi::RefOr;
+use utoipa::{PartialSchema, ToSchema};
+
+/// A number, or a string in infix notation.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Expression {
+    /// A constant.
+    Number(f64),
+    /// Text to be parsed.
+    Text(String),
+}
+
+const DESCRIPTION: &str = "A number, or a string in infix notation: `+ - * / ^`, parentheses, the names in scope, `t`, \
+    `pi`, and `sin cos tan asin acos atan atan2 sinh cosh tanh exp ln log10 sqrt cbrt abs sign min max heaviside pow`. \
+    At most 64 KiB long and 200 levels deep.";
+
+impl PartialSchema for Expression {
+    fn schema() -> RefOr<Schema> {
+        OneOfBuilder::new()
+            .item(ObjectBuilder::new().schema_type(Type::Number))
+            .item(ObjectBuilder::new().schema_type(Type::String))
+            .description(Some(DESCRIPTION))
+            .into()
+    }
+}
+
+impl ToSchema for Expression {}
+
+impl<'de> Deserialize<'de> for Expression {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_any(ExpressionVisitor)
+    }
+}
+
+struct ExpressionVisitor;
+
+impl Visitor<'_> for ExpressionVisitor {
+    type Value = Expression;
+
+    fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str("an expression: a number or a string such as \"-k*x\"")
+    }
+
+    fn visit_f64<E: Error>(self, value: f64) -> Result<Expression, E> {
+        Ok(Expression::Number(value))
+    }
+
+    fn visit_u64<E: Error>(self, value: u64) -> Result<Expression, E> {
+        Ok(Expression::Number(value as f64))
+    }
+
+    fn visit_i64<E: Error>(self, value: i64) -> Result<Expression, E> {
+        Ok(Expression::Number(value as f64))
+    }
+
+    fn visit_str<E: Error>(self, text: &str) -> Result<Expression, E> {
+        Ok(Expression::Text(text.into()))
+    }
+}

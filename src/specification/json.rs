@@ -1,0 +1,137 @@
+//! A JSON document as it was written: members in order, and none lost where a name stands twice.
+
+use super::place::Step;
+use serde::de::{Deserialize, Deserializer, MapAccess, SeqAccess, Visitor};
+use serde_json::Number;
+use std::collections::HashSet;
+use std::fmt;
+
+/// A JSON value.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Json {
+    Null,
+    Bool(bool),
+    Number(Number),
+    Text(String),
+    List(Vec<Json>),
+    Object(Vec<(String, Json)>),
+}
+
+impl Json {
+    /// The value a step leads to.
+    pub(super) fn child(&self, step: &Step) -> Option<&Json> {
+        match (self, step) {
+            (Json::Object(members), Step::Key(key)) => {
+                members.iter().find(|(name, _)| name == key).map(|(_, value)| value)
+            }
+            (Json::List(items), Step::Index(index)) => items.get(*index),
+            _ => None,
+        }
+    }
+
+    /// The value at the end of a path.
+    pub(super) fn at_mut(&mut self, path: &[Step]) -> Option<&mut Json> {
+        path.iter().try_fold(self, |value, step| match (value, step) {
+            (Json::Object(members), Step::Key(key)) => {
+                members.iter_mut().find(|(name, _)| name == key).map(|(_, value)| value)
+            }
+            (Json::List(items), Step::Index(index)) => items.get_mut(*index),
+            _ => None,
+        })
+    }
+
+    /// Removes members whose name has stood before in the same object, and hands `found` the path of each.
+    pub(super) fn remove_duplicates(&mut self, path: &mut Vec<Step>, found: &mut impl FnMut(&[Step])) {
+        match self {
+            Json::Object(members) => {
+                let mut seen = HashSet::new();
+                members.retain(|(name, _)| {
+                    let first = seen.insert(name.clone());
+                    if !first {
+                        path.push(Step::Key(name.clone()));
+                        found(path);
+                        path.pop();
+                    }
+                    first
+                });
+                for (name, value) in members.iter_mut().filter(|(_, value)| value.is_container()) {
+                    path.push(Step::Key(name.clone()));
+                    value.remove_duplicates(path, found);
+                    path.pop();
+                }
+            }
+            Json::List(items) => {
+                for (index, value) in items.iter_mut().enumerate().filter(|(_, value)| value.is_container()) {
+                    path.push(Step::Index(index));
+                    value.remove_duplicates(path, found);
+                    path.pop();
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn is_container(&self) -> bool {
+        matches!(self, Json::List(_) | Json::Object(_))
+    }
+}
+
+impl<'de> Deserialize<'de> for Json {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_any(JsonVisitor)
+    }
+}
+
+struct JsonVisitor;
+
+impl<'de> Visitor<'de> for JsonVisitor {
+    type Value = Json;
+
+    fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str("a JSON value")
+    }
+
+    fn visit_unit<E>(self) -> Result<Json, E> {
+        Ok(Json::Null)
+    }
+
+    fn visit_bool<E>(self, value: bool) -> Result<Json, E> {
+        Ok(Json::Bool(value))
+    }
+
+    fn visit_u64<E>(self, value: u64) -> Result<Json, E> {
+        Ok(Json::Number(value.into()))
+    }
+
+    fn visit_i64<E>(self, value: i64) -> Result<Json, E> {
+        Ok(Json::Number(value.into()))
+    }
+
+    fn visit_f64<E: serde::de::Error>(self, value: f64) -> Result<Json, E> {
+        Number::from_f64(value).map(Json::Number).ok_or_else(|| E::custom("number out of range"))
+    }
+
+    fn visit_str<E>(self, value: &str) -> Result<Json, E> {
+        Ok(Json::Text(value.into()))
+    }
+
+    fn visit_string<E>(self, value: String) -> Result<Json, E> {
+        Ok(Json::Text(value))
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut access: A) -> Result<Json, A::Error> {
+        let mut items = Vec::new();
+        while let Some(item) = access.next_element()? {
+            items.push(item);
+        }
+        Ok(Json::List(items))
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut access: A) -> Result<Json, A::Error> {
+        let mut members = Vec::new();
+        while let Some(member) = access.next_entry()? {
+            members.push(member);
+        }
+        Ok(Json::Object(members))
+    }
+}

@@ -1,0 +1,50 @@
+//! Kinks of a state inside a rate: allowed, but the switch they make is invisible to whoever looks for changes of the
+//! active face of `K`. Written as a set, the same law has switches that are located.
+
+use crate::expression::{Graph, Node};
+use crate::solution::Warning;
+
+/// One warning for each kind of kink in the rate of a state.
+pub(super) fn warnings(state: &str, rate: Node, states: &[String], graph: &Graph) -> Vec<Warning> {
+    let mut kinks: Vec<(&str, Vec<usize>)> = graph
+        .kinks(rate)
+        .into_iter()
+        .map(|(function, inputs)| {
+            let of_states = inputs.into_iter().filter(|input| (1..=states.len()).contains(input)).collect();
+            (function, of_states)
+        })
+        .filter(|(_, inputs): &(_, Vec<usize>)| !inputs.is_empty())
+        .collect();
+    kinks.sort_unstable();
+    kinks.dedup();
+    kinks
+        .into_iter()
+        .map(|(function, inputs)| {
+            const SHOWN: usize = 6;
+            let mut of: Vec<String> = inputs.iter().take(SHOWN).map(|i| format!("`{}`", states[i - 1])).collect();
+            if inputs.len() > SHOWN {
+                of.push("...".into());
+            }
+            Warning {
+                code: "kink_in_rate",
+                message: format!(
+                    "the rate of `{state}` has a kink, `{function}` of {}, that switch detection cannot see, so the \
+                     order drops where it is crossed; write it as a set instead: {}",
+                    of.join(", "),
+                    remedy(function)
+                ),
+            }
+        })
+        .collect()
+}
+
+/// The same function as a variational inequality: `z` on an interval maximises `z` times what switches it.
+fn remedy(function: &str) -> &'static str {
+    match function {
+        "abs" => "abs(a) = z*a with z in the box [-1, 1] and the inequality -a",
+        "sign" => "sign(a) = z with z in the box [-1, 1] and the inequality -a",
+        "min" => "min(a, b) = a - z with z nonnegative and the inequality z - (a - b)",
+        "max" => "max(a, b) = a + z with z nonnegative and the inequality z - (b - a)",
+        _ => "heaviside(a) = z with z in the box [0, 1] and the inequality -a",
+    }
+}

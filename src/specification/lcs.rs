@@ -1,0 +1,177 @@
+//! The linear complementarity system
+//!
+//! ```text
+//! M x' = A x + B z + a(t),    z in K(t,x),    G = C x + D z + g(t)
+//! ```
+
+use super::error::SpecificationError;
+use super::expression::Expression;
+use super::lowering::Lowering;
+use super::mass;
+use super::matrix::Matrix;
+use super::ordered::Ordered;
+use super::place::Place;
+use super::set::{self, Block};
+use super::start;
+use crate::expression::Node;
+use crate::models::{Equations, Linear, LinearRows, Model};
+use serde::Deserialize;
+use utoipa::ToSchema;
+
+/// `M x' = A x + B z + a(t)`, `G = C x + D z + g(t)`, `z in K`. What is left out is zero.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[expect(non_snake_case, reason = "the matrices go by the names that they have in the formula")]
+pub struct LcsProblem {
+    /// Constants by name; each may be an expression in those before it.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
+    pub parameters: Ordered<Expression>,
+    /// The states at the start, expressions in the parameters; their number is `n`.
+    pub initial: Vec<Expression>,
+    /// `n x n`.
+    pub A: Option<Matrix>,
+    /// `n x m`.
+    pub B: Option<Matrix>,
+    /// `m x n`.
+    pub C: Option<Matrix>,
+    /// `m x m`.
+    pub D: Option<Matrix>,
+    /// `n` expressions in `t`.
+    pub a: Option<Vec<Expression>>,
+    /// `m` expressions in `t`.
+    pub g: Option<Vec<Expression>>,
+    /// The set `K` as a product of blocks. Required where there are variables; each stands in exactly one block.
+    pub set: Option<Vec<Block>>,
+    /// The mass matrix `M`, `n x n`, constant; it may be singular. Default the identity.
+    pub mass: Option<Matrix>,
+    /// `n` names. Default `x1`, `x2`, ...
+    pub state_names: Option<Vec<String>>,
+    /// `m` names. Default `z1`, `z2`, ...
+    pub variable_names: Option<Vec<String>>,
+}
+
+impl LcsProblem {
+    /// `m`: as many as there are names, or else as the first matrix that tells.
+    pub(super) fn variables(&self) -> usize {
+        self.variable_names
+            .as_ref()
+            .map(Vec::len)
+            .or_else(|| self.D.as_ref().map(Matrix::rows))
+            .or_else(|| self.C.as_ref().map(Matrix::rows))
+            .or_else(|| self.g.as_ref().map(Vec::len))
+            .or_else(|| self.B.as_ref().map(Matrix::columns))
+            .unwrap_or(0)
+    }
+
+    /// Lowers the problem as far as it can be; the model is of use only if no error was found.
+    pub(super) fn lower(&self, place: &Place<'_>, start: Option<f64>) -> (Lowering, Option<Model>) {
+        let mut lowering = Lowering::new(start, &self.parameters, place);
+        let (n, m) = (self.initial.len(), self.variables());
+        if n == 0 {
+            let error = SpecificationError::new(place.key("initial").to_string(), "empty_states", "there are no states");
+            lowering.errors.push(error.expected("at least one initial value"));
+        }
+        let state_names = names(self.state_names.as_deref(), "x", n, &place.key("state_names"), &mut lowering);
+        let variable_names = names(self.variable_names.as_deref(), "z", m, &place.key("variable_names"), &mut lowering);
+        let name_pointer = |i: usize| match i.checked_sub(n) {
+            None => place.key("state_names").index(i).to_string(),
+            Some(i) if self.variable_names.is_some() => place.key("variable_names").index(i).to_string(),
+            Some(_) => place.to_string(),
+        };
+        lowering.bind_unknowns(state_names.iter().chain(&variable_names).map(String::as_str), name_pointer);
+        let initial = self
+            .initial
+            .iter()
+            .enumerate()
+            .map(|(i, value)| lowering.constant(value, &place.key("initial").index(i)).unwrap_or(0.0))
+            .collect();
+        let matrix = self.matrix(n, m, place, &mut lowering);
+        let state_forcing = forcing(self.a.as_deref(), n, &place.key("a"), &mut lowering);
+        let inequality_forcing = forcing(self.g.as_deref(), m, &place.key("g"), &mut lowering);
+        let mass = mass::lower(self.mass.as_ref(), n, place, &mut lowering);
+        let set = set::lower(self.set.as_deref(), n, &variable_names, place, |i| name_pointer(n + i), &mut lowering);
+        let pointers = set.moving_pointers;
+        let rows =
+            LinearRows { mass, matrix, state_forcing, inequality_forcing, set: set.set, moving: set.moving };
+        let equations = match Linear::new(&mut lowering.graph, rows) {
+            Ok(equations) => Equations::Linear(equations),
+            Err((bound, error)) => {
+                lowering.errors.push(SpecificationError::new(&pointers[bound], error.code, error.message));
+                return (lowering, None);
+            }
+        };
+        let model = Model { state_names, variable_names, initial, equations, warnings: Vec::new() };
+        if let Some(t) = lowering.start.filter(|_| lowering.errors.found() == 0) {
+            let pointer = |row: usize| match (row.checked_sub(n), row.checked_sub(n + m)) {
+                (_, Some(bound)) => pointers[bound].clone(),
+                (Some(i), None) => place.key("g").index(i).to_string(),
+                (None, None) => place.key("a").index(row).to_string(),
+            };
+            start::check(&model, t, pointer, &mut lowering.errors);
+        }
+        (lowering, Some(model))
+    }
+
+    /// `[A B; C D]` by its nonzeros.
+    fn matrix(&self, n: usize, m: usize, place: &Place<'_>, lowering: &mut Lowering) -> Vec<(usize, usize, f64)> {
+        let blocks = [
+            ("A", &self.A, (0, 0), (n, n)),
+            ("B", &self.B, (0, n), (n, m)),
+            ("C", &self.C, (n, 0), (m, n)),
+            ("D", &self.D, (n, n), (m, m)),
+        ];
+        let mut matrix = Vec::new();
+        for (key, block, (top, left), shape) in blocks {
+            let Some(block) = block else { continue };
+            let entries = block.entries(shape, &place.key(key), lowering);
+            matrix.extend(entries.into_iter().map(|(i, j, value)| (top + i, left + j, value)));
+        }
+        matrix
+    }
+}
+
+fn names(
+    given: Option<&[String]>,
+    letter: &str,
+    count: usize,
+    place: &Place<'_>,
+    lowering: &mut Lowering,
+) -> Vec<String> {
+    match given {
+        Some(names) if names.len() == count => return names.to_vec(),
+        Some(names) => wrong_length(place, names.len(), count, lowering),
+        None => {}
+    }
+    (1..=count).map(|i| format!("{letter}{i}")).collect()
+}
+
+/// A forcing, in `t` alone; zero where it is left out.
+fn forcing(given: Option<&[Expression]>, count: usize, place: &Place<'_>, lowering: &mut Lowering) -> Vec<Node> {
+    let zero = lowering.graph.constant(0.0);
+    let given = given.unwrap_or_default();
+    if !given.is_empty() && given.len() != count {
+        wrong_length(place, given.len(), count, lowering);
+    }
+    let mut nodes: Vec<Node> = given
+        .iter()
+        .enumerate()
+        .map(|(i, expression)| {
+            let place = place.index(i);
+            let node = lowering.node(expression, &place).unwrap_or(zero);
+            if lowering.graph.inputs(node).into_iter().any(|input| input > 0) {
+                let detail = "a forcing may depend on `t` alone; what depends on the states belongs into the matrices";
+                lowering.errors.report(&place, "forcing_depends_on_unknown", detail);
+            }
+            node
+        })
+        .collect();
+    nodes.resize(count, zero);
+    nodes
+}
+
+fn wrong_length(place: &Place<'_>, found: usize, expected: usize, lowering: &mut Lowering) {
+    let detail = format!("expected {expected} entries, got {found}");
+    let error = SpecificationError::new(place.to_string(), "wrong_shape", detail);
+    lowering.errors.push(error.expected(format!("{expected} entries")));
+}

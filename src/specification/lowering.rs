@@ -1,0 +1,127 @@
+//! The common ground of the problem types while they are lowered: names, expressions, and the errors found so far.
+//!
+//! Inputs are numbered `t = 0`, states `1..=n`, variables `n+1..=n+m`. An expression that cannot be read is reported and
+//! gives nothing; its caller puts in something harmless and goes on, so that the rest is checked as well.
+
+use super::error::{Errors, SpecificationError};
+use super::expression::Expression;
+use super::nearest::abridged;
+use super::ordered::Ordered;
+use super::place::Place;
+use crate::expression::{Graph, NameError, Node, Scope};
+
+/// States and variables that one specification may have in all.
+pub(super) const MOST_UNKNOWNS: usize = 2_000_000;
+
+/// A problem in the course of being lowered.
+#[derive(Debug, Default)]
+pub(super) struct Lowering {
+    pub graph: Graph,
+    pub errors: Errors,
+    /// The start time and whether the initial values are the user's; absent if the start is not to be evaluated.
+    pub start: Option<f64>,
+    constants: Scope,
+    names: Scope,
+    misnamed: bool,
+}
+
+impl Lowering {
+    /// A lowering in which `t` and the parameters have their names.
+    pub(super) fn new(start: Option<f64>, parameters: &Ordered<Expression>, problem: &Place<'_>) -> Self {
+        let mut lowering = Self { start, ..Self::default() };
+        let t = lowering.graph.input(0);
+        lowering.bind("t", t, problem);
+        let place = problem.key("parameters");
+        for (name, value) in parameters.iter() {
+            let place = place.key(name);
+            let value = lowering.constant(value, &place);
+            let node = lowering.graph.constant(value.unwrap_or(1.0));
+            if lowering.bind(name, node, &place) {
+                // Bound in the larger scope, the name is valid and new in the smaller one.
+                let _ = lowering.constants.bind(name, node);
+            }
+            if value.is_none() {
+                lowering.start = None;
+            }
+        }
+        lowering
+    }
+
+    /// Gives the states and then the variables their names, in order.
+    pub(super) fn bind_unknowns<'a>(
+        &mut self,
+        names: impl Iterator<Item = &'a str>,
+        pointer: impl Fn(usize) -> String,
+    ) {
+        for (i, name) in names.enumerate() {
+            let node = self.graph.input(i + 1);
+            self.bind_at(name, node, || pointer(i));
+        }
+    }
+
+    fn bind(&mut self, name: &str, node: Node, place: &Place<'_>) -> bool {
+        self.bind_at(name, node, || place.to_string())
+    }
+
+    fn bind_at(&mut self, name: &str, node: Node, pointer: impl FnOnce() -> String) -> bool {
+        let Err(error) = self.names.bind(name, node) else { return true };
+        let code = match error {
+            NameError::Malformed { .. } => "malformed_name",
+            NameError::Reserved { .. } => "reserved_name",
+            NameError::Bound { .. } => "duplicate_name",
+        };
+        self.misnamed |= !matches!(error, NameError::Bound { .. });
+        let expected = "a name of its own: letters, digits and _, not beginning with a digit, and no reserved word";
+        self.errors.push(SpecificationError::new(pointer(), code, error.to_string()).expected(expected));
+        false
+    }
+
+    /// An expression in `t`, the parameters, the states and the variables.
+    pub(super) fn node(&mut self, expression: &Expression, place: &Place<'_>) -> Option<Node> {
+        match expression {
+            Expression::Number(value) => Some(self.graph.constant(*value)),
+            Expression::Text(text) => self.parse(text, place, false),
+        }
+    }
+
+    /// An expression in the parameters alone, which has a finite value.
+    pub(super) fn constant(&mut self, expression: &Expression, place: &Place<'_>) -> Option<f64> {
+        let value = match expression {
+            Expression::Number(value) => Some(*value),
+            Expression::Text(text) => {
+                let node = self.parse(text, place, true)?;
+                self.graph.value(node)
+            }
+        };
+        let finite = value.filter(|value| value.is_finite());
+        if finite.is_none() {
+            let detail = match (expression, value) {
+                (Expression::Text(text), Some(value)) => format!("`{}` is {value}", abridged(text)),
+                _ => "this has no finite value".into(),
+            };
+            self.errors.push(
+                SpecificationError::new(place.to_string(), "not_finite", detail).expected("a finite constant"),
+            );
+        }
+        finite
+    }
+
+    fn parse(&mut self, text: &str, place: &Place<'_>, constant: bool) -> Option<Node> {
+        // Among names that are not names, an expression would only be misread.
+        if self.misnamed {
+            return None;
+        }
+        let scope = if constant { &self.constants } else { &self.names };
+        let error = match self.graph.parse(text, scope) {
+            Ok(node) => return Some(node),
+            Err(error) => error,
+        };
+        let detail = format!("{}\n{}", error.message, error.caret(text));
+        let mut report = SpecificationError::new(place.to_string(), error.code, detail).did_you_mean(error.did_you_mean);
+        if constant && error.code == "unknown_name" {
+            report = report.expected("a constant: a number, or an expression in parameters that stand before it");
+        }
+        self.errors.push(report);
+        None
+    }
+}

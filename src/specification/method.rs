@@ -1,0 +1,181 @@
+//! How a problem is solved: stages, tolerances, step sizes, switches, the solver of the stage problems.
+
+use super::error::{Errors, SpecificationError};
+use super::place::Place;
+use super::stages::Stages;
+use super::tolerance::AbsoluteTolerance;
+use serde::Deserialize;
+use utoipa::ToSchema;
+
+/// How the problem is solved. Every key may be left out.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Method {
+    /// The family of methods. Default `auto`.
+    #[serde(default)]
+    pub name: MethodName,
+    /// Stages of Radau IIA, of order `2s - 1`: any `s` from 1 to 9 with a fixed `step`, an odd one without, or `auto`,
+    /// the default.
+    #[serde(default)]
+    pub stages: Stages,
+    /// Relative tolerance of the local error, from 1e-14 to 0.1. Default 1e-6.
+    #[serde(default = "default_rtol")]
+    #[schema(minimum = 1e-14, maximum = 0.1, default = 1e-6)]
+    pub rtol: f64,
+    /// Absolute tolerance of the local error, one number or one for each state. Default `rtol/1000`, which also holds
+    /// for the states that are not named. It should lie below the smallest value that matters.
+    pub atol: Option<AbsoluteTolerance>,
+    /// A fixed step. Without it the step follows the error.
+    #[schema(exclusive_minimum = 0.0)]
+    pub step: Option<f64>,
+    /// The first step to try.
+    #[schema(exclusive_minimum = 0.0)]
+    pub first_step: Option<f64>,
+    /// The longest step.
+    #[schema(exclusive_minimum = 0.0)]
+    pub max_step: Option<f64>,
+    /// The shortest step; a solve that needs a shorter one fails.
+    #[schema(exclusive_minimum = 0.0)]
+    pub min_step: Option<f64>,
+    /// What to do where the active set changes. Default `locate`.
+    #[serde(default)]
+    pub switches: Switches,
+    /// The solver of the variational inequalities at the stages. Default `auto`.
+    #[serde(default)]
+    pub vi_solver: ViSolverName,
+    /// Natural-map residual below which a variational inequality is solved.
+    #[schema(exclusive_minimum = 0.0, maximum = 0.01)]
+    pub vi_tolerance: Option<f64>,
+}
+
+impl Default for Method {
+    fn default() -> Self {
+        Self {
+            name: MethodName::default(),
+            stages: Stages::default(),
+            rtol: default_rtol(),
+            atol: None,
+            step: None,
+            first_step: None,
+            max_step: None,
+            min_step: None,
+            switches: Switches::default(),
+            vi_solver: ViSolverName::default(),
+            vi_tolerance: None,
+        }
+    }
+}
+
+fn default_rtol() -> f64 {
+    1e-6
+}
+
+/// The families of methods.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum MethodName {
+    /// The one that fits the problem.
+    #[default]
+    Auto,
+    /// Radau IIA with a variational inequality at every stage.
+    Radau,
+}
+
+/// What to do where the active set changes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Switches {
+    /// End a step on every change: full order throughout.
+    #[default]
+    Locate,
+    /// Step over them: cheaper a step, of low order where there is one.
+    StepOver,
+}
+
+/// The solvers of the variational inequalities at the stages.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ViSolverName {
+    /// By structure and size.
+    #[default]
+    Auto,
+    /// Lemke's pivoting, with lexicographic ties.
+    Lemke,
+    /// Newton's method on the natural map.
+    SemismoothNewton,
+}
+
+/// Steps a fixed step may lead to.
+const MOST_STEPS: f64 = 1e7;
+
+impl Method {
+    /// Checks everything but the absolute tolerances, over a horizon of the given length where that is known.
+    pub(super) fn check(&self, place: &Place<'_>, horizon: Option<f64>, errors: &mut Errors) {
+        if let Stages::Fixed(stages) = self.stages {
+            let place = place.key("stages");
+            if !(1..=9).contains(&stages) {
+                let detail = format!("{stages} stages are not on offer");
+                errors.push(
+                    SpecificationError::new(place.to_string(), "out_of_range", detail).expected("1 to 9, or \"auto\""),
+                );
+            } else if stages % 2 == 0 && self.step.is_none() {
+                let detail = format!(
+                    "{stages} stages need a fixed `step`: for an even number of stages Radau IIA has no real \
+                     eigenvalue, so there is no embedded error estimate to choose the step by"
+                );
+                errors.push(
+                    SpecificationError::new(place.to_string(), "even_stages_need_step", detail)
+                        .expected("1, 3, 5, 7, 9 or \"auto\", or a fixed `step`"),
+                );
+            }
+        }
+        if !(1e-14..=0.1).contains(&self.rtol) {
+            out_of_range(&place.key("rtol"), self.rtol, "from 1e-14 to 0.1", errors);
+        }
+        if let Some(tolerance) = self.vi_tolerance.filter(|tolerance| !(*tolerance > 0.0 && *tolerance <= 0.01)) {
+            out_of_range(&place.key("vi_tolerance"), tolerance, "above 0, at most 0.01", errors);
+        }
+        self.check_steps(place, horizon, errors);
+    }
+
+    fn check_steps(&self, place: &Place<'_>, horizon: Option<f64>, errors: &mut Errors) {
+        let adaptive =
+            [("first_step", self.first_step), ("max_step", self.max_step), ("min_step", self.min_step)];
+        for (key, step) in adaptive.iter().chain(&[("step", self.step)]) {
+            if let Some(step) = step.filter(|step| *step <= 0.0) {
+                out_of_range(&place.key(key), step, "above 0", errors);
+            }
+        }
+        if let Some(step) = self.step.filter(|step| *step > 0.0) {
+            for (key, _) in adaptive.iter().filter(|(_, step)| step.is_some()) {
+                let detail = format!("`{key}` has no meaning beside a fixed `step`");
+                errors.report(&place.key(key), "conflict", detail);
+            }
+            if let Some(steps) = horizon.map(|horizon| horizon / step).filter(|steps| *steps > MOST_STEPS) {
+                let detail = format!("a step of {step} makes {steps:.3e} steps");
+                errors.push(
+                    SpecificationError::new(place.key("step").to_string(), "too_many_steps", detail)
+                        .expected("at most 1e7 steps"),
+                );
+            }
+        }
+        if let (Some(min), Some(max)) = (self.min_step, self.max_step)
+            && min > max
+        {
+            let detail = format!("the shortest step {min} is longer than the longest {max}");
+            errors.report(&place.key("min_step"), "out_of_range", detail);
+        }
+        if let Some(first) = self.first_step
+            && !(self.min_step.is_none_or(|min| min <= first) && self.max_step.is_none_or(|max| first <= max))
+        {
+            let detail = format!("the first step {first} does not lie between `min_step` and `max_step`");
+            errors.report(&place.key("first_step"), "out_of_range", detail);
+        }
+    }
+}
+
+/// Reports a number outside its range.
+pub(super) fn out_of_range(place: &Place<'_>, value: f64, range: &str, errors: &mut Errors) {
+    let error = SpecificationError::new(place.to_string(), "out_of_range", format!("{value} is out of range"));
+    errors.push(error.expected(range));
+}

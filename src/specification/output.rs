@@ -1,0 +1,125 @@
+//! What is kept of a trajectory: times and fields.
+
+use super::document::Time;
+use super::error::{Errors, SpecificationError};
+use super::method::out_of_range;
+use super::nearest::{listed, nearest};
+use super::place::Place;
+use super::times::Times;
+use serde::Deserialize;
+use utoipa::ToSchema;
+
+/// What is kept of the trajectory. Nothing that is not asked for is computed or stored.
+#[derive(Clone, Debug, Default, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Output {
+    /// The times to report at. Default `"steps"`.
+    #[serde(default)]
+    pub times: Times,
+    /// The states and variables to keep, by name. Default all.
+    pub fields: Option<Vec<String>>,
+}
+
+/// The most output times.
+pub(super) const MOST_TIMES: usize = 2_000_000;
+
+impl Output {
+    /// The output times, where they are not those of the steps. Over no known horizon only their order is checked.
+    pub(super) fn times(&self, time: Option<Time>, place: &Place<'_>, errors: &mut Errors) -> Option<Vec<f64>> {
+        let place = place.key("times");
+        match &self.times {
+            Times::Steps => None,
+            Times::Count(count) => {
+                let place = place.key("count");
+                if *count < 2 {
+                    out_of_range(&place, *count as f64, "2 or more: the start and the end count", errors);
+                } else if *count > MOST_TIMES as u64 {
+                    too_many(&place, *count as f64, errors);
+                } else if let Some(Time { start, end }) = time {
+                    let intervals = (*count - 1) as f64;
+                    return Some((0..*count).map(|k| interpolate(start, end, k as f64 / intervals)).collect());
+                }
+                None
+            }
+            Times::Every(dt) => {
+                let place = place.key("every");
+                if *dt <= 0.0 {
+                    out_of_range(&place, *dt, "above 0", errors);
+                    return None;
+                }
+                let Time { start, end } = time?;
+                let intervals = (end - start) / dt;
+                if intervals >= MOST_TIMES as f64 {
+                    too_many(&place, intervals, errors);
+                    return None;
+                }
+                // A last interval within rounding of zero is none.
+                let whole = (intervals * (1.0 - 4.0 * f64::EPSILON)).floor() as usize;
+                Some((0..=whole).map(|k| start + k as f64 * dt).chain([end]).collect())
+            }
+            Times::List(times) => {
+                check_list(times, time, &place, errors);
+                Some(times.clone())
+            }
+        }
+    }
+
+    /// The places in `(x, z)` of the fields to keep.
+    pub(super) fn fields(&self, names: &[&str], place: &Place<'_>, errors: &mut Errors) -> Vec<usize> {
+        let Some(fields) = &self.fields else { return (0..names.len()).collect() };
+        let place = place.key("fields");
+        let mut kept = Vec::with_capacity(fields.len());
+        for (i, field) in fields.iter().enumerate() {
+            let place = place.index(i);
+            match names.iter().position(|name| name == field) {
+                Some(found) if kept.contains(&found) => {
+                    errors.report(&place, "duplicate_name", format!("`{field}` is kept already"));
+                }
+                Some(found) => kept.push(found),
+                None => {
+                    let detail = format!("`{field}` is neither a state nor a variable");
+                    errors.push(
+                        SpecificationError::new(place.to_string(), "unknown_name", detail)
+                            .expected(listed(names.iter().copied()))
+                            .did_you_mean(nearest(field, names.iter().copied())),
+                    );
+                }
+            }
+        }
+        kept
+    }
+}
+
+fn interpolate(start: f64, end: f64, fraction: f64) -> f64 {
+    if fraction == 1.0 { end } else { start + fraction * (end - start) }
+}
+
+fn too_many(place: &Place<'_>, times: f64, errors: &mut Errors) {
+    let error = SpecificationError::new(place.to_string(), "too_many_times", format!("{times:.0} output times"));
+    errors.push(error.expected(format!("at most {MOST_TIMES} output times")));
+}
+
+fn check_list(times: &[f64], time: Option<Time>, place: &Place<'_>, errors: &mut Errors) {
+    if times.is_empty() {
+        let error = SpecificationError::new(place.to_string(), "empty", "no output times");
+        errors.push(error.expected("at least one time"));
+    }
+    if times.len() > MOST_TIMES {
+        too_many(place, times.len() as f64, errors);
+    }
+    for (i, pair) in times.windows(2).enumerate().filter(|(_, pair)| pair[1] <= pair[0]) {
+        let detail = format!("{} does not come after {}", pair[1], pair[0]);
+        errors.push(
+            SpecificationError::new(place.index(i + 1).to_string(), "not_increasing", detail)
+                .expected("strictly increasing times"),
+        );
+    }
+    let Some(Time { start, end }) = time else { return };
+    for (i, t) in times.iter().enumerate().filter(|(_, t)| !(start..=end).contains(*t)) {
+        let detail = format!("{t} lies outside the time horizon");
+        errors.push(
+            SpecificationError::new(place.index(i).to_string(), "outside_horizon", detail)
+                .expected(format!("from {start} to {end}")),
+        );
+    }
+}

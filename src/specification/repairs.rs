@@ -1,0 +1,212 @@
+//! Mends one structural error at a time: an unknown key is removed or spelt right, a value of the wrong kind is
+//! replaced by one that fits, a missing one is put in.
+
+use super::error::{Errors, SpecificationError};
+use super::json::Json;
+use super::mismatch::Mismatch;
+use super::nearest::{abridged, listed, nearest};
+use super::place::{Step, pointer};
+
+/// A place that no longer holds what the user wrote.
+#[derive(Debug)]
+struct Repair {
+    path: Vec<Step>,
+    pointer: String,
+    /// How many stand-ins were tried; the last of them is in place.
+    tried: usize,
+    /// Whether the stand-in is a plain zero or null, which changes nothing but a value.
+    plain: bool,
+}
+
+/// The places that were mended.
+#[derive(Debug, Default)]
+pub(super) struct Repairs(Vec<Repair>);
+
+impl Repairs {
+    /// Whether an error at `pointer` could come from a repair instead of from the user.
+    pub(super) fn explain(&self, pointer: &str) -> bool {
+        self.0.iter().any(|repair| within(pointer, &repair.pointer) || within(&repair.pointer, pointer))
+    }
+
+    /// Whether anything at or below `pointer` was mended.
+    pub(super) fn touch(&self, pointer: &str) -> bool {
+        self.0.iter().any(|repair| within(&repair.pointer, pointer))
+    }
+
+    /// Whether a repair at or below `pointer` changed more than one value.
+    pub(super) fn reshape(&self, pointer: &str) -> bool {
+        self.0.iter().any(|repair| !repair.plain && within(&repair.pointer, pointer))
+    }
+
+    /// Reports a mismatch found at `path` and mends it. False if nothing fits there.
+    pub(super) fn mend(&mut self, json: &mut Json, path: Vec<Step>, mismatch: Mismatch, errors: &mut Errors) -> bool {
+        match mismatch {
+            Mismatch::UnknownKey { key, valid } => self.unknown_key(json, path, &key, valid, errors),
+            Mismatch::MissingKey { key } => self.missing_key(json, path, key, errors),
+            Mismatch::UnknownVariant { name, valid } => self.unknown_variant(json, path, &name, valid, errors),
+            Mismatch::NotAVariant { found, valid } => {
+                let expected = format!("an object with exactly one key or a string: {}", listed(valid.iter().copied()));
+                self.wrong_type(json, path, &found, expected, &choices(valid), errors)
+            }
+            Mismatch::WrongType { found, expected } => {
+                self.wrong_type(json, path, &found, expected, &stand_ins(), errors)
+            }
+            Mismatch::Other(detail) => {
+                errors.push(SpecificationError::new(pointer(&path), "invalid_value", detail));
+                false
+            }
+        }
+    }
+
+    fn unknown_key(
+        &mut self,
+        json: &mut Json,
+        mut path: Vec<Step>,
+        key: &str,
+        valid: &'static [&'static str],
+        errors: &mut Errors,
+    ) -> bool {
+        if path.last() == Some(&Step::Key(key.into())) {
+            path.pop();
+        }
+        let Some(Json::Object(members)) = json.at_mut(&path) else { return false };
+        let suggestion = nearest(key, valid.iter().copied());
+        let free = suggestion.filter(|name| members.iter().all(|(other, _)| other != name));
+        let Some(position) = members.iter().position(|(name, _)| name == key) else { return false };
+        let place = [path.as_slice(), &[Step::Key(key.into())]].concat();
+        if !self.covers(&place) {
+            let detail = format!("`{}` is not a key here", abridged(key));
+            errors.push(
+                SpecificationError::new(pointer(&place), "unknown_key", detail)
+                    .expected(listed(valid.iter().copied()))
+                    .did_you_mean(suggestion),
+            );
+        }
+        match free {
+            // Read on as if it had been spelt right: its contents are the user's, and so are their errors.
+            Some(name) => members[position].0 = name.into(),
+            None => {
+                members.remove(position);
+            }
+        }
+        true
+    }
+
+    fn missing_key(&mut self, json: &mut Json, mut path: Vec<Step>, key: &'static str, errors: &mut Errors) -> bool {
+        if !self.covers(&path) {
+            let detail = format!("`{key}` is missing");
+            errors.push(SpecificationError::new(pointer(&path), "missing_key", detail).expected(format!("`{key}`")));
+        }
+        let Some(Json::Object(members)) = json.at_mut(&path) else { return false };
+        members.push((key.into(), Json::Null));
+        path.push(Step::Key(key.into()));
+        self.record(path, true);
+        true
+    }
+
+    fn unknown_variant(
+        &mut self,
+        json: &mut Json,
+        mut path: Vec<Step>,
+        name: &str,
+        valid: &'static [&'static str],
+        errors: &mut Errors,
+    ) -> bool {
+        if path.last() == Some(&Step::Key(name.into())) && json.at_mut(&path[..path.len() - 1]).is_some_and(is_tagged) {
+            path.pop();
+        }
+        let suggestion = nearest(name, valid.iter().copied());
+        let Some(value) = json.at_mut(&path) else { return false };
+        let mut place = path.clone();
+        if matches!(value, Json::Object(_)) {
+            place.push(Step::Key(name.into()));
+        }
+        if !self.covers(&path) {
+            let detail = format!("`{}` is not a choice here", abridged(name));
+            errors.push(
+                SpecificationError::new(pointer(&place), "unknown_choice", detail)
+                    .expected(listed(valid.iter().copied()))
+                    .did_you_mean(suggestion),
+            );
+        }
+        match (value, suggestion, valid.first()) {
+            (Json::Object(members), Some(name), _) if members.len() == 1 => members[0].0 = name.into(),
+            (Json::Text(text), Some(name), _) => *text = name.into(),
+            (value, _, Some(&name)) => {
+                *value = match value {
+                    Json::Object(_) => Json::Object(vec![(name.into(), Json::Null)]),
+                    _ => Json::Text(name.into()),
+                };
+                self.record(path, false);
+            }
+            (_, _, None) => return false,
+        }
+        true
+    }
+
+    fn wrong_type(
+        &mut self,
+        json: &mut Json,
+        path: Vec<Step>,
+        found: &str,
+        expected: String,
+        stand_ins: &[Json],
+        errors: &mut Errors,
+    ) -> bool {
+        if !self.covers(&path) {
+            let detail = format!("found {found}, expected {expected}");
+            errors.push(SpecificationError::new(pointer(&path), "wrong_type", detail).expected(expected));
+        }
+        let Some(value) = json.at_mut(&path) else { return false };
+        let repair = self.record(path, true);
+        let Some(stand_in) = stand_ins.get(repair.tried) else { return false };
+        repair.tried += 1;
+        repair.plain = matches!(stand_in, Json::Null | Json::Number(_));
+        *value = stand_in.clone();
+        true
+    }
+
+    /// Whether `path` lies in what a repair has put there.
+    fn covers(&self, path: &[Step]) -> bool {
+        self.0.iter().any(|repair| path.starts_with(&repair.path))
+    }
+
+    fn record(&mut self, path: Vec<Step>, plain: bool) -> &mut Repair {
+        let position = self.0.iter().position(|repair| repair.path == path).unwrap_or_else(|| {
+            self.0.push(Repair { pointer: pointer(&path), path, tried: 0, plain });
+            self.0.len() - 1
+        });
+        &mut self.0[position]
+    }
+}
+
+/// Whether `pointer` is `ancestor` or lies below it.
+fn within(pointer: &str, ancestor: &str) -> bool {
+    pointer.strip_prefix(ancestor).is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
+}
+
+fn is_tagged(json: &mut Json) -> bool {
+    matches!(json, Json::Object(_))
+}
+
+/// One value of each kind that a document can ask for, the least harmful first.
+fn stand_ins() -> Vec<Json> {
+    let zero = || Json::Number(0.into());
+    vec![
+        Json::Null,
+        zero(),
+        Json::Text(String::new()),
+        Json::List(Vec::new()),
+        Json::Object(Vec::new()),
+        Json::List(vec![zero(), zero()]),
+        Json::List(vec![zero(), zero(), zero()]),
+    ]
+}
+
+/// Stand-ins for a choice among `valid`.
+fn choices(valid: &[&str]) -> Vec<Json> {
+    valid
+        .first()
+        .map(|name| vec![Json::Text((*name).into()), Json::Object(vec![((*name).into(), Json::Null)])])
+        .unwrap_or_default()
+}

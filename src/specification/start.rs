@@ -1,0 +1,75 @@
+//! Evaluates a problem at its start, where initial values outside the domain of the equations show.
+
+use super::error::{Errors, SpecificationError};
+use super::nearest::abridged;
+use crate::models::Model;
+use crate::problem::Side;
+
+/// Reports rates that are not finite at `t` and the initial values, and moving bounds that are not bounds there.
+/// `pointer` says where a row of the problem is written. The variables are not known yet: they are taken as the point
+/// of `K` nearest to zero, and an inequality that depends on them is not judged.
+pub(super) fn check(model: &Model, t: f64, pointer: impl Fn(usize) -> String, errors: &mut Errors) {
+    let mut problem = model.problem();
+    let (n, m) = (model.structure().states, model.structure().variables);
+    let mut y = model.initial.clone();
+    y.resize(n + m, 0.0);
+    let mut values = vec![0.0; model.structure().rows()];
+    problem.evaluate(t, &y, &mut values);
+
+    let mut set = model.structure().set.clone();
+    for (k, bound) in model.structure().moving.iter().enumerate() {
+        let row = n + m + k;
+        if !values[row].is_finite() {
+            errors.push(outside_domain(model, t, row, "this bound", values[row], &pointer));
+            continue;
+        }
+        match bound.side {
+            Side::Lower => set.lower[bound.variable] = values[row],
+            Side::Upper => set.upper[bound.variable] = values[row],
+        }
+        let (lower, upper) = (set.lower[bound.variable], set.upper[bound.variable]);
+        if lower > upper {
+            let name = abridged(&model.variable_names[bound.variable]);
+            let detail = format!("at the start the lower bound of `{name}` is {lower}, above its upper bound {upper}");
+            errors.push(SpecificationError::new(pointer(row), "empty_interval", detail));
+        }
+    }
+    if m > 0 {
+        for (i, z) in y[n..].iter_mut().enumerate() {
+            *z = set.project(i, 0.0);
+        }
+        problem.evaluate(t, &y, &mut values);
+    }
+    let mut judged = vec![true; n + m];
+    for &(row, _) in model.structure().pattern.iter().filter(|&&(row, column)| row < n + m && column >= n) {
+        judged[row] = row < n;
+    }
+    for row in (0..n + m).filter(|&row| judged[row] && !values[row].is_finite()) {
+        let what = match row.checked_sub(n) {
+            None => format!("the rate of `{}`", abridged(&model.state_names[row])),
+            Some(i) => format!("the inequality of `{}`", abridged(&model.variable_names[i])),
+        };
+        errors.push(outside_domain(model, t, row, &what, values[row], &pointer));
+    }
+}
+
+fn outside_domain(
+    model: &Model,
+    t: f64,
+    row: usize,
+    what: &str,
+    value: f64,
+    pointer: &impl Fn(usize) -> String,
+) -> SpecificationError {
+    const SHOWN: usize = 6;
+    let at: String = model
+        .structure()
+        .pattern
+        .iter()
+        .filter(|&&(r, column)| r == row && column < model.initial.len())
+        .take(SHOWN)
+        .map(|&(_, column)| format!(", {} = {}", abridged(&model.state_names[column]), model.initial[column]))
+        .collect();
+    let detail = format!("initial value outside its domain: {what} is {value} at t = {t}{at}");
+    SpecificationError::new(pointer(row), "outside_domain", detail).expected("a finite value at the start")
+}

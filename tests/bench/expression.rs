@@ -1,0 +1,163 @@
+//! Time to compile and to evaluate right-hand sides with their sparse Jacobians: Van der Pol (n = 2), POLLU (n = 20;
+//! Verwer 1994) and chains of reaction and diffusion.
+
+use divan::{Bencher, black_box};
+use dvi::expression::{Graph, Node, Scope, Tape};
+
+/// A right-hand side in the states `y1, .., yn`.
+struct System {
+    parameters: Vec<(&'static str, f64)>,
+    rates: Vec<String>,
+}
+
+impl System {
+    fn new(parameters: &[(&'static str, f64)], rates: &[&str]) -> Self {
+        Self { parameters: parameters.to_vec(), rates: rates.iter().map(|rate| (*rate).to_owned()).collect() }
+    }
+
+    fn van_der_pol() -> Self {
+        Self::new(&[("eps", 1e-6)], &["y2", "((1 - y1**2)*y2 - y1)/eps"])
+    }
+
+    fn pollu() -> Self {
+        Self::new(&POLLU_PARAMETERS, &POLLU)
+    }
+
+    /// `y_i' = 100 (y_{i-1} - 2 y_i + y_{i+1}) + reaction(y_i)`, with `%` for `y_i`.
+    fn chain(n: usize, reaction: &str) -> Self {
+        let neighbour = |i: usize| if (1..=n).contains(&i) { format!("y{i}") } else { "0".to_owned() };
+        let rate = |i: usize| {
+            let diffusion = format!("100*({} - 2*y{i} + {})", neighbour(i - 1), neighbour(i + 1));
+            format!("{diffusion} + {}", reaction.replace('%', &format!("y{i}")))
+        };
+        Self { parameters: Vec::new(), rates: (1..=n).map(rate).collect() }
+    }
+
+    /// The graph of the rates, then also of their derivatives row by row.
+    fn outputs(&self, with_jacobian: bool) -> (Graph, Vec<Node>) {
+        let (mut graph, mut scope) = (Graph::new(), Scope::new());
+        for &(name, value) in &self.parameters {
+            scope.bind(name, graph.constant(value)).expect("a free name");
+        }
+        for i in 1..=self.rates.len() {
+            scope.bind(&format!("y{i}"), graph.input(i)).expect("a free name");
+        }
+        let mut outputs: Vec<Node> =
+            self.rates.iter().map(|rate| graph.parse(rate, &scope).expect("an expression")).collect();
+        if with_jacobian {
+            for row in 0..self.rates.len() {
+                outputs.extend(graph.gradient(outputs[row]).expect("a small graph").into_iter().map(|(_, node)| node));
+            }
+        }
+        (graph, outputs)
+    }
+
+    fn compiled(&self, with_jacobian: bool) -> (Tape, usize) {
+        let (graph, outputs) = self.outputs(with_jacobian);
+        (Tape::compile(&graph, &outputs), outputs.len())
+    }
+
+    fn evaluate(&self, bencher: Bencher, with_jacobian: bool) {
+        let (mut tape, outputs) = self.compiled(with_jacobian);
+        let inputs: Vec<f64> = (0..=self.rates.len()).map(|i| 0.5 + 1e-3 * i as f64).collect();
+        let mut outputs = vec![0.0; outputs];
+        bencher.bench_local(|| tape.evaluate(black_box(&inputs), black_box(&mut outputs)));
+    }
+}
+
+fn main() {
+    divan::main();
+}
+
+#[divan::bench]
+fn van_der_pol_rates(bencher: Bencher) {
+    System::van_der_pol().evaluate(bencher, false);
+}
+
+#[divan::bench]
+fn van_der_pol_rates_and_jacobian(bencher: Bencher) {
+    System::van_der_pol().evaluate(bencher, true);
+}
+
+#[divan::bench]
+fn pollu_rates(bencher: Bencher) {
+    System::pollu().evaluate(bencher, false);
+}
+
+#[divan::bench]
+fn pollu_rates_and_jacobian(bencher: Bencher) {
+    System::pollu().evaluate(bencher, true);
+}
+
+#[divan::bench]
+fn pollu_compile(bencher: Bencher) {
+    let system = System::pollu();
+    bencher.bench_local(|| black_box(system.compiled(true)));
+}
+
+#[divan::bench(args = [100, 1_000, 10_000])]
+fn chain_rates_and_jacobian(bencher: Bencher, n: usize) {
+    System::chain(n, "%*(1 - %^2)").evaluate(bencher, true);
+}
+
+#[divan::bench(args = [100, 1_000, 10_000])]
+fn chain_of_exponentials_rates_and_jacobian(bencher: Bencher, n: usize) {
+    System::chain(n, "exp(-%) + sin(%)").evaluate(bencher, true);
+}
+
+#[divan::bench(args = [100, 10_000])]
+fn chain_compile(bencher: Bencher, n: usize) {
+    let system = System::chain(n, "%*(1 - %^2)");
+    bencher.bench_local(|| black_box(system.compiled(true)));
+}
+
+const POLLU_PARAMETERS: [(&str, f64); 25] = [
+    ("k1", 0.35),
+    ("k2", 26.6),
+    ("k3", 12300.0),
+    ("k4", 0.00086),
+    ("k5", 0.00082),
+    ("k6", 15000.0),
+    ("k7", 0.00013),
+    ("k8", 24000.0),
+    ("k9", 16500.0),
+    ("k10", 9000.0),
+    ("k11", 0.022),
+    ("k12", 12000.0),
+    ("k13", 1.88),
+    ("k14", 16300.0),
+    ("k15", 4800000.0),
+    ("k16", 0.00035),
+    ("k17", 0.0175),
+    ("k18", 100000000.0),
+    ("k19", 444000000000.0),
+    ("k20", 1240.0),
+    ("k21", 2.1),
+    ("k22", 5.78),
+    ("k23", 0.0474),
+    ("k24", 1780.0),
+    ("k25", 3.12),
+];
+
+const POLLU: [&str; 20] = [
+    "- k1*y1 - k10*y11*y1 - k14*y1*y6 - k23*y1*y4 - k24*y19*y1 + k2*y2*y4 + k3*y5*y2 + k9*y11*y2 + k11*y13 + k12*y10*y2 + k22*y19 + k25*y20",
+    "- k2*y2*y4 - k3*y5*y2 - k9*y11*y2 - k12*y10*y2 + k1*y1 + k21*y19",
+    "- k15*y3 + k1*y1 + k17*y4 + k19*y16 + k22*y19",
+    "- k2*y2*y4 - k16*y4 - k17*y4 - k23*y1*y4 + k15*y3",
+    "- k3*y5*y2 + k4*y7 + k4*y7 + k6*y7*y6 + k7*y9 + k13*y14 + k20*y17*y6",
+    "- k6*y7*y6 - k8*y9*y6 - k14*y1*y6 - k20*y17*y6 + k3*y5*y2 + k18*y16 + k18*y16",
+    "- k4*y7 - k5*y7 - k6*y7*y6 + k13*y14",
+    "+ k4*y7 + k5*y7 + k6*y7*y6 + k7*y9",
+    "- k7*y9 - k8*y9*y6",
+    "- k12*y10*y2 + k7*y9 + k9*y11*y2",
+    "- k9*y11*y2 - k10*y11*y1 + k8*y9*y6 + k11*y13",
+    "+ k9*y11*y2",
+    "- k11*y13 + k10*y11*y1",
+    "- k13*y14 + k12*y10*y2",
+    "+ k14*y1*y6",
+    "- k18*y16 - k19*y16 + k16*y4",
+    "- k20*y17*y6",
+    "+ k20*y17*y6",
+    "- k21*y19 - k22*y19 - k24*y19*y1 + k23*y1*y4 + k25*y20",
+    "- k25*y20 + k24*y19*y1",
+];

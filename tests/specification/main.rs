@@ -1,0 +1,10 @@
+//! A specification as a whole: the examples pass, every bad document is told exactly what is wrong with it, and the
+//! published schema is that of the types.
+
+mod documents;
+mod equations;
+mod examples;
+mod lists;
+mod schema;
+mod semantics;
+mod structure;
