@@ -2,8 +2,10 @@
 
 use super::read;
 use clap::Args;
-use std::io::{self, Write};
-use std::path::PathBuf;
+use dvi::specification::Specification;
+use std::fmt::Write as _;
+use std::io::{self, Write as _};
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Check a specification without solving it
@@ -31,11 +33,38 @@ Examples:
 pub fn run(arguments: &Arguments) -> ExitCode {
     match read(&arguments.file) {
         Ok(specification) => {
-            let label = specification.label().unwrap_or("no label");
             // A closed standard output wants no answer.
-            let _ = writeln!(io::stdout(), "{}: correct ({label})", arguments.file.display());
+            let _ = write!(io::stdout(), "{}", summary(&arguments.file, &specification));
             ExitCode::SUCCESS
         }
         Err(code) => code,
     }
+}
+
+/// What a correct specification comes to: its sizes, then what its author should know.
+fn summary(file: &Path, specification: &Specification) -> String {
+    let model = specification.model();
+    let structure = model.structure();
+    let label = specification.label().map(|label| format!(" ({label})")).unwrap_or_default();
+    let time = specification.time();
+    let mut text = format!("{}: correct{label}\n", file.display());
+    // Writing to a string does not fail.
+    let _ = writeln!(text, "  states          {}", structure.states);
+    let _ = writeln!(text, "  variables       {}", structure.variables);
+    let _ = writeln!(text, "  moving bounds   {}", structure.moving.len());
+    let _ = writeln!(
+        text,
+        "  Jacobian        {} nonzeros{}",
+        structure.pattern.len(),
+        constancy(structure.constant_jacobian)
+    );
+    let _ = writeln!(text, "  time            {} to {}", time.start, time.end);
+    for warning in &model.warnings {
+        let _ = writeln!(text, "\n  warning: {} [{}]", warning.message, warning.code);
+    }
+    text
+}
+
+fn constancy(constant: bool) -> &'static str {
+    if constant { ", constant" } else { "" }
 }

@@ -121,9 +121,7 @@ impl DviProblem {
         let place = place.key("states");
         self.states
             .iter()
-            .map(|(name, state)| {
-                lowering.constant(&state.initial, &place.key(name).key("initial")).unwrap_or(0.0)
-            })
+            .map(|(name, state)| lowering.constant(&state.initial, &place.key(name).key("initial")).unwrap_or(0.0))
             .collect()
     }
 

@@ -99,9 +99,8 @@ impl Lowering {
                 (Expression::Text(text), Some(value)) => format!("`{}` is {value}", abridged(text)),
                 _ => "this has no finite value".into(),
             };
-            self.errors.push(
-                SpecificationError::new(place.to_string(), "not_finite", detail).expected("a finite constant"),
-            );
+            self.errors
+                .push(SpecificationError::new(place.to_string(), "not_finite", detail).expected("a finite constant"));
         }
         finite
     }
@@ -117,7 +116,8 @@ impl Lowering {
             Err(error) => error,
         };
         let detail = format!("{}\n{}", error.message, error.caret(text));
-        let mut report = SpecificationError::new(place.to_string(), error.code, detail).did_you_mean(error.did_you_mean);
+        let mut report =
+            SpecificationError::new(place.to_string(), error.code, detail).did_you_mean(error.did_you_mean);
         if constant && error.code == "unknown_name" {
             report = report.expected("a constant: a number, or an expression in parameters that stand before it");
         }

@@ -69,7 +69,8 @@ impl PartialSchema for AbsoluteTolerance {
         OneOfBuilder::new()
             .item(positive())
             .item(
-                ObjectBuilder::new().schema_type(Type::Object)
+                ObjectBuilder::new()
+                    .schema_type(Type::Object)
                     .additional_properties(Some(AdditionalProperties::RefOr(positive().into()))),
             )
             .description(Some("One number for every state, or one for each by its name."))

@@ -57,3 +57,10 @@ async fn the_service_is_alive_and_ready_and_has_a_version() {
     assert_eq!(site.get("/readyz").await.json()["status"], "ready");
     assert_eq!(site.get("/version").await.json()["version"], env!("CARGO_PKG_VERSION"));
 }
+
+#[tokio::test]
+async fn the_published_schema_is_served() {
+    let schema = site().get("/schema").await;
+    assert_eq!(schema.header("content-type"), "application/schema+json");
+    assert_eq!(schema.json(), dvi::specification::json_schema());
+}

@@ -28,6 +28,7 @@ async fn the_status_follows_the_job() {
         (&running["status"], &running["progress"], &running["steps"]),
         (&"running".into(), &50.into(), &7.into())
     );
+    assert_eq!(running["time"], 0.5);
     assert!(running["started"].is_string() && running.get("finished").is_none(), "{running}");
     let waiting = site.get(&second).await.json();
     assert_eq!((&waiting["status"], &waiting["queue_position"]), (&"accepted".into(), &0.into()));

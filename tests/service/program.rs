@@ -70,6 +70,11 @@ fn a_file_that_is_not_there_is_named() {
 fn a_correct_specification_is_said_to_be() {
     let output = run(&["check", "-"], DECAY);
     assert_eq!(output.status.code(), Some(0), "{output:?}");
+    let told = String::from_utf8(output.stdout).unwrap();
+    assert!(told.starts_with("-: correct\n") && told.contains("  states          1\n"), "{told}");
+    let kink = DECAY.replace("-x", "-abs(x)");
+    let told = String::from_utf8(run(&["check", "-"], &kink).stdout).unwrap();
+    assert!(told.contains("\n  warning: ") && told.contains("abs"), "{told}");
 }
 
 #[test]

@@ -26,7 +26,23 @@ pub struct Example {
 }
 
 /// Every file of `api/examples`.
-pub const EXAMPLES: &[Example] = examples! {};
+pub const EXAMPLES: &[Example] = examples! {
+    "bottleneck"
+    "coulomb_slope"
+    "diode_bridge"
+    "diode_bridge_dvi"
+    "diode_bridge_filter"
+    "fluid_queue"
+    "friction_belt"
+    "hires"
+    "pendulum"
+    "pollu"
+    "rectifier"
+    "relay"
+    "robertson"
+    "sliding_mode"
+    "van_der_pol"
+};
 
 /// An example in the list.
 #[derive(Debug, Serialize)]

@@ -11,6 +11,7 @@ mod problem;
 mod problems;
 mod representation;
 mod results;
+mod schema;
 mod solve;
 mod status;
 
@@ -55,6 +56,7 @@ pub fn router(shared: Shared) -> Router {
         .route("/examples/{name}", get(examples::find_example))
         .route("/problems", get(problems::list_problems))
         .route("/problems/{slug}", get(problems::find_problem))
+        .route("/schema", get(schema::find_schema))
         .route("/healthz", get(health::check_health))
         .route("/readyz", get(health::check_readiness))
         .route("/version", get(health::find_version))
@@ -67,7 +69,7 @@ pub fn router(shared: Shared) -> Router {
 
 async fn nothing_here(uri: Uri) -> Box<Problem> {
     let here = "POST /solve, GET /jobs/{id}, GET /jobs/{id}/results, POST /jobs/{id}/cancel, DELETE /jobs/{id}, \
-                GET /examples, GET /problems, GET /healthz, GET /readyz, GET /version";
+                GET /examples, GET /problems, GET /schema, GET /healthz, GET /readyz, GET /version";
     Problem::new(Kind::NotFound, format!("{} names nothing; there are {here}", uri.path()))
 }
 

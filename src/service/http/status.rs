@@ -2,6 +2,7 @@
 
 use crate::service::jobs::{Ending, Fault, Job, Jobs, State};
 use crate::solution::Status;
+use crate::specification::Time;
 use jiff::Timestamp;
 use serde::Serialize;
 
@@ -19,6 +20,8 @@ pub struct StatusInfo {
     /// Jobs that will be taken before this one.
     #[serde(skip_serializing_if = "Option::is_none")]
     queue_position: Option<usize>,
+    /// The time reached in the problem.
+    time: f64,
     /// Accepted steps of the method.
     steps: u64,
     created: Timestamp,
@@ -50,10 +53,14 @@ impl StatusInfo {
             State::Running { started, control } => (Some(*started), None, Some(control)),
             State::Ended { started, finished, control, .. } => (*started, Some(*finished), control.as_ref()),
         };
-        let progress = match &state {
-            State::Ended { ending: Ending::Successful(_), .. } => 100,
-            // Rounded down: one hundred is said of nothing that is not done. The cast saturates.
-            _ => control.map_or(0, |control| (control.fraction() * 100.0).clamp(0.0, 99.0) as u8),
+        let Time { start, end } = job.horizon;
+        let (progress, time) = match &state {
+            State::Ended { ending: Ending::Successful(_), .. } => (100, end),
+            _ => {
+                let done = control.map_or(0.0, |control| control.fraction().clamp(0.0, 1.0));
+                // Rounded down: one hundred is said of nothing that is not done.
+                ((done * 100.0).min(99.0) as u8, start + done * (end - start))
+            }
         };
         let queue_position = matches!(state, State::Accepted(_)).then(|| jobs.position(job)).flatten();
         let path = format!("/jobs/{}", job.id);
@@ -71,6 +78,7 @@ impl StatusInfo {
             label: job.label.clone(),
             progress,
             queue_position,
+            time,
             steps: control.map_or(0, |control| control.steps()),
             created: job.created.date,
             started: started.map(|moment| moment.date),

@@ -13,7 +13,7 @@ use super::queue::Client;
 use super::results::{Fault, Results};
 use crate::problem::Control;
 use crate::solution::Status;
-use crate::specification::Specification;
+use crate::specification::{Specification, Time};
 use jiff::Timestamp;
 use std::fmt;
 use std::str::FromStr;
@@ -122,6 +122,8 @@ pub struct Job {
     pub client: Client,
     /// The client's own words for it.
     pub label: Option<String>,
+    /// The time horizon of its problem.
+    pub horizon: Time,
     /// When it was accepted.
     pub created: Moment,
     state: Mutex<State>,
@@ -135,6 +137,7 @@ impl Job {
             id: JobId(Uuid::now_v7()),
             client,
             label: specification.label().map(str::to_owned),
+            horizon: specification.time(),
             created: Moment::now(),
             state: Mutex::new(State::Accepted(specification)),
             ended: Notify::new(),
