@@ -21,6 +21,7 @@ pub mod expression;
 pub mod models;
 pub mod problem;
 pub mod radau;
+pub mod service;
 pub mod solution;
 pub mod specification;
 pub mod vi;

@@ -1,3 +1,48 @@
-//! The command line, thin.
+//! The command line, thin: a file a subcommand.
 
-fn main() {}
+mod command;
+
+use clap::{Parser, Subcommand};
+use command::{check, serve, solve};
+use std::process::ExitCode;
+
+/// Solves differential variational inequalities, with evidence.
+///
+///   M x' = f(t,x) + B(t,x) z,   z in K,   <G(t,x,z), z~ - z> >= 0 for all z~ in K
+#[derive(Parser)]
+#[command(version, about, after_help = HELP, verbatim_doc_comment)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+const HELP: &str = "\
+Examples:
+  dvi solve api/examples/diode_bridge.json            solve, result as JSON
+  dvi solve --format csv circuit.json > circuit.csv   solve, trajectory as a table
+  dvi check circuit.json                              find all errors without solving
+  dvi serve                                           serve on http://127.0.0.1:8080
+  curl -d @api/examples/diode_bridge.json localhost:8080/solve";
+
+#[derive(Subcommand)]
+enum Command {
+    Solve(solve::Arguments),
+    Check(check::Arguments),
+    Serve(serve::Arguments),
+}
+
+fn main() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => {
+            // Nobody is left to be told of a closed standard output.
+            let _ = error.print();
+            return if error.use_stderr() { ExitCode::from(command::USAGE) } else { ExitCode::SUCCESS };
+        }
+    };
+    match cli.command {
+        Command::Solve(arguments) => solve::run(&arguments),
+        Command::Check(arguments) => check::run(&arguments),
+        Command::Serve(arguments) => serve::run(arguments),
+    }
+}

@@ -1,6 +1,7 @@
 //! What a solve hands back: the trajectory in columns, events, diagnostics, and how it ended.
 
 mod diagnostics;
+pub mod encodings;
 mod integrate;
 mod trajectory;
 

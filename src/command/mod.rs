@@ -1,0 +1,100 @@
+//! What the subcommands share: exit codes, reading a specification, and telling what is wrong with one.
+
+pub mod check;
+pub mod serve;
+pub mod solve;
+
+use dvi::specification::{Specification, SpecificationError};
+use std::fmt::Write as _;
+use std::io::{self, Read};
+use std::path::Path;
+use std::process::ExitCode;
+
+/// The end time was not reached.
+pub const UNFINISHED: u8 = 1;
+/// The specification has errors.
+pub const BAD_SPECIFICATION: u8 = 2;
+/// The specification could not be read.
+pub const UNREADABLE: u8 = 3;
+/// The result could not be written.
+pub const UNWRITABLE: u8 = 4;
+/// The service could not start.
+pub const UNSERVABLE: u8 = 5;
+/// The command line makes no sense (`EX_USAGE` of sysexits).
+pub const USAGE: u8 = 64;
+
+/// Reads and checks a file, or standard input where it is called `-`. What is wrong is told on standard error.
+pub fn read(file: &Path) -> Result<Specification, ExitCode> {
+    let text = bytes_of(file).map_err(|error| {
+        eprintln!("dvi: cannot read {}: {error}", file.display());
+        ExitCode::from(UNREADABLE)
+    })?;
+    Specification::from_json(&text).map_err(|errors| {
+        eprint!("{}", report(file, &errors));
+        ExitCode::from(BAD_SPECIFICATION)
+    })
+}
+
+fn bytes_of(file: &Path) -> io::Result<Vec<u8>> {
+    if file == Path::new("-") {
+        let mut text = Vec::new();
+        io::stdin().lock().read_to_end(&mut text)?;
+        return Ok(text);
+    }
+    std::fs::read(file)
+}
+
+/// The errors for people: a paragraph each, the place first.
+fn report(file: &Path, errors: &[SpecificationError]) -> String {
+    let count = if errors.len() == 1 { "1 error".to_owned() } else { format!("{} errors", errors.len()) };
+    let mut text = format!("{}: {count}\n", file.display());
+    for error in errors {
+        let place = if error.pointer.is_empty() { "(the whole document)" } else { &error.pointer };
+        let detail = error.detail.replace('\n', "\n    ");
+        // Writing to a string does not fail.
+        let _ = writeln!(text, "\n  {place}: {} [{}]", detail, error.code);
+        if let Some(expected) = &error.expected {
+            let _ = writeln!(text, "    expected: {expected}");
+        }
+        if let Some(name) = &error.did_you_mean {
+            let _ = writeln!(text, "    did you mean {name}?");
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_error_is_told_with_its_place_and_its_remedy() {
+        let errors = [
+            SpecificationError {
+                pointer: "/problem/dvi/sates".to_owned(),
+                code: "unknown_key",
+                detail: "unknown key sates".to_owned(),
+                expected: Some("states, variables or set".to_owned()),
+                did_you_mean: Some("states".to_owned()),
+            },
+            SpecificationError {
+                pointer: String::new(),
+                code: "syntax",
+                detail: "x + * y\n    ^".to_owned(),
+                expected: None,
+                did_you_mean: None,
+            },
+        ];
+        let told = "\
+spring.json: 2 errors
+
+  /problem/dvi/sates: unknown key sates [unknown_key]
+    expected: states, variables or set
+    did you mean states?
+
+  (the whole document): x + * y
+        ^ [syntax]
+";
+        assert_eq!(report(Path::new("spring.json"), &errors), told);
+    }
+}

@@ -1,0 +1,121 @@
+//! `dvi serve`: the service in this process, until a signal stops it.
+
+use super::{UNSERVABLE, USAGE};
+use clap::{Args, ValueEnum};
+use dvi::service::{Options, Service};
+use std::io::{self, IsTerminal};
+use std::panic;
+use std::process::ExitCode;
+use std::sync::Arc;
+use tokio::net::TcpListener;
+use tokio::signal::unix::{SignalKind, signal};
+use tokio::sync::mpsc::{Receiver, channel};
+use tracing_subscriber::EnvFilter;
+use tracing_subscriber::filter::LevelFilter;
+
+/// Serve the solver over HTTP
+///
+/// Every bound is a flag, or an environment variable where the flag is absent.
+#[derive(Args)]
+#[command(after_help = HELP, verbatim_doc_comment)]
+pub struct Arguments {
+    #[command(flatten)]
+    options: Options,
+
+    /// The form of the log, on standard error; what is logged is chosen by `RUST_LOG`, such as `dvi=debug`
+    #[arg(long, env = "DVI_LOG_FORMAT", value_enum, default_value_t = LogFormat::Text)]
+    log_format: LogFormat,
+}
+
+const HELP: &str = "\
+Examples:
+  dvi serve
+  dvi serve --listen 127.0.0.1:9000 --workers 2 --wall-seconds 60
+  DVI_QUEUE=100 dvi serve --log-format json
+
+  curl -d @api/examples/diode_bridge.json localhost:8080/solve
+  curl -d @long.json -H 'Prefer: respond-async' -i localhost:8080/solve
+  curl -H 'Accept: text/csv' localhost:8080/jobs/ID/results
+
+SIGTERM or Ctrl-C: no more jobs are taken on; those there are have the grace time to end,
+then they are cancelled. A second signal cancels them at once.
+
+Exit codes:
+  0   it was stopped by a signal, in order
+  5   it could not start, for example because the address is taken
+  64  the command line or RUST_LOG makes no sense";
+
+/// A form of the log.
+#[derive(Clone, Copy, ValueEnum)]
+enum LogFormat {
+    /// For people
+    Text,
+    /// For programs, one object a line
+    Json,
+}
+
+/// Serves until stopped; the exit code says whether it could start.
+pub fn run(arguments: Arguments) -> ExitCode {
+    if let Err(error) = log(arguments.log_format) {
+        eprintln!("dvi: RUST_LOG: {error}");
+        return ExitCode::from(USAGE);
+    }
+    let listen = arguments.options.listen;
+    match serve(arguments.options) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            tracing::error!(%listen, %error, "cannot serve on {listen}: {error}");
+            ExitCode::from(UNSERVABLE)
+        }
+    }
+}
+
+fn serve(options: Options) -> io::Result<()> {
+    let runtime = tokio::runtime::Builder::new_multi_thread().thread_name("dvi-http").enable_all().build()?;
+    runtime.block_on(async {
+        let listener = TcpListener::bind(options.listen).await?;
+        let (address, workers) = (listener.local_addr()?, options.workers);
+        let stop = signals()?;
+        let service = Service::start(options, Arc::new(dvi::solve))?;
+        tracing::info!(%address, workers, "serving on http://{address}");
+        service.serve(listener, stop).await;
+        io::Result::Ok(())
+    })?;
+    // A reader of an abandoned specification must not hold up the exit.
+    runtime.shutdown_background();
+    Ok(())
+}
+
+/// Something comes out for every SIGTERM and SIGINT.
+fn signals() -> io::Result<Receiver<()>> {
+    let (mut terminate, mut interrupt) = (signal(SignalKind::terminate())?, signal(SignalKind::interrupt())?);
+    let (sender, stop) = channel(2);
+    tokio::spawn(async move {
+        loop {
+            tokio::select! {
+                _ = terminate.recv() => {}
+                _ = interrupt.recv() => {}
+            }
+            if sender.send(()).await.is_err() {
+                return;
+            }
+        }
+    });
+    Ok(stop)
+}
+
+fn log(format: LogFormat) -> Result<(), Box<dyn std::error::Error>> {
+    let filter = EnvFilter::builder().with_default_directive(LevelFilter::INFO.into()).from_env()?;
+    let log =
+        tracing_subscriber::fmt().with_env_filter(filter).with_writer(io::stderr).with_ansi(io::stderr().is_terminal());
+    match format {
+        LogFormat::Text => log.init(),
+        LogFormat::Json => log.json().init(),
+    }
+    // A log of JSON lines stays one; the place of a panic is known here alone, its job by the span.
+    panic::set_hook(Box::new(|panic| {
+        let place = panic.location().map(ToString::to_string).unwrap_or_default();
+        tracing::error!(panic.place = place, "panicked at {place}");
+    }));
+    Ok(())
+}

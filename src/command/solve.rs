@@ -1,0 +1,140 @@
+//! `dvi solve`: one solve in this process. The result goes to standard output, all else to standard error.
+
+use super::{UNFINISHED, UNWRITABLE, read};
+use clap::{Args, ValueEnum};
+use dvi::problem::Control;
+use dvi::solution::{Solution, Status, encodings};
+use dvi::specification::Specification;
+use std::io::{self, BufWriter, IsTerminal, Write};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// Solve a specification
+///
+/// The result goes to standard output, progress to standard error if that is a terminal.
+/// Ctrl-C stops the solve; the trajectory so far is written all the same.
+#[derive(Args)]
+#[command(after_help = HELP, verbatim_doc_comment)]
+pub struct Arguments {
+    /// The specification, a JSON file; - is standard input
+    file: PathBuf,
+
+    /// The form of the result
+    #[arg(long, value_enum, default_value_t = Format::Json)]
+    format: Format,
+}
+
+const HELP: &str = "\
+Exit codes:
+  0   the end time was reached
+  1   the solve failed or was stopped; the trajectory so far was written
+  2   the specification has errors, told on standard error with their JSON pointers
+  3   the specification could not be read
+  4   the result could not be written
+  64  the command line makes no sense
+
+Examples:
+  dvi solve api/examples/diode_bridge.json
+  dvi solve --format csv spring.json | head
+  generate-specification | dvi solve - > result.json";
+
+/// A form of the result.
+#[derive(Clone, Copy, ValueEnum)]
+enum Format {
+    /// Trajectory, events and diagnostics
+    Json,
+    /// The trajectory as a table
+    Csv,
+}
+
+/// The time between two looks at the progress.
+const GLANCE: Duration = Duration::from_millis(100);
+
+/// Solves and writes; the exit code says how it went.
+pub fn run(arguments: &Arguments) -> ExitCode {
+    let specification = match read(&arguments.file) {
+        Ok(specification) => specification,
+        Err(code) => return code,
+    };
+    let control = Arc::new(control(&specification));
+    cancel_on_interrupt(Arc::clone(&control));
+    let solution = solve_with_progress(&specification, &control);
+    if let Some(error) = &solution.error {
+        eprintln!("dvi: {} at t = {}: {}", error.code, error.time, error.message);
+    }
+    match write(&solution, arguments.format) {
+        // The reader has seen enough, as `head` does.
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
+            eprintln!("dvi: cannot write the result: {error}");
+            ExitCode::from(UNWRITABLE)
+        }
+        _ if solution.status == Status::Completed => ExitCode::SUCCESS,
+        _ => ExitCode::from(UNFINISHED),
+    }
+}
+
+fn control(specification: &Specification) -> Control {
+    let allowed = specification.wall_seconds().and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
+    match allowed.and_then(|allowed| Instant::now().checked_add(allowed)) {
+        Some(deadline) => Control::with_deadline(deadline),
+        None => Control::new(),
+    }
+}
+
+/// Waits for Ctrl-C on a thread of its own. Where that cannot be had, Ctrl-C ends the process, as it always did.
+fn cancel_on_interrupt(control: Arc<Control>) {
+    let wait = move || {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_io().build()?;
+        runtime.block_on(tokio::signal::ctrl_c())?;
+        control.cancel();
+        io::Result::Ok(())
+    };
+    let thread = thread::Builder::new().name("dvi-interrupt".to_owned()).spawn(wait);
+    if let Err(error) = thread {
+        eprintln!("dvi: Ctrl-C will not keep the trajectory so far: {error}");
+    }
+}
+
+fn solve_with_progress(specification: &Specification, control: &Control) -> Solution {
+    if !io::stderr().is_terminal() {
+        return dvi::solve(specification, control);
+    }
+    let (done, ended) = channel();
+    thread::scope(|scope| {
+        scope.spawn(move || show_progress(control, &ended));
+        let solution = dvi::solve(specification, control);
+        drop(done);
+        solution
+    })
+}
+
+/// Draws the progress until the other end of `ended` is dropped, then wipes it away.
+fn show_progress(control: &Control, ended: &Receiver<()>) {
+    let mut drawn = false;
+    while let Err(RecvTimeoutError::Timeout) = ended.recv_timeout(GLANCE) {
+        let fraction = control.fraction().clamp(0.0, 1.0);
+        let bar = "#".repeat((fraction * 40.0) as usize);
+        // A terminal that is gone needs no progress.
+        let _ = write!(io::stderr(), "\r[{bar:<40}] {:5.1} %  {} steps", fraction * 100.0, control.steps());
+        drawn = true;
+    }
+    if drawn {
+        let _ = write!(io::stderr(), "\r\x1b[K");
+    }
+}
+
+fn write(solution: &Solution, format: Format) -> io::Result<()> {
+    let mut out = BufWriter::new(io::stdout().lock());
+    match format {
+        Format::Json => {
+            encodings::write_json(solution, &mut out)?;
+            out.write_all(b"\n")?;
+        }
+        Format::Csv => encodings::write_csv(&solution.trajectory, &mut out)?,
+    }
+    out.flush()
+}

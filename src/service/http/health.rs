@@ -1,0 +1,35 @@
+//! `GET /healthz`, `GET /readyz`, `GET /version`.
+
+use super::Shared;
+use super::problem::{Answer, Kind, Problem};
+use axum::Json;
+use axum::extract::State;
+use serde::Serialize;
+
+/// That all is well.
+#[derive(Debug, Serialize)]
+pub struct Well {
+    status: &'static str,
+}
+
+/// What runs here.
+#[derive(Debug, Serialize)]
+pub struct Version {
+    name: &'static str,
+    version: &'static str,
+}
+
+/// Tell whether the service is alive.
+pub async fn check_health() -> Json<Well> {
+    Json(Well { status: "alive" })
+}
+
+/// Tell whether the service takes on work.
+pub async fn check_readiness(State(shared): State<Shared>) -> Answer<Json<Well>> {
+    if shared.jobs.is_draining() { Err(Problem::plain(Kind::Draining)) } else { Ok(Json(Well { status: "ready" })) }
+}
+
+/// Tell which version runs.
+pub async fn find_version() -> Json<Version> {
+    Json(Version { name: env!("CARGO_PKG_NAME"), version: env!("CARGO_PKG_VERSION") })
+}

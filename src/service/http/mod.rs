@@ -1,0 +1,102 @@
+//! The resources of the service, a file each, and the router that finds them.
+
+mod document;
+mod examples;
+mod health;
+mod jobs;
+mod observe;
+mod path;
+mod preferences;
+mod problem;
+mod problems;
+mod representation;
+mod results;
+mod schema;
+mod solve;
+mod status;
+
+pub use examples::{EXAMPLES, Example};
+pub use problem::{Kind, Problem};
+
+use super::Options;
+use super::jobs::{Client, Jobs};
+use axum::Router;
+use axum::extract::FromRequestParts;
+use axum::http::request::Parts;
+use axum::http::{HeaderName, HeaderValue, Method, Uri, header};
+use axum::response::{IntoResponse, Response};
+use axum::routing::{get, post};
+use std::any::Any;
+use std::convert::Infallible;
+use std::net::{IpAddr, Ipv4Addr};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::Semaphore;
+use tower_http::catch_panic::CatchPanicLayer;
+
+/// What handlers share.
+#[derive(Clone)]
+pub struct Shared {
+    /// The jobs of the service.
+    pub jobs: Arc<Jobs>,
+    /// Its bounds.
+    pub options: Arc<Options>,
+    /// Large specifications that may be read at a time.
+    pub readers: Arc<Semaphore>,
+}
+
+/// One line a resource.
+pub fn router(shared: Shared) -> Router {
+    Router::new()
+        .route("/solve", post(solve::solve))
+        .route("/jobs/{id}", get(jobs::find_job).delete(jobs::delete_job))
+        .route("/jobs/{id}/results", get(results::find_results))
+        .route("/jobs/{id}/cancel", post(jobs::cancel_job))
+        .route("/examples", get(examples::list_examples))
+        .route("/examples/{name}", get(examples::find_example))
+        .route("/problems", get(problems::list_problems))
+        .route("/problems/{slug}", get(problems::find_problem))
+        .route("/schema", get(schema::find_schema))
+        .route("/healthz", get(health::check_health))
+        .route("/readyz", get(health::check_readiness))
+        .route("/version", get(health::find_version))
+        .fallback(nothing_here)
+        .method_not_allowed_fallback(no_such_method)
+        .layer(CatchPanicLayer::custom(panicked))
+        .layer(axum::middleware::from_fn(observe::observe))
+        .with_state(shared)
+}
+
+async fn nothing_here(uri: Uri) -> Box<Problem> {
+    let here = "POST /solve, GET /jobs/{id}, GET /jobs/{id}/results, POST /jobs/{id}/cancel, DELETE /jobs/{id}, \
+                GET /examples, GET /problems, GET /schema, GET /healthz, GET /readyz, GET /version";
+    Problem::new(Kind::NotFound, format!("{} names nothing; there are {here}", uri.path()))
+}
+
+async fn no_such_method(method: Method, uri: Uri) -> Box<Problem> {
+    Problem::new(Kind::MethodNotAllowed, format!("{} has no {method}", uri.path()))
+}
+
+fn panicked(_: Box<dyn Any + Send>) -> Response {
+    Problem::plain(Kind::Internal).into_response()
+}
+
+/// The client of a connection; whoever came without one counts as one client with all such.
+impl<S: Send + Sync> FromRequestParts<S> for Client {
+    type Rejection = Infallible;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Infallible> {
+        Ok(parts.extensions.get().copied().unwrap_or(Self::at(IpAddr::V4(Ipv4Addr::UNSPECIFIED))))
+    }
+}
+
+/// The state of a job is of this moment only.
+fn no_store() -> [(HeaderName, HeaderValue); 1] {
+    [(header::CACHE_CONTROL, HeaderValue::from_static("no-store"))]
+}
+
+/// The value of `Retry-After`: whole seconds, at least one, and at most ten minutes, after which a look is worth
+/// while however slow the queue was.
+fn retry_after(time: Duration) -> HeaderValue {
+    HeaderValue::from(time.as_secs_f64().ceil().clamp(1.0, 600.0) as u64)
+}

@@ -1,0 +1,41 @@
+//! One span a request, under an id that the client may give in `X-Request-Id` and that is given back to it.
+
+use axum::extract::Request;
+use axum::http::{HeaderName, HeaderValue, StatusCode};
+use axum::middleware::Next;
+use axum::response::Response;
+use std::time::Instant;
+use tracing::Instrument;
+use uuid::Uuid;
+
+const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
+
+/// A longer id is not one that somebody looks for in a log.
+const LONGEST: usize = 128;
+
+/// Runs the request in its span, logs how it went and gives its id to the answer.
+pub async fn observe(request: Request, next: Next) -> Response {
+    let given =
+        request.headers().get(&REQUEST_ID).filter(|id| (1..=LONGEST).contains(&id.len()) && id.to_str().is_ok());
+    let id = given.cloned().or_else(|| HeaderValue::try_from(Uuid::now_v7().to_string()).ok());
+    let text = id.as_ref().and_then(|id| id.to_str().ok()).unwrap_or_default();
+    let (method, path) = (request.method(), request.uri().path());
+    let span = tracing::info_span!("request", request.id = text, http.method = %method, http.path = path);
+    let start = Instant::now();
+    let mut response = async {
+        let response = next.run(request).await;
+        let (status, duration_ms) = (response.status(), start.elapsed().as_secs_f64() * 1e3);
+        if status == StatusCode::INTERNAL_SERVER_ERROR {
+            tracing::error!(http.status = status.as_u16(), duration_ms, "the service failed");
+        } else {
+            tracing::debug!(http.status = status.as_u16(), duration_ms, "answered {status}");
+        }
+        response
+    }
+    .instrument(span)
+    .await;
+    if let Some(id) = id {
+        response.headers_mut().insert(REQUEST_ID, id);
+    }
+    response
+}

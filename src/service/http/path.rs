@@ -1,0 +1,37 @@
+//! What stands in the path of a request: a name, or the id of a job.
+
+use super::Shared;
+use super::problem::{Kind, Problem};
+use crate::service::jobs::{Job, JobId};
+use axum::extract::{FromRequestParts, RawPathParams};
+use axum::http::request::Parts;
+use std::convert::Infallible;
+use std::sync::Arc;
+
+/// The variable segment of the path; empty if it is not UTF-8, which is the name of nothing.
+pub struct Segment(pub String);
+
+impl<S: Send + Sync> FromRequestParts<S> for Segment {
+    type Rejection = Infallible;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Infallible> {
+        let segments = RawPathParams::from_request_parts(parts, state).await;
+        let first = segments.ok().and_then(|segments| segments.iter().next().map(|(_, value)| value.to_owned()));
+        Ok(Self(first.unwrap_or_default()))
+    }
+}
+
+/// The job that the path names.
+pub struct Named(pub Arc<Job>);
+
+impl FromRequestParts<Shared> for Named {
+    type Rejection = Box<Problem>;
+
+    async fn from_request_parts(parts: &mut Parts, shared: &Shared) -> Result<Self, Self::Rejection> {
+        let Ok(Segment(text)) = Segment::from_request_parts(parts, shared).await;
+        let Ok(id) = text.parse::<JobId>() else {
+            return Err(Problem::new(Kind::NoSuchJob, "the id of a job is a UUID, as `Location` gave it"));
+        };
+        shared.jobs.find(id).map(Self).ok_or_else(|| Problem::plain(Kind::NoSuchJob).of_job(id))
+    }
+}

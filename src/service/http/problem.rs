@@ -1,0 +1,195 @@
+//! Every way in which a request can fail, in one table, and its form on the wire: `application/problem+json`
+//! (RFC 9457). The `type` of a problem is the address of its row.
+
+use super::retry_after;
+use crate::service::jobs::{Fault, JobId, Refusal};
+use crate::specification::SpecificationError;
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use serde::{Serialize, Serializer};
+use std::time::Duration;
+
+macro_rules! problems {
+    ($($kind:ident, $slug:literal, $status:ident, $title:literal, $meaning:literal;)*) => {
+        /// The kinds of problem.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub enum Kind { $(#[doc = $meaning] $kind,)* }
+
+        impl Kind {
+            /// The whole table.
+            pub const ALL: &[Self] = &[$(Self::$kind),*];
+
+            /// The last segment of its address.
+            pub fn slug(self) -> &'static str {
+                match self { $(Self::$kind => $slug,)* }
+            }
+
+            /// The status it answers with.
+            pub fn status(self) -> StatusCode {
+                match self { $(Self::$kind => StatusCode::$status,)* }
+            }
+
+            /// The same few words for every occurrence.
+            pub fn title(self) -> &'static str {
+                match self { $(Self::$kind => $title,)* }
+            }
+
+            /// When it occurs and what to do about it.
+            pub fn meaning(self) -> &'static str {
+                match self { $(Self::$kind => $meaning,)* }
+            }
+        }
+    };
+}
+
+problems! {
+    InvalidSpecification, "invalid-specification", BAD_REQUEST, "The specification has errors",
+        "The body is not a valid specification; `errors` lists all that is wrong with it, each with a JSON pointer.";
+    BadRequest, "bad-request", BAD_REQUEST, "The request could not be read",
+        "The body broke off or was not well-formed HTTP; send it again.";
+    NotFound, "not-found", NOT_FOUND, "There is nothing at this address",
+        "The address names no resource of this service; `detail` lists those there are.";
+    NoSuchJob, "no-such-job", NOT_FOUND, "There is no such job",
+        "No job has this id: it was never given out, was deleted, or is too old to be kept.";
+    NoSuchExample, "no-such-example", NOT_FOUND, "There is no such example",
+        "No example has this name; `GET /examples` lists those there are.";
+    NoSuchProblem, "no-such-problem", NOT_FOUND, "There is no such type of problem",
+        "No type of problem has this name; `GET /problems` lists those there are.";
+    ResultsNotReady, "results-not-ready", NOT_FOUND, "The results are not ready",
+        "The job still waits or runs; ask again after the seconds in `Retry-After`.";
+    MethodNotAllowed, "method-not-allowed", METHOD_NOT_ALLOWED, "The resource has no such method",
+        "The address exists but not with this method; `Allow` lists its methods.";
+    NotAcceptable, "not-acceptable", NOT_ACCEPTABLE, "No form of the answer is acceptable",
+        "Nothing in `Accept` fits; results are given as `application/json` and as `text/csv`.";
+    BodyTimeout, "body-timeout", REQUEST_TIMEOUT, "The body took too long to arrive",
+        "The whole body must arrive within the bound that `--read-seconds` sets.";
+    Dismissed, "dismissed", GONE, "The job was dismissed before it started",
+        "The job was cancelled while it waited, so it has no results and will have none.";
+    BodyTooLarge, "body-too-large", PAYLOAD_TOO_LARGE, "The body is too large",
+        "A specification may have as many MiB as `--body-mib` allows; give large matrices as sparse entries.";
+    UnsupportedMediaType, "unsupported-media-type", UNSUPPORTED_MEDIA_TYPE, "The body is not JSON",
+        "A specification is sent as `application/json`, not compressed; curl's default type is taken for JSON.";
+    QueueFull, "queue-full", TOO_MANY_REQUESTS, "The queue is full",
+        "As many jobs wait as `--queue` allows; ask again after the seconds in `Retry-After`.";
+    ClientShare, "client-share", TOO_MANY_REQUESTS, "This client's share of the queue is full",
+        "As many jobs of this client wait as `--client-share` allows; wait for one of them to end.";
+    Internal, "internal", INTERNAL_SERVER_ERROR, "The service failed",
+        "A fault of the service and not of the request; the log has more under the id of the request or the job.";
+    ResultTooLarge, "result-too-large", UNPROCESSABLE_ENTITY, "The result is too large",
+        "The result is larger than `--result-mib` allows; ask for fewer output times or fields.";
+    Draining, "draining", SERVICE_UNAVAILABLE, "The service is about to stop",
+        "The service takes on no more jobs because it has been asked to stop; ask its successor.";
+}
+
+/// One occurrence of a problem.
+#[derive(Debug, Serialize)]
+pub struct Problem {
+    #[serde(rename = "type", serialize_with = "address")]
+    kind: Kind,
+    title: &'static str,
+    status: u16,
+    detail: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    instance: Option<String>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    errors: Vec<SpecificationError>,
+    #[serde(skip)]
+    retry_after: Option<Duration>,
+}
+
+/// What handlers return: errors are rare, so they are kept out of line.
+pub type Answer<T> = Result<T, Box<Problem>>;
+
+impl Problem {
+    /// A problem of this kind; `detail` is about this occurrence.
+    pub fn new(kind: Kind, detail: impl Into<String>) -> Box<Self> {
+        Box::new(Self {
+            kind,
+            title: kind.title(),
+            status: kind.status().as_u16(),
+            detail: detail.into(),
+            instance: None,
+            errors: Vec::new(),
+            retry_after: None,
+        })
+    }
+
+    /// A problem whose occurrence says no more than its kind.
+    pub fn plain(kind: Kind) -> Box<Self> {
+        Self::new(kind, kind.meaning())
+    }
+
+    /// Concerning a job.
+    pub fn of_job(mut self: Box<Self>, id: JobId) -> Box<Self> {
+        self.instance = Some(format!("/jobs/{id}"));
+        self
+    }
+
+    /// That may be over after `time`.
+    pub fn after(mut self: Box<Self>, time: Duration) -> Box<Self> {
+        self.retry_after = Some(time);
+        self
+    }
+}
+
+impl From<Vec<SpecificationError>> for Box<Problem> {
+    fn from(errors: Vec<SpecificationError>) -> Self {
+        let detail = match errors.as_slice() {
+            [error] if error.pointer.is_empty() => error.detail.clone(),
+            [error] => format!("{}: {}", error.pointer, error.detail),
+            errors => format!("{} errors", errors.len()),
+        };
+        let mut problem = Problem::new(Kind::InvalidSpecification, detail);
+        problem.errors = errors;
+        problem
+    }
+}
+
+impl From<Refusal> for Box<Problem> {
+    fn from(refusal: Refusal) -> Self {
+        match refusal {
+            Refusal::QueueFull(time) => Problem::plain(Kind::QueueFull).after(time),
+            Refusal::ClientShare(time) => Problem::plain(Kind::ClientShare).after(time),
+            Refusal::Draining => Problem::plain(Kind::Draining).after(Duration::from_secs(10)),
+        }
+    }
+}
+
+impl From<Fault> for Box<Problem> {
+    fn from(fault: Fault) -> Self {
+        match fault {
+            Fault::Panicked => {
+                Problem::new(Kind::Internal, "the solver broke down on this specification; please report it")
+            }
+            Fault::TooLarge { limit } => Problem::new(
+                Kind::ResultTooLarge,
+                format!("the result has more than {} MiB: ask for fewer output times or fields", limit >> 20),
+            ),
+        }
+    }
+}
+
+impl IntoResponse for Problem {
+    fn into_response(self) -> Response {
+        // Strings and numbers always have a JSON form.
+        let body = serde_json::to_vec(&self).unwrap_or_default();
+        let mut response = (self.kind.status(), body).into_response();
+        let headers = response.headers_mut();
+        headers.insert(header::CONTENT_TYPE, HeaderValue::from_static("application/problem+json"));
+        headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
+        if let Some(time) = self.retry_after {
+            headers.insert(header::RETRY_AFTER, retry_after(time));
+        }
+        response
+    }
+}
+
+impl IntoResponse for Box<Problem> {
+    fn into_response(self) -> Response {
+        (*self).into_response()
+    }
+}
+
+fn address<S: Serializer>(kind: &Kind, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_str(&format_args!("/problems/{}", kind.slug()))
+}

@@ -1,0 +1,12 @@
+//! `GET /schema`: the JSON Schema of what is posted to `/solve`.
+
+use axum::http::{HeaderName, header};
+use axum::response::IntoResponse;
+
+const SCHEMA: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/api/specification.schema.json"));
+const CONTENT_TYPE: [(HeaderName, &str); 1] = [(header::CONTENT_TYPE, "application/schema+json")];
+
+/// Fetch the JSON Schema of a specification.
+pub async fn find_schema() -> impl IntoResponse {
+    (CONTENT_TYPE, SCHEMA)
+}

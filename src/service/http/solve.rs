@@ -1,0 +1,91 @@
+//! `POST /solve`: the answer itself if it comes within the time that the client would wait, a monitor if not.
+//!
+//! A client that goes away while it waits takes its job with it. A client that has been given a monitor may go: the
+//! job lives on.
+
+use super::document::Document;
+use super::preferences::Preferences;
+use super::problem::Answer;
+use super::representation::Representation;
+use super::results::represent;
+use super::status::StatusInfo;
+use super::{Shared, no_store, retry_after};
+use crate::service::jobs::{Client, Job, Jobs};
+use axum::Json;
+use axum::extract::State;
+use axum::http::{HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use std::sync::Arc;
+use tokio::time::timeout;
+
+/// Solve a specification.
+pub async fn solve(
+    State(shared): State<Shared>,
+    client: Client,
+    preferences: Preferences,
+    representation: Representation,
+    document: Document,
+) -> Answer<Response> {
+    // Asked before the specification is read, so that refusing costs next to nothing.
+    shared.jobs.admits(client)?;
+    let specification = document.specification(&shared).await?;
+    let job = shared.jobs.submit(client, specification)?;
+    let wait = preferences.wait();
+    let ending = if wait.is_zero() {
+        None
+    } else {
+        let departure = Departure::watch(&shared.jobs, &job);
+        let ending = timeout(wait, job.ended()).await.ok();
+        departure.disarm();
+        ending
+    };
+    let asynchronous = ending.is_none();
+    let mut response = match ending {
+        Some(ending) => represent(&job, ending, representation)?,
+        None => accepted(&shared.jobs, &job),
+    };
+    let headers = response.headers_mut();
+    headers.insert(header::VARY, HeaderValue::from_static("accept, prefer"));
+    if let Some(applied) = preferences.applied(asynchronous) {
+        headers.insert("preference-applied", applied);
+    }
+    if let Ok(link) = HeaderValue::try_from(format!("</jobs/{}>; rel=\"monitor\"", job.id)) {
+        headers.insert(header::LINK, link);
+    }
+    Ok(response)
+}
+
+fn accepted(jobs: &Jobs, job: &Job) -> Response {
+    let mut response = (StatusCode::ACCEPTED, no_store(), Json(StatusInfo::of(job, jobs))).into_response();
+    let headers = response.headers_mut();
+    headers.insert(header::RETRY_AFTER, retry_after(jobs.time_to_end(job)));
+    if let Ok(location) = HeaderValue::try_from(format!("/jobs/{}", job.id)) {
+        headers.insert(header::LOCATION, location);
+    }
+    response
+}
+
+/// Dropped with the waiting request when its client goes away, it forgets the job, whose name nobody was told.
+struct Departure<'a> {
+    jobs: &'a Jobs,
+    job: Option<&'a Arc<Job>>,
+}
+
+impl<'a> Departure<'a> {
+    fn watch(jobs: &'a Jobs, job: &'a Arc<Job>) -> Self {
+        Self { jobs, job: Some(job) }
+    }
+
+    fn disarm(mut self) {
+        self.job = None;
+    }
+}
+
+impl Drop for Departure<'_> {
+    fn drop(&mut self) {
+        if let Some(job) = self.job {
+            tracing::debug!(job.id = %job.id, "the client of job {} went away", job.id);
+            self.jobs.forget(job);
+        }
+    }
+}

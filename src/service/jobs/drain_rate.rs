@@ -1,0 +1,57 @@
+//! How fast jobs leave: `n` departures over the time since the first of them, counted over the latest departures.
+//! It is what a refused client is told to wait by.
+
+use std::collections::VecDeque;
+use std::time::{Duration, Instant};
+
+/// Enough departures to be steady, few enough to follow a change of load.
+const WINDOW: usize = 64;
+
+/// The latest departures.
+#[derive(Debug, Default)]
+pub struct DrainRate {
+    departures: VecDeque<Instant>,
+}
+
+impl DrainRate {
+    /// Counts a job that left at `now`.
+    pub fn departed(&mut self, now: Instant) {
+        if self.departures.len() == WINDOW {
+            self.departures.pop_front();
+        }
+        self.departures.push_back(now);
+    }
+
+    /// The time in which `jobs` will leave at the present rate. The window ends at `now` and not at the latest
+    /// departure, so that a stall is seen as one. Nothing before the first departure.
+    pub fn time_for(&self, jobs: usize, now: Instant) -> Option<Duration> {
+        let window = now.saturating_duration_since(*self.departures.front()?);
+        let seconds = jobs as f64 * window.as_secs_f64() / self.departures.len() as f64;
+        Some(Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn jobs_that_leave_every_two_seconds_take_two_seconds_each() {
+        let start = Instant::now();
+        let mut rate = DrainRate::default();
+        assert_eq!(rate.time_for(1, start), None);
+        for k in 0..200 {
+            rate.departed(start + Duration::from_secs(2 * k));
+        }
+        let last = start + Duration::from_secs(2 * 200);
+        assert_eq!(rate.time_for(10, last), Some(Duration::from_secs(20)));
+    }
+
+    #[test]
+    fn a_stall_lengthens_the_estimate() {
+        let start = Instant::now();
+        let mut rate = DrainRate::default();
+        rate.departed(start);
+        assert_eq!(rate.time_for(1, start + Duration::from_secs(90)), Some(Duration::from_secs(90)));
+    }
+}

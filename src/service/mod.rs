@@ -1,0 +1,52 @@
+//! The solver as a service over HTTP: jobs, the resources by which clients see them, and the server.
+
+pub mod http;
+pub mod jobs;
+mod options;
+mod server;
+
+pub use options::Options;
+
+use axum::Router;
+use http::Shared;
+use jobs::{Jobs, Pool, Solver};
+use std::io;
+use std::sync::Arc;
+use tokio::net::TcpListener;
+use tokio::sync::Semaphore;
+use tokio::sync::mpsc::Receiver;
+
+/// A service with its workers running. They stop when it is dropped.
+pub struct Service {
+    shared: Shared,
+    _pool: Pool,
+}
+
+impl Service {
+    /// Starts the workers, which call `solver`.
+    ///
+    /// # Errors
+    /// The system gives no threads.
+    pub fn start(options: Options, solver: Solver) -> io::Result<Self> {
+        let jobs = Arc::new(Jobs::new(options.bounds(), solver));
+        let pool = Pool::start(&jobs, options.workers)?;
+        let readers = Arc::new(Semaphore::new(options.workers.get()));
+        Ok(Self { shared: Shared { jobs, options: Arc::new(options), readers }, _pool: pool })
+    }
+
+    /// Its resources.
+    pub fn router(&self) -> Router {
+        http::router(self.shared.clone())
+    }
+
+    /// Its jobs.
+    pub fn jobs(&self) -> &Jobs {
+        &self.shared.jobs
+    }
+
+    /// Serves connections until something comes through `stop`, then lets jobs end within the grace time; a second
+    /// one cuts that short.
+    pub async fn serve(&self, listener: TcpListener, stop: Receiver<()>) {
+        server::serve(listener, self.router(), self.shared.clone(), stop).await;
+    }
+}

@@ -1,0 +1,109 @@
+//! The bounds of the service: each a flag with an environment variable, each with a default that suits one machine
+//! shared by a few people.
+
+use super::jobs::{Bounds, Retention};
+use clap::Args;
+use std::net::{Ipv4Addr, SocketAddr};
+use std::num::{NonZeroU64, NonZeroUsize};
+use std::thread::available_parallelism;
+use std::time::Duration;
+
+/// How the service is bounded.
+#[derive(Args, Clone, Debug)]
+pub struct Options {
+    /// Address and port to listen on
+    #[arg(long, env = "DVI_LISTEN", value_name = "ADDRESS:PORT", default_value_t = Options::default().listen)]
+    pub listen: SocketAddr,
+
+    /// Solves at a time; the default is one a core
+    #[arg(long, env = "DVI_WORKERS", value_name = "N", default_value_t = Options::default().workers)]
+    pub workers: NonZeroUsize,
+
+    /// Jobs that may wait; one more is refused with 429
+    #[arg(long, env = "DVI_QUEUE", value_name = "JOBS", default_value_t = Options::default().queue)]
+    pub queue: NonZeroUsize,
+
+    /// Jobs of one client, told by its address, that may wait
+    #[arg(long, env = "DVI_CLIENT_SHARE", value_name = "JOBS", default_value_t = Options::default().client_share)]
+    pub client_share: NonZeroUsize,
+
+    /// Longest time a job may run, in seconds; its trajectory so far is kept
+    #[arg(long, env = "DVI_WALL_SECONDS", value_name = "SECONDS", default_value_t = Options::default().wall_seconds)]
+    pub wall_seconds: NonZeroU64,
+
+    /// Largest specification, in MiB
+    #[arg(long, env = "DVI_BODY_MIB", value_name = "MIB", default_value_t = Options::default().body_mib)]
+    pub body_mib: NonZeroUsize,
+
+    /// Largest result, in MiB of JSON
+    #[arg(long, env = "DVI_RESULT_MIB", value_name = "MIB", default_value_t = Options::default().result_mib)]
+    pub result_mib: NonZeroUsize,
+
+    /// Ended jobs that are kept; the oldest is forgotten first
+    #[arg(long, env = "DVI_KEPT_JOBS", value_name = "JOBS", default_value_t = Options::default().kept_jobs)]
+    pub kept_jobs: NonZeroUsize,
+
+    /// Results that are kept, in MiB in all; the oldest is forgotten first
+    #[arg(long, env = "DVI_KEPT_MIB", value_name = "MIB", default_value_t = Options::default().kept_mib)]
+    pub kept_mib: NonZeroUsize,
+
+    /// Longest time a client may take to send the headers of a request, and again its body, in seconds
+    #[arg(long, env = "DVI_READ_SECONDS", value_name = "SECONDS", default_value_t = Options::default().read_seconds)]
+    pub read_seconds: NonZeroU64,
+
+    /// Time that jobs have to end after SIGTERM or SIGINT before they are cancelled, in seconds
+    #[arg(long, env = "DVI_GRACE_SECONDS", value_name = "SECONDS", default_value_t = Options::default().grace_seconds)]
+    pub grace_seconds: u64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        let count = |n| NonZeroUsize::new(n).unwrap_or(NonZeroUsize::MIN);
+        let seconds = |n| NonZeroU64::new(n).unwrap_or(NonZeroU64::MIN);
+        Self {
+            listen: (Ipv4Addr::LOCALHOST, 8080).into(),
+            workers: available_parallelism().unwrap_or(NonZeroUsize::MIN),
+            queue: count(1000),
+            client_share: count(750),
+            wall_seconds: seconds(300),
+            body_mib: count(8),
+            result_mib: count(256),
+            kept_jobs: count(10_000),
+            kept_mib: count(1024),
+            read_seconds: seconds(30),
+            grace_seconds: 30,
+        }
+    }
+}
+
+impl Options {
+    /// The largest body of a request, in bytes.
+    pub fn body_bytes(&self) -> usize {
+        bytes(self.body_mib)
+    }
+
+    /// The longest time for the headers of a request, and for its body.
+    pub fn read_time(&self) -> Duration {
+        Duration::from_secs(self.read_seconds.get())
+    }
+
+    /// The time between the signal to stop and the end of every job.
+    pub fn grace(&self) -> Duration {
+        Duration::from_secs(self.grace_seconds)
+    }
+
+    /// What concerns jobs.
+    pub fn bounds(&self) -> Bounds {
+        Bounds {
+            queue: self.queue.get(),
+            share: self.client_share.get(),
+            wall: Duration::from_secs(self.wall_seconds.get()),
+            result_bytes: bytes(self.result_mib),
+            retention: Retention { jobs: self.kept_jobs.get(), bytes: bytes(self.kept_mib) },
+        }
+    }
+}
+
+fn bytes(mib: NonZeroUsize) -> usize {
+    mib.get().saturating_mul(1 << 20)
+}

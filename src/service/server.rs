@@ -1,0 +1,94 @@
+//! Connections, from the first to the last.
+//!
+//! 1. Accept, and serve each connection on a task of its own; a client that does not send its headers in time is
+//!    cut off.
+//! 2. When asked to stop: refuse new jobs and give the others the grace time. Connections go on being accepted, so that
+//!    clients can fetch what ends and a load balancer sees `/readyz` off.
+//! 3. When no job is left, or at the end of the grace time or asked a second time: cancel what is left.
+//! 4. Let answers in hand go out, and close.
+
+use super::http::Shared;
+use super::jobs::Client;
+use axum::Router;
+use hyper::body::Incoming;
+use hyper::server::conn::http1;
+use hyper::service::service_fn;
+use hyper_util::rt::{TokioIo, TokioTimer};
+use hyper_util::server::graceful::GracefulShutdown;
+use std::time::Duration;
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::mpsc::Receiver;
+use tokio::time::{sleep, timeout};
+use tower_service::Service;
+
+/// The time that cancelled solves have to reach their next step, and then that answers have to go out.
+const LAST_CALL: Duration = Duration::from_secs(5);
+
+/// A pause after a failed `accept`: it fails at once for as long as there are no file descriptors.
+const BREATH: Duration = Duration::from_millis(50);
+
+/// Serves until something comes through `stop`; a second one cuts the grace time short.
+pub async fn serve(listener: TcpListener, router: Router, shared: Shared, mut stop: Receiver<()>) {
+    let mut http = http1::Builder::new();
+    http.timer(TokioTimer::new()).header_read_timeout(shared.options.read_time());
+    let connections = GracefulShutdown::new();
+    let accepting = async {
+        loop {
+            match listener.accept().await {
+                Ok((stream, from)) => serve_connection(&http, &connections, stream, Client::at(from.ip()), &router),
+                Err(error) => {
+                    tracing::warn!(%error, "no connection could be accepted");
+                    sleep(BREATH).await;
+                }
+            }
+        }
+    };
+    let stopping = async {
+        stop.recv().await;
+        shared.jobs.drain();
+        let grace = shared.options.grace();
+        tracing::info!(grace_seconds = grace.as_secs(), "stopping: no more jobs are taken on");
+        tokio::select! {
+            () = shared.jobs.idle() => {}
+            () = sleep(grace) => {}
+            Some(()) = stop.recv() => {}
+        }
+        shared.jobs.cancel_all();
+        if timeout(LAST_CALL, shared.jobs.idle()).await.is_err() {
+            tracing::warn!("some solves did not stop and are abandoned");
+        }
+    };
+    tokio::select! {
+        () = accepting => {}
+        () = stopping => {}
+    }
+    if timeout(LAST_CALL, connections.shutdown()).await.is_err() {
+        tracing::warn!("some connections did not take their answers and are cut off");
+    }
+    tracing::info!("stopped");
+}
+
+fn serve_connection(
+    http: &http1::Builder,
+    connections: &GracefulShutdown,
+    stream: TcpStream,
+    client: Client,
+    router: &Router,
+) {
+    // Answers are written whole: waiting for more to send with them only delays them.
+    if let Err(error) = stream.set_nodelay(true) {
+        tracing::debug!(%error, "a connection was lost at its start");
+        return;
+    }
+    let router = router.clone();
+    let service = service_fn(move |mut request: hyper::Request<Incoming>| {
+        request.extensions_mut().insert(client);
+        router.clone().call(request)
+    });
+    let connection = connections.watch(http.serve_connection(TokioIo::new(stream), service));
+    tokio::spawn(async move {
+        if let Err(error) = connection.await {
+            tracing::debug!(%error, "a connection ended in an error");
+        }
+    });
+}

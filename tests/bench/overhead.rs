@@ -1,0 +1,88 @@
+//! What the service costs beside an echo of the same body: `cargo bench --bench overhead`, which drives both with `wrk`
+//! in turns, so that both see the same machine.
+
+use axum::Router;
+use axum::body::Bytes;
+use axum::routing::post;
+use dvi::service::{Options, Service};
+use hyper::body::Incoming;
+use hyper::service::service_fn;
+use hyper_util::rt::TokioIo;
+use std::net::SocketAddr;
+use std::process::Command;
+use std::sync::Arc;
+use tokio::net::TcpListener;
+use tokio::runtime::{Builder, Runtime};
+use tokio::sync::mpsc::channel;
+use tower_service::Service as _;
+
+const BODY: &str = r#"{"problem":{"dvi":{"states":{"x":{"initial":1,"rate":"-x"}}}},"time":{"end":1}}"#;
+const SECONDS: u32 = 3;
+
+fn main() {
+    // As the program logs, so that what is measured is what it does.
+    tracing_subscriber::fmt().with_env_filter("info").with_writer(std::io::stderr).init();
+    let script = std::env::temp_dir().join(format!("dvi-overhead-{}.lua", std::process::id()));
+    let headers = r#"wrk.headers["content-type"] = "application/json""#;
+    std::fs::write(&script, format!("wrk.method = \"POST\"\nwrk.body = '{BODY}'\n{headers}\n")).expect("a script");
+    let runtime = Builder::new_multi_thread().enable_all().build().expect("a runtime");
+    let (echo, service) = (start_echo(&runtime), start_service(&runtime));
+    println!("{:>12} {:>8} {:>10} {:>12} {:>16}", "connections", "", "p50", "requests/s", "CPU us a request");
+    for connections in [1, 16, 64] {
+        for (name, address) in [("echo", echo), ("solve", service), ("echo", echo), ("solve", service)] {
+            let before = cpu_seconds();
+            let report = Command::new("wrk")
+                .args(["--latency", "-t1", &format!("-c{connections}"), &format!("-d{SECONDS}s")])
+                .arg("-s")
+                .arg(&script)
+                .arg(format!("http://{address}/solve"))
+                .output()
+                .expect("wrk, which is a Debian package");
+            let report = String::from_utf8_lossy(&report.stdout).into_owned();
+            let after = |label: &str| report.split_once(label)?.1.split_whitespace().next();
+            let requests = report.split_once(" requests in").and_then(|(before, _)| before.split_whitespace().last());
+            assert!(!report.contains("Non-2xx"), "{report}");
+            let requests: f64 = requests.and_then(|count| count.parse().ok()).expect("a count of requests");
+            let (p50, rate) = (after("50%").unwrap_or("?"), after("Requests/sec:").unwrap_or("?"));
+            let cpu = (cpu_seconds() - before) * 1e6 / requests;
+            println!("{connections:>12} {name:>8} {p50:>10} {rate:>12} {cpu:>16.1}");
+        }
+    }
+    // The script is in the temporary folder; it may stay if it must.
+    let _ = std::fs::remove_file(script);
+    runtime.shutdown_background();
+}
+
+/// The processor time of this process, which other work on the machine disturbs less than it does the clock.
+fn cpu_seconds() -> f64 {
+    let stat = std::fs::read_to_string("/proc/self/stat").expect("Linux");
+    let ticks = stat.rsplit(") ").next().unwrap_or_default().split(' ').skip(11).take(2);
+    ticks.map(|field| field.parse::<f64>().unwrap_or(f64::NAN)).sum::<f64>() / 100.0
+}
+
+fn start_service(runtime: &Runtime) -> SocketAddr {
+    let listener = runtime.block_on(TcpListener::bind("127.0.0.1:0")).expect("a port");
+    let address = listener.local_addr().expect("its address");
+    let service = Service::start(Options::default(), Arc::new(dvi::solve)).expect("workers");
+    runtime.spawn(async move {
+        let (_stop, stopped) = channel(1);
+        service.serve(listener, stopped).await;
+    });
+    address
+}
+
+fn start_echo(runtime: &Runtime) -> SocketAddr {
+    let listener = runtime.block_on(TcpListener::bind("127.0.0.1:0")).expect("a port");
+    let address = listener.local_addr().expect("its address");
+    let router = Router::new().route("/solve", post(async |body: Bytes| body));
+    runtime.spawn(async move {
+        while let Ok((stream, _)) = listener.accept().await {
+            // Nothing is measured before it is set.
+            let _ = stream.set_nodelay(true);
+            let router = router.clone();
+            let service = service_fn(move |request: hyper::Request<Incoming>| router.clone().call(request));
+            tokio::spawn(hyper::server::conn::http1::Builder::new().serve_connection(TokioIo::new(stream), service));
+        }
+    });
+    address
+}

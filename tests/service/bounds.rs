@@ -1,0 +1,99 @@
+//! What is refused when there is too much, and that nobody is starved.
+
+use crate::harness::{Arrival, Call, DECAY, Gate, Scripted, Site, count, instant, one_worker};
+use axum::body::Body;
+use axum::http::StatusCode;
+use dvi::service::Options;
+
+#[tokio::test]
+async fn a_late_client_runs_before_the_rest_of_a_busy_one() {
+    let gate = Gate::new();
+    let site = Site::new(one_worker(), gate.solver());
+    let mut busy = Vec::new();
+    for _ in 0..4 {
+        busy.push(site.accept(1).await);
+    }
+    gate.entered(1).await;
+    let late = site.accept(2).await;
+    assert_eq!(site.get(&late).await.json()["queue_position"], 1);
+    for (served, expected) in [&busy[0], &busy[1], &late, &busy[2], &busy[3]].into_iter().enumerate() {
+        gate.entered(served + 1).await;
+        assert_eq!(site.get(expected).await.json()["status"], "running", "place {served}");
+        gate.let_through(1);
+        site.ended(expected).await;
+    }
+}
+
+#[tokio::test]
+async fn a_full_queue_says_when_to_come_back() {
+    let gate = Gate::new();
+    let site = Site::new(Options { queue: count(2), ..one_worker() }, gate.solver());
+    let running = site.accept(1).await;
+    gate.entered(1).await;
+    let waiting = [site.accept(1).await, site.accept(2).await];
+    let refused = Call::solve(DECAY).client(3).send(&site).await;
+    refused.problem(429, "queue-full");
+    assert!((1..=600).contains(&refused.header("retry-after").parse::<u64>().unwrap()));
+    let cancelled = Call::new("POST", &format!("{}/cancel", waiting[0])).send(&site).await;
+    assert_eq!(cancelled.json()["status"], "dismissed", "cancelling passes a full queue by");
+    site.accept(3).await;
+    gate.let_through(3);
+    assert_eq!(site.ended(&running).await["status"], "successful");
+    assert_eq!(site.ended(&waiting[1]).await["status"], "successful");
+}
+
+#[tokio::test]
+async fn one_client_cannot_have_the_whole_queue() {
+    let gate = Gate::new();
+    let site = Site::new(Options { queue: count(10), client_share: count(2), ..one_worker() }, gate.solver());
+    site.accept(1).await;
+    gate.entered(1).await;
+    site.accept(1).await;
+    site.accept(1).await;
+    let refused = Call::solve(DECAY).client(1).send(&site).await;
+    refused.problem(429, "client-share");
+    assert!(refused.header("retry-after").parse::<u64>().unwrap() >= 1);
+    site.accept(2).await;
+}
+
+#[tokio::test]
+async fn a_service_that_stops_takes_nothing_on_but_answers_for_what_it_has() {
+    let gate = Gate::new();
+    let site = Site::new(one_worker(), gate.solver());
+    assert_eq!(site.get("/readyz").await.status, StatusCode::OK);
+    let path = site.accept(1).await;
+    gate.entered(1).await;
+    site.service.jobs().drain();
+    site.get("/readyz").await.problem(503, "draining");
+    let refused = Call::solve(DECAY).send(&site).await;
+    refused.problem(503, "draining");
+    assert!(refused.headers.contains_key("retry-after"));
+    assert_eq!(site.get("/healthz").await.status, StatusCode::OK);
+    gate.let_through(1);
+    assert_eq!(site.ended(&path).await["status"], "successful");
+    site.service.jobs().idle().await;
+}
+
+#[tokio::test]
+async fn a_body_over_the_bound_is_refused_by_its_length_and_by_its_bytes() {
+    let site = Site::new(Options { body_mib: count(1), ..one_worker() }, instant());
+    let long = "x".repeat((1 << 20) + 1);
+    Call::solve(long.clone()).send(&site).await.problem(413, "body-too-large");
+    let (first, second) = long.split_at(1 << 19);
+    let pieces = Scripted(vec![Arrival::Piece(second.to_owned()), Arrival::Piece(first.to_owned())]);
+    Call::solve(Body::new(pieces)).send(&site).await.problem(413, "body-too-large");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_body_that_does_not_come_is_waited_for_only_so_long() {
+    let site = Site::new(one_worker(), instant());
+    let stalls = Scripted(vec![Arrival::Never, Arrival::Piece("{".to_owned())]);
+    Call::solve(Body::new(stalls)).send(&site).await.problem(408, "body-timeout");
+}
+
+#[tokio::test]
+async fn a_body_that_breaks_off_is_said_to() {
+    let site = Site::new(one_worker(), instant());
+    let breaks = Scripted(vec![Arrival::Broken, Arrival::Piece("{".to_owned())]);
+    Call::solve(Body::new(breaks)).send(&site).await.problem(400, "bad-request");
+}

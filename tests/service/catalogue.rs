@@ -1,0 +1,66 @@
+//! What the service says of itself.
+
+use crate::harness::{Site, instant, one_worker};
+use axum::http::StatusCode;
+use dvi::service::http::{EXAMPLES, Kind};
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::Path;
+
+fn site() -> Site {
+    Site::new(one_worker(), instant())
+}
+
+#[test]
+fn every_file_of_api_examples_is_an_example() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("api/examples");
+    let files = fs::read_dir(folder).into_iter().flatten().map(|entry| entry.unwrap().file_name());
+    let files: BTreeSet<String> = files.map(|name| name.into_string().unwrap()).collect();
+    let embedded: BTreeSet<String> = EXAMPLES.iter().map(|example| format!("{}.json", example.name)).collect();
+    assert_eq!(embedded, files);
+}
+
+#[tokio::test]
+async fn every_listed_example_can_be_fetched() {
+    let site = site();
+    let list = site.get("/examples").await;
+    assert_eq!(list.status, StatusCode::OK);
+    let list = list.json();
+    assert_eq!(list.as_array().unwrap().len(), EXAMPLES.len());
+    for (entry, example) in list.as_array().unwrap().iter().zip(EXAMPLES) {
+        let fetched = site.get(entry["href"].as_str().unwrap()).await;
+        assert_eq!(fetched.header("content-type"), "application/json");
+        assert_eq!(fetched.text(), example.text);
+        assert_eq!(entry["title"], fetched.json()["label"], "{}", example.name);
+    }
+    site.get("/examples/perpetuum_mobile").await.problem(404, "no-such-example");
+}
+
+#[tokio::test]
+async fn the_type_of_every_problem_can_be_looked_up() {
+    let site = site();
+    let list = site.get("/problems").await.json();
+    assert_eq!(list.as_array().unwrap().len(), Kind::ALL.len());
+    let slugs: BTreeSet<&str> = Kind::ALL.iter().map(|kind| kind.slug()).collect();
+    assert_eq!(slugs.len(), Kind::ALL.len(), "two problems share a name");
+    for row in list.as_array().unwrap() {
+        assert_eq!(&site.get(row["type"].as_str().unwrap()).await.json(), row);
+        assert!(row["meaning"].as_str().unwrap().ends_with('.'), "{row}");
+    }
+    site.get("/problems/none").await.problem(404, "no-such-problem");
+}
+
+#[tokio::test]
+async fn the_service_is_alive_and_ready_and_has_a_version() {
+    let site = site();
+    assert_eq!(site.get("/healthz").await.json()["status"], "alive");
+    assert_eq!(site.get("/readyz").await.json()["status"], "ready");
+    assert_eq!(site.get("/version").await.json()["version"], env!("CARGO_PKG_VERSION"));
+}
+
+#[tokio::test]
+async fn the_published_schema_is_served() {
+    let schema = site().get("/schema").await;
+    assert_eq!(schema.header("content-type"), "application/schema+json");
+    assert_eq!(schema.json(), dvi::specification::json_schema());
+}

@@ -1,0 +1,155 @@
+//! What only a socket shows: clients that go away, clients that are slow, and the end of the service.
+
+use crate::harness::{DECAY, Gate, instant, one_worker};
+use dvi::service::jobs::Solver;
+use dvi::service::{Options, Service};
+use std::net::SocketAddr;
+use std::num::NonZeroU64;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::mpsc::{Sender, channel};
+use tokio::task::JoinHandle;
+
+/// A service on a port of its own, with the means to stop it.
+struct Running {
+    address: SocketAddr,
+    service: Arc<Service>,
+    stop: Sender<()>,
+    served: JoinHandle<()>,
+}
+
+impl Running {
+    async fn start(options: Options, solver: Solver) -> Self {
+        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let address = listener.local_addr().unwrap();
+        let service = Arc::new(Service::start(options, solver).unwrap());
+        let (stop, stopped) = channel(2);
+        let serving = Arc::clone(&service);
+        let served = tokio::spawn(async move { serving.serve(listener, stopped).await });
+        Self { address, service, stop, served }
+    }
+
+    async fn send(&self, request: &str) -> TcpStream {
+        let mut stream = TcpStream::connect(self.address).await.unwrap();
+        stream.write_all(request.as_bytes()).await.unwrap();
+        stream
+    }
+
+    /// The whole answer to a request.
+    async fn answer(&self, request: &str) -> String {
+        read(&mut self.send(request).await).await
+    }
+}
+
+async fn read(stream: &mut TcpStream) -> String {
+    let mut text = String::new();
+    stream.read_to_string(&mut text).await.unwrap();
+    text
+}
+
+fn get(path: &str) -> String {
+    format!("GET {path} HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n\r\n")
+}
+
+fn post(extra: &str) -> String {
+    let length = DECAY.len();
+    format!(
+        "POST /solve HTTP/1.1\r\nhost: localhost\r\n{extra}content-length: {length}\r\nconnection: close\r\n\r\n{DECAY}"
+    )
+}
+
+#[tokio::test]
+async fn a_client_that_goes_away_stops_its_solve() {
+    let gate = Gate::new();
+    let running = Running::start(one_worker(), gate.solver()).await;
+    let stream = running.send(&post("")).await;
+    gate.entered(1).await;
+    drop(stream);
+    gate.cancelled(1).await;
+    running.service.jobs().idle().await;
+}
+
+#[tokio::test]
+async fn a_client_that_goes_away_with_a_monitor_leaves_its_job_running() {
+    let gate = Gate::new();
+    let running = Running::start(one_worker(), gate.solver()).await;
+    let answer = running.answer(&post("prefer: respond-async\r\n")).await;
+    let path = answer.lines().find_map(|line| line.strip_prefix("location: ")).expect(&answer).to_owned();
+    gate.entered(1).await;
+    gate.let_through(1);
+    running.service.jobs().idle().await;
+    let status = running.answer(&get(&path)).await;
+    assert!(status.contains("\"status\":\"successful\""), "{status}");
+}
+
+#[tokio::test]
+async fn headers_that_do_not_come_cut_the_client_off() {
+    let options = Options { read_seconds: NonZeroU64::MIN, ..one_worker() };
+    let running = Running::start(options, instant()).await;
+    let begun = Instant::now();
+    let mut slow = running.send("POST /solve HTTP/1.1\r\nhost: loc").await;
+    let prompt = running.answer(&get("/healthz")).await;
+    assert!(prompt.starts_with("HTTP/1.1 200"), "{prompt}");
+    let mut rest = Vec::new();
+    let cut_off = tokio::time::timeout(Duration::from_secs(20), slow.read_to_end(&mut rest)).await;
+    assert!(cut_off.is_ok(), "still connected after {:?}", begun.elapsed());
+    assert!(begun.elapsed() >= Duration::from_millis(900), "cut off after {:?}", begun.elapsed());
+}
+
+#[tokio::test]
+async fn a_body_that_stalls_is_answered_with_a_timeout() {
+    let options = Options { read_seconds: NonZeroU64::MIN, ..one_worker() };
+    let running = Running::start(options, instant()).await;
+    let stalled = "POST /solve HTTP/1.1\r\nhost: localhost\r\ncontent-length: 100\r\nconnection: close\r\n\r\n{";
+    let answer = running.answer(stalled).await;
+    assert!(answer.starts_with("HTTP/1.1 408"), "{answer}");
+    assert!(answer.contains("/problems/body-timeout"), "{answer}");
+}
+
+#[tokio::test]
+async fn a_service_asked_to_stop_answers_who_waits_and_ends() {
+    let gate = Gate::new();
+    let running = Running::start(one_worker(), gate.solver()).await;
+    let mut waiting = running.send(&post("")).await;
+    gate.entered(1).await;
+    running.stop.send(()).await.unwrap();
+    while !running.service.jobs().is_draining() {
+        tokio::task::yield_now().await;
+    }
+    let ready = running.answer(&get("/readyz")).await;
+    assert!(ready.starts_with("HTTP/1.1 503"), "{ready}");
+    let refused = running.answer(&post("")).await;
+    assert!(refused.starts_with("HTTP/1.1 503") && refused.contains("/problems/draining"), "{refused}");
+    gate.let_through(1);
+    let answer = read(&mut waiting).await;
+    assert!(answer.starts_with("HTTP/1.1 200") && answer.contains("\"status\":\"completed\""), "{answer}");
+    running.served.await.unwrap();
+}
+
+#[tokio::test]
+async fn jobs_that_outlive_the_grace_time_are_cancelled() {
+    let gate = Gate::new();
+    let running = Running::start(Options { grace_seconds: 0, ..one_worker() }, gate.solver()).await;
+    let mut waiting = running.send(&post("")).await;
+    gate.entered(1).await;
+    running.stop.send(()).await.unwrap();
+    gate.cancelled(1).await;
+    let answer = read(&mut waiting).await;
+    assert!(answer.starts_with("HTTP/1.1 200") && answer.contains("\"status\":\"stopped\""), "{answer}");
+    running.served.await.unwrap();
+}
+
+#[tokio::test]
+async fn a_second_signal_cuts_the_grace_time_short() {
+    let gate = Gate::new();
+    let running = Running::start(Options { grace_seconds: 3600, ..one_worker() }, gate.solver()).await;
+    let path = running.answer(&post("prefer: respond-async\r\n")).await;
+    assert!(path.starts_with("HTTP/1.1 202"), "{path}");
+    gate.entered(1).await;
+    running.stop.send(()).await.unwrap();
+    running.stop.send(()).await.unwrap();
+    gate.cancelled(1).await;
+    running.served.await.unwrap();
+}

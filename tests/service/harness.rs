@@ -1,0 +1,228 @@
+//! Requests without a socket, and solvers whose course a test decides.
+
+use axum::Router;
+use axum::body::{Body, Bytes, HttpBody};
+use axum::http::{HeaderMap, Request, StatusCode};
+use dvi::problem::Stop;
+use dvi::service::jobs::{Client, Solver};
+use dvi::service::{Options, Service};
+use dvi::solution::{Diagnostics, Field, Solution, Status, Trajectory};
+use http_body_util::BodyExt;
+use hyper::body::Frame;
+use serde_json::Value;
+use std::io;
+use std::net::IpAddr;
+use std::num::NonZeroUsize;
+use std::pin::Pin;
+use std::sync::{Arc, Condvar, Mutex};
+use std::task::{Context, Poll};
+use std::time::Duration;
+use tokio::sync::watch;
+use tower::ServiceExt;
+
+/// A specification that is correct.
+pub const DECAY: &str = r#"{"problem":{"dvi":{"states":{"x":{"initial":1,"rate":"-x"}}}},"time":{"end":1}}"#;
+
+/// The answer of the solvers of this module: `x(0) = 1`, `x(1) = 0.5`.
+pub fn halving(status: Status) -> Solution {
+    let fields = vec![Field { name: "x".to_owned(), values: vec![1.0, 0.5] }];
+    let trajectory = Trajectory { t: vec![0.0, 1.0], fields, events: vec![] };
+    Solution { status, error: None, trajectory, diagnostics: Diagnostics::default() }
+}
+
+/// A solver that answers at once.
+pub fn instant() -> Solver {
+    Arc::new(|_, _| halving(Status::Completed))
+}
+
+/// Bounds with one worker.
+pub fn one_worker() -> Options {
+    Options { workers: NonZeroUsize::MIN, ..Options::default() }
+}
+
+pub fn count(n: usize) -> NonZeroUsize {
+    NonZeroUsize::new(n).unwrap()
+}
+
+/// A solver that holds every solve until it is let through, or cancelled.
+pub struct Gate {
+    open: Mutex<usize>,
+    opened: Condvar,
+    entered: watch::Sender<usize>,
+    cancelled: watch::Sender<usize>,
+}
+
+impl Gate {
+    pub fn new() -> Arc<Self> {
+        let (entered, cancelled) = (watch::Sender::new(0), watch::Sender::new(0));
+        Arc::new(Self { open: Mutex::new(0), opened: Condvar::new(), entered, cancelled })
+    }
+
+    pub fn solver(self: &Arc<Self>) -> Solver {
+        let gate = Arc::clone(self);
+        Arc::new(move |_, control| {
+            control.report(0.5, 7);
+            gate.entered.send_modify(|n| *n += 1);
+            let mut open = gate.open.lock().unwrap();
+            loop {
+                if *open > 0 {
+                    *open -= 1;
+                    return halving(Status::Completed);
+                }
+                if let Some(stop) = control.poll() {
+                    if stop == Stop::Cancelled {
+                        gate.cancelled.send_modify(|n| *n += 1);
+                    }
+                    return halving(Status::Stopped);
+                }
+                open = gate.opened.wait_timeout(open, Duration::from_millis(1)).unwrap().0;
+            }
+        })
+    }
+
+    /// Lets `n` solves through.
+    pub fn let_through(&self, n: usize) {
+        *self.open.lock().unwrap() += n;
+        self.opened.notify_all();
+    }
+
+    /// Returns when `n` solves have begun since the start.
+    pub async fn entered(&self, n: usize) {
+        self.entered.subscribe().wait_for(|entered| *entered >= n).await.unwrap();
+    }
+
+    /// Returns when `n` solves have been cancelled since the start.
+    pub async fn cancelled(&self, n: usize) {
+        self.cancelled.subscribe().wait_for(|cancelled| *cancelled >= n).await.unwrap();
+    }
+}
+
+/// A service, and its router.
+pub struct Site {
+    pub service: Service,
+    pub router: Router,
+}
+
+impl Site {
+    pub fn new(options: Options, solver: Solver) -> Self {
+        let service = Service::start(options, solver).unwrap();
+        let router = service.router();
+        Self { service, router }
+    }
+
+    pub async fn get(&self, path: &str) -> Reply {
+        Call::new("GET", path).send(self).await
+    }
+
+    /// Accepts the decay for `client` and gives the path of the job.
+    pub async fn accept(&self, client: u8) -> String {
+        let reply = Call::solve(DECAY).client(client).header("prefer", "respond-async").send(self).await;
+        assert_eq!(reply.status, StatusCode::ACCEPTED, "{:?}", reply.json());
+        reply.header("location").to_owned()
+    }
+
+    /// The state of the job at `path`, when it has ended.
+    pub async fn ended(&self, path: &str) -> Value {
+        let id = path.rsplit('/').next().unwrap().parse().unwrap();
+        self.service.jobs().find(id).unwrap().ended().await;
+        self.get(path).await.json()
+    }
+}
+
+/// A request in the making.
+pub struct Call(Request<Body>);
+
+impl Call {
+    pub fn new(method: &str, path: &str) -> Self {
+        Self(Request::builder().method(method).uri(path).body(Body::empty()).unwrap())
+    }
+
+    pub fn solve(document: impl Into<Body>) -> Self {
+        let call = Self::new("POST", "/solve").header("content-type", "application/json");
+        Self(call.0.map(|_| document.into()))
+    }
+
+    pub fn header(mut self, name: &'static str, value: &str) -> Self {
+        self.0.headers_mut().insert(name, value.parse().unwrap());
+        self
+    }
+
+    pub fn client(mut self, last: u8) -> Self {
+        self.0.extensions_mut().insert(Client::at(IpAddr::from([10, 0, 0, last])));
+        self
+    }
+
+    pub async fn send(self, site: &Site) -> Reply {
+        self.send_to(site.router.clone()).await
+    }
+
+    pub async fn send_to(self, router: Router) -> Reply {
+        let response = router.oneshot(self.0).await.unwrap();
+        let (parts, body) = response.into_parts();
+        let body = body.collect().await.unwrap().to_bytes().to_vec();
+        Reply { status: parts.status, headers: parts.headers, body }
+    }
+}
+
+/// An answer, read to its end.
+#[derive(Debug)]
+pub struct Reply {
+    pub status: StatusCode,
+    pub headers: HeaderMap,
+    pub body: Vec<u8>,
+}
+
+impl Reply {
+    pub fn header(&self, name: &str) -> &str {
+        self.headers.get(name).unwrap_or_else(|| panic!("no {name} in {self:?}")).to_str().unwrap()
+    }
+
+    pub fn json(&self) -> Value {
+        serde_json::from_slice(&self.body).unwrap_or_else(|error| panic!("{error} in {self:?}"))
+    }
+
+    pub fn text(&self) -> &str {
+        std::str::from_utf8(&self.body).unwrap()
+    }
+
+    /// Asserts that the answer is this problem, in the form of RFC 9457, and gives its members.
+    #[track_caller]
+    pub fn problem(&self, status: u16, slug: &str) -> Value {
+        let problem = self.json();
+        assert_eq!(self.status.as_u16(), status, "{problem}");
+        assert_eq!(self.header("content-type"), "application/problem+json");
+        assert_eq!(problem["type"], format!("/problems/{slug}"), "{problem}");
+        assert_eq!(problem["status"], status);
+        for member in ["title", "detail"] {
+            assert!(problem[member].as_str().is_some_and(|text| !text.is_empty()), "{member} in {problem}");
+        }
+        problem
+    }
+}
+
+/// What a body does next.
+pub enum Arrival {
+    Piece(String),
+    Broken,
+    Never,
+}
+
+/// A body of unknown length that does what is written, from the last to the first.
+pub struct Scripted(pub Vec<Arrival>);
+
+impl HttpBody for Scripted {
+    type Data = Bytes;
+    type Error = io::Error;
+
+    fn poll_frame(mut self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<Option<io::Result<Frame<Bytes>>>> {
+        match self.0.pop() {
+            Some(Arrival::Piece(text)) => Poll::Ready(Some(Ok(Frame::data(text.into())))),
+            Some(Arrival::Broken) => Poll::Ready(Some(Err(io::ErrorKind::UnexpectedEof.into()))),
+            Some(Arrival::Never) => {
+                self.0.push(Arrival::Never);
+                Poll::Pending
+            }
+            None => Poll::Ready(None),
+        }
+    }
+}

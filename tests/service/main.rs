@@ -1,0 +1,10 @@
+//! The service as its clients see it: without a socket where none is needed, over one where it is the matter.
+
+mod bounds;
+mod catalogue;
+mod connections;
+mod harness;
+mod jobs;
+mod program;
+mod refusals;
+mod solve;

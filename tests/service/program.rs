@@ -1,0 +1,156 @@
+//! The program: exit codes, streams, signals.
+
+use crate::harness::DECAY;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::process::{Child, ChildStdin, Command, Output, Stdio};
+
+const DVI: &str = env!("CARGO_BIN_EXE_dvi");
+
+fn dvi(arguments: &[&str]) -> Command {
+    let mut command = Command::new(DVI);
+    command.args(arguments).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+}
+
+/// Runs the program to its end with `input` on its standard input.
+fn run(arguments: &[&str], input: &str) -> Output {
+    let mut child = dvi(arguments).spawn().unwrap();
+    give(child.stdin.take().unwrap(), input);
+    child.wait_with_output().unwrap()
+}
+
+fn give(mut stdin: ChildStdin, input: &str) {
+    // A program that has seen enough closes its end.
+    let _ = stdin.write_all(input.as_bytes());
+}
+
+fn signal(child: &Child, name: &str) {
+    let sent = Command::new("kill").args(["-s", name, &child.id().to_string()]).status().unwrap();
+    assert!(sent.success());
+}
+
+#[test]
+fn a_solve_writes_its_result_and_nothing_else() {
+    let output = run(&["solve", "-"], DECAY);
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    assert!(output.stderr.is_empty(), "{output:?}");
+    let result: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(result["status"], "completed");
+}
+
+#[test]
+fn a_solve_writes_a_table_on_request() {
+    let output = run(&["solve", "--format", "csv", "-"], DECAY);
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert_eq!(text.lines().next(), Some("t,x"));
+}
+
+#[test]
+fn errors_of_a_specification_are_told_with_their_places() {
+    let wrong = r#"{"problem":{"dvi":{"states":{"x":{"initial":1,"rate":"-y"}}}},"time":{"end":1}}"#;
+    for command in ["solve", "check"] {
+        let output = run(&[command, "-"], wrong);
+        assert_eq!(output.status.code(), Some(2), "{output:?}");
+        assert!(output.stdout.is_empty());
+        let told = String::from_utf8(output.stderr).unwrap();
+        assert!(told.starts_with("-: 1 error\n") && told.contains("/problem/dvi/states/x/rate: "), "{told}");
+    }
+}
+
+#[test]
+fn a_file_that_is_not_there_is_named() {
+    let output = run(&["check", "no/such/file.json"], "");
+    assert_eq!(output.status.code(), Some(3));
+    assert!(String::from_utf8(output.stderr).unwrap().contains("no/such/file.json"));
+}
+
+#[test]
+fn a_correct_specification_is_said_to_be() {
+    let output = run(&["check", "-"], DECAY);
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    let told = String::from_utf8(output.stdout).unwrap();
+    assert!(told.starts_with("-: correct\n") && told.contains("  states          1\n"), "{told}");
+    let kink = DECAY.replace("-x", "-abs(x)");
+    let told = String::from_utf8(run(&["check", "-"], &kink).stdout).unwrap();
+    assert!(told.contains("\n  warning: ") && told.contains("abs"), "{told}");
+}
+
+#[test]
+fn a_command_line_without_sense_has_its_own_exit_code() {
+    assert_eq!(run(&["sovle"], "").status.code(), Some(64));
+    assert_eq!(run(&["serve", "--workers", "0"], "").status.code(), Some(64));
+    assert_eq!(run(&["--help"], "").status.code(), Some(0));
+}
+
+#[test]
+fn help_shows_every_bound_with_its_default_and_its_variable() {
+    let help = String::from_utf8(run(&["serve", "--help"], "").stdout).unwrap();
+    for (flag, variable, default) in [
+        ("--listen", "DVI_LISTEN", "127.0.0.1:8080"),
+        ("--workers", "DVI_WORKERS", ""),
+        ("--queue", "DVI_QUEUE", "1000"),
+        ("--client-share", "DVI_CLIENT_SHARE", "750"),
+        ("--wall-seconds", "DVI_WALL_SECONDS", "300"),
+        ("--body-mib", "DVI_BODY_MIB", "8"),
+        ("--result-mib", "DVI_RESULT_MIB", "256"),
+        ("--kept-jobs", "DVI_KEPT_JOBS", "10000"),
+        ("--kept-mib", "DVI_KEPT_MIB", "1024"),
+        ("--read-seconds", "DVI_READ_SECONDS", "30"),
+        ("--grace-seconds", "DVI_GRACE_SECONDS", "30"),
+        ("--log-format", "DVI_LOG_FORMAT", "text"),
+    ] {
+        let (_, after) = help.split_once(flag).unwrap_or_else(|| panic!("no {flag} in {help}"));
+        let entry = after.split("\n      --").next().unwrap();
+        assert!(entry.contains(variable) && entry.contains(&format!("[default: {default}")), "{flag}: {entry}");
+    }
+}
+
+#[test]
+fn a_reader_that_has_seen_enough_is_no_failure() {
+    let mut child = dvi(&["solve", "-"]).spawn().unwrap();
+    drop(child.stdout.take());
+    give(child.stdin.take().unwrap(), DECAY);
+    let mut told = String::new();
+    child.stderr.take().unwrap().read_to_string(&mut told).unwrap();
+    assert_eq!((child.wait().unwrap().code(), told.as_str()), (Some(0), ""));
+}
+
+#[test]
+fn a_service_says_where_it_listens_and_a_signal_ends_it_in_order() {
+    for name in ["TERM", "INT"] {
+        let mut child = dvi(&["serve", "--listen", "127.0.0.1:0", "--log-format", "json"]).spawn().unwrap();
+        let mut log = BufReader::new(child.stderr.take().unwrap());
+        let mut line = String::new();
+        log.read_line(&mut line).unwrap();
+        let entry: serde_json::Value = serde_json::from_str(&line).unwrap();
+        let mut stream = TcpStream::connect(entry["fields"]["address"].as_str().unwrap()).unwrap();
+        write!(
+            stream,
+            "POST /solve HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/x-www-form-urlencoded\r\n\
+             content-length: {}\r\nconnection: close\r\n\r\n{DECAY}",
+            DECAY.len()
+        )
+        .unwrap();
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).unwrap();
+        assert!(answer.starts_with("HTTP/1.1 200") && answer.contains("\"status\":\"completed\""), "{answer}");
+        signal(&child, name);
+        assert_eq!(child.wait().unwrap().code(), Some(0), "after SIG{name}");
+        let mut rest = String::new();
+        log.read_to_string(&mut rest).unwrap();
+        for line in rest.lines() {
+            assert!(serde_json::from_str::<serde_json::Value>(line).is_ok(), "{line}");
+        }
+    }
+}
+
+#[test]
+fn an_address_that_is_taken_is_named() {
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = taken.local_addr().unwrap().to_string();
+    let output = run(&["serve", "--listen", &address], "");
+    assert_eq!(output.status.code(), Some(5));
+    assert!(String::from_utf8(output.stderr).unwrap().contains(&address));
+}
