@@ -26,5 +26,6 @@ mod tape;
 
 pub use error::ExpressionError;
 pub use graph::{Graph, Node};
+pub(crate) use scope::nearest;
 pub use scope::{NameError, Scope};
 pub use tape::Tape;

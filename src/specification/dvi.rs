@@ -13,11 +13,11 @@ use super::kinks;
 use super::lowering::Lowering;
 use super::mass;
 use super::matrix::Matrix;
-use super::nearest::abridged;
 use super::ordered::Ordered;
 use super::place::Place;
 use super::set::{self, Block, LoweredSet};
 use super::start;
+use super::wording::abridged;
 use crate::expression::Node;
 use crate::models::{Equations, Model, Refusal, Rows, Symbolic};
 use serde::Deserialize;
@@ -111,7 +111,7 @@ impl DviProblem {
             }
         };
         let model = Model { state_names, variable_names, initial, equations, warnings };
-        if let Some(t) = lowering.start.filter(|_| lowering.errors.found() == 0) {
+        if let Some(t) = lowering.start.filter(|_| lowering.errors.is_empty()) {
             start::check(&model, t, row_pointer, &mut lowering.errors);
         }
         (lowering, Some(model))
@@ -121,9 +121,7 @@ impl DviProblem {
         let place = place.key("states");
         self.states
             .iter()
-            .map(|(name, state)| {
-                lowering.constant(&state.initial, &place.key(name).key("initial")).unwrap_or(0.0)
-            })
+            .map(|(name, state)| lowering.constant(&state.initial, &place.key(name).key("initial")).unwrap_or(0.0))
             .collect()
     }
 

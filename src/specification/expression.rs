@@ -2,8 +2,8 @@
 
 use serde::de::{Deserialize, Deserializer, Error, Visitor};
 use std::fmt;
-use utoipa::openapi::schema::{ObjectBuilder, OneOfBuilder, Schema, Type};
 use utoipa::openapi::RefOr;
+use utoipa::openapi::schema::{ObjectBuilder, OneOfBuilder, Schema, Type};
 use utoipa::{PartialSchema, ToSchema};
 
 /// A number, or a string in infix notation.

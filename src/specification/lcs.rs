@@ -69,7 +69,8 @@ impl LcsProblem {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let (n, m) = (self.initial.len(), self.variables());
         if n == 0 {
-            let error = SpecificationError::new(place.key("initial").to_string(), "empty_states", "there are no states");
+            let error =
+                SpecificationError::new(place.key("initial").to_string(), "empty_states", "there are no states");
             lowering.errors.push(error.expected("at least one initial value"));
         }
         let state_names = names(self.state_names.as_deref(), "x", n, &place.key("state_names"), &mut lowering);
@@ -92,8 +93,7 @@ impl LcsProblem {
         let mass = mass::lower(self.mass.as_ref(), n, place, &mut lowering);
         let set = set::lower(self.set.as_deref(), n, &variable_names, place, |i| name_pointer(n + i), &mut lowering);
         let pointers = set.moving_pointers;
-        let rows =
-            LinearRows { mass, matrix, state_forcing, inequality_forcing, set: set.set, moving: set.moving };
+        let rows = LinearRows { mass, matrix, state_forcing, inequality_forcing, set: set.set, moving: set.moving };
         let equations = match Linear::new(&mut lowering.graph, rows) {
             Ok(equations) => Equations::Linear(equations),
             Err((bound, error)) => {
@@ -102,7 +102,7 @@ impl LcsProblem {
             }
         };
         let model = Model { state_names, variable_names, initial, equations, warnings: Vec::new() };
-        if let Some(t) = lowering.start.filter(|_| lowering.errors.found() == 0) {
+        if let Some(t) = lowering.start.filter(|_| lowering.errors.is_empty()) {
             let pointer = |row: usize| match (row.checked_sub(n), row.checked_sub(n + m)) {
                 (_, Some(bound)) => pointers[bound].clone(),
                 (Some(i), None) => place.key("g").index(i).to_string(),

@@ -5,9 +5,9 @@
 
 use super::error::{Errors, SpecificationError};
 use super::expression::Expression;
-use super::nearest::abridged;
 use super::ordered::Ordered;
 use super::place::Place;
+use super::wording::abridged;
 use crate::expression::{Graph, NameError, Node, Scope};
 
 /// States and variables that one specification may have in all.
@@ -99,16 +99,15 @@ impl Lowering {
                 (Expression::Text(text), Some(value)) => format!("`{}` is {value}", abridged(text)),
                 _ => "this has no finite value".into(),
             };
-            self.errors.push(
-                SpecificationError::new(place.to_string(), "not_finite", detail).expected("a finite constant"),
-            );
+            self.errors
+                .push(SpecificationError::new(place.to_string(), "not_finite", detail).expected("a finite constant"));
         }
         finite
     }
 
     fn parse(&mut self, text: &str, place: &Place<'_>, constant: bool) -> Option<Node> {
         // Among names that are not names, an expression would only be misread.
-        if self.misnamed {
+        if self.misnamed || !self.errors.has_room() {
             return None;
         }
         let scope = if constant { &self.constants } else { &self.names };
@@ -117,7 +116,8 @@ impl Lowering {
             Err(error) => error,
         };
         let detail = format!("{}\n{}", error.message, error.caret(text));
-        let mut report = SpecificationError::new(place.to_string(), error.code, detail).did_you_mean(error.did_you_mean);
+        let mut report =
+            SpecificationError::new(place.to_string(), error.code, detail).did_you_mean(error.did_you_mean);
         if constant && error.code == "unknown_name" {
             report = report.expected("a constant: a number, or an expression in parameters that stand before it");
         }

@@ -8,10 +8,10 @@ use serde::Deserialize;
 use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{Deserializer, MapAccess, SeqAccess, Visitor};
 use std::fmt;
+use utoipa::PartialSchema;
 use utoipa::ToSchema;
 use utoipa::openapi::schema::{ArrayBuilder, OneOfBuilder, Schema};
 use utoipa::openapi::{Ref, RefOr};
-use utoipa::PartialSchema;
 
 /// A matrix.
 #[derive(Clone, Debug)]
@@ -137,7 +137,9 @@ impl PartialSchema for Matrix {
         OneOfBuilder::new()
             .item(ArrayBuilder::new().items(row))
             .item(Ref::from_schema_name("SparseMatrix"))
-            .description(Some("Dense as a list of rows, or sparse as `{\"shape\": [r, c], \"entries\": [[i, j, value], ...]}`."))
+            .description(Some(
+                "Dense as a list of rows, or sparse as `{\"shape\": [r, c], \"entries\": [[i, j, value], ...]}`.",
+            ))
             .into()
     }
 }

@@ -139,8 +139,7 @@ impl Method {
     }
 
     fn check_steps(&self, place: &Place<'_>, horizon: Option<f64>, errors: &mut Errors) {
-        let adaptive =
-            [("first_step", self.first_step), ("max_step", self.max_step), ("min_step", self.min_step)];
+        let adaptive = [("first_step", self.first_step), ("max_step", self.max_step), ("min_step", self.min_step)];
         for (key, step) in adaptive.iter().chain(&[("step", self.step)]) {
             if let Some(step) = step.filter(|step| *step <= 0.0) {
                 out_of_range(&place.key(key), step, "above 0", errors);

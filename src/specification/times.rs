@@ -24,7 +24,8 @@ pub enum Times {
 impl PartialSchema for Times {
     fn schema() -> RefOr<Schema> {
         let rule = |key: &str, value: ObjectBuilder| {
-            ObjectBuilder::new().schema_type(Type::Object)
+            ObjectBuilder::new()
+                .schema_type(Type::Object)
                 .property(key, value)
                 .required(key)
                 .additional_properties(Some(AdditionalProperties::FreeForm(false)))

@@ -8,8 +8,8 @@ fn every_example_passes_every_check_and_has_a_title() {
     let mut count = 0;
     for entry in fs::read_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/api/examples")).unwrap() {
         let path = entry.unwrap().path();
-        let specification =
-            Specification::from_json(&fs::read(&path).unwrap()).unwrap_or_else(|errors| panic!("{path:?}: {errors:#?}"));
+        let specification = Specification::from_json(&fs::read(&path).unwrap())
+            .unwrap_or_else(|errors| panic!("{path:?}: {errors:#?}"));
         assert!(specification.label().is_some_and(|label| !label.is_empty()), "{path:?} has no label");
         assert!(specification.model().warnings.is_empty(), "{path:?}: {:?}", specification.model().warnings);
         count += 1;
