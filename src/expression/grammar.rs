@@ -70,7 +70,7 @@ impl Graph {
         let mut input = Stateful { input: text, state };
         let parsed = term(&mut input).and_then(|node| {
             blank(&mut input)?;
-            if input.input.is_empty() { Ok(node) } else { Err(missing_operator(&input, "or the end")) }
+            if input.input.is_empty() { Ok(node) } else { Err(missing_operator(&input, " or the end")) }
         });
         parsed.map_err(|failure| match failure {
             Failure::Final(error) => *error,
@@ -158,7 +158,7 @@ fn operand(input: &mut Input) -> Result<Node, Failure> {
 fn group(input: &mut Input) -> Result<Node, Failure> {
     open(input)?;
     let node = term(input)?;
-    close(input, "or `)`")?;
+    close(input, " or `)`")?;
     Ok(node)
 }
 
@@ -228,7 +228,7 @@ fn arguments(input: &mut Input) -> Result<Vec<Node>, Failure> {
             arguments.push(term(input)?);
         }
     }
-    close(input, "`,` or `)`")?;
+    close(input, ", `,` or `)`")?;
     Ok(arguments)
 }
 
@@ -294,7 +294,7 @@ fn missing_operator(input: &Input, otherwise: &str) -> Failure {
     let operand_follows = |next: char| next.is_ascii_alphanumeric() || matches!(next, '_' | '(' | '.');
     let remedy = if input.input.starts_with(operand_follows) { "; a product is written with `*`" } else { "" };
     let found = found(input.input);
-    let message = format!("expected an operator {otherwise}, found {found}{remedy}");
+    let message = format!("expected an operator{otherwise}, found {found}{remedy}");
     failure(ExpressionError::new("syntax", offset(input), message))
 }
 

@@ -23,6 +23,8 @@ mod power;
 mod scope;
 mod structure;
 mod tape;
+#[cfg(test)]
+mod tests;
 
 pub use error::ExpressionError;
 pub use graph::{Graph, Node};

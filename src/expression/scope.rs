@@ -94,13 +94,15 @@ pub(super) fn excerpt(text: &str) -> String {
 pub(crate) fn nearest<'a>(name: &str, candidates: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     const LONGEST: usize = 64;
     let allowed = (name.len() / 3).max(1);
+    if name.len() > LONGEST {
+        return None;
+    }
+    let folded = name.to_ascii_lowercase();
     candidates
-        .filter(|candidate| name.len() <= LONGEST && candidate.len().abs_diff(name.len()) <= allowed)
-        .map(|candidate| (osa_distance(name, candidate), candidate))
+        .filter(|candidate| candidate.len().abs_diff(name.len()) <= allowed)
+        .map(|candidate| (osa_distance(&folded, &candidate.to_ascii_lowercase()), candidate))
         // One letter for another is no slip of the pen where there is only one.
-        .filter(|&(distance, candidate)| {
-            distance <= allowed && (name.len() > 1 || candidate.eq_ignore_ascii_case(name))
-        })
+        .filter(|&(distance, _)| distance == 0 || name.len() > 1 && distance <= allowed)
         .min_by_key(|&(distance, _)| distance)
         .map(|(_, candidate)| candidate)
 }

@@ -1,14 +1,16 @@
-//! A straight program for several nodes of a graph: each instruction writes the next register, and terms that have
-//! the same depth and operator stand together. Where many do they run as lanes, without a dispatch for each.
+//! A straight program for several nodes of a graph. Each instruction writes the next register. Terms are ordered by
+//! depth, then by operator and shape: those that agree in all three do not depend on each other, and where there are
+//! many, as in the rows of a discretised partial differential equation, they run as lanes without a dispatch for each.
 
 use super::graph::{Graph, Node, Term};
 use super::lanes::Lanes;
 use super::operator::Operator;
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxBuildHasher, FxHashMap};
+use std::hash::BuildHasher;
 use std::mem::take;
 
-/// From this number on, terms of one depth and operator run as lanes.
-const FEWEST_LANES: usize = 16;
+/// From this number on, terms of one kind run as lanes; for fewer the staging of operands costs more than it saves.
+const FEWEST_LANES: usize = 24;
 
 /// `operator(registers[a], registers[b])`, for the next register.
 #[derive(Clone, Copy, Debug)]
@@ -42,7 +44,7 @@ impl Tape {
     /// A program that computes `outputs`, and of the terms of `graph` only those that they need.
     pub fn compile(graph: &Graph, outputs: &[Node]) -> Self {
         let steps = steps(graph, outputs);
-        let inputs = steps.iter().filter_map(|step| match step.term {
+        let inputs = steps.iter().filter_map(|(_, node)| match graph.terms[node.place()] {
             Term::Input(index) => Some(index + 1),
             _ => None,
         });
@@ -51,8 +53,8 @@ impl Tape {
         let mut registers = vec![0.0; inputs];
         let mut register_of = FxHashMap::default();
         let mut instructions = Vec::new();
-        for step in &steps {
-            let register = match step.term {
+        for &(kind, node) in &steps {
+            let register = match graph.terms[node.place()] {
                 Term::Input(index) => index,
                 Term::Constant(bits) => {
                     registers.push(f64::from_bits(bits));
@@ -60,12 +62,12 @@ impl Tape {
                 }
                 Term::Apply(operator, a, b) => {
                     let instruction = Instruction { operator, a: register_of[&a], b: register_of[&b] };
-                    instructions.push((step.depth, instruction));
+                    instructions.push((kind, instruction));
                     registers.push(0.0);
                     registers.len() - 1
                 }
             };
-            register_of.insert(step.node, u32::try_from(register).expect("a graph has fewer than 2^32 terms"));
+            register_of.insert(node, u32::try_from(register).expect("a graph has fewer than 2^32 terms"));
         }
         Self {
             blocks: blocks(&instructions),
@@ -76,9 +78,10 @@ impl Tape {
         }
     }
 
-    /// Writes the values of the outputs at `inputs`, which has at least as many entries as the largest index that
-    /// occurs demands. Equal inputs give equal bits.
+    /// Writes the values of the outputs at `inputs`, which reach at least to the largest index that occurs. Equal
+    /// inputs give equal bits. What is not defined comes out as NaN or an infinity.
     pub fn evaluate(&mut self, inputs: &[f64], outputs: &mut [f64]) {
+        debug_assert_eq!(outputs.len(), self.outputs.len(), "as many outputs as were compiled");
         let registers = self.registers.as_mut_slice();
         registers[..self.inputs].copy_from_slice(&inputs[..self.inputs]);
         let mut next = self.first;
@@ -109,41 +112,47 @@ impl Tape {
     }
 }
 
-/// A term to be computed, and the length of the longest path below it.
-struct Step {
+/// What terms that can be computed together have in common.
+#[derive(Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
+struct Kind {
+    /// The length of the longest path below: terms of one depth do not depend on each other.
     depth: u32,
-    term: Term,
-    node: Node,
+    operator: Option<Operator>,
+    /// A hash of the operators below. Terms of one shape made row by row have operands that stand side by side.
+    shape: u64,
 }
 
-/// All terms that the outputs need, operands first, those of one depth and operator together.
-fn steps(graph: &Graph, outputs: &[Node]) -> Vec<Step> {
+impl Kind {
+    fn of(term: Term, kinds: &FxHashMap<Node, Self>) -> Self {
+        let Term::Apply(operator, a, b) = term else {
+            return Self { shape: u64::from(matches!(term, Term::Input(_))), ..Self::default() };
+        };
+        let (a, b) = (kinds[&a], kinds[&b]);
+        let shape = FxBuildHasher.hash_one((operator, a.shape, b.shape));
+        Self { depth: 1 + a.depth.max(b.depth), operator: Some(operator), shape }
+    }
+}
+
+/// All terms that the outputs need, operands first, those of one kind together.
+fn steps(graph: &Graph, outputs: &[Node]) -> Vec<(Kind, Node)> {
     let mut nodes = graph.terms_below(outputs);
     nodes.sort_unstable();
-    let mut depths: FxHashMap<Node, u32> = FxHashMap::default();
+    let mut kinds = FxHashMap::default();
     let mut steps = Vec::with_capacity(nodes.len());
     for node in nodes {
-        let term = graph.terms[node.place()];
-        let depth = match term {
-            Term::Apply(_, a, b) => 1 + depths[&a].max(depths[&b]),
-            _ => 0,
-        };
-        depths.insert(node, depth);
-        steps.push(Step { depth, term, node });
+        let kind = Kind::of(graph.terms[node.place()], &kinds);
+        kinds.insert(node, kind);
+        steps.push((kind, node));
     }
-    let operator = |step: &Step| match step.term {
-        Term::Apply(operator, ..) => Some(operator),
-        _ => None,
-    };
-    steps.sort_unstable_by_key(|step| (step.depth, operator(step), step.node));
+    steps.sort_unstable();
     steps
 }
 
-/// The instructions, with their depths, cut where lanes begin and end.
-fn blocks(instructions: &[(u32, Instruction)]) -> Vec<Block> {
+/// The instructions, with their kinds, cut where lanes begin and end.
+fn blocks(instructions: &[(Kind, Instruction)]) -> Vec<Block> {
     let mut blocks = Vec::new();
     let mut scalars = Vec::new();
-    for alike in instructions.chunk_by(|one, other| one.0 == other.0 && one.1.operator == other.1.operator) {
+    for alike in instructions.chunk_by(|(one, _), (other, _)| one == other) {
         let operator = alike[0].1.operator;
         let alike = alike.iter().map(|&(_, instruction)| instruction);
         if alike.len() < FEWEST_LANES {

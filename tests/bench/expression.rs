@@ -1,7 +1,7 @@
 //! Time to compile and to evaluate right-hand sides with their sparse Jacobians: Van der Pol (n = 2), POLLU (n = 20;
 //! Verwer 1994) and chains of reaction and diffusion.
 
-use divan::{Bencher, black_box};
+use divan::{AllocProfiler, Bencher, black_box};
 use dvi::expression::{Graph, Node, Scope, Tape};
 
 /// A right-hand side in the states `y1, .., yn`.
@@ -64,6 +64,10 @@ impl System {
         bencher.bench_local(|| tape.evaluate(black_box(&inputs), black_box(&mut outputs)));
     }
 }
+
+/// Shows allocations beside the times: evaluation makes none.
+#[global_allocator]
+static ALLOCATIONS: AllocProfiler = AllocProfiler::system();
 
 fn main() {
     divan::main();

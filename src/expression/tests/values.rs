@@ -1,0 +1,174 @@
+//! Precedence and values, against plain Rust.
+
+use super::{parse, value};
+use std::f64::consts::{E, PI};
+
+#[test]
+fn operators_bind_as_in_mathematics() {
+    let table = [
+        ("-2^2", -4.0),
+        ("(-2)^2", 4.0),
+        ("2^3^2", 512.0),
+        ("(2^3)^2", 64.0),
+        ("2**3**2", 512.0),
+        ("2^-1", 0.5),
+        ("2^-2^2", 0.0625),
+        ("2^+1", 2.0),
+        ("-2^-2", -0.25),
+        ("2*-3", -6.0),
+        ("2--3", 5.0),
+        ("2+-3", -1.0),
+        ("--2", 2.0),
+        ("+2", 2.0),
+        ("-2*3", -6.0),
+        ("2-3-4", -5.0),
+        ("2-(3-4)", 3.0),
+        ("24/4/3", 2.0),
+        ("24/(4/3)", 18.0),
+        ("24/4*3", 18.0),
+        ("2*3^2", 18.0),
+        ("2^3*4", 32.0),
+        ("2^-1*4", 2.0),
+        ("6/2^2", 1.5),
+        ("1+2*3", 7.0),
+        ("(1+2)*3", 9.0),
+        ("1-2*3+4/2", -3.0),
+        (" 1\t+\n2\r ", 3.0),
+        ("1e-3*1E+3*1e0", 1.0),
+        (".5+1.", 1.5),
+        ("pow(2, 3)", 8.0),
+        ("min(3, 1, 2)", 1.0),
+        ("max(3, min(7, 5), 4)", 5.0),
+    ];
+    for (text, expected) in table {
+        assert_eq!(value(text, [0.0; 4]), expected, "{text}");
+    }
+}
+
+#[test]
+fn functions_have_the_values_of_the_standard_library() {
+    type Case = (&'static str, fn(f64, f64) -> f64);
+    let table: [Case; 23] = [
+        ("sin(x)", |x, _| x.sin()),
+        ("cos(x)", |x, _| x.cos()),
+        ("tan(x)", |x, _| x.tan()),
+        ("asin(x)", |x, _| x.asin()),
+        ("acos(x)", |x, _| x.acos()),
+        ("atan(x)", |x, _| x.atan()),
+        ("atan2(x, y)", f64::atan2),
+        ("sinh(x)", |x, _| x.sinh()),
+        ("cosh(x)", |x, _| x.cosh()),
+        ("tanh(x)", |x, _| x.tanh()),
+        ("exp(x)", |x, _| x.exp()),
+        ("ln(y)", |_, y| y.ln()),
+        ("log10(y)", |_, y| y.log10()),
+        ("sqrt(y)", |_, y| y.sqrt()),
+        ("cbrt(x)", |x, _| x.cbrt()),
+        ("abs(x)", |x, _| x.abs()),
+        ("sign(x)", |x, _| x.signum()),
+        ("min(x, y)", f64::min),
+        ("max(x, y)", f64::max),
+        ("heaviside(x)", |x, _| if x < 0.0 { 0.0 } else { 1.0 }),
+        ("pow(y, x)", |x, y| y.powf(x)),
+        ("y^x*pi", |x, y| y.powf(x) * PI),
+        ("((1 - x*x)*y - x)/1e-6", |x, y| ((1.0 - x * x) * y - x) / 1e-6),
+    ];
+    for (text, expected) in table {
+        for (x, y) in [(-0.7, 0.3), (0.2, 5.0), (0.9, 1.0)] {
+            assert_eq!(value(text, [0.0, x, y, 0.0]), expected(x, y), "{text} at x = {x}, y = {y}");
+        }
+    }
+}
+
+#[test]
+fn kinks_take_their_stated_values() {
+    assert_eq!(value("sign(x)", [0.0; 4]), 0.0);
+    assert_eq!(value("heaviside(x)", [0.0; 4]), 1.0);
+    assert_eq!(value("heaviside(t - 2)", [1.9, 0.0, 0.0, 0.0]), 0.0);
+}
+
+#[test]
+fn nan_passes_through_every_function() {
+    let texts = [
+        "sin(x)",
+        "cos(x)",
+        "tan(x)",
+        "asin(x)",
+        "acos(x)",
+        "atan(x)",
+        "atan2(x, 1)",
+        "atan2(1, x)",
+        "sinh(x)",
+        "cosh(x)",
+        "tanh(x)",
+        "exp(x)",
+        "ln(x)",
+        "log10(x)",
+        "sqrt(x)",
+        "cbrt(x)",
+        "abs(x)",
+        "sign(x)",
+        "min(x, 1)",
+        "min(1, x)",
+        "max(x, 1)",
+        "max(1, x)",
+        "max(1, x, 2)",
+        "heaviside(x)",
+        "x^3",
+        "x^2.5",
+        "0*x",
+        "x - x",
+        "0/x",
+    ];
+    for text in texts {
+        assert!(value(text, [0.0, f64::NAN, 0.0, 0.0]).is_nan(), "{text}");
+    }
+    assert!(value("0*x", [0.0, f64::INFINITY, 0.0, 0.0]).is_nan());
+    assert!(value("0*ln(0)", [0.0; 4]).is_nan());
+}
+
+#[test]
+fn a_bare_e_belongs_to_the_user() {
+    let (mut graph, mut scope) = super::space();
+    scope.bind("e", graph.input(3)).unwrap();
+    let node = graph.parse("2*e + 1e1", &scope).unwrap();
+    assert_eq!(super::evaluate(&graph, &[node], [0.0, 0.0, 0.0, 4.0]), [18.0]);
+    assert_eq!(value("exp(1)", [0.0; 4]), E);
+}
+
+#[test]
+fn equal_subterms_are_computed_once() {
+    let (graph, node) = parse("sin(x*y)^2 + sin(y*x)^2 + 3*x - (-3)*x").unwrap();
+    // x y, sin, square, sum, 3 x, sum, sum.
+    assert_eq!(super::Tape::compile(&graph, &[node]).instructions(), 7);
+}
+
+#[test]
+fn lanes_have_the_bits_of_single_evaluations() {
+    let (mut graph, mut scope) = (super::Graph::new(), super::Scope::new());
+    const N: usize = 200;
+    for i in 0..N {
+        scope.bind(&format!("u{i}"), graph.input(i)).unwrap();
+    }
+    let mut nodes = Vec::new();
+    for i in 1..N - 1 {
+        let text = format!(
+            "1.7*(u{} - 2*u{i} + u{})/0.3 + exp(-u{i})*max(u{i}, 0.4) + sqrt(u{i}) - u{i}^3/atan2(u{i}, 2)*u{}",
+            i - 1,
+            i + 1,
+            7 * i % N
+        );
+        nodes.push(graph.parse(&text, &scope).unwrap());
+    }
+    for row in 0..N - 2 {
+        nodes.extend(graph.gradient(nodes[row]).unwrap().into_iter().map(|(_, node)| node));
+    }
+    let inputs: Vec<f64> = (0..N).map(|i| (0.37 * i as f64).sin().abs() + 0.01).collect();
+    let mut together = vec![0.0; nodes.len()];
+    super::Tape::compile(&graph, &nodes).evaluate(&inputs, &mut together);
+    for (node, together) in nodes.into_iter().zip(together) {
+        let mut alone = [0.0];
+        super::Tape::compile(&graph, &[node]).evaluate(&inputs, &mut alone);
+        assert_eq!(alone[0].to_bits(), together.to_bits());
+    }
+}
