@@ -180,3 +180,19 @@ fn the_remedies_solve_their_variational_inequalities() {
         assert!((a.max(b) - (a + (b - a).max(0.0))).abs() < 1e-15);
     }
 }
+
+#[test]
+fn one_specification_serves_many_threads() {
+    let specification = read(&block());
+    std::thread::scope(|scope| {
+        let runs: Vec<_> = (0..4)
+            .map(|i| {
+                let specification = &specification;
+                scope.spawn(move || values(&mut *specification.model().problem(), 0.0, &[f64::from(i), 2.0, 0.1]))
+            })
+            .collect();
+        for (i, run) in (0..4).zip(runs) {
+            assert_eq!(run.join().unwrap(), [2.0, -f64::from(i) - 0.1, -2.0]);
+        }
+    });
+}
