@@ -105,7 +105,7 @@ impl DviProblem {
             Ok(equations) => Equations::Symbolic(equations),
             Err(refusals) => {
                 for refusal in refusals {
-                    lowering.errors.push(refused(refusal, &state_names, &variable_names, &row_pointer));
+                    lowering.errors.push(refused(refusal, &state_names, &variable_names, row_pointer));
                 }
                 return (lowering, None);
             }

@@ -19,7 +19,7 @@ pub fn json_schema() -> Value {
     schema
 }
 
-/// References point into an OpenAPI document; here the definitions stand beside the schema itself. And every object
+/// References point into a document of the service; here the definitions stand beside the schema itself. And every object
 /// that lists its keys has no others, a choice that is tagged by one included.
 fn finish(schema: &mut Value) {
     match schema {
