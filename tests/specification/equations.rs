@@ -192,7 +192,7 @@ fn one_specification_serves_many_threads() {
             })
             .collect();
         for (i, run) in (0..4).zip(runs) {
-            assert_eq!(run.join().unwrap(), [2.0, -f64::from(i) - 0.1, -2.0]);
+            assert_eq!(run.join().unwrap(), [-2.1, f64::from(i), -f64::from(i)]);
         }
     });
 }
