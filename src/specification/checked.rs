@@ -4,10 +4,10 @@ use super::document::{Document, Limits, Problem, Time};
 use super::error::{Errors, SpecificationError};
 use super::lowering::{Lowering, MOST_UNKNOWNS};
 use super::method::{Method, out_of_range};
-use super::nearest::abridged;
 use super::place::Place;
 use super::reading::{Reading, read};
 use super::repairs::Repairs;
+use super::wording::abridged;
 use crate::models::Model;
 
 /// A specification that has passed every check, lowered and ready to be solved any number of times.
@@ -34,7 +34,7 @@ impl Specification {
     pub fn from_json(text: &[u8]) -> Result<Self, Vec<SpecificationError>> {
         let Reading { document, repairs, mut errors } = read(text).map_err(Errors::into_list)?;
         match Self::check(document, &repairs, &mut errors) {
-            Some(specification) if errors.found() == 0 => Ok(specification),
+            Some(specification) if errors.is_empty() => Ok(specification),
             _ => Err(errors.into_list()),
         }
     }

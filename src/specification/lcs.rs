@@ -104,7 +104,7 @@ impl LcsProblem {
             }
         };
         let model = Model { state_names, variable_names, initial, equations, warnings: Vec::new() };
-        if let Some(t) = lowering.start.filter(|_| lowering.errors.found() == 0) {
+        if let Some(t) = lowering.start.filter(|_| lowering.errors.is_empty()) {
             let pointer = |row: usize| match (row.checked_sub(n), row.checked_sub(n + m)) {
                 (_, Some(bound)) => pointers[bound].clone(),
                 (Some(i), None) => place.key("g").index(i).to_string(),

@@ -5,9 +5,9 @@
 
 use super::error::{Errors, SpecificationError};
 use super::expression::Expression;
-use super::nearest::abridged;
 use super::ordered::Ordered;
 use super::place::Place;
+use super::wording::abridged;
 use crate::expression::{Graph, NameError, Node, Scope};
 
 /// States and variables that one specification may have in all.
@@ -107,7 +107,7 @@ impl Lowering {
 
     fn parse(&mut self, text: &str, place: &Place<'_>, constant: bool) -> Option<Node> {
         // Among names that are not names, an expression would only be misread.
-        if self.misnamed {
+        if self.misnamed || !self.errors.has_room() {
             return None;
         }
         let scope = if constant { &self.constants } else { &self.names };

@@ -20,7 +20,6 @@ mod mass;
 mod matrix;
 mod method;
 mod mismatch;
-mod nearest;
 mod ordered;
 mod output;
 mod place;
@@ -33,6 +32,7 @@ mod stages;
 mod start;
 mod times;
 mod tolerance;
+mod wording;
 
 pub use checked::Specification;
 pub use document::{Document, Limits, Problem, Reserved, Time};
