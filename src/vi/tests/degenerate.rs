@@ -123,3 +123,15 @@ fn rows_and_columns_of_any_size_are_solved_each_to_its_own_digits() {
         }
     }
 }
+
+#[test]
+fn a_small_force_is_not_lost_beside_a_large_one() {
+    // Two problems in one, the first with |q| = 1e9, the second with 1e-5; a tenth of the third is passed to it.
+    let mut matrix = DMatrix::identity(4, 4);
+    matrix[(1, 2)] = 0.1;
+    for z in Problem::complementarity(matrix, vec![1e9, -1e-5, -1e-6, -1e9]).solve_by_all() {
+        for (z, exact) in z.iter().zip([0.0, 0.99e-5, 1e-6, 1e9]) {
+            assert!((z - exact).abs() <= 1e-12 * exact, "{z} instead of {exact}");
+        }
+    }
+}
