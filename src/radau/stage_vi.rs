@@ -206,14 +206,21 @@ impl StageVi {
     }
 
     /// Whether the VI holds at every stage to the tolerance, from the last evaluation.
-    fn is_solved(&self, system: &System<'_>, stages: &Stages, y0: &[f64], s: usize, control: &NewtonControl) -> bool {
+    fn is_solved(
+        &self,
+        system: &System<'_>,
+        stages: &mut Stages,
+        y0: &[f64],
+        s: usize,
+        control: &NewtonControl,
+    ) -> bool {
         let (n, count) = (system.states, system.bounded.len());
         (0..s).all(|i| {
+            let y = stages.stage(y0, i);
             system.bounded.iter().enumerate().all(|(a, &k)| {
                 let at = i * count + a;
-                let size = |j: usize| y0[j].abs() + stages.z[i * stages.unknowns + j].abs();
-                let noise_g = control.noise_of_g(system, k, size);
-                let noise_z = control.vi_tolerance * size(n + k);
+                let noise_g = control.noise_of_g(system, k, y);
+                let noise_z = control.vi_tolerance * control.size[n + k].max(y[n + k].abs());
                 let (z, g) = (self.z[at], self.g[at]);
                 let (lower, upper) = (self.set.lower[at], self.set.upper[at]);
                 let inside = z >= lower - noise_z && z <= upper + noise_z;

@@ -6,7 +6,7 @@ use super::error_control::{Controller, Rescaled};
 use super::factors::Factors;
 use super::settings::{Cause, Settings, StageChoice, StepError};
 use super::stage_vi::StageVi;
-use super::stages::{Contraction, Newton, NewtonControl, Stages};
+use super::stages::{Contraction, Newton, NewtonControl, Stages, THETA};
 use super::switches::{Located, Switching};
 use super::system::System;
 use super::tableau::Tableau;
@@ -114,8 +114,13 @@ impl<'p> Radau<'p> {
         for k in 0..unknowns - system.states {
             y[system.states + k] = system.set.project(k, 0.0);
         }
-        let control =
-            NewtonControl { weight: vec![0.0; unknowns], kappa: 0.0, most: 0, vi_tolerance: settings.vi_tolerance };
+        let control = NewtonControl {
+            weight: vec![0.0; unknowns],
+            size: vec![0.0; unknowns],
+            kappa: 0.0,
+            most: 0,
+            vi_tolerance: settings.vi_tolerance,
+        };
         let stage_vi = (!system.bounded.is_empty()).then(|| StageVi::new(&system, most_stages, settings.vi_solver));
         let mut radau = Self {
             stages: Stages::new(most_stages, unknowns),
@@ -182,9 +187,12 @@ impl<'p> Radau<'p> {
         self.system.work
     }
 
-    /// The coupled solver, where there are bounded variables.
-    pub fn vi(&self) -> Option<&StageVi> {
-        self.stage_vi.as_ref()
+    /// The affine problems solved, over the stages and for faces: the solver that answered last, how many, and their
+    /// pivots or iterations.
+    pub fn vi_work(&self) -> Option<(&'static str, u64, u64)> {
+        let (stages, faces) = (self.stage_vi.as_ref()?, self.switching.probe.vi.as_ref()?);
+        let last = if stages.solves > 0 { stages } else { faces };
+        Some((last.solver(), stages.solves + faces.solves, stages.pivots + faces.pivots))
     }
 
     /// `y` at a time within the last accepted step, into `out`: the states from the collocation polynomial, the variables
@@ -275,7 +283,7 @@ impl<'p> Radau<'p> {
             if error < 1.0 {
                 let mut new = self.controller.accept(s, reached, error, iterations, most);
                 // A step nearly as large as the last is not worth new factors.
-                if !coupled && self.contraction.theta <= 1e-3 && (1.0..=1.2).contains(&(new / reached)) {
+                if !coupled && self.contraction.theta <= THETA && (1.0..=1.2).contains(&(new / reached)) {
                     new = reached;
                 }
                 // A step cut short by a switch says nothing against the size that was tried.
@@ -373,6 +381,9 @@ impl<'p> Radau<'p> {
         for j in 0..n {
             let scale = tolerance.factor * self.settings.atol[j] + tolerance.rtol * self.y[j].abs();
             self.control.weight[j] = 1.0 / scale.max(f64::MIN_POSITIVE);
+        }
+        for (size, y) in self.control.size.iter_mut().zip(&self.y) {
+            *size = y.abs();
         }
         self.control.kappa = tolerance.kappa;
         self.control.most = tolerance.most;
@@ -478,7 +489,7 @@ impl<'p> Radau<'p> {
         }
         self.counts.accepted += 1;
         self.continues = true;
-        if !(self.system.constant_jacobian() || self.contraction.theta <= 1e-3) {
+        if !(self.system.constant_jacobian() || self.contraction.theta <= THETA) {
             self.jacobian = Freshness::Stale;
         } else if self.jacobian == Freshness::Fresh {
             self.jacobian = Freshness::Kept;

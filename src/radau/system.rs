@@ -131,6 +131,9 @@ impl<'p> System<'p> {
 
     /// Evaluates the derivatives at `(t, y)`; false if a number is not finite.
     pub fn differentiate(&mut self, t: f64, y: &[f64]) -> bool {
+        if self.constant_jacobian() && self.work.jacobians > 0 {
+            return true;
+        }
         self.work.jacobians += 1;
         self.problem.jacobian(t, y, &mut self.derivatives);
         self.derivatives.iter().all(|value| value.is_finite())

@@ -190,10 +190,8 @@ fn count(radau: &mut Radau<'_>, diagnostics: &mut Diagnostics) {
     diagnostics.evaluations =
         Evaluations { rates: work.rates, jacobians: work.jacobians, factorisations: work.factorisations };
     diagnostics.newton_iterations = work.newton;
-    if let (Some(counts), Some(vi)) = (&mut diagnostics.vi, radau.vi()) {
-        counts.solver = vi.solver();
-        counts.solves = vi.solves;
-        counts.pivots = vi.pivots;
+    if let (Some(counts), Some(work)) = (&mut diagnostics.vi, radau.vi_work()) {
+        (counts.solver, counts.solves, counts.pivots) = work;
     }
     if radau.jumped() {
         diagnostics.warnings.push(Warning {

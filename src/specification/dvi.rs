@@ -27,7 +27,7 @@ use utoipa::ToSchema;
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DviProblem {
-    /// Constants by name; each may be an expression in those before it.
+    /// Constants by name; each may be an expression in the others, in no circle.
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub parameters: Ordered<Expression>,

@@ -23,7 +23,7 @@ use utoipa::ToSchema;
 #[serde(deny_unknown_fields)]
 #[expect(non_snake_case, reason = "the matrices go by the names that they have in the formula")]
 pub struct LcsProblem {
-    /// Constants by name; each may be an expression in those before it.
+    /// Constants by name; each may be an expression in the others, in no circle.
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub parameters: Ordered<Expression>,

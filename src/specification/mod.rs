@@ -22,6 +22,7 @@ mod method;
 mod mismatch;
 mod ordered;
 mod output;
+mod parameters;
 mod place;
 mod plan;
 mod reading;

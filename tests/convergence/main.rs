@@ -1,4 +1,3 @@
 //! Measured orders of convergence, against closed forms.
 
 mod orders;
-mod scratch;
