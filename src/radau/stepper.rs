@@ -3,6 +3,7 @@
 use super::consistent::Consistent;
 use super::dense_output::Step;
 use super::error_control::{Controller, Rescaled};
+use super::face::Place;
 use super::factors::Factors;
 use super::settings::{Cause, Settings, StageChoice, StepError};
 use super::stage_vi::StageVi;
@@ -10,7 +11,7 @@ use super::stages::{Contraction, Newton, NewtonControl, Stages, THETA};
 use super::switches::{Located, Switching};
 use super::system::System;
 use super::tableau::Tableau;
-use crate::problem::Dvi;
+use crate::problem::{ConvexSet, Dvi};
 use nalgebra::DMatrix;
 
 /// Counts of what a run did.
@@ -222,31 +223,29 @@ impl<'p> Radau<'p> {
         }
     }
 
-    /// The evidence at the time reached: `(natural-map residual, least distance of z to its bounds, least G signed so
-    /// that it should not be negative, largest product)`, over the bounded variables.
-    pub fn complementarity(&mut self) -> Option<[f64; 4]> {
+    /// What is needed to judge the variables at the time reached: `K`, the bounded ones, and all `z` and `G` there; `None`
+    /// where no variable has a bound.
+    pub fn variables(&mut self) -> Option<(&ConvexSet, &[usize], &[f64], &[f64])> {
         if self.system.bounded.is_empty() || !self.system.evaluate(self.t, &self.y) {
             return None;
         }
-        let n = self.system.states;
-        let set = &self.system.set;
-        let mut worst = [0.0_f64, f64::INFINITY, f64::INFINITY, 0.0];
-        for &k in &self.system.bounded {
-            let (z, g) = (self.y[n + k], self.system.values[n + k]);
-            let distance = (z - set.lower[k]).min(set.upper[k] - z);
-            let signed = if z <= set.lower[k] {
-                g
-            } else if z >= set.upper[k] {
-                -g
-            } else {
-                -g.abs()
-            };
-            worst[0] = worst[0].max((z - set.project(k, z - g)).abs());
-            worst[1] = worst[1].min(distance);
-            worst[2] = worst[2].min(signed);
-            worst[3] = worst[3].max((distance * g).abs());
-        }
-        Some(worst)
+        let (n, unknowns) = (self.system.states, self.system.unknowns);
+        Some((&self.system.set, &self.system.bounded, &self.y[n..], &self.system.values[n..unknowns]))
+    }
+
+    /// The active face.
+    pub fn face(&self) -> &[Place] {
+        &self.system.face
+    }
+
+    /// Whether the last step has kept one face.
+    pub fn kept_face(&self) -> bool {
+        self.last.is_smooth && self.continues
+    }
+
+    /// The problem, to be asked for more than steps need.
+    pub fn problem(&mut self) -> &mut dyn Dvi {
+        self.system.problem()
     }
 
     pub(super) fn tableau(&self) -> &Tableau {
