@@ -193,8 +193,13 @@ impl Radau<'_> {
             return;
         }
         if self.system.evaluate(self.t, &self.y) {
+            let set = &self.system.set;
             for &k in &self.system.bounded {
-                self.y[n + k] = self.system.set.project(k, self.y[n + k]);
+                self.y[n + k] = match self.system.face[k] {
+                    Place::Lower => set.lower[k],
+                    Place::Upper => set.upper[k],
+                    Place::Inside | Place::Held => set.project(k, self.y[n + k]),
+                };
             }
         }
         if self.switching.pending {
