@@ -13,6 +13,7 @@ use super::stepper::Radau;
 use super::system::System;
 use super::tableau::Tableau;
 use nalgebra::DMatrix;
+use std::sync::Arc;
 
 /// How long the step that finds a face is, beside the steps of the run.
 const PROBE: f64 = 1e-4;
@@ -21,7 +22,7 @@ const INSTANT: f64 = 1e-12;
 
 /// The implicit Euler step that finds a face.
 pub(super) struct Probe {
-    euler: Tableau,
+    euler: Arc<Tableau>,
     stages: Stages,
     pub(super) vi: Option<StageVi>,
     negative_jacobian: DMatrix<f64>,
@@ -30,7 +31,7 @@ pub(super) struct Probe {
 impl Probe {
     pub(super) fn new(system: &System<'_>, settings: &Settings) -> Self {
         Self {
-            euler: Tableau::new(1),
+            euler: Tableau::shared(1),
             stages: Stages::new(1, system.unknowns),
             vi: (!system.bounded.is_empty()).then(|| StageVi::new(system, 1, settings.vi_solver)),
             negative_jacobian: DMatrix::zeros(system.unknowns, system.unknowns),

@@ -13,6 +13,7 @@ use super::system::System;
 use super::tableau::Tableau;
 use crate::problem::{ConvexSet, Dvi};
 use nalgebra::DMatrix;
+use std::sync::Arc;
 
 /// Counts of what a run did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -27,7 +28,7 @@ pub struct Counts {
 
 /// A method with its tolerances.
 pub(super) struct Method {
-    pub(super) tableau: Tableau,
+    pub(super) tableau: Arc<Tableau>,
     pub(super) tolerance: Rescaled,
 }
 
@@ -106,7 +107,7 @@ impl<'p> Radau<'p> {
         let adaptive = settings.step.is_none();
         let methods: Vec<Method> = counts
             .iter()
-            .map(|&s| Method { tableau: Tableau::new(s), tolerance: Rescaled::new(s, settings.rtol, adaptive) })
+            .map(|&s| Method { tableau: Tableau::shared(s), tolerance: Rescaled::new(s, settings.rtol, adaptive) })
             .collect();
         let most_stages = counts.iter().copied().max().unwrap_or(1);
         let unknowns = system.unknowns;

@@ -11,6 +11,7 @@
 //! computed with numbers of order one, so that the coefficients are good to the last digits.
 
 use nalgebra::{Complex, DMatrix};
+use std::sync::{Arc, OnceLock};
 
 /// Radau IIA with `s` stages: order `2s - 1`, stage order `s`, stiffly accurate.
 #[derive(Clone, Debug)]
@@ -39,7 +40,19 @@ pub struct Tableau {
     barycentric: Vec<f64>,
 }
 
+/// Numbers of stages up to this one are computed once: it takes longer than many a solve.
+const REMEMBERED: usize = 9;
+
 impl Tableau {
+    /// The coefficients for `s >= 1` stages, shared by all runs.
+    pub fn shared(s: usize) -> Arc<Self> {
+        static COMPUTED: [OnceLock<Arc<Tableau>>; REMEMBERED + 1] = [const { OnceLock::new() }; REMEMBERED + 1];
+        match COMPUTED.get(s) {
+            Some(computed) => Arc::clone(computed.get_or_init(|| Arc::new(Self::new(s)))),
+            None => Arc::new(Self::new(s)),
+        }
+    }
+
     /// Computes the coefficients for `s >= 1` stages.
     pub fn new(s: usize) -> Self {
         let c = nodes(s);
