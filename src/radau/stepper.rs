@@ -63,6 +63,19 @@ pub struct Radau<'p> {
     pub counts: Counts,
 }
 
+/// The variables at the end of a step.
+#[derive(Clone, Copy, Debug)]
+pub struct Variables<'a> {
+    /// `K` there.
+    pub set: &'a ConvexSet,
+    /// The variables that have a bound, counted from 0.
+    pub bounded: &'a [usize],
+    /// All variables.
+    pub z: &'a [f64],
+    /// `G` there.
+    pub g: &'a [f64],
+}
+
 /// What is known of the derivatives at hand.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Freshness {
@@ -223,14 +236,18 @@ impl<'p> Radau<'p> {
         }
     }
 
-    /// What is needed to judge the variables at the time reached: `K`, the bounded ones, and all `z` and `G` there; `None`
-    /// where no variable has a bound.
-    pub fn variables(&mut self) -> Option<(&ConvexSet, &[usize], &[f64], &[f64])> {
+    /// What is needed to judge the variables at the time reached; `None` where no variable has a bound.
+    pub fn variables(&mut self) -> Option<Variables<'_>> {
         if self.system.bounded.is_empty() || !self.system.evaluate(self.t, &self.y) {
             return None;
         }
         let (n, unknowns) = (self.system.states, self.system.unknowns);
-        Some((&self.system.set, &self.system.bounded, &self.y[n..], &self.system.values[n..unknowns]))
+        Some(Variables {
+            set: &self.system.set,
+            bounded: &self.system.bounded,
+            z: &self.y[n..],
+            g: &self.system.values[n..unknowns],
+        })
     }
 
     /// The active face.

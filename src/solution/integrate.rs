@@ -6,7 +6,7 @@ use super::{
 };
 use crate::analysis::{Analysis, Uniqueness, analyse_face};
 use crate::problem::{Control, Dvi, Mass, Stop, Structure};
-use crate::radau::{Place, Radau, Settings, StageChoice, StepError, Switch, Switches};
+use crate::radau::{Place, Radau, Settings, StageChoice, StepError, Switch, Switches, Variables};
 use std::time::Instant;
 
 /// The faces that are analysed in one run.
@@ -82,7 +82,7 @@ fn run(
 /// Takes the end of a step into the evidence; after a switch, the new face as well.
 fn judge(radau: &mut Radau<'_>, plan: &Plan, switched: bool, diagnostics: &mut Diagnostics) {
     let smooth = radau.kept_face() && !switched && radau.problem().structure().moving.is_empty();
-    if let Some((set, bounded, z, g)) = radau.variables() {
+    if let Some(Variables { set, bounded, z, g }) = radau.variables() {
         let certificates = diagnostics.complementarity.get_or_insert_default();
         certificates.observe(set, bounded, z, g, smooth);
         if let Some(vi) = &mut diagnostics.vi {

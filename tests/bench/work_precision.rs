@@ -5,12 +5,12 @@
 //! `cargo bench --bench work_precision [-- NAME..]` prints a row a run, then the time at which each method reaches an
 //! error, interpolated between runs. Times are the least of several, in milliseconds.
 
-#[path = "../systems/harness.rs"]
-mod harness;
+#[path = "../systems/reference.rs"]
+mod reference;
 
 use dvi::problem::Control;
 use dvi::specification::Specification;
-use harness::{digits, example, read, switching};
+use reference::{digits, example, read, switching};
 use serde_json::{Value, json};
 
 /// A problem with its answer.

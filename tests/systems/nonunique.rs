@@ -2,7 +2,8 @@
 //! `M = [[1,3,0],[0,1,3],[3,0,1]]` (Stewart). From `w = 0` one solution stays; others spiral out, each phase twice as long
 //! as the last.
 
-use crate::harness::{column, example, solve};
+use crate::systems::harness::{column, solve};
+use crate::systems::reference::example;
 use serde_json::json;
 
 #[test]

@@ -1,6 +1,7 @@
 //! Stiff problems without variables, over six decades of tolerance, against references in quadruple precision.
 
-use crate::harness::{digits, read, solve};
+use crate::systems::harness::solve;
+use crate::systems::reference::{digits, read};
 use serde_json::{Value, json};
 
 /// A problem of `tests/reference/smooth.json` as a specification.
