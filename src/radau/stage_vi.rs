@@ -10,12 +10,12 @@
 //! with `E` the block-diagonal matrix of [`Factors`] in which the bounded variables are held and `e` their unit
 //! vectors. Row block `i` is scaled by `d_i = b_i / c_i`: then `S` is monotone where the problem is.
 
-use super::face::{Place, place};
+use super::face::{Place, place, place_on_blocks};
 use super::factors::Factors;
 use super::stages::{NewtonControl, Stages};
 use super::system::System;
 use super::tableau::Tableau;
-use crate::problem::ConvexSet;
+use crate::problem::{ConvexSet, Shape, Workspace};
 use crate::vi::{AffineVi, Outcome, SolverKind, ViSolver};
 use nalgebra::{Complex, DMatrix};
 
@@ -25,7 +25,12 @@ pub struct StageVi {
     /// `S`, its row blocks scaled.
     matrix: DMatrix<f64>,
     q: Vec<f64>,
+    /// `K` of the bounded variables, and its product over the stages.
+    factor: ConvexSet,
     set: ConvexSet,
+    workspace: Workspace,
+    /// `z - g` of the variables of one stage.
+    moved: Vec<f64>,
     /// The bounded variables of all stages, stage by stage, and the same before the last solve.
     z: Vec<f64>,
     last_z: Vec<f64>,
@@ -52,13 +57,17 @@ impl StageVi {
     pub fn new(system: &System<'_>, stages: usize, solver: SolverKind) -> Self {
         let unknowns = system.unknowns;
         let coupled = stages * system.bounded.len();
+        let factor = system.set.restricted(&system.bounded);
         let mut held = vec![Place::Inside; unknowns - system.states];
         system.bounded.iter().for_each(|&k| held[k] = Place::Held);
         Self {
             solver: solver.build(coupled),
             matrix: DMatrix::zeros(coupled, coupled),
             q: vec![0.0; coupled],
-            set: ConvexSet::free(coupled),
+            set: factor.power(stages),
+            factor,
+            workspace: Workspace::default(),
+            moved: vec![0.0; unknowns - system.states],
             z: vec![0.0; coupled],
             last_z: vec![0.0; coupled],
             g: vec![0.0; coupled],
@@ -118,8 +127,11 @@ impl StageVi {
             if iteration > 0 && norm <= control.kappa && self.is_solved(system, stages, y0, s, control) {
                 let last = (s - 1) * count;
                 for (a, &k) in system.bounded.iter().enumerate() {
-                    system.face[k] = place(&system.set, k, self.z[last + a], self.g[last + a]);
+                    let (z, g) = (self.z[last + a], self.g[last + a]);
+                    system.face[k] = place(&system.set, k, z, g);
+                    self.moved[k] = z - g;
                 }
+                place_on_blocks(&system.set, &self.moved, &mut system.face, &mut self.workspace);
                 return true;
             }
             system.work.newton += 1;
@@ -165,6 +177,11 @@ impl StageVi {
                 self.set.upper[place] = system.set.upper[k];
                 phi[n + k] = 0.0;
             }
+            for (b, block) in system.set.blocks().iter().enumerate() {
+                if let Shape::Ball { radius } = block.shape {
+                    self.set.set_radius(i * system.set.blocks().len() + b, radius);
+                }
+            }
         }
         true
     }
@@ -206,20 +223,43 @@ impl StageVi {
     }
 
     /// Whether the VI holds at every stage to the tolerance, from the last evaluation.
-    fn is_solved(&self, system: &System<'_>, stages: &Stages, y0: &[f64], s: usize, control: &NewtonControl) -> bool {
+    fn is_solved(
+        &mut self,
+        system: &System<'_>,
+        stages: &Stages,
+        y0: &[f64],
+        s: usize,
+        control: &NewtonControl,
+    ) -> bool {
         let (n, count) = (system.states, system.bounded.len());
-        (0..s).all(|i| {
-            system.bounded.iter().enumerate().all(|(a, &k)| {
+        let size = |i: usize, j: usize| y0[j].abs() + stages.z[i * stages.unknowns + j].abs();
+        let noise_of_g = |i: usize, k: usize| control.noise_of_g(system, k, |j| size(i, j));
+        let intervals = (0..s).all(|i| {
+            system.bounded.iter().enumerate().filter(|&(_, &k)| system.set.block_of(k).is_none()).all(|(a, &k)| {
                 let at = i * count + a;
-                let size = |j: usize| y0[j].abs() + stages.z[i * stages.unknowns + j].abs();
-                let noise_g = control.noise_of_g(system, k, size);
-                let noise_z = control.vi_tolerance * size(n + k);
+                let noise_g = noise_of_g(i, k);
+                let noise_z = control.vi_tolerance * size(i, n + k);
                 let (z, g) = (self.z[at], self.g[at]);
                 let (lower, upper) = (self.set.lower[at], self.set.upper[at]);
                 let inside = z >= lower - noise_z && z <= upper + noise_z;
                 inside && (g <= noise_g || z <= lower + noise_z) && (g >= -noise_g || z >= upper - noise_z)
             })
-        })
+        });
+        intervals
+            && (0..self.set.blocks().len()).all(|b| {
+                let members = &self.set.blocks()[b].members;
+                let worst = |noise: &dyn Fn(usize, usize) -> f64| {
+                    members.iter().fold(0.0_f64, |worst, at| worst.max(noise(at / count, system.bounded[at % count])))
+                };
+                let noise_g = worst(&noise_of_g);
+                let largest = worst(&|i, k| size(i, n + k));
+                let noise_z = control.vi_tolerance * if largest > 0.0 { largest } else { 1.0 };
+                // With p = P(z - s g) the VI holds exactly for p and g - (z - p)/s; this s makes both changes noise
+                // if the first is.
+                let scale = noise_z / noise_g.max(f64::MIN_POSITIVE);
+                let defect = self.set.defect(b, &self.z, &self.g, scale, &mut self.workspace);
+                defect <= noise_z
+            })
     }
 
     /// Forms `S`.
@@ -281,8 +321,7 @@ impl StageVi {
             for vector in [&mut self.q, &mut self.z, &mut self.last_z, &mut self.g] {
                 vector.resize(size, 0.0);
             }
-            self.set.lower.resize(size, 0.0);
-            self.set.upper.resize(size, 0.0);
+            self.set = self.factor.power(size / self.factor.dimension().max(1));
         }
     }
 }

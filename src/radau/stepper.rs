@@ -10,7 +10,7 @@ use super::stages::{Contraction, Newton, NewtonControl, Stages};
 use super::switches::{Located, Switching};
 use super::system::System;
 use super::tableau::Tableau;
-use crate::problem::Dvi;
+use crate::problem::{Dvi, Workspace};
 use nalgebra::DMatrix;
 
 /// Counts of what a run did.
@@ -97,7 +97,7 @@ impl<'p> Radau<'p> {
     /// # Errors
     /// If something is not finite at the start, or the start is inconsistent.
     pub fn new(problem: &'p mut dyn Dvi, settings: Settings, t: f64, x: &[f64], end: f64) -> Result<Self, StepError> {
-        let system = System::new(problem);
+        let mut system = System::new(problem);
         let counts = match settings.stages {
             StageChoice::Fixed(s) => vec![s],
             StageChoice::Auto => vec![3, 5, 7],
@@ -111,9 +111,7 @@ impl<'p> Radau<'p> {
         let unknowns = system.unknowns;
         let mut y = vec![0.0; unknowns];
         y[..system.states].copy_from_slice(x);
-        for k in 0..unknowns - system.states {
-            y[system.states + k] = system.set.project(k, 0.0);
-        }
+        system.project(&mut y);
         let control =
             NewtonControl { weight: vec![0.0; unknowns], kappa: 0.0, most: 0, vi_tolerance: settings.vi_tolerance };
         let stage_vi = (!system.bounded.is_empty()).then(|| StageVi::new(&system, most_stages, settings.vi_solver));
@@ -190,7 +188,6 @@ impl<'p> Radau<'p> {
     /// `y` at a time within the last accepted step, into `out`: the states from the collocation polynomial, the variables
     /// that belong to them; at the end of a step that is a switch, those after it.
     pub fn interpolate(&mut self, t: f64, out: &mut [f64]) {
-        let n = self.system.states;
         let at_end = t == self.t;
         if at_end {
             out.copy_from_slice(&self.y);
@@ -205,9 +202,7 @@ impl<'p> Radau<'p> {
             self.forget_jacobian();
         }
         if !self.system.bounded.is_empty() && self.system.evaluate(t, out) {
-            for &k in &self.system.bounded {
-                out[n + k] = self.system.set.project(k, out[n + k]);
-            }
+            self.system.project(out);
         }
         if !at_end {
             std::mem::swap(&mut self.system.face, &mut self.last.face);
@@ -215,7 +210,8 @@ impl<'p> Radau<'p> {
     }
 
     /// The evidence at the time reached: `(natural-map residual, least distance of z to its bounds, least G signed so
-    /// that it should not be negative, largest product)`, over the bounded variables.
+    /// that it should not be negative, largest product)`, over the bounded variables. In a block, where `z` and `G` have
+    /// no signs, the first stands for the others: `-|z - P(z - G)|`, and that times `|G|`.
     pub fn complementarity(&mut self) -> Option<[f64; 4]> {
         if self.system.bounded.is_empty() || !self.system.evaluate(self.t, &self.y) {
             return None;
@@ -223,7 +219,7 @@ impl<'p> Radau<'p> {
         let n = self.system.states;
         let set = &self.system.set;
         let mut worst = [0.0_f64, f64::INFINITY, f64::INFINITY, 0.0];
-        for &k in &self.system.bounded {
+        for &k in self.system.bounded.iter().filter(|&&k| set.block_of(k).is_none()) {
             let (z, g) = (self.y[n + k], self.system.values[n + k]);
             let distance = (z - set.lower[k]).min(set.upper[k] - z);
             let signed = if z <= set.lower[k] {
@@ -237,6 +233,15 @@ impl<'p> Radau<'p> {
             worst[1] = worst[1].min(distance);
             worst[2] = worst[2].min(signed);
             worst[3] = worst[3].max((distance * g).abs());
+        }
+        let (z, g) = (&self.y[n..], &self.system.values[n..self.system.unknowns]);
+        for (b, block) in set.blocks().iter().enumerate() {
+            let defect = set.defect(b, z, g, 1.0, &mut Workspace::default());
+            let size = block.members.iter().map(|&k| g[k].abs()).sum::<f64>();
+            worst[0] = worst[0].max(defect);
+            worst[1] = worst[1].min(-defect);
+            worst[2] = worst[2].min(-defect);
+            worst[3] = worst[3].max(defect * size);
         }
         Some(worst)
     }
@@ -295,6 +300,12 @@ impl<'p> Radau<'p> {
 
     /// Solves the stages of a step of size `h`, or of the shorter one that ends at a switch.
     fn attempt(&mut self, h: f64) -> Result<Attempt, StepError> {
+        if self.system.set.has_blocks() {
+            self.differentiate()?;
+            self.set_tolerances(h);
+            self.predict(h);
+            return Ok(self.couple(h));
+        }
         for _ in 0..=self.system.bounded.len() {
             self.prepare(h)?;
             self.predict(h);
@@ -346,14 +357,7 @@ impl<'p> Radau<'p> {
 
     /// Makes derivatives, factors and tolerances ready for a step of size `h`.
     pub(super) fn prepare(&mut self, h: f64) -> Result<(), StepError> {
-        if self.jacobian == Freshness::Stale {
-            if !self.system.differentiate(self.t, &self.y) {
-                let component = self.system.derivatives.iter().position(|value| !value.is_finite()).unwrap_or(0);
-                return Err(StepError::NotFinite { what: "derivative", component, t: self.t });
-            }
-            self.jacobian = Freshness::Fresh;
-            self.factored = None;
-        }
+        self.differentiate()?;
         if self.factored != Some(h) {
             self.system.negative_jacobian(&self.system.face, &mut self.negative_jacobian);
             let tableau = &self.methods[self.current].tableau;
@@ -362,6 +366,19 @@ impl<'p> Radau<'p> {
             self.factored = Some(h);
         }
         self.set_tolerances(h);
+        Ok(())
+    }
+
+    /// Makes the derivatives those of this step where they are stale.
+    fn differentiate(&mut self) -> Result<(), StepError> {
+        if self.jacobian == Freshness::Stale {
+            if !self.system.differentiate(self.t, &self.y) {
+                let component = self.system.derivatives.iter().position(|value| !value.is_finite()).unwrap_or(0);
+                return Err(StepError::NotFinite { what: "derivative", component, t: self.t });
+            }
+            self.jacobian = Freshness::Fresh;
+            self.factored = None;
+        }
         Ok(())
     }
 

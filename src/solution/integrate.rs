@@ -5,7 +5,7 @@ use super::{
     ViCounts, Warning,
 };
 use crate::problem::{Control, Dvi, Stop};
-use crate::radau::{Place, Radau, Settings, StageChoice, StepError, Switch};
+use crate::radau::{Radau, Settings, StageChoice, StepError, Switch};
 use std::time::Instant;
 
 /// What to run and what to keep of it.
@@ -255,8 +255,9 @@ impl<'a> Recorder<'a> {
 
     fn step(&mut self, radau: &mut Radau<'_>) {
         let n = self.plan.initial.len();
-        for Switch { t, variable, to, .. } in radau.take_switches() {
-            let kind = if to == Place::Inside { EventKind::Activated } else { EventKind::Deactivated };
+        for Switch { t, variable, from, to } in radau.take_switches() {
+            let freer = to.freedom() > from.freedom();
+            let kind = if freer { EventKind::Activated } else { EventKind::Deactivated };
             self.trajectory.events.push(Event { t, kind, of: self.plan.names[n + variable].clone() });
         }
         let end = radau.t();

@@ -3,7 +3,7 @@
 use super::error::{Errors, SpecificationError};
 use super::nearest::abridged;
 use crate::models::Model;
-use crate::problem::Side;
+
 
 /// Reports rates that are not finite at `t` and the initial values, and moving bounds that are not bounds there.
 /// `pointer` says where a row of the problem is written. The variables are not known yet: they are taken as the point
@@ -23,10 +23,7 @@ pub(super) fn check(model: &Model, t: f64, pointer: impl Fn(usize) -> String, er
             errors.push(outside_domain(model, t, row, "this bound", values[row], &pointer));
             continue;
         }
-        match bound.side {
-            Side::Lower => set.lower[bound.variable] = values[row],
-            Side::Upper => set.upper[bound.variable] = values[row],
-        }
+        bound.place(values[row], &mut set);
         let (lower, upper) = (set.lower[bound.variable], set.upper[bound.variable]);
         if lower > upper {
             let name = abridged(&model.variable_names[bound.variable]);

@@ -27,7 +27,7 @@ proptest! {
     fn a_semidefinite_matrix_on_a_box_has_one_w(seed in any::<u64>(), m in 1_usize..12) {
         let mut random = Random(seed);
         let j = random.matrix(m, m.div_ceil(2));
-        let set = ConvexSet { lower: vec![-1.0; m], upper: vec![2.0; m] };
+        let set = ConvexSet::intervals(vec![-1.0; m], vec![2.0; m]);
         let problem = Problem::new(&j * j.transpose(), random.vector(m), set);
         let answers = problem.solve_by_all();
         prop_assert!(largest_difference(&problem.w(&answers[0]), &problem.w(&answers[1])) < 1e-5);
