@@ -91,6 +91,12 @@ impl ActiveRows {
         }
     }
 
+    /// Whether `d` is a nonnegative combination of the active rows, to rounding.
+    pub(super) fn generate(&mut self, d: &[f64]) -> bool {
+        let noise = 1e-9 * norm(d);
+        self.resolve(d, self.rows.len()) <= noise && self.coefficients.iter().all(|c| *c >= -noise)
+    }
+
     fn reset(&mut self, n: usize) {
         self.rows.clear();
         self.multipliers.clear();

@@ -16,8 +16,8 @@ pub struct Polyhedron {
     offsets: Vec<f64>,
 }
 
-/// Doublings of a far point before the support function is called infinite.
-const DOUBLINGS: usize = 100;
+/// So many times a point far along a direction is taken eight times as far before it is far enough.
+const LEAPS: usize = 40;
 
 impl Polyhedron {
     /// `{z : A z <= b}` from the rows of `A` in order, `b.len()` of them with `dimension` entries each. Rows of zeros
@@ -67,8 +67,8 @@ impl Polyhedron {
     }
 
     /// `sup <d, z>`. It is infinite if the projection of `d` onto the recession cone is not zero; else the projection
-    /// of a point far along `d` is a maximiser, where the active rows span `d` (Mangasarian and Meyer 1979, *Nonlinear
-    /// perturbation of linear programs*).
+    /// of a point far along `d` is a maximiser, where `d` is in the cone of the active rows (Mangasarian and Meyer 1979,
+    /// *Nonlinear perturbation of linear programs*).
     pub(super) fn support(&self, d: &[f64], rows: &mut ActiveRows) -> f64 {
         let length = norm(d);
         if length == 0.0 {
@@ -79,22 +79,16 @@ impl Polyhedron {
         if norm(&p) > 1e-9 * length {
             return f64::INFINITY;
         }
-        let mut last = f64::NAN;
         let mut scale = 1.0 / length;
-        for _ in 0..DOUBLINGS {
+        for _ in 0..LEAPS {
             let far: Vec<f64> = d.iter().map(|d| scale * d).collect();
             rows.project(self, 1.0, &far, &mut p);
-            let value = dot(d, &p);
-            let mut beyond = d.to_vec();
-            rows.restrict(&mut beyond);
-            let rounding = 1e-12 * (length * norm(&p) + length * length * scale);
-            if norm(&beyond) <= 1e-9 * length && (value - last).abs() <= rounding {
-                return value;
+            if rows.generate(d) {
+                break;
             }
-            last = value;
             scale *= 8.0;
         }
-        last
+        dot(d, &p)
     }
 }
 
