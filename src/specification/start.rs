@@ -4,7 +4,6 @@ use super::error::{Errors, SpecificationError};
 use super::nearest::abridged;
 use crate::models::Model;
 
-
 /// Reports rates that are not finite at `t` and the initial values, and moving bounds that are not bounds there.
 /// `pointer` says where a row of the problem is written. The variables are not known yet: they are taken as the point
 /// of `K` nearest to zero, and an inequality that depends on them is not judged.

@@ -41,8 +41,7 @@ pub struct Attempt {
 
 impl SolverKind {
     /// Every kind, in the order in which they are offered.
-    pub const ALL: [Self; 5] =
-        [Self::Auto, Self::Lemke, Self::SemismoothNewton, Self::Conic, Self::BlockGaussSeidel];
+    pub const ALL: [Self; 5] = [Self::Auto, Self::Lemke, Self::SemismoothNewton, Self::Conic, Self::BlockGaussSeidel];
 
     /// The kind of this name, if there is one.
     pub fn by_name(name: &str) -> Option<Self> {

@@ -64,7 +64,9 @@ impl ViSolver for BlockGaussSeidel {
         if !vi.is_sound() {
             return Report::BREAKDOWN;
         }
-        if (0..z.len()).any(|i| vi.set.block_of(i).is_none() && vi.matrix[(i, i)] <= 0.0 && vi.set.lower[i] < vi.set.upper[i]) {
+        if (0..z.len())
+            .any(|i| vi.set.block_of(i).is_none() && vi.matrix[(i, i)] <= 0.0 && vi.set.lower[i] < vi.set.upper[i])
+        {
             return Report::UNSUITABLE;
         }
         self.load(vi, z);

@@ -146,9 +146,8 @@ fn write_triangle(vi: &AffineVi<'_>, triangle: &mut Vec<f64>) {
 
 /// Whether two sets differ in the numbers of `b` alone.
 fn have_one_form(a: &ConvexSet, b: &ConvexSet) -> bool {
-    let kind = |set: &ConvexSet, i: usize| {
-        (set.lower[i].is_finite(), set.upper[i].is_finite(), set.lower[i] == set.upper[i])
-    };
+    let kind =
+        |set: &ConvexSet, i: usize| (set.lower[i].is_finite(), set.upper[i].is_finite(), set.lower[i] == set.upper[i]);
     a.dimension() == b.dimension()
         && (0..a.dimension()).all(|i| kind(a, i) == kind(b, i))
         && a.blocks().len() == b.blocks().len()

@@ -42,8 +42,8 @@ impl Gap {
         let mut sum = 0.0;
         for i in 0..z.len() {
             let (from_far, from_near) = (z[i] - far[i], z[i] - near[i]);
-            sum += w[i] * (near[i] - far[i])
-                + 0.5 * (NEAR * from_near * from_near - FAR * from_far * from_far) / scale[i];
+            sum +=
+                w[i] * (near[i] - far[i]) + 0.5 * (NEAR * from_near * from_near - FAR * from_far * from_far) / scale[i];
         }
         sum
     }

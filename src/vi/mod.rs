@@ -66,8 +66,13 @@ struct Accuracy {
 }
 
 impl Accuracy {
-    const NOT_A_NUMBER: Self =
-        Self { residual: f64::NAN, intervals: f64::NAN, magnitude: f64::NAN, componentwise: f64::NAN, blockwise: f64::NAN };
+    const NOT_A_NUMBER: Self = Self {
+        residual: f64::NAN,
+        intervals: f64::NAN,
+        magnitude: f64::NAN,
+        componentwise: f64::NAN,
+        blockwise: f64::NAN,
+    };
 
     fn is_solved(&self) -> bool {
         self.intervals <= TOLERANCE * self.magnitude && self.blockwise <= TOLERANCE
@@ -111,7 +116,13 @@ impl AffineVi<'_> {
             let among = |i: usize| block.members.iter().fold(0.0_f64, |most, &j| most.max(self.matrix[(i, j)].abs()));
             let own = block.members.iter().fold(0.0_f64, |most, &i| most.max(among(i)));
             let all = || block.members.iter().fold(0.0_f64, |most, &i| most.max(row(i)));
-            let s = inverse(if own > 0.0 { own } else { all() });
+            let s = match if own > 0.0 { own } else { all() } {
+                // Nothing but the forces tells: they are to move a point across the block.
+                0.0 => {
+                    block.shape.size() * inverse(block.members.iter().fold(0.0, |most, &i| most.max(self.q[i].abs())))
+                }
+                largest => inverse(largest),
+            };
             block.members.iter().for_each(|&i| scale[i] = s);
         }
     }

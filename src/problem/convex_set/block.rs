@@ -123,6 +123,14 @@ impl Shape {
         }
     }
 
+    /// A length by which the block is measured: the radius of a ball; one where the shape has none of its own.
+    pub fn size(&self) -> f64 {
+        match self {
+            Shape::Ball { radius } if *radius > 0.0 => *radius,
+            _ => 1.0,
+        }
+    }
+
     /// Whether the block is bounded: whether only zero recedes.
     pub fn is_bounded(&self, work: &mut BlockWorkspace) -> bool {
         match self {

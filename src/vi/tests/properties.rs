@@ -1,6 +1,6 @@
 //! What holds for every problem that has a solution.
 
-use super::super::{Auto, SolverKind};
+use super::super::SolverKind;
 use super::*;
 use proptest::prelude::*;
 
@@ -41,29 +41,12 @@ proptest! {
         for kind in SolverKind::ALL {
             let mut z = random.member(&problem.set);
             let report = problem.solve(&mut *kind.build(m), &mut z);
+            if report.outcome == Outcome::Unsuitable {
+                continue;
+            }
             let residual = problem.set.natural_residual(&z, &problem.w(&z));
             prop_assert!((residual - report.residual).abs() <= 1e-12 * (1.0 + residual));
             prop_assert_eq!(report.outcome == Outcome::Solved, problem.scaled_residual(&z) <= 1e-10);
         }
     }
-}
-
-#[test]
-fn auto_names_the_solver_that_answered() {
-    let mut random = Random(11);
-    let mut auto = Auto::new(3);
-    assert_eq!(auto.name(), "auto");
-    for (m, name) in [(3, "lemke"), (501, "semismooth_newton"), (5, "lemke")] {
-        let problem = Problem::complementarity(DMatrix::identity(m, m), random.vector(m));
-        problem.solve_exactly(&mut auto);
-        assert_eq!(auto.name(), name);
-    }
-}
-
-#[test]
-fn kinds_are_known_by_their_names() {
-    for kind in SolverKind::ALL {
-        assert_eq!(SolverKind::by_name(kind.name()), Some(kind));
-    }
-    assert_eq!(SolverKind::by_name("simplex"), None);
 }
