@@ -17,6 +17,7 @@
 //! assert!((x.last().expect("a value at the end") - (-1.0_f64).exp()).abs() < 1e-6);
 //! ```
 
+pub mod analysis;
 pub mod expression;
 pub mod models;
 pub mod problem;

@@ -118,10 +118,10 @@ impl Consistent {
         }
         let g = DVector::from_fn(count, |a, _| system.values[n + self.inside[a]]);
         let mut rates = DVector::from_column_slice(&system.values[..n]);
-        if let Some(mass) = &self.mass {
-            if !mass.solve_mut(&mut rates) || !mass.solve_mut(&mut b) {
-                return None;
-            }
+        if let Some(mass) = &self.mass
+            && !(mass.solve_mut(&mut rates) && mass.solve_mut(&mut b))
+        {
+            return None;
         }
         let hidden = DVector::from_fn(count, |a, _| self.drift[self.inside[a]]) + &c * rates;
         let derivative = c * b;

@@ -82,11 +82,14 @@ impl Monitor {
 pub fn monitors(system: &System<'_>, control: &NewtonControl, k: usize, y: &[f64]) -> [Option<Monitor>; 2] {
     let z = y[system.states + k];
     let g = system.values[system.states + k];
-    let on_bound = |value| Some(Monitor { value, noise: control.noise_of_g(system, k, |j| y[j].abs()) });
+    let on_bound = |value| Some(Monitor { value, noise: control.noise_of_g(system, k, y) });
     let inside = |distance: f64| {
         let weight = control.weight[system.states + k];
         let passed = if weight > 0.0 { control.kappa / weight } else { 0.0 };
-        distance.is_finite().then(|| Monitor { value: distance, noise: (control.vi_tolerance * z.abs()).max(passed) })
+        distance.is_finite().then(|| Monitor {
+            value: distance,
+            noise: (control.vi_tolerance * z.abs().max(control.size[system.states + k])).max(passed),
+        })
     };
     match system.face[k] {
         Place::Lower => [on_bound(g), None],

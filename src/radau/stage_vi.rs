@@ -226,19 +226,18 @@ impl StageVi {
     fn is_solved(
         &mut self,
         system: &System<'_>,
-        stages: &Stages,
+        stages: &mut Stages,
         y0: &[f64],
         s: usize,
         control: &NewtonControl,
     ) -> bool {
         let (n, count) = (system.states, system.bounded.len());
-        let size = |i: usize, j: usize| y0[j].abs() + stages.z[i * stages.unknowns + j].abs();
-        let noise_of_g = |i: usize, k: usize| control.noise_of_g(system, k, |j| size(i, j));
         let intervals = (0..s).all(|i| {
+            let y = stages.stage(y0, i);
             system.bounded.iter().enumerate().filter(|&(_, &k)| system.set.block_of(k).is_none()).all(|(a, &k)| {
                 let at = i * count + a;
-                let noise_g = noise_of_g(i, k);
-                let noise_z = control.vi_tolerance * size(i, n + k);
+                let noise_g = control.noise_of_g(system, k, y);
+                let noise_z = control.vi_tolerance * control.size[n + k].max(y[n + k].abs());
                 let (z, g) = (self.z[at], self.g[at]);
                 let (lower, upper) = (self.set.lower[at], self.set.upper[at]);
                 let inside = z >= lower - noise_z && z <= upper + noise_z;
@@ -248,17 +247,18 @@ impl StageVi {
         intervals
             && (0..self.set.blocks().len()).all(|b| {
                 let members = &self.set.blocks()[b].members;
-                let worst = |noise: &dyn Fn(usize, usize) -> f64| {
-                    members.iter().fold(0.0_f64, |worst, at| worst.max(noise(at / count, system.bounded[at % count])))
-                };
-                let noise_g = worst(&noise_of_g);
-                let largest = worst(&|i, k| size(i, n + k));
-                let noise_z = control.vi_tolerance * if largest > 0.0 { largest } else { 1.0 };
+                let y = stages.stage(y0, members[0] / count);
+                let (mut noise_g, mut size) = (f64::MIN_POSITIVE, 0.0_f64);
+                for at in members {
+                    let k = system.bounded[at % count];
+                    noise_g = noise_g.max(control.noise_of_g(system, k, y));
+                    size = size.max(control.size[n + k].max(y[n + k].abs()));
+                }
+                let noise_z = control.vi_tolerance * if size > 0.0 { size } else { 1.0 };
                 // With p = P(z - s g) the VI holds exactly for p and g - (z - p)/s; this s makes both changes noise
                 // if the first is.
-                let scale = noise_z / noise_g.max(f64::MIN_POSITIVE);
-                let defect = self.set.defect(b, &self.z, &self.g, scale, &mut self.workspace);
-                defect <= noise_z
+                let scale = noise_z / noise_g;
+                self.set.defect(b, &self.z, &self.g, scale, &mut self.workspace) <= noise_z
             })
     }
 

@@ -49,15 +49,17 @@ pub struct NewtonControl {
     pub kappa: f64,
     /// The most iterations.
     pub most: usize,
+    /// The size of each component of `y` at the beginning of the step, beside which rounding errors are measured.
+    pub size: Vec<f64>,
     /// The bound on `|G_i|` of bounded variables inside their interval, relative to the size of its terms.
     pub vi_tolerance: f64,
 }
 
 impl NewtonControl {
-    /// The size below which `G_k` is noise where the components of `y` are of size `size`: the tolerance of the VI, or
-    /// what an error of the states that Newton's method lets pass makes of it.
-    pub fn noise_of_g(&self, system: &System<'_>, k: usize, size: impl Fn(usize) -> f64) -> f64 {
-        let terms = system.terms(k, size);
+    /// The size below which `G_k` at `y` is noise: the tolerance of the VI, or what an error of the states that Newton's
+    /// method lets pass makes of it.
+    pub fn noise_of_g(&self, system: &System<'_>, k: usize, y: &[f64]) -> f64 {
+        let terms = system.terms(k, |j| self.size[j].max(y[j].abs()));
         let passed = system.terms(k, |j| if j < system.states { self.kappa / self.weight[j] } else { 0.0 });
         (self.vi_tolerance * terms).max(passed)
     }
@@ -71,6 +73,10 @@ pub struct Contraction {
     /// `theta / (1 - theta)` of the last step, for the test after the first iteration.
     pub factor: f64,
 }
+
+/// The rate that is assumed where one iteration is enough to converge, so that none is seen: that up to which a
+/// Jacobian is kept.
+pub const THETA: f64 = 1e-3;
 
 impl Default for Contraction {
     fn default() -> Self {
@@ -207,7 +213,7 @@ impl Stages {
         let mut factor = contraction.factor.max(f64::EPSILON).powf(0.8);
         let (mut last_norm, mut last_ratio) = (0.0, 0.0);
         let mut evaluated = false;
-        contraction.theta = contraction.theta.min(1.0);
+        contraction.theta = THETA;
         for k in 1..=most {
             if !evaluated && !self.evaluate(system, tableau, t, h, y0) {
                 return Newton::Diverged;
@@ -222,18 +228,23 @@ impl Stages {
             }
             // Increments at the rounding level of y itself neither shrink nor matter.
             let rounding = norm <= 4.0 * f64::EPSILON * self.size(y0, &control.weight, tableau.stages());
-            if k > 1 && !rounding {
+            if k > 1 {
                 let ratio = norm / last_norm;
                 let theta: f64 = if k == 2 { ratio } else { (ratio * last_ratio).sqrt() };
                 last_ratio = ratio;
-                contraction.theta = theta;
-                if theta >= 0.99 {
+                if theta < 0.99 {
+                    contraction.theta = theta;
+                    factor = theta / (1.0 - theta);
+                } else if !rounding {
+                    contraction.theta = theta;
                     return Newton::Diverged;
                 }
-                factor = theta / (1.0 - theta);
                 let left = (most - 1).saturating_sub(k) as i32;
                 let predicted = factor * norm * theta.powi(left) / control.kappa;
-                if predicted >= 1.0 {
+                // Where variables or algebraic states are extrapolated, the first increment is mostly theirs and the
+                // second what they do to the rest: the rate shows from the third on.
+                let settled = k > 2 || (system.identity_mass && system.unknowns == system.states);
+                if predicted >= 1.0 && settled && !rounding {
                     let q = predicted.clamp(1e-4, 20.0);
                     return Newton::Slow(0.8 * q.powf(-1.0 / (4.0 + f64::from(left))));
                 }
@@ -241,10 +252,6 @@ impl Stages {
             last_norm = norm.max(f64::EPSILON);
             if rounding || factor * norm <= control.kappa {
                 contraction.factor = factor;
-                if k == 1 && system.constant_jacobian() {
-                    // Linear stage equations: one iteration solves them.
-                    contraction.theta = 0.0;
-                }
                 if system.bounded.is_empty() {
                     return Newton::Converged { iterations: k, violated: false };
                 }
@@ -293,9 +300,8 @@ impl Stages {
             for &k in &system.bounded {
                 let residual = phi[system.states + k].abs();
                 let y = &self.y;
-                verdict.satisfied &= residual == 0.0
-                    || system.face[k] != Place::Inside
-                    || residual <= control.noise_of_g(system, k, |j| y[j].abs());
+                verdict.satisfied &=
+                    residual == 0.0 || system.face[k] != Place::Inside || residual <= control.noise_of_g(system, k, y);
                 verdict.violated |= monitors(system, control, k, y).iter().flatten().any(Monitor::is_violated);
             }
         }

@@ -23,7 +23,7 @@ const INSTANT: f64 = 1e-12;
 pub(super) struct Probe {
     euler: Tableau,
     stages: Stages,
-    vi: Option<StageVi>,
+    pub(super) vi: Option<StageVi>,
     negative_jacobian: DMatrix<f64>,
 }
 
@@ -110,7 +110,7 @@ impl Radau<'_> {
         };
         for &k in &self.system.bounded {
             let g = self.system.values[n + k];
-            let noise = self.control.noise_of_g(&self.system, k, |j| self.y[j].abs());
+            let noise = self.control.noise_of_g(&self.system, k, &self.y);
             vi.offset[k] = if snap && g.abs() <= noise { -g } else { 0.0 };
         }
         vi.solve(&mut self.system, &probe.euler, &mut probe.stages, self.t, eta, &self.y, &self.control)

@@ -3,14 +3,15 @@
 use super::consistent::Consistent;
 use super::dense_output::Step;
 use super::error_control::{Controller, Rescaled};
+use super::face::Place;
 use super::factors::Factors;
 use super::settings::{Cause, Settings, StageChoice, StepError};
 use super::stage_vi::StageVi;
-use super::stages::{Contraction, Newton, NewtonControl, Stages};
+use super::stages::{Contraction, Newton, NewtonControl, Stages, THETA};
 use super::switches::{Located, Switching};
 use super::system::System;
 use super::tableau::Tableau;
-use crate::problem::{Dvi, Workspace};
+use crate::problem::{ConvexSet, Dvi};
 use nalgebra::DMatrix;
 
 /// Counts of what a run did.
@@ -112,8 +113,13 @@ impl<'p> Radau<'p> {
         let mut y = vec![0.0; unknowns];
         y[..system.states].copy_from_slice(x);
         system.project(&mut y);
-        let control =
-            NewtonControl { weight: vec![0.0; unknowns], kappa: 0.0, most: 0, vi_tolerance: settings.vi_tolerance };
+        let control = NewtonControl {
+            weight: vec![0.0; unknowns],
+            size: vec![0.0; unknowns],
+            kappa: 0.0,
+            most: 0,
+            vi_tolerance: settings.vi_tolerance,
+        };
         let stage_vi = (!system.bounded.is_empty()).then(|| StageVi::new(&system, most_stages, settings.vi_solver));
         let mut radau = Self {
             stages: Stages::new(most_stages, unknowns),
@@ -180,9 +186,12 @@ impl<'p> Radau<'p> {
         self.system.work
     }
 
-    /// The coupled solver, where there are bounded variables.
-    pub fn vi(&self) -> Option<&StageVi> {
-        self.stage_vi.as_ref()
+    /// The affine problems solved, over the stages and for faces: the solver that answered last, how many, and their
+    /// pivots or iterations.
+    pub fn vi_work(&self) -> Option<(&'static str, u64, u64)> {
+        let (stages, faces) = (self.stage_vi.as_ref()?, self.switching.probe.vi.as_ref()?);
+        let last = if stages.solves > 0 { stages } else { faces };
+        Some((last.solver(), stages.solves + faces.solves, stages.pivots + faces.pivots))
     }
 
     /// `y` at a time within the last accepted step, into `out`: the states from the collocation polynomial, the variables
@@ -209,41 +218,29 @@ impl<'p> Radau<'p> {
         }
     }
 
-    /// The evidence at the time reached: `(natural-map residual, least distance of z to its bounds, least G signed so
-    /// that it should not be negative, largest product)`, over the bounded variables. In a block, where `z` and `G` have
-    /// no signs, the first stands for the others: `-|z - P(z - G)|`, and that times `|G|`.
-    pub fn complementarity(&mut self) -> Option<[f64; 4]> {
+    /// What is needed to judge the variables at the time reached: `K`, the bounded ones, and all `z` and `G` there; `None`
+    /// where no variable has a bound.
+    pub fn variables(&mut self) -> Option<(&ConvexSet, &[usize], &[f64], &[f64])> {
         if self.system.bounded.is_empty() || !self.system.evaluate(self.t, &self.y) {
             return None;
         }
-        let n = self.system.states;
-        let set = &self.system.set;
-        let mut worst = [0.0_f64, f64::INFINITY, f64::INFINITY, 0.0];
-        for &k in self.system.bounded.iter().filter(|&&k| set.block_of(k).is_none()) {
-            let (z, g) = (self.y[n + k], self.system.values[n + k]);
-            let distance = (z - set.lower[k]).min(set.upper[k] - z);
-            let signed = if z <= set.lower[k] {
-                g
-            } else if z >= set.upper[k] {
-                -g
-            } else {
-                -g.abs()
-            };
-            worst[0] = worst[0].max((z - set.project(k, z - g)).abs());
-            worst[1] = worst[1].min(distance);
-            worst[2] = worst[2].min(signed);
-            worst[3] = worst[3].max((distance * g).abs());
-        }
-        let (z, g) = (&self.y[n..], &self.system.values[n..self.system.unknowns]);
-        for (b, block) in set.blocks().iter().enumerate() {
-            let defect = set.defect(b, z, g, 1.0, &mut Workspace::default());
-            let size = block.members.iter().map(|&k| g[k].abs()).sum::<f64>();
-            worst[0] = worst[0].max(defect);
-            worst[1] = worst[1].min(-defect);
-            worst[2] = worst[2].min(-defect);
-            worst[3] = worst[3].max(defect * size);
-        }
-        Some(worst)
+        let (n, unknowns) = (self.system.states, self.system.unknowns);
+        Some((&self.system.set, &self.system.bounded, &self.y[n..], &self.system.values[n..unknowns]))
+    }
+
+    /// The active face.
+    pub fn face(&self) -> &[Place] {
+        &self.system.face
+    }
+
+    /// Whether the last step has kept one face.
+    pub fn kept_face(&self) -> bool {
+        self.last.is_smooth && self.continues
+    }
+
+    /// The problem, to be asked for more than steps need.
+    pub fn problem(&mut self) -> &mut dyn Dvi {
+        self.system.problem()
     }
 
     pub(super) fn tableau(&self) -> &Tableau {
@@ -280,7 +277,7 @@ impl<'p> Radau<'p> {
             if error < 1.0 {
                 let mut new = self.controller.accept(s, reached, error, iterations, most);
                 // A step nearly as large as the last is not worth new factors.
-                if !coupled && self.contraction.theta <= 1e-3 && (1.0..=1.2).contains(&(new / reached)) {
+                if !coupled && self.contraction.theta <= THETA && (1.0..=1.2).contains(&(new / reached)) {
                     new = reached;
                 }
                 // A step cut short by a switch says nothing against the size that was tried.
@@ -391,6 +388,9 @@ impl<'p> Radau<'p> {
             let scale = tolerance.factor * self.settings.atol[j] + tolerance.rtol * self.y[j].abs();
             self.control.weight[j] = 1.0 / scale.max(f64::MIN_POSITIVE);
         }
+        for (size, y) in self.control.size.iter_mut().zip(&self.y) {
+            *size = y.abs();
+        }
         self.control.kappa = tolerance.kappa;
         self.control.most = tolerance.most;
         if self.system.unknowns > n {
@@ -495,7 +495,7 @@ impl<'p> Radau<'p> {
         }
         self.counts.accepted += 1;
         self.continues = true;
-        if !(self.system.constant_jacobian() || self.contraction.theta <= 1e-3) {
+        if !(self.system.constant_jacobian() || self.contraction.theta <= THETA) {
             self.jacobian = Freshness::Stale;
         } else if self.jacobian == Freshness::Fresh {
             self.jacobian = Freshness::Kept;

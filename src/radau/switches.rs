@@ -193,6 +193,14 @@ impl Radau<'_> {
             return;
         }
         if self.system.evaluate(self.t, &self.y) {
+            let n = self.system.states;
+            for &k in &self.system.bounded {
+                match self.system.face[k] {
+                    Place::Lower => self.y[n + k] = self.system.set.lower[k],
+                    Place::Upper => self.y[n + k] = self.system.set.upper[k],
+                    _ => {}
+                }
+            }
             self.system.project(&mut self.y);
         }
         if self.switching.pending {

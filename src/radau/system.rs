@@ -95,6 +95,11 @@ impl<'p> System<'p> {
         }
     }
 
+    /// The problem itself.
+    pub fn problem(&mut self) -> &mut dyn Dvi {
+        self.problem
+    }
+
     /// Whether one Jacobian serves for all `(t, y)`.
     pub fn constant_jacobian(&self) -> bool {
         self.problem.structure().constant_jacobian
@@ -132,6 +137,9 @@ impl<'p> System<'p> {
 
     /// Evaluates the derivatives at `(t, y)`; false if a number is not finite.
     pub fn differentiate(&mut self, t: f64, y: &[f64]) -> bool {
+        if self.constant_jacobian() && self.work.jacobians > 0 {
+            return true;
+        }
         self.work.jacobians += 1;
         self.problem.jacobian(t, y, &mut self.derivatives);
         self.derivatives.iter().all(|value| value.is_finite())

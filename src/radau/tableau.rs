@@ -245,19 +245,19 @@ mod tests {
             [(296.0 + 169.0 * r6) / 1800.0, (88.0 + 7.0 * r6) / 360.0, (-2.0 - 3.0 * r6) / 225.0],
             [(16.0 - r6) / 36.0, (16.0 + r6) / 36.0, 1.0 / 9.0],
         ];
-        for i in 0..3 {
-            for j in 0..3 {
-                assert!((tableau.a[(i, j)] - a[i][j]).abs() < 4e-16, "a{i}{j}");
+        for (i, row) in a.iter().enumerate() {
+            for (j, exact) in row.iter().enumerate() {
+                assert!((tableau.a[(i, j)] - exact).abs() < 4e-16, "a{i}{j}");
             }
         }
         let d = [-(13.0 + 7.0 * r6) / 3.0, (-13.0 + 7.0 * r6) / 3.0, -1.0 / 3.0];
-        for i in 0..3 {
-            assert!((tableau.estimate[i] - d[i]).abs() < 2e-14, "estimate {i}");
+        for (i, (computed, exact)) in tableau.estimate.iter().zip(d).enumerate() {
+            assert!((computed - exact).abs() < 2e-14, "estimate {i}");
         }
-        // Constants of RADAU5: gamma = 3.6378342527444957, alpha + i beta = 2.6810828736277523 + 3.0504301992474105 i.
-        assert!((tableau.gamma.unwrap() - 3.637_834_252_744_495_7).abs() < 4e-15);
-        assert!((tableau.pairs[0].re - 2.681_082_873_627_752_3).abs() < 4e-15);
-        assert!((tableau.pairs[0].im - 3.050_430_199_247_410_5).abs() < 4e-15);
+        // Constants of RADAU5.
+        assert!((tableau.gamma.unwrap() - 3.637_834_252_744_496).abs() < 4e-15);
+        assert!((tableau.pairs[0].re - 2.681_082_873_627_752).abs() < 4e-15);
+        assert!((tableau.pairs[0].im - 3.050_430_199_247_41).abs() < 4e-15);
     }
 
     #[test]
@@ -303,7 +303,7 @@ mod tests {
             assert_eq!(k, s);
             let back = &tableau.t * l * &tableau.t_inverse - &tableau.a_inverse;
             let condition = tableau.t.amax() * tableau.t_inverse.amax() * tableau.a_inverse.amax();
-            assert!(back.amax() < 4e-15 * condition, "s = {s}: {} of {condition}", back.amax());
+            assert!(back.amax() < 1e-14 * condition, "s = {s}: {} of {condition}", back.amax());
         }
     }
 

@@ -5,8 +5,8 @@ pub mod encodings;
 mod integrate;
 mod trajectory;
 
-pub use diagnostics::{Complementarity, Diagnostics, Evaluations, Steps, ViCounts, Warning};
-pub use integrate::{Plan, integrate};
+pub use diagnostics::{Diagnostics, Evaluations, Face, Steps, ViCounts, Warning};
+pub use integrate::{Plan, describe, integrate};
 pub use trajectory::{Event, EventKind, Field, Trajectory};
 
 use serde::Serialize;

@@ -3,9 +3,10 @@
 use super::error::SpecificationError;
 use super::expression::Expression;
 use super::lowering::Lowering;
-use super::nearest::{abridged, listed, nearest};
 use super::place::Place;
+use super::wording::{abridged, listed};
 use crate::expression::Node;
+use crate::expression::nearest;
 use crate::problem::{ConvexSet, MovingBound, Side};
 use serde::Deserialize;
 use std::collections::HashMap;
@@ -95,7 +96,7 @@ pub(super) fn lower(
         for (j, name) in block.variables().iter().enumerate() {
             let place = names.index(j);
             match positions.get(name.as_str()) {
-                None => lowering.errors.push(unknown_variable(name, variables, &place)),
+                None => lowering.errors.push_with(|| unknown_variable(name, variables, &place)),
                 Some(&i) => match &home[i] {
                     Some(first) => {
                         let detail = format!("`{name}` stands in a block already, at {first}");

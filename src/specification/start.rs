@@ -1,7 +1,7 @@
 //! Evaluates a problem at its start, where initial values outside the domain of the equations show.
 
 use super::error::{Errors, SpecificationError};
-use super::nearest::abridged;
+use super::wording::abridged;
 use crate::models::Model;
 
 /// Reports rates that are not finite at `t` and the initial values, and moving bounds that are not bounds there.

@@ -78,6 +78,11 @@ impl Accuracy {
         self.intervals <= TOLERANCE * self.magnitude && self.blockwise <= TOLERANCE
     }
 
+    /// False also if this is NaN.
+    fn is_closer_than(&self, other: &Self) -> bool {
+        self.componentwise < other.componentwise
+    }
+
     fn report(&self, failure: Outcome, iterations: usize) -> Report {
         let outcome = if self.is_solved() { Outcome::Solved } else { failure };
         Report { outcome, residual: self.residual, iterations }

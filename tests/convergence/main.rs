@@ -1,4 +1,6 @@
 //! Measured orders of convergence, against closed forms.
 
+#[path = "../systems/harness.rs"]
+mod harness;
 mod orders;
-mod scratch;
+mod switches;

@@ -4,7 +4,7 @@
 mod documents;
 mod equations;
 mod examples;
-mod lists;
+mod hostile;
 mod schema;
 mod semantics;
 mod structure;

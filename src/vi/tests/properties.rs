@@ -33,7 +33,8 @@ proptest! {
         prop_assert!(largest_difference(&problem.w(&answers[0]), &problem.w(&answers[1])) < 1e-5);
     }
 
-    /// Any matrix at all: what is called solved is solved, and a box always has a solution to be found by one of them.
+    /// Any matrix at all, solvable or not: what is called solved is solved, what is solved is called so, and the residual
+    /// is the one reported.
     #[test]
     fn what_is_called_solved_is_solved(seed in any::<u64>(), m in 1_usize..8) {
         let mut random = Random(seed);
@@ -46,7 +47,9 @@ proptest! {
             }
             let residual = problem.set.natural_residual(&z, &problem.w(&z));
             prop_assert!((residual - report.residual).abs() <= 1e-12 * (1.0 + residual));
-            prop_assert_eq!(report.outcome == Outcome::Solved, problem.scaled_residual(&z) <= 1e-10);
+            let scaled = problem.scaled_residual(&z);
+            let solved = report.outcome == Outcome::Solved;
+            prop_assert!(if solved { scaled <= 1e-10 } else { scaled > 1e-12 }, "{scaled} in {report:?}");
         }
     }
 }
