@@ -6,5 +6,6 @@ mod friction;
 mod harness;
 mod pendulum;
 mod queues;
+mod sets;
 mod sliding;
 mod stiff;

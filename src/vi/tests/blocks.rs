@@ -92,7 +92,9 @@ fn strongly_monotone_problems_over_any_set_have_one_answer_for_all_solvers() {
         }
         let problem = Problem::new(symmetric + skew, q, set);
         let z = solve(&problem, &mut SemismoothNewton::new(m));
-        assert!(largest_difference(&solve(&problem, &mut Auto::new(m)), &z) < 1e-7);
+        for mut solver in [SolverKind::Conic, SolverKind::Auto].map(|kind| kind.build(m)) {
+            assert!(largest_difference(&solve(&problem, &mut *solver), &z) < 1e-7, "{} at {m}", solver.name());
+        }
     }
 }
 

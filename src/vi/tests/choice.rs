@@ -33,14 +33,6 @@ fn pivoting_refuses_what_is_no_product_of_intervals() {
 }
 
 #[test]
-fn interior_points_refuse_what_is_not_symmetric() {
-    let matrix = DMatrix::from_row_slice(2, 2, &[1.0, 0.5, -0.5, 1.0]);
-    let problem = Problem::complementarity(matrix, vec![1.0, -1.0]);
-    let mut z = vec![0.0; 2];
-    assert_eq!(problem.solve(&mut Conic::new(), &mut z).outcome, Outcome::Unsuitable);
-}
-
-#[test]
 fn the_story_names_every_solver_that_was_tried() {
     // No point of the half plane z1 >= 1 minimises -z2: there is no solution, and all say so in their way.
     let mut set = ConvexSet::free(2);
