@@ -16,7 +16,7 @@ use super::stages::{NewtonControl, Stages};
 use super::system::System;
 use super::tableau::Tableau;
 use crate::problem::{ConvexSet, Shape, Workspace};
-use crate::vi::{AffineVi, Outcome, SolverKind, ViSolver};
+use crate::vi::{AffineVi, Attempt, Outcome, SolverKind, ViSolver};
 use nalgebra::{Complex, DMatrix};
 
 /// The coupled stage problem and the solver of its affine problems.
@@ -50,6 +50,8 @@ pub struct StageVi {
     pub solves: u64,
     /// Their pivots or iterations.
     pub pivots: u64,
+    /// The attempts that did not solve one, each with how often it happened.
+    pub failures: Vec<(Attempt, u64)>,
 }
 
 impl StageVi {
@@ -80,6 +82,7 @@ impl StageVi {
             complex: vec![Complex::new(0.0, 0.0); unknowns],
             solves: 0,
             pivots: 0,
+            failures: Vec::new(),
         }
     }
 
@@ -219,6 +222,12 @@ impl StageVi {
         let report = self.solver.solve(&vi, &mut self.z);
         self.solves += 1;
         self.pivots += report.iterations as u64;
+        for &attempt in self.solver.attempts().iter().filter(|attempt| attempt.outcome != Outcome::Solved) {
+            match self.failures.iter_mut().find(|(known, _)| *known == attempt) {
+                Some((_, times)) => *times += 1,
+                None => self.failures.push((attempt, 1)),
+            }
+        }
         report.outcome == Outcome::Solved
     }
 

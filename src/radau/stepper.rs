@@ -12,6 +12,7 @@ use super::switches::{Located, Switching};
 use super::system::System;
 use super::tableau::Tableau;
 use crate::problem::{ConvexSet, Dvi};
+use crate::vi;
 use nalgebra::DMatrix;
 
 /// Counts of what a run did.
@@ -192,6 +193,11 @@ impl<'p> Radau<'p> {
         let (stages, faces) = (self.stage_vi.as_ref()?, self.switching.probe.vi.as_ref()?);
         let last = if stages.solves > 0 { stages } else { faces };
         Some((last.solver(), stages.solves + faces.solves, stages.pivots + faces.pivots))
+    }
+
+    /// The attempts at affine problems of the stages that did not solve them, each with how often it happened.
+    pub fn vi_failures(&self) -> impl Iterator<Item = (vi::Attempt, u64)> + '_ {
+        self.stage_vi.iter().flat_map(|vi| &vi.failures).copied()
     }
 
     /// `y` at a time within the last accepted step, into `out`: the states from the collocation polynomial, the variables

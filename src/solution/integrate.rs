@@ -1,12 +1,13 @@
 //! Runs a stepper from start to end: outputs, limits, events, evidence. Written once, outside the methods.
 
 use super::{
-    Diagnostics, Evaluations, Event, EventKind, Face, Failure, Field, Solution, Status, Steps, Trajectory, ViCounts,
-    Warning,
+    Diagnostics, Evaluations, Event, EventKind, Face, Failure, Field, Solution, Status, Steps, Trajectory, Tried,
+    ViCounts, Warning,
 };
 use crate::analysis::{Analysis, Uniqueness, analyse_face};
 use crate::problem::{Control, Dvi, Mass, Stop, Structure};
 use crate::radau::{Place, Radau, Settings, StageChoice, StepError, Switch, Switches};
+use crate::vi::Attempt;
 use std::time::Instant;
 
 /// The faces that are analysed in one run.
@@ -187,6 +188,11 @@ pub fn describe(structure: &Structure, plan: &Plan) -> Diagnostics {
         diagnostics.built.push("variational inequality");
         diagnostics.vi = Some(ViCounts::default());
         match plan.settings.switches {
+            Switches::Locate if structure.set.has_blocks() => {
+                let reason =
+                    "switch detection: K binds variables together, so steps go across switches, refined by their error";
+                diagnostics.left_out.push(reason.to_owned());
+            }
             Switches::Locate => diagnostics.built.push("switch detection"),
             Switches::StepOver => {
                 diagnostics.left_out.push("switch detection: step_over was asked for".to_owned());
@@ -214,6 +220,12 @@ fn count(radau: &mut Radau<'_>, diagnostics: &mut Diagnostics) {
     diagnostics.newton_iterations = work.newton;
     if let (Some(counts), Some(work)) = (&mut diagnostics.vi, radau.vi_work()) {
         (counts.solver, counts.solves, counts.pivots) = work;
+        let tried = |(attempt, times): (Attempt, u64)| Tried {
+            solver: attempt.solver.name(),
+            outcome: attempt.outcome.name(),
+            times,
+        };
+        counts.tried = radau.vi_failures().map(tried).collect();
     }
     if radau.jumped() {
         diagnostics.warnings.push(Warning {

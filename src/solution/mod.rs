@@ -5,7 +5,7 @@ pub mod encodings;
 mod integrate;
 mod trajectory;
 
-pub use diagnostics::{Diagnostics, Evaluations, Face, Steps, ViCounts, Warning};
+pub use diagnostics::{Diagnostics, Evaluations, Face, Steps, Tried, ViCounts, Warning};
 pub use integrate::{Plan, describe, integrate};
 pub use trajectory::{Event, EventKind, Field, Trajectory};
 

@@ -181,6 +181,19 @@ pub enum Outcome {
     Unsuitable,
 }
 
+impl Outcome {
+    /// A stable word for programs.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Solved => "solved",
+            Self::Ray => "ray",
+            Self::Limit => "limit",
+            Self::Breakdown => "breakdown",
+            Self::Unsuitable => "unsuitable",
+        }
+    }
+}
+
 /// What a solver did.
 #[derive(Clone, Copy, Debug)]
 pub struct Report {

@@ -47,7 +47,12 @@ impl LoweredSet {
 }
 
 /// A bound, in `t` and the states alone; a constant one is finite.
-pub(super) fn bound_node(bound: &Expression, states: usize, place: &Place<'_>, lowering: &mut Lowering) -> Option<Node> {
+pub(super) fn bound_node(
+    bound: &Expression,
+    states: usize,
+    place: &Place<'_>,
+    lowering: &mut Lowering,
+) -> Option<Node> {
     let node = lowering.node(bound, place)?;
     if lowering.graph.inputs(node).into_iter().any(|input| input > states) {
         let detail = "a bound may depend on `t` and the states, not on the variables";
