@@ -38,9 +38,10 @@ impl Certificates {
         for &k in bounded.iter().filter(|&&k| set.block_of(k).is_none()) {
             let (z, g) = (z[k], g[k]);
             let distance = (z - set.lower[k]).min(set.upper[k] - z);
-            let signed = if z <= set.lower[k] {
+            // The natural map tells which bound, if any, the variable rests on.
+            let signed = if z - set.lower[k] <= g {
                 g
-            } else if z >= set.upper[k] {
+            } else if set.upper[k] - z <= -g {
                 -g
             } else {
                 -g.abs()

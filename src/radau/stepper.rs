@@ -28,7 +28,7 @@ pub struct Counts {
 
 /// A method with its tolerances.
 pub(super) struct Method {
-    pub(super) tableau: Tableau,
+    pub(super) tableau: &'static Tableau,
     pub(super) tolerance: Rescaled,
 }
 
@@ -107,7 +107,7 @@ impl<'p> Radau<'p> {
         let adaptive = settings.step.is_none();
         let methods: Vec<Method> = counts
             .iter()
-            .map(|&s| Method { tableau: Tableau::new(s), tolerance: Rescaled::new(s, settings.rtol, adaptive) })
+            .map(|&s| Method { tableau: Tableau::of(s), tolerance: Rescaled::new(s, settings.rtol, adaptive) })
             .collect();
         let most_stages = counts.iter().copied().max().unwrap_or(1);
         let unknowns = system.unknowns;
@@ -207,7 +207,7 @@ impl<'p> Radau<'p> {
         if at_end {
             out.copy_from_slice(&self.y);
         } else {
-            self.last.at(&self.methods[self.last_method].tableau, t, out);
+            self.last.at(self.methods[self.last_method].tableau, t, out);
             std::mem::swap(&mut self.system.face, &mut self.last.face);
         }
         if let Some(consistent) = &mut self.consistent
@@ -249,8 +249,8 @@ impl<'p> Radau<'p> {
         self.system.problem()
     }
 
-    pub(super) fn tableau(&self) -> &Tableau {
-        &self.methods[self.current].tableau
+    pub(super) fn tableau(&self) -> &'static Tableau {
+        self.methods[self.current].tableau
     }
 
     /// Makes one accepted step.
@@ -335,7 +335,7 @@ impl<'p> Radau<'p> {
 
     /// Newton's method on the present face.
     pub(super) fn newton(&mut self, h: f64) -> Newton {
-        let tableau = &self.methods[self.current].tableau;
+        let tableau = self.tableau();
         self.stages.newton(
             &mut self.system,
             tableau,
@@ -350,8 +350,8 @@ impl<'p> Radau<'p> {
 
     /// Solves the stages with the VI coupled over them, from the increments at hand.
     fn couple(&mut self, h: f64) -> Attempt {
+        let tableau = self.tableau();
         let Some(stage_vi) = &mut self.stage_vi else { return Attempt::Failed(0.5) };
-        let tableau = &self.methods[self.current].tableau;
         self.contraction = Contraction::default();
         self.switching.remember(&self.system.face);
         if stage_vi.solve(&mut self.system, tableau, &mut self.stages, self.t, h, &self.y, &self.control) {
@@ -366,7 +366,7 @@ impl<'p> Radau<'p> {
         self.differentiate()?;
         if self.factored != Some(h) {
             self.system.negative_jacobian(&self.system.face, &mut self.negative_jacobian);
-            let tableau = &self.methods[self.current].tableau;
+            let tableau = self.tableau();
             self.factors = Factors::compute(tableau, h, &self.system.mass, &self.negative_jacobian);
             self.system.work.factorisations += 1;
             self.factored = Some(h);
@@ -418,7 +418,7 @@ impl<'p> Radau<'p> {
     /// Starting values: the last collocation polynomial, continued; zero where it says nothing of this step.
     pub(super) fn predict(&mut self, h: f64) {
         let n = self.system.unknowns;
-        let tableau = &self.methods[self.current].tableau;
+        let tableau = self.tableau();
         if !self.continues || self.last_method != self.current {
             self.stages.z.fill(0.0);
             self.stages.w.fill(0.0);
@@ -455,7 +455,7 @@ impl<'p> Radau<'p> {
             Some(vi) if coupled => vi.factors(),
             _ => &self.factors,
         };
-        let weights = &self.methods[self.current].tableau.estimate;
+        let weights = &self.tableau().estimate;
         self.shifted.fill(0.0);
         for (weight, z) in weights.iter().zip(self.stages.z.chunks_exact(n)) {
             for (sum, z) in self.shifted[..states].iter_mut().zip(z) {

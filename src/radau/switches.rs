@@ -164,7 +164,7 @@ impl Radau<'_> {
         while *solves < SOLVES && trial > 0.0 && trial < longest {
             *solves += 1;
             self.prepare(trial)?;
-            self.stages.resample(&self.methods[self.current].tableau, trial / size);
+            self.stages.resample(self.tableau(), trial / size);
             let before = std::mem::replace(&mut size, trial);
             if !matches!(self.newton(size), Newton::Converged { .. }) {
                 return Ok(None);
@@ -221,7 +221,7 @@ impl Radau<'_> {
 
     /// Whether a monitor, other than the one that ends it, is violated at a stage of the step at hand.
     fn is_violated_within(&mut self, h: f64, end: &Crossing) -> bool {
-        let tableau = &self.methods[self.current].tableau;
+        let tableau = self.tableau();
         (0..tableau.stages()).any(|i| {
             let y = self.stages.stage(&self.y, i);
             !self.system.evaluate(self.t + tableau.c[i] * h, y)
@@ -237,7 +237,7 @@ impl Radau<'_> {
     /// One monitor at the end of the step at hand, with the variables that belong to the states there: their stage values
     /// would give the time of the switch to order `s` only.
     fn monitor_at(&mut self, crossing: &Crossing, h: f64) -> Option<Monitor> {
-        let y = self.stages.stage(&self.y, self.methods[self.current].tableau.stages() - 1);
+        let y = self.stages.stage(&self.y, self.tableau().stages() - 1);
         self.switching.scratch.copy_from_slice(y);
         if let Some(consistent) = &mut self.consistent {
             consistent.solve(&mut self.system, self.t + h, &mut self.switching.scratch);
@@ -249,7 +249,7 @@ impl Radau<'_> {
     /// The values of all monitors on the collocation polynomial of the step at hand.
     fn monitors_at(&mut self, theta: f64, h: f64, out: &mut Vec<[Option<Monitor>; 2]>) {
         let unknowns = self.system.unknowns;
-        let tableau = &self.methods[self.current].tableau;
+        let tableau = self.tableau();
         let mut basis = [0.0; 16];
         let basis = &mut basis[..tableau.stages()];
         tableau.increments_at(theta, basis);
@@ -269,12 +269,12 @@ impl Radau<'_> {
     /// The earliest sign change of a violated monitor on the collocation polynomial of the step at hand.
     fn earliest(&mut self, h: f64) -> Option<Crossing> {
         // The stages and the middles between them.
-        let cells = 2 * self.methods[self.current].tableau.stages();
+        let cells = 2 * self.tableau().stages();
         let (mut at_left, mut at_right) = (Vec::new(), Vec::new());
         self.monitors_at(0.0, h, &mut at_left);
         let mut left = 0.0;
         for cell in 1..=cells {
-            let c = &self.methods[self.current].tableau.c;
+            let c = &self.tableau().c;
             let node = c[(cell - 1) / 2];
             let right = if cell % 2 == 0 { node } else { 0.5 * (left + node) };
             self.monitors_at(right, h, &mut at_right);

@@ -168,6 +168,11 @@ pub fn describe(structure: &Structure, plan: &Plan) -> Diagnostics {
         let message = format!("uniqueness is not guaranteed: {}", plan.analysis.because);
         diagnostics.warnings.push(Warning { code: "uniqueness_not_guaranteed", message });
     }
+    if plan.analysis.index == Some(2) && !structure.constant_jacobian {
+        let message = "the index at the start is 2 (CB = 0): bounds may be crossed, but where one is reached and kept the \
+                       states jump; implicit Euler takes that in its stride (`\"stages\": 1` with a fixed `step`)";
+        diagnostics.warnings.push(Warning { code: "index_two", message: message.to_owned() });
+    }
     let mut leave = |what: &str| diagnostics.left_out.push(what.to_owned());
     if structure.variables == 0 {
         leave("variational inequality: there are no variables");

@@ -3,6 +3,7 @@
 mod diagnostics;
 pub mod encodings;
 mod integrate;
+pub mod pictures;
 mod trajectory;
 
 pub use diagnostics::{Diagnostics, Evaluations, Face, Steps, Tried, ViCounts, Warning};

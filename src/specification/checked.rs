@@ -187,7 +187,12 @@ fn check_index(analysis: &Analysis, model: &Model, method: &Method, errors: &mut
             let error = SpecificationError::new("/problem", "index_too_high", detail);
             errors.push(error.expected(expected));
         }
-        Some(2) if bounded && !(method.step.is_some() && matches!(method.stages, Stages::Fixed(1))) => {
+        // Where the matrices vary, those at the start do not tell what happens at a bound: it may be crossed without rest.
+        Some(2)
+            if bounded
+                && model.structure().constant_jacobian
+                && !(method.step.is_some() && matches!(method.stages, Stages::Fixed(1))) =>
+        {
             let detail = "the index is 2 (CB = 0): where a bound is reached the states jump, and only implicit Euler with a \
                           fixed step takes such impulses in its stride";
             let error = SpecificationError::new("/method", "index_two_needs_euler", detail);

@@ -4,6 +4,7 @@
 mod circuits;
 mod friction;
 mod harness;
+mod nonunique;
 mod pendulum;
 mod queues;
 mod sets;

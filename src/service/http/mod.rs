@@ -42,7 +42,7 @@ pub struct Shared {
     pub jobs: Arc<Jobs>,
     /// Its bounds.
     pub options: Arc<Options>,
-    /// Large specifications that may be read at a time.
+    /// Large specifications that may be read, and large pictures that may be drawn, at a time.
     pub readers: Arc<Semaphore>,
 }
 
