@@ -10,13 +10,13 @@
 //! with `E` the block-diagonal matrix of [`Factors`] in which the bounded variables are held and `e` their unit
 //! vectors. Row block `i` is scaled by `d_i = b_i / c_i`: then `S` is monotone where the problem is.
 
-use super::face::{Place, place};
+use super::face::{Place, place, place_on_blocks};
 use super::factors::Factors;
 use super::stages::{NewtonControl, Stages};
 use super::system::System;
 use super::tableau::Tableau;
-use crate::problem::ConvexSet;
-use crate::vi::{AffineVi, Outcome, SolverKind, ViSolver};
+use crate::problem::{ConvexSet, Shape, Workspace};
+use crate::vi::{AffineVi, Attempt, Outcome, SolverKind, ViSolver};
 use nalgebra::{Complex, DMatrix};
 
 /// The coupled stage problem and the solver of its affine problems.
@@ -25,7 +25,12 @@ pub struct StageVi {
     /// `S`, its row blocks scaled.
     matrix: DMatrix<f64>,
     q: Vec<f64>,
+    /// `K` of the bounded variables, and its product over the stages.
+    factor: ConvexSet,
     set: ConvexSet,
+    workspace: Workspace,
+    /// `z - g` of the variables of one stage.
+    moved: Vec<f64>,
     /// The bounded variables of all stages, stage by stage, and the same before the last solve.
     z: Vec<f64>,
     last_z: Vec<f64>,
@@ -45,6 +50,8 @@ pub struct StageVi {
     pub solves: u64,
     /// Their pivots or iterations.
     pub pivots: u64,
+    /// The attempts that did not solve one, each with how often it happened.
+    pub failures: Vec<(Attempt, u64)>,
 }
 
 impl StageVi {
@@ -52,13 +59,17 @@ impl StageVi {
     pub fn new(system: &System<'_>, stages: usize, solver: SolverKind) -> Self {
         let unknowns = system.unknowns;
         let coupled = stages * system.bounded.len();
+        let factor = system.set.restricted(&system.bounded);
         let mut held = vec![Place::Inside; unknowns - system.states];
         system.bounded.iter().for_each(|&k| held[k] = Place::Held);
         Self {
             solver: solver.build(coupled),
             matrix: DMatrix::zeros(coupled, coupled),
             q: vec![0.0; coupled],
-            set: ConvexSet::free(coupled),
+            set: factor.power(stages),
+            factor,
+            workspace: Workspace::default(),
+            moved: vec![0.0; unknowns - system.states],
             z: vec![0.0; coupled],
             last_z: vec![0.0; coupled],
             g: vec![0.0; coupled],
@@ -71,6 +82,7 @@ impl StageVi {
             complex: vec![Complex::new(0.0, 0.0); unknowns],
             solves: 0,
             pivots: 0,
+            failures: Vec::new(),
         }
     }
 
@@ -118,8 +130,11 @@ impl StageVi {
             if iteration > 0 && norm <= control.kappa && self.is_solved(system, stages, y0, s, control) {
                 let last = (s - 1) * count;
                 for (a, &k) in system.bounded.iter().enumerate() {
-                    system.face[k] = place(&system.set, k, self.z[last + a], self.g[last + a]);
+                    let (z, g) = (self.z[last + a], self.g[last + a]);
+                    system.face[k] = place(&system.set, k, z, g);
+                    self.moved[k] = z - g;
                 }
+                place_on_blocks(&system.set, &self.moved, &mut system.face, &mut self.workspace);
                 return true;
             }
             system.work.newton += 1;
@@ -165,6 +180,11 @@ impl StageVi {
                 self.set.upper[place] = system.set.upper[k];
                 phi[n + k] = 0.0;
             }
+            for (b, block) in system.set.blocks().iter().enumerate() {
+                if let Shape::Ball { radius } = block.shape {
+                    self.set.set_radius(i * system.set.blocks().len() + b, radius);
+                }
+            }
         }
         true
     }
@@ -202,12 +222,18 @@ impl StageVi {
         let report = self.solver.solve(&vi, &mut self.z);
         self.solves += 1;
         self.pivots += report.iterations as u64;
+        for &attempt in self.solver.attempts().iter().filter(|attempt| attempt.outcome != Outcome::Solved) {
+            match self.failures.iter_mut().find(|(known, _)| *known == attempt) {
+                Some((_, times)) => *times += 1,
+                None => self.failures.push((attempt, 1)),
+            }
+        }
         report.outcome == Outcome::Solved
     }
 
     /// Whether the VI holds at every stage to the tolerance, from the last evaluation.
     fn is_solved(
-        &self,
+        &mut self,
         system: &System<'_>,
         stages: &mut Stages,
         y0: &[f64],
@@ -215,9 +241,9 @@ impl StageVi {
         control: &NewtonControl,
     ) -> bool {
         let (n, count) = (system.states, system.bounded.len());
-        (0..s).all(|i| {
+        let intervals = (0..s).all(|i| {
             let y = stages.stage(y0, i);
-            system.bounded.iter().enumerate().all(|(a, &k)| {
+            system.bounded.iter().enumerate().filter(|&(_, &k)| system.set.block_of(k).is_none()).all(|(a, &k)| {
                 let at = i * count + a;
                 let noise_g = control.noise_of_g(system, k, y);
                 let noise_z = control.vi_tolerance * control.size[n + k].max(y[n + k].abs());
@@ -226,7 +252,23 @@ impl StageVi {
                 let inside = z >= lower - noise_z && z <= upper + noise_z;
                 inside && (g <= noise_g || z <= lower + noise_z) && (g >= -noise_g || z >= upper - noise_z)
             })
-        })
+        });
+        intervals
+            && (0..self.set.blocks().len()).all(|b| {
+                let members = &self.set.blocks()[b].members;
+                let y = stages.stage(y0, members[0] / count);
+                let (mut noise_g, mut size) = (f64::MIN_POSITIVE, 0.0_f64);
+                for at in members {
+                    let k = system.bounded[at % count];
+                    noise_g = noise_g.max(control.noise_of_g(system, k, y));
+                    size = size.max(control.size[n + k].max(y[n + k].abs()));
+                }
+                let noise_z = control.vi_tolerance * if size > 0.0 { size } else { 1.0 };
+                // With p = P(z - s g) the VI holds exactly for p and g - (z - p)/s; this s makes both changes noise
+                // if the first is.
+                let scale = noise_z / noise_g;
+                self.set.defect(b, &self.z, &self.g, scale, &mut self.workspace) <= noise_z
+            })
     }
 
     /// Forms `S`.
@@ -288,8 +330,7 @@ impl StageVi {
             for vector in [&mut self.q, &mut self.z, &mut self.last_z, &mut self.g] {
                 vector.resize(size, 0.0);
             }
-            self.set.lower.resize(size, 0.0);
-            self.set.upper.resize(size, 0.0);
+            self.set = self.factor.power(size / self.factor.dimension().max(1));
         }
     }
 }
