@@ -514,6 +514,14 @@ impl<'p> Radau<'p> {
         let face = if coupled { &self.switching.before } else { &self.system.face };
         self.last.set(self.t, h, &self.y, &self.stages.z[..s * n], face);
         self.last.is_smooth = !coupled;
+        self.last.slope.clear();
+        if let Some(gamma) = self.tableau().gamma
+            && self.settings.step.is_none()
+            && !coupled
+        {
+            let states = &self.estimate[..self.system.states];
+            self.last.slope.extend(states.iter().map(|e| gamma * e));
+        }
         self.last_method = self.current;
         self.t = if h >= self.end - self.t { self.end } else { self.t + h };
         for (y, z) in self.y.iter_mut().zip(&self.stages.z[(s - 1) * n..s * n]) {

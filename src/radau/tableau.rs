@@ -36,6 +36,9 @@ pub struct Tableau {
     /// The embedded error estimate combines the stage increments with `-l_i(0) / c_i`, where `l_i` is the Lagrange
     /// polynomial of node `i` (as RADAU does; for `s = 3` the `-(13+7 sqrt 6)/3, ..` of RADAU5).
     pub estimate: Vec<f64>,
+    /// Coefficients of the polynomial `p` with `p(0) = p(1) = 0`, `p'(0) = 1` and `p'(c_i) = 0`, from the first power on:
+    /// `p'` is the node polynomial, orthogonal to constants for `s >= 2`. Empty for one stage, where there is none.
+    bubble: Vec<f64>,
     /// Barycentric weights of the nodes `0, c_1, .., c_s`.
     barycentric: Vec<f64>,
 }
@@ -93,7 +96,14 @@ impl Tableau {
         let node = |i: usize| if i == 0 { 0.0 } else { c[i - 1] };
         let barycentric =
             (0..=s).map(|i| 1.0 / (0..=s).filter(|&j| j != i).map(|j| node(i) - node(j)).product::<f64>()).collect();
-        Self { c, a, b, a_inverse, gamma, pairs, t, t_inverse, estimate, barycentric }
+        let bubble = if s == 1 { Vec::new() } else { bubble(&c) };
+        Self { c, a, b, a_inverse, gamma, pairs, t, t_inverse, estimate, bubble, barycentric }
+    }
+
+    /// The value at `theta` of the polynomial that vanishes at both ends of a step, has the slope 1 at its beginning and
+    /// 0 at the nodes.
+    pub fn bubble_at(&self, theta: f64) -> f64 {
+        self.bubble.iter().rev().fold(0.0, |value, coefficient| (value + coefficient) * theta)
     }
 
     /// `s`, the number of stages.
@@ -120,6 +130,18 @@ impl Tableau {
             };
         }
     }
+}
+
+/// The integral of `prod_i (1 - theta / c_i)` from zero, without its vanishing constant.
+fn bubble(c: &[f64]) -> Vec<f64> {
+    let mut product = vec![1.0];
+    for node in c {
+        product.push(0.0);
+        for k in (1..product.len()).rev() {
+            product[k] -= product[k - 1] / node;
+        }
+    }
+    product.iter().enumerate().map(|(k, coefficient)| coefficient / (k + 1) as f64).collect()
 }
 
 /// The first `s + 1` orthonormal shifted Legendre polynomials at `x` in `[0, 1]`.
@@ -328,6 +350,17 @@ mod tests {
             tableau.increments_at(theta, &mut values);
             let sum: f64 = (0..4).map(|i| values[i] * polynomial(tableau.c[i])).sum();
             assert!((sum - polynomial(theta)).abs() < 1e-13, "theta = {theta}: {sum}");
+        }
+    }
+
+    #[test]
+    fn the_bubble_vanishes_at_both_ends_and_is_flat_at_the_nodes() {
+        for s in 2..=9 {
+            let tableau = Tableau::of(s);
+            assert!(tableau.bubble_at(1.0).abs() < 1e-11, "s = {s}: {}", tableau.bubble_at(1.0));
+            let slope = |x: f64| (tableau.bubble_at(x + 1e-6) - tableau.bubble_at(x - 1e-6)) / 2e-6;
+            assert!((slope(0.0) - 1.0).abs() < 1e-5);
+            assert!(tableau.c.iter().all(|&c| slope(c).abs() < 1e-5), "s = {s}");
         }
     }
 }
