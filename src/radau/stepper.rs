@@ -294,6 +294,9 @@ impl<'p> Radau<'p> {
             }
             self.counts.rejected_error += 1;
             self.switching.abandon();
+            if coupled {
+                self.system.face.copy_from_slice(&self.switching.before);
+            }
             let first = self.counts.accepted == 0;
             self.shrink(reached, Cause::Error, |controller| {
                 controller.reject(s, reached, error.min(1e10), iterations, most, first)

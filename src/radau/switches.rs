@@ -93,7 +93,7 @@ impl Switching {
                 changed = true;
             }
         }
-        if changed {
+        if changed && self.locate {
             let gap = t - self.last;
             self.shrinking = if gap < 0.95 * self.gap { self.shrinking + 1 } else { 0 };
             if self.shrinking == ACCUMULATION {
