@@ -35,6 +35,8 @@ pub struct StageVi {
     held: Vec<Place>,
     /// Stage increments and their transforms before the present iteration.
     saved: (Vec<f64>, Vec<f64>),
+    /// The largest size of each component of `y` over the step.
+    largest: Vec<f64>,
     /// Added to `G`, one a variable: zero, but where a switch is known to be at `G = 0` exactly.
     pub offset: Vec<f64>,
     negative_jacobian: DMatrix<f64>,
@@ -64,6 +66,7 @@ impl StageVi {
             g: vec![0.0; coupled],
             held,
             saved: (vec![0.0; stages * unknowns], vec![0.0; stages * unknowns]),
+            largest: vec![0.0; unknowns],
             offset: vec![0.0; unknowns - system.states],
             negative_jacobian: DMatrix::zeros(unknowns, unknowns),
             factors: Factors::default(),
@@ -115,7 +118,9 @@ impl StageVi {
             if !self.evaluate(system, tableau, stages, t, h, y0) {
                 return false;
             }
-            if iteration > 0 && norm <= control.kappa && self.is_solved(system, stages, y0, s, control) {
+            // Increments at the rounding level of y neither shrink nor matter; the transforms of many stages add to it.
+            let least = control.kappa.max(1e3 * f64::EPSILON * stages.size(y0, &control.weight, s));
+            if iteration > 0 && norm <= least && self.is_solved(system, stages, h, y0, control) {
                 let last = (s - 1) * count;
                 for (a, &k) in system.bounded.iter().enumerate() {
                     system.face[k] = place(&system.set, k, self.z[last + a], self.g[last + a]);
@@ -133,7 +138,9 @@ impl StageVi {
                 }
             }
             match stages.increment(system, tableau, &self.factors, h, &control.weight) {
-                Some(new) if new.is_finite() && (iteration < 3 || new < 2.0 * norm) => norm = new,
+                Some(new) if new <= least || (new.is_finite() && (iteration < 3 || new < 2.0 * norm)) => {
+                    norm = new;
+                }
                 _ => return false,
             }
         }
@@ -205,22 +212,32 @@ impl StageVi {
         report.outcome == Outcome::Solved
     }
 
-    /// Whether the VI holds at every stage to the tolerance, from the last evaluation.
+    /// Whether the VI holds at every stage to the tolerance, from the last evaluation. The transforms mix the stages, so
+    /// that the rounding errors of one are those of the largest, and those of a state at rest those of the variables that hold it.
     fn is_solved(
-        &self,
+        &mut self,
         system: &System<'_>,
         stages: &mut Stages,
+        h: f64,
         y0: &[f64],
-        s: usize,
         control: &NewtonControl,
     ) -> bool {
         let (n, count) = (system.states, system.bounded.len());
-        (0..s).all(|i| {
-            let y = stages.stage(y0, i);
-            system.bounded.iter().enumerate().all(|(a, &k)| {
-                let at = i * count + a;
-                let noise_g = control.noise_of_g(system, k, y);
-                let noise_z = control.vi_tolerance * control.size[n + k].max(y[n + k].abs());
+        self.largest.copy_from_slice(&control.size);
+        for i in 0..self.z.len() / count {
+            for (largest, y) in self.largest.iter_mut().zip(stages.stage(y0, i)) {
+                *largest = largest.max(y.abs());
+            }
+        }
+        for (i, j, value) in system.entries().filter(|&(i, j, _)| i < n && j >= n) {
+            let mass = system.mass[(i, i)];
+            let change = if mass == 0.0 { 0.0 } else { h * value / mass * self.largest[j] };
+            self.largest[i] = self.largest[i].max(change.abs());
+        }
+        system.bounded.iter().enumerate().all(|(a, &k)| {
+            let noise_g = control.noise_of_g(system, k, &self.largest);
+            let noise_z = control.vi_tolerance * self.largest[n + k];
+            (a..self.z.len()).step_by(count).all(|at| {
                 let (z, g) = (self.z[at], self.g[at]);
                 let (lower, upper) = (self.set.lower[at], self.set.upper[at]);
                 let inside = z >= lower - noise_z && z <= upper + noise_z;

@@ -268,7 +268,7 @@ impl Stages {
     }
 
     /// The weighted norm of `y` over the stages.
-    fn size(&self, y0: &[f64], weight: &[f64], s: usize) -> f64 {
+    pub fn size(&self, y0: &[f64], weight: &[f64], s: usize) -> f64 {
         let n = self.unknowns;
         let sum: f64 = (0..s * n)
             .map(|j| {
