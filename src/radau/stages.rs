@@ -21,6 +21,8 @@ pub struct Stages {
     right: Vec<f64>,
     pair: Vec<Complex<f64>>,
     y: Vec<f64>,
+    /// The monitors of the bounded variables at every stage, stage by stage, as of the last convergence.
+    pub monitors: Vec<[Option<Monitor>; 2]>,
 }
 
 /// How a Newton iteration ended.
@@ -96,6 +98,7 @@ impl Stages {
             right: zeros,
             pair: vec![Complex::new(0.0, 0.0); unknowns],
             y: vec![0.0; unknowns],
+            monitors: Vec::new(),
         }
     }
 
@@ -291,6 +294,7 @@ impl Stages {
     ) -> Option<Verdict> {
         let n = self.unknowns;
         let mut verdict = Verdict { satisfied: true, violated: false };
+        self.monitors.clear();
         for (i, c) in tableau.c.iter().enumerate() {
             self.stage(y0, i);
             let phi = &mut self.phi[i * n..(i + 1) * n];
@@ -302,7 +306,9 @@ impl Stages {
                 let y = &self.y;
                 verdict.satisfied &=
                     residual == 0.0 || system.face[k] != Place::Inside || residual <= control.noise_of_g(system, k, y);
-                verdict.violated |= monitors(system, control, k, y).iter().flatten().any(Monitor::is_violated);
+                let monitors = monitors(system, control, k, y);
+                verdict.violated |= monitors.iter().flatten().any(Monitor::is_violated);
+                self.monitors.push(monitors);
             }
         }
         Some(verdict)

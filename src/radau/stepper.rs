@@ -310,14 +310,17 @@ impl<'p> Radau<'p> {
             self.prepare(h)?;
             self.predict(h);
             match self.newton(h) {
-                Newton::Converged { iterations, violated: false } => {
-                    return Ok(Attempt::Solved { h, iterations, coupled: false });
+                Newton::Converged { iterations, violated } => {
+                    let dip = if violated || self.stage_vi.is_none() { None } else { self.dip(h) };
+                    if !violated && dip.is_none() {
+                        return Ok(Attempt::Solved { h, iterations, coupled: false });
+                    }
+                    match self.locate(h, dip)? {
+                        Located::At(h) => return Ok(Attempt::Solved { h, iterations, coupled: false }),
+                        Located::Now => {}
+                        Located::Nowhere => break,
+                    }
                 }
-                Newton::Converged { iterations, violated: true } => match self.locate(h)? {
-                    Located::At(h) => return Ok(Attempt::Solved { h, iterations, coupled: false }),
-                    Located::Now => {}
-                    Located::Nowhere => break,
-                },
                 Newton::Slow(factor) if self.stage_vi.is_none() => return Ok(Attempt::Failed(factor)),
                 Newton::Diverged if self.stage_vi.is_none() => return Ok(Attempt::Failed(0.5)),
                 Newton::Slow(_) | Newton::Diverged => break,
