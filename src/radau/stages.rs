@@ -65,6 +65,13 @@ impl NewtonControl {
         let passed = system.terms(k, |j| if j < system.states { self.kappa / self.weight[j] } else { 0.0 });
         (self.vi_tolerance * terms).max(passed)
     }
+
+    /// The size below which the distance of the bounds of variable `k` at `y` is noise, likewise.
+    pub fn noise_of_width(&self, system: &System<'_>, k: usize, y: &[f64]) -> f64 {
+        let at = system.states + k;
+        let passed = system.terms_of_bounds(k, |j| if j < system.states { self.kappa / self.weight[j] } else { 0.0 });
+        (self.vi_tolerance * self.size[at].max(y[at].abs())).max(passed)
+    }
 }
 
 /// The contraction seen, kept from one step to the next.

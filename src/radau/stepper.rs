@@ -362,8 +362,14 @@ impl<'p> Radau<'p> {
     pub(super) fn prepare(&mut self, h: f64) -> Result<(), StepError> {
         if self.jacobian == Freshness::Stale {
             if !self.system.differentiate(self.t, &self.y) {
-                let component = self.system.derivatives.iter().position(|value| !value.is_finite()).unwrap_or(0);
-                return Err(StepError::NotFinite { what: "derivative", component, t: self.t });
+                let row = self.system.entries().find(|(_, _, value)| !value.is_finite()).map_or(0, |(row, _, _)| row);
+                let (what, component) = self.name_row(row);
+                let what = match what {
+                    "rate" => "derivative of the rate",
+                    "inequality" => "derivative of the inequality",
+                    _ => "derivative of the bound",
+                };
+                return Err(StepError::NotFinite { what, component, t: self.t });
             }
             self.jacobian = Freshness::Fresh;
             self.factored = None;
@@ -521,11 +527,14 @@ impl<'p> Radau<'p> {
     /// Makes the next attempt smaller than `h`; fails where the step is fixed or would be too small to go on with.
     fn shrink(&mut self, h: f64, cause: Cause, smaller: impl Fn(&mut Controller) -> f64) -> Result<(), StepError> {
         if self.settings.step.is_some() {
+            self.check_evaluation()?;
             return Err(StepError::NewtonFailed { t: self.t, h });
         }
         self.h = smaller(&mut self.controller);
         let least = self.settings.min_step.max(10.0 * f64::EPSILON * self.t.abs()).max(f64::MIN_POSITIVE);
         if self.h < least || !self.h.is_finite() {
+            // What the last, shortest attempt met says more than that it failed.
+            self.check_evaluation()?;
             return Err(StepError::StepTooSmall { t: self.t, h: self.h, cause });
         }
         Ok(())
@@ -548,19 +557,34 @@ impl<'p> Radau<'p> {
     }
 
     fn check_finite(&mut self) -> Result<(), StepError> {
-        if self.system.evaluate(self.t, &self.y) {
-            return Ok(());
+        self.system.evaluate(self.t, &self.y);
+        self.check_evaluation()
+    }
+
+    /// Whether the last evaluation gave numbers, and intervals that hold one.
+    fn check_evaluation(&self) -> Result<(), StepError> {
+        let t = self.t;
+        if let Some(row) = self.system.values.iter().position(|value| !value.is_finite()) {
+            let (what, component) = self.name_row(row);
+            return Err(StepError::NotFinite { what, component, t });
         }
-        let at = self.system.values.iter().position(|value| !value.is_finite()).unwrap_or(0);
+        let set = &self.system.set;
+        match self.system.bounded.iter().find(|&&k| set.lower[k] > set.upper[k]) {
+            Some(&variable) => Err(StepError::EmptySet { variable, t }),
+            None => Ok(()),
+        }
+    }
+
+    /// What a row of the evaluation is, and its number among its kind.
+    fn name_row(&self, row: usize) -> (&'static str, usize) {
         let (n, unknowns) = (self.system.states, self.system.unknowns);
-        let (what, component) = if at < n {
-            ("rate", at)
-        } else if at < unknowns {
-            ("inequality", at - n)
+        if row < n {
+            ("rate", row)
+        } else if row < unknowns {
+            ("inequality", row - n)
         } else {
-            ("bound", at - unknowns)
-        };
-        Err(StepError::NotFinite { what, component, t: self.t })
+            ("bound", row - unknowns)
+        }
     }
 
     /// A first step over which the rates at the start change the states by about the tolerance to the power that the
