@@ -3,6 +3,7 @@
 use super::consistent::Consistent;
 use super::dense_output::Step;
 use super::error_control::{Controller, Rescaled};
+use super::face::{Place, place};
 use super::factors::Factors;
 use super::settings::{Cause, Settings, StageChoice, StepError};
 use super::stage_vi::StageVi;
@@ -234,12 +235,10 @@ impl<'p> Radau<'p> {
         for &k in &self.system.bounded {
             let (z, g) = (self.y[n + k], self.system.values[n + k]);
             let distance = (z - set.lower[k]).min(set.upper[k] - z);
-            let signed = if z <= set.lower[k] {
-                g
-            } else if z >= set.upper[k] {
-                -g
-            } else {
-                -g.abs()
+            let signed = match place(set, k, z, g) {
+                Place::Lower => g,
+                Place::Upper => -g,
+                Place::Inside | Place::Held => -g.abs(),
             };
             worst[0] = worst[0].max((z - set.project(k, z - g)).abs());
             worst[1] = worst[1].min(distance);
