@@ -49,6 +49,8 @@ pub struct Radau<'p> {
     contraction: Contraction,
     controller: Controller,
     pub(super) t: f64,
+    /// What rounding took from `t`.
+    lag: f64,
     pub(super) y: Vec<f64>,
     end: f64,
     pub(super) h: f64,
@@ -143,6 +145,7 @@ impl<'p> Radau<'p> {
             contraction: Contraction::default(),
             controller: Controller::default(),
             t,
+            lag: 0.0,
             y,
             end,
             h: 0.0,
@@ -248,6 +251,11 @@ impl<'p> Radau<'p> {
         Some(worst)
     }
 
+    /// The time left.
+    fn remaining(&self) -> f64 {
+        (self.end - self.t) - self.lag
+    }
+
     pub(super) fn tableau(&self) -> &Tableau {
         &self.methods[self.current].tableau
     }
@@ -258,10 +266,13 @@ impl<'p> Radau<'p> {
     /// If the step size falls below what `t` or the settings allow, with the cause.
     pub fn step(&mut self) -> Result<(), StepError> {
         loop {
-            let remaining = self.end - self.t;
-            let mut h = self.settings.step.unwrap_or(self.h).min(self.settings.max_step);
+            let remaining = self.remaining();
+            let Settings { step, min_step, max_step, .. } = self.settings;
+            let mut h = step.unwrap_or(self.h.max(min_step)).min(max_step);
             if 1.000_1 * h >= remaining {
                 h = remaining;
+            } else if self.t + (h + self.lag) == self.t {
+                return Err(StepError::StepTooSmall { t: self.t, h, cause: Cause::Error });
             }
             let outcome = self.attempt(h)?;
             let Attempt::Solved { h: reached, iterations, coupled } = outcome else {
@@ -494,7 +505,15 @@ impl<'p> Radau<'p> {
         self.last.set(self.t, h, &self.y, &self.stages.z[..s * n], face);
         self.last.is_smooth = !coupled;
         self.last_method = self.current;
-        self.t = if h >= self.end - self.t { self.end } else { self.t + h };
+        if h >= self.remaining() {
+            (self.t, self.lag) = (self.end, 0.0);
+        } else {
+            // The rounding errors of many short steps would else add up.
+            let (t, step) = (self.t, h + self.lag);
+            self.t = t + step;
+            let taken = self.t - t;
+            self.lag = (t - (self.t - taken)) + (step - taken);
+        }
         for (y, z) in self.y.iter_mut().zip(&self.stages.z[(s - 1) * n..s * n]) {
             *y += z;
         }
@@ -529,8 +548,9 @@ impl<'p> Radau<'p> {
             self.check_evaluation()?;
             return Err(StepError::NewtonFailed { t: self.t, h });
         }
-        self.h = smaller(&mut self.controller);
-        let least = self.settings.min_step.max(10.0 * f64::EPSILON * self.t.abs()).max(f64::MIN_POSITIVE);
+        let min_step = self.settings.min_step;
+        self.h = smaller(&mut self.controller).max(if h > min_step { min_step } else { 0.0 });
+        let least = min_step.max(10.0 * f64::EPSILON * self.t.abs()).max(f64::MIN_POSITIVE);
         if self.h < least || !self.h.is_finite() {
             // What the last, shortest attempt met says more than that it failed.
             self.check_evaluation()?;
@@ -607,6 +627,7 @@ impl<'p> Radau<'p> {
         let s = self.tableau().stages() as f64;
         // One tolerance of change a step is far too careful; the order says by how much.
         let reach = (1.0 / self.settings.rtol).powf(1.0 - 1.0 / (s + 1.0)).sqrt();
-        (reach / speed).min(1e-3 * span).max(1e-12 * span)
+        let least = (1e-12 * span).max(f64::EPSILON * self.t.abs());
+        (reach / speed).min(1e-3 * span).max(least).min(span)
     }
 }
