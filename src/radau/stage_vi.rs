@@ -39,6 +39,8 @@ pub struct StageVi {
     largest: Vec<f64>,
     /// Added to `G`, one a variable: zero, but where a switch is known to be at `G = 0` exactly.
     pub offset: Vec<f64>,
+    /// Whether the derivatives are taken anew at every iteration: where a first guess may be far off.
+    pub relinearise: bool,
     negative_jacobian: DMatrix<f64>,
     factors: Factors,
     real: Vec<f64>,
@@ -68,6 +70,7 @@ impl StageVi {
             saved: (vec![0.0; stages * unknowns], vec![0.0; stages * unknowns]),
             largest: vec![0.0; unknowns],
             offset: vec![0.0; unknowns - system.states],
+            relinearise: false,
             negative_jacobian: DMatrix::zeros(unknowns, unknowns),
             factors: Factors::default(),
             real: vec![0.0; unknowns],
@@ -107,10 +110,7 @@ impl StageVi {
     ) -> bool {
         let (s, n, count) = (tableau.stages(), system.states, system.bounded.len());
         self.resize(s * count);
-        system.negative_jacobian(&self.held, &mut self.negative_jacobian);
-        self.factors = Factors::compute(tableau, h, &system.mass, &self.negative_jacobian);
-        system.work.factorisations += 1;
-        if !self.reduce(system, tableau) {
+        if !self.reduce(system, tableau, h) {
             return false;
         }
         let mut norm = f64::INFINITY;
@@ -126,6 +126,12 @@ impl StageVi {
                     system.face[k] = place(&system.set, k, self.z[last + a], self.g[last + a]);
                 }
                 return true;
+            }
+            if iteration > 0 && self.relinearise {
+                let y = stages.stage(y0, s - 1);
+                if !(system.differentiate(t + h, y) && self.reduce(system, tableau, h)) {
+                    return false;
+                }
             }
             system.work.newton += 1;
             if !self.affine(system, tableau, stages, h, control) {
@@ -246,8 +252,11 @@ impl StageVi {
         })
     }
 
-    /// Forms `S`.
-    fn reduce(&mut self, system: &System<'_>, tableau: &Tableau) -> bool {
+    /// Forms `S` from the derivatives of `system`.
+    fn reduce(&mut self, system: &mut System<'_>, tableau: &Tableau, h: f64) -> bool {
+        system.negative_jacobian(&self.held, &mut self.negative_jacobian);
+        self.factors = Factors::compute(tableau, h, &system.mass, &self.negative_jacobian);
+        system.work.factorisations += 1;
         let (s, n, count) = (tableau.stages(), system.states, system.bounded.len());
         self.matrix.fill(0.0);
         for (b, &k) in system.bounded.iter().enumerate() {
