@@ -25,7 +25,7 @@ mod tableau;
 
 pub use face::Place;
 pub use settings::{Cause, Settings, StageChoice, StepError, Switches};
-pub use stepper::{Counts, Radau};
+pub use stepper::{Counts, Radau, Variables};
 pub use switches::Switch;
 pub use system::Work;
 pub use tableau::Tableau;

@@ -5,7 +5,7 @@ use super::face::{Monitor, Place, monitors};
 use super::factors::Factors;
 use super::system::System;
 use super::tableau::Tableau;
-use nalgebra::Complex;
+use nalgebra::{Complex, DMatrix};
 
 /// Stage increments `Z`, their transforms `W = T^-1 Z` and the values `Phi`, each `s` blocks of `n + m`.
 #[derive(Clone, Debug)]
@@ -330,17 +330,39 @@ struct Verdict {
     violated: bool,
 }
 
-/// `out_i = sum_j matrix_ij x_j` on blocks of length `n`.
-fn combine(matrix: &nalgebra::DMatrix<f64>, x: &[f64], out: &mut [f64], n: usize) {
-    let s = matrix.nrows();
-    for i in 0..s {
-        let out = &mut out[i * n..(i + 1) * n];
-        out.fill(0.0);
-        for j in 0..s {
-            let factor = matrix[(i, j)];
-            for (out, x) in out.iter_mut().zip(&x[j * n..(j + 1) * n]) {
-                *out += factor * x;
+/// `out_i = sum_j matrix_ij x_j` on blocks of length `n`, for the numbers of stages that are offered.
+fn combine(matrix: &DMatrix<f64>, x: &[f64], out: &mut [f64], n: usize) {
+    match matrix.nrows() {
+        1 => combine_stages::<1>(matrix, x, out, n),
+        2 => combine_stages::<2>(matrix, x, out, n),
+        3 => combine_stages::<3>(matrix, x, out, n),
+        4 => combine_stages::<4>(matrix, x, out, n),
+        5 => combine_stages::<5>(matrix, x, out, n),
+        6 => combine_stages::<6>(matrix, x, out, n),
+        7 => combine_stages::<7>(matrix, x, out, n),
+        8 => combine_stages::<8>(matrix, x, out, n),
+        _ => combine_stages::<9>(matrix, x, out, n),
+    }
+}
+
+/// The same with the number of stages known to the compiler: small systems spend a quarter of their time here.
+fn combine_stages<const S: usize>(matrix: &DMatrix<f64>, x: &[f64], out: &mut [f64], n: usize) {
+    // Column by column, as the matrix is stored.
+    let mut columns = [[0.0; S]; S];
+    for (column, entries) in columns.iter_mut().zip(matrix.as_slice().chunks_exact(S)) {
+        column.copy_from_slice(entries);
+    }
+    let (x, out) = (&x[..S * n], &mut out[..S * n]);
+    for l in 0..n {
+        let mut sums = [0.0; S];
+        for (j, column) in columns.iter().enumerate() {
+            let value = x[j * n + l];
+            for (sum, entry) in sums.iter_mut().zip(column) {
+                *sum += entry * value;
             }
+        }
+        for (i, sum) in sums.iter().enumerate() {
+            out[i * n + l] = *sum;
         }
     }
 }

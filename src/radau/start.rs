@@ -21,7 +21,7 @@ const INSTANT: f64 = 1e-12;
 
 /// The implicit Euler step that finds a face.
 pub(super) struct Probe {
-    euler: Tableau,
+    euler: &'static Tableau,
     stages: Stages,
     pub(super) vi: Option<StageVi>,
     negative_jacobian: DMatrix<f64>,
@@ -34,7 +34,7 @@ impl Probe {
             vi.relinearise = !system.constant_jacobian();
         }
         Self {
-            euler: Tableau::new(1),
+            euler: Tableau::of(1),
             stages: Stages::new(1, system.unknowns),
             vi,
             negative_jacobian: DMatrix::zeros(system.unknowns, system.unknowns),
@@ -104,11 +104,11 @@ impl Radau<'_> {
         probe.stages.w.fill(0.0);
         let Some(vi) = &mut probe.vi else {
             self.system.negative_jacobian(&self.system.face, &mut probe.negative_jacobian);
-            let factors = Factors::compute(&probe.euler, eta, &self.system.mass, &probe.negative_jacobian);
+            let factors = Factors::compute(probe.euler, eta, &self.system.mass, &probe.negative_jacobian);
             self.system.work.factorisations += 1;
             let newton = probe.stages.newton(
                 &mut self.system,
-                &probe.euler,
+                probe.euler,
                 &factors,
                 self.t,
                 eta,
@@ -123,6 +123,6 @@ impl Radau<'_> {
             let noise = self.control.noise_of_g(&self.system, k, &self.y);
             vi.offset[k] = if snap && g.abs() <= noise { -g } else { 0.0 };
         }
-        vi.solve(&mut self.system, &probe.euler, &mut probe.stages, self.t, eta, &self.y, &self.control)
+        vi.solve(&mut self.system, probe.euler, &mut probe.stages, self.t, eta, &self.y, &self.control)
     }
 }

@@ -3,7 +3,7 @@
 use super::consistent::Consistent;
 use super::dense_output::Step;
 use super::error_control::{Controller, Rescaled};
-use super::face::{Place, place};
+use super::face::Place;
 use super::factors::Factors;
 use super::settings::{Cause, Settings, StageChoice, StepError};
 use super::stage_vi::StageVi;
@@ -11,7 +11,7 @@ use super::stages::{Contraction, Newton, NewtonControl, Stages, THETA};
 use super::switches::{Located, Switching};
 use super::system::System;
 use super::tableau::Tableau;
-use crate::problem::Dvi;
+use crate::problem::{ConvexSet, Dvi};
 use nalgebra::DMatrix;
 
 /// Counts of what a run did.
@@ -27,7 +27,7 @@ pub struct Counts {
 
 /// A method with its tolerances.
 pub(super) struct Method {
-    pub(super) tableau: Tableau,
+    pub(super) tableau: &'static Tableau,
     pub(super) tolerance: Rescaled,
 }
 
@@ -63,6 +63,19 @@ pub struct Radau<'p> {
     shifted: Vec<f64>,
     /// Counters.
     pub counts: Counts,
+}
+
+/// The variables at the end of a step.
+#[derive(Clone, Copy, Debug)]
+pub struct Variables<'a> {
+    /// `K` there.
+    pub set: &'a ConvexSet,
+    /// The variables that have a bound, counted from 0.
+    pub bounded: &'a [usize],
+    /// All variables.
+    pub z: &'a [f64],
+    /// `G` there.
+    pub g: &'a [f64],
 }
 
 /// What is known of the derivatives at hand.
@@ -108,7 +121,7 @@ impl<'p> Radau<'p> {
         let adaptive = settings.step.is_none();
         let methods: Vec<Method> = counts
             .iter()
-            .map(|&s| Method { tableau: Tableau::new(s), tolerance: Rescaled::new(s, settings.rtol, adaptive) })
+            .map(|&s| Method { tableau: Tableau::of(s), tolerance: Rescaled::new(s, settings.rtol, adaptive) })
             .collect();
         let most_stages = counts.iter().copied().max().unwrap_or(1);
         let unknowns = system.unknowns;
@@ -207,7 +220,7 @@ impl<'p> Radau<'p> {
         if at_end {
             out.copy_from_slice(&self.y);
         } else {
-            self.last.at(&self.methods[self.last_method].tableau, t, out);
+            self.last.at(self.methods[self.last_method].tableau, t, out);
             std::mem::swap(&mut self.system.face, &mut self.last.face);
         }
         if let Some(consistent) = &mut self.consistent
@@ -226,29 +239,33 @@ impl<'p> Radau<'p> {
         }
     }
 
-    /// The evidence at the time reached: `(natural-map residual, least distance of z to its bounds, least G signed so
-    /// that it should not be negative, largest product)`, over the bounded variables.
-    pub fn complementarity(&mut self) -> Option<[f64; 4]> {
+    /// What is needed to judge the variables at the time reached; `None` where no variable has a bound.
+    pub fn variables(&mut self) -> Option<Variables<'_>> {
         if self.system.bounded.is_empty() || !self.system.evaluate(self.t, &self.y) {
             return None;
         }
-        let n = self.system.states;
-        let set = &self.system.set;
-        let mut worst = [0.0_f64, f64::INFINITY, f64::INFINITY, 0.0];
-        for &k in &self.system.bounded {
-            let (z, g) = (self.y[n + k], self.system.values[n + k]);
-            let distance = (z - set.lower[k]).min(set.upper[k] - z);
-            let signed = match place(set, k, z, g) {
-                Place::Lower => g,
-                Place::Upper => -g,
-                Place::Inside | Place::Held => -g.abs(),
-            };
-            worst[0] = worst[0].max((z - set.project(k, z - g)).abs());
-            worst[1] = worst[1].min(distance);
-            worst[2] = worst[2].min(signed);
-            worst[3] = worst[3].max((distance * g).abs());
-        }
-        Some(worst)
+        let (n, unknowns) = (self.system.states, self.system.unknowns);
+        Some(Variables {
+            set: &self.system.set,
+            bounded: &self.system.bounded,
+            z: &self.y[n..],
+            g: &self.system.values[n..unknowns],
+        })
+    }
+
+    /// The active face.
+    pub fn face(&self) -> &[Place] {
+        &self.system.face
+    }
+
+    /// Whether the last step has kept one face.
+    pub fn kept_face(&self) -> bool {
+        self.last.is_smooth && self.continues
+    }
+
+    /// The problem, to be asked for more than steps need.
+    pub fn problem(&mut self) -> &mut dyn Dvi {
+        self.system.problem()
     }
 
     /// The time left.
@@ -256,8 +273,8 @@ impl<'p> Radau<'p> {
         (self.end - self.t) - self.lag
     }
 
-    pub(super) fn tableau(&self) -> &Tableau {
-        &self.methods[self.current].tableau
+    pub(super) fn tableau(&self) -> &'static Tableau {
+        self.methods[self.current].tableau
     }
 
     /// Makes one accepted step.
@@ -342,7 +359,7 @@ impl<'p> Radau<'p> {
 
     /// Newton's method on the present face.
     pub(super) fn newton(&mut self, h: f64) -> Newton {
-        let tableau = &self.methods[self.current].tableau;
+        let tableau = self.tableau();
         self.stages.newton(
             &mut self.system,
             tableau,
@@ -357,8 +374,8 @@ impl<'p> Radau<'p> {
 
     /// Solves the stages with the VI coupled over them, from the increments at hand.
     fn couple(&mut self, h: f64) -> Attempt {
+        let tableau = self.tableau();
         let Some(stage_vi) = &mut self.stage_vi else { return Attempt::Failed(0.5) };
-        let tableau = &self.methods[self.current].tableau;
         self.contraction = Contraction::default();
         self.switching.remember(&self.system.face);
         if stage_vi.solve(&mut self.system, tableau, &mut self.stages, self.t, h, &self.y, &self.control) {
@@ -386,7 +403,7 @@ impl<'p> Radau<'p> {
         }
         if self.factored != Some(h) {
             self.system.negative_jacobian(&self.system.face, &mut self.negative_jacobian);
-            let tableau = &self.methods[self.current].tableau;
+            let tableau = self.tableau();
             self.factors = Factors::compute(tableau, h, &self.system.mass, &self.negative_jacobian);
             self.system.work.factorisations += 1;
             self.factored = Some(h);
@@ -425,7 +442,7 @@ impl<'p> Radau<'p> {
     /// Starting values: the last collocation polynomial, continued; zero where it says nothing of this step.
     pub(super) fn predict(&mut self, h: f64) {
         let n = self.system.unknowns;
-        let tableau = &self.methods[self.current].tableau;
+        let tableau = self.tableau();
         if !self.continues || self.last_method != self.current {
             self.stages.z.fill(0.0);
             self.stages.w.fill(0.0);
@@ -462,7 +479,7 @@ impl<'p> Radau<'p> {
             Some(vi) if coupled => vi.factors(),
             _ => &self.factors,
         };
-        let weights = &self.methods[self.current].tableau.estimate;
+        let weights = &self.tableau().estimate;
         self.shifted.fill(0.0);
         for (weight, z) in weights.iter().zip(self.stages.z.chunks_exact(n)) {
             for (sum, z) in self.shifted[..states].iter_mut().zip(z) {

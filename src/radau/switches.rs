@@ -174,7 +174,7 @@ impl Radau<'_> {
         while *solves < SOLVES && trial > 0.0 && trial < longest {
             *solves += 1;
             self.prepare(trial)?;
-            self.stages.resample(&self.methods[self.current].tableau, trial / size);
+            self.stages.resample(self.tableau(), trial / size);
             let before = std::mem::replace(&mut size, trial);
             if !matches!(self.newton(size), Newton::Converged { .. }) {
                 return Ok(None);
@@ -204,8 +204,13 @@ impl Radau<'_> {
             return;
         }
         if self.system.evaluate(self.t, &self.y) {
+            let set = &self.system.set;
             for &k in &self.system.bounded {
-                self.y[n + k] = self.system.set.project(k, self.y[n + k]);
+                self.y[n + k] = match self.system.face[k] {
+                    Place::Lower => set.lower[k],
+                    Place::Upper => set.upper[k],
+                    Place::Inside | Place::Held => set.project(k, self.y[n + k]),
+                };
             }
         }
         if self.switching.pending {
@@ -223,7 +228,7 @@ impl Radau<'_> {
 
     /// Whether a monitor, other than the one that ends it, is violated at a stage of the step at hand.
     fn is_violated_within(&mut self, h: f64, end: &Crossing) -> bool {
-        let tableau = &self.methods[self.current].tableau;
+        let tableau = self.tableau();
         (0..tableau.stages()).any(|i| {
             let y = self.stages.stage(&self.y, i);
             !self.system.evaluate(self.t + tableau.c[i] * h, y)
@@ -239,7 +244,7 @@ impl Radau<'_> {
     /// One monitor at the end of the step at hand, with the variables that belong to the states there: their stage values
     /// would give the time of the switch to order `s` only.
     fn monitor_at(&mut self, crossing: &Crossing, h: f64) -> Option<Monitor> {
-        let y = self.stages.stage(&self.y, self.methods[self.current].tableau.stages() - 1);
+        let y = self.stages.stage(&self.y, self.tableau().stages() - 1);
         self.switching.scratch.copy_from_slice(y);
         if let Some(consistent) = &mut self.consistent {
             consistent.solve(&mut self.system, self.t + h, &mut self.switching.scratch);
@@ -251,7 +256,7 @@ impl Radau<'_> {
     /// The values of all monitors on the collocation polynomial of the step at hand.
     pub(super) fn monitors_at(&mut self, theta: f64, h: f64, out: &mut Vec<[Option<Monitor>; 2]>) {
         let unknowns = self.system.unknowns;
-        let tableau = &self.methods[self.current].tableau;
+        let tableau = self.tableau();
         let mut basis = [0.0; 16];
         let basis = &mut basis[..tableau.stages()];
         tableau.increments_at(theta, basis);
@@ -272,7 +277,7 @@ impl Radau<'_> {
     fn earliest(&mut self, h: f64, dip: Option<f64>) -> Option<Crossing> {
         // The stages, the middles between them, and where a dip was seen.
         let mut left = 0.0;
-        let nodes = self.methods[self.current].tableau.c.iter();
+        let nodes = self.tableau().c.iter();
         let mut ends: Vec<f64> =
             nodes.flat_map(|&node| [0.5 * (std::mem::replace(&mut left, node) + node), node]).collect();
         ends.extend(dip.filter(|theta| *theta < 1.0));

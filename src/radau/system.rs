@@ -95,6 +95,11 @@ impl<'p> System<'p> {
         }
     }
 
+    /// The problem itself.
+    pub fn problem(&mut self) -> &mut dyn Dvi {
+        self.problem
+    }
+
     /// Whether one Jacobian serves for all `(t, y)`.
     pub fn constant_jacobian(&self) -> bool {
         self.problem.structure().constant_jacobian

@@ -11,6 +11,7 @@
 //! computed with numbers of order one, so that the coefficients are good to the last digits.
 
 use nalgebra::{Complex, DMatrix};
+use std::sync::OnceLock;
 
 /// Radau IIA with `s` stages: order `2s - 1`, stage order `s`, stiffly accurate.
 #[derive(Clone, Debug)]
@@ -39,9 +40,20 @@ pub struct Tableau {
     barycentric: Vec<f64>,
 }
 
+/// The most stages on offer.
+pub const MOST_STAGES: usize = 9;
+
+static TABLEAUX: [OnceLock<Tableau>; MOST_STAGES] = [const { OnceLock::new() }; MOST_STAGES];
+
 impl Tableau {
+    /// The coefficients for `s` stages, at least one and at most [`MOST_STAGES`]; computed when they are first asked for.
+    pub fn of(s: usize) -> &'static Self {
+        let s = s.clamp(1, MOST_STAGES);
+        TABLEAUX[s - 1].get_or_init(|| Self::new(s))
+    }
+
     /// Computes the coefficients for `s >= 1` stages.
-    pub fn new(s: usize) -> Self {
+    fn new(s: usize) -> Self {
         let c = nodes(s);
         let w = DMatrix::from_fn(s, s, |i, j| legendre(c[i], s)[j]);
         let b: Vec<f64> = (0..s).map(|i| 1.0 / w.row(i).norm_squared()).collect();
@@ -238,7 +250,7 @@ mod tests {
 
     #[test]
     fn three_stages_are_those_of_radau5() {
-        let tableau = Tableau::new(3);
+        let tableau = Tableau::of(3);
         let r6 = 6.0_f64.sqrt();
         let a = [
             [(88.0 - 7.0 * r6) / 360.0, (296.0 - 169.0 * r6) / 1800.0, (-2.0 + 3.0 * r6) / 225.0],
@@ -263,7 +275,7 @@ mod tests {
     #[test]
     fn every_number_of_stages_meets_the_order_conditions() {
         for s in 1..=9 {
-            let tableau = Tableau::new(s);
+            let tableau = Tableau::of(s);
             for q in 1..=(2 * s - 1) {
                 let sum: f64 = (0..s).map(|i| tableau.b[i] * tableau.c[i].powi(q as i32 - 1)).sum();
                 assert!((sum - 1.0 / q as f64).abs() < 2e-15, "B({q}) at s = {s}: {sum}");
@@ -285,7 +297,7 @@ mod tests {
     #[test]
     fn the_transformation_gives_back_the_inverse() {
         for s in 1..=9 {
-            let tableau = Tableau::new(s);
+            let tableau = Tableau::of(s);
             assert_eq!(tableau.gamma.is_some(), s % 2 == 1, "s = {s}");
             let mut l = DMatrix::zeros(s, s);
             let mut k = 0;
@@ -309,7 +321,7 @@ mod tests {
 
     #[test]
     fn increments_are_interpolated_exactly() {
-        let tableau = Tableau::new(4);
+        let tableau = Tableau::of(4);
         let polynomial = |x: f64| x * (3.0 - x * (1.0 + x * (2.0 - 0.5 * x)));
         let mut values = [0.0; 4];
         for theta in [0.0, 0.1, tableau.c[1], 0.77, 1.0, 1.9] {

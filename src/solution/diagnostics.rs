@@ -1,6 +1,19 @@
 //! The evidence that comes with a trajectory.
 
+use crate::analysis::{Analysis, Certificates};
 use serde::Serialize;
+
+/// What can be said of the problem on an active face of `K`.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Face {
+    /// When it was first met.
+    pub t: f64,
+    /// The variables inside their interval, whose `G` is zero; the others rest on a bound.
+    pub inside: Vec<String>,
+    /// Index and uniqueness there.
+    #[serde(flatten)]
+    pub analysis: Analysis,
+}
 
 /// Accepted and rejected steps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -39,17 +52,6 @@ pub struct ViCounts {
     pub largest_residual: f64,
 }
 
-/// The worst of `z`, `G` and their products over the accepted steps, scaled as stated by `numerics`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct Complementarity {
-    /// The least distance of a `z_i` into its interval; negative if it is outside.
-    pub smallest_z: f64,
-    /// The least of `G_i` signed so that it should not be negative.
-    pub smallest_g: f64,
-    /// The largest product of the two.
-    pub largest_product: f64,
-}
-
 /// Something the user should know though the solve went on.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Warning {
@@ -62,6 +64,12 @@ pub struct Warning {
 /// What was done, and how well.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Diagnostics {
+    /// Index and uniqueness, and why.
+    #[serde(flatten)]
+    pub analysis: Option<Analysis>,
+    /// The same on each active face that a switch led to, the first ones.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub faces: Vec<Face>,
     /// The method that ran.
     pub method: &'static str,
     /// Its number of stages.
@@ -77,9 +85,9 @@ pub struct Diagnostics {
     pub vi: Option<ViCounts>,
     /// Changes of the active face of `K`.
     pub switches: u64,
-    /// Signs and products of `z` and `G`.
+    /// Signs and products of `z` and `G`, and the differentiation lemmas; absent where no variable has a bound.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub complementarity: Option<Complementarity>,
+    pub complementarity: Option<Certificates>,
     /// The parts that were built.
     pub built: Vec<&'static str>,
     /// The parts that this problem did not need, each with the reason.

@@ -1,7 +1,8 @@
 //! The order `2s - 1` holds over whole trajectories with switches, in `x` at the end and in the times of the switches,
 //! for s = 1, 2, 3 with a fixed step between switches.
 
-use crate::harness::{digits, example, last, solve, switching};
+use crate::systems::harness::{last, solve};
+use crate::systems::reference::{digits, example, switching};
 use dvi::solution::Solution;
 use serde_json::{Value, json};
 

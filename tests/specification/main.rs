@@ -5,6 +5,7 @@ mod documents;
 mod equations;
 mod examples;
 mod hostile;
+mod index;
 mod schema;
 mod semantics;
 mod structure;

@@ -1,6 +1,6 @@
 //! Bounds that move with time or with the states, meet, cross, or are one point from the beginning.
 
-use crate::harness::{Case, column, distance, instants, last};
+use crate::stability::harness::{Case, column, distance, instants, last};
 use dvi::solution::Status;
 use serde_json::json;
 

@@ -1,6 +1,6 @@
 //! Runs that cannot reach their end: each says why and where, and keeps the trajectory so far.
 
-use crate::harness::{Case, column, last};
+use crate::stability::harness::{Case, column, last};
 use dvi::solution::{Failure, Solution, Status};
 use serde_json::json;
 

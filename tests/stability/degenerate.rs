@@ -1,6 +1,6 @@
 //! Inequalities that are redundant, nearly singular, of the wrong sign or not symmetric.
 
-use crate::harness::{Case, RELAY, distance, last};
+use crate::stability::harness::{Case, RELAY, distance, last};
 use serde_json::json;
 
 fn method() -> serde_json::Value {

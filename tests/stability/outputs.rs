@@ -1,6 +1,6 @@
 //! Output times and limits: at the ends, at switches, a million of them, and runs stopped half-way.
 
-use crate::harness::{Case, RELAY, column, distance};
+use crate::stability::harness::{Case, RELAY, column, distance};
 use dvi::problem::Control;
 use dvi::solution::Status;
 use serde_json::json;

@@ -1,6 +1,6 @@
 //! States from 1e-300 to 1e300, horizons from 1e-11 to 1e11: only ratios to the scale may matter.
 
-use crate::harness::{Case, distance, last};
+use crate::stability::harness::{Case, distance, last};
 use serde_json::json;
 
 const SCALES: [f64; 4] = [1e-300, 1e-150, 1e150, 1e300];

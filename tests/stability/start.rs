@@ -1,6 +1,6 @@
 //! Starts: variables without a guess where they enter nonlinearly, states that must jump.
 
-use crate::harness::{Case, column, distance, last};
+use crate::stability::harness::{Case, column, distance, last};
 use serde_json::json;
 
 /// The root of `z^3 + z = 1`.

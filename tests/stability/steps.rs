@@ -1,6 +1,6 @@
 //! Step sizes at their extremes, and ten million of them.
 
-use crate::harness::{Case, last};
+use crate::stability::harness::{Case, last};
 use dvi::solution::Status;
 use serde_json::{Value, json};
 

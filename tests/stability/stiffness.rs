@@ -1,7 +1,7 @@
 //! Stiffness far beyond any accuracy: the problem of Prothero and Robinson (1974), `x' = lambda (x - cos t) - sin t`, of
 //! solution `cos t` from 1, and stiffness that is only there after a switch.
 
-use crate::harness::{Case, column, distance, instants, last};
+use crate::stability::harness::{Case, column, distance, instants, last};
 use serde_json::json;
 
 fn prothero_robinson(lambda: f64, initial: f64) -> Case {

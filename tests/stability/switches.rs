@@ -1,6 +1,6 @@
 //! Switches: many, at once, touched only, and stepped over.
 
-use crate::harness::{Case, RELAY, column, distance, instants, last};
+use crate::stability::harness::{Case, RELAY, column, distance, instants, last};
 use serde_json::json;
 
 #[test]
@@ -48,6 +48,24 @@ fn variables_that_switch_at_once_switch_at_one_time() {
         assert!(times.len() == 1 && (times[0] - 1.0).abs() < 1e-12, "{times:?}");
         assert_eq!(solution.diagnostics.switches, count as u64);
     }
+}
+
+#[test]
+fn a_spring_with_dry_friction_stops_after_eight_half_turns() {
+    // x'' + 100 x in -0.3 g Sgn x' from 1/2: each half turn takes pi/10 and 2 mu g/k = 0.05886 of the amplitude, until the
+    // spring is weaker than friction.
+    let case = Case::until(4.0).state("x", 0.5, "v").state("v", 0.0, "-100*x - F");
+    let turns: Vec<f64> = (0..=8).map(|k| 0.1 * std::f64::consts::PI * f64::from(k)).collect();
+    let case = case.between("F", "-v", "-2.943", "2.943").method(json!({"rtol": 1e-10}));
+    let solution = case.times(json!([&turns[..], &[3.0, 4.0]].concat())).solve();
+    let exact = |k: i32| f64::powi(-1.0, k) * (0.5 - 0.05886 * f64::from(k));
+    for (k, &x) in (0..).zip(column(&solution, "x")) {
+        let error = (x - exact(k.min(8))).abs();
+        assert!(error < 1e-8, "half turn {k}: {x} is off by {error:e}");
+    }
+    assert!(last(&solution, "v").abs() < 1e-12);
+    let times = instants(&solution);
+    assert!((times[times.len() - 1] - turns[8]).abs() < 1e-8, "{times:?}");
 }
 
 #[test]

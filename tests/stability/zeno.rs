@@ -2,7 +2,7 @@
 //! with `M` circulant of row `(1, a, 0)` and `q = -(1, 1, 1)`. One phase takes the positive component of `w` to zero while
 //! the next grows; it is `a - 1` times as large and as long.
 
-use crate::harness::{Case, column, instants, last};
+use crate::stability::harness::{Case, column, instants, last};
 use serde_json::{Value, json};
 
 fn spiral(a: f64, initial: [f64; 3], end: f64, method: Value) -> Case {
@@ -80,19 +80,4 @@ fn the_twisting_controller_stops_in_finite_time() {
     // At rest the two forces cancel.
     assert!((2.0 * last(&solution, "s") + last(&solution, "r")).abs() < 1e-9);
     assert!(solution.diagnostics.steps.accepted < 1000);
-}
-
-#[test]
-fn a_relay_without_damping_neither_chatters_nor_gains_energy() {
-    // x'' = -sgn x: v^2/2 + |x| = 1, a quarter of a turn in sqrt 2.
-    let case = Case::until(20.0).state("x", 1.0, "v").state("v", 0.0, "-s").between("s", "-x", "-1", "1");
-    let solution = case.solve();
-    for (x, v) in column(&solution, "x").iter().zip(column(&solution, "v")) {
-        assert!((0.5 * v * v + x.abs() - 1.0).abs() < 1e-9);
-    }
-    let times = instants(&solution);
-    assert_eq!(times.len(), 7);
-    for (k, t) in times.iter().enumerate() {
-        assert!((t - (2 * k + 1) as f64 * 2.0_f64.sqrt()).abs() < 1e-9);
-    }
 }

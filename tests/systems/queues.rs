@@ -1,6 +1,7 @@
 //! Queues and traffic: reflection at zero, and an equilibrium of departures.
 
-use crate::harness::{distance, example, last, solve};
+use crate::systems::harness::{distance, last, solve};
+use crate::systems::reference::example;
 
 #[test]
 fn two_queues_in_tandem_follow_the_reflection_map() {

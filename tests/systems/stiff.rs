@@ -1,6 +1,7 @@
 //! Stiff problems without variables, over six decades of tolerance, against references in quadruple precision.
 
-use crate::harness::{digits, example, last, read, solve};
+use crate::systems::harness::{last, solve};
+use crate::systems::reference::{digits, example, read};
 use dvi::solution::Solution;
 use serde_json::{Value, json};
 

@@ -3,8 +3,10 @@
 
 mod circuits;
 mod friction;
-mod harness;
+pub mod harness;
+mod nonunique;
 mod pendulum;
 mod queues;
+pub mod reference;
 mod sliding;
 mod stiff;
