@@ -10,13 +10,13 @@
 //! with `E` the block-diagonal matrix of [`Factors`] in which the bounded variables are held and `e` their unit
 //! vectors. Row block `i` is scaled by `d_i = b_i / c_i`: then `S` is monotone where the problem is.
 
-use super::face::{Place, place};
+use super::face::{Place, place, place_on_blocks};
 use super::factors::Factors;
 use super::stages::{NewtonControl, Stages};
 use super::system::System;
 use super::tableau::Tableau;
-use crate::problem::ConvexSet;
-use crate::vi::{AffineVi, Outcome, SolverKind, ViSolver};
+use crate::problem::{ConvexSet, Shape, Workspace};
+use crate::vi::{AffineVi, Attempt, Outcome, SolverKind, ViSolver};
 use nalgebra::{Complex, DMatrix};
 
 /// The coupled stage problem and the solver of its affine problems.
@@ -25,7 +25,12 @@ pub struct StageVi {
     /// `S`, its row blocks scaled.
     matrix: DMatrix<f64>,
     q: Vec<f64>,
+    /// `K` of the bounded variables, and its product over the stages.
+    factor: ConvexSet,
     set: ConvexSet,
+    workspace: Workspace,
+    /// `z - g` of the variables of one stage.
+    moved: Vec<f64>,
     /// The bounded variables of all stages, stage by stage, and the same before the last solve.
     z: Vec<f64>,
     last_z: Vec<f64>,
@@ -49,6 +54,8 @@ pub struct StageVi {
     pub solves: u64,
     /// Their pivots or iterations.
     pub pivots: u64,
+    /// The attempts that did not solve one, each with how often it happened.
+    pub failures: Vec<(Attempt, u64)>,
 }
 
 impl StageVi {
@@ -56,13 +63,17 @@ impl StageVi {
     pub fn new(system: &System<'_>, stages: usize, solver: SolverKind) -> Self {
         let unknowns = system.unknowns;
         let coupled = stages * system.bounded.len();
+        let factor = system.set.restricted(&system.bounded);
         let mut held = vec![Place::Inside; unknowns - system.states];
         system.bounded.iter().for_each(|&k| held[k] = Place::Held);
         Self {
             solver: solver.build(coupled),
             matrix: DMatrix::zeros(coupled, coupled),
             q: vec![0.0; coupled],
-            set: ConvexSet::free(coupled),
+            set: factor.power(stages),
+            factor,
+            workspace: Workspace::default(),
+            moved: vec![0.0; unknowns - system.states],
             z: vec![0.0; coupled],
             last_z: vec![0.0; coupled],
             g: vec![0.0; coupled],
@@ -77,6 +88,7 @@ impl StageVi {
             complex: vec![Complex::new(0.0, 0.0); unknowns],
             solves: 0,
             pivots: 0,
+            failures: Vec::new(),
         }
     }
 
@@ -123,8 +135,11 @@ impl StageVi {
             if iteration > 0 && norm <= least && self.is_solved(system, stages, h, y0, control) {
                 let last = (s - 1) * count;
                 for (a, &k) in system.bounded.iter().enumerate() {
-                    system.face[k] = place(&system.set, k, self.z[last + a], self.g[last + a]);
+                    let (z, g) = (self.z[last + a], self.g[last + a]);
+                    system.face[k] = place(&system.set, k, z, g);
+                    self.moved[k] = z - g;
                 }
+                place_on_blocks(&system.set, &self.moved, &mut system.face, &mut self.workspace);
                 return true;
             }
             if iteration > 0 && self.relinearise {
@@ -178,6 +193,11 @@ impl StageVi {
                 self.set.upper[place] = system.set.upper[k];
                 phi[n + k] = 0.0;
             }
+            for (b, block) in system.set.blocks().iter().enumerate() {
+                if let Shape::Ball { radius } = block.shape {
+                    self.set.set_radius(i * system.set.blocks().len() + b, radius);
+                }
+            }
         }
         true
     }
@@ -215,6 +235,12 @@ impl StageVi {
         let report = self.solver.solve(&vi, &mut self.z);
         self.solves += 1;
         self.pivots += report.iterations as u64;
+        for &attempt in self.solver.attempts().iter().filter(|attempt| attempt.outcome != Outcome::Solved) {
+            match self.failures.iter_mut().find(|(known, _)| *known == attempt) {
+                Some((_, times)) => *times += 1,
+                None => self.failures.push((attempt, 1)),
+            }
+        }
         report.outcome == Outcome::Solved
     }
 
@@ -240,7 +266,8 @@ impl StageVi {
             let change = if mass == 0.0 { 0.0 } else { h * value / mass * self.largest[j] };
             self.largest[i] = self.largest[i].max(change.abs());
         }
-        system.bounded.iter().enumerate().all(|(a, &k)| {
+        let in_interval = |&(_, k): &(usize, &usize)| system.set.block_of(*k).is_none();
+        let intervals = system.bounded.iter().enumerate().filter(in_interval).all(|(a, &k)| {
             let noise_g = control.noise_of_g(system, k, &self.largest);
             let noise_z = control.vi_tolerance * self.largest[n + k];
             (a..self.z.len()).step_by(count).all(|at| {
@@ -249,7 +276,22 @@ impl StageVi {
                 let inside = z >= lower - noise_z && z <= upper + noise_z;
                 inside && (g <= noise_g || z <= lower + noise_z) && (g >= -noise_g || z >= upper - noise_z)
             })
-        })
+        });
+        intervals
+            && (0..self.set.blocks().len()).all(|b| {
+                let members = &self.set.blocks()[b].members;
+                let (mut noise_g, mut size) = (f64::MIN_POSITIVE, 0.0_f64);
+                for at in members {
+                    let k = system.bounded[at % count];
+                    noise_g = noise_g.max(control.noise_of_g(system, k, &self.largest));
+                    size = size.max(self.largest[n + k]);
+                }
+                let noise_z = control.vi_tolerance * if size > 0.0 { size } else { 1.0 };
+                // With p = P(z - s g) the VI holds exactly for p and g - (z - p)/s; this s makes both changes noise
+                // if the first is.
+                let scale = noise_z / noise_g;
+                self.set.defect(b, &self.z, &self.g, scale, &mut self.workspace) <= noise_z
+            })
     }
 
     /// Forms `S` from the derivatives of `system`.
@@ -314,8 +356,7 @@ impl StageVi {
             for vector in [&mut self.q, &mut self.z, &mut self.last_z, &mut self.g] {
                 vector.resize(size, 0.0);
             }
-            self.set.lower.resize(size, 0.0);
-            self.set.upper.resize(size, 0.0);
+            self.set = self.factor.power(size / self.factor.dimension().max(1));
         }
     }
 }

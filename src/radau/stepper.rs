@@ -12,6 +12,7 @@ use super::switches::{Located, Switching};
 use super::system::System;
 use super::tableau::Tableau;
 use crate::problem::{ConvexSet, Dvi};
+use crate::vi;
 use nalgebra::DMatrix;
 
 /// Counts of what a run did.
@@ -113,7 +114,7 @@ impl<'p> Radau<'p> {
     /// # Errors
     /// If something is not finite at the start, or the start is inconsistent.
     pub fn new(problem: &'p mut dyn Dvi, settings: Settings, t: f64, x: &[f64], end: f64) -> Result<Self, StepError> {
-        let system = System::new(problem);
+        let mut system = System::new(problem);
         let counts = match settings.stages {
             StageChoice::Fixed(s) => vec![s],
             StageChoice::Auto => vec![3, 5, 7],
@@ -127,9 +128,7 @@ impl<'p> Radau<'p> {
         let unknowns = system.unknowns;
         let mut y = vec![0.0; unknowns];
         y[..system.states].copy_from_slice(x);
-        for k in 0..unknowns - system.states {
-            y[system.states + k] = system.set.project(k, 0.0);
-        }
+        system.project(&mut y);
         let control = NewtonControl {
             weight: vec![0.0; unknowns],
             size: vec![0.0; unknowns],
@@ -212,10 +211,14 @@ impl<'p> Radau<'p> {
         Some((last.solver(), stages.solves + faces.solves, stages.pivots + faces.pivots))
     }
 
+    /// The attempts at affine problems of the stages that did not solve them, each with how often it happened.
+    pub fn vi_failures(&self) -> impl Iterator<Item = (vi::Attempt, u64)> + '_ {
+        self.stage_vi.iter().flat_map(|vi| &vi.failures).copied()
+    }
+
     /// `y` at a time within the last accepted step, into `out`: the states from the collocation polynomial, the variables
     /// that belong to them; at the end of a step that is a switch, those after it.
     pub fn interpolate(&mut self, t: f64, out: &mut [f64]) {
-        let n = self.system.states;
         let at_end = t == self.t;
         if at_end {
             out.copy_from_slice(&self.y);
@@ -230,9 +233,7 @@ impl<'p> Radau<'p> {
             self.forget_jacobian();
         }
         if !self.system.bounded.is_empty() && self.system.evaluate(t, out) {
-            for &k in &self.system.bounded {
-                out[n + k] = self.system.set.project(k, out[n + k]);
-            }
+            self.system.project(out);
         }
         if !at_end {
             std::mem::swap(&mut self.system.face, &mut self.last.face);
@@ -333,6 +334,12 @@ impl<'p> Radau<'p> {
 
     /// Solves the stages of a step of size `h`, or of the shorter one that ends at a switch.
     fn attempt(&mut self, h: f64) -> Result<Attempt, StepError> {
+        if self.system.set.has_blocks() {
+            self.differentiate()?;
+            self.set_tolerances(h);
+            self.predict(h);
+            return Ok(self.couple(h));
+        }
         for _ in 0..=self.system.bounded.len() {
             self.prepare(h)?;
             self.predict(h);
@@ -387,6 +394,20 @@ impl<'p> Radau<'p> {
 
     /// Makes derivatives, factors and tolerances ready for a step of size `h`.
     pub(super) fn prepare(&mut self, h: f64) -> Result<(), StepError> {
+        self.differentiate()?;
+        if self.factored != Some(h) {
+            self.system.negative_jacobian(&self.system.face, &mut self.negative_jacobian);
+            let tableau = self.tableau();
+            self.factors = Factors::compute(tableau, h, &self.system.mass, &self.negative_jacobian);
+            self.system.work.factorisations += 1;
+            self.factored = Some(h);
+        }
+        self.set_tolerances(h);
+        Ok(())
+    }
+
+    /// Makes the derivatives those of this step where they are stale.
+    fn differentiate(&mut self) -> Result<(), StepError> {
         if self.jacobian == Freshness::Stale {
             if !self.system.differentiate(self.t, &self.y) {
                 let row = self.system.entries().find(|(_, _, value)| !value.is_finite()).map_or(0, |(row, _, _)| row);
@@ -401,14 +422,6 @@ impl<'p> Radau<'p> {
             self.jacobian = Freshness::Fresh;
             self.factored = None;
         }
-        if self.factored != Some(h) {
-            self.system.negative_jacobian(&self.system.face, &mut self.negative_jacobian);
-            let tableau = self.tableau();
-            self.factors = Factors::compute(tableau, h, &self.system.mass, &self.negative_jacobian);
-            self.system.work.factorisations += 1;
-            self.factored = Some(h);
-        }
-        self.set_tolerances(h);
         Ok(())
     }
 

@@ -84,8 +84,8 @@ impl Switching {
         self.pending = false;
     }
 
-    /// Records what differs from the remembered face.
-    fn record(&mut self, t: f64, face: &[Place]) {
+    /// Records what differs from the remembered face, and whether anything does.
+    fn record(&mut self, t: f64, face: &[Place]) -> bool {
         let mut changed = false;
         for (variable, (&from, &to)) in self.before.iter().zip(face).enumerate() {
             if from != to {
@@ -101,6 +101,7 @@ impl Switching {
             }
             (self.last, self.gap) = (t, gap);
         }
+        changed
     }
 
     fn is_accumulating(&self) -> bool {
@@ -199,19 +200,19 @@ impl Radau<'_> {
 
     /// After a step is accepted: the face at its end.
     pub(super) fn settle(&mut self, coupled: bool) {
-        let n = self.system.states;
         if self.system.bounded.is_empty() {
             return;
         }
         if self.system.evaluate(self.t, &self.y) {
-            let set = &self.system.set;
+            let n = self.system.states;
             for &k in &self.system.bounded {
-                self.y[n + k] = match self.system.face[k] {
-                    Place::Lower => set.lower[k],
-                    Place::Upper => set.upper[k],
-                    Place::Inside | Place::Held => set.project(k, self.y[n + k]),
-                };
+                match self.system.face[k] {
+                    Place::Lower => self.y[n + k] = self.system.set.lower[k],
+                    Place::Upper => self.y[n + k] = self.system.set.upper[k],
+                    _ => {}
+                }
             }
+            self.system.project(&mut self.y);
         }
         if self.switching.pending {
             self.switching.pending = false;
@@ -219,8 +220,11 @@ impl Radau<'_> {
             self.switching.record(self.t, &self.system.face);
             self.restart();
         } else if coupled {
-            self.switching.record(self.t, &self.system.face);
-            self.restart();
+            let switched = self.switching.record(self.t, &self.system.face);
+            // On intervals only a step across a switch is coupled; on blocks every step is.
+            if switched || !self.system.set.has_blocks() {
+                self.restart();
+            }
         } else if self.switching.is_accumulating() {
             self.switching.shrinking = 0;
         }

@@ -7,7 +7,7 @@
 //! and the counters of what was evaluated.
 
 use super::face::Place;
-use crate::problem::{ConvexSet, Dvi, Mass, Side};
+use crate::problem::{ConvexSet, Dvi, Mass, Side, Workspace};
 use nalgebra::DMatrix;
 
 /// What was evaluated, and how often.
@@ -36,6 +36,7 @@ pub struct System<'p> {
     pub identity_mass: bool,
     /// `K`, its moving bounds as of the last evaluation.
     pub set: ConvexSet,
+    workspace: Workspace,
     /// Variables with a bound; the others are algebraic states.
     pub bounded: Vec<usize>,
     /// The active face, a place a variable.
@@ -64,14 +65,12 @@ impl<'p> System<'p> {
         let mut set = structure.set.clone();
         for moving in &structure.moving {
             // A finite stand-in until the first evaluation: the end exists.
-            match moving.side {
-                Side::Lower => set.lower[moving.variable] = 0.0,
-                Side::Upper => set.upper[moving.variable] = 0.0,
-            }
+            moving.place(0.0, &mut set);
         }
         let bounded: Vec<usize> = (0..structure.variables).filter(|&k| !set.is_free(k)).collect();
         let face = (0..structure.variables)
             .map(|k| match (set.lower[k].is_finite(), set.upper[k].is_finite()) {
+                _ if set.block_of(k).is_some() => Place::Boundary,
                 (true, _) => Place::Lower,
                 (false, true) => Place::Upper,
                 (false, false) => Place::Inside,
@@ -86,6 +85,7 @@ impl<'p> System<'p> {
             mass,
             identity_mass,
             set,
+            workspace: Workspace::default(),
             bounded,
             face,
             values: vec![0.0; rows],
@@ -110,11 +110,7 @@ impl<'p> System<'p> {
         self.work.rates += 1;
         self.problem.evaluate(t, y, &mut self.values);
         for (p, moving) in self.problem.structure().moving.iter().enumerate() {
-            let bound = self.values[self.unknowns + p];
-            match moving.side {
-                Side::Lower => self.set.lower[moving.variable] = bound,
-                Side::Upper => self.set.upper[moving.variable] = bound,
-            }
+            moving.place(self.values[self.unknowns + p], &mut self.set);
         }
         self.values.iter().all(|value| value.is_finite())
     }
@@ -128,10 +124,15 @@ impl<'p> System<'p> {
                 Place::Lower => phi[self.states + k] = self.set.lower[k] - y[self.states + k],
                 Place::Upper => phi[self.states + k] = self.set.upper[k] - y[self.states + k],
                 Place::Inside => {}
-                Place::Held => phi[self.states + k] = 0.0,
+                Place::Held | Place::Boundary | Place::Vertex => phi[self.states + k] = 0.0,
             }
         }
         finite
+    }
+
+    /// Puts the variables of `y = (x, z)` into `K` as of the last evaluation.
+    pub fn project(&mut self, y: &mut [f64]) {
+        self.set.project_all(&mut y[self.states..], &mut self.workspace);
     }
 
     /// Evaluates the derivatives at `(t, y)`; false if a number is not finite.
@@ -212,6 +213,7 @@ impl<'p> System<'p> {
                 let on = match moving.side {
                     Side::Lower => Place::Lower,
                     Side::Upper => Place::Upper,
+                    Side::Radius => continue,
                 };
                 if face[moving.variable] != on {
                     continue;

@@ -46,7 +46,7 @@ pub const MOST_STAGES: usize = 9;
 static TABLEAUX: [OnceLock<Tableau>; MOST_STAGES] = [const { OnceLock::new() }; MOST_STAGES];
 
 impl Tableau {
-    /// The coefficients for `s` stages, at least one and at most [`MOST_STAGES`]; computed when they are first asked for.
+    /// The coefficients for `s` stages, at least one and at most 9; computed when they are first asked for.
     pub fn of(s: usize) -> &'static Self {
         let s = s.clamp(1, MOST_STAGES);
         TABLEAUX[s - 1].get_or_init(|| Self::new(s))

@@ -39,6 +39,17 @@ pub struct Evaluations {
     pub factorisations: u64,
 }
 
+/// A solver that did not solve a variational inequality, so that the next was tried.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Tried {
+    /// Its name.
+    pub solver: &'static str,
+    /// How it ended.
+    pub outcome: &'static str,
+    /// How often.
+    pub times: u64,
+}
+
 /// The variational inequalities solved at stages.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct ViCounts {
@@ -50,6 +61,9 @@ pub struct ViCounts {
     pub pivots: u64,
     /// The largest natural-map residual of an accepted step.
     pub largest_residual: f64,
+    /// The solvers that were tried in vain, where there was a choice.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub tried: Vec<Tried>,
 }
 
 /// Something the user should know though the solve went on.

@@ -1,12 +1,13 @@
 //! Runs a stepper from start to end: outputs, limits, events, evidence. Written once, outside the methods.
 
 use super::{
-    Diagnostics, Evaluations, Event, EventKind, Face, Failure, Field, Solution, Status, Steps, Trajectory, ViCounts,
-    Warning,
+    Diagnostics, Evaluations, Event, EventKind, Face, Failure, Field, Solution, Status, Steps, Trajectory, Tried,
+    ViCounts, Warning,
 };
 use crate::analysis::{Analysis, Uniqueness, analyse_face};
 use crate::problem::{Control, Dvi, Mass, Stop, Structure};
 use crate::radau::{Place, Radau, Settings, StageChoice, StepError, Switch, Switches, Variables};
+use crate::vi::Attempt;
 use std::time::Instant;
 
 /// The faces that are analysed in one run.
@@ -89,7 +90,9 @@ fn judge(radau: &mut Radau<'_>, plan: &Plan, switched: bool, diagnostics: &mut D
             vi.largest_residual = certificates.natural_map;
         }
     }
-    if switched && diagnostics.faces.len() < MOST_FACES {
+    // On the boundary of a block the variables inside are not those that are free.
+    let has_blocks = radau.problem().structure().set.has_blocks();
+    if switched && !has_blocks && diagnostics.faces.len() < MOST_FACES {
         let n = plan.initial.len();
         let (t, y, face) = (radau.t(), radau.y().to_vec(), radau.face().to_vec());
         let names = face.iter().enumerate().filter(|(_, place)| **place == Place::Inside);
@@ -195,6 +198,11 @@ pub fn describe(structure: &Structure, plan: &Plan) -> Diagnostics {
         diagnostics.built.push("variational inequality");
         diagnostics.vi = Some(ViCounts::default());
         match plan.settings.switches {
+            Switches::Locate if structure.set.has_blocks() => {
+                let reason =
+                    "switch detection: K binds variables together, so steps go across switches, refined by their error";
+                diagnostics.left_out.push(reason.to_owned());
+            }
             Switches::Locate => diagnostics.built.push("switch detection"),
             Switches::StepOver => {
                 diagnostics.left_out.push("switch detection: step_over was asked for".to_owned());
@@ -222,6 +230,12 @@ fn count(radau: &mut Radau<'_>, diagnostics: &mut Diagnostics) {
     diagnostics.newton_iterations = work.newton;
     if let (Some(counts), Some(work)) = (&mut diagnostics.vi, radau.vi_work()) {
         (counts.solver, counts.solves, counts.pivots) = work;
+        let tried = |(attempt, times): (Attempt, u64)| Tried {
+            solver: attempt.solver.name(),
+            outcome: attempt.outcome.name(),
+            times,
+        };
+        counts.tried = radau.vi_failures().map(tried).collect();
     }
     if radau.jumped() {
         diagnostics.warnings.push(Warning {
@@ -285,8 +299,9 @@ impl<'a> Recorder<'a> {
     fn step(&mut self, radau: &mut Radau<'_>) -> bool {
         let n = self.plan.initial.len();
         let events = self.trajectory.events.len();
-        for Switch { t, variable, to, .. } in radau.take_switches() {
-            let kind = if to == Place::Inside { EventKind::Activated } else { EventKind::Deactivated };
+        for Switch { t, variable, from, to } in radau.take_switches() {
+            let freer = to.freedom() > from.freedom();
+            let kind = if freer { EventKind::Activated } else { EventKind::Deactivated };
             self.trajectory.events.push(Event { t, kind, of: self.plan.names[n + variable].clone() });
         }
         let end = radau.t();

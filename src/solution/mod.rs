@@ -6,7 +6,7 @@ mod integrate;
 pub mod pictures;
 mod trajectory;
 
-pub use diagnostics::{Diagnostics, Evaluations, Face, Steps, ViCounts, Warning};
+pub use diagnostics::{Diagnostics, Evaluations, Face, Steps, Tried, ViCounts, Warning};
 pub use integrate::{Plan, describe, integrate};
 pub use trajectory::{Event, EventKind, Field, Trajectory};
 

@@ -107,6 +107,10 @@ pub enum ViSolverName {
     Lemke,
     /// Newton's method on the natural map.
     SemismoothNewton,
+    /// An interior-point method; where the inequality is symmetric.
+    Conic,
+    /// Sweeps over the blocks of the set.
+    BlockGaussSeidel,
 }
 
 /// Steps a fixed step may lead to.

@@ -47,7 +47,7 @@ pub use method::{Method, MethodName, Switches, ViSolverName};
 pub use ordered::Ordered;
 pub use output::Output;
 pub use schema::json_schema;
-pub use set::{Block, BoxBlock};
+pub use set::{BallBlock, Block, BoxBlock, PolyhedronBlock};
 pub use stages::Stages;
 pub use summary::Summary;
 pub use times::Times;

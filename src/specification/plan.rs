@@ -54,6 +54,8 @@ fn settings(method: &Method, atol: &[f64]) -> Settings {
             ViSolverName::Auto => SolverKind::Auto,
             ViSolverName::Lemke => SolverKind::Lemke,
             ViSolverName::SemismoothNewton => SolverKind::SemismoothNewton,
+            ViSolverName::Conic => SolverKind::Conic,
+            ViSolverName::BlockGaussSeidel => SolverKind::BlockGaussSeidel,
         },
         vi_tolerance: method.vi_tolerance.unwrap_or(VI_TOLERANCE),
     }

@@ -103,6 +103,9 @@ impl ViSolver for Lemke {
     }
 
     fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64]) -> Report {
+        if vi.set.has_blocks() {
+            return Report::UNSUITABLE;
+        }
         self.resize(vi.q.len());
         if !self.equilibration.fit(vi) {
             return Report::BREAKDOWN;

@@ -172,7 +172,7 @@ fn the_remedies_solve_their_variational_inequalities() {
         let ramp = a.max(0.0);
         for (z, w, lower, upper) in [(sign, -a, -1.0, 1.0), (step, -a, 0.0, 1.0), (ramp, ramp - a, 0.0, f64::INFINITY)]
         {
-            let set = ConvexSet { lower: vec![lower], upper: vec![upper] };
+            let set = ConvexSet::intervals(vec![lower], vec![upper]);
             assert_eq!(set.natural_residual(&[z], &[w]), 0.0);
         }
         let b = 0.2;

@@ -1,14 +1,15 @@
 //! Documents of the right form that mean nothing: names, expressions, sets, times, ranges.
 
 use crate::documents::*;
-use serde_json::json;
+use dvi::specification::Specification;
+use serde_json::{Value, json};
 
 const RATE: &str = "/problem/dvi/states/x/rate";
 
 #[test]
 fn the_documents_to_break_are_right() {
     for document in [block(), linear()] {
-        dvi::specification::Specification::from_json(document.to_string().as_bytes()).unwrap();
+        Specification::from_json(document.to_string().as_bytes()).unwrap();
     }
 }
 
@@ -124,6 +125,48 @@ fn bounds_depend_on_time_and_states_alone_and_are_in_order() {
         &[(upper, "empty_interval", "at the start the lower bound of `F` is -0.3, above its upper bound -1")],
     );
     assert_errors(&with(block(), upper, json!("ln(-x)")), &[(upper, "outside_domain", "NaN at t = 0, x = 1")]);
+}
+
+#[test]
+fn blocks_that_bind_variables_have_the_right_sizes_and_a_point() {
+    let set = "/problem/lcs/set";
+    let two = || {
+        let document = with(linear(), "/problem/lcs/B", json!([[0, 0], [1, 1]]));
+        let document = with(document, "/problem/lcs/C", json!([[0, 1], [1, 0]]));
+        with(document, "/problem/lcs/D", json!([[0, 0], [0, 0]]))
+    };
+    let refused = |block: Value, expected: (&str, &str, &str)| {
+        let pointer = format!("{set}/0/{}", expected.0);
+        assert_errors(&with(two(), set, json!([block])), &[(&pointer, expected.1, expected.2)]);
+    };
+    for block in [
+        json!({"ball": {"of": ["z1", "z2"], "radius": "1 + x1^2"}}),
+        json!({"second_order_cone": ["z2", "z1"]}),
+        json!({"simplex": ["z1", "z2"]}),
+        json!({"polyhedron": {"of": ["z1", "z2"], "A": [[1, 1], [-1, 0]], "b": [1, "2/3"]}}),
+    ] {
+        Specification::from_json(with(two(), set, json!([block])).to_string().as_bytes()).expect("a valid set");
+    }
+    let ball = |radius: Value| json!({"ball": {"of": ["z1", "z2"], "radius": radius}});
+    refused(ball(json!(-1)), ("ball/radius", "negative_radius", "-1"));
+    refused(ball(json!("-x1")), ("ball/radius", "negative_radius", "at the start this radius is -1"));
+    refused(ball(json!("z1")), ("ball/radius", "bound_depends_on_variable", ""));
+    refused(ball(json!("1/x2")), ("ball/radius", "outside_domain", "inf at t = 0"));
+    let polyhedron = |a: Value, b: Value| json!({"polyhedron": {"of": ["z1", "z2"], "A": a, "b": b}});
+    refused(polyhedron(json!([[1, 1]]), json!([1, 2])), ("polyhedron/A", "wrong_shape", "expected 2 rows, got 1"));
+    refused(polyhedron(json!([[1]]), json!([1])), ("polyhedron/A/0", "wrong_shape", "expected 2 entries in this row"));
+    refused(polyhedron(json!([[1, 0]]), json!(["x1"])), ("polyhedron/b/0", "unknown_name", ""));
+    refused(polyhedron(json!([[1, 0], [-1, 0]]), json!([0, -1])), ("polyhedron", "empty_set", "no point"));
+    let one = |block: Value| with(linear(), set, json!([block]));
+    assert_errors(
+        &one(json!({"second_order_cone": ["z1"]})),
+        &[("/problem/lcs/set/0/second_order_cone", "too_few_members", "1 variables")],
+    );
+    assert_errors(
+        &with(linear(), set, json!([{"nonnegative": ["z1"]}, {"simplex": []}])),
+        &[("/problem/lcs/set/1/simplex", "too_few_members", "0 variables")],
+    );
+    assert_errors(&one(json!({"ball": {"of": ["z1"]}})), &[("/problem/lcs/set/0/ball", "missing_key", "`radius`")]);
 }
 
 #[test]

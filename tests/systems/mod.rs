@@ -8,5 +8,6 @@ mod nonunique;
 mod pendulum;
 mod queues;
 pub mod reference;
+mod sets;
 mod sliding;
 mod stiff;

@@ -87,7 +87,7 @@ fn an_obstacle_is_touched_where_the_exact_string_touches_it() {
             1 => -1.0 / (h * h),
             _ => 0.0,
         });
-        let set = ConvexSet { lower: vec![-1.0 / 16.0; m], upper: vec![INFINITY; m] };
+        let set = ConvexSet::intervals(vec![-1.0 / 16.0; m], vec![INFINITY; m]);
         let a = 0.125_f64.sqrt();
         let exact: Vec<f64> = (1..=m)
             .map(|i| (i as f64 * h).min(1.0 - i as f64 * h))

@@ -1,6 +1,6 @@
 //! What holds for every problem that has a solution.
 
-use super::super::{Auto, SolverKind};
+use super::super::SolverKind;
 use super::*;
 use proptest::prelude::*;
 
@@ -27,7 +27,7 @@ proptest! {
     fn a_semidefinite_matrix_on_a_box_has_one_w(seed in any::<u64>(), m in 1_usize..12) {
         let mut random = Random(seed);
         let j = random.matrix(m, m.div_ceil(2));
-        let set = ConvexSet { lower: vec![-1.0; m], upper: vec![2.0; m] };
+        let set = ConvexSet::intervals(vec![-1.0; m], vec![2.0; m]);
         let problem = Problem::new(&j * j.transpose(), random.vector(m), set);
         let answers = problem.solve_by_all();
         prop_assert!(largest_difference(&problem.w(&answers[0]), &problem.w(&answers[1])) < 1e-5);
@@ -42,6 +42,9 @@ proptest! {
         for kind in SolverKind::ALL {
             let mut z = random.member(&problem.set);
             let report = problem.solve(&mut *kind.build(m), &mut z);
+            if report.outcome == Outcome::Unsuitable {
+                continue;
+            }
             let residual = problem.set.natural_residual(&z, &problem.w(&z));
             prop_assert!((residual - report.residual).abs() <= 1e-12 * (1.0 + residual));
             let scaled = problem.scaled_residual(&z);
@@ -49,24 +52,4 @@ proptest! {
             prop_assert!(if solved { scaled <= 1e-10 } else { scaled > 1e-12 }, "{scaled} in {report:?}");
         }
     }
-}
-
-#[test]
-fn auto_names_the_solver_that_answered() {
-    let mut random = Random(11);
-    let mut auto = Auto::new(3);
-    assert_eq!(auto.name(), "auto");
-    for (m, name) in [(3, "lemke"), (501, "semismooth_newton"), (5, "lemke")] {
-        let problem = Problem::complementarity(DMatrix::identity(m, m), random.vector(m));
-        problem.solve_exactly(&mut auto);
-        assert_eq!(auto.name(), name);
-    }
-}
-
-#[test]
-fn kinds_are_known_by_their_names() {
-    for kind in SolverKind::ALL {
-        assert_eq!(SolverKind::by_name(kind.name()), Some(kind));
-    }
-    assert_eq!(SolverKind::by_name("simplex"), None);
 }
