@@ -64,7 +64,7 @@ pub fn place_on_blocks(set: &ConvexSet, x: &[f64], face: &mut [Place], workspace
 /// What must not become negative for a variable to stay in its place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Monitor {
-    /// `G` on the lower bound, `-G` on the upper, the distance to a bound inside.
+    /// `G` on the lower bound, `-G` on the upper, the distance to a bound inside; the width of an interval.
     pub value: f64,
     /// The size below which `value` is noise: the tolerance of the VI, or what an error of `y` that Newton's method
     /// lets pass makes of it.
@@ -78,7 +78,8 @@ impl Monitor {
     }
 }
 
-/// The monitors of bounded variable `k` at `y`, where `system` was evaluated last: one on a bound, at most two inside.
+/// The monitors of bounded variable `k` at `y`, where `system` was evaluated last: on a bound that
+/// of `G` and the width of the interval, inside the distances to its ends.
 pub fn monitors(system: &System<'_>, control: &NewtonControl, k: usize, y: &[f64]) -> [Option<Monitor>; 2] {
     let z = y[system.states + k];
     let g = system.values[system.states + k];
@@ -91,9 +92,13 @@ pub fn monitors(system: &System<'_>, control: &NewtonControl, k: usize, y: &[f64
             noise: (control.vi_tolerance * z.abs().max(control.size[system.states + k])).max(passed),
         })
     };
+    let width = || {
+        let value = system.set.upper[k] - system.set.lower[k];
+        value.is_finite().then(|| Monitor { value, noise: control.noise_of_width(system, k, y) })
+    };
     match system.face[k] {
-        Place::Lower => [on_bound(g), None],
-        Place::Upper => [on_bound(-g), None],
+        Place::Lower => [on_bound(g), width()],
+        Place::Upper => [on_bound(-g), width()],
         Place::Inside => [inside(z - system.set.lower[k]), inside(system.set.upper[k] - z)],
         Place::Held | Place::Boundary | Place::Vertex => [None, None],
     }

@@ -10,6 +10,7 @@
 
 mod consistent;
 mod dense_output;
+mod dips;
 mod error_control;
 mod face;
 mod factors;

@@ -40,8 +40,12 @@ pub struct StageVi {
     held: Vec<Place>,
     /// Stage increments and their transforms before the present iteration.
     saved: (Vec<f64>, Vec<f64>),
+    /// The largest size of each component of `y` over the step.
+    largest: Vec<f64>,
     /// Added to `G`, one a variable: zero, but where a switch is known to be at `G = 0` exactly.
     pub offset: Vec<f64>,
+    /// Whether the derivatives are taken anew at every iteration: where a first guess may be far off.
+    pub relinearise: bool,
     negative_jacobian: DMatrix<f64>,
     factors: Factors,
     real: Vec<f64>,
@@ -75,7 +79,9 @@ impl StageVi {
             g: vec![0.0; coupled],
             held,
             saved: (vec![0.0; stages * unknowns], vec![0.0; stages * unknowns]),
+            largest: vec![0.0; unknowns],
             offset: vec![0.0; unknowns - system.states],
+            relinearise: false,
             negative_jacobian: DMatrix::zeros(unknowns, unknowns),
             factors: Factors::default(),
             real: vec![0.0; unknowns],
@@ -116,10 +122,7 @@ impl StageVi {
     ) -> bool {
         let (s, n, count) = (tableau.stages(), system.states, system.bounded.len());
         self.resize(s * count);
-        system.negative_jacobian(&self.held, &mut self.negative_jacobian);
-        self.factors = Factors::compute(tableau, h, &system.mass, &self.negative_jacobian);
-        system.work.factorisations += 1;
-        if !self.reduce(system, tableau) {
+        if !self.reduce(system, tableau, h) {
             return false;
         }
         let mut norm = f64::INFINITY;
@@ -127,7 +130,9 @@ impl StageVi {
             if !self.evaluate(system, tableau, stages, t, h, y0) {
                 return false;
             }
-            if iteration > 0 && norm <= control.kappa && self.is_solved(system, stages, y0, s, control) {
+            // Increments at the rounding level of y neither shrink nor matter; the transforms of many stages add to it.
+            let least = control.kappa.max(1e3 * f64::EPSILON * stages.size(y0, &control.weight, s));
+            if iteration > 0 && norm <= least && self.is_solved(system, stages, h, y0, control) {
                 let last = (s - 1) * count;
                 for (a, &k) in system.bounded.iter().enumerate() {
                     let (z, g) = (self.z[last + a], self.g[last + a]);
@@ -136,6 +141,12 @@ impl StageVi {
                 }
                 place_on_blocks(&system.set, &self.moved, &mut system.face, &mut self.workspace);
                 return true;
+            }
+            if iteration > 0 && self.relinearise {
+                let y = stages.stage(y0, s - 1);
+                if !(system.differentiate(t + h, y) && self.reduce(system, tableau, h)) {
+                    return false;
+                }
             }
             system.work.newton += 1;
             if !self.affine(system, tableau, stages, h, control) {
@@ -148,7 +159,9 @@ impl StageVi {
                 }
             }
             match stages.increment(system, tableau, &self.factors, h, &control.weight) {
-                Some(new) if new.is_finite() && (iteration < 3 || new < 2.0 * norm) => norm = new,
+                Some(new) if new <= least || (new.is_finite() && (iteration < 3 || new < 2.0 * norm)) => {
+                    norm = new;
+                }
                 _ => return false,
             }
         }
@@ -231,22 +244,33 @@ impl StageVi {
         report.outcome == Outcome::Solved
     }
 
-    /// Whether the VI holds at every stage to the tolerance, from the last evaluation.
+    /// Whether the VI holds at every stage to the tolerance, from the last evaluation. The transforms mix the stages, so
+    /// that the rounding errors of one are those of the largest, and those of a state at rest those of the variables that hold it.
     fn is_solved(
         &mut self,
         system: &System<'_>,
         stages: &mut Stages,
+        h: f64,
         y0: &[f64],
-        s: usize,
         control: &NewtonControl,
     ) -> bool {
         let (n, count) = (system.states, system.bounded.len());
-        let intervals = (0..s).all(|i| {
-            let y = stages.stage(y0, i);
-            system.bounded.iter().enumerate().filter(|&(_, &k)| system.set.block_of(k).is_none()).all(|(a, &k)| {
-                let at = i * count + a;
-                let noise_g = control.noise_of_g(system, k, y);
-                let noise_z = control.vi_tolerance * control.size[n + k].max(y[n + k].abs());
+        self.largest.copy_from_slice(&control.size);
+        for i in 0..self.z.len() / count {
+            for (largest, y) in self.largest.iter_mut().zip(stages.stage(y0, i)) {
+                *largest = largest.max(y.abs());
+            }
+        }
+        for (i, j, value) in system.entries().filter(|&(i, j, _)| i < n && j >= n) {
+            let mass = system.mass[(i, i)];
+            let change = if mass == 0.0 { 0.0 } else { h * value / mass * self.largest[j] };
+            self.largest[i] = self.largest[i].max(change.abs());
+        }
+        let in_interval = |&(_, k): &(usize, &usize)| system.set.block_of(*k).is_none();
+        let intervals = system.bounded.iter().enumerate().filter(in_interval).all(|(a, &k)| {
+            let noise_g = control.noise_of_g(system, k, &self.largest);
+            let noise_z = control.vi_tolerance * self.largest[n + k];
+            (a..self.z.len()).step_by(count).all(|at| {
                 let (z, g) = (self.z[at], self.g[at]);
                 let (lower, upper) = (self.set.lower[at], self.set.upper[at]);
                 let inside = z >= lower - noise_z && z <= upper + noise_z;
@@ -256,12 +280,11 @@ impl StageVi {
         intervals
             && (0..self.set.blocks().len()).all(|b| {
                 let members = &self.set.blocks()[b].members;
-                let y = stages.stage(y0, members[0] / count);
                 let (mut noise_g, mut size) = (f64::MIN_POSITIVE, 0.0_f64);
                 for at in members {
                     let k = system.bounded[at % count];
-                    noise_g = noise_g.max(control.noise_of_g(system, k, y));
-                    size = size.max(control.size[n + k].max(y[n + k].abs()));
+                    noise_g = noise_g.max(control.noise_of_g(system, k, &self.largest));
+                    size = size.max(self.largest[n + k]);
                 }
                 let noise_z = control.vi_tolerance * if size > 0.0 { size } else { 1.0 };
                 // With p = P(z - s g) the VI holds exactly for p and g - (z - p)/s; this s makes both changes noise
@@ -271,8 +294,11 @@ impl StageVi {
             })
     }
 
-    /// Forms `S`.
-    fn reduce(&mut self, system: &System<'_>, tableau: &Tableau) -> bool {
+    /// Forms `S` from the derivatives of `system`.
+    fn reduce(&mut self, system: &mut System<'_>, tableau: &Tableau, h: f64) -> bool {
+        system.negative_jacobian(&self.held, &mut self.negative_jacobian);
+        self.factors = Factors::compute(tableau, h, &system.mass, &self.negative_jacobian);
+        system.work.factorisations += 1;
         let (s, n, count) = (tableau.stages(), system.states, system.bounded.len());
         self.matrix.fill(0.0);
         for (b, &k) in system.bounded.iter().enumerate() {

@@ -21,6 +21,8 @@ pub struct Stages {
     right: Vec<f64>,
     pair: Vec<Complex<f64>>,
     y: Vec<f64>,
+    /// The monitors of the bounded variables at every stage, stage by stage, as of the last convergence.
+    pub monitors: Vec<[Option<Monitor>; 2]>,
 }
 
 /// How a Newton iteration ended.
@@ -63,6 +65,13 @@ impl NewtonControl {
         let passed = system.terms(k, |j| if j < system.states { self.kappa / self.weight[j] } else { 0.0 });
         (self.vi_tolerance * terms).max(passed)
     }
+
+    /// The size below which the distance of the bounds of variable `k` at `y` is noise, likewise.
+    pub fn noise_of_width(&self, system: &System<'_>, k: usize, y: &[f64]) -> f64 {
+        let at = system.states + k;
+        let passed = system.terms_of_bounds(k, |j| if j < system.states { self.kappa / self.weight[j] } else { 0.0 });
+        (self.vi_tolerance * self.size[at].max(y[at].abs())).max(passed)
+    }
 }
 
 /// The contraction seen, kept from one step to the next.
@@ -96,6 +105,7 @@ impl Stages {
             right: zeros,
             pair: vec![Complex::new(0.0, 0.0); unknowns],
             y: vec![0.0; unknowns],
+            monitors: Vec::new(),
         }
     }
 
@@ -268,7 +278,7 @@ impl Stages {
     }
 
     /// The weighted norm of `y` over the stages.
-    fn size(&self, y0: &[f64], weight: &[f64], s: usize) -> f64 {
+    pub fn size(&self, y0: &[f64], weight: &[f64], s: usize) -> f64 {
         let n = self.unknowns;
         let sum: f64 = (0..s * n)
             .map(|j| {
@@ -291,6 +301,7 @@ impl Stages {
     ) -> Option<Verdict> {
         let n = self.unknowns;
         let mut verdict = Verdict { satisfied: true, violated: false };
+        self.monitors.clear();
         for (i, c) in tableau.c.iter().enumerate() {
             self.stage(y0, i);
             let phi = &mut self.phi[i * n..(i + 1) * n];
@@ -302,7 +313,9 @@ impl Stages {
                 let y = &self.y;
                 verdict.satisfied &=
                     residual == 0.0 || system.face[k] != Place::Inside || residual <= control.noise_of_g(system, k, y);
-                verdict.violated |= monitors(system, control, k, y).iter().flatten().any(Monitor::is_violated);
+                let monitors = monitors(system, control, k, y);
+                verdict.violated |= monitors.iter().flatten().any(Monitor::is_violated);
+                self.monitors.push(monitors);
             }
         }
         Some(verdict)

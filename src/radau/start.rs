@@ -29,10 +29,14 @@ pub(super) struct Probe {
 
 impl Probe {
     pub(super) fn new(system: &System<'_>, settings: &Settings) -> Self {
+        let mut vi = (!system.bounded.is_empty()).then(|| StageVi::new(system, 1, settings.vi_solver));
+        if let Some(vi) = &mut vi {
+            vi.relinearise = !system.constant_jacobian();
+        }
         Self {
             euler: Tableau::of(1),
             stages: Stages::new(1, system.unknowns),
-            vi: (!system.bounded.is_empty()).then(|| StageVi::new(system, 1, settings.vi_solver)),
+            vi,
             negative_jacobian: DMatrix::zeros(system.unknowns, system.unknowns),
         }
     }
@@ -44,6 +48,12 @@ impl Radau<'_> {
         let n = self.system.states;
         if self.system.identity_mass && self.system.unknowns == n {
             return Ok(());
+        }
+        // Free variables have no guess; where they enter nonlinearly, theirs must not be far off.
+        if self.system.bounded.is_empty()
+            && let Some(consistent) = &mut self.consistent
+        {
+            consistent.solve(&mut self.system, self.t, &mut self.y);
         }
         if !self.probe(INSTANT * self.h, false) {
             return Err(StepError::NoStart { t: self.t });

@@ -50,6 +50,8 @@ pub struct Radau<'p> {
     contraction: Contraction,
     controller: Controller,
     pub(super) t: f64,
+    /// What rounding took from `t`.
+    lag: f64,
     pub(super) y: Vec<f64>,
     end: f64,
     pub(super) h: f64,
@@ -155,6 +157,7 @@ impl<'p> Radau<'p> {
             contraction: Contraction::default(),
             controller: Controller::default(),
             t,
+            lag: 0.0,
             y,
             end,
             h: 0.0,
@@ -266,6 +269,11 @@ impl<'p> Radau<'p> {
         self.system.problem()
     }
 
+    /// The time left.
+    fn remaining(&self) -> f64 {
+        (self.end - self.t) - self.lag
+    }
+
     pub(super) fn tableau(&self) -> &'static Tableau {
         self.methods[self.current].tableau
     }
@@ -276,10 +284,13 @@ impl<'p> Radau<'p> {
     /// If the step size falls below what `t` or the settings allow, with the cause.
     pub fn step(&mut self) -> Result<(), StepError> {
         loop {
-            let remaining = self.end - self.t;
-            let mut h = self.settings.step.unwrap_or(self.h).min(self.settings.max_step);
+            let remaining = self.remaining();
+            let Settings { step, min_step, max_step, .. } = self.settings;
+            let mut h = step.unwrap_or(self.h.max(min_step)).min(max_step);
             if 1.000_1 * h >= remaining {
                 h = remaining;
+            } else if self.t + (h + self.lag) == self.t {
+                return Err(StepError::StepTooSmall { t: self.t, h, cause: Cause::Error });
             }
             let outcome = self.attempt(h)?;
             let Attempt::Solved { h: reached, iterations, coupled } = outcome else {
@@ -333,14 +344,17 @@ impl<'p> Radau<'p> {
             self.prepare(h)?;
             self.predict(h);
             match self.newton(h) {
-                Newton::Converged { iterations, violated: false } => {
-                    return Ok(Attempt::Solved { h, iterations, coupled: false });
+                Newton::Converged { iterations, violated } => {
+                    let dip = if violated || self.stage_vi.is_none() { None } else { self.dip(h) };
+                    if !violated && dip.is_none() {
+                        return Ok(Attempt::Solved { h, iterations, coupled: false });
+                    }
+                    match self.locate(h, dip)? {
+                        Located::At(h) => return Ok(Attempt::Solved { h, iterations, coupled: false }),
+                        Located::Now => {}
+                        Located::Nowhere => break,
+                    }
                 }
-                Newton::Converged { iterations, violated: true } => match self.locate(h)? {
-                    Located::At(h) => return Ok(Attempt::Solved { h, iterations, coupled: false }),
-                    Located::Now => {}
-                    Located::Nowhere => break,
-                },
                 Newton::Slow(factor) if self.stage_vi.is_none() => return Ok(Attempt::Failed(factor)),
                 Newton::Diverged if self.stage_vi.is_none() => return Ok(Attempt::Failed(0.5)),
                 Newton::Slow(_) | Newton::Diverged => break,
@@ -396,8 +410,14 @@ impl<'p> Radau<'p> {
     fn differentiate(&mut self) -> Result<(), StepError> {
         if self.jacobian == Freshness::Stale {
             if !self.system.differentiate(self.t, &self.y) {
-                let component = self.system.derivatives.iter().position(|value| !value.is_finite()).unwrap_or(0);
-                return Err(StepError::NotFinite { what: "derivative", component, t: self.t });
+                let row = self.system.entries().find(|(_, _, value)| !value.is_finite()).map_or(0, |(row, _, _)| row);
+                let (what, component) = self.name_row(row);
+                let what = match what {
+                    "rate" => "derivative of the rate",
+                    "inequality" => "derivative of the inequality",
+                    _ => "derivative of the bound",
+                };
+                return Err(StepError::NotFinite { what, component, t: self.t });
             }
             self.jacobian = Freshness::Fresh;
             self.factored = None;
@@ -523,7 +543,15 @@ impl<'p> Radau<'p> {
             self.last.slope.extend(states.iter().map(|e| gamma * e));
         }
         self.last_method = self.current;
-        self.t = if h >= self.end - self.t { self.end } else { self.t + h };
+        if h >= self.remaining() {
+            (self.t, self.lag) = (self.end, 0.0);
+        } else {
+            // The rounding errors of many short steps would else add up.
+            let (t, step) = (self.t, h + self.lag);
+            self.t = t + step;
+            let taken = self.t - t;
+            self.lag = (t - (self.t - taken)) + (step - taken);
+        }
         for (y, z) in self.y.iter_mut().zip(&self.stages.z[(s - 1) * n..s * n]) {
             *y += z;
         }
@@ -555,11 +583,15 @@ impl<'p> Radau<'p> {
     /// Makes the next attempt smaller than `h`; fails where the step is fixed or would be too small to go on with.
     fn shrink(&mut self, h: f64, cause: Cause, smaller: impl Fn(&mut Controller) -> f64) -> Result<(), StepError> {
         if self.settings.step.is_some() {
+            self.check_evaluation()?;
             return Err(StepError::NewtonFailed { t: self.t, h });
         }
-        self.h = smaller(&mut self.controller);
-        let least = self.settings.min_step.max(10.0 * f64::EPSILON * self.t.abs()).max(f64::MIN_POSITIVE);
+        let min_step = self.settings.min_step;
+        self.h = smaller(&mut self.controller).max(if h > min_step { min_step } else { 0.0 });
+        let least = min_step.max(10.0 * f64::EPSILON * self.t.abs()).max(f64::MIN_POSITIVE);
         if self.h < least || !self.h.is_finite() {
+            // What the last, shortest attempt met says more than that it failed.
+            self.check_evaluation()?;
             return Err(StepError::StepTooSmall { t: self.t, h: self.h, cause });
         }
         Ok(())
@@ -582,19 +614,34 @@ impl<'p> Radau<'p> {
     }
 
     fn check_finite(&mut self) -> Result<(), StepError> {
-        if self.system.evaluate(self.t, &self.y) {
-            return Ok(());
+        self.system.evaluate(self.t, &self.y);
+        self.check_evaluation()
+    }
+
+    /// Whether the last evaluation gave numbers, and intervals that hold one.
+    fn check_evaluation(&self) -> Result<(), StepError> {
+        let t = self.t;
+        if let Some(row) = self.system.values.iter().position(|value| !value.is_finite()) {
+            let (what, component) = self.name_row(row);
+            return Err(StepError::NotFinite { what, component, t });
         }
-        let at = self.system.values.iter().position(|value| !value.is_finite()).unwrap_or(0);
+        let set = &self.system.set;
+        match self.system.bounded.iter().find(|&&k| set.lower[k] > set.upper[k]) {
+            Some(&variable) => Err(StepError::EmptySet { variable, t }),
+            None => Ok(()),
+        }
+    }
+
+    /// What a row of the evaluation is, and its number among its kind.
+    fn name_row(&self, row: usize) -> (&'static str, usize) {
         let (n, unknowns) = (self.system.states, self.system.unknowns);
-        let (what, component) = if at < n {
-            ("rate", at)
-        } else if at < unknowns {
-            ("inequality", at - n)
+        if row < n {
+            ("rate", row)
+        } else if row < unknowns {
+            ("inequality", row - n)
         } else {
-            ("bound", at - unknowns)
-        };
-        Err(StepError::NotFinite { what, component, t: self.t })
+            ("bound", row - unknowns)
+        }
     }
 
     /// A first step over which the rates at the start change the states by about the tolerance to the power that the
@@ -618,6 +665,7 @@ impl<'p> Radau<'p> {
         let s = self.tableau().stages() as f64;
         // One tolerance of change a step is far too careful; the order says by how much.
         let reach = (1.0 / self.settings.rtol).powf(1.0 - 1.0 / (s + 1.0)).sqrt();
-        (reach / speed).min(1e-3 * span).max(1e-12 * span)
+        let least = (1e-12 * span).max(f64::EPSILON * self.t.abs());
+        (reach / speed).min(1e-3 * span).max(least).min(span)
     }
 }

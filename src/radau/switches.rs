@@ -93,7 +93,7 @@ impl Switching {
                 changed = true;
             }
         }
-        if changed {
+        if changed && self.locate {
             let gap = t - self.last;
             self.shrinking = if gap < 0.95 * self.gap { self.shrinking + 1 } else { 0 };
             if self.shrinking == ACCUMULATION {
@@ -106,6 +106,11 @@ impl Switching {
 
     fn is_accumulating(&self) -> bool {
         self.shrinking >= ACCUMULATION
+    }
+
+    /// Whether a step should end at a switch.
+    pub(super) fn locates(&self) -> bool {
+        self.locate && !self.is_accumulating()
     }
 }
 
@@ -120,25 +125,31 @@ impl Radau<'_> {
         self.switching.accumulations
     }
 
-    /// Finds where the first violated monitor of the step at hand, of size `h`, changes sign.
-    pub(super) fn locate(&mut self, h: f64) -> Result<Located, StepError> {
-        if !self.switching.locate || self.switching.is_accumulating() {
+    /// Finds where the first violated monitor of the step at hand, of size `h`, changes sign; `dip` is a fraction of the
+    /// step at which one is violated though at no stage.
+    pub(super) fn locate(&mut self, h: f64, dip: Option<f64>) -> Result<Located, StepError> {
+        if !self.switching.locates() {
             return Ok(Located::Nowhere);
         }
         let mut size = h;
         let mut solves = 0;
         // Each round takes the earliest sign change of the polynomial at hand; a later round is needed when the step
         // that ends there shows an earlier one of another variable.
-        while let Some(crossing) = self.earliest(size) {
+        while let Some(crossing) = self.earliest(size, dip.map(|theta| theta * h / size)) {
             let least = 1e3 * f64::EPSILON * self.t.abs().max(size);
-            if crossing.theta * size <= least {
+            let end = if crossing.theta * size <= least {
+                0.0
+            } else {
+                let Some(end) = self.solve_for_end(&crossing, size, &mut solves)? else { return Ok(Located::Nowhere) };
+                end
+            };
+            if end <= least {
                 self.switching.remember(&self.system.face);
                 let changed = self.choose_face(size) && self.switching.before != self.system.face;
                 self.switching.record(self.t, &self.system.face);
                 self.restart();
                 return Ok(if changed { Located::Now } else { Located::Nowhere });
             }
-            let Some(end) = self.solve_for_end(&crossing, size, &mut solves)? else { return Ok(Located::Nowhere) };
             size = end;
             if !self.is_violated_within(size, &crossing) {
                 self.switching.remember(&self.system.face);
@@ -247,7 +258,7 @@ impl Radau<'_> {
     }
 
     /// The values of all monitors on the collocation polynomial of the step at hand.
-    fn monitors_at(&mut self, theta: f64, h: f64, out: &mut Vec<[Option<Monitor>; 2]>) {
+    pub(super) fn monitors_at(&mut self, theta: f64, h: f64, out: &mut Vec<[Option<Monitor>; 2]>) {
         let unknowns = self.system.unknowns;
         let tableau = self.tableau();
         let mut basis = [0.0; 16];
@@ -267,16 +278,18 @@ impl Radau<'_> {
     }
 
     /// The earliest sign change of a violated monitor on the collocation polynomial of the step at hand.
-    fn earliest(&mut self, h: f64) -> Option<Crossing> {
-        // The stages and the middles between them.
-        let cells = 2 * self.tableau().stages();
+    fn earliest(&mut self, h: f64, dip: Option<f64>) -> Option<Crossing> {
+        // The stages, the middles between them, and where a dip was seen.
+        let mut left = 0.0;
+        let nodes = self.tableau().c.iter();
+        let mut ends: Vec<f64> =
+            nodes.flat_map(|&node| [0.5 * (std::mem::replace(&mut left, node) + node), node]).collect();
+        ends.extend(dip.filter(|theta| *theta < 1.0));
+        ends.sort_by(f64::total_cmp);
         let (mut at_left, mut at_right) = (Vec::new(), Vec::new());
         self.monitors_at(0.0, h, &mut at_left);
-        let mut left = 0.0;
-        for cell in 1..=cells {
-            let c = &self.tableau().c;
-            let node = c[(cell - 1) / 2];
-            let right = if cell % 2 == 0 { node } else { 0.5 * (left + node) };
+        left = 0.0;
+        for right in ends {
             self.monitors_at(right, h, &mut at_right);
             let mut first: Option<Crossing> = None;
             for index in 0..at_right.len() {

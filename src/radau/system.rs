@@ -172,7 +172,16 @@ impl<'p> System<'p> {
 
     /// `sum_j |dG_k/dy_j| size_j`: how large the terms of `G_k` are, in which its rounding errors are measured.
     pub fn terms(&self, k: usize, size: impl Fn(usize) -> f64) -> f64 {
-        let row = self.states + k;
+        self.terms_of_row(self.states + k, size)
+    }
+
+    /// The same of the moving bounds of variable `k`.
+    pub fn terms_of_bounds(&self, k: usize, size: impl Fn(usize) -> f64) -> f64 {
+        let bounds = self.problem.structure().moving.iter().enumerate().filter(|(_, moving)| moving.variable == k);
+        bounds.map(|(p, _)| self.terms_of_row(self.unknowns + p, &size)).sum()
+    }
+
+    fn terms_of_row(&self, row: usize, size: impl Fn(usize) -> f64) -> f64 {
         let (first, last) = (self.row_starts[row], self.row_starts[row + 1]);
         let pattern = &self.problem.structure().pattern[first..last];
         pattern.iter().zip(&self.derivatives[first..last]).map(|(&(_, j), value)| value.abs() * size(j)).sum()

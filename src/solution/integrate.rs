@@ -139,17 +139,22 @@ fn failure(plan: &Plan, error: &StepError, time: f64, state: &[f64]) -> Failure 
         StepError::NotFinite { what, component, t } => {
             let n = plan.initial.len();
             let name = match what {
-                "rate" => plan.names.get(component),
-                "inequality" => plan.names.get(n + component),
+                "rate" | "derivative of the rate" => plan.names.get(component),
+                "inequality" | "derivative of the inequality" => plan.names.get(n + component),
                 _ => None,
             };
             match name {
                 Some(name) => format!(
-                    "the {what} of `{name}` is not finite at t = {t}: a division by zero, or a function outside its domain"
+                    "the {what} of `{name}` is not finite at t = {t}: a division by zero, a function outside its \
+                     domain, or a number too large"
                 ),
                 None => error.to_string(),
             }
         }
+        StepError::EmptySet { variable, t } => format!(
+            "the interval of `{}` is empty from t = {t} on: its lower bound passes its upper bound",
+            plan.names.get(plan.initial.len() + variable).map_or("?", String::as_str)
+        ),
         StepError::InconsistentStart { state, jump } => format!(
             "the start is inconsistent: the constraints ask for a jump of `{}` by {jump:e}",
             plan.names.get(state).map_or("?", String::as_str)
