@@ -86,21 +86,29 @@ fn a_hundred_thousand_switches_keep_their_phase() {
     assert_eq!(solution.trajectory.t.len(), 1);
 }
 
-#[test]
-fn stepping_over_switches_solves_every_step_and_converges() {
-    // x = 2 - 0.7 t + 0.1 sin t until it is zero, and rests there; y is its integral.
+/// `x = 2 - 0.7 t + 0.1 sin t` until it is zero, and rests there; `y` is its integral.
+fn slide() -> Case {
+    let case = Case::until(5.0).state("x", 2.0, "0.3 - s + 0.1*cos(t)").state("y", 0.0, "x");
+    case.between("s", "-x", RELAY[0], RELAY[1])
+}
+
+/// `y` at the end, from the zero of `x` by Newton's method.
+fn integral() -> f64 {
     let mut rest = 2.8_f64;
     for _ in 0..20 {
         rest -= (2.0 - 0.7 * rest + 0.1 * rest.sin()) / (0.1 * rest.cos() - 0.7);
     }
-    let integral = 2.0 * rest - 0.35 * rest * rest + 0.1 * (1.0 - rest.cos());
+    2.0 * rest - 0.35 * rest * rest + 0.1 * (1.0 - rest.cos())
+}
+
+#[test]
+fn stepping_over_switches_solves_every_step_and_converges() {
+    let integral = integral();
     for vi_solver in ["lemke", "semismooth_newton"] {
         for stages in 1..=7 {
             for steps in [100, 333, 1000, 5000] {
                 let step = 5.0 / f64::from(steps);
-                let case = Case::until(5.0).state("x", 2.0, "0.3 - s + 0.1*cos(t)").state("y", 0.0, "x");
-                let case = case.between("s", "-x", RELAY[0], RELAY[1]);
-                let solution = case
+                let solution = slide()
                     .method(json!({
                         "stages": stages, "step": step, "switches": "step_over", "vi_solver": vi_solver, "rtol": 1e-10
                     }))
@@ -118,15 +126,9 @@ fn stepping_over_switches_solves_every_step_and_converges() {
 
 #[test]
 fn stepping_over_switches_with_error_control_keeps_the_tolerance() {
-    let mut rest = 2.8_f64;
-    for _ in 0..20 {
-        rest -= (2.0 - 0.7 * rest + 0.1 * rest.sin()) / (0.1 * rest.cos() - 0.7);
-    }
-    let integral = 2.0 * rest - 0.35 * rest * rest + 0.1 * (1.0 - rest.cos());
+    let integral = integral();
     for tolerance in [1e-4, 1e-6, 1e-8] {
-        let case = Case::until(5.0).state("x", 2.0, "0.3 - s + 0.1*cos(t)").state("y", 0.0, "x");
-        let case = case.between("s", "-x", RELAY[0], RELAY[1]);
-        let solution = case.method(json!({"rtol": tolerance, "switches": "step_over"})).solve();
+        let solution = slide().method(json!({"rtol": tolerance, "switches": "step_over"})).solve();
         let error = (last(&solution, "y") - integral).abs();
         assert!(error < 10.0 * tolerance, "rtol {tolerance:e}: off by {error:e}");
         // A step that was rejected leaves no trace: there is one switch, and it is not an accumulation.
