@@ -34,6 +34,7 @@ pub const EXAMPLES: &[Example] = examples! {
     "diode_bridge_filter"
     "fluid_queue"
     "friction_belt"
+    "friction_disk"
     "hires"
     "pendulum"
     "pollu"
@@ -42,6 +43,7 @@ pub const EXAMPLES: &[Example] = examples! {
     "reverse_zeno"
     "robertson"
     "sliding_mode"
+    "three_regions"
     "van_der_pol"
 };
 
