@@ -18,6 +18,7 @@
 //! ```
 
 pub mod expression;
+pub mod factorisation;
 pub mod models;
 pub mod problem;
 pub mod radau;
