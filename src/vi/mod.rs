@@ -7,6 +7,7 @@
 //! Each solver is built once for a size, allocates then, and is used many times; each reports the natural-map
 //! residual of what it returns.
 
+mod active_set;
 mod auto;
 mod elimination;
 mod equilibration;
@@ -16,6 +17,7 @@ mod semismooth_newton;
 #[cfg(test)]
 mod tests;
 
+pub use active_set::{ActiveSet, Unsuitable};
 pub use auto::{Auto, SolverKind};
 pub use lemke::Lemke;
 pub use semismooth_newton::SemismoothNewton;
