@@ -5,12 +5,12 @@ use faer::linalg::lu::partial_pivoting::{factor, solve};
 use faer::perm::PermRef;
 use faer::traits::ComplexField;
 use faer::traits::math_utils::{is_finite, zero};
-use faer::{Mat, Par};
+use faer::{MatMut, MatRef, Par};
 
 /// LU factors of an `n x n` matrix.
 pub struct DenseLu<T> {
-    /// The matrix, and after [`DenseLu::factorise`] its factors.
-    matrix: Mat<T>,
+    /// The matrix column after column, and after [`DenseLu::factorise`] its factors.
+    entries: Vec<T>,
     permutation: Vec<usize>,
     inverse: Vec<usize>,
     memory: MemBuffer,
@@ -22,22 +22,25 @@ impl<T: ComplexField> DenseLu<T> {
         let factor = factor::lu_in_place_scratch::<usize, T>(n, n, Par::Seq, Default::default());
         let solve = solve::solve_in_place_scratch::<usize, T>(n, 1, Par::Seq);
         Self {
-            matrix: Mat::from_fn(n, n, |_, _| zero()),
+            entries: vec![zero(); n * n],
             permutation: (0..n).collect(),
             inverse: (0..n).collect(),
             memory: MemBuffer::new(factor.or(solve)),
         }
     }
 
-    /// Factorises the matrix whose columns, stored one after the other, are `columns`.
-    pub fn factorise(&mut self, columns: impl Iterator<Item = T>) {
-        let n = self.matrix.nrows();
-        for (place, value) in columns.enumerate().take(n * n) {
-            self.matrix[(place % n, place / n)] = value;
-        }
+    /// The entries, column after column, to be written before [`DenseLu::factorise`], which overwrites them.
+    pub fn entries(&mut self) -> &mut [T] {
+        &mut self.entries
+    }
+
+    /// Factorises the matrix whose entries were written.
+    pub fn factorise(&mut self) {
+        let n = self.permutation.len();
         let stack = MemStack::new(&mut self.memory);
+        let matrix = MatMut::from_column_major_slice_mut(&mut self.entries, n, n);
         let (permutation, inverse) = (&mut self.permutation, &mut self.inverse);
-        factor::lu_in_place(self.matrix.as_mut(), permutation, inverse, Par::Seq, stack, Default::default());
+        factor::lu_in_place(matrix, permutation, inverse, Par::Seq, stack, Default::default());
     }
 
     /// Solves in place; false if the solution is not finite: the matrix is singular.
@@ -45,8 +48,8 @@ impl<T: ComplexField> DenseLu<T> {
         let n = right.len();
         let stack = MemStack::new(&mut self.memory);
         let permutation = PermRef::new_checked(&self.permutation, &self.inverse, n);
-        let columns = faer::MatMut::from_column_major_slice_mut(&mut *right, n, 1);
-        let factors = self.matrix.as_ref();
+        let columns = MatMut::from_column_major_slice_mut(&mut *right, n, 1);
+        let factors = MatRef::from_column_major_slice(&self.entries, n, n);
         solve::solve_in_place(factors, factors, permutation, columns, Par::Seq, stack);
         right.iter().all(is_finite)
     }

@@ -13,6 +13,7 @@ mod dense_output;
 mod error_control;
 mod face;
 mod factors;
+mod layout;
 mod settings;
 mod stage_vi;
 mod stages;

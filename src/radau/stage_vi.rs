@@ -12,6 +12,8 @@
 
 use super::face::{Place, place};
 use super::factors::Factors;
+use super::layout::check_memory;
+use super::settings::StepError;
 use super::stages::{NewtonControl, Stages};
 use super::system::System;
 use super::tableau::Tableau;
@@ -37,7 +39,6 @@ pub struct StageVi {
     saved: (Vec<f64>, Vec<f64>),
     /// Added to `G`, one a variable: zero, but where a switch is known to be at `G = 0` exactly.
     pub offset: Vec<f64>,
-    negative_jacobian: DMatrix<f64>,
     factors: Factors,
     real: Vec<f64>,
     complex: Vec<Complex<f64>>,
@@ -49,12 +50,17 @@ pub struct StageVi {
 
 impl StageVi {
     /// Room for the stages of a problem.
-    pub fn new(system: &System<'_>, stages: usize, solver: SolverKind) -> Self {
+    ///
+    /// # Errors
+    /// If `S` and what solves with it would not fit into memory.
+    pub fn new(system: &System<'_>, stages: usize, solver: SolverKind) -> Result<Self, StepError> {
         let unknowns = system.unknowns;
         let coupled = stages * system.bounded.len();
+        // `S`, and up to three of its size in a solver.
+        check_memory("the inequalities of all stages", coupled, 4)?;
         let mut held = vec![Place::Inside; unknowns - system.states];
         system.bounded.iter().for_each(|&k| held[k] = Place::Held);
-        Self {
+        Ok(Self {
             solver: solver.build(coupled),
             matrix: DMatrix::zeros(coupled, coupled),
             q: vec![0.0; coupled],
@@ -65,13 +71,12 @@ impl StageVi {
             held,
             saved: (vec![0.0; stages * unknowns], vec![0.0; stages * unknowns]),
             offset: vec![0.0; unknowns - system.states],
-            negative_jacobian: DMatrix::zeros(unknowns, unknowns),
-            factors: Factors::default(),
+            factors: Factors::new(system),
             real: vec![0.0; unknowns],
             complex: vec![Complex::new(0.0, 0.0); unknowns],
             solves: 0,
             pivots: 0,
-        }
+        })
     }
 
     /// The solver that answered last.
@@ -80,8 +85,8 @@ impl StageVi {
     }
 
     /// The factors of the last solve, with the bounded variables held.
-    pub fn factors(&self) -> &Factors {
-        &self.factors
+    pub fn factors(&mut self) -> &mut Factors {
+        &mut self.factors
     }
 
     /// Exchanges the face of `system` for that on which the bounded variables are held, and back.
@@ -104,8 +109,7 @@ impl StageVi {
     ) -> bool {
         let (s, n, count) = (tableau.stages(), system.states, system.bounded.len());
         self.resize(s * count);
-        system.negative_jacobian(&self.held, &mut self.negative_jacobian);
-        self.factors = Factors::compute(tableau, h, &system.mass, &self.negative_jacobian);
+        self.factors.compute(system, &self.held, tableau, h);
         system.work.factorisations += 1;
         if !self.reduce(system, tableau) {
             return false;
@@ -132,7 +136,7 @@ impl StageVi {
                     stages.phi[i * stages.unknowns + n + k] = self.z[place] - self.last_z[place];
                 }
             }
-            match stages.increment(system, tableau, &self.factors, h, &control.weight) {
+            match stages.increment(system, tableau, &mut self.factors, h, &control.weight) {
                 Some(new) if new.is_finite() && (iteration < 3 || new < 2.0 * norm) => norm = new,
                 _ => return false,
             }
@@ -183,7 +187,7 @@ impl StageVi {
         self.saved.0[..size].copy_from_slice(&stages.z[..size]);
         self.saved.1[..size].copy_from_slice(&stages.w[..size]);
         // What the other equations ask for while the bounded variables are held.
-        if stages.increment(system, tableau, &self.factors, h, &control.weight).is_none() {
+        if stages.increment(system, tableau, &mut self.factors, h, &control.weight).is_none() {
             return false;
         }
         for i in 0..s {

@@ -6,5 +6,6 @@ mod friction;
 mod harness;
 mod pendulum;
 mod queues;
+mod size;
 mod sliding;
 mod stiff;
