@@ -4,8 +4,8 @@
 //! x' = f(t,x) + B(t,x) z,    z in K,    <G(t,x,z), z~ - z> >= 0  for all z~ in K
 //! ```
 //!
-//! A [`Specification`](specification::Specification) is read from JSON and checked as a whole; [`solve`] gives a
-//! [`Solution`](solution::Solution): the trajectory in columns, and the evidence that it is right.
+//! A [`Specification`] is read from JSON and checked as a whole; [`solve`] gives a
+//! [`Solution`]: the trajectory in columns, and the evidence that it is right.
 //!
 //! ```
 //! use dvi::{problem::Control, specification::Specification};
@@ -17,6 +17,7 @@
 //! assert!((x.last().expect("a value at the end") - (-1.0_f64).exp()).abs() < 1e-6);
 //! ```
 
+pub mod analysis;
 pub mod expression;
 pub mod factorisation;
 pub mod models;

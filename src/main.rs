@@ -20,6 +20,7 @@ const HELP: &str = "\
 Examples:
   dvi solve api/examples/diode_bridge.json            solve, result as JSON
   dvi solve --format csv circuit.json > circuit.csv   solve, trajectory as a table
+  dvi solve --format svg circuit.json > circuit.svg   solve, trajectory as a picture
   dvi check circuit.json                              find all errors without solving
   dvi serve                                           serve on http://127.0.0.1:8080
   curl -d @api/examples/diode_bridge.json localhost:8080/solve";

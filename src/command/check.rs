@@ -34,37 +34,43 @@ pub fn run(arguments: &Arguments) -> ExitCode {
     match read(&arguments.file) {
         Ok(specification) => {
             // A closed standard output wants no answer.
-            let _ = write!(io::stdout(), "{}", summary(&arguments.file, &specification));
+            let _ = write!(io::stdout(), "{}", told(&arguments.file, &specification));
             ExitCode::SUCCESS
         }
         Err(code) => code,
     }
 }
 
-/// What a correct specification comes to: its sizes, then what its author should know.
-fn summary(file: &Path, specification: &Specification) -> String {
-    let model = specification.model();
-    let structure = model.structure();
-    let label = specification.label().map(|label| format!(" ({label})")).unwrap_or_default();
+/// What a correct specification comes to: its sizes, what the theory says of it, what its author should know.
+fn told(file: &Path, specification: &Specification) -> String {
+    let summary = specification.summary();
+    let analysis = &summary.analysis;
+    let label = summary.label.map(|label| format!(" ({label})")).unwrap_or_default();
     let time = specification.time();
+    let constancy = if summary.constant_jacobian { ", constant" } else { "" };
+    let index = match (analysis.index, analysis.levels.iter().filter(|&&level| level > 0).count()) {
+        (None, _) => "none".to_owned(),
+        (Some(index), 0 | 1) => index.to_string(),
+        (Some(index), _) => format!("{index}, mixed: {:?} variables by differentiation", analysis.levels),
+    };
     let mut text = format!("{}: correct{label}\n", file.display());
     // Writing to a string does not fail.
-    let _ = writeln!(text, "  states          {}", structure.states);
-    let _ = writeln!(text, "  variables       {}", structure.variables);
-    let _ = writeln!(text, "  moving bounds   {}", structure.moving.len());
-    let _ = writeln!(
-        text,
-        "  Jacobian        {} nonzeros{}",
-        structure.pattern.len(),
-        constancy(structure.constant_jacobian)
-    );
+    let _ = writeln!(text, "  states          {}", summary.states);
+    let _ = writeln!(text, "  variables       {}", summary.variables);
+    let _ = writeln!(text, "  moving bounds   {}", summary.moving_bounds);
+    let _ = writeln!(text, "  Jacobian        {} nonzeros{constancy}", summary.jacobian_nonzeros);
     let _ = writeln!(text, "  time            {} to {}", time.start, time.end);
-    for warning in &model.warnings {
+    if summary.variables > 0 {
+        let _ = writeln!(text, "  index           {index}");
+    }
+    let _ = writeln!(text, "  uniqueness      {}", analysis.uniqueness);
+    let _ = writeln!(text, "  because         {}", analysis.because);
+    let _ = writeln!(text, "  method          {} with {}", summary.method, summary.built.join(", "));
+    for part in &summary.left_out {
+        let _ = writeln!(text, "  left out        {part}");
+    }
+    for warning in &summary.warnings {
         let _ = writeln!(text, "\n  warning: {} [{}]", warning.message, warning.code);
     }
     text
-}
-
-fn constancy(constant: bool) -> &'static str {
-    if constant { ", constant" } else { "" }
 }

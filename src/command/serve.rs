@@ -36,6 +36,7 @@ Examples:
   curl -d @api/examples/diode_bridge.json localhost:8080/solve
   curl -d @long.json -H 'Prefer: respond-async' -i localhost:8080/solve
   curl -H 'Accept: text/csv' localhost:8080/jobs/ID/results
+  curl -H 'Accept: image/svg+xml' localhost:8080/jobs/ID/results
 
 SIGTERM or Ctrl-C: no more jobs are taken on; those there are have the grace time to end,
 then they are cancelled. A second signal cancels them at once.

@@ -3,7 +3,7 @@
 use super::{UNFINISHED, UNWRITABLE, read};
 use clap::{Args, ValueEnum};
 use dvi::problem::Control;
-use dvi::solution::{Solution, Status, encodings};
+use dvi::solution::{Solution, Status, encodings, pictures};
 use dvi::specification::Specification;
 use std::io::{self, BufWriter, IsTerminal, Write};
 use std::path::PathBuf;
@@ -40,6 +40,7 @@ Exit codes:
 Examples:
   dvi solve api/examples/diode_bridge.json
   dvi solve --format csv spring.json | head
+  dvi solve --format svg spring.json > spring.svg
   generate-specification | dvi solve - > result.json";
 
 /// A form of the result.
@@ -49,6 +50,8 @@ enum Format {
     Json,
     /// The trajectory as a table
     Csv,
+    /// The trajectory as a picture
+    Svg,
 }
 
 /// The time between two looks at the progress.
@@ -66,7 +69,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
     if let Some(error) = &solution.error {
         eprintln!("dvi: {} at t = {}: {}", error.code, error.time, error.message);
     }
-    match write(&solution, arguments.format) {
+    match write(&solution, specification.label(), arguments.format) {
         // The reader has seen enough, as `head` does.
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
             eprintln!("dvi: cannot write the result: {error}");
@@ -127,7 +130,7 @@ fn show_progress(control: &Control, ended: &Receiver<()>) {
     }
 }
 
-fn write(solution: &Solution, format: Format) -> io::Result<()> {
+fn write(solution: &Solution, label: Option<&str>, format: Format) -> io::Result<()> {
     let mut out = BufWriter::new(io::stdout().lock());
     match format {
         Format::Json => {
@@ -135,6 +138,7 @@ fn write(solution: &Solution, format: Format) -> io::Result<()> {
             out.write_all(b"\n")?;
         }
         Format::Csv => encodings::write_csv(&solution.trajectory, &mut out)?,
+        Format::Svg => pictures::write_svg(solution, label, &mut out)?,
     }
     out.flush()
 }

@@ -1,6 +1,7 @@
 //! A problem with its names and its start, to be solved any number of times.
 
 use super::{Linear, Symbolic};
+use crate::analysis::{Analysis, analyse};
 use crate::problem::{Dvi, Structure};
 use crate::solution::Warning;
 
@@ -43,5 +44,14 @@ impl Model {
             Equations::Symbolic(equations) => equations.structure(),
             Equations::Linear(equations) => equations.structure(),
         }
+    }
+
+    /// What the theory says of the problem at time `t` and its initial states, with each variable as near to zero as its
+    /// constant bounds allow.
+    pub fn analyse(&self, t: f64) -> Analysis {
+        let set = &self.structure().set;
+        let variables = (0..set.dimension()).map(|k| set.project(k, 0.0));
+        let y: Vec<f64> = self.initial.iter().copied().chain(variables).collect();
+        analyse(&mut *self.problem(), t, &y)
     }
 }

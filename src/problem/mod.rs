@@ -11,15 +11,17 @@ mod control;
 mod convex_set;
 
 pub use control::{Control, Stop};
-pub use convex_set::ConvexSet;
+pub use convex_set::{Block, BlockWorkspace, ConvexSet, Derivative, Face, Polyhedron, Shape, Workspace};
 
-/// Which end of an interval a moving bound is.
+/// What a moving bound is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Side {
-    /// The lower end, `l`.
+    /// The lower end of an interval, `l`.
     Lower,
-    /// The upper end, `u`.
+    /// The upper end of an interval, `u`.
     Upper,
+    /// The radius of the ball that the variable is in.
+    Radius,
 }
 
 /// A bound of `K` that varies with `(t, x)`.
@@ -27,8 +29,23 @@ pub enum Side {
 pub struct MovingBound {
     /// The index of the bounded variable, below `m`.
     pub variable: usize,
-    /// The end of its interval that moves.
+    /// What of its interval or ball moves.
     pub side: Side,
+}
+
+impl MovingBound {
+    /// Sets the bound in `set` to `value`.
+    pub fn place(self, value: f64, set: &mut ConvexSet) {
+        match self.side {
+            Side::Lower => set.lower[self.variable] = value,
+            Side::Upper => set.upper[self.variable] = value,
+            Side::Radius => {
+                if let Some(block) = set.block_of(self.variable) {
+                    set.set_radius(block, value);
+                }
+            }
+        }
+    }
 }
 
 /// The mass matrix `M` of the differential part.

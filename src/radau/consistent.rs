@@ -65,7 +65,7 @@ impl Consistent {
             match system.face[k] {
                 Place::Lower => y[n + k] = system.set.lower[k],
                 Place::Upper => y[n + k] = system.set.upper[k],
-                Place::Inside | Place::Held => {}
+                Place::Inside | Place::Held | Place::Boundary | Place::Vertex => {}
             }
         }
         self.inside.clear();

@@ -1,4 +1,9 @@
-//! The collocation polynomial of one step, `y(t_n + theta h) = y_n + sum_i l_i(theta) Z_i`, of degree `s`.
+//! The collocation polynomial of one step, `y(t_n + theta h) = y_n + sum_i l_i(theta) Z_i`, of degree `s`, whose slope is
+//! that of the rates at the stages; for the states one degree more, so that the slope is right at the beginning too.
+//!
+//! What the slope of the polynomial lacks there is `h E^-1` times what the embedded error estimate is made of, filtered
+//! by the same factors; times a polynomial that changes neither the ends nor the slopes at the stages it raises the order
+//! between the steps from `s + 1` to `s + 2`, at no cost.
 
 use super::face::Place;
 use super::tableau::Tableau;
@@ -14,6 +19,8 @@ pub struct Step {
     pub y: Vec<f64>,
     /// The stage increments, `s` blocks.
     pub z: Vec<f64>,
+    /// What the slope of the states lacks at the beginning, times `h`; empty where it is not known.
+    pub slope: Vec<f64>,
     /// The face that it kept.
     pub face: Vec<Place>,
     /// Whether it kept one face.
@@ -47,9 +54,14 @@ impl Step {
 
     /// `y` at time `t`, into `out`.
     pub fn at(&mut self, tableau: &Tableau, t: f64, out: &mut [f64]) {
-        self.increment_at(tableau, (t - self.t) / self.h, out);
+        let theta = (t - self.t) / self.h;
+        self.increment_at(tableau, theta, out);
         for (out, y) in out.iter_mut().zip(&self.y) {
             *out += y;
+        }
+        let bubble = tableau.bubble_at(theta);
+        for (out, slope) in out.iter_mut().zip(&self.slope) {
+            *out += bubble * slope;
         }
     }
 }

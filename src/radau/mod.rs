@@ -10,6 +10,7 @@
 
 mod consistent;
 mod dense_output;
+mod dips;
 mod error_control;
 mod face;
 mod factors;
@@ -25,7 +26,7 @@ mod tableau;
 
 pub use face::Place;
 pub use settings::{Cause, Settings, StageChoice, StepError, Switches};
-pub use stepper::{Counts, Radau};
+pub use stepper::{Counts, Radau, Variables};
 pub use switches::Switch;
 pub use system::Work;
 pub use tableau::Tableau;

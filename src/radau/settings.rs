@@ -50,11 +50,11 @@ pub struct Settings {
 pub enum StepError {
     /// A rate, a `G` or a bound is not a number at the beginning of a step.
     #[error(
-        "{what} number {component} (counted from 0) is not finite at t = {t}: a division by zero, or a function \
-         outside its domain"
+        "{what} number {component} (counted from 0) is not finite at t = {t}: a division by zero, a function outside \
+         its domain, or a number too large"
     )]
     NotFinite {
-        /// `rate`, `inequality`, `bound` or `derivative`.
+        /// `rate`, `inequality` or `bound`, or the derivative of one.
         what: &'static str,
         /// Its index.
         component: usize,
@@ -70,6 +70,14 @@ pub enum StepError {
         h: f64,
         /// What the last rejections were for.
         cause: Cause,
+    },
+    /// The lower bound of a variable rises above its upper bound.
+    #[error("the interval of variable {variable} (counted from 0) is empty from t = {t} on: its bounds cross")]
+    EmptySet {
+        /// The variable.
+        variable: usize,
+        /// The last time at which it held a number.
+        t: f64,
     },
     /// Newton's method failed where the step is fixed.
     #[error(
@@ -111,6 +119,7 @@ impl StepError {
         match self {
             Self::NotFinite { .. } => "not_finite",
             Self::StepTooSmall { .. } => "step_too_small",
+            Self::EmptySet { .. } => "empty_set",
             Self::NewtonFailed { .. } => "newton_failed",
             Self::InconsistentStart { .. } => "inconsistent_start",
             Self::TooLarge { .. } => "too_large",

@@ -10,15 +10,15 @@
 //! with `E` the block-diagonal matrix of [`Factors`] in which the bounded variables are held and `e` their unit
 //! vectors. Row block `i` is scaled by `d_i = b_i / c_i`: then `S` is monotone where the problem is.
 
-use super::face::{Place, place};
+use super::face::{Place, place, place_on_blocks};
 use super::factors::Factors;
 use super::layout::check_memory;
 use super::settings::StepError;
 use super::stages::{NewtonControl, Stages};
 use super::system::System;
 use super::tableau::Tableau;
-use crate::problem::ConvexSet;
-use crate::vi::{AffineVi, Outcome, SolverKind, ViSolver};
+use crate::problem::{ConvexSet, Shape, Workspace};
+use crate::vi::{AffineVi, Attempt, Outcome, SolverKind, ViSolver};
 use nalgebra::{Complex, DMatrix};
 
 /// The coupled stage problem and the solver of its affine problems.
@@ -27,7 +27,12 @@ pub struct StageVi {
     /// `S`, its row blocks scaled.
     matrix: DMatrix<f64>,
     q: Vec<f64>,
+    /// `K` of the bounded variables, and its product over the stages.
+    factor: ConvexSet,
     set: ConvexSet,
+    workspace: Workspace,
+    /// `z - g` of the variables of one stage.
+    moved: Vec<f64>,
     /// The bounded variables of all stages, stage by stage, and the same before the last solve.
     z: Vec<f64>,
     last_z: Vec<f64>,
@@ -37,8 +42,12 @@ pub struct StageVi {
     held: Vec<Place>,
     /// Stage increments and their transforms before the present iteration.
     saved: (Vec<f64>, Vec<f64>),
+    /// The largest size of each component of `y` over the step.
+    largest: Vec<f64>,
     /// Added to `G`, one a variable: zero, but where a switch is known to be at `G = 0` exactly.
     pub offset: Vec<f64>,
+    /// Whether the derivatives are taken anew at every iteration: where a first guess may be far off.
+    pub relinearise: bool,
     factors: Factors,
     real: Vec<f64>,
     complex: Vec<Complex<f64>>,
@@ -46,6 +55,8 @@ pub struct StageVi {
     pub solves: u64,
     /// Their pivots or iterations.
     pub pivots: u64,
+    /// The attempts that did not solve one, each with how often it happened.
+    pub failures: Vec<(Attempt, u64)>,
 }
 
 impl StageVi {
@@ -58,24 +69,31 @@ impl StageVi {
         let coupled = stages * system.bounded.len();
         // `S`, and up to three of its size in a solver.
         check_memory("the inequalities of all stages", coupled, 4)?;
+        let factor = system.set.restricted(&system.bounded);
         let mut held = vec![Place::Inside; unknowns - system.states];
         system.bounded.iter().for_each(|&k| held[k] = Place::Held);
         Ok(Self {
             solver: solver.build(coupled),
             matrix: DMatrix::zeros(coupled, coupled),
             q: vec![0.0; coupled],
-            set: ConvexSet::free(coupled),
+            set: factor.power(stages),
+            factor,
+            workspace: Workspace::default(),
+            moved: vec![0.0; unknowns - system.states],
             z: vec![0.0; coupled],
             last_z: vec![0.0; coupled],
             g: vec![0.0; coupled],
             held,
             saved: (vec![0.0; stages * unknowns], vec![0.0; stages * unknowns]),
+            largest: vec![0.0; unknowns],
             offset: vec![0.0; unknowns - system.states],
+            relinearise: false,
             factors: Factors::new(system),
             real: vec![0.0; unknowns],
             complex: vec![Complex::new(0.0, 0.0); unknowns],
             solves: 0,
             pivots: 0,
+            failures: Vec::new(),
         })
     }
 
@@ -109,9 +127,7 @@ impl StageVi {
     ) -> bool {
         let (s, n, count) = (tableau.stages(), system.states, system.bounded.len());
         self.resize(s * count);
-        self.factors.compute(system, &self.held, tableau, h);
-        system.work.factorisations += 1;
-        if !self.reduce(system, tableau) {
+        if !self.reduce(system, tableau, h) {
             return false;
         }
         let mut norm = f64::INFINITY;
@@ -119,12 +135,23 @@ impl StageVi {
             if !self.evaluate(system, tableau, stages, t, h, y0) {
                 return false;
             }
-            if iteration > 0 && norm <= control.kappa && self.is_solved(system, stages, y0, s, control) {
+            // Increments at the rounding level of y neither shrink nor matter; the transforms of many stages add to it.
+            let least = control.kappa.max(1e3 * f64::EPSILON * stages.size(y0, &control.weight, s));
+            if iteration > 0 && norm <= least && self.is_solved(system, stages, h, y0, control) {
                 let last = (s - 1) * count;
                 for (a, &k) in system.bounded.iter().enumerate() {
-                    system.face[k] = place(&system.set, k, self.z[last + a], self.g[last + a]);
+                    let (z, g) = (self.z[last + a], self.g[last + a]);
+                    system.face[k] = place(&system.set, k, z, g);
+                    self.moved[k] = z - g;
                 }
+                place_on_blocks(&system.set, &self.moved, &mut system.face, &mut self.workspace);
                 return true;
+            }
+            if iteration > 0 && self.relinearise {
+                let y = stages.stage(y0, s - 1);
+                if !(system.differentiate(t + h, y) && self.reduce(system, tableau, h)) {
+                    return false;
+                }
             }
             system.work.newton += 1;
             if !self.affine(system, tableau, stages, h, control) {
@@ -137,7 +164,9 @@ impl StageVi {
                 }
             }
             match stages.increment(system, tableau, &mut self.factors, h, &control.weight) {
-                Some(new) if new.is_finite() && (iteration < 3 || new < 2.0 * norm) => norm = new,
+                Some(new) if new <= least || (new.is_finite() && (iteration < 3 || new < 2.0 * norm)) => {
+                    norm = new;
+                }
                 _ => return false,
             }
         }
@@ -168,6 +197,11 @@ impl StageVi {
                 self.set.lower[place] = system.set.lower[k];
                 self.set.upper[place] = system.set.upper[k];
                 phi[n + k] = 0.0;
+            }
+            for (b, block) in system.set.blocks().iter().enumerate() {
+                if let Shape::Ball { radius } = block.shape {
+                    self.set.set_radius(i * system.set.blocks().len() + b, radius);
+                }
             }
         }
         true
@@ -206,28 +240,69 @@ impl StageVi {
         let report = self.solver.solve(&vi, &mut self.z);
         self.solves += 1;
         self.pivots += report.iterations as u64;
+        for &attempt in self.solver.attempts().iter().filter(|attempt| attempt.outcome != Outcome::Solved) {
+            match self.failures.iter_mut().find(|(known, _)| *known == attempt) {
+                Some((_, times)) => *times += 1,
+                None => self.failures.push((attempt, 1)),
+            }
+        }
         report.outcome == Outcome::Solved
     }
 
-    /// Whether the VI holds at every stage to the tolerance, from the last evaluation.
-    fn is_solved(&self, system: &System<'_>, stages: &Stages, y0: &[f64], s: usize, control: &NewtonControl) -> bool {
+    /// Whether the VI holds at every stage to the tolerance, from the last evaluation. The transforms mix the stages, so
+    /// that the rounding errors of one are those of the largest, and those of a state at rest those of the variables that hold it.
+    fn is_solved(
+        &mut self,
+        system: &System<'_>,
+        stages: &mut Stages,
+        h: f64,
+        y0: &[f64],
+        control: &NewtonControl,
+    ) -> bool {
         let (n, count) = (system.states, system.bounded.len());
-        (0..s).all(|i| {
-            system.bounded.iter().enumerate().all(|(a, &k)| {
-                let at = i * count + a;
-                let size = |j: usize| y0[j].abs() + stages.z[i * stages.unknowns + j].abs();
-                let noise_g = control.noise_of_g(system, k, size);
-                let noise_z = control.vi_tolerance * size(n + k);
+        self.largest.copy_from_slice(&control.size);
+        for i in 0..self.z.len() / count {
+            for (largest, y) in self.largest.iter_mut().zip(stages.stage(y0, i)) {
+                *largest = largest.max(y.abs());
+            }
+        }
+        for (i, j, value) in system.entries().filter(|&(i, j, _)| i < n && j >= n) {
+            let mass = system.mass_diagonal[i];
+            let change = if mass == 0.0 { 0.0 } else { h * value / mass * self.largest[j] };
+            self.largest[i] = self.largest[i].max(change.abs());
+        }
+        let in_interval = |&(_, k): &(usize, &usize)| system.set.block_of(*k).is_none();
+        let intervals = system.bounded.iter().enumerate().filter(in_interval).all(|(a, &k)| {
+            let noise_g = control.noise_of_g(system, k, &self.largest);
+            let noise_z = control.vi_tolerance * self.largest[n + k];
+            (a..self.z.len()).step_by(count).all(|at| {
                 let (z, g) = (self.z[at], self.g[at]);
                 let (lower, upper) = (self.set.lower[at], self.set.upper[at]);
                 let inside = z >= lower - noise_z && z <= upper + noise_z;
                 inside && (g <= noise_g || z <= lower + noise_z) && (g >= -noise_g || z >= upper - noise_z)
             })
-        })
+        });
+        intervals
+            && (0..self.set.blocks().len()).all(|b| {
+                let members = &self.set.blocks()[b].members;
+                let (mut noise_g, mut size) = (f64::MIN_POSITIVE, 0.0_f64);
+                for at in members {
+                    let k = system.bounded[at % count];
+                    noise_g = noise_g.max(control.noise_of_g(system, k, &self.largest));
+                    size = size.max(self.largest[n + k]);
+                }
+                let noise_z = control.vi_tolerance * if size > 0.0 { size } else { 1.0 };
+                // With p = P(z - s g) the VI holds exactly for p and g - (z - p)/s; this s makes both changes noise
+                // if the first is.
+                let scale = noise_z / noise_g;
+                self.set.defect(b, &self.z, &self.g, scale, &mut self.workspace) <= noise_z
+            })
     }
 
-    /// Forms `S`.
-    fn reduce(&mut self, system: &System<'_>, tableau: &Tableau) -> bool {
+    /// Forms `S` from the derivatives of `system`.
+    fn reduce(&mut self, system: &mut System<'_>, tableau: &Tableau, h: f64) -> bool {
+        self.factors.compute(system, &self.held, tableau, h);
+        system.work.factorisations += 1;
         let (s, n, count) = (tableau.stages(), system.states, system.bounded.len());
         self.matrix.fill(0.0);
         for (b, &k) in system.bounded.iter().enumerate() {
@@ -285,8 +360,7 @@ impl StageVi {
             for vector in [&mut self.q, &mut self.z, &mut self.last_z, &mut self.g] {
                 vector.resize(size, 0.0);
             }
-            self.set.lower.resize(size, 0.0);
-            self.set.upper.resize(size, 0.0);
+            self.set = self.factor.power(size / self.factor.dimension().max(1));
         }
     }
 }

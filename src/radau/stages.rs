@@ -5,7 +5,7 @@ use super::face::{Monitor, Place, monitors};
 use super::factors::Factors;
 use super::system::System;
 use super::tableau::Tableau;
-use nalgebra::Complex;
+use nalgebra::{Complex, DMatrix};
 
 /// Stage increments `Z`, their transforms `W = T^-1 Z` and the values `Phi`, each `s` blocks of `n + m`.
 #[derive(Clone, Debug)]
@@ -21,6 +21,8 @@ pub struct Stages {
     right: Vec<f64>,
     pair: Vec<Complex<f64>>,
     y: Vec<f64>,
+    /// The monitors of the bounded variables at every stage, stage by stage, as of the last convergence.
+    pub monitors: Vec<[Option<Monitor>; 2]>,
 }
 
 /// How a Newton iteration ended.
@@ -49,17 +51,26 @@ pub struct NewtonControl {
     pub kappa: f64,
     /// The most iterations.
     pub most: usize,
+    /// The size of each component of `y` at the beginning of the step, beside which rounding errors are measured.
+    pub size: Vec<f64>,
     /// The bound on `|G_i|` of bounded variables inside their interval, relative to the size of its terms.
     pub vi_tolerance: f64,
 }
 
 impl NewtonControl {
-    /// The size below which `G_k` is noise where the components of `y` are of size `size`: the tolerance of the VI, or
-    /// what an error of the states that Newton's method lets pass makes of it.
-    pub fn noise_of_g(&self, system: &System<'_>, k: usize, size: impl Fn(usize) -> f64) -> f64 {
-        let terms = system.terms(k, size);
+    /// The size below which `G_k` at `y` is noise: the tolerance of the VI, or what an error of the states that Newton's
+    /// method lets pass makes of it.
+    pub fn noise_of_g(&self, system: &System<'_>, k: usize, y: &[f64]) -> f64 {
+        let terms = system.terms(k, |j| self.size[j].max(y[j].abs()));
         let passed = system.terms(k, |j| if j < system.states { self.kappa / self.weight[j] } else { 0.0 });
         (self.vi_tolerance * terms).max(passed)
+    }
+
+    /// The size below which the distance of the bounds of variable `k` at `y` is noise, likewise.
+    pub fn noise_of_width(&self, system: &System<'_>, k: usize, y: &[f64]) -> f64 {
+        let at = system.states + k;
+        let passed = system.terms_of_bounds(k, |j| if j < system.states { self.kappa / self.weight[j] } else { 0.0 });
+        (self.vi_tolerance * self.size[at].max(y[at].abs())).max(passed)
     }
 }
 
@@ -71,6 +82,10 @@ pub struct Contraction {
     /// `theta / (1 - theta)` of the last step, for the test after the first iteration.
     pub factor: f64,
 }
+
+/// The rate that is assumed where one iteration is enough to converge, so that none is seen: that up to which a
+/// Jacobian is kept.
+pub const THETA: f64 = 1e-3;
 
 impl Default for Contraction {
     fn default() -> Self {
@@ -90,6 +105,7 @@ impl Stages {
             right: zeros,
             pair: vec![Complex::new(0.0, 0.0); unknowns],
             y: vec![0.0; unknowns],
+            monitors: Vec::new(),
         }
     }
 
@@ -207,7 +223,7 @@ impl Stages {
         let mut factor = contraction.factor.max(f64::EPSILON).powf(0.8);
         let (mut last_norm, mut last_ratio) = (0.0, 0.0);
         let mut evaluated = false;
-        contraction.theta = contraction.theta.min(1.0);
+        contraction.theta = THETA;
         for k in 1..=most {
             if !evaluated && !self.evaluate(system, tableau, t, h, y0) {
                 return Newton::Diverged;
@@ -220,22 +236,25 @@ impl Stages {
             if !norm.is_finite() {
                 return Newton::Diverged;
             }
-            // Increments at the rounding level of y itself neither shrink nor matter. Those of a linear problem pass
-            // the test of convergence at once, and need no other.
-            let passes = k == 1 && factor * norm <= control.kappa && system.bounded.is_empty();
-            let rounding = !passes && norm <= 4.0 * f64::EPSILON * self.size(y0, &control.weight, tableau.stages());
-            if k > 1 && !rounding {
+            // Increments at the rounding level of y itself neither shrink nor matter.
+            let rounding = norm <= 4.0 * f64::EPSILON * self.size(y0, &control.weight, tableau.stages());
+            if k > 1 {
                 let ratio = norm / last_norm;
                 let theta: f64 = if k == 2 { ratio } else { (ratio * last_ratio).sqrt() };
                 last_ratio = ratio;
-                contraction.theta = theta;
-                if theta >= 0.99 {
+                if theta < 0.99 {
+                    contraction.theta = theta;
+                    factor = theta / (1.0 - theta);
+                } else if !rounding {
+                    contraction.theta = theta;
                     return Newton::Diverged;
                 }
-                factor = theta / (1.0 - theta);
                 let left = (most - 1).saturating_sub(k) as i32;
                 let predicted = factor * norm * theta.powi(left) / control.kappa;
-                if predicted >= 1.0 {
+                // Where variables or algebraic states are extrapolated, the first increment is mostly theirs and the
+                // second what they do to the rest: the rate shows from the third on.
+                let settled = k > 2 || (system.mass.is_none() && system.unknowns == system.states);
+                if predicted >= 1.0 && settled && !rounding {
                     let q = predicted.clamp(1e-4, 20.0);
                     return Newton::Slow(0.8 * q.powf(-1.0 / (4.0 + f64::from(left))));
                 }
@@ -243,10 +262,6 @@ impl Stages {
             last_norm = norm.max(f64::EPSILON);
             if rounding || factor * norm <= control.kappa {
                 contraction.factor = factor;
-                if k == 1 && system.constant_jacobian() {
-                    // Linear stage equations: one iteration solves them.
-                    contraction.theta = 0.0;
-                }
                 if system.bounded.is_empty() {
                     return Newton::Converged { iterations: k, violated: false };
                 }
@@ -263,7 +278,7 @@ impl Stages {
     }
 
     /// The weighted norm of `y` over the stages.
-    fn size(&self, y0: &[f64], weight: &[f64], s: usize) -> f64 {
+    pub fn size(&self, y0: &[f64], weight: &[f64], s: usize) -> f64 {
         let n = self.unknowns;
         let mut sum = 0.0;
         for z in self.z[..s * n].chunks_exact(n) {
@@ -287,6 +302,7 @@ impl Stages {
     ) -> Option<Verdict> {
         let n = self.unknowns;
         let mut verdict = Verdict { satisfied: true, violated: false };
+        self.monitors.clear();
         for (i, c) in tableau.c.iter().enumerate() {
             self.stage(y0, i);
             let phi = &mut self.phi[i * n..(i + 1) * n];
@@ -296,10 +312,11 @@ impl Stages {
             for &k in &system.bounded {
                 let residual = phi[system.states + k].abs();
                 let y = &self.y;
-                verdict.satisfied &= residual == 0.0
-                    || system.face[k] != Place::Inside
-                    || residual <= control.noise_of_g(system, k, |j| y[j].abs());
-                verdict.violated |= monitors(system, control, k, y).iter().flatten().any(Monitor::is_violated);
+                verdict.satisfied &=
+                    residual == 0.0 || system.face[k] != Place::Inside || residual <= control.noise_of_g(system, k, y);
+                let monitors = monitors(system, control, k, y);
+                verdict.violated |= monitors.iter().flatten().any(Monitor::is_violated);
+                self.monitors.push(monitors);
             }
         }
         Some(verdict)
@@ -314,20 +331,39 @@ struct Verdict {
     violated: bool,
 }
 
-/// `out_i = sum_j matrix_ij x_j` on blocks of length `n`.
-fn combine(matrix: &nalgebra::DMatrix<f64>, x: &[f64], out: &mut [f64], n: usize) {
-    let s = matrix.nrows();
-    for (i, out) in out[..s * n].chunks_exact_mut(n).enumerate() {
-        let (first, rest) = x[..s * n].split_at(n);
-        let factor = matrix[(i, 0)];
-        for (out, x) in out.iter_mut().zip(first) {
-            *out = factor * x;
-        }
-        for (j, x) in rest.chunks_exact(n).enumerate() {
-            let factor = matrix[(i, j + 1)];
-            for (out, x) in out.iter_mut().zip(x) {
-                *out += factor * x;
+/// `out_i = sum_j matrix_ij x_j` on blocks of length `n`, for the numbers of stages that are offered.
+fn combine(matrix: &DMatrix<f64>, x: &[f64], out: &mut [f64], n: usize) {
+    match matrix.nrows() {
+        1 => combine_stages::<1>(matrix, x, out, n),
+        2 => combine_stages::<2>(matrix, x, out, n),
+        3 => combine_stages::<3>(matrix, x, out, n),
+        4 => combine_stages::<4>(matrix, x, out, n),
+        5 => combine_stages::<5>(matrix, x, out, n),
+        6 => combine_stages::<6>(matrix, x, out, n),
+        7 => combine_stages::<7>(matrix, x, out, n),
+        8 => combine_stages::<8>(matrix, x, out, n),
+        _ => combine_stages::<9>(matrix, x, out, n),
+    }
+}
+
+/// The same with the number of stages known to the compiler: small systems spend a quarter of their time here.
+fn combine_stages<const S: usize>(matrix: &DMatrix<f64>, x: &[f64], out: &mut [f64], n: usize) {
+    // Column by column, as the matrix is stored.
+    let mut columns = [[0.0; S]; S];
+    for (column, entries) in columns.iter_mut().zip(matrix.as_slice().chunks_exact(S)) {
+        column.copy_from_slice(entries);
+    }
+    let (x, out) = (&x[..S * n], &mut out[..S * n]);
+    for l in 0..n {
+        let mut sums = [0.0; S];
+        for (j, column) in columns.iter().enumerate() {
+            let value = x[j * n + l];
+            for (sum, entry) in sums.iter_mut().zip(column) {
+                *sum += entry * value;
             }
+        }
+        for (i, sum) in sums.iter().enumerate() {
+            out[i * n + l] = *sum;
         }
     }
 }

@@ -20,16 +20,20 @@ const INSTANT: f64 = 1e-12;
 
 /// The implicit Euler step that finds a face.
 pub(super) struct Probe {
-    euler: Tableau,
+    euler: &'static Tableau,
     stages: Stages,
-    vi: Option<StageVi>,
+    pub(super) vi: Option<StageVi>,
     factors: Factors,
 }
 
 impl Probe {
     pub(super) fn new(system: &System<'_>, settings: &Settings) -> Result<Self, StepError> {
-        let vi = if system.bounded.is_empty() { None } else { Some(StageVi::new(system, 1, settings.vi_solver)?) };
-        Ok(Self { euler: Tableau::new(1), stages: Stages::new(1, system.unknowns), vi, factors: Factors::new(system) })
+        let mut vi = None;
+        if !system.bounded.is_empty() {
+            let vi = vi.insert(StageVi::new(system, 1, settings.vi_solver)?);
+            vi.relinearise = !system.constant_jacobian();
+        }
+        Ok(Self { euler: Tableau::of(1), stages: Stages::new(1, system.unknowns), vi, factors: Factors::new(system) })
     }
 }
 
@@ -39,6 +43,12 @@ impl Radau<'_> {
         let n = self.system.states;
         if self.system.mass.is_none() && self.system.unknowns == n {
             return Ok(());
+        }
+        // Free variables have no guess; where they enter nonlinearly, theirs must not be far off.
+        if self.system.bounded.is_empty()
+            && let Some(consistent) = &mut self.consistent
+        {
+            consistent.solve(&mut self.system, self.t, &mut self.y);
         }
         if !self.probe(INSTANT * self.h, false) {
             return Err(StepError::NoStart { t: self.t });
@@ -88,11 +98,11 @@ impl Radau<'_> {
         probe.stages.z.fill(0.0);
         probe.stages.w.fill(0.0);
         let Some(vi) = &mut probe.vi else {
-            probe.factors.compute(&self.system, &self.system.face, &probe.euler, eta);
+            probe.factors.compute(&self.system, &self.system.face, probe.euler, eta);
             self.system.work.factorisations += 1;
             let newton = probe.stages.newton(
                 &mut self.system,
-                &probe.euler,
+                probe.euler,
                 &mut probe.factors,
                 self.t,
                 eta,
@@ -104,9 +114,9 @@ impl Radau<'_> {
         };
         for &k in &self.system.bounded {
             let g = self.system.values[n + k];
-            let noise = self.control.noise_of_g(&self.system, k, |j| self.y[j].abs());
+            let noise = self.control.noise_of_g(&self.system, k, &self.y);
             vi.offset[k] = if snap && g.abs() <= noise { -g } else { 0.0 };
         }
-        vi.solve(&mut self.system, &probe.euler, &mut probe.stages, self.t, eta, &self.y, &self.control)
+        vi.solve(&mut self.system, probe.euler, &mut probe.stages, self.t, eta, &self.y, &self.control)
     }
 }

@@ -3,14 +3,16 @@
 use super::consistent::Consistent;
 use super::dense_output::Step;
 use super::error_control::{Controller, Rescaled};
+use super::face::Place;
 use super::factors::Factors;
 use super::settings::{Cause, Settings, StageChoice, StepError};
 use super::stage_vi::StageVi;
-use super::stages::{Contraction, Newton, NewtonControl, Stages};
+use super::stages::{Contraction, Newton, NewtonControl, Stages, THETA};
 use super::switches::{Located, Switching};
 use super::system::System;
 use super::tableau::Tableau;
-use crate::problem::Dvi;
+use crate::problem::{ConvexSet, Dvi};
+use crate::vi;
 
 /// Counts of what a run did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -25,7 +27,7 @@ pub struct Counts {
 
 /// A method with its tolerances.
 pub(super) struct Method {
-    pub(super) tableau: Tableau,
+    pub(super) tableau: &'static Tableau,
     pub(super) tolerance: Rescaled,
 }
 
@@ -46,6 +48,8 @@ pub struct Radau<'p> {
     contraction: Contraction,
     controller: Controller,
     pub(super) t: f64,
+    /// What rounding took from `t`.
+    lag: f64,
     pub(super) y: Vec<f64>,
     end: f64,
     pub(super) h: f64,
@@ -58,6 +62,19 @@ pub struct Radau<'p> {
     shifted: Vec<f64>,
     /// Counters.
     pub counts: Counts,
+}
+
+/// The variables at the end of a step.
+#[derive(Clone, Copy, Debug)]
+pub struct Variables<'a> {
+    /// `K` there.
+    pub set: &'a ConvexSet,
+    /// The variables that have a bound, counted from 0.
+    pub bounded: &'a [usize],
+    /// All variables.
+    pub z: &'a [f64],
+    /// `G` there.
+    pub g: &'a [f64],
 }
 
 /// What is known of the derivatives at hand.
@@ -95,7 +112,7 @@ impl<'p> Radau<'p> {
     /// # Errors
     /// If something is not finite at the start, or the start is inconsistent.
     pub fn new(problem: &'p mut dyn Dvi, settings: Settings, t: f64, x: &[f64], end: f64) -> Result<Self, StepError> {
-        let system = System::new(problem)?;
+        let mut system = System::new(problem)?;
         let counts = match settings.stages {
             StageChoice::Fixed(s) => vec![s],
             StageChoice::Auto => vec![3, 5, 7],
@@ -103,17 +120,20 @@ impl<'p> Radau<'p> {
         let adaptive = settings.step.is_none();
         let methods: Vec<Method> = counts
             .iter()
-            .map(|&s| Method { tableau: Tableau::new(s), tolerance: Rescaled::new(s, settings.rtol, adaptive) })
+            .map(|&s| Method { tableau: Tableau::of(s), tolerance: Rescaled::new(s, settings.rtol, adaptive) })
             .collect();
         let most_stages = counts.iter().copied().max().unwrap_or(1);
         let unknowns = system.unknowns;
         let mut y = vec![0.0; unknowns];
         y[..system.states].copy_from_slice(x);
-        for k in 0..unknowns - system.states {
-            y[system.states + k] = system.set.project(k, 0.0);
-        }
-        let control =
-            NewtonControl { weight: vec![0.0; unknowns], kappa: 0.0, most: 0, vi_tolerance: settings.vi_tolerance };
+        system.project(&mut y);
+        let control = NewtonControl {
+            weight: vec![0.0; unknowns],
+            size: vec![0.0; unknowns],
+            kappa: 0.0,
+            most: 0,
+            vi_tolerance: settings.vi_tolerance,
+        };
         let stage_vi = if system.bounded.is_empty() {
             None
         } else {
@@ -138,6 +158,7 @@ impl<'p> Radau<'p> {
             contraction: Contraction::default(),
             controller: Controller::default(),
             t,
+            lag: 0.0,
             y,
             end,
             h: 0.0,
@@ -183,20 +204,27 @@ impl<'p> Radau<'p> {
         self.system.work
     }
 
-    /// The coupled solver, where there are bounded variables.
-    pub fn vi(&self) -> Option<&StageVi> {
-        self.stage_vi.as_ref()
+    /// The affine problems solved, over the stages and for faces: the solver that answered last, how many, and their
+    /// pivots or iterations.
+    pub fn vi_work(&self) -> Option<(&'static str, u64, u64)> {
+        let (stages, faces) = (self.stage_vi.as_ref()?, self.switching.probe.vi.as_ref()?);
+        let last = if stages.solves > 0 { stages } else { faces };
+        Some((last.solver(), stages.solves + faces.solves, stages.pivots + faces.pivots))
+    }
+
+    /// The attempts at affine problems of the stages that did not solve them, each with how often it happened.
+    pub fn vi_failures(&self) -> impl Iterator<Item = (vi::Attempt, u64)> + '_ {
+        self.stage_vi.iter().flat_map(|vi| &vi.failures).copied()
     }
 
     /// `y` at a time within the last accepted step, into `out`: the states from the collocation polynomial, the variables
     /// that belong to them; at the end of a step that is a switch, those after it.
     pub fn interpolate(&mut self, t: f64, out: &mut [f64]) {
-        let n = self.system.states;
         let at_end = t == self.t;
         if at_end {
             out.copy_from_slice(&self.y);
         } else {
-            self.last.at(&self.methods[self.last_method].tableau, t, out);
+            self.last.at(self.methods[self.last_method].tableau, t, out);
             std::mem::swap(&mut self.system.face, &mut self.last.face);
         }
         if let Some(consistent) = &mut self.consistent
@@ -206,44 +234,49 @@ impl<'p> Radau<'p> {
             self.forget_jacobian();
         }
         if !self.system.bounded.is_empty() && self.system.evaluate(t, out) {
-            for &k in &self.system.bounded {
-                out[n + k] = self.system.set.project(k, out[n + k]);
-            }
+            self.system.project(out);
         }
         if !at_end {
             std::mem::swap(&mut self.system.face, &mut self.last.face);
         }
     }
 
-    /// The evidence at the time reached: `(natural-map residual, least distance of z to its bounds, least G signed so
-    /// that it should not be negative, largest product)`, over the bounded variables.
-    pub fn complementarity(&mut self) -> Option<[f64; 4]> {
+    /// What is needed to judge the variables at the time reached; `None` where no variable has a bound.
+    pub fn variables(&mut self) -> Option<Variables<'_>> {
         if self.system.bounded.is_empty() || !self.system.evaluate(self.t, &self.y) {
             return None;
         }
-        let n = self.system.states;
-        let set = &self.system.set;
-        let mut worst = [0.0_f64, f64::INFINITY, f64::INFINITY, 0.0];
-        for &k in &self.system.bounded {
-            let (z, g) = (self.y[n + k], self.system.values[n + k]);
-            let distance = (z - set.lower[k]).min(set.upper[k] - z);
-            let signed = if z <= set.lower[k] {
-                g
-            } else if z >= set.upper[k] {
-                -g
-            } else {
-                -g.abs()
-            };
-            worst[0] = worst[0].max((z - set.project(k, z - g)).abs());
-            worst[1] = worst[1].min(distance);
-            worst[2] = worst[2].min(signed);
-            worst[3] = worst[3].max((distance * g).abs());
-        }
-        Some(worst)
+        let (n, unknowns) = (self.system.states, self.system.unknowns);
+        Some(Variables {
+            set: &self.system.set,
+            bounded: &self.system.bounded,
+            z: &self.y[n..],
+            g: &self.system.values[n..unknowns],
+        })
     }
 
-    pub(super) fn tableau(&self) -> &Tableau {
-        &self.methods[self.current].tableau
+    /// The active face.
+    pub fn face(&self) -> &[Place] {
+        &self.system.face
+    }
+
+    /// Whether the last step has kept one face.
+    pub fn kept_face(&self) -> bool {
+        self.last.is_smooth && self.continues
+    }
+
+    /// The problem, to be asked for more than steps need.
+    pub fn problem(&mut self) -> &mut dyn Dvi {
+        self.system.problem()
+    }
+
+    /// The time left.
+    fn remaining(&self) -> f64 {
+        (self.end - self.t) - self.lag
+    }
+
+    pub(super) fn tableau(&self) -> &'static Tableau {
+        self.methods[self.current].tableau
     }
 
     /// Makes one accepted step.
@@ -252,10 +285,13 @@ impl<'p> Radau<'p> {
     /// If the step size falls below what `t` or the settings allow, with the cause.
     pub fn step(&mut self) -> Result<(), StepError> {
         loop {
-            let remaining = self.end - self.t;
-            let mut h = self.settings.step.unwrap_or(self.h).min(self.settings.max_step);
+            let remaining = self.remaining();
+            let Settings { step, min_step, max_step, .. } = self.settings;
+            let mut h = step.unwrap_or(self.h.max(min_step)).min(max_step);
             if 1.000_1 * h >= remaining {
                 h = remaining;
+            } else if self.t + (h + self.lag) == self.t {
+                return Err(StepError::StepTooSmall { t: self.t, h, cause: Cause::Error });
             }
             let outcome = self.attempt(h)?;
             let Attempt::Solved { h: reached, iterations, coupled } = outcome else {
@@ -276,7 +312,7 @@ impl<'p> Radau<'p> {
             if error < 1.0 {
                 let mut new = self.controller.accept(s, reached, error, iterations, most);
                 // A step nearly as large as the last is not worth new factors.
-                if !coupled && self.contraction.theta <= 1e-3 && (1.0..=1.2).contains(&(new / reached)) {
+                if !coupled && self.contraction.theta <= THETA && (1.0..=1.2).contains(&(new / reached)) {
                     new = reached;
                 }
                 // A step cut short by a switch says nothing against the size that was tried.
@@ -287,6 +323,9 @@ impl<'p> Radau<'p> {
             }
             self.counts.rejected_error += 1;
             self.switching.abandon();
+            if coupled {
+                self.system.face.copy_from_slice(&self.switching.before);
+            }
             let first = self.counts.accepted == 0;
             self.shrink(reached, Cause::Error, |controller| {
                 controller.reject(s, reached, error.min(1e10), iterations, most, first)
@@ -296,18 +335,27 @@ impl<'p> Radau<'p> {
 
     /// Solves the stages of a step of size `h`, or of the shorter one that ends at a switch.
     fn attempt(&mut self, h: f64) -> Result<Attempt, StepError> {
+        if self.system.set.has_blocks() {
+            self.differentiate()?;
+            self.set_tolerances(h);
+            self.predict(h);
+            return Ok(self.couple(h));
+        }
         for _ in 0..=self.system.bounded.len() {
             self.prepare(h)?;
             self.predict(h);
             match self.newton(h) {
-                Newton::Converged { iterations, violated: false } => {
-                    return Ok(Attempt::Solved { h, iterations, coupled: false });
+                Newton::Converged { iterations, violated } => {
+                    let dip = if violated || self.stage_vi.is_none() { None } else { self.dip(h) };
+                    if !violated && dip.is_none() {
+                        return Ok(Attempt::Solved { h, iterations, coupled: false });
+                    }
+                    match self.locate(h, dip)? {
+                        Located::At(h) => return Ok(Attempt::Solved { h, iterations, coupled: false }),
+                        Located::Now => {}
+                        Located::Nowhere => break,
+                    }
                 }
-                Newton::Converged { iterations, violated: true } => match self.locate(h)? {
-                    Located::At(h) => return Ok(Attempt::Solved { h, iterations, coupled: false }),
-                    Located::Now => {}
-                    Located::Nowhere => break,
-                },
                 Newton::Slow(factor) if self.stage_vi.is_none() => return Ok(Attempt::Failed(factor)),
                 Newton::Diverged if self.stage_vi.is_none() => return Ok(Attempt::Failed(0.5)),
                 Newton::Slow(_) | Newton::Diverged => break,
@@ -319,7 +367,7 @@ impl<'p> Radau<'p> {
 
     /// Newton's method on the present face.
     pub(super) fn newton(&mut self, h: f64) -> Newton {
-        let tableau = &self.methods[self.current].tableau;
+        let tableau = self.tableau();
         self.stages.newton(
             &mut self.system,
             tableau,
@@ -334,8 +382,8 @@ impl<'p> Radau<'p> {
 
     /// Solves the stages with the VI coupled over them, from the increments at hand.
     fn couple(&mut self, h: f64) -> Attempt {
+        let tableau = self.tableau();
         let Some(stage_vi) = &mut self.stage_vi else { return Attempt::Failed(0.5) };
-        let tableau = &self.methods[self.current].tableau;
         self.contraction = Contraction::default();
         self.switching.remember(&self.system.face);
         if stage_vi.solve(&mut self.system, tableau, &mut self.stages, self.t, h, &self.y, &self.control) {
@@ -347,21 +395,33 @@ impl<'p> Radau<'p> {
 
     /// Makes derivatives, factors and tolerances ready for a step of size `h`.
     pub(super) fn prepare(&mut self, h: f64) -> Result<(), StepError> {
-        if self.jacobian == Freshness::Stale {
-            if !self.system.differentiate(self.t, &self.y) {
-                let component = self.system.derivatives.iter().position(|value| !value.is_finite()).unwrap_or(0);
-                return Err(StepError::NotFinite { what: "derivative", component, t: self.t });
-            }
-            self.jacobian = Freshness::Fresh;
-            self.factored = None;
-        }
+        self.differentiate()?;
         if self.factored != Some(h) {
-            let tableau = &self.methods[self.current].tableau;
+            let tableau = self.methods[self.current].tableau;
             self.factors.compute(&self.system, &self.system.face, tableau, h);
             self.system.work.factorisations += 1;
             self.factored = Some(h);
         }
         self.set_tolerances(h);
+        Ok(())
+    }
+
+    /// Makes the derivatives those of this step where they are stale.
+    fn differentiate(&mut self) -> Result<(), StepError> {
+        if self.jacobian == Freshness::Stale {
+            if !self.system.differentiate(self.t, &self.y) {
+                let row = self.system.entries().find(|(_, _, value)| !value.is_finite()).map_or(0, |(row, _, _)| row);
+                let (what, component) = self.name_row(row);
+                let what = match what {
+                    "rate" => "derivative of the rate",
+                    "inequality" => "derivative of the inequality",
+                    _ => "derivative of the bound",
+                };
+                return Err(StepError::NotFinite { what, component, t: self.t });
+            }
+            self.jacobian = Freshness::Fresh;
+            self.factored = None;
+        }
         Ok(())
     }
 
@@ -373,6 +433,9 @@ impl<'p> Radau<'p> {
         for j in 0..n {
             let scale = tolerance.factor * self.settings.atol[j] + tolerance.rtol * self.y[j].abs();
             self.control.weight[j] = 1.0 / scale.max(f64::MIN_POSITIVE);
+        }
+        for (size, y) in self.control.size.iter_mut().zip(&self.y) {
+            *size = y.abs();
         }
         self.control.kappa = tolerance.kappa;
         self.control.most = tolerance.most;
@@ -392,7 +455,7 @@ impl<'p> Radau<'p> {
     /// Starting values: the last collocation polynomial, continued; zero where it says nothing of this step.
     pub(super) fn predict(&mut self, h: f64) {
         let n = self.system.unknowns;
-        let tableau = &self.methods[self.current].tableau;
+        let tableau = self.tableau();
         if !self.continues || self.last_method != self.current {
             self.stages.z.fill(0.0);
             self.stages.w.fill(0.0);
@@ -472,14 +535,30 @@ impl<'p> Radau<'p> {
         let face = if coupled { &self.switching.before } else { &self.system.face };
         self.last.set(self.t, h, &self.y, &self.stages.z[..s * n], face);
         self.last.is_smooth = !coupled;
+        self.last.slope.clear();
+        if let Some(gamma) = self.tableau().gamma
+            && self.settings.step.is_none()
+            && !coupled
+        {
+            let states = &self.estimate[..self.system.states];
+            self.last.slope.extend(states.iter().map(|e| gamma * e));
+        }
         self.last_method = self.current;
-        self.t = if h >= self.end - self.t { self.end } else { self.t + h };
+        if h >= self.remaining() {
+            (self.t, self.lag) = (self.end, 0.0);
+        } else {
+            // The rounding errors of many short steps would else add up.
+            let (t, step) = (self.t, h + self.lag);
+            self.t = t + step;
+            let taken = self.t - t;
+            self.lag = (t - (self.t - taken)) + (step - taken);
+        }
         for (y, z) in self.y.iter_mut().zip(&self.stages.z[(s - 1) * n..s * n]) {
             *y += z;
         }
         self.counts.accepted += 1;
         self.continues = true;
-        if !(self.system.constant_jacobian() || self.contraction.theta <= 1e-3) {
+        if !(self.system.constant_jacobian() || self.contraction.theta <= THETA) {
             self.jacobian = Freshness::Stale;
         } else if self.jacobian == Freshness::Fresh {
             self.jacobian = Freshness::Kept;
@@ -505,11 +584,15 @@ impl<'p> Radau<'p> {
     /// Makes the next attempt smaller than `h`; fails where the step is fixed or would be too small to go on with.
     fn shrink(&mut self, h: f64, cause: Cause, smaller: impl Fn(&mut Controller) -> f64) -> Result<(), StepError> {
         if self.settings.step.is_some() {
+            self.check_evaluation()?;
             return Err(StepError::NewtonFailed { t: self.t, h });
         }
-        self.h = smaller(&mut self.controller);
-        let least = self.settings.min_step.max(10.0 * f64::EPSILON * self.t.abs()).max(f64::MIN_POSITIVE);
+        let min_step = self.settings.min_step;
+        self.h = smaller(&mut self.controller).max(if h > min_step { min_step } else { 0.0 });
+        let least = min_step.max(10.0 * f64::EPSILON * self.t.abs()).max(f64::MIN_POSITIVE);
         if self.h < least || !self.h.is_finite() {
+            // What the last, shortest attempt met says more than that it failed.
+            self.check_evaluation()?;
             return Err(StepError::StepTooSmall { t: self.t, h: self.h, cause });
         }
         Ok(())
@@ -532,19 +615,34 @@ impl<'p> Radau<'p> {
     }
 
     fn check_finite(&mut self) -> Result<(), StepError> {
-        if self.system.evaluate(self.t, &self.y) {
-            return Ok(());
+        self.system.evaluate(self.t, &self.y);
+        self.check_evaluation()
+    }
+
+    /// Whether the last evaluation gave numbers, and intervals that hold one.
+    fn check_evaluation(&self) -> Result<(), StepError> {
+        let t = self.t;
+        if let Some(row) = self.system.values.iter().position(|value| !value.is_finite()) {
+            let (what, component) = self.name_row(row);
+            return Err(StepError::NotFinite { what, component, t });
         }
-        let at = self.system.values.iter().position(|value| !value.is_finite()).unwrap_or(0);
+        let set = &self.system.set;
+        match self.system.bounded.iter().find(|&&k| set.lower[k] > set.upper[k]) {
+            Some(&variable) => Err(StepError::EmptySet { variable, t }),
+            None => Ok(()),
+        }
+    }
+
+    /// What a row of the evaluation is, and its number among its kind.
+    fn name_row(&self, row: usize) -> (&'static str, usize) {
         let (n, unknowns) = (self.system.states, self.system.unknowns);
-        let (what, component) = if at < n {
-            ("rate", at)
-        } else if at < unknowns {
-            ("inequality", at - n)
+        if row < n {
+            ("rate", row)
+        } else if row < unknowns {
+            ("inequality", row - n)
         } else {
-            ("bound", at - unknowns)
-        };
-        Err(StepError::NotFinite { what, component, t: self.t })
+            ("bound", row - unknowns)
+        }
     }
 
     /// A first step over which the rates at the start change the states by about the tolerance to the power that the
@@ -568,6 +666,7 @@ impl<'p> Radau<'p> {
         let s = self.tableau().stages() as f64;
         // One tolerance of change a step is far too careful; the order says by how much.
         let reach = (1.0 / self.settings.rtol).powf(1.0 - 1.0 / (s + 1.0)).sqrt();
-        (reach / speed).min(1e-3 * span).max(1e-12 * span)
+        let least = (1e-12 * span).max(f64::EPSILON * self.t.abs());
+        (reach / speed).min(1e-3 * span).max(least).min(span)
     }
 }

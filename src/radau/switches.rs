@@ -84,8 +84,8 @@ impl Switching {
         self.pending = false;
     }
 
-    /// Records what differs from the remembered face.
-    fn record(&mut self, t: f64, face: &[Place]) {
+    /// Records what differs from the remembered face, and whether anything does.
+    fn record(&mut self, t: f64, face: &[Place]) -> bool {
         let mut changed = false;
         for (variable, (&from, &to)) in self.before.iter().zip(face).enumerate() {
             if from != to {
@@ -93,7 +93,7 @@ impl Switching {
                 changed = true;
             }
         }
-        if changed {
+        if changed && self.locate {
             let gap = t - self.last;
             self.shrinking = if gap < 0.95 * self.gap { self.shrinking + 1 } else { 0 };
             if self.shrinking == ACCUMULATION {
@@ -101,10 +101,16 @@ impl Switching {
             }
             (self.last, self.gap) = (t, gap);
         }
+        changed
     }
 
     fn is_accumulating(&self) -> bool {
         self.shrinking >= ACCUMULATION
+    }
+
+    /// Whether a step should end at a switch.
+    pub(super) fn locates(&self) -> bool {
+        self.locate && !self.is_accumulating()
     }
 }
 
@@ -119,25 +125,31 @@ impl Radau<'_> {
         self.switching.accumulations
     }
 
-    /// Finds where the first violated monitor of the step at hand, of size `h`, changes sign.
-    pub(super) fn locate(&mut self, h: f64) -> Result<Located, StepError> {
-        if !self.switching.locate || self.switching.is_accumulating() {
+    /// Finds where the first violated monitor of the step at hand, of size `h`, changes sign; `dip` is a fraction of the
+    /// step at which one is violated though at no stage.
+    pub(super) fn locate(&mut self, h: f64, dip: Option<f64>) -> Result<Located, StepError> {
+        if !self.switching.locates() {
             return Ok(Located::Nowhere);
         }
         let mut size = h;
         let mut solves = 0;
         // Each round takes the earliest sign change of the polynomial at hand; a later round is needed when the step
         // that ends there shows an earlier one of another variable.
-        while let Some(crossing) = self.earliest(size) {
+        while let Some(crossing) = self.earliest(size, dip.map(|theta| theta * h / size)) {
             let least = 1e3 * f64::EPSILON * self.t.abs().max(size);
-            if crossing.theta * size <= least {
+            let end = if crossing.theta * size <= least {
+                0.0
+            } else {
+                let Some(end) = self.solve_for_end(&crossing, size, &mut solves)? else { return Ok(Located::Nowhere) };
+                end
+            };
+            if end <= least {
                 self.switching.remember(&self.system.face);
                 let changed = self.choose_face(size) && self.switching.before != self.system.face;
                 self.switching.record(self.t, &self.system.face);
                 self.restart();
                 return Ok(if changed { Located::Now } else { Located::Nowhere });
             }
-            let Some(end) = self.solve_for_end(&crossing, size, &mut solves)? else { return Ok(Located::Nowhere) };
             size = end;
             if !self.is_violated_within(size, &crossing) {
                 self.switching.remember(&self.system.face);
@@ -163,7 +175,7 @@ impl Radau<'_> {
         while *solves < SOLVES && trial > 0.0 && trial < longest {
             *solves += 1;
             self.prepare(trial)?;
-            self.stages.resample(&self.methods[self.current].tableau, trial / size);
+            self.stages.resample(self.tableau(), trial / size);
             let before = std::mem::replace(&mut size, trial);
             if !matches!(self.newton(size), Newton::Converged { .. }) {
                 return Ok(None);
@@ -188,14 +200,19 @@ impl Radau<'_> {
 
     /// After a step is accepted: the face at its end.
     pub(super) fn settle(&mut self, coupled: bool) {
-        let n = self.system.states;
         if self.system.bounded.is_empty() {
             return;
         }
         if self.system.evaluate(self.t, &self.y) {
+            let n = self.system.states;
             for &k in &self.system.bounded {
-                self.y[n + k] = self.system.set.project(k, self.y[n + k]);
+                match self.system.face[k] {
+                    Place::Lower => self.y[n + k] = self.system.set.lower[k],
+                    Place::Upper => self.y[n + k] = self.system.set.upper[k],
+                    _ => {}
+                }
             }
+            self.system.project(&mut self.y);
         }
         if self.switching.pending {
             self.switching.pending = false;
@@ -203,8 +220,11 @@ impl Radau<'_> {
             self.switching.record(self.t, &self.system.face);
             self.restart();
         } else if coupled {
-            self.switching.record(self.t, &self.system.face);
-            self.restart();
+            let switched = self.switching.record(self.t, &self.system.face);
+            // On intervals only a step across a switch is coupled; on blocks every step is.
+            if switched || !self.system.set.has_blocks() {
+                self.restart();
+            }
         } else if self.switching.is_accumulating() {
             self.switching.shrinking = 0;
         }
@@ -212,7 +232,7 @@ impl Radau<'_> {
 
     /// Whether a monitor, other than the one that ends it, is violated at a stage of the step at hand.
     fn is_violated_within(&mut self, h: f64, end: &Crossing) -> bool {
-        let tableau = &self.methods[self.current].tableau;
+        let tableau = self.tableau();
         (0..tableau.stages()).any(|i| {
             let y = self.stages.stage(&self.y, i);
             !self.system.evaluate(self.t + tableau.c[i] * h, y)
@@ -228,7 +248,7 @@ impl Radau<'_> {
     /// One monitor at the end of the step at hand, with the variables that belong to the states there: their stage values
     /// would give the time of the switch to order `s` only.
     fn monitor_at(&mut self, crossing: &Crossing, h: f64) -> Option<Monitor> {
-        let y = self.stages.stage(&self.y, self.methods[self.current].tableau.stages() - 1);
+        let y = self.stages.stage(&self.y, self.tableau().stages() - 1);
         self.switching.scratch.copy_from_slice(y);
         if let Some(consistent) = &mut self.consistent {
             consistent.solve(&mut self.system, self.t + h, &mut self.switching.scratch);
@@ -238,9 +258,9 @@ impl Radau<'_> {
     }
 
     /// The values of all monitors on the collocation polynomial of the step at hand.
-    fn monitors_at(&mut self, theta: f64, h: f64, out: &mut Vec<[Option<Monitor>; 2]>) {
+    pub(super) fn monitors_at(&mut self, theta: f64, h: f64, out: &mut Vec<[Option<Monitor>; 2]>) {
         let unknowns = self.system.unknowns;
-        let tableau = &self.methods[self.current].tableau;
+        let tableau = self.tableau();
         let mut basis = [0.0; 16];
         let basis = &mut basis[..tableau.stages()];
         tableau.increments_at(theta, basis);
@@ -258,16 +278,18 @@ impl Radau<'_> {
     }
 
     /// The earliest sign change of a violated monitor on the collocation polynomial of the step at hand.
-    fn earliest(&mut self, h: f64) -> Option<Crossing> {
-        // The stages and the middles between them.
-        let cells = 2 * self.methods[self.current].tableau.stages();
+    fn earliest(&mut self, h: f64, dip: Option<f64>) -> Option<Crossing> {
+        // The stages, the middles between them, and where a dip was seen.
+        let mut left = 0.0;
+        let nodes = self.tableau().c.iter();
+        let mut ends: Vec<f64> =
+            nodes.flat_map(|&node| [0.5 * (std::mem::replace(&mut left, node) + node), node]).collect();
+        ends.extend(dip.filter(|theta| *theta < 1.0));
+        ends.sort_by(f64::total_cmp);
         let (mut at_left, mut at_right) = (Vec::new(), Vec::new());
         self.monitors_at(0.0, h, &mut at_left);
-        let mut left = 0.0;
-        for cell in 1..=cells {
-            let c = &self.methods[self.current].tableau.c;
-            let node = c[(cell - 1) / 2];
-            let right = if cell % 2 == 0 { node } else { 0.5 * (left + node) };
+        left = 0.0;
+        for right in ends {
             self.monitors_at(right, h, &mut at_right);
             let mut first: Option<Crossing> = None;
             for index in 0..at_right.len() {

@@ -9,7 +9,7 @@
 use super::face::Place;
 use super::layout::Layout;
 use super::settings::StepError;
-use crate::problem::{ConvexSet, Dvi, Mass, Side};
+use crate::problem::{ConvexSet, Dvi, Mass, Side, Workspace};
 use std::sync::Arc;
 
 /// What was evaluated, and how often.
@@ -40,6 +40,7 @@ pub struct System<'p> {
     pub layout: Arc<Layout>,
     /// `K`, its moving bounds as of the last evaluation.
     pub set: ConvexSet,
+    workspace: Workspace,
     /// Variables with a bound; the others are algebraic states.
     pub bounded: Vec<usize>,
     /// The active face, a place a variable.
@@ -78,14 +79,12 @@ impl<'p> System<'p> {
         let mut set = structure.set.clone();
         for moving in &structure.moving {
             // A finite stand-in until the first evaluation: the end exists.
-            match moving.side {
-                Side::Lower => set.lower[moving.variable] = 0.0,
-                Side::Upper => set.upper[moving.variable] = 0.0,
-            }
+            moving.place(0.0, &mut set);
         }
         let bounded: Vec<usize> = (0..structure.variables).filter(|&k| !set.is_free(k)).collect();
         let face = (0..structure.variables)
             .map(|k| match (set.lower[k].is_finite(), set.upper[k].is_finite()) {
+                _ if set.block_of(k).is_some() => Place::Boundary,
                 (true, _) => Place::Lower,
                 (false, true) => Place::Upper,
                 (false, false) => Place::Inside,
@@ -102,6 +101,7 @@ impl<'p> System<'p> {
             mass_diagonal,
             layout,
             set,
+            workspace: Workspace::default(),
             bounded,
             face,
             values: vec![0.0; rows],
@@ -109,6 +109,11 @@ impl<'p> System<'p> {
             derivatives: vec![0.0; nonzeros],
             work: Work::default(),
         })
+    }
+
+    /// The problem itself.
+    pub fn problem(&mut self) -> &mut dyn Dvi {
+        self.problem
     }
 
     /// Whether one Jacobian serves for all `(t, y)`.
@@ -121,11 +126,7 @@ impl<'p> System<'p> {
         self.work.rates += 1;
         self.problem.evaluate(t, y, &mut self.values);
         for (p, moving) in self.problem.structure().moving.iter().enumerate() {
-            let bound = self.values[self.unknowns + p];
-            match moving.side {
-                Side::Lower => self.set.lower[moving.variable] = bound,
-                Side::Upper => self.set.upper[moving.variable] = bound,
-            }
+            moving.place(self.values[self.unknowns + p], &mut self.set);
         }
         self.values.iter().all(|value| value.is_finite())
     }
@@ -139,14 +140,22 @@ impl<'p> System<'p> {
                 Place::Lower => phi[self.states + k] = self.set.lower[k] - y[self.states + k],
                 Place::Upper => phi[self.states + k] = self.set.upper[k] - y[self.states + k],
                 Place::Inside => {}
-                Place::Held => phi[self.states + k] = 0.0,
+                Place::Held | Place::Boundary | Place::Vertex => phi[self.states + k] = 0.0,
             }
         }
         finite
     }
 
+    /// Puts the variables of `y = (x, z)` into `K` as of the last evaluation.
+    pub fn project(&mut self, y: &mut [f64]) {
+        self.set.project_all(&mut y[self.states..], &mut self.workspace);
+    }
+
     /// Evaluates the derivatives at `(t, y)`; false if a number is not finite.
     pub fn differentiate(&mut self, t: f64, y: &[f64]) -> bool {
+        if self.constant_jacobian() && self.work.jacobians > 0 {
+            return true;
+        }
         self.work.jacobians += 1;
         self.problem.jacobian(t, y, &mut self.derivatives);
         self.derivatives.iter().all(|value| value.is_finite())
@@ -181,7 +190,16 @@ impl<'p> System<'p> {
 
     /// `sum_j |dG_k/dy_j| size_j`: how large the terms of `G_k` are, in which its rounding errors are measured.
     pub fn terms(&self, k: usize, size: impl Fn(usize) -> f64) -> f64 {
-        let row = self.states + k;
+        self.terms_of_row(self.states + k, size)
+    }
+
+    /// The same of the moving bounds of variable `k`.
+    pub fn terms_of_bounds(&self, k: usize, size: impl Fn(usize) -> f64) -> f64 {
+        let bounds = self.problem.structure().moving.iter().enumerate().filter(|(_, moving)| moving.variable == k);
+        bounds.map(|(p, _)| self.terms_of_row(self.unknowns + p, &size)).sum()
+    }
+
+    fn terms_of_row(&self, row: usize, size: impl Fn(usize) -> f64) -> f64 {
         let (first, last) = (self.row_starts[row], self.row_starts[row + 1]);
         let pattern = &self.problem.structure().pattern[first..last];
         pattern.iter().zip(&self.derivatives[first..last]).map(|(&(_, j), value)| value.abs() * size(j)).sum()
@@ -208,11 +226,11 @@ impl<'p> System<'p> {
                 face[i - n] == Place::Inside
             } else {
                 let moving = structure.moving[i - self.unknowns];
-                let on = match moving.side {
-                    Side::Lower => Place::Lower,
-                    Side::Upper => Place::Upper,
-                };
-                face[moving.variable] == on
+                match moving.side {
+                    Side::Lower => face[moving.variable] == Place::Lower,
+                    Side::Upper => face[moving.variable] == Place::Upper,
+                    Side::Radius => false,
+                }
             };
             if is_on_face {
                 places[place] -= value;

@@ -11,6 +11,7 @@
 //! computed with numbers of order one, so that the coefficients are good to the last digits.
 
 use nalgebra::{Complex, DMatrix};
+use std::sync::OnceLock;
 
 /// Radau IIA with `s` stages: order `2s - 1`, stage order `s`, stiffly accurate.
 #[derive(Clone, Debug)]
@@ -35,13 +36,27 @@ pub struct Tableau {
     /// The embedded error estimate combines the stage increments with `-l_i(0) / c_i`, where `l_i` is the Lagrange
     /// polynomial of node `i` (as RADAU does; for `s = 3` the `-(13+7 sqrt 6)/3, ..` of RADAU5).
     pub estimate: Vec<f64>,
+    /// Coefficients of the polynomial `p` with `p(0) = p(1) = 0`, `p'(0) = 1` and `p'(c_i) = 0`, from the first power on:
+    /// `p'` is the node polynomial, orthogonal to constants for `s >= 2`. Empty for one stage, where there is none.
+    bubble: Vec<f64>,
     /// Barycentric weights of the nodes `0, c_1, .., c_s`.
     barycentric: Vec<f64>,
 }
 
+/// The most stages on offer.
+pub const MOST_STAGES: usize = 9;
+
+static TABLEAUX: [OnceLock<Tableau>; MOST_STAGES] = [const { OnceLock::new() }; MOST_STAGES];
+
 impl Tableau {
+    /// The coefficients for `s` stages, at least one and at most 9; computed when they are first asked for.
+    pub fn of(s: usize) -> &'static Self {
+        let s = s.clamp(1, MOST_STAGES);
+        TABLEAUX[s - 1].get_or_init(|| Self::new(s))
+    }
+
     /// Computes the coefficients for `s >= 1` stages.
-    pub fn new(s: usize) -> Self {
+    fn new(s: usize) -> Self {
         let c = nodes(s);
         let w = DMatrix::from_fn(s, s, |i, j| legendre(c[i], s)[j]);
         let b: Vec<f64> = (0..s).map(|i| 1.0 / w.row(i).norm_squared()).collect();
@@ -81,7 +96,14 @@ impl Tableau {
         let node = |i: usize| if i == 0 { 0.0 } else { c[i - 1] };
         let barycentric =
             (0..=s).map(|i| 1.0 / (0..=s).filter(|&j| j != i).map(|j| node(i) - node(j)).product::<f64>()).collect();
-        Self { c, a, b, a_inverse, gamma, pairs, t, t_inverse, estimate, barycentric }
+        let bubble = if s == 1 { Vec::new() } else { bubble(&c) };
+        Self { c, a, b, a_inverse, gamma, pairs, t, t_inverse, estimate, bubble, barycentric }
+    }
+
+    /// The value at `theta` of the polynomial that vanishes at both ends of a step, has the slope 1 at its beginning and
+    /// 0 at the nodes.
+    pub fn bubble_at(&self, theta: f64) -> f64 {
+        self.bubble.iter().rev().fold(0.0, |value, coefficient| (value + coefficient) * theta)
     }
 
     /// `s`, the number of stages.
@@ -108,6 +130,18 @@ impl Tableau {
             };
         }
     }
+}
+
+/// The integral of `prod_i (1 - theta / c_i)` from zero, without its vanishing constant.
+fn bubble(c: &[f64]) -> Vec<f64> {
+    let mut product = vec![1.0];
+    for node in c {
+        product.push(0.0);
+        for k in (1..product.len()).rev() {
+            product[k] -= product[k - 1] / node;
+        }
+    }
+    product.iter().enumerate().map(|(k, coefficient)| coefficient / (k + 1) as f64).collect()
 }
 
 /// The first `s + 1` orthonormal shifted Legendre polynomials at `x` in `[0, 1]`.
@@ -238,32 +272,32 @@ mod tests {
 
     #[test]
     fn three_stages_are_those_of_radau5() {
-        let tableau = Tableau::new(3);
+        let tableau = Tableau::of(3);
         let r6 = 6.0_f64.sqrt();
         let a = [
             [(88.0 - 7.0 * r6) / 360.0, (296.0 - 169.0 * r6) / 1800.0, (-2.0 + 3.0 * r6) / 225.0],
             [(296.0 + 169.0 * r6) / 1800.0, (88.0 + 7.0 * r6) / 360.0, (-2.0 - 3.0 * r6) / 225.0],
             [(16.0 - r6) / 36.0, (16.0 + r6) / 36.0, 1.0 / 9.0],
         ];
-        for i in 0..3 {
-            for j in 0..3 {
-                assert!((tableau.a[(i, j)] - a[i][j]).abs() < 4e-16, "a{i}{j}");
+        for (i, row) in a.iter().enumerate() {
+            for (j, exact) in row.iter().enumerate() {
+                assert!((tableau.a[(i, j)] - exact).abs() < 4e-16, "a{i}{j}");
             }
         }
         let d = [-(13.0 + 7.0 * r6) / 3.0, (-13.0 + 7.0 * r6) / 3.0, -1.0 / 3.0];
-        for i in 0..3 {
-            assert!((tableau.estimate[i] - d[i]).abs() < 2e-14, "estimate {i}");
+        for (i, (computed, exact)) in tableau.estimate.iter().zip(d).enumerate() {
+            assert!((computed - exact).abs() < 2e-14, "estimate {i}");
         }
-        // Constants of RADAU5: gamma = 3.6378342527444957, alpha + i beta = 2.6810828736277523 + 3.0504301992474105 i.
-        assert!((tableau.gamma.unwrap() - 3.637_834_252_744_495_7).abs() < 4e-15);
-        assert!((tableau.pairs[0].re - 2.681_082_873_627_752_3).abs() < 4e-15);
-        assert!((tableau.pairs[0].im - 3.050_430_199_247_410_5).abs() < 4e-15);
+        // Constants of RADAU5.
+        assert!((tableau.gamma.unwrap() - 3.637_834_252_744_496).abs() < 4e-15);
+        assert!((tableau.pairs[0].re - 2.681_082_873_627_752).abs() < 4e-15);
+        assert!((tableau.pairs[0].im - 3.050_430_199_247_41).abs() < 4e-15);
     }
 
     #[test]
     fn every_number_of_stages_meets_the_order_conditions() {
         for s in 1..=9 {
-            let tableau = Tableau::new(s);
+            let tableau = Tableau::of(s);
             for q in 1..=(2 * s - 1) {
                 let sum: f64 = (0..s).map(|i| tableau.b[i] * tableau.c[i].powi(q as i32 - 1)).sum();
                 assert!((sum - 1.0 / q as f64).abs() < 2e-15, "B({q}) at s = {s}: {sum}");
@@ -285,7 +319,7 @@ mod tests {
     #[test]
     fn the_transformation_gives_back_the_inverse() {
         for s in 1..=9 {
-            let tableau = Tableau::new(s);
+            let tableau = Tableau::of(s);
             assert_eq!(tableau.gamma.is_some(), s % 2 == 1, "s = {s}");
             let mut l = DMatrix::zeros(s, s);
             let mut k = 0;
@@ -303,19 +337,30 @@ mod tests {
             assert_eq!(k, s);
             let back = &tableau.t * l * &tableau.t_inverse - &tableau.a_inverse;
             let condition = tableau.t.amax() * tableau.t_inverse.amax() * tableau.a_inverse.amax();
-            assert!(back.amax() < 4e-15 * condition, "s = {s}: {} of {condition}", back.amax());
+            assert!(back.amax() < 1e-14 * condition, "s = {s}: {} of {condition}", back.amax());
         }
     }
 
     #[test]
     fn increments_are_interpolated_exactly() {
-        let tableau = Tableau::new(4);
+        let tableau = Tableau::of(4);
         let polynomial = |x: f64| x * (3.0 - x * (1.0 + x * (2.0 - 0.5 * x)));
         let mut values = [0.0; 4];
         for theta in [0.0, 0.1, tableau.c[1], 0.77, 1.0, 1.9] {
             tableau.increments_at(theta, &mut values);
             let sum: f64 = (0..4).map(|i| values[i] * polynomial(tableau.c[i])).sum();
             assert!((sum - polynomial(theta)).abs() < 1e-13, "theta = {theta}: {sum}");
+        }
+    }
+
+    #[test]
+    fn the_bubble_vanishes_at_both_ends_and_is_flat_at_the_nodes() {
+        for s in 2..=9 {
+            let tableau = Tableau::of(s);
+            assert!(tableau.bubble_at(1.0).abs() < 1e-11, "s = {s}: {}", tableau.bubble_at(1.0));
+            let slope = |x: f64| (tableau.bubble_at(x + 1e-6) - tableau.bubble_at(x - 1e-6)) / 2e-6;
+            assert!((slope(0.0) - 1.0).abs() < 1e-5);
+            assert!(tableau.c.iter().all(|&c| slope(c).abs() < 1e-5), "s = {s}");
         }
     }
 }

@@ -1,6 +1,19 @@
 //! The evidence that comes with a trajectory.
 
+use crate::analysis::{Analysis, Certificates};
 use serde::Serialize;
+
+/// What can be said of the problem on an active face of `K`.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Face {
+    /// When it was first met.
+    pub t: f64,
+    /// The variables inside their interval, whose `G` is zero; the others rest on a bound.
+    pub inside: Vec<String>,
+    /// Index and uniqueness there.
+    #[serde(flatten)]
+    pub analysis: Analysis,
+}
 
 /// Accepted and rejected steps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
@@ -26,6 +39,17 @@ pub struct Evaluations {
     pub factorisations: u64,
 }
 
+/// A solver that did not solve a variational inequality, so that the next was tried.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Tried {
+    /// Its name.
+    pub solver: &'static str,
+    /// How it ended.
+    pub outcome: &'static str,
+    /// How often.
+    pub times: u64,
+}
+
 /// The variational inequalities solved at stages.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct ViCounts {
@@ -37,17 +61,9 @@ pub struct ViCounts {
     pub pivots: u64,
     /// The largest natural-map residual of an accepted step.
     pub largest_residual: f64,
-}
-
-/// The worst of `z`, `G` and their products over the accepted steps, scaled as stated by `numerics`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct Complementarity {
-    /// The least distance of a `z_i` into its interval; negative if it is outside.
-    pub smallest_z: f64,
-    /// The least of `G_i` signed so that it should not be negative.
-    pub smallest_g: f64,
-    /// The largest product of the two.
-    pub largest_product: f64,
+    /// The solvers that were tried in vain, where there was a choice.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub tried: Vec<Tried>,
 }
 
 /// Something the user should know though the solve went on.
@@ -62,6 +78,12 @@ pub struct Warning {
 /// What was done, and how well.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Diagnostics {
+    /// Index and uniqueness, and why.
+    #[serde(flatten)]
+    pub analysis: Option<Analysis>,
+    /// The same on each active face that a switch led to, the first ones.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub faces: Vec<Face>,
     /// The method that ran.
     pub method: &'static str,
     /// Its number of stages.
@@ -77,9 +99,9 @@ pub struct Diagnostics {
     pub vi: Option<ViCounts>,
     /// Changes of the active face of `K`.
     pub switches: u64,
-    /// Signs and products of `z` and `G`.
+    /// Signs and products of `z` and `G`, and the differentiation lemmas; absent where no variable has a bound.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub complementarity: Option<Complementarity>,
+    pub complementarity: Option<Certificates>,
     /// The parts that were built.
     pub built: Vec<&'static str>,
     /// The parts that this problem did not need, each with the reason.

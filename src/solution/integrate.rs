@@ -1,12 +1,17 @@
 //! Runs a stepper from start to end: outputs, limits, events, evidence. Written once, outside the methods.
 
 use super::{
-    Complementarity, Diagnostics, Evaluations, Event, EventKind, Failure, Field, Solution, Status, Steps, Trajectory,
+    Diagnostics, Evaluations, Event, EventKind, Face, Failure, Field, Solution, Status, Steps, Trajectory, Tried,
     ViCounts, Warning,
 };
-use crate::problem::{Control, Dvi, Stop};
-use crate::radau::{Place, Radau, Settings, StageChoice, StepError, Switch};
+use crate::analysis::{Analysis, Uniqueness, analyse_face};
+use crate::problem::{Control, Dvi, Mass, Stop, Structure};
+use crate::radau::{Place, Radau, Settings, StageChoice, StepError, Switch, Switches, Variables};
+use crate::vi::Attempt;
 use std::time::Instant;
+
+/// The faces that are analysed in one run.
+const MOST_FACES: usize = 16;
 
 /// What to run and what to keep of it.
 #[derive(Clone, Debug)]
@@ -23,6 +28,8 @@ pub struct Plan {
     pub times: Option<Vec<f64>>,
     /// The fields to keep, as indices into `names`.
     pub fields: Vec<usize>,
+    /// What the theory says of the problem at the start.
+    pub analysis: Analysis,
     /// The choices of the method.
     pub settings: Settings,
     /// The most steps.
@@ -35,7 +42,7 @@ pub struct Plan {
 pub fn integrate(problem: &mut dyn Dvi, plan: &Plan, control: &Control) -> Solution {
     let began = Instant::now();
     let mut recorder = Recorder::new(plan);
-    let mut diagnostics = describe(problem, plan);
+    let mut diagnostics = describe(problem.structure(), plan);
     let (status, error) = match Radau::new(problem, plan.settings.clone(), plan.start, &plan.initial, plan.end) {
         Ok(mut radau) => {
             let ended = run(&mut radau, plan, control, &mut recorder, &mut diagnostics);
@@ -66,23 +73,35 @@ fn run(
             let state = radau.y()[..plan.initial.len()].to_vec();
             return (Status::Failed, Some(failure(plan, &error, radau.t(), &state)));
         }
-        recorder.step(radau);
-        if let Some([residual, z, g, product]) = radau.complementarity() {
-            let worst = diagnostics.complementarity.get_or_insert(Complementarity {
-                smallest_z: f64::INFINITY,
-                smallest_g: f64::INFINITY,
-                largest_product: 0.0,
-            });
-            worst.smallest_z = worst.smallest_z.min(z);
-            worst.smallest_g = worst.smallest_g.min(g);
-            worst.largest_product = worst.largest_product.max(product);
-            if let Some(vi) = &mut diagnostics.vi {
-                vi.largest_residual = vi.largest_residual.max(residual);
-            }
-        }
+        let switched = recorder.step(radau);
+        judge(radau, plan, switched, diagnostics);
         control.report((radau.t() - plan.start) / (plan.end - plan.start), radau.counts.accepted);
     }
     (Status::Completed, None)
+}
+
+/// Takes the end of a step into the evidence; after a switch, the new face as well.
+fn judge(radau: &mut Radau<'_>, plan: &Plan, switched: bool, diagnostics: &mut Diagnostics) {
+    let smooth = radau.kept_face() && !switched && radau.problem().structure().moving.is_empty();
+    if let Some(Variables { set, bounded, z, g }) = radau.variables() {
+        let certificates = diagnostics.complementarity.get_or_insert_default();
+        certificates.observe(set, bounded, z, g, smooth);
+        if let Some(vi) = &mut diagnostics.vi {
+            vi.largest_residual = certificates.natural_map;
+        }
+    }
+    // On the boundary of a block the variables inside are not those that are free.
+    let has_blocks = radau.problem().structure().set.has_blocks();
+    if switched && !has_blocks && diagnostics.faces.len() < MOST_FACES {
+        let n = plan.initial.len();
+        let (t, y, face) = (radau.t(), radau.y().to_vec(), radau.face().to_vec());
+        let names = face.iter().enumerate().filter(|(_, place)| **place == Place::Inside);
+        let inside: Vec<String> = names.map(|(k, _)| plan.names[n + k].clone()).collect();
+        if diagnostics.faces.iter().all(|known| known.inside != inside) {
+            let analysis = analyse_face(radau.problem(), t, &y, |k| face[k] == Place::Inside);
+            diagnostics.faces.push(Face { t, inside, analysis });
+        }
+    }
 }
 
 /// The limit that the run has reached, if any: its code and message.
@@ -120,17 +139,22 @@ fn failure(plan: &Plan, error: &StepError, time: f64, state: &[f64]) -> Failure 
         StepError::NotFinite { what, component, t } => {
             let n = plan.initial.len();
             let name = match what {
-                "rate" => plan.names.get(component),
-                "inequality" => plan.names.get(n + component),
+                "rate" | "derivative of the rate" => plan.names.get(component),
+                "inequality" | "derivative of the inequality" => plan.names.get(n + component),
                 _ => None,
             };
             match name {
                 Some(name) => format!(
-                    "the {what} of `{name}` is not finite at t = {t}: a division by zero, or a function outside its domain"
+                    "the {what} of `{name}` is not finite at t = {t}: a division by zero, a function outside its \
+                     domain, or a number too large"
                 ),
                 None => error.to_string(),
             }
         }
+        StepError::EmptySet { variable, t } => format!(
+            "the interval of `{}` is empty from t = {t} on: its lower bound passes its upper bound",
+            plan.names.get(plan.initial.len() + variable).map_or("?", String::as_str)
+        ),
         StepError::InconsistentStart { state, jump } => format!(
             "the start is inconsistent: the constraints ask for a jump of `{}` by {jump:e}",
             plan.names.get(state).map_or("?", String::as_str)
@@ -140,11 +164,20 @@ fn failure(plan: &Plan, error: &StepError, time: f64, state: &[f64]) -> Failure 
     Failure { code: error.code(), message, time, state: state.to_vec() }
 }
 
-/// What is known before the run: what is built, what is left out and why.
-fn describe(problem: &dyn Dvi, plan: &Plan) -> Diagnostics {
-    let structure = problem.structure();
+/// What is known before the run: what the theory says, what is built, what is left out and why.
+pub fn describe(structure: &Structure, plan: &Plan) -> Diagnostics {
     let bounded = (0..structure.variables).any(|k| !structure.set.is_free(k)) || !structure.moving.is_empty();
-    let mut diagnostics = Diagnostics { method: "radau", built: vec!["radau"], ..Diagnostics::default() };
+    let analysis = Some(plan.analysis.clone());
+    let mut diagnostics = Diagnostics { method: "radau", built: vec!["radau"], analysis, ..Diagnostics::default() };
+    if !matches!(plan.analysis.uniqueness, Uniqueness::Unique | Uniqueness::NotAnalysed) {
+        let message = format!("uniqueness is not guaranteed: {}", plan.analysis.because);
+        diagnostics.warnings.push(Warning { code: "uniqueness_not_guaranteed", message });
+    }
+    if plan.analysis.index == Some(2) && !structure.constant_jacobian {
+        let message = "the index at the start is 2 (CB = 0): bounds may be crossed, but where one is reached and kept the \
+                       states jump; implicit Euler takes that in its stride (`\"stages\": 1` with a fixed `step`)";
+        diagnostics.warnings.push(Warning { code: "index_two", message: message.to_owned() });
+    }
     let mut leave = |what: &str| diagnostics.left_out.push(what.to_owned());
     if structure.variables == 0 {
         leave("variational inequality: there are no variables");
@@ -152,7 +185,7 @@ fn describe(problem: &dyn Dvi, plan: &Plan) -> Diagnostics {
         leave("variational inequality: every variable is free, so G = 0");
         leave("switch detection: K is the whole space");
     }
-    if structure.mass == crate::problem::Mass::Identity {
+    if structure.mass == Mass::Identity {
         leave("mass matrix: it is the identity");
     }
     if structure.constant_jacobian {
@@ -165,8 +198,13 @@ fn describe(problem: &dyn Dvi, plan: &Plan) -> Diagnostics {
         diagnostics.built.push("variational inequality");
         diagnostics.vi = Some(ViCounts::default());
         match plan.settings.switches {
-            crate::radau::Switches::Locate => diagnostics.built.push("switch detection"),
-            crate::radau::Switches::StepOver => {
+            Switches::Locate if structure.set.has_blocks() => {
+                let reason =
+                    "switch detection: K binds variables together, so steps go across switches, refined by their error";
+                diagnostics.left_out.push(reason.to_owned());
+            }
+            Switches::Locate => diagnostics.built.push("switch detection"),
+            Switches::StepOver => {
                 diagnostics.left_out.push("switch detection: step_over was asked for".to_owned());
             }
         }
@@ -190,10 +228,14 @@ fn count(radau: &mut Radau<'_>, diagnostics: &mut Diagnostics) {
     diagnostics.evaluations =
         Evaluations { rates: work.rates, jacobians: work.jacobians, factorisations: work.factorisations };
     diagnostics.newton_iterations = work.newton;
-    if let (Some(counts), Some(vi)) = (&mut diagnostics.vi, radau.vi()) {
-        counts.solver = vi.solver();
-        counts.solves = vi.solves;
-        counts.pivots = vi.pivots;
+    if let (Some(counts), Some(work)) = (&mut diagnostics.vi, radau.vi_work()) {
+        (counts.solver, counts.solves, counts.pivots) = work;
+        let tried = |(attempt, times): (Attempt, u64)| Tried {
+            solver: attempt.solver.name(),
+            outcome: attempt.outcome.name(),
+            times,
+        };
+        counts.tried = radau.vi_failures().map(tried).collect();
     }
     if radau.jumped() {
         diagnostics.warnings.push(Warning {
@@ -253,16 +295,19 @@ impl<'a> Recorder<'a> {
         }
     }
 
-    fn step(&mut self, radau: &mut Radau<'_>) {
+    /// Takes over the outputs and the switches of the last step; whether there were any switches.
+    fn step(&mut self, radau: &mut Radau<'_>) -> bool {
         let n = self.plan.initial.len();
-        for Switch { t, variable, to, .. } in radau.take_switches() {
-            let kind = if to == Place::Inside { EventKind::Activated } else { EventKind::Deactivated };
+        let events = self.trajectory.events.len();
+        for Switch { t, variable, from, to } in radau.take_switches() {
+            let freer = to.freedom() > from.freedom();
+            let kind = if freer { EventKind::Activated } else { EventKind::Deactivated };
             self.trajectory.events.push(Event { t, kind, of: self.plan.names[n + variable].clone() });
         }
         let end = radau.t();
         let Some(times) = &self.plan.times else {
             self.sample(radau, end);
-            return;
+            return self.trajectory.events.len() > events;
         };
         while let Some(&t) = times.get(self.next)
             && t <= end
@@ -270,6 +315,7 @@ impl<'a> Recorder<'a> {
             self.sample(radau, t);
             self.next += 1;
         }
+        self.trajectory.events.len() > events
     }
 
     fn sample(&mut self, radau: &mut Radau<'_>, t: f64) {

@@ -3,10 +3,11 @@
 mod diagnostics;
 pub mod encodings;
 mod integrate;
+pub mod pictures;
 mod trajectory;
 
-pub use diagnostics::{Complementarity, Diagnostics, Evaluations, Steps, ViCounts, Warning};
-pub use integrate::{Plan, integrate};
+pub use diagnostics::{Diagnostics, Evaluations, Face, Steps, Tried, ViCounts, Warning};
+pub use integrate::{Plan, describe, integrate};
 pub use trajectory::{Event, EventKind, Field, Trajectory};
 
 use serde::Serialize;

@@ -4,10 +4,12 @@ use super::document::{Document, Limits, Problem, Time};
 use super::error::{Errors, SpecificationError};
 use super::lowering::{Lowering, MOST_UNKNOWNS};
 use super::method::{Method, out_of_range};
-use super::nearest::abridged;
 use super::place::Place;
 use super::reading::{Reading, read};
 use super::repairs::Repairs;
+use super::stages::Stages;
+use super::wording::abridged;
+use crate::analysis::Analysis;
 use crate::models::Model;
 
 /// A specification that has passed every check, lowered and ready to be solved any number of times.
@@ -21,6 +23,7 @@ pub struct Specification {
     output_times: Option<Vec<f64>>,
     output_fields: Vec<usize>,
     limits: Limits,
+    analysis: Analysis,
 }
 
 /// The longest label, in characters.
@@ -34,7 +37,7 @@ impl Specification {
     pub fn from_json(text: &[u8]) -> Result<Self, Vec<SpecificationError>> {
         let Reading { document, repairs, mut errors } = read(text).map_err(Errors::into_list)?;
         match Self::check(document, &repairs, &mut errors) {
-            Some(specification) if errors.found() == 0 => Ok(specification),
+            Some(specification) if errors.is_empty() => Ok(specification),
             _ => Err(errors.into_list()),
         }
     }
@@ -54,11 +57,23 @@ impl Specification {
         let output_times = output.times(horizon, &place_of_output, &mut found);
         check_limits(limits, &root.key("limits"), &mut found);
         check_label(label.as_deref(), &root.key("label"), &mut found);
-        let specification = model.map(|model| {
+        let specification = model.and_then(|model| {
             let absolute_tolerances = method.absolute_tolerances(&model.state_names, &place, &mut found);
             let names: Vec<&str> = model.state_names.iter().chain(&model.variable_names).map(String::as_str).collect();
             let output_fields = output.fields(&names, &place_of_output, &mut found);
-            Self { label, model, time, method, absolute_tolerances, output_times, output_fields, limits }
+            let analysis = (errors.is_empty() && found.is_empty()).then(|| model.analyse(time.start))?;
+            check_index(&analysis, &model, &method, &mut found);
+            Some(Self {
+                label,
+                model,
+                time,
+                method,
+                absolute_tolerances,
+                output_times,
+                output_fields,
+                limits,
+                analysis,
+            })
         });
         found.retain(|pointer| !repairs.explain(pointer));
         errors.append(found);
@@ -73,6 +88,11 @@ impl Specification {
     /// The problem, with names and initial values.
     pub fn model(&self) -> &Model {
         &self.model
+    }
+
+    /// What the theory says of the problem at the start.
+    pub fn analysis(&self) -> &Analysis {
+        &self.analysis
     }
 
     /// The time horizon; the end comes after the start.
@@ -149,6 +169,36 @@ fn check_limits(limits: Limits, place: &Place<'_>, errors: &mut Errors) {
     }
     if let Some(steps) = limits.steps.filter(|steps| !(1..=10_000_000).contains(steps)) {
         out_of_range(&place.key("steps"), steps as f64, "1 to 10000000", errors);
+    }
+}
+
+/// Refuses what no method here solves as it is posed.
+fn check_index(analysis: &Analysis, model: &Model, method: &Method, errors: &mut Errors) {
+    let set = &model.structure().set;
+    let bounded = !model.structure().moving.is_empty() || (0..set.dimension()).any(|k| !set.is_free(k));
+    match analysis.index {
+        Some(index) if index >= 3 && !method.accept_index_three => {
+            let detail = format!(
+                "the index is {index}: the variables show only in derivative number {index} of the inequalities, so that \
+                 solutions exist for special data only, and limits of approximate solutions need not be solutions"
+            );
+            let expected = "an inequality nearer to its variable (a velocity in place of a position), or \
+                            `\"accept_index_three\": true` in `method`";
+            let error = SpecificationError::new("/problem", "index_too_high", detail);
+            errors.push(error.expected(expected));
+        }
+        // Where the matrices vary, those at the start do not tell what happens at a bound: it may be crossed without rest.
+        Some(2)
+            if bounded
+                && model.structure().constant_jacobian
+                && !(method.step.is_some() && matches!(method.stages, Stages::Fixed(1))) =>
+        {
+            let detail = "the index is 2 (CB = 0): where a bound is reached the states jump, and only implicit Euler with a \
+                          fixed step takes such impulses in its stride";
+            let error = SpecificationError::new("/method", "index_two_needs_euler", detail);
+            errors.push(error.expected("`\"stages\": 1` and a fixed `step`, or the inequality posed for velocities"));
+        }
+        _ => {}
     }
 }
 

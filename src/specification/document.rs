@@ -45,7 +45,7 @@ pub enum Problem {
     /// The general form, in expressions.
     Dvi(DviProblem),
     /// A linear complementarity system, in matrices.
-    Lcs(LcsProblem),
+    Lcs(Box<LcsProblem>),
 }
 
 /// The time horizon, in seconds unless the model says otherwise.

@@ -13,11 +13,11 @@ use super::kinks;
 use super::lowering::Lowering;
 use super::mass;
 use super::matrix::Matrix;
-use super::nearest::abridged;
 use super::ordered::Ordered;
 use super::place::Place;
 use super::set::{self, Block, LoweredSet};
 use super::start;
+use super::wording::abridged;
 use crate::expression::Node;
 use crate::models::{Equations, Model, Refusal, Rows, Symbolic};
 use serde::Deserialize;
@@ -27,7 +27,7 @@ use utoipa::ToSchema;
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DviProblem {
-    /// Constants by name; each may be an expression in those before it.
+    /// Constants by name; each may be an expression in the others, in no circle.
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub parameters: Ordered<Expression>,
@@ -105,13 +105,13 @@ impl DviProblem {
             Ok(equations) => Equations::Symbolic(equations),
             Err(refusals) => {
                 for refusal in refusals {
-                    lowering.errors.push(refused(refusal, &state_names, &variable_names, &row_pointer));
+                    lowering.errors.push(refused(refusal, &state_names, &variable_names, row_pointer));
                 }
                 return (lowering, None);
             }
         };
         let model = Model { state_names, variable_names, initial, equations, warnings };
-        if let Some(t) = lowering.start.filter(|_| lowering.errors.found() == 0) {
+        if let Some(t) = lowering.start.filter(|_| lowering.errors.is_empty()) {
             start::check(&model, t, row_pointer, &mut lowering.errors);
         }
         (lowering, Some(model))

@@ -43,45 +43,54 @@ const MOST: usize = 100;
 #[derive(Debug, Default)]
 pub(super) struct Errors {
     listed: Vec<SpecificationError>,
-    found: usize,
+    cut: bool,
 }
 
 impl Errors {
-    pub(super) fn push(&mut self, error: SpecificationError) {
-        self.found += 1;
-        if self.listed.len() < MOST {
-            self.listed.push(error);
+    /// Adds an error, which is made only if there is room: to find the nearest of many names takes time.
+    pub(super) fn push_with(&mut self, error: impl FnOnce() -> SpecificationError) {
+        if self.has_room() {
+            self.listed.push(error());
         }
+    }
+
+    pub(super) fn push(&mut self, error: SpecificationError) {
+        self.push_with(|| error);
     }
 
     /// Adds an error at `place`.
     pub(super) fn report(&mut self, place: &Place<'_>, code: &'static str, detail: impl Into<String>) {
-        self.push(SpecificationError::new(place.to_string(), code, detail));
+        self.push_with(|| SpecificationError::new(place.to_string(), code, detail));
+    }
+
+    /// Whether another error can be listed. One who asks and is told no need not look for it.
+    pub(super) fn has_room(&mut self) -> bool {
+        self.cut |= self.listed.len() >= MOST;
+        !self.cut
     }
 
     /// Adds the errors of another list after those of this one.
     pub(super) fn append(&mut self, other: Self) {
-        self.found += other.found;
-        self.listed.extend(other.listed.into_iter().take(MOST - self.listed.len().min(MOST)));
+        for error in other.listed {
+            self.push(error);
+        }
+        self.cut |= other.cut;
     }
 
-    /// How many were found, listed or not.
-    pub(super) fn found(&self) -> usize {
-        self.found
+    pub(super) fn is_empty(&self) -> bool {
+        self.listed.is_empty()
     }
 
-    /// Keeps the listed errors whose pointer passes.
+    /// Keeps the errors whose pointer passes.
     pub(super) fn retain(&mut self, mut keep: impl FnMut(&str) -> bool) {
-        let before = self.listed.len();
         self.listed.retain(|error| keep(&error.pointer));
-        self.found -= before - self.listed.len();
     }
 
-    /// The list, with a last entry that says how many more there are.
+    /// The list, with a last entry if it was cut.
     pub(super) fn into_list(mut self) -> Vec<SpecificationError> {
-        if self.found > self.listed.len() {
-            let more = self.found - self.listed.len();
-            self.listed.push(SpecificationError::new("", "more_errors", format!("{more} more errors are not listed")));
+        if self.cut {
+            let detail = format!("these are the first {MOST} errors; what comes after them was not checked in full");
+            self.listed.push(SpecificationError::new("", "more_errors", detail));
         }
         self.listed
     }

@@ -23,7 +23,7 @@ use utoipa::ToSchema;
 #[serde(deny_unknown_fields)]
 #[expect(non_snake_case, reason = "the matrices go by the names that they have in the formula")]
 pub struct LcsProblem {
-    /// Constants by name; each may be an expression in those before it.
+    /// Constants by name; each may be an expression in the others, in no circle.
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub parameters: Ordered<Expression>,
@@ -104,7 +104,7 @@ impl LcsProblem {
             }
         };
         let model = Model { state_names, variable_names, initial, equations, warnings: Vec::new() };
-        if let Some(t) = lowering.start.filter(|_| lowering.errors.found() == 0) {
+        if let Some(t) = lowering.start.filter(|_| lowering.errors.is_empty()) {
             let pointer = |row: usize| match (row.checked_sub(n), row.checked_sub(n + m)) {
                 (_, Some(bound)) => pointers[bound].clone(),
                 (Some(i), None) => place.key("g").index(i).to_string(),

@@ -5,9 +5,10 @@
 
 use super::error::{Errors, SpecificationError};
 use super::expression::Expression;
-use super::nearest::abridged;
 use super::ordered::Ordered;
+use super::parameters;
 use super::place::Place;
+use super::wording::abridged;
 use crate::expression::{Graph, NameError, Node, Scope};
 
 /// States and variables that one specification may have in all.
@@ -32,7 +33,7 @@ impl Lowering {
         let t = lowering.graph.input(0);
         lowering.bind("t", t, problem);
         let place = problem.key("parameters");
-        for (name, value) in parameters.iter() {
+        for (name, value) in parameters::in_order(parameters) {
             let place = place.key(name);
             let value = lowering.constant(value, &place);
             let node = lowering.graph.constant(value.unwrap_or(1.0));
@@ -107,7 +108,7 @@ impl Lowering {
 
     fn parse(&mut self, text: &str, place: &Place<'_>, constant: bool) -> Option<Node> {
         // Among names that are not names, an expression would only be misread.
-        if self.misnamed {
+        if self.misnamed || !self.errors.has_room() {
             return None;
         }
         let scope = if constant { &self.constants } else { &self.names };
@@ -119,7 +120,7 @@ impl Lowering {
         let mut report =
             SpecificationError::new(place.to_string(), error.code, detail).did_you_mean(error.did_you_mean);
         if constant && error.code == "unknown_name" {
-            report = report.expected("a constant: a number, or an expression in parameters that stand before it");
+            report = report.expected("a constant: a number, or an expression in parameters, in no circle");
         }
         self.errors.push(report);
         None

@@ -46,6 +46,9 @@ pub struct Method {
     /// Natural-map residual below which a variational inequality is solved.
     #[schema(exclusive_minimum = 0.0, maximum = 0.01)]
     pub vi_tolerance: Option<f64>,
+    /// Solve a problem of index three or more, which is refused otherwise: its solutions exist for special data only.
+    #[serde(default)]
+    pub accept_index_three: bool,
 }
 
 impl Default for Method {
@@ -62,6 +65,7 @@ impl Default for Method {
             switches: Switches::default(),
             vi_solver: ViSolverName::default(),
             vi_tolerance: None,
+            accept_index_three: false,
         }
     }
 }
@@ -103,6 +107,10 @@ pub enum ViSolverName {
     Lemke,
     /// Newton's method on the natural map.
     SemismoothNewton,
+    /// An interior-point method; where the inequality is symmetric.
+    Conic,
+    /// Sweeps over the blocks of the set.
+    BlockGaussSeidel,
 }
 
 /// Steps a fixed step may lead to.

@@ -1,6 +1,6 @@
 //! Where a document and the types it is read into part: serde's error, kept as data instead of text.
 
-use super::nearest::abridged;
+use super::wording::abridged;
 use serde::de::{self, Expected, Unexpected};
 use std::fmt::{self, Display, Formatter};
 

@@ -3,10 +3,12 @@
 use super::document::Time;
 use super::error::{Errors, SpecificationError};
 use super::method::out_of_range;
-use super::nearest::{listed, nearest};
 use super::place::Place;
 use super::times::Times;
+use super::wording::{abridged, listed};
+use crate::expression::nearest;
 use serde::Deserialize;
+use std::collections::HashMap;
 use utoipa::ToSchema;
 
 /// What is kept of the trajectory. Nothing that is not asked for is computed or stored.
@@ -68,22 +70,25 @@ impl Output {
     pub(super) fn fields(&self, names: &[&str], place: &Place<'_>, errors: &mut Errors) -> Vec<usize> {
         let Some(fields) = &self.fields else { return (0..names.len()).collect() };
         let place = place.key("fields");
+        let positions: HashMap<&str, usize> = names.iter().copied().zip(0..).collect();
+        let mut taken = vec![false; names.len()];
         let mut kept = Vec::with_capacity(fields.len());
         for (i, field) in fields.iter().enumerate() {
             let place = place.index(i);
-            match names.iter().position(|name| name == field) {
-                Some(found) if kept.contains(&found) => {
+            match positions.get(field.as_str()) {
+                Some(&found) if taken[found] => {
                     errors.report(&place, "duplicate_name", format!("`{field}` is kept already"));
                 }
-                Some(found) => kept.push(found),
-                None => {
-                    let detail = format!("`{field}` is neither a state nor a variable");
-                    errors.push(
-                        SpecificationError::new(place.to_string(), "unknown_name", detail)
-                            .expected(listed(names.iter().copied()))
-                            .did_you_mean(nearest(field, names.iter().copied())),
-                    );
+                Some(&found) => {
+                    taken[found] = true;
+                    kept.push(found);
                 }
+                None => errors.push_with(|| {
+                    let detail = format!("`{}` is neither a state nor a variable", abridged(field));
+                    SpecificationError::new(place.to_string(), "unknown_name", detail)
+                        .expected(listed(names.iter().copied()))
+                        .did_you_mean(nearest(field, names.iter().copied()))
+                }),
             }
         }
         kept

@@ -25,6 +25,7 @@ impl Specification {
             end: self.time().end,
             times: self.output_times().map(<[f64]>::to_vec),
             fields: self.output_fields().to_vec(),
+            analysis: self.analysis().clone(),
             settings: settings(self.method(), self.absolute_tolerances()),
             most_steps: self.step_limit().unwrap_or(MOST_STEPS),
             most_values: MOST_VALUES,
@@ -53,6 +54,8 @@ fn settings(method: &Method, atol: &[f64]) -> Settings {
             ViSolverName::Auto => SolverKind::Auto,
             ViSolverName::Lemke => SolverKind::Lemke,
             ViSolverName::SemismoothNewton => SolverKind::SemismoothNewton,
+            ViSolverName::Conic => SolverKind::Conic,
+            ViSolverName::BlockGaussSeidel => SolverKind::BlockGaussSeidel,
         },
         vi_tolerance: method.vi_tolerance.unwrap_or(VI_TOLERANCE),
     }

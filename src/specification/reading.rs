@@ -56,13 +56,13 @@ pub(super) fn read(text: &[u8]) -> Result<Reading, Errors> {
 
 /// Reads JSON text; an error names its line and column, and the place as far as it was reached.
 fn parse(text: &[u8]) -> Result<Json, SpecificationError> {
-    serde_json::from_slice(text).or_else(|error| {
+    serde_json::from_slice(text).map_err(|error| {
         let mut deserializer = serde_json::Deserializer::from_slice(text);
         let path = match serde_path_to_error::deserialize::<_, Json>(&mut deserializer) {
             Ok(_) => Vec::new(),
             Err(error) => steps(error.path(), &Json::Null),
         };
-        Err(syntax_error(text, &error, &path))
+        syntax_error(text, &error, &path)
     })
 }
 

@@ -4,8 +4,9 @@
 use super::error::{Errors, SpecificationError};
 use super::json::Json;
 use super::mismatch::Mismatch;
-use super::nearest::{abridged, listed, nearest};
 use super::place::{Step, pointer};
+use super::wording::{abridged, listed};
+use crate::expression::nearest;
 
 /// A place that no longer holds what the user wrote.
 #[derive(Debug)]
@@ -46,7 +47,7 @@ impl Repairs {
             Mismatch::UnknownVariant { name, valid } => self.unknown_variant(json, path, &name, valid, errors),
             Mismatch::NotAVariant { found, valid } => {
                 let expected = format!("an object with exactly one key or a string: {}", listed(valid.iter().copied()));
-                self.wrong_type(json, path, &found, expected, &choices(valid), errors)
+                self.wrong_type(json, path, &found, expected, &choice(valid), errors)
             }
             Mismatch::WrongType { found, expected } => {
                 self.wrong_type(json, path, &found, expected, &stand_ins(), errors)
@@ -203,10 +204,7 @@ fn stand_ins() -> Vec<Json> {
     ]
 }
 
-/// Stand-ins for a choice among `valid`.
-fn choices(valid: &[&str]) -> Vec<Json> {
-    valid
-        .first()
-        .map(|name| vec![Json::Text((*name).into()), Json::Object(vec![((*name).into(), Json::Null)])])
-        .unwrap_or_default()
+/// Stands in for a choice among `valid`. With null for its contents it fits a plain word as well.
+fn choice(valid: &[&str]) -> Vec<Json> {
+    valid.first().map(|name| Json::Object(vec![((*name).into(), Json::Null)])).into_iter().collect()
 }

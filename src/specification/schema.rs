@@ -15,24 +15,28 @@ pub fn json_schema() -> Value {
         schema.insert("title".into(), json!("A differential variational inequality, and how to solve it"));
         schema.insert("$defs".into(), Value::Object(definitions));
     }
-    relocate(&mut schema);
+    finish(&mut schema);
     schema
 }
 
-/// References point into an OpenAPI document; here the definitions stand beside the schema itself.
-fn relocate(schema: &mut Value) {
+/// References point into a document of the service; here the definitions stand beside the schema itself. And every object
+/// that lists its keys has no others, a choice that is tagged by one included.
+fn finish(schema: &mut Value) {
     match schema {
         Value::Object(members) => {
-            for (key, value) in members {
+            for (key, value) in members.iter_mut() {
                 match value {
                     Value::String(target) if key == "$ref" => {
                         *target = target.replace("#/components/schemas/", "#/$defs/");
                     }
-                    _ => relocate(value),
+                    _ => finish(value),
                 }
             }
+            if members.get("type").is_some_and(|kind| kind == "object") && members.contains_key("properties") {
+                members.insert("additionalProperties".into(), json!(false));
+            }
         }
-        Value::Array(items) => items.iter_mut().for_each(relocate),
+        Value::Array(items) => items.iter_mut().for_each(finish),
         _ => {}
     }
 }

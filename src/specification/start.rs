@@ -1,9 +1,9 @@
 //! Evaluates a problem at its start, where initial values outside the domain of the equations show.
 
 use super::error::{Errors, SpecificationError};
-use super::nearest::abridged;
+use super::wording::abridged;
 use crate::models::Model;
-use crate::problem::Side;
+use crate::problem::{Side, Workspace};
 
 /// Reports rates that are not finite at `t` and the initial values, and moving bounds that are not bounds there.
 /// `pointer` says where a row of the problem is written. The variables are not known yet: they are taken as the point
@@ -23,9 +23,11 @@ pub(super) fn check(model: &Model, t: f64, pointer: impl Fn(usize) -> String, er
             errors.push(outside_domain(model, t, row, "this bound", values[row], &pointer));
             continue;
         }
-        match bound.side {
-            Side::Lower => set.lower[bound.variable] = values[row],
-            Side::Upper => set.upper[bound.variable] = values[row],
+        bound.place(values[row], &mut set);
+        if bound.side == Side::Radius && values[row] < 0.0 {
+            let detail = format!("at the start this radius is {}", values[row]);
+            errors.push(SpecificationError::new(pointer(row), "negative_radius", detail));
+            bound.place(0.0, &mut set);
         }
         let (lower, upper) = (set.lower[bound.variable], set.upper[bound.variable]);
         if lower > upper {
@@ -35,9 +37,7 @@ pub(super) fn check(model: &Model, t: f64, pointer: impl Fn(usize) -> String, er
         }
     }
     if m > 0 {
-        for (i, z) in y[n..].iter_mut().enumerate() {
-            *z = set.project(i, 0.0);
-        }
+        set.project_all(&mut y[n..], &mut Workspace::default());
         problem.evaluate(t, &y, &mut values);
     }
     let mut judged = vec![true; n + m];

@@ -2,11 +2,13 @@
 
 use super::error::{Errors, SpecificationError};
 use super::method::{Method, out_of_range};
-use super::nearest::{listed, nearest};
 use super::ordered::Ordered;
 use super::place::Place;
+use super::wording::listed;
+use crate::expression::nearest;
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{Deserialize, Deserializer, Error, MapAccess, Visitor};
+use std::collections::HashMap;
 use std::fmt;
 use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{AdditionalProperties, ObjectBuilder, OneOfBuilder, Schema, Type};
@@ -36,12 +38,13 @@ impl Method {
                 atol.fill(*value);
             }
             Some(AbsoluteTolerance::PerState(values)) => {
+                let positions: HashMap<&str, usize> = states.iter().map(String::as_str).zip(0..).collect();
                 for (name, value) in values.iter() {
                     let place = place.key(name);
                     check(*value, &place, errors);
-                    match states.iter().position(|state| state == name) {
-                        Some(i) => atol[i] = *value,
-                        None => errors.push(unknown_state(name, states, &place)),
+                    match positions.get(name) {
+                        Some(&i) => atol[i] = *value,
+                        None => errors.push_with(|| unknown_state(name, states, &place)),
                     }
                 }
             }

@@ -23,7 +23,7 @@ mod operator;
 mod sparse;
 mod tridiagonal;
 
-use super::{Accuracy, Outcome, Report};
+use super::{Outcome, Report, TOLERANCE};
 use crate::factorisation::SparseMatrix;
 use crate::problem::ConvexSet;
 use coarse::Coarse;
@@ -130,8 +130,11 @@ impl ActiveSet {
 
     /// Solves, from the active set of the last problem or, the first time, from that of `z`; leaves the answer in `z`.
     /// Vectors of another length than the matrix has rows, empty intervals and numbers that are not finite end in
-    /// [`Outcome::Breakdown`].
+    /// [`Outcome::Breakdown`], sets that are no product of intervals in [`Outcome::Unsuitable`].
     pub fn solve(&mut self, q: &[f64], set: &ConvexSet, z: &mut [f64]) -> Report {
+        if set.has_blocks() {
+            return Report::UNSUITABLE;
+        }
         let n = self.finest.face.len();
         let fits = q.len() == n && z.len() == n && set.dimension() == n;
         if !fits || !set.is_nonempty() || q.iter().any(|q| !q.is_finite()) {
@@ -155,16 +158,18 @@ impl ActiveSet {
             coarse::guess(&mut self.coarser, &mut self.finest, q, set, z);
             self.finest.iterate(q, set, z, PASSES, &mut iterations);
         }
-        let (mut accuracy, mut residual) = self.finest.measure(q, set, z);
-        if !accuracy.is_solved() {
+        let (mut is_solved, mut residual) = self.finest.measure(q, set, z);
+        if !is_solved {
             let search = self.line_search.get_or_insert_with(|| LineSearch::new(n));
             iterations += search.run(&mut self.finest, q, set, z);
-            (accuracy, residual) = self.finest.measure(q, set, z);
+            (is_solved, residual) = self.finest.measure(q, set, z);
         }
-        if residual.is_nan() {
-            return Report { iterations, ..Report::BREAKDOWN };
-        }
-        Report { residual, ..accuracy.report(Outcome::Limit, iterations) }
+        let outcome = match (is_solved, residual.is_nan()) {
+            (true, _) => Outcome::Solved,
+            (false, true) => Outcome::Breakdown,
+            (false, false) => Outcome::Limit,
+        };
+        Report { outcome, residual, iterations }
     }
 }
 
@@ -262,24 +267,21 @@ impl Level {
         changes
     }
 
-    /// The residual of `z` with rows divided by the diagonal, and undivided.
-    fn measure(&mut self, q: &[f64], set: &ConvexSet, z: &[f64]) -> (Accuracy, f64) {
+    /// Whether `z` solves the problem, by its residual with rows divided by the diagonal and beside the terms that
+    /// cancel in it; and the residual undivided, NaN if a number is not finite.
+    fn measure(&mut self, q: &[f64], set: &ConvexSet, z: &[f64]) -> (bool, f64) {
         self.operator.apply(q, z, &mut self.w, &mut self.terms);
-        let mut accuracy = Accuracy { residual: 0.0, magnitude: 0.0, componentwise: 0.0 };
-        let mut unscaled = 0.0_f64;
+        let (mut residual, mut scaled, mut magnitude) = (0.0_f64, 0.0_f64, 0.0_f64);
         for (i, ((&z, &w), &scale)) in z.iter().zip(&self.w).zip(self.operator.inverse_diagonal()).enumerate() {
             let r = (z - set.project(i, z - scale * w)).abs();
             if r.is_nan() {
-                return (Accuracy { residual: r, magnitude: r, componentwise: r }, r);
+                return (false, r);
             }
-            accuracy.residual = accuracy.residual.max(r);
-            accuracy.magnitude = accuracy.magnitude.max(scale * self.terms[i]);
-            if r > 0.0 {
-                accuracy.componentwise = accuracy.componentwise.max(r / (scale * self.terms[i]));
-            }
-            unscaled = unscaled.max((z - set.project(i, z - w)).abs());
+            scaled = scaled.max(r);
+            magnitude = magnitude.max(scale * self.terms[i]);
+            residual = residual.max((z - set.project(i, z - w)).abs());
         }
-        (accuracy, unscaled)
+        (scaled <= TOLERANCE * magnitude, residual)
     }
 }
 

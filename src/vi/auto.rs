@@ -1,27 +1,47 @@
-//! The choice of a solver by size, and the other one where the first fails. Pivoting costs `m^2` a pivot and takes
-//! about `m` of them, Newton `m^3 / 3` a step and takes five, or where the solution is degenerate a hundred. Up to the
-//! size where a tableau leaves the cache, pivoting is as fast or faster and never worse by much.
+//! The choice of a solver by set and size, and the next one where it fails.
+//!
+//! Over intervals pivoting costs `m^2` a pivot and takes about `m` of them, Newton `m^3 / 3` a step and takes five, or where
+//! the solution is degenerate a hundred. Up to the size where a tableau leaves the cache, pivoting is as fast or faster
+//! and never worse by much. Over blocks Newton comes first, and where there are many small ones Gauss-Seidel; the
+//! interior-point method, a hundred times slower on small problems, settles what both leave open.
 
-use super::{AffineVi, Lemke, Outcome, Report, SemismoothNewton, ViSolver};
+use super::{AffineVi, BlockGaussSeidel, Conic, Lemke, Outcome, Report, SemismoothNewton, ViSolver};
 
 /// Up to this many variables, pivoting comes first.
 const LEMKE_AT_MOST: usize = 500;
 
+/// From this many variables on, in blocks of at most so many, sweeps over the blocks come first.
+const SWEEPS_FROM: usize = 300;
+const SMALL_BLOCK: usize = 4;
+
 /// Names a solver, as `vi_solver` does.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SolverKind {
-    /// Chosen by size; the other one is tried where the first fails.
+    /// Chosen by set and size; others are tried where the first fails.
     #[default]
     Auto,
     /// [`Lemke`].
     Lemke,
     /// [`SemismoothNewton`].
     SemismoothNewton,
+    /// [`Conic`].
+    Conic,
+    /// [`BlockGaussSeidel`].
+    BlockGaussSeidel,
+}
+
+/// A solver that was tried, and how it ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Attempt {
+    /// The solver.
+    pub solver: SolverKind,
+    /// How it ended.
+    pub outcome: Outcome,
 }
 
 impl SolverKind {
     /// Every kind, in the order in which they are offered.
-    pub const ALL: [Self; 3] = [Self::Auto, Self::Lemke, Self::SemismoothNewton];
+    pub const ALL: [Self; 5] = [Self::Auto, Self::Lemke, Self::SemismoothNewton, Self::Conic, Self::BlockGaussSeidel];
 
     /// The kind of this name, if there is one.
     pub fn by_name(name: &str) -> Option<Self> {
@@ -34,6 +54,8 @@ impl SolverKind {
             Self::Auto => "auto",
             Self::Lemke => "lemke",
             Self::SemismoothNewton => "semismooth_newton",
+            Self::Conic => "conic",
+            Self::BlockGaussSeidel => "block_gauss_seidel",
         }
     }
 
@@ -43,42 +65,69 @@ impl SolverKind {
             Self::Auto => Box::new(Auto::new(m)),
             Self::Lemke => Box::new(Lemke::new(m)),
             Self::SemismoothNewton => Box::new(SemismoothNewton::new(m)),
+            Self::Conic => Box::new(Conic::new()),
+            Self::BlockGaussSeidel => Box::new(BlockGaussSeidel::new()),
         }
     }
 }
 
-/// Both solvers, and which of them answered last.
-#[derive(Debug)]
+/// The solvers needed so far, and what they did last.
 pub struct Auto {
-    lemke: Option<Lemke>,
-    newton: Option<SemismoothNewton>,
     size: usize,
+    /// In the order in which they were first needed.
+    solvers: Vec<(SolverKind, Box<dyn ViSolver>)>,
+    attempts: Vec<Attempt>,
     start: Vec<f64>,
+    candidate: Vec<f64>,
     last: SolverKind,
 }
 
 impl Auto {
-    /// A solver for problems of up to `m` variables. The second choice is built when it is first needed.
+    /// A solver for problems of up to `m` variables. Each solver is built when it is first needed.
     pub fn new(m: usize) -> Self {
-        let mut auto = Self { lemke: None, newton: None, size: m, start: vec![0.0; m], last: SolverKind::Auto };
-        match first_choice(m) {
-            SolverKind::Lemke => auto.lemke = Some(Lemke::new(m)),
-            _ => auto.newton = Some(SemismoothNewton::new(m)),
+        Self {
+            size: m,
+            solvers: Vec::new(),
+            attempts: Vec::with_capacity(SolverKind::ALL.len()),
+            start: vec![0.0; m],
+            candidate: vec![0.0; m],
+            last: SolverKind::Auto,
         }
-        auto
     }
 
-    fn run(&mut self, kind: SolverKind, vi: &AffineVi<'_>, z: &mut [f64]) -> Report {
-        self.last = kind;
-        match kind {
-            SolverKind::Lemke => self.lemke.get_or_insert_with(|| Lemke::new(self.size)).solve(vi, z),
-            _ => self.newton.get_or_insert_with(|| SemismoothNewton::new(self.size)).solve(vi, z),
+    fn run(&mut self, kind: SolverKind, vi: &AffineVi<'_>, warm: bool) -> Report {
+        let place = self.solvers.iter().position(|(known, _)| *known == kind).unwrap_or_else(|| {
+            self.solvers.push((kind, kind.build(self.size)));
+            self.solvers.len() - 1
+        });
+        if !warm {
+            self.candidate.copy_from_slice(&self.start);
         }
+        let report = self.solvers[place].1.solve(vi, &mut self.candidate);
+        self.attempts.push(Attempt { solver: kind, outcome: report.outcome });
+        report
     }
 }
 
-fn first_choice(m: usize) -> SolverKind {
-    if m <= LEMKE_AT_MOST { SolverKind::Lemke } else { SolverKind::SemismoothNewton }
+/// The solvers to try, in order.
+fn order(vi: &AffineVi<'_>) -> &'static [SolverKind] {
+    use SolverKind::{BlockGaussSeidel, Conic, Lemke, SemismoothNewton};
+    if !vi.set.has_blocks() {
+        return if vi.q.len() <= LEMKE_AT_MOST { &[Lemke, SemismoothNewton] } else { &[SemismoothNewton, Lemke] };
+    }
+    let small = vi.set.blocks().iter().all(|block| block.members.len() <= SMALL_BLOCK);
+    if small && vi.q.len() >= SWEEPS_FROM {
+        &[BlockGaussSeidel, SemismoothNewton, Conic]
+    } else {
+        &[SemismoothNewton, Conic, BlockGaussSeidel]
+    }
+}
+
+/// Whether the second report says more. A ray says more than a limit: it may prove that there is no solution.
+fn says_more(first: &Report, second: &Report) -> bool {
+    second.outcome == Outcome::Solved
+        || second.outcome == Outcome::Ray
+        || (first.outcome != Outcome::Ray && (second.residual < first.residual || first.residual.is_nan()))
 }
 
 impl ViSolver for Auto {
@@ -88,30 +137,30 @@ impl ViSolver for Auto {
     }
 
     fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64]) -> Report {
-        let m = vi.q.len();
-        self.start.resize(m, 0.0);
-        self.start.copy_from_slice(z);
-        let choice = first_choice(m);
-        let first = self.run(choice, vi, z);
-        if first.outcome == Outcome::Solved || first.residual.is_nan() {
-            return first;
+        self.start.clear();
+        self.start.extend_from_slice(z);
+        self.candidate.resize(z.len(), 0.0);
+        self.attempts.clear();
+        let mut best: Option<Report> = None;
+        let mut iterations = 0;
+        for &kind in order(vi) {
+            // What sweeps leave is a good start for Newton.
+            let warm = self.attempts.last().is_some_and(|last| last.solver == SolverKind::BlockGaussSeidel);
+            let report = self.run(kind, vi, warm);
+            iterations += report.iterations;
+            if best.as_ref().is_none_or(|best| says_more(best, &report)) {
+                z.copy_from_slice(&self.candidate);
+                self.last = kind;
+                best = Some(report);
+            }
+            if report.outcome == Outcome::Solved || (report.outcome == Outcome::Breakdown && report.residual.is_nan()) {
+                break;
+            }
         }
-        let other = if choice == SolverKind::Lemke { SolverKind::SemismoothNewton } else { SolverKind::Lemke };
-        let mut candidate = std::mem::take(&mut self.start);
-        let second = self.run(other, vi, &mut candidate);
-        let iterations = first.iterations + second.iterations;
-        // A ray says more than a limit: it may prove that there is no solution.
-        let prefer_second = second.outcome == Outcome::Solved
-            || second.outcome == Outcome::Ray
-            || (first.outcome != Outcome::Ray && second.residual < first.residual);
-        let report = if prefer_second {
-            z.copy_from_slice(&candidate);
-            second
-        } else {
-            self.last = choice;
-            first
-        };
-        self.start = candidate;
-        Report { iterations, ..report }
+        Report { iterations, ..best.unwrap_or(Report::BREAKDOWN) }
+    }
+
+    fn attempts(&self) -> &[Attempt] {
+        &self.attempts
     }
 }

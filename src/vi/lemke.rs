@@ -19,7 +19,7 @@ mod start;
 mod tableau;
 
 use super::equilibration::Equilibration;
-use super::{Accuracy, AffineVi, EXACT, Outcome, Report, ViSolver};
+use super::{Accuracy, AffineVi, EXACT, Outcome, Report, TOLERANCE, ViSolver};
 use ratio::Perturbation;
 use tableau::Tableau;
 
@@ -31,9 +31,6 @@ const PIVOTS_PER_VARIABLE: usize = 50;
 
 /// Fresh tableaus in one solve: the guess, a start without one, and twice to repair rounding.
 const ROUNDS: usize = 4;
-
-/// Values below this fraction of the largest at the start are zero.
-const NOISE: f64 = 1e-13;
 
 /// Corrections of the answer against the original data.
 const REFINEMENTS: usize = 3;
@@ -73,6 +70,7 @@ pub struct Lemke {
     w: Vec<f64>,
     terms: Vec<f64>,
     trial: Vec<f64>,
+    answer_before: Vec<f64>,
     pivots: usize,
 }
 
@@ -93,6 +91,7 @@ impl Lemke {
             w: vec![0.0; m],
             terms: vec![0.0; m],
             trial: vec![0.0; m],
+            answer_before: vec![0.0; m],
             pivots: 0,
         }
     }
@@ -104,6 +103,9 @@ impl ViSolver for Lemke {
     }
 
     fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64]) -> Report {
+        if vi.set.has_blocks() {
+            return Report::UNSUITABLE;
+        }
         self.resize(vi.q.len());
         if !self.equilibration.fit(vi) {
             return Report::BREAKDOWN;
@@ -112,29 +114,34 @@ impl ViSolver for Lemke {
         self.guess(z);
         self.pivots = 0;
         let mut failure = Outcome::Breakdown;
-        let mut accuracy = None;
+        let mut best: Option<Accuracy> = None;
         for _ in 0..ROUNDS {
-            let guessed = !self.inside.is_empty();
+            let (guessed, before) = (!self.inside.is_empty(), self.pivots);
             let ending = self.pivot_to_end(vi);
+            self.answer_before.copy_from_slice(z);
             self.read(vi, z);
             let found = self.refine(vi, z);
-            accuracy = Some(found);
+            let stuck = best.is_some() && self.pivots == before;
+            match best {
+                Some(best) if best.residual.is_finite() && !found.is_closer_than(&best) => {
+                    z.copy_from_slice(&self.answer_before)
+                }
+                _ => best = Some(found),
+            }
             failure = match ending {
                 Ending::Complementary | Ending::Singular => Outcome::Breakdown,
                 Ending::Ray => Outcome::Ray,
                 Ending::Limit => Outcome::Limit,
             };
-            if found.is_solved() || ending == Ending::Limit || (ending != Ending::Complementary && !guessed) {
-                break;
-            }
-            if ending == Ending::Complementary {
-                self.adopt_faces();
-            } else {
-                self.forget_guess();
+            match ending {
+                Ending::Complementary if stuck || found.componentwise <= TOLERANCE => break,
+                Ending::Complementary => self.adopt_faces(),
+                Ending::Ray | Ending::Singular if guessed => self.forget_guess(),
+                _ => break,
             }
         }
-        match accuracy {
-            Some(accuracy) if accuracy.residual.is_finite() => accuracy.report(failure, self.pivots),
+        match best {
+            Some(best) if best.residual.is_finite() => best.report(failure, self.pivots),
             _ => Report { iterations: self.pivots, ..Report::BREAKDOWN },
         }
     }
@@ -157,6 +164,7 @@ impl Lemke {
             &mut self.w,
             &mut self.terms,
             &mut self.trial,
+            &mut self.answer_before,
         ] {
             vector.resize(m, 0.0);
         }

@@ -9,16 +9,25 @@
 
 mod active_set;
 mod auto;
+mod block_gauss_seidel;
+mod conic;
 mod elimination;
 mod equilibration;
 mod fischer_burmeister;
+mod gap;
+mod gauge;
+mod josephy_newton;
 mod lemke;
 mod semismooth_newton;
+mod splitting;
 #[cfg(test)]
 mod tests;
 
 pub use active_set::{ActiveSet, Unsuitable};
-pub use auto::{Auto, SolverKind};
+pub use auto::{Attempt, Auto, SolverKind};
+pub use block_gauss_seidel::BlockGaussSeidel;
+pub use conic::Conic;
+pub use josephy_newton::{JosephyNewton, NonlinearVi};
 pub use lemke::Lemke;
 pub use semismooth_newton::SemismoothNewton;
 
@@ -48,15 +57,32 @@ pub struct AffineVi<'a> {
 struct Accuracy {
     /// `max_i |z_i - P_K(z - w)_i|`.
     residual: f64,
+    /// That over the components in intervals alone.
+    intervals: f64,
     /// `max_i (|q| + |A| |z|)_i`.
     magnitude: f64,
     /// The largest residual of a component over the size of that component's own terms.
     componentwise: f64,
+    /// The largest relative residual of a block; see [`gauge`].
+    blockwise: f64,
 }
 
 impl Accuracy {
+    const NOT_A_NUMBER: Self = Self {
+        residual: f64::NAN,
+        intervals: f64::NAN,
+        magnitude: f64::NAN,
+        componentwise: f64::NAN,
+        blockwise: f64::NAN,
+    };
+
     fn is_solved(&self) -> bool {
-        self.residual <= TOLERANCE * self.magnitude
+        self.intervals <= TOLERANCE * self.magnitude && self.blockwise <= TOLERANCE
+    }
+
+    /// False also if this is NaN.
+    fn is_closer_than(&self, other: &Self) -> bool {
+        self.componentwise < other.componentwise
     }
 
     fn report(&self, failure: Outcome, iterations: usize) -> Report {
@@ -66,7 +92,50 @@ impl Accuracy {
 }
 
 impl AffineVi<'_> {
-    /// Writes `w = A z + q`, with `|A| |z| + |q|` beside it, and measures how well `z` solves the problem.
+    /// Whether every number is finite and `K` has a point.
+    fn is_sound(&self) -> bool {
+        self.set.is_nonempty() && self.matrix.iter().chain(self.q).all(|x| x.is_finite())
+    }
+
+    /// `w = A z + q`.
+    fn product(&self, z: &[f64], w: &mut [f64]) {
+        w.copy_from_slice(self.q);
+        for (column, z) in self.matrix.as_slice().chunks_exact(z.len().max(1)).zip(z) {
+            for (w, a) in w.iter_mut().zip(column) {
+                *w += a * z;
+            }
+        }
+    }
+
+    /// Scales `S` that bring `z` and `S w` to one unit: the inverse of the largest entry of `A` within a block, or else
+    /// within its rows; one where those are zero.
+    fn scales(&self, scale: &mut Vec<f64>) {
+        let m = self.q.len();
+        let inverse = |largest: f64| if largest > 0.0 { 1.0 / largest } else { 1.0 };
+        let row = |i: usize| self.matrix.row(i).iter().fold(0.0_f64, |most, a| most.max(a.abs()));
+        scale.clear();
+        scale.extend((0..m).map(|i| match (self.matrix[(i, i)].abs(), self.set.block_of(i)) {
+            (diagonal, None) if diagonal > 0.0 => 1.0 / diagonal,
+            (_, None) => inverse(row(i)),
+            _ => 1.0,
+        }));
+        for block in self.set.blocks() {
+            let among = |i: usize| block.members.iter().fold(0.0_f64, |most, &j| most.max(self.matrix[(i, j)].abs()));
+            let own = block.members.iter().fold(0.0_f64, |most, &i| most.max(among(i)));
+            let all = || block.members.iter().fold(0.0_f64, |most, &i| most.max(row(i)));
+            let s = match if own > 0.0 { own } else { all() } {
+                // Nothing but the forces tells: they are to move a point across the block.
+                0.0 => {
+                    block.shape.size() * inverse(block.members.iter().fold(0.0, |most, &i| most.max(self.q[i].abs())))
+                }
+                largest => inverse(largest),
+            };
+            block.members.iter().for_each(|&i| scale[i] = s);
+        }
+    }
+
+    /// Writes `w = A z + q`, with `|A| |z| + |q|` beside it, and measures how well `z` solves the problem in the
+    /// components that lie in intervals.
     fn measure(&self, z: &[f64], w: &mut [f64], terms: &mut [f64]) -> Accuracy {
         let m = self.q.len();
         for ((w, terms), &q) in w.iter_mut().zip(terms.iter_mut()).zip(self.q) {
@@ -81,11 +150,12 @@ impl AffineVi<'_> {
                 }
             }
         }
-        let mut accuracy = Accuracy { residual: 0.0, magnitude: 0.0, componentwise: 0.0 };
-        for i in 0..m {
+        let mut accuracy =
+            Accuracy { residual: 0.0, intervals: 0.0, magnitude: 0.0, componentwise: 0.0, blockwise: 0.0 };
+        for i in (0..m).filter(|&i| self.set.block_of(i).is_none()) {
             let r = (z[i] - self.set.project(i, z[i] - w[i])).abs();
             if r.is_nan() {
-                return Accuracy { residual: f64::NAN, magnitude: f64::NAN, componentwise: f64::NAN };
+                return Accuracy::NOT_A_NUMBER;
             }
             accuracy.residual = accuracy.residual.max(r);
             accuracy.magnitude = accuracy.magnitude.max(terms[i]);
@@ -93,6 +163,7 @@ impl AffineVi<'_> {
                 accuracy.componentwise = accuracy.componentwise.max(r / terms[i]);
             }
         }
+        accuracy.intervals = accuracy.residual;
         accuracy
     }
 }
@@ -108,6 +179,21 @@ pub enum Outcome {
     Limit,
     /// Numbers ceased to be finite, or a needed matrix was singular.
     Breakdown,
+    /// The method is not made for such a set or matrix; nothing was tried.
+    Unsuitable,
+}
+
+impl Outcome {
+    /// A stable word for programs.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Solved => "solved",
+            Self::Ray => "ray",
+            Self::Limit => "limit",
+            Self::Breakdown => "breakdown",
+            Self::Unsuitable => "unsuitable",
+        }
+    }
 }
 
 /// What a solver did.
@@ -124,6 +210,9 @@ pub struct Report {
 impl Report {
     /// What is said of a problem whose numbers are not finite, or whose intervals are empty.
     const BREAKDOWN: Self = Self { outcome: Outcome::Breakdown, residual: f64::NAN, iterations: 0 };
+
+    /// What is said of a problem for which the method is not made.
+    const UNSUITABLE: Self = Self { outcome: Outcome::Unsuitable, residual: f64::NAN, iterations: 0 };
 }
 
 /// A solver of affine variational inequalities.
@@ -133,4 +222,9 @@ pub trait ViSolver: Send {
 
     /// Solves, starting from `z` where a start helps, and leaves the answer in `z`.
     fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64]) -> Report;
+
+    /// Which solvers were tried for the last problem, in order, and how each ended; empty where there is no choice.
+    fn attempts(&self) -> &[Attempt] {
+        &[]
+    }
 }

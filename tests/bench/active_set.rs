@@ -51,7 +51,7 @@ fn run(bencher: Bencher, rows: usize, columns: usize) {
     let mut solver = ActiveSet::on_grid(&matrix(rows, columns), &[rows, columns]).expect("an M-matrix");
     let mut u = vec![0.0; n];
     let mut q = vec![0.0; n];
-    let mut set = ConvexSet { lower: vec![0.0; n], upper: vec![f64::INFINITY; n] };
+    let mut set = ConvexSet::nonnegative(n);
     let mut t = 0.0;
     let mut steps = Vec::new();
     for _ in 0..24 {

@@ -76,7 +76,7 @@ fn integrate(problem: &mut Linear, x: &[f64]) -> (Work, u64) {
 
 /// The real and the complex matrix of a step of 1e-3.
 fn matrices(n: usize) -> (SparseMatrix, SparseMatrix<Complex<f64>>) {
-    let tableau = Tableau::new(3);
+    let tableau = Tableau::of(3);
     let (gamma, pair) = (tableau.gamma.expect("three stages") * 1e3, tableau.pairs[0] * 1e3);
     let real = entries(n).into_iter().map(|(i, j, a)| Triplet::new(i, j, if i == j { gamma - a } else { -a }));
     let complex = real.clone().map(|entry| {

@@ -1,12 +1,14 @@
 //! What one variational inequality costs, by solver and size: positive definite, nonsymmetric P, and degenerate
-//! contact problems of rank `m / 2`. `cargo bench --bench vi`.
+//! contact problems of rank `m / 2`; over discs and cones as well. `cargo bench --bench vi`.
 
 use divan::{Bencher, black_box};
-use dvi::problem::ConvexSet;
-use dvi::vi::{AffineVi, Lemke, SemismoothNewton, ViSolver};
+use dvi::problem::{ConvexSet, Shape};
+use dvi::vi::{AffineVi, BlockGaussSeidel, Conic, Lemke, SemismoothNewton, ViSolver};
 use nalgebra::{DMatrix, DVector};
 
 const SIZES: [usize; 7] = [2, 3, 6, 10, 50, 200, 500];
+
+const CONTACTS: [usize; 4] = [3, 9, 30, 150];
 
 /// Problems of one size that a bench goes through in turn, so that no branch predictor learns one by heart.
 const PROBLEMS: usize = 16;
@@ -95,7 +97,7 @@ fn lemke_warm(bencher: Bencher, m: usize) {
     run(bencher, Lemke::new(m), nonsymmetric, m, true);
 }
 
-#[divan::bench(args = SIZES)]
+#[divan::bench(args = [3, 10, 50, 200], max_time = 2)]
 fn newton_contact(bencher: Bencher, m: usize) {
     run(bencher, SemismoothNewton::new(m), contact, m, false);
 }
@@ -103,4 +105,47 @@ fn newton_contact(bencher: Bencher, m: usize) {
 #[divan::bench(args = SIZES)]
 fn newton_nonsymmetric(bencher: Bencher, m: usize) {
     run(bencher, SemismoothNewton::new(m), nonsymmetric, m, false);
+}
+
+/// Discs and intervals in turn, three to a contact.
+fn discs(m: usize, state: &mut u64) -> Problem {
+    let mut problem = positive_definite(m, state);
+    for contact in 0..m / 3 {
+        problem.set.bind(vec![3 * contact + 1, 3 * contact + 2], Shape::Ball { radius: 0.3 });
+    }
+    problem
+}
+
+/// Second-order cones of three.
+fn cones(m: usize, state: &mut u64) -> Problem {
+    let mut problem = positive_definite(m, state);
+    for contact in 0..m / 3 {
+        problem.set.bind((3 * contact..3 * contact + 3).collect(), Shape::SecondOrderCone);
+    }
+    problem
+}
+
+#[divan::bench(args = CONTACTS)]
+fn newton_discs(bencher: Bencher, m: usize) {
+    run(bencher, SemismoothNewton::new(m), discs, m, false);
+}
+
+#[divan::bench(args = CONTACTS)]
+fn newton_cones(bencher: Bencher, m: usize) {
+    run(bencher, SemismoothNewton::new(m), cones, m, false);
+}
+
+#[divan::bench(args = CONTACTS)]
+fn newton_cones_warm(bencher: Bencher, m: usize) {
+    run(bencher, SemismoothNewton::new(m), cones, m, true);
+}
+
+#[divan::bench(args = CONTACTS)]
+fn conic_cones(bencher: Bencher, m: usize) {
+    run(bencher, Conic::new(), cones, m, false);
+}
+
+#[divan::bench(args = CONTACTS)]
+fn block_gauss_seidel_cones(bencher: Bencher, m: usize) {
+    run(bencher, BlockGaussSeidel::new(), cones, m, false);
 }

@@ -138,7 +138,15 @@ impl Call {
     }
 
     pub fn solve(document: impl Into<Body>) -> Self {
-        let call = Self::new("POST", "/solve").header("content-type", "application/json");
+        Self::post("/solve", document)
+    }
+
+    pub fn check(document: impl Into<Body>) -> Self {
+        Self::post("/check", document)
+    }
+
+    fn post(path: &str, document: impl Into<Body>) -> Self {
+        let call = Self::new("POST", path).header("content-type", "application/json");
         Self(call.0.map(|_| document.into()))
     }
 

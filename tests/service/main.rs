@@ -2,6 +2,7 @@
 
 mod bounds;
 mod catalogue;
+mod check;
 mod connections;
 mod harness;
 mod jobs;

@@ -48,6 +48,28 @@ fn a_solve_writes_a_table_on_request() {
 }
 
 #[test]
+fn a_solve_draws_a_picture_on_request() {
+    let output = run(&["solve", "--format", "svg", "-"], DECAY);
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(
+        roxmltree::Document::parse(&text).is_ok_and(|picture| picture.root_element().has_tag_name("svg")),
+        "{text}"
+    );
+}
+
+#[test]
+fn the_picture_of_the_documents_is_what_the_program_draws() {
+    let example = concat!(env!("CARGO_MANIFEST_DIR"), "/api/examples/friction_belt.json");
+    let drawn = dvi(&["solve", "--format", "svg", example]).output().unwrap();
+    let shown = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/api/pictures/friction_belt.svg"));
+    assert!(
+        drawn.stdout == shown.as_bytes(),
+        "draw it anew: dvi solve --format svg api/examples/friction_belt.json > api/pictures/friction_belt.svg"
+    );
+}
+
+#[test]
 fn errors_of_a_specification_are_told_with_their_places() {
     let wrong = r#"{"problem":{"dvi":{"states":{"x":{"initial":1,"rate":"-y"}}}},"time":{"end":1}}"#;
     for command in ["solve", "check"] {

@@ -129,6 +129,34 @@ async fn the_table_is_given_to_who_asks_for_csv() {
 }
 
 #[tokio::test]
+async fn the_picture_is_given_to_who_asks_for_svg() {
+    let site = Site::new(one_worker(), instant());
+    let labelled = DECAY.replacen('{', r#"{"label":"A decay","#, 1);
+    let reply = Call::solve(labelled).header("accept", "image/svg+xml").send(&site).await;
+    assert_eq!(reply.header("content-type"), "image/svg+xml");
+    let picture = roxmltree::Document::parse(reply.text()).unwrap();
+    let lines = picture.descendants().filter(|node| node.has_tag_name("polyline")).count();
+    assert!(lines == 1 && reply.text().contains("A decay"), "{}", reply.text());
+    let path = reply.header("link").trim_matches('<').split('>').next().unwrap().to_owned() + "/results";
+    let again = Call::new("GET", &path).header("accept", "image/*").send(&site).await;
+    assert_eq!((again.header("vary"), &again.body), ("accept", &reply.body));
+}
+
+#[tokio::test]
+async fn a_large_picture_is_drawn_all_the_same() {
+    let solver = |_: &Specification, _: &Control| {
+        let mut solution = halving(Status::Completed);
+        solution.trajectory.t = (0..100_000).map(f64::from).collect();
+        solution.trajectory.fields[0].values = solution.trajectory.t.iter().map(|t| t.sin()).collect();
+        solution
+    };
+    let site = Site::new(one_worker(), Arc::new(solver));
+    let reply = Call::solve(DECAY).header("accept", "image/svg+xml").send(&site).await;
+    assert!(roxmltree::Document::parse(reply.text()).is_ok());
+    assert!((10_000..100_000).contains(&reply.body.len()), "{} bytes", reply.body.len());
+}
+
+#[tokio::test]
 async fn a_long_table_is_whole() {
     let times: Vec<f64> = (0..50_000).map(f64::from).collect();
     let column = times.clone();

@@ -52,7 +52,7 @@ pub fn without(mut document: Value, pointer: &str) -> Value {
 
 /// The errors of a text.
 pub fn errors_of(text: impl AsRef<[u8]>) -> Vec<SpecificationError> {
-    Specification::from_json(text.as_ref()).err().expect("the document is wrong and should be told so")
+    Specification::from_json(text.as_ref()).expect_err("the document is wrong and should be told so")
 }
 
 /// Asserts that a text has exactly these errors, as `(pointer, code, part of the detail)`, in this order.

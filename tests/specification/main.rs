@@ -4,7 +4,8 @@
 mod documents;
 mod equations;
 mod examples;
-mod lists;
+mod hostile;
+mod index;
 mod schema;
 mod semantics;
 mod structure;

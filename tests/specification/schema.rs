@@ -49,4 +49,5 @@ fn the_schema_forbids_unknown_keys_and_requires_the_problem_and_the_end() {
     assert_eq!(schema["required"], serde_json::json!(["problem", "time"]));
     assert_eq!(schema["$defs"]["Time"]["required"], serde_json::json!(["end"]));
     assert_eq!(schema["$defs"]["BoxBlock"]["additionalProperties"], false);
+    assert_eq!(schema["$defs"]["Problem"]["oneOf"][0]["additionalProperties"], false);
 }

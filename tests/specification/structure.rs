@@ -1,1 +1,229 @@
+//! Documents of the wrong form: syntax, unknown and missing keys, values of the wrong kind.
 
+use crate::documents::*;
+use serde_json::json;
+
+#[test]
+fn an_empty_body_is_told_so() {
+    assert_text("", &[("", "syntax", "the document is empty")]);
+    assert_text(" \n\t ", &[("", "syntax", "the document is empty")]);
+}
+
+#[test]
+fn a_syntax_error_gives_line_and_column() {
+    assert_text("{\"time\": {\"end\": 1},\n  \"label\": }", &[("/label", "syntax", "line 2 column 12")]);
+    assert_text("{\"time\": {\"end\": 1}", &[("", "syntax", "EOF while parsing an object at line 1 column 19")]);
+    assert_text("{} {}", &[("", "syntax", "trailing characters at line 1 column 4")]);
+}
+
+#[test]
+fn nan_and_infinity_are_no_json() {
+    assert_text("{\"time\": {\"end\": NaN}}", &[("/time/end", "syntax", "expected value at line 1 column 18")]);
+    assert_text("{\"time\": {\"end\": -Infinity}}", &[("/time/end", "syntax", "invalid number at line 1 column 19")]);
+}
+
+#[test]
+fn a_number_beyond_the_largest_is_out_of_range() {
+    let text = block().to_string().replace("\"end\":10", "\"end\":1e400");
+    assert_text(text, &[("/time/end", "number_out_of_range", "number out of range")]);
+}
+
+#[test]
+fn invalid_utf_8_is_a_syntax_error() {
+    assert_text(b"{\"label\": \"\xff\"}", &[("/label", "syntax", "invalid unicode code point")]);
+}
+
+#[test]
+fn depth_is_bounded() {
+    for depth in [128, 100_000] {
+        assert_text("[".repeat(depth), &[("", "too_deep", "recursion limit exceeded")]);
+        assert_text("{\"problem\":".repeat(depth), &[("", "too_deep", "recursion limit exceeded")]);
+    }
+    let nested = format!("{}{}", "[".repeat(120), "]".repeat(120));
+    let text = block().to_string().replace("\"end\":10", &format!("\"end\":{nested}"));
+    assert_text(text, &[("/time/end", "wrong_type", "found a list, expected a number")]);
+}
+
+#[test]
+fn a_document_that_is_no_object_is_told_so() {
+    for (text, found) in [("[1, 2]", "a list"), ("3", "the number 3"), ("null", "null"), ("\"dvi\"", "the string")] {
+        let errors = errors_of(text);
+        assert_eq!((errors[0].pointer.as_str(), errors[0].code), ("", "wrong_type"));
+        assert!(errors[0].detail.starts_with(&format!("found {found}")), "{}", errors[0].detail);
+        assert_eq!(errors.len(), 1, "{errors:?}");
+    }
+}
+
+#[test]
+fn an_empty_object_misses_the_problem_and_the_time() {
+    assert_text("{}", &[("", "missing_key", "`problem` is missing"), ("", "missing_key", "`time` is missing")]);
+}
+
+#[test]
+fn a_misspelt_key_is_named_with_its_right_spelling_and_nothing_else() {
+    let document = with(without(block(), "/problem/dvi/states/x/rate"), "/problem/dvi/states/x/rte", json!("v"));
+    assert_suggestion(&document, "/problem/dvi/states/x/rte", "unknown_key", "rate");
+    let document = with(without(block(), "/time/end"), "/time/ned", json!(10));
+    assert_suggestion(&document, "/time/ned", "unknown_key", "end");
+}
+
+#[test]
+fn an_unknown_key_lists_the_valid_ones() {
+    let document = with(block(), "/colour", json!("red"));
+    assert_errors(&document, &[("/colour", "unknown_key", "`colour` is not a key here")]);
+    let expected = errors_of(document.to_string())[0].expected.clone().unwrap();
+    assert_eq!(expected, "one of `problem`, `time`, `method`, `output`, `limits`, `study`, `label`");
+}
+
+#[test]
+fn keys_are_escaped_in_pointers() {
+    let document = with(block(), "/a~b", json!(1));
+    assert_errors(&document, &[("/a~0b", "unknown_key", "")]);
+}
+
+#[test]
+fn an_unknown_problem_type_suggests_the_nearest() {
+    let document = json!({"problem": {"dvii": block()["problem"]["dvi"]}, "time": {"end": 1}});
+    assert_suggestion(&document, "/problem/dvii", "unknown_choice", "dvi");
+}
+
+#[test]
+fn an_unknown_problem_type_hides_no_error_elsewhere() {
+    let document = json!({"problem": {"tensor_flow": {}}, "time": {"end": -1}, "method": {"rtol": 7}});
+    assert_errors(
+        &document,
+        &[
+            ("/problem/tensor_flow", "unknown_choice", "`tensor_flow` is not a choice here"),
+            ("/time/end", "end_before_start", ""),
+            ("/method/rtol", "out_of_range", "7"),
+        ],
+    );
+}
+
+#[test]
+fn a_problem_of_two_types_is_refused() {
+    let mut document = block();
+    document["problem"]["lcs"] = linear()["problem"]["lcs"].clone();
+    assert_errors(&document, &[("/problem", "wrong_type", "found an object with 2 keys")]);
+}
+
+#[test]
+fn a_problem_that_is_no_object_is_refused() {
+    assert_errors(&with(block(), "/problem", json!([])), &[("/problem", "wrong_type", "found a list")]);
+    assert_errors(&with(block(), "/problem", json!(null)), &[("/problem", "wrong_type", "found null")]);
+}
+
+#[test]
+fn values_of_the_wrong_kind_say_what_was_found_and_expected() {
+    for (pointer, value, detail) in [
+        ("/time/end", json!("ten"), "found the string \"ten\", expected a number"),
+        ("/time", json!([0, 10]), "found a list, expected an object"),
+        ("/label", json!(5), "found the number 5, expected a string"),
+        ("/problem/dvi/states/x/rate", json!(true), "found true, expected an expression"),
+        ("/problem/dvi/states/x/initial", json!(null), "found null, expected an expression"),
+        ("/problem/dvi/states/x", json!(["1", "v"]), "found a list, expected an object"),
+        ("/problem/dvi/set", json!({"box": {}}), "found an object, expected a list"),
+        ("/problem/dvi/set/0/box/of", json!("F"), "found the string \"F\", expected a list"),
+        ("/problem/dvi/mass", json!(3), "found the number 3, expected a matrix"),
+        ("/study", json!({"rtol": [1e-3]}), "found an object, expected null"),
+    ] {
+        assert_errors(&with(block(), pointer, value), &[(pointer, "wrong_type", detail)]);
+    }
+}
+
+#[test]
+fn whole_numbers_must_be_whole_and_not_negative() {
+    let document = json!({"name": "radau", "stages": 2.5});
+    assert_errors(
+        &with(block(), "/method", document),
+        &[("/method/stages", "wrong_type", "found the number 2.5, expected a whole number from 1 to 9")],
+    );
+    let document = with(block(), "/output", json!({"times": {"count": -3}}));
+    assert_errors(&document, &[("/output/times/count", "wrong_type", "found the number -3, expected a whole number")]);
+}
+
+#[test]
+fn an_unknown_choice_of_a_word_suggests_the_nearest() {
+    let document = with(block(), "/method", json!({"name": "radu"}));
+    assert_suggestion(&document, "/method/name", "unknown_choice", "radau");
+    let document = with(block(), "/method", json!({"vi_solver": "lemkee"}));
+    assert_suggestion(&document, "/method/vi_solver", "unknown_choice", "lemke");
+}
+
+#[test]
+fn a_missing_rate_and_a_missing_inequality_are_both_named() {
+    let document = without(without(block(), "/problem/dvi/states/x/rate"), "/problem/dvi/variables/F/inequality");
+    assert_errors(
+        &document,
+        &[
+            ("/problem/dvi/states/x", "missing_key", "`rate` is missing"),
+            ("/problem/dvi/variables/F", "missing_key", "`inequality` is missing"),
+        ],
+    );
+}
+
+#[test]
+fn a_key_that_stands_twice_is_an_error() {
+    let text = block().to_string().replace("\"end\":10", "\"end\":10,\"end\":11");
+    assert_text(text, &[("/time/end", "duplicate_key", "stands twice")]);
+    let text = block().to_string().replace("\"v\":{", "\"x\":{\"initial\":0,\"rate\":\"x\"},\"v\":{");
+    assert_text(text, &[("/problem/dvi/states/x", "duplicate_key", "stands twice")]);
+}
+
+#[test]
+fn a_sparse_entry_of_the_wrong_length_is_refused() {
+    let sparse = json!({"shape": [2, 2], "entries": [[0, 0, 1], [1, 1]]});
+    assert_errors(
+        &with(block(), "/problem/dvi/mass", sparse),
+        &[("/problem/dvi/mass/entries/1", "wrong_type", "found 2 entries, expected 3 entries")],
+    );
+}
+
+#[test]
+fn all_errors_of_a_document_come_in_one_answer() {
+    let document = json!({
+        "problem": {"dvi": {
+            "parameters": {"k": "2*q", "sin": 3},
+            "states": {"x": {"initial": 1, "rate": true}, "v": {"initial": "k", "rate": "-x", "colour": 1}},
+            "variables": {"F": {}},
+            "set": []
+        }},
+        "time": {"start": 5, "end": 5},
+        "method": {"rtol": "small", "stages": 4, "nmae": "radau"},
+        "output": {"times": {"count": 1}, "feilds": ["x"]},
+        "limits": {"wall_seconds": -1},
+        "label": 7
+    });
+    let errors = errors_of(document.to_string());
+    let mut pointers: Vec<_> = errors.iter().map(|error| (error.pointer.as_str(), error.code)).collect();
+    pointers.sort_unstable();
+    assert_eq!(
+        pointers,
+        [
+            ("/label", "wrong_type"),
+            ("/limits/wall_seconds", "out_of_range"),
+            ("/method/nmae", "unknown_key"),
+            ("/method/rtol", "wrong_type"),
+            ("/method/stages", "even_stages_need_step"),
+            ("/output/feilds", "unknown_key"),
+            ("/output/times/count", "out_of_range"),
+            ("/problem/dvi/parameters/k", "unknown_name"),
+            ("/problem/dvi/parameters/sin", "reserved_name"),
+            ("/problem/dvi/states/v/colour", "unknown_key"),
+            ("/problem/dvi/states/x/rate", "wrong_type"),
+            ("/problem/dvi/variables/F", "missing_key"),
+            ("/time/end", "end_before_start"),
+        ],
+        "{errors:#?}"
+    );
+}
+
+#[test]
+fn of_a_thousand_errors_a_hundred_are_listed() {
+    let mut document = linear();
+    document["problem"]["lcs"]["a"] = (0..1000).map(|_| "q").collect();
+    let errors = errors_of(document.to_string());
+    assert_eq!(errors.len(), 101);
+    assert_eq!(errors[99].pointer, "/problem/lcs/a/98");
+    assert_eq!((errors[100].pointer.as_str(), errors[100].code), ("", "more_errors"));
+}

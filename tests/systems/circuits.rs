@@ -1,6 +1,7 @@
 //! Ideal diodes: bridges with four, a rectifier with one.
 
-use crate::harness::{column, digits, distance, events, example, last, solve, switching};
+use crate::systems::harness::{column, distance, events, last, solve};
+use crate::systems::reference::{digits, example, switching};
 use serde_json::json;
 
 /// Whether no variable is below zero and no inequality either.

@@ -1,6 +1,7 @@
 //! Dry friction: Coulomb's law as maximal dissipation over `[-mu N, mu N]`.
 
-use crate::harness::{digits, distance, events, example, last, solve, switching};
+use crate::systems::harness::{distance, events, last, solve};
+use crate::systems::reference::{digits, example, switching};
 use serde_json::json;
 
 #[test]

@@ -1,6 +1,7 @@
 //! A pendulum in Cartesian coordinates, its tension a free variable: `K = R`, a differential-algebraic equation.
 
-use crate::harness::{column, digits, example, last, read, solve};
+use crate::systems::harness::{column, last, solve};
+use crate::systems::reference::{digits, example, read};
 use serde_json::json;
 
 #[test]

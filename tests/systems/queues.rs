@@ -1,6 +1,7 @@
 //! Queues and traffic: reflection at zero, and an equilibrium of departures.
 
-use crate::harness::{distance, example, last, solve};
+use crate::systems::harness::{distance, last, solve};
+use crate::systems::reference::example;
 
 #[test]
 fn two_queues_in_tandem_follow_the_reflection_map() {
@@ -18,7 +19,7 @@ fn two_queues_in_tandem_follow_the_reflection_map() {
 fn commuters_leave_as_vickrey_says() {
     // Arnott, de Palma, Lindsey 1990, with N = 6000, s = 3000, alpha = 6.4, beta = 3.9, gamma = 15.21, t* = 9.
     let (first, last_arrival, on_time) = (7.408_163_265_306_122, 9.408_163_265_306_122, 8.029_974_489_795_919);
-    let (early, late) = (7680.0, 888.477_556_866_719_1);
+    let (early, late) = (7680.0, 888.477_556_866_719);
     let solution = solve(&example("bottleneck"));
     let departed = |t: f64| early * (t.min(on_time) - first).max(0.0) + late * (t.min(last_arrival) - on_time).max(0.0);
     let error = distance(&solution, "departed", departed);

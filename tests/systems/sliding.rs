@@ -1,6 +1,7 @@
 //! Switching by the sign of a function: a relay, a sliding mode.
 
-use crate::harness::{column, digits, distance, events, example, last, solve, switching};
+use crate::systems::harness::{column, distance, events, last, solve};
+use crate::systems::reference::{digits, example, switching};
 use serde_json::json;
 
 #[test]

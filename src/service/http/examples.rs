@@ -39,6 +39,7 @@ pub const EXAMPLES: &[Example] = examples! {
     "pollu"
     "rectifier"
     "relay"
+    "reverse_zeno"
     "robertson"
     "sliding_mode"
     "van_der_pol"

@@ -1,5 +1,6 @@
 //! The resources of the service, a file each, and the router that finds them.
 
+mod check;
 mod document;
 mod examples;
 mod health;
@@ -41,7 +42,7 @@ pub struct Shared {
     pub jobs: Arc<Jobs>,
     /// Its bounds.
     pub options: Arc<Options>,
-    /// Large specifications that may be read at a time.
+    /// Large specifications that may be read, and large pictures that may be drawn, at a time.
     pub readers: Arc<Semaphore>,
 }
 
@@ -49,6 +50,7 @@ pub struct Shared {
 pub fn router(shared: Shared) -> Router {
     Router::new()
         .route("/solve", post(solve::solve))
+        .route("/check", post(check::check))
         .route("/jobs/{id}", get(jobs::find_job).delete(jobs::delete_job))
         .route("/jobs/{id}/results", get(results::find_results))
         .route("/jobs/{id}/cancel", post(jobs::cancel_job))
@@ -68,7 +70,7 @@ pub fn router(shared: Shared) -> Router {
 }
 
 async fn nothing_here(uri: Uri) -> Box<Problem> {
-    let here = "POST /solve, GET /jobs/{id}, GET /jobs/{id}/results, POST /jobs/{id}/cancel, DELETE /jobs/{id}, \
+    let here = "POST /solve, POST /check, GET /jobs/{id}, GET /jobs/{id}/results, POST /jobs/{id}/cancel, DELETE /jobs/{id}, \
                 GET /examples, GET /problems, GET /schema, GET /healthz, GET /readyz, GET /version";
     Problem::new(Kind::NotFound, format!("{} names nothing; there are {here}", uri.path()))
 }

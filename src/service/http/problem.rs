@@ -60,7 +60,7 @@ problems! {
     MethodNotAllowed, "method-not-allowed", METHOD_NOT_ALLOWED, "The resource has no such method",
         "The address exists but not with this method; `Allow` lists its methods.";
     NotAcceptable, "not-acceptable", NOT_ACCEPTABLE, "No form of the answer is acceptable",
-        "Nothing in `Accept` fits; results are given as `application/json` and as `text/csv`.";
+        "Nothing in `Accept` fits; results are given as `application/json`, `text/csv` and `image/svg+xml`.";
     BodyTimeout, "body-timeout", REQUEST_TIMEOUT, "The body took too long to arrive",
         "The whole body must arrive within the bound that `--read-seconds` sets.";
     Dismissed, "dismissed", GONE, "The job was dismissed before it started",

@@ -1,9 +1,11 @@
 //! The forms in which results are given, and the choice among them by `Accept` (RFC 9110, section 12.5.1): the most
 //! specific range that fits a form gives its weight, and the form of the greatest weight is taken.
 
-use super::problem::{Kind, Problem};
-use crate::service::jobs::Results;
+use super::Shared;
+use super::problem::{Answer, Kind, Problem};
+use crate::service::jobs::{Job, Results};
 use crate::solution::encodings::{write_csv_header, write_csv_rows};
+use crate::solution::pictures::write_svg;
 use axum::body::{Body, Bytes, HttpBody};
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
@@ -13,6 +15,7 @@ use std::convert::Infallible;
 use std::pin::Pin;
 use std::sync::Arc;
 use std::task::{Context, Poll};
+use tokio::task::spawn_blocking;
 
 /// A form of the results.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,17 +24,20 @@ pub enum Representation {
     Json,
     /// The trajectory as a table.
     Csv,
+    /// The trajectory as a picture.
+    Svg,
 }
 
 impl Representation {
     /// In the order of preference of the service.
-    const ALL: [Self; 2] = [Self::Json, Self::Csv];
+    const ALL: [Self; 3] = [Self::Json, Self::Csv, Self::Svg];
 
     /// The type and the subtype of its media type.
     fn media_type(self) -> (&'static str, &'static str) {
         match self {
             Self::Json => ("application", "json"),
             Self::Csv => ("text", "csv"),
+            Self::Svg => ("image", "svg+xml"),
         }
     }
 
@@ -40,15 +46,20 @@ impl Representation {
         HeaderValue::from_static(match self {
             Self::Json => "application/json",
             Self::Csv => "text/csv; charset=utf-8; header=present",
+            Self::Svg => "image/svg+xml",
         })
     }
 
-    /// The results in this form. JSON has been written already; CSV is written as the client takes it.
-    pub fn body(self, results: Arc<Results>) -> Body {
-        match self {
+    /// The results of `job` in this form. JSON has been written already; CSV is written as the client takes it.
+    ///
+    /// # Errors
+    /// [`Kind::Internal`] if the picture could not be drawn.
+    pub async fn body(self, job: &Job, results: Arc<Results>, shared: &Shared) -> Answer<Body> {
+        Ok(match self {
             Self::Json => Body::from(Bytes::from_owner(JsonOf(results))),
             Self::Csv => Body::new(CsvOf { results, next: None }),
-        }
+            Self::Svg => Body::from(picture(job, results, shared).await?),
+        })
     }
 
     fn choose(headers: &HeaderMap) -> Option<Self> {
@@ -132,10 +143,31 @@ impl HttpBody for CsvOf {
     }
 }
 
+/// Numbers that are drawn where the connection is served, within a fraction of a millisecond.
+const SKETCH: usize = 16 << 10;
+
+/// The picture of results. A large one is drawn on a thread of its own, few at a time.
+async fn picture(job: &Job, results: Arc<Results>, shared: &Shared) -> Answer<Vec<u8>> {
+    let label = job.label.clone();
+    let numbers = results.solution.trajectory.t.len() * results.solution.trajectory.fields.len();
+    let draw = move || {
+        let mut text = Vec::new();
+        // Writing to memory does not fail.
+        let _ = write_svg(&results.solution, label.as_deref(), &mut text);
+        text
+    };
+    if numbers <= SKETCH {
+        return Ok(draw());
+    }
+    // The semaphore is never closed and drawing does not panic; if it did, that would be ours to answer for.
+    let _permit = shared.readers.acquire().await.map_err(|_| Problem::plain(Kind::Internal))?;
+    spawn_blocking(draw).await.map_err(|_| Problem::plain(Kind::Internal))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use Representation::{Csv, Json};
+    use Representation::{Csv, Json, Svg};
 
     #[track_caller]
     fn assert_chosen(accept: &str, chosen: Option<Representation>) {
@@ -157,6 +189,7 @@ mod tests {
         assert_chosen("application/json;q=0.5, text/csv;q=0.8", Some(Csv));
         assert_chosen("Text/CSV", Some(Csv));
         assert_chosen("text/*, application/json; q=0.9", Some(Csv));
+        assert_chosen("image/avif, image/*, */*;q=0.8", Some(Svg));
     }
 
     #[test]

@@ -23,19 +23,19 @@ pub async fn find_results(
         let time = shared.jobs.time_to_end(&job);
         return Err(Problem::plain(Kind::ResultsNotReady).of_job(job.id).after(time));
     };
-    let mut response = represent(&job, ending, representation)?;
+    let mut response = represent(&shared, &job, ending, representation).await?;
     response.headers_mut().insert(header::VARY, HeaderValue::from_static("accept"));
     Ok(response)
 }
 
 /// The results of a job that has ended, with the time it waited and the time it took.
-pub fn represent(job: &Job, ending: Ending, representation: Representation) -> Answer<Response> {
+pub async fn represent(shared: &Shared, job: &Job, ending: Ending, representation: Representation) -> Answer<Response> {
     let results = match ending {
         Ending::Successful(results) | Ending::Failed(results) | Ending::Dismissed(Some(results)) => results,
         Ending::Broken(fault) => return Err(Box::<Problem>::from(fault).of_job(job.id)),
         Ending::Dismissed(None) => return Err(Problem::plain(Kind::Dismissed).of_job(job.id)),
     };
-    let mut response = (no_store(), representation.body(results)).into_response();
+    let mut response = (no_store(), representation.body(job, results, shared).await?).into_response();
     let headers = response.headers_mut();
     headers.insert(header::CONTENT_TYPE, representation.content_type());
     if let Some(timing) = server_timing(job) {

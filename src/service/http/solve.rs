@@ -41,7 +41,7 @@ pub async fn solve(
     };
     let asynchronous = ending.is_none();
     let mut response = match ending {
-        Some(ending) => represent(&job, ending, representation)?,
+        Some(ending) => represent(&shared, &job, ending, representation).await?,
         None => accepted(&shared.jobs, &job),
     };
     let headers = response.headers_mut();

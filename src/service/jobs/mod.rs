@@ -200,14 +200,14 @@ impl Jobs {
         }
     }
 
-    /// Waits for a job and solves it on this thread.
-    async fn solve_next(&self) {
+    /// Waits for a job and solves it on this thread. False if workers have been dismissed.
+    async fn solve_next(&self) -> bool {
         match self.waiting.acquire().await {
             Ok(permit) => permit.forget(),
-            Err(_) => return,
+            Err(_) => return false,
         }
         let mut intake = self.lock();
-        let Some(job) = intake.queue.pop() else { return };
+        let Some(job) = intake.queue.pop() else { return true };
         intake.running += 1;
         drop(intake);
         self.solve(&job);
@@ -215,6 +215,12 @@ impl Jobs {
         intake.running -= 1;
         intake.drain_rate.departed(Instant::now());
         self.announce_if_idle(&intake);
+        true
+    }
+
+    /// Sends workers home, each at the end of the job in hand.
+    fn dismiss_workers(&self) {
+        self.waiting.close();
     }
 
     fn solve(&self, job: &Job) {

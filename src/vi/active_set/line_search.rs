@@ -59,7 +59,7 @@ impl LineSearch {
             *z = set.project(i, if z.is_finite() { *z } else { 0.0 });
         }
         for iteration in 0..ITERATIONS {
-            if level.measure(q, set, z).0.is_solved() {
+            if level.measure(q, set, z).0 {
                 return iteration;
             }
             let norm = self.linearise(level, set, z);

@@ -1,17 +1,17 @@
 //! The path: from a start in which some basic variables lie outside their intervals, over which `theta d` covers, to
 //! `theta = 0`.
 
-use super::ratio::{Block, Motion, first_block};
-use super::{Ending, Face, Lemke, NOISE, PIVOTS, PIVOTS_PER_VARIABLE, start};
+use super::ratio::{Block, Motion, NOISE, first_block};
+use super::{Ending, Face, Lemke, PIVOTS, PIVOTS_PER_VARIABLE, start};
 use crate::vi::AffineVi;
 
 impl Lemke {
     /// Builds the tableau of the guessed active set and follows the path from there.
     pub(super) fn pivot_to_end(&mut self, vi: &AffineVi<'_>) -> Ending {
-        let noise = self.load(vi);
+        self.load(vi);
         if !self.free_rows.is_empty() {
             let (rows, columns) = (&mut self.free_rows, &mut self.free_columns);
-            if !start::settle_free(&mut self.tableau, &self.resting, rows, columns, noise) {
+            if !start::settle_free(&mut self.tableau, &self.resting, rows, columns) {
                 return Ending::Singular;
             }
         }
@@ -21,19 +21,18 @@ impl Lemke {
         for row in 0..self.tableau.m {
             (self.tableau.lower[row], self.tableau.upper[row]) = self.interval(self.tableau.basic[row]);
         }
-        if self.cover(noise) { self.follow(noise) } else { Ending::Complementary }
+        if self.cover() { self.follow() } else { Ending::Complementary }
     }
 
-    /// Writes the scaled problem with all `z` nonbasic, and returns the size below which its values are noise.
-    fn load(&mut self, vi: &AffineVi<'_>) -> f64 {
+    /// Writes the scaled problem with all `z` nonbasic.
+    fn load(&mut self, vi: &AffineVi<'_>) {
         let m = self.tableau.m;
         let (row, column) = (&self.equilibration.row, &self.equilibration.column);
         self.tableau.reset();
         self.free_rows.clear();
-        let mut largest = 0.0_f64;
-        for ((value, &q), &r) in self.tableau.value.iter_mut().zip(vi.q).zip(row) {
-            *value = q * r;
-            largest = largest.max(value.abs());
+        for (i, (&q, &r)) in vi.q.iter().zip(row).enumerate() {
+            self.tableau.value[i] = q * r;
+            self.tableau.magnitude[i] = (q * r).abs();
         }
         for (j, &c) in column.iter().enumerate() {
             let source = &vi.matrix.as_slice()[j * m..][..m];
@@ -51,7 +50,6 @@ impl Lemke {
             }
         }
         self.free_columns.clone_from(&self.free_rows);
-        NOISE * self.tableau.value.iter().fold(largest, |largest, value| largest.max(value.abs()))
     }
 
     /// The interval of a variable as long as it is basic. What never blocks has no ends: `w` of a point interval, and
@@ -74,9 +72,9 @@ impl Lemke {
     /// Chooses `d`, of size one into the intervals, and `theta` such that all basic variables lie inside: a
     /// variable between two ends goes no further than the middle. The last to come inside makes way for `theta`.
     /// False if all are inside at `theta = 0`.
-    fn cover(&mut self, noise: f64) -> bool {
+    fn cover(&mut self) -> bool {
         let m = self.tableau.m;
-        let mut theta = noise;
+        let mut theta = 0.0;
         let mut last = None;
         for row in 0..m {
             let value = self.tableau.value[row];
@@ -86,7 +84,7 @@ impl Lemke {
             let from_below = lower > f64::NEG_INFINITY && (upper == f64::INFINITY || value - lower < upper - value);
             self.perturbation.sense[row] = if from_below { 1.0 } else { -1.0 };
             // Of rows equally far out, the least perturbed is the last to come inside.
-            if outside > theta || (outside == theta && last.is_some()) {
+            if outside >= theta && outside > NOISE * self.tableau.magnitude[row] {
                 (theta, last) = (outside, Some(row));
             }
         }
@@ -122,12 +120,13 @@ impl Lemke {
         }
         self.tableau.exchange(r, c, m + 1);
         self.tableau.value[r] = value;
+        self.tableau.magnitude[r] = value.abs();
         (self.tableau.lower[r], self.tableau.upper[r]) = interval;
         self.pivots += 1;
     }
 
     /// Follows the path after `theta` took the place of the variable of column `m`, whose complement enters next.
-    fn follow(&mut self, noise: f64) -> Ending {
+    fn follow(&mut self) -> Ending {
         let m = self.tableau.m;
         let theta = 2 * m;
         let mut left = self.tableau.nonbasic[m];
@@ -139,7 +138,7 @@ impl Lemke {
             let at_upper = self.resting[i] == self.upper[i];
             let sense = if at_upper { -1.0 } else { 1.0 };
             let range = if entering < m { self.upper[i] - self.lower[i] } else { f64::INFINITY };
-            let motion = Motion { column, sense, range, noise };
+            let motion = Motion { column, sense, range };
             let (block, length) = first_block(&self.tableau, motion, &self.perturbation);
             match block {
                 Block::None => return Ending::Ray,

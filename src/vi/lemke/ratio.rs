@@ -18,6 +18,9 @@ const TIE: f64 = 1e-12;
 /// Perturbation coefficients are of the size of an equilibrated tableau, one; below this their difference is noise.
 const COEFFICIENT_NOISE: f64 = 1e-11;
 
+/// A value below this fraction of the terms of which it is the sum is zero.
+pub(super) const NOISE: f64 = 1e-13;
+
 /// What ends the motion of the entering variable.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Block {
@@ -45,8 +48,6 @@ pub(super) struct Motion {
     pub sense: f64,
     /// The length of its own interval.
     pub range: f64,
-    /// Distances below this are zero.
-    pub noise: f64,
 }
 
 /// Finds what blocks a motion first, and after which length.
@@ -65,7 +66,7 @@ pub(super) fn first_block(tableau: &Tableau, motion: Motion, perturbation: &Pert
         }
         let value = tableau.value[row];
         let distance = if rate < 0.0 { value - tableau.lower[row] } else { tableau.upper[row] - value };
-        let length = if distance <= motion.noise { 0.0 } else { distance / rate.abs() };
+        let length = if distance <= NOISE * tableau.magnitude[row] { 0.0 } else { distance / rate.abs() };
         if length == f64::INFINITY || length > shortest + TIE * shortest {
             continue;
         }

@@ -5,6 +5,7 @@
 //! `[[H, -B^T], [B, 0]]` with `H` on bounded variables, each rest is bordered by a bounded variable that both its row
 //! and its column see. A row that sees none is a redundant equation, or one that nothing can satisfy.
 
+use super::ratio::NOISE;
 use super::tableau::Tableau;
 
 /// A pivot this much smaller than the largest of its block says that the block is singular.
@@ -23,6 +24,7 @@ fn settle(tableau: &mut Tableau, resting: &Resting, r: usize, c: usize) {
     tableau.advance(c, change);
     tableau.exchange(r, c, tableau.m);
     tableau.value[r] = resting[entering] + change;
+    tableau.magnitude[r] = resting[entering].abs().max(change.abs());
 }
 
 /// The row of `w_i` and the column of `z_i`, while the one is basic and the other is not.
@@ -32,13 +34,7 @@ fn open_row(tableau: &Tableau, i: usize) -> Option<(usize, usize)> {
 
 /// Makes the free variables basic, whose `w` stand in `rows` and `z` in `columns`. False if their equations are
 /// singular and not redundant.
-pub(super) fn settle_free(
-    tableau: &mut Tableau,
-    resting: &Resting,
-    rows: &mut [usize],
-    columns: &mut [usize],
-    noise: f64,
-) -> bool {
+pub(super) fn settle_free(tableau: &mut Tableau, resting: &Resting, rows: &mut [usize], columns: &mut [usize]) -> bool {
     let mut largest = 0.0;
     for done in 0..rows.len() {
         let (mut pivot, mut place) = (0.0, (done, done));
@@ -55,7 +51,7 @@ pub(super) fn settle_free(
             largest = pivot;
         }
         if pivot <= SINGULAR * largest {
-            return border(tableau, resting, &mut rows[done..], &mut columns[done..], noise);
+            return border(tableau, resting, &mut rows[done..], &mut columns[done..]);
         }
         rows.swap(done, place.0);
         columns.swap(done, place.1);
@@ -65,7 +61,7 @@ pub(super) fn settle_free(
 }
 
 /// Settles free `rows` and `columns` whose common block is zero, with the help of bounded variables.
-fn border(tableau: &mut Tableau, resting: &Resting, rows: &mut [usize], columns: &mut [usize], noise: f64) -> bool {
+fn border(tableau: &mut Tableau, resting: &Resting, rows: &mut [usize], columns: &mut [usize]) -> bool {
     let m = tableau.m;
     for done in 0..rows.len() {
         let (mut largest, mut best) = (SINGULAR, None);
@@ -84,7 +80,7 @@ fn border(tableau: &mut Tableau, resting: &Resting, rows: &mut [usize], columns:
             }
         }
         let Some((a, b, row, column)) = best else {
-            return rows[done..].iter().all(|&r| is_redundant(tableau, r, noise));
+            return rows[done..].iter().all(|&r| is_redundant(tableau, r));
         };
         rows.swap(done, a);
         columns.swap(done, b);
@@ -95,10 +91,10 @@ fn border(tableau: &mut Tableau, resting: &Resting, rows: &mut [usize], columns:
 }
 
 /// Whether the equation `w_r = 0` holds and no nonbasic `z` can disturb it.
-fn is_redundant(tableau: &Tableau, r: usize, noise: f64) -> bool {
+fn is_redundant(tableau: &Tableau, r: usize) -> bool {
     let m = tableau.m;
     let disturbs = |c: usize| tableau.nonbasic[c] < m && tableau.entry(r, c).abs() > SINGULAR;
-    tableau.value[r].abs() <= noise && !(0..m).any(disturbs)
+    tableau.value[r].abs() <= NOISE * tableau.magnitude[r] && !(0..m).any(disturbs)
 }
 
 /// Makes the bounded variables `inside` basic, as far as their block is regular; the others stay where they rest.

@@ -26,6 +26,8 @@ pub(super) struct Tableau {
     place: Vec<usize>,
     /// The values of the basic variables, by row.
     pub value: Vec<f64>,
+    /// The largest terms of which each value is the sum: its rounding errors are of this size times the precision.
+    pub magnitude: Vec<f64>,
     /// The interval in which each basic variable may move, by row.
     pub lower: Vec<f64>,
     /// Its upper end.
@@ -42,6 +44,7 @@ impl Tableau {
             nonbasic: (0..m).chain([2 * m]).collect(),
             place: vec![0; 2 * m + 1],
             value: vec![0.0; m],
+            magnitude: vec![0.0; m],
             lower: vec![0.0; m],
             upper: vec![0.0; m],
             spare: vec![0.0; m],
@@ -55,7 +58,7 @@ impl Tableau {
         self.basic.resize(m, 0);
         self.nonbasic.resize(m + 1, 0);
         self.place.resize(2 * m + 1, 0);
-        for vector in [&mut self.value, &mut self.lower, &mut self.upper, &mut self.spare] {
+        for vector in [&mut self.value, &mut self.magnitude, &mut self.lower, &mut self.upper, &mut self.spare] {
             vector.resize(m, 0.0);
         }
     }
@@ -104,8 +107,10 @@ impl Tableau {
     /// Moves the nonbasic variable of column `c` by `change`, and the basic ones with it.
     pub fn advance(&mut self, c: usize, change: f64) {
         let column = &self.entries[c * self.m..][..self.m];
-        for (value, &t) in self.value.iter_mut().zip(column) {
-            *value += t * change;
+        for ((value, magnitude), &t) in self.value.iter_mut().zip(&mut self.magnitude).zip(column) {
+            let term = t * change;
+            *value += term;
+            *magnitude = if term.abs() > *magnitude { term.abs() } else { *magnitude };
         }
     }
 

@@ -3,6 +3,7 @@
 use super::super::{ActiveSet, Unsuitable};
 use super::*;
 use crate::factorisation::SparseMatrix;
+use crate::problem::Shape;
 use faer::sparse::Triplet;
 
 fn sparse(n: usize, entries: impl Iterator<Item = (usize, usize, f64)>) -> SparseMatrix {
@@ -38,7 +39,8 @@ fn laplacian(shape: [usize; 2], c: f64, shift: f64) -> SparseMatrix {
 }
 
 fn above(obstacle: Vec<f64>) -> ConvexSet {
-    ConvexSet { upper: vec![INFINITY; obstacle.len()], lower: obstacle }
+    let upper = vec![INFINITY; obstacle.len()];
+    ConvexSet::intervals(obstacle, upper)
 }
 
 fn solve(solver: &mut ActiveSet, q: &[f64], set: &ConvexSet) -> (Vec<f64>, Report) {
@@ -260,7 +262,7 @@ fn what_has_no_solution_or_no_meaning_is_refused() {
     let matrix = laplacian([1, 4], 1.0, 0.0);
     let mut solver = ActiveSet::new(&matrix).expect("an M-matrix");
     let mut refused = |q: &[f64], lower: f64, upper: f64| {
-        let set = ConvexSet { lower: vec![lower; q.len()], upper: vec![upper; q.len()] };
+        let set = ConvexSet::intervals(vec![lower; q.len()], vec![upper; q.len()]);
         let report = solver.solve(q, &set, &mut vec![0.0; q.len()]);
         report.outcome == Outcome::Breakdown && report.residual.is_nan()
     };
@@ -270,6 +272,10 @@ fn what_has_no_solution_or_no_meaning_is_refused() {
     assert!(refused(&[0.0, f64::NAN, 0.0, 0.0], 0.0, 1.0));
     assert!(refused(&[0.0; 3], 0.0, 1.0));
     assert!(!refused(&[0.0; 4], 0.0, 1.0));
+
+    let mut disk = ConvexSet::free(4);
+    disk.bind(vec![0, 1], Shape::Ball { radius: 1.0 });
+    assert_eq!(solver.solve(&[0.0; 4], &disk, &mut [0.0; 4]).outcome, Outcome::Unsuitable);
 
     let zero = sparse(2, [(0, 0, 1.0), (1, 0, 1.0)].into_iter());
     assert_eq!(ActiveSet::new(&zero).err(), Some(Unsuitable::Diagonal { row: 1, value: 0.0 }));

@@ -27,7 +27,7 @@ fn one_variable_stops_at_the_right_end() {
         (0.0, -1.0, -1.0, 1.0, 1.0),
     ] {
         let problem =
-            Problem::new(DMatrix::from_element(1, 1, a), vec![q], ConvexSet { lower: vec![lower], upper: vec![upper] });
+            Problem::new(DMatrix::from_element(1, 1, a), vec![q], ConvexSet::intervals(vec![lower], vec![upper]));
         for answer in problem.solve_by_all() {
             assert!((answer[0] - z).abs() < 1e-12, "{answer:?} instead of {z}");
         }
@@ -60,7 +60,7 @@ fn a_free_block_with_a_zero_diagonal_is_pivoted_off_it() {
 fn all_points_leave_nothing_to_choose() {
     let mut random = Random(2);
     let points = random.vector(4);
-    let set = ConvexSet { lower: points.clone(), upper: points.clone() };
+    let set = ConvexSet::intervals(points.clone(), points.clone());
     for z in Problem::new(random.matrix(4, 4), random.vector(4), set).solve_by_all() {
         assert_eq!(z, points);
     }

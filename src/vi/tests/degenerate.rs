@@ -4,24 +4,34 @@ use super::*;
 
 #[test]
 fn murtys_family_is_solved_though_its_paths_grow_exponentially() {
-    // Murty 1978, Computational complexity of complementary pivot methods: 2^m - 1 pivots from zero. The last
-    // component of the solution is by back substitution the only one at work: z = (2^m.., 0, ...).
-    for m in 1..=12 {
-        let matrix = DMatrix::from_fn(m, m, |i, j| match i.cmp(&j) {
+    // Murty 1978, Computational complexity of complementary pivot methods: M upper triangular, 1 on the diagonal and 2
+    // above. With q_i = 2^i - 2^m the last variable alone works: z_m = 2^(m-1), and w_i = 2^i for the others.
+    for m in 1..=12_u8 {
+        let power = |k: u8| 2.0_f64.powi(i32::from(k));
+        let size = usize::from(m);
+        let matrix = DMatrix::from_fn(size, size, |i, j| match i.cmp(&j) {
             std::cmp::Ordering::Equal => 1.0,
             std::cmp::Ordering::Less => 2.0,
             std::cmp::Ordering::Greater => 0.0,
         });
-        let q: Vec<f64> = (0..m)
-            .map(|i| -(2.0_f64.powi(m as i32) - (0..i).map(|k| 2.0_f64.powi((m - 1 - k) as i32)).sum::<f64>()))
-            .collect();
-        let problem = Problem::complementarity(matrix, q);
-        let answers = problem.solve_by_all();
-        if m <= 5 {
-            let exact = problem.solutions_by_enumeration();
-            assert!(largest_difference(&answers[0], &exact[0]) < 1e-10);
+        let problem = Problem::complementarity(matrix, (0..m).map(|i| power(i) - power(m)).collect());
+        let mut exact = vec![0.0; size];
+        exact[size - 1] = power(m - 1);
+        for z in problem.solve_by_all() {
+            assert!(largest_difference(&z, &exact) < 1e-9, "{z:?}");
         }
-        assert!(largest_difference(&answers[0], &answers[1]) < 1e-9 * 2.0_f64.powi(m as i32));
+        let report = problem.solve(&mut Lemke::new(size), &mut vec![0.0; size]);
+        assert_eq!(report.iterations, 1 << m);
+    }
+}
+
+#[test]
+fn kostrevas_example_does_not_cycle() {
+    // Kostreva 1979, Cycling in linear complementarity problems: all ratios tie, and plain rules go round. The row
+    // sums are three, so z = (1, 1, 1) / 3.
+    let matrix = DMatrix::from_row_slice(3, 3, &[1.0, 2.0, 0.0, 0.0, 1.0, 2.0, 2.0, 0.0, 1.0]);
+    for z in Problem::complementarity(matrix, vec![-1.0; 3]).solve_by_all() {
+        assert!(largest_difference(&z, &[1.0 / 3.0; 3]) < 1e-14, "{z:?}");
     }
 }
 
@@ -77,7 +87,7 @@ fn an_obstacle_is_touched_where_the_exact_string_touches_it() {
             1 => -1.0 / (h * h),
             _ => 0.0,
         });
-        let set = ConvexSet { lower: vec![-1.0 / 16.0; m], upper: vec![INFINITY; m] };
+        let set = ConvexSet::intervals(vec![-1.0 / 16.0; m], vec![INFINITY; m]);
         let a = 0.125_f64.sqrt();
         let exact: Vec<f64> = (1..=m)
             .map(|i| (i as f64 * h).min(1.0 - i as f64 * h))
@@ -110,6 +120,18 @@ fn rows_and_columns_of_any_size_are_solved_each_to_its_own_digits() {
                 let z: Vec<f64> = z.iter().zip(&columns).map(|(z, c)| z * c).collect();
                 assert!(largest_difference(&z, &exact) < 1e-7 * (1.0 + largest_difference(&exact, &vec![0.0; m])));
             }
+        }
+    }
+}
+
+#[test]
+fn a_small_force_is_not_lost_beside_a_large_one() {
+    // Two problems in one, the first with |q| = 1e9, the second with 1e-5; a tenth of the third is passed to it.
+    let mut matrix = DMatrix::identity(4, 4);
+    matrix[(1, 2)] = 0.1;
+    for z in Problem::complementarity(matrix, vec![1e9, -1e-5, -1e-6, -1e9]).solve_by_all() {
+        for (z, exact) in z.iter().zip([0.0, 0.99e-5, 1e-6, 1e9]) {
+            assert!((z - exact).abs() <= 1e-12 * exact, "{z} instead of {exact}");
         }
     }
 }

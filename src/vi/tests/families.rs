@@ -86,7 +86,7 @@ fn no_monotone_problem_on_a_box_or_of_contact_is_left_unsolved() {
         Problem::complementarity(contact.clone(), along).solve_by_all();
         let s = random.matrix(m, m);
         for matrix in [contact.clone(), &contact + &s - s.transpose()] {
-            let set = ConvexSet { lower: vec![-1.0; m], upper: vec![2.0; m] };
+            let set = ConvexSet::intervals(vec![-1.0; m], vec![2.0; m]);
             Problem::new(matrix, random.vector(m), set).solve_by_all();
         }
     }

@@ -1,13 +1,16 @@
 //! What the solvers must agree with: enumeration of faces, closed forms, feasible directions, and each other.
 
 mod active_set;
+mod blocks;
+mod choice;
 mod closed_forms;
 mod degenerate;
 mod families;
+mod nonlinear;
 mod properties;
 
-use super::{AffineVi, Lemke, Outcome, Report, SemismoothNewton, ViSolver};
-use crate::problem::ConvexSet;
+use super::{AffineVi, BlockGaussSeidel, Conic, Lemke, Outcome, Report, SemismoothNewton, ViSolver};
+use crate::problem::{ConvexSet, Polyhedron, Shape, Workspace};
 use nalgebra::{DMatrix, DVector};
 
 const INFINITY: f64 = f64::INFINITY;
@@ -155,9 +158,39 @@ impl Random {
         set
     }
 
+    /// Balls, cones, simplices and polyhedra of up to five dimensions, with intervals between them.
+    fn blocks(&mut self, m: usize) -> ConvexSet {
+        let mut set = self.intervals(m);
+        let mut places: Vec<usize> = (0..m).collect();
+        for i in (1..m).rev() {
+            places.swap(i, (self.next() % (i as u64 + 1)) as usize);
+        }
+        let mut places = places.as_slice();
+        while !places.is_empty() {
+            let k = 1 + (self.next() % 5) as usize;
+            let (members, rest) = places.split_at(k.min(places.len()));
+            places = rest;
+            let k = members.len();
+            let shape = match self.next() % 5 {
+                0 => Shape::Ball { radius: self.number().abs() },
+                1 => Shape::SecondOrderCone,
+                2 => Shape::Simplex,
+                3 => {
+                    let b: Vec<f64> = (0..2 * k).map(|_| self.number().abs()).collect();
+                    Shape::Polyhedron(Polyhedron::new(k, &self.vector(2 * k * k), &b).expect("zero is inside"))
+                }
+                _ => continue,
+            };
+            set.bind(members.to_vec(), shape);
+        }
+        set
+    }
+
     /// A point of `K` near zero.
     fn member(&mut self, set: &ConvexSet) -> Vec<f64> {
-        (0..set.dimension()).map(|i| set.project(i, 3.0 * self.number())).collect()
+        let mut z: Vec<f64> = (0..set.dimension()).map(|_| 3.0 * self.number()).collect();
+        set.project_all(&mut z, &mut Workspace::default());
+        z
     }
 }
 

@@ -1,6 +1,6 @@
 //! What holds for every problem that has a solution.
 
-use super::super::{Auto, SolverKind};
+use super::super::SolverKind;
 use super::*;
 use proptest::prelude::*;
 
@@ -27,13 +27,14 @@ proptest! {
     fn a_semidefinite_matrix_on_a_box_has_one_w(seed in any::<u64>(), m in 1_usize..12) {
         let mut random = Random(seed);
         let j = random.matrix(m, m.div_ceil(2));
-        let set = ConvexSet { lower: vec![-1.0; m], upper: vec![2.0; m] };
+        let set = ConvexSet::intervals(vec![-1.0; m], vec![2.0; m]);
         let problem = Problem::new(&j * j.transpose(), random.vector(m), set);
         let answers = problem.solve_by_all();
         prop_assert!(largest_difference(&problem.w(&answers[0]), &problem.w(&answers[1])) < 1e-5);
     }
 
-    /// Any matrix at all: what is called solved is solved, and a box always has a solution to be found by one of them.
+    /// Any matrix at all, solvable or not: what is called solved is solved, what is solved is called so, and the residual
+    /// is the one reported.
     #[test]
     fn what_is_called_solved_is_solved(seed in any::<u64>(), m in 1_usize..8) {
         let mut random = Random(seed);
@@ -41,29 +42,14 @@ proptest! {
         for kind in SolverKind::ALL {
             let mut z = random.member(&problem.set);
             let report = problem.solve(&mut *kind.build(m), &mut z);
+            if report.outcome == Outcome::Unsuitable {
+                continue;
+            }
             let residual = problem.set.natural_residual(&z, &problem.w(&z));
             prop_assert!((residual - report.residual).abs() <= 1e-12 * (1.0 + residual));
-            prop_assert_eq!(report.outcome == Outcome::Solved, problem.scaled_residual(&z) <= 1e-10);
+            let scaled = problem.scaled_residual(&z);
+            let solved = report.outcome == Outcome::Solved;
+            prop_assert!(if solved { scaled <= 1e-10 } else { scaled > 1e-12 }, "{scaled} in {report:?}");
         }
     }
-}
-
-#[test]
-fn auto_names_the_solver_that_answered() {
-    let mut random = Random(11);
-    let mut auto = Auto::new(3);
-    assert_eq!(auto.name(), "auto");
-    for (m, name) in [(3, "lemke"), (501, "semismooth_newton"), (5, "lemke")] {
-        let problem = Problem::complementarity(DMatrix::identity(m, m), random.vector(m));
-        problem.solve_exactly(&mut auto);
-        assert_eq!(auto.name(), name);
-    }
-}
-
-#[test]
-fn kinds_are_known_by_their_names() {
-    for kind in SolverKind::ALL {
-        assert_eq!(SolverKind::by_name(kind.name()), Some(kind));
-    }
-    assert_eq!(SolverKind::by_name("simplex"), None);
 }

@@ -1,12 +1,17 @@
 //! The set `K`: blocks that share out the variables among them.
 
+mod bounds;
+mod shapes;
+
 use super::error::SpecificationError;
 use super::expression::Expression;
 use super::lowering::Lowering;
-use super::nearest::{abridged, listed, nearest};
+use super::matrix::Matrix;
 use super::place::Place;
+use super::wording::{abridged, listed};
 use crate::expression::Node;
-use crate::problem::{ConvexSet, MovingBound, Side};
+use crate::expression::nearest;
+use crate::problem::{ConvexSet, MovingBound};
 use serde::Deserialize;
 use std::collections::HashMap;
 use utoipa::ToSchema;
@@ -23,6 +28,14 @@ pub enum Block {
     Nonpositive(Vec<String>),
     /// `lower <= z <= upper`.
     Box(BoxBlock),
+    /// `|z| <= radius`, in the Euclidean norm.
+    Ball(BallBlock),
+    /// The first at least the Euclidean norm of the others; two or more.
+    SecondOrderCone(Vec<String>),
+    /// All nonnegative, their sum one.
+    Simplex(Vec<String>),
+    /// `A z <= b`.
+    Polyhedron(PolyhedronBlock),
 }
 
 /// Variables between bounds.
@@ -35,6 +48,29 @@ pub struct BoxBlock {
     pub lower: Option<Expression>,
     /// The upper bound of each, in `t` and the states; null for none.
     pub upper: Option<Expression>,
+}
+
+/// Variables in a ball.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BallBlock {
+    /// The variables.
+    pub of: Vec<String>,
+    /// The radius, in `t` and the states, not negative.
+    pub radius: Expression,
+}
+
+/// Variables in a polyhedron.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[expect(non_snake_case, reason = "the matrix goes by the name that it has in the formula")]
+pub struct PolyhedronBlock {
+    /// The variables.
+    pub of: Vec<String>,
+    /// A row for each inequality, a column for each variable; constant.
+    pub A: Matrix,
+    /// An entry for each inequality; constant.
+    pub b: Vec<Expression>,
 }
 
 /// `K`, its moving bounds, and where each of those was written.
@@ -52,13 +88,28 @@ impl Block {
             Block::Nonnegative(_) => "nonnegative",
             Block::Nonpositive(_) => "nonpositive",
             Block::Box(_) => "box",
+            Block::Ball(_) => "ball",
+            Block::SecondOrderCone(_) => "second_order_cone",
+            Block::Simplex(_) => "simplex",
+            Block::Polyhedron(_) => "polyhedron",
         }
     }
 
     fn variables(&self) -> &[String] {
         match self {
             Block::Free(names) | Block::Nonnegative(names) | Block::Nonpositive(names) => names,
+            Block::SecondOrderCone(names) | Block::Simplex(names) => names,
             Block::Box(block) => &block.of,
+            Block::Ball(block) => &block.of,
+            Block::Polyhedron(block) => &block.of,
+        }
+    }
+
+    /// Where the names of its variables stand.
+    fn names<'a>(&self, place: &'a Place<'a>) -> Place<'a> {
+        match self {
+            Block::Box(_) | Block::Ball(_) | Block::Polyhedron(_) => place.key("of"),
+            _ => *place,
         }
     }
 }
@@ -90,12 +141,12 @@ pub(super) fn lower(
     for (k, block) in blocks.iter().enumerate() {
         let place = set.index(k);
         let inner = place.key(block.key());
-        let names = if matches!(block, Block::Box(_)) { inner.key("of") } else { inner };
+        let names = block.names(&inner);
         let mut members = Vec::new();
         for (j, name) in block.variables().iter().enumerate() {
             let place = names.index(j);
             match positions.get(name.as_str()) {
-                None => lowering.errors.push(unknown_variable(name, variables, &place)),
+                None => lowering.errors.push_with(|| unknown_variable(name, variables, &place)),
                 Some(&i) => match &home[i] {
                     Some(first) => {
                         let detail = format!("`{name}` stands in a block already, at {first}");
@@ -116,6 +167,10 @@ pub(super) fn lower(
             Block::Nonnegative(_) => members.iter().for_each(|&i| lowered.set.lower[i] = 0.0),
             Block::Nonpositive(_) => members.iter().for_each(|&i| lowered.set.upper[i] = 0.0),
             Block::Box(block) => lowered.bound(block, &members, states, &inner, lowering),
+            Block::Ball(block) => lowered.ball(block, members, states, &inner, lowering),
+            Block::SecondOrderCone(_) => lowered.second_order_cone(members, &inner, lowering),
+            Block::Simplex(_) => lowered.simplex(members, &inner, lowering),
+            Block::Polyhedron(block) => lowered.polyhedron(block, members, &inner, lowering),
         }
     }
     for (i, name) in variables.iter().enumerate().filter(|&(i, _)| home[i].is_none()) {
@@ -126,56 +181,6 @@ pub(super) fn lower(
         );
     }
     lowered
-}
-
-impl LoweredSet {
-    fn bound(
-        &mut self,
-        block: &BoxBlock,
-        members: &[usize],
-        states: usize,
-        place: &Place<'_>,
-        lowering: &mut Lowering,
-    ) {
-        let lower = block.lower.as_ref().and_then(|bound| bound_node(bound, states, &place.key("lower"), lowering));
-        let upper = block.upper.as_ref().and_then(|bound| bound_node(bound, states, &place.key("upper"), lowering));
-        let constant = |node: Option<Node>, lowering: &Lowering| node.and_then(|node| lowering.graph.value(node));
-        if let (Some(lower), Some(upper)) = (constant(lower, lowering), constant(upper, lowering))
-            && lower > upper
-        {
-            let detail = format!("the lower bound {lower} is above the upper bound {upper}");
-            lowering.errors.report(place, "empty_interval", detail);
-        }
-        for (node, side, key) in [(lower, Side::Lower, "lower"), (upper, Side::Upper, "upper")] {
-            let Some(node) = node else { continue };
-            for &variable in members {
-                match lowering.graph.value(node) {
-                    Some(value) if side == Side::Lower => self.set.lower[variable] = value,
-                    Some(value) => self.set.upper[variable] = value,
-                    None => {
-                        self.moving.push((MovingBound { variable, side }, node));
-                        self.moving_pointers.push(place.key(key).to_string());
-                    }
-                }
-            }
-        }
-    }
-}
-
-/// A bound, in `t` and the states alone; a constant one is finite.
-fn bound_node(bound: &Expression, states: usize, place: &Place<'_>, lowering: &mut Lowering) -> Option<Node> {
-    let node = lowering.node(bound, place)?;
-    if lowering.graph.inputs(node).into_iter().any(|input| input > states) {
-        let detail = "a bound may depend on `t` and the states, not on the variables";
-        lowering.errors.report(place, "bound_depends_on_variable", detail);
-        return None;
-    }
-    if lowering.graph.value(node).is_some_and(|value| !value.is_finite()) {
-        let error = SpecificationError::new(place.to_string(), "not_finite", "this bound is not finite");
-        lowering.errors.push(error.expected("a finite bound, or null for none"));
-        return None;
-    }
-    Some(node)
 }
 
 fn unknown_variable(name: &str, variables: &[String], place: &Place<'_>) -> SpecificationError {

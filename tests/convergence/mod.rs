@@ -1,4 +1,4 @@
 //! Measured orders of convergence, against closed forms.
 
 mod orders;
-mod scratch;
+mod switches;

@@ -3,9 +3,12 @@
 
 mod circuits;
 mod friction;
-mod harness;
+pub mod harness;
+mod nonunique;
 mod pendulum;
 mod queues;
+pub mod reference;
+mod sets;
 mod size;
 mod sliding;
 mod stiff;

@@ -1,4 +1,4 @@
-//! Semismooth Newton on the natural map, globalised by a Fischer-Burmeister merit function.
+//! Semismooth Newton on the natural map over intervals, globalised by a Fischer-Burmeister merit function.
 //!
 //! ```text
 //! z - P_K(z - S w) = 0,    w = A z + q
@@ -16,10 +16,10 @@
 //! descent, the gradient's (De Luca, Facchinei and Kanzow 1996, *A semismooth equation approach to the solution of
 //! nonlinear complementarity problems*; Facchinei and Pang 2003, sections 8.3 and 9.1). `S` is diagonal.
 
-use super::elimination::solve_augmented;
-use super::equilibration::Equilibration;
-use super::fischer_burmeister::psi;
-use super::{Accuracy, AffineVi, EXACT, Outcome, Report, ViSolver};
+use crate::vi::elimination::solve_augmented;
+use crate::vi::equilibration::Equilibration;
+use crate::vi::fischer_burmeister::psi;
+use crate::vi::{Accuracy, AffineVi, EXACT, Outcome, Report};
 use nalgebra::DMatrixViewMut;
 
 /// Newton steps; practical problems take five to thirty.
@@ -47,9 +47,9 @@ const SMALL_DIAGONAL: f64 = 1.0 / 64.0;
 const PROXIMAL: [f64; 3] = [1e-1, 1e-3, 1e-6];
 const SUFFICIENT_DECREASE: f64 = 0.7;
 
-/// Semismooth Newton; see the module.
+/// Newton over intervals; see the module.
 #[derive(Debug)]
-pub struct SemismoothNewton {
+pub struct IntervalNewton {
     equilibration: Equilibration,
     /// The scaled problem: `S R A C`, `S R q` and the intervals; `S` is absorbed.
     matrix: Vec<f64>,
@@ -72,7 +72,7 @@ pub struct SemismoothNewton {
     work: [Vec<f64>; 2],
 }
 
-impl SemismoothNewton {
+impl IntervalNewton {
     /// A solver for problems of up to `m` variables; a larger one makes it grow.
     pub fn new(m: usize) -> Self {
         let vector = || vec![0.0; m];
@@ -99,12 +99,9 @@ impl SemismoothNewton {
     }
 }
 
-impl ViSolver for SemismoothNewton {
-    fn name(&self) -> &'static str {
-        "semismooth_newton"
-    }
-
-    fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64]) -> Report {
+impl IntervalNewton {
+    /// Solves from `z`, and leaves the answer there.
+    pub fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64]) -> Report {
         self.resize(vi.q.len());
         if !self.equilibration.fit(vi) {
             return Report::BREAKDOWN;
@@ -132,9 +129,7 @@ impl ViSolver for SemismoothNewton {
         }
         best.report(Outcome::Limit, iterations)
     }
-}
 
-impl SemismoothNewton {
     fn resize(&mut self, m: usize) {
         if m == self.q.len() {
             return;

@@ -1,0 +1,86 @@
+//! The index: how often `G` must be differentiated until it determines `z`.
+//!
+//! The structure algorithm (Silverman 1969) on `x' = A x + B z, G = C x + D z`: the rows of `D` that depend on each
+//! other are combined to zero, their `C~ x` is differentiated to `C~ A x + C~ B z`, and so on until the rows of `z` are
+//! regular. With `D` regular the index is 0, with `D = 0` and `C B` regular 1, with `C B = 0` and `C A B` regular 2; what
+//! mixes is found by blocks.
+
+use super::linearisation::{Linearisation, RANK};
+use nalgebra::DMatrix;
+
+/// How far the algorithm goes.
+const MOST_DIFFERENTIATIONS: usize = 8;
+
+/// What the algorithm found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Index {
+    /// The variables that each differentiation determines, the undifferentiated `G` first.
+    pub levels: Vec<usize>,
+    /// The variables that none of them determines.
+    pub undetermined: usize,
+}
+
+impl Index {
+    /// The number of differentiations, if any number suffices.
+    pub fn value(&self) -> Option<usize> {
+        (self.undetermined == 0).then(|| self.levels.len().saturating_sub(1))
+    }
+}
+
+/// The index of a linearised problem.
+pub fn index(linearisation: &Linearisation) -> Index {
+    let m = linearisation.variables();
+    let (mut c, mut d) = (linearisation.c.clone(), linearisation.d.clone());
+    let size = linearisation.b.amax();
+    let mut levels = Vec::new();
+    let mut determined = 0;
+    while m > 0 && levels.len() <= MOST_DIFFERENTIATIONS {
+        equilibrate(&mut c, &mut d);
+        let (rank, u) = row_space(&d);
+        levels.push(rank - determined);
+        determined = rank;
+        if rank == m {
+            break;
+        }
+        // Rows `rank..` of the rotated system have no z left: differentiate them.
+        let rotated = u.transpose() * &d;
+        let mut states = u.transpose() * &c;
+        let rest = states.rows(rank, m - rank).into_owned();
+        let mut next = rotated.clone();
+        let mut product = &rest * &linearisation.b;
+        for (i, mut row) in product.row_iter_mut().enumerate() {
+            if row.amax() <= RANK * rest.row(i).amax() * size {
+                row.fill(0.0);
+            }
+        }
+        next.rows_mut(rank, m - rank).copy_from(&product);
+        states.rows_mut(rank, m - rank).copy_from(&(rest * &linearisation.a));
+        (c, d) = (states, next);
+    }
+    while levels.len() > 1 && levels.last() == Some(&0) {
+        levels.pop();
+    }
+    Index { levels, undetermined: m - determined }
+}
+
+/// Scales each row of `(C, D)` by its `D`, or its `C` where that vanishes: ranks do not depend on units.
+fn equilibrate(c: &mut DMatrix<f64>, d: &mut DMatrix<f64>) {
+    for i in 0..d.nrows() {
+        let size = if d.row(i).amax() > 0.0 { d.row(i).amax() } else { c.row(i).amax() };
+        if size > 0.0 && size.is_finite() {
+            c.row_mut(i).unscale_mut(size);
+            d.row_mut(i).unscale_mut(size);
+        }
+    }
+}
+
+/// The rank of `d` and an orthogonal basis of which the first columns span its range.
+fn row_space(d: &DMatrix<f64>) -> (usize, DMatrix<f64>) {
+    let svd = d.clone().svd(true, false);
+    let u = svd.u.unwrap_or_else(|| DMatrix::identity(d.nrows(), d.nrows()));
+    let largest = svd.singular_values.amax();
+    let mut order: Vec<usize> = (0..d.nrows()).collect();
+    order.sort_by(|&i, &j| svd.singular_values[j].total_cmp(&svd.singular_values[i]));
+    let rank = order.iter().filter(|&&i| largest > 0.0 && svd.singular_values[i] > RANK * largest).count();
+    (rank, DMatrix::from_fn(d.nrows(), d.nrows(), |i, j| u[(i, order[j])]))
+}

@@ -1,0 +1,177 @@
+//! What the theory says of a problem, from its own derivatives: index, existence and uniqueness, and certificates on
+//! what was computed. Each verdict carries the figures it rests on and claims no more.
+
+mod certificates;
+mod index;
+mod linearisation;
+mod uniqueness;
+
+pub use certificates::Certificates;
+pub use index::{Index, index};
+pub use linearisation::Linearisation;
+pub use uniqueness::{Uniqueness, uniqueness};
+
+use crate::problem::Dvi;
+use serde::Serialize;
+
+/// Up to this many states and variables a problem is analysed; the analysis is dense.
+const MOST_UNKNOWNS: usize = 300;
+
+/// What can be said of a problem at one point.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Analysis {
+    /// How often `G` must be differentiated until it determines `z`: 0, 1, 2, ..; the highest of its parts. Absent where
+    /// no number of differentiations does, or where the problem is too large to be analysed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub index: Option<usize>,
+    /// How many variables each differentiation determines, the undifferentiated `G` first; more than one number above
+    /// zero is a mixed index.
+    pub levels: Vec<usize>,
+    /// Whether the solution is unique.
+    pub uniqueness: Uniqueness,
+    /// Why, with the figures.
+    pub because: String,
+}
+
+/// Analyses the problem at `(t, y)`, `y = (x, z)`, on the variables that are not fixed.
+pub fn analyse(problem: &mut dyn Dvi, t: f64, y: &[f64]) -> Analysis {
+    let set = &problem.structure().set;
+    let fixed: Vec<bool> = (0..set.dimension()).map(|k| set.lower[k] == set.upper[k]).collect();
+    let moving = problem.structure().moving.clone();
+    on(problem, t, y, |k| !fixed[k] || moving.iter().any(|bound| bound.variable == k))
+}
+
+/// Analyses the problem at `(t, y)` on an active face of `K`: on the variables that `inside` tells to be inside their
+/// interval, as free ones; the others are known.
+pub fn analyse_face(problem: &mut dyn Dvi, t: f64, y: &[f64], inside: impl Fn(usize) -> bool) -> Analysis {
+    on(problem, t, y, inside)
+}
+
+fn on(problem: &mut dyn Dvi, t: f64, y: &[f64], kept: impl Fn(usize) -> bool) -> Analysis {
+    let structure = problem.structure();
+    let unknowns = structure.unknowns();
+    let refuse = |because| Analysis { index: None, levels: Vec::new(), uniqueness: Uniqueness::NotAnalysed, because };
+    if structure.variables > 0 && unknowns > MOST_UNKNOWNS {
+        return refuse(format!("{unknowns} states and variables are more than the {MOST_UNKNOWNS} that are analysed"));
+    }
+    let Some(linearisation) = Linearisation::at(problem, t, y, kept) else {
+        return refuse(format!("the derivatives at t = {t} are not finite"));
+    };
+    let index = index(&linearisation);
+    let (uniqueness, because) = uniqueness(&linearisation, &index);
+    Analysis { index: index.value(), levels: index.levels, uniqueness, because }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Index, Linearisation, Uniqueness, index, uniqueness};
+    use nalgebra::DMatrix;
+
+    /// A constant problem over an orthant.
+    fn orthant(a: &[f64], b: &[f64], c: &[f64], d: &[f64]) -> Linearisation {
+        let m = d.len().isqrt();
+        let n = a.len().isqrt();
+        Linearisation {
+            a: DMatrix::from_row_slice(n, n, a),
+            b: DMatrix::from_row_slice(n, m, b),
+            c: DMatrix::from_row_slice(m, n, c),
+            d: DMatrix::from_row_slice(m, m, d),
+            free: vec![false; m],
+            set_moves_with_states: false,
+            is_orthant: true,
+            is_constant: true,
+        }
+    }
+
+    fn verdict(problem: &Linearisation) -> (Index, Uniqueness, String) {
+        let index = index(problem);
+        let (uniqueness, because) = uniqueness(problem, &index);
+        (index, uniqueness, because)
+    }
+
+    #[test]
+    fn the_index_counts_differentiations() {
+        // A chain of integrators, G at increasing distance from z: D, CB, CAB, CAAB are the first to be nonzero.
+        let a = [0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0];
+        let b = [0.0, 0.0, 1.0];
+        for (expected, c, d) in [
+            (0, [0.0, 0.0, 1.0], 2.0),
+            (1, [0.0, 0.0, 3.0], 0.0),
+            (2, [0.0, 1e-6, 0.0], 0.0),
+            (3, [1e6, 0.0, 0.0], 0.0),
+        ] {
+            let found = index(&orthant(&a, &b, &c, &[d]));
+            assert_eq!(found.value(), Some(expected), "{found:?}");
+        }
+    }
+
+    #[test]
+    fn a_mixed_index_is_found_by_blocks() {
+        // z1 by G itself, z2 by G', z3 by G'', in units that differ by twelve decades and rotated so that no entry shows it.
+        let a = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        let b = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1e6, 0.0];
+        let c = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0];
+        let d = [1e-6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        let plain = orthant(&a, &b, &c, &d);
+        assert_eq!(index(&plain), Index { levels: vec![1, 1, 1], undetermined: 0 });
+        let q = DMatrix::from_row_slice(3, 3, &[0.6, 0.8, 0.0, -0.48, 0.36, 0.8, 0.64, -0.48, 0.6]);
+        let rotated = Linearisation {
+            b: &plain.b * q.transpose(),
+            c: &q * &plain.c,
+            d: &q * &plain.d * q.transpose(),
+            ..plain.clone()
+        };
+        assert_eq!(index(&rotated).levels, [1, 1, 1]);
+    }
+
+    #[test]
+    fn variables_that_nothing_determines_are_counted() {
+        let found = index(&orthant(&[0.0], &[1.0, 1.0], &[1.0, 1.0], &[0.0; 4]));
+        assert_eq!((found.value(), found.undetermined), (None, 1));
+    }
+
+    #[test]
+    fn symmetric_and_positive_definite_is_unique() {
+        let (index, uniqueness, _) = verdict(&orthant(&[0.0], &[2.0], &[0.5], &[0.0]));
+        assert_eq!((index.value(), uniqueness), (Some(1), Uniqueness::Unique));
+    }
+
+    #[test]
+    fn the_cyclic_matrix_is_a_p_matrix_and_no_more() {
+        // M = [[1,3,0],[0,1,3],[3,0,1]]: minors 1, 1, 28; symmetric part with eigenvalues 4, -1/2, -1/2.
+        let m = [1.0, 3.0, 0.0, 0.0, 1.0, 3.0, 3.0, 0.0, 1.0];
+        let identity = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+        let (index, uniqueness, because) = verdict(&orthant(&[0.0; 9], &m, &identity, &[0.0; 9]));
+        assert_eq!((index.value(), uniqueness), (Some(1), Uniqueness::ExistsNotCertified));
+        assert!(because.contains("a P-matrix") && because.contains("-5.000e-1"), "{because}");
+        // As a direct inequality the same matrix does make z unique.
+        let (index, uniqueness, _) = verdict(&orthant(&[0.0; 9], &identity, &identity, &m));
+        assert_eq!((index.value(), uniqueness), (Some(0), Uniqueness::Unique));
+    }
+
+    #[test]
+    fn friction_with_the_wrong_sign_is_not_certified() {
+        let (_, uniqueness, because) = verdict(&orthant(&[0.0], &[-1.0], &[1.0], &[0.0]));
+        assert_eq!(uniqueness, Uniqueness::NotCertified);
+        assert!(because.contains("no P-matrix"), "{because}");
+    }
+
+    #[test]
+    fn a_passive_circuit_is_unique_though_d_is_singular_in_its_symmetric_part() {
+        // The four-diode bridge.
+        let b = [0.0, 0.0, -1e6, 1e6, 0.0, 0.0, 0.0, 0.0];
+        let c = [0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0];
+        let d = [1e-3, 1e-3, -1.0, 0.0, 1e-3, 1e-3, 0.0, -1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0];
+        let (index, uniqueness, because) = verdict(&orthant(&[0.0, -1e6, 100.0, 0.0], &b, &c, &d));
+        assert_eq!((index.value(), uniqueness), (Some(0), Uniqueness::Unique), "{because}");
+        assert!(because.contains("passive"));
+    }
+
+    #[test]
+    fn reflection_by_an_m_matrix_is_unique_without_symmetry() {
+        let identity = [1.0, 0.0, 0.0, 1.0];
+        let (_, uniqueness, because) = verdict(&orthant(&[0.0; 4], &[1.0, 0.0, -1.0, 1.0], &identity, &[0.0; 4]));
+        assert_eq!(uniqueness, Uniqueness::Unique, "{because}");
+        assert!(because.contains("reflection map"));
+    }
+}

@@ -1,0 +1,37 @@
+//! The Euclidean ball `{z : |z| <= r}`.
+//!
+//! ```text
+//! P(x) = x  or  r x/|x|,    P'(x) = I  or  (r/|x|) (I - u u^T),  u = x/|x|
+//! ```
+//!
+//! On the sphere the identity is chosen of the two limits.
+
+/// Projects `x` into `p`.
+pub(super) fn project(radius: f64, x: &[f64], p: &mut [f64]) {
+    let norm = norm(x);
+    let factor = if norm <= radius { 1.0 } else { radius / norm };
+    for (p, x) in p.iter_mut().zip(x) {
+        *p = factor * x;
+    }
+}
+
+/// Writes the derivative of the projection at `x`, column by column.
+pub(super) fn derivative(radius: f64, x: &[f64], out: &mut [f64]) {
+    let norm = norm(x);
+    let inside = norm <= radius;
+    for (j, column) in out.chunks_exact_mut(x.len()).enumerate() {
+        for (i, out) in column.iter_mut().enumerate() {
+            let unit = f64::from(i == j);
+            *out = if inside { unit } else { radius / norm * (unit - x[i] / norm * (x[j] / norm)) };
+        }
+    }
+}
+
+/// The Euclidean norm, without overflow.
+pub(super) fn norm(x: &[f64]) -> f64 {
+    let largest = x.iter().fold(0.0_f64, |largest, x| if x.is_nan() { f64::NAN } else { largest.max(x.abs()) });
+    if largest == 0.0 || !largest.is_finite() {
+        return x.iter().map(|x| x.abs()).sum();
+    }
+    largest * x.iter().map(|x| (x / largest) * (x / largest)).sum::<f64>().sqrt()
+}

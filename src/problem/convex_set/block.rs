@@ -1,0 +1,173 @@
+//! A factor of `K` that binds several components together.
+
+use super::active_rows::ActiveRows;
+use super::polyhedron::{Polyhedron, dot};
+use super::{ball, second_order_cone, simplex};
+
+/// The shape of a block of `k` components.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Shape {
+    /// `|z| <= radius`.
+    Ball {
+        /// The radius, not negative.
+        radius: f64,
+    },
+    /// `z_1 >= |(z_2, .., z_k)|`.
+    SecondOrderCone,
+    /// `z >= 0`, `sum z = 1`.
+    Simplex,
+    /// `A z <= b`.
+    Polyhedron(Polyhedron),
+}
+
+/// A shape and the components that it binds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Block {
+    /// The indices of its components in `z`, in the order of the shape's own coordinates.
+    pub members: Vec<usize>,
+    /// The shape.
+    pub shape: Shape,
+}
+
+/// Where in a block a point lies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Face<'a> {
+    /// In the interior.
+    Interior,
+    /// On the curved boundary, away from a vertex.
+    Boundary,
+    /// At the apex of a cone, or the centre of a ball of radius zero.
+    Vertex,
+    /// Where these inequalities are equations: the zero members of a simplex, the rows of a polyhedron.
+    Edge(&'a [usize]),
+}
+
+/// Room for the projection of one block; it grows to the largest that it meets.
+#[derive(Clone, Debug, Default)]
+pub struct BlockWorkspace {
+    sorted: Vec<f64>,
+    zeros: Vec<usize>,
+    rows: ActiveRows,
+}
+
+impl Shape {
+    /// Projects `x` into `p`, both of the block's length. NaN where `x` has one.
+    pub fn project(&self, x: &[f64], p: &mut [f64], work: &mut BlockWorkspace) {
+        match self {
+            Shape::Ball { radius } => ball::project(*radius, x, p),
+            Shape::SecondOrderCone => second_order_cone::project(x, p),
+            Shape::Simplex => {
+                work.sorted.resize(x.len(), 0.0);
+                simplex::project(x, p, &mut work.sorted);
+            }
+            Shape::Polyhedron(polyhedron) => {
+                work.rows.project(polyhedron, 1.0, x, p);
+            }
+        }
+    }
+
+    /// Projects `x` into `p` and writes an element of the B-subdifferential of the projection there, `k x k` and
+    /// symmetric, with eigenvalues in `[0, 1]`: the derivative wherever there is one. At kinks see each shape.
+    pub fn linearise(&self, x: &[f64], p: &mut [f64], derivative: &mut [f64], work: &mut BlockWorkspace) {
+        self.project(x, p, work);
+        match self {
+            Shape::Ball { radius } => ball::derivative(*radius, x, derivative),
+            Shape::SecondOrderCone => second_order_cone::derivative(x, derivative),
+            Shape::Simplex => simplex::derivative(p, derivative),
+            Shape::Polyhedron(_) => {
+                for (j, column) in derivative.chunks_exact_mut(x.len()).enumerate() {
+                    column.fill(0.0);
+                    column[j] = 1.0;
+                    work.rows.restrict(column);
+                }
+            }
+        }
+    }
+
+    /// The face that the projection of `x` lies on.
+    pub fn face<'w>(&self, x: &[f64], p: &mut [f64], work: &'w mut BlockWorkspace) -> Face<'w> {
+        self.project(x, p, work);
+        match self {
+            Shape::Ball { radius } if *radius == 0.0 => Face::Vertex,
+            Shape::Ball { radius } if ball::norm(x) < *radius => Face::Interior,
+            Shape::SecondOrderCone if p.iter().all(|p| *p == 0.0) => Face::Vertex,
+            Shape::SecondOrderCone if ball::norm(&x[1..]) < x[0] => Face::Interior,
+            Shape::Ball { .. } | Shape::SecondOrderCone => Face::Boundary,
+            Shape::Simplex => {
+                work.zeros.clear();
+                work.zeros.extend((0..p.len()).filter(|&i| p[i] == 0.0));
+                Face::Edge(&work.zeros)
+            }
+            Shape::Polyhedron(_) if work.rows.rows().is_empty() => Face::Interior,
+            Shape::Polyhedron(_) => Face::Edge(work.rows.rows()),
+        }
+    }
+
+    /// The support function, `sup <d, z>` over the block; infinite where the block has no end along `d`.
+    pub fn support(&self, d: &[f64], work: &mut BlockWorkspace) -> f64 {
+        match self {
+            Shape::Ball { radius } => radius * ball::norm(d),
+            Shape::SecondOrderCone if ball::norm(&d[1..]) <= -d[0] => 0.0,
+            Shape::SecondOrderCone => f64::INFINITY,
+            Shape::Simplex => d.iter().fold(f64::NEG_INFINITY, |largest, d| largest.max(*d)),
+            Shape::Polyhedron(polyhedron) => polyhedron.support(d, &mut work.rows),
+        }
+    }
+
+    /// Whether `d` is in the recession cone: whether `z + s d` stays in the block for all `s >= 0`.
+    pub fn recedes(&self, d: &[f64]) -> bool {
+        match self {
+            Shape::Ball { .. } | Shape::Simplex => d.iter().all(|d| *d == 0.0),
+            Shape::SecondOrderCone => ball::norm(&d[1..]) <= d[0],
+            Shape::Polyhedron(polyhedron) => polyhedron.recedes(d),
+        }
+    }
+
+    /// A length by which the block is measured: the radius of a ball; one where the shape has none of its own.
+    pub fn size(&self) -> f64 {
+        match self {
+            Shape::Ball { radius } if *radius > 0.0 => *radius,
+            _ => 1.0,
+        }
+    }
+
+    /// Whether the block is bounded: whether only zero recedes.
+    pub fn is_bounded(&self, work: &mut BlockWorkspace) -> bool {
+        match self {
+            Shape::Ball { .. } | Shape::Simplex => true,
+            Shape::SecondOrderCone => false,
+            Shape::Polyhedron(polyhedron) => {
+                let mut d = vec![0.0; polyhedron.dimension()];
+                (0..2 * d.len()).all(|k| {
+                    d.fill(0.0);
+                    d[k / 2] = if k % 2 == 0 { 1.0 } else { -1.0 };
+                    polyhedron.support(&d, &mut work.rows) < f64::INFINITY
+                })
+            }
+        }
+    }
+
+    /// Whether there is a point in a block of `k` components.
+    pub fn is_nonempty(&self, k: usize) -> bool {
+        match self {
+            Shape::Ball { radius } => *radius >= 0.0,
+            Shape::SecondOrderCone | Shape::Simplex => k > 0,
+            Shape::Polyhedron(polyhedron) => polyhedron.dimension() == k,
+        }
+    }
+
+    /// By how much `z` violates the inequalities that define the block, as a length; not above zero inside.
+    pub fn violation(&self, z: &[f64]) -> f64 {
+        match self {
+            Shape::Ball { radius } => ball::norm(z) - radius,
+            Shape::SecondOrderCone => std::f64::consts::FRAC_1_SQRT_2 * (ball::norm(&z[1..]) - z[0]),
+            Shape::Simplex => {
+                let excess = (z.iter().sum::<f64>() - 1.0).abs();
+                z.iter().fold(excess, |worst, z| worst.max(-z))
+            }
+            Shape::Polyhedron(polyhedron) => (0..polyhedron.rows())
+                .map(|i| dot(polyhedron.normal(i), z) - polyhedron.offset(i))
+                .fold(f64::NEG_INFINITY, f64::max),
+        }
+    }
+}

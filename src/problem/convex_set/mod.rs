@@ -1,0 +1,247 @@
+//! The convex set `K`, a product: intervals `[l_i, u_i]`, of which an end at infinity is absent, and blocks that bind
+//! several components together, over which `l = -inf`, `u = inf`.
+//!
+//! `P_K` is the projection, and `z - P_K(z - G)` the natural map, zero exactly at a solution of the variational
+//! inequality (Facchinei and Pang 2003, section 1.5).
+
+mod active_rows;
+mod ball;
+mod block;
+mod derivative;
+mod polyhedron;
+mod second_order_cone;
+mod simplex;
+#[cfg(test)]
+mod tests;
+
+pub use block::{Block, BlockWorkspace, Face, Shape};
+pub use derivative::Derivative;
+pub use polyhedron::Polyhedron;
+
+/// `K = [l_1, u_1] x .. x [l_m, u_m]`, with `-inf <= l_i <= u_i <= inf`, where a block takes the place of the intervals
+/// of its members.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ConvexSet {
+    /// The lower ends, `m` of them.
+    pub lower: Vec<f64>,
+    /// The upper ends, `m` of them.
+    pub upper: Vec<f64>,
+    blocks: Vec<Block>,
+    /// The block of each component, where there are blocks.
+    home: Vec<Option<usize>>,
+}
+
+/// Room for projections onto a product; it grows to the largest block that it meets.
+#[derive(Clone, Debug, Default)]
+pub struct Workspace {
+    x: Vec<f64>,
+    p: Vec<f64>,
+    block: BlockWorkspace,
+}
+
+impl ConvexSet {
+    /// The whole space of `m` dimensions.
+    pub fn free(m: usize) -> Self {
+        Self::intervals(vec![f64::NEG_INFINITY; m], vec![f64::INFINITY; m])
+    }
+
+    /// The nonnegative orthant of `m` dimensions.
+    pub fn nonnegative(m: usize) -> Self {
+        Self::intervals(vec![0.0; m], vec![f64::INFINITY; m])
+    }
+
+    /// The product of the intervals between these ends, `m` of each.
+    pub fn intervals(lower: Vec<f64>, upper: Vec<f64>) -> Self {
+        Self { lower, upper, blocks: Vec::new(), home: Vec::new() }
+    }
+
+    /// Binds components together; they must be in no block yet, and their intervals are dropped.
+    pub fn bind(&mut self, members: Vec<usize>, shape: Shape) {
+        self.home.resize(self.dimension(), None);
+        for &i in &members {
+            (self.lower[i], self.upper[i]) = (f64::NEG_INFINITY, f64::INFINITY);
+            self.home[i] = Some(self.blocks.len());
+        }
+        self.blocks.push(Block { members, shape });
+    }
+
+    /// The blocks, in the order in which they were bound.
+    pub fn blocks(&self) -> &[Block] {
+        &self.blocks
+    }
+
+    /// Whether there are blocks, so that `K` is not a product of intervals.
+    pub fn has_blocks(&self) -> bool {
+        !self.blocks.is_empty()
+    }
+
+    /// The block that binds component `i`.
+    pub fn block_of(&self, i: usize) -> Option<usize> {
+        self.home.get(i).copied().flatten()
+    }
+
+    /// Sets the radius of a ball; other blocks have none and stay as they are.
+    pub fn set_radius(&mut self, block: usize, value: f64) {
+        if let Shape::Ball { radius } = &mut self.blocks[block].shape {
+            *radius = value;
+        }
+    }
+
+    /// The product of `copies` of this set.
+    pub fn power(&self, copies: usize) -> Self {
+        let mut power = Self::intervals(self.lower.repeat(copies), self.upper.repeat(copies));
+        for copy in 0..copies {
+            for Block { members, shape } in &self.blocks {
+                power.bind(members.iter().map(|i| copy * self.dimension() + i).collect(), shape.clone());
+            }
+        }
+        power
+    }
+
+    /// The factor of this set in which the components `kept` lie, in their order; a block is kept whole or not at all.
+    pub fn restricted(&self, kept: &[usize]) -> Self {
+        let end = |ends: &[f64]| kept.iter().map(|&i| ends[i]).collect();
+        let mut factor = Self::intervals(end(&self.lower), end(&self.upper));
+        for Block { members, shape } in &self.blocks {
+            let places: Vec<usize> = members.iter().filter_map(|i| kept.iter().position(|k| k == i)).collect();
+            if places.len() == members.len() {
+                factor.bind(places, shape.clone());
+            }
+        }
+        factor
+    }
+
+    /// `m`, the dimension of the space that `K` lies in.
+    pub fn dimension(&self) -> usize {
+        self.lower.len()
+    }
+
+    /// Whether nothing bounds component `i`.
+    pub fn is_free(&self, i: usize) -> bool {
+        self.lower[i] == f64::NEG_INFINITY && self.upper[i] == f64::INFINITY && self.block_of(i).is_none()
+    }
+
+    /// Whether there is a point in `K`; false also where an end is NaN.
+    pub fn is_nonempty(&self) -> bool {
+        let nonempty =
+            |(&lower, &upper): (&f64, &f64)| lower <= upper && lower < f64::INFINITY && upper > -f64::INFINITY;
+        self.lower.iter().zip(&self.upper).all(nonempty)
+            && self.blocks.iter().all(|block| block.shape.is_nonempty(block.members.len()))
+    }
+
+    /// The projection of `z` onto the interval of component `i`, which must not be in a block. NaN stays NaN.
+    pub fn project(&self, i: usize, z: f64) -> f64 {
+        if z < self.lower[i] {
+            self.lower[i]
+        } else if z > self.upper[i] {
+            self.upper[i]
+        } else {
+            z
+        }
+    }
+
+    /// Projects a whole vector in place; no allocation once `work` has met this set. NaN stays NaN in its block.
+    pub fn project_all(&self, z: &mut [f64], work: &mut Workspace) {
+        for (i, z) in z.iter_mut().enumerate() {
+            *z = self.project(i, *z);
+        }
+        for block in &self.blocks {
+            work.gather(block, z);
+            let Workspace { x, p, block: inner } = work;
+            block.shape.project(x, p, inner);
+            block.scatter(p, z);
+        }
+    }
+
+    /// The Euclidean distance of `z` from `K`.
+    pub fn distance(&self, z: &[f64], work: &mut Workspace) -> f64 {
+        let mut p = z.to_vec();
+        self.project_all(&mut p, work);
+        p.iter_mut().zip(z).for_each(|(p, z)| *p -= z);
+        ball::norm(&p)
+    }
+
+    /// The support function, `sup <d, z>` over `K`; infinite where `K` has no end along `d`.
+    pub fn support(&self, d: &[f64], work: &mut Workspace) -> f64 {
+        let interval = |i: usize| match d[i] {
+            0.0 => 0.0,
+            d if d > 0.0 => d * self.upper[i],
+            d => d * self.lower[i],
+        };
+        let mut sum: f64 = (0..d.len()).filter(|&i| self.block_of(i).is_none()).map(interval).sum();
+        for block in &self.blocks {
+            work.gather(block, d);
+            sum += block.shape.support(&work.x, &mut work.block);
+        }
+        sum
+    }
+
+    /// Whether `d` is in the recession cone: whether `z + s d` stays in `K` for all `s >= 0`.
+    pub fn recedes(&self, d: &[f64], work: &mut Workspace) -> bool {
+        let interval = |i: usize| {
+            self.block_of(i).is_some()
+                || d[i] == 0.0
+                || if d[i] > 0.0 { self.upper[i] == f64::INFINITY } else { self.lower[i] == f64::NEG_INFINITY }
+        };
+        (0..d.len()).all(interval)
+            && self.blocks.iter().all(|block| {
+                work.gather(block, d);
+                block.shape.recedes(&work.x)
+            })
+    }
+
+    /// Whether `K` is bounded.
+    pub fn is_bounded(&self, work: &mut Workspace) -> bool {
+        let finite = |i: usize| self.block_of(i).is_some() || (self.lower[i].is_finite() && self.upper[i].is_finite());
+        (0..self.dimension()).all(finite) && self.blocks.iter().all(|block| block.shape.is_bounded(&mut work.block))
+    }
+
+    /// The face of one block that the projection of `z` lies on.
+    pub fn face<'w>(&self, block: usize, z: &[f64], work: &'w mut Workspace) -> Face<'w> {
+        let block = &self.blocks[block];
+        work.gather(block, z);
+        let Workspace { x, p, block: inner } = work;
+        block.shape.face(x, p, inner)
+    }
+
+    /// `max |z - P(z - scale G)|` over the members of one block.
+    pub fn defect(&self, block: usize, z: &[f64], g: &[f64], scale: f64, work: &mut Workspace) -> f64 {
+        let Block { members, shape } = &self.blocks[block];
+        work.x.clear();
+        work.x.extend(members.iter().map(|&i| z[i] - scale * g[i]));
+        work.p.resize(members.len(), 0.0);
+        shape.project(&work.x, &mut work.p, &mut work.block);
+        members.iter().zip(&work.p).fold(0.0, |worst, (&i, p)| {
+            let r = (z[i] - p).abs();
+            if r > worst || r.is_nan() { r } else { worst }
+        })
+    }
+
+    /// `max_i |z_i - P_K(z - G)_i|`, the natural-map residual. NaN if any entry is. Allocates where there are blocks.
+    pub fn natural_residual(&self, z: &[f64], g: &[f64]) -> f64 {
+        let mut residual = 0.0_f64;
+        let mut keep = |r: f64| residual = if r.is_nan() || residual.is_nan() { f64::NAN } else { residual.max(r) };
+        for (i, (&z, &g)) in z.iter().zip(g).enumerate().filter(|&(i, _)| self.block_of(i).is_none()) {
+            keep((z - self.project(i, z - g)).abs());
+        }
+        let mut work = Workspace::default();
+        (0..self.blocks.len()).for_each(|block| keep(self.defect(block, z, g, 1.0, &mut work)));
+        residual
+    }
+}
+
+impl Workspace {
+    fn gather(&mut self, block: &Block, z: &[f64]) {
+        self.x.clear();
+        self.x.extend(block.members.iter().map(|&i| z[i]));
+        self.p.resize(self.x.len(), 0.0);
+    }
+}
+
+impl Block {
+    fn scatter(&self, p: &[f64], z: &mut [f64]) {
+        for (&i, p) in self.members.iter().zip(p) {
+            z[i] = *p;
+        }
+    }
+}

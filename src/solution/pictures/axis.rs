@@ -1,0 +1,163 @@
+//! An axis: which part of the real line is shown, in which power of ten, with ticks at round numbers.
+//!
+//! Ticks stand at multiples of 1, 2 or 5 times a power of ten (P. S. Heckbert, "Nice numbers for graph labels",
+//! Graphics Gems, 1990). What is far from one is shown in units of `10^e` with `e` a multiple of three, which also keeps
+//! every intermediate number between overflow and underflow, whatever the values.
+
+/// A span this small beside the values in it is taken for none: it is rounding, and its labels would be all digits.
+const LEAST_RELATIVE_SPAN: f64 = 1e-9;
+
+/// The part of a step by which a tick may lie beyond the end.
+const ROUNDING: f64 = 1e-6;
+
+/// Decimal exponents of values that are shown as they are.
+const PLAIN: std::ops::RangeInclusive<i32> = -1..=4;
+
+/// An interval of the real line, in units of `10^exponent`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Axis {
+    low: f64,
+    high: f64,
+    exponent: i32,
+}
+
+/// A mark on an axis.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tick {
+    /// Where on the axis: 0 at its low end, 1 at its high end.
+    pub fraction: f64,
+    /// What is written at it.
+    pub label: String,
+}
+
+impl Axis {
+    /// The axis that shows all finite `values`, with `margin` times their span left free at both ends.
+    pub fn spanning(values: impl IntoIterator<Item = f64>, margin: f64) -> Self {
+        let finite = values.into_iter().filter(|value| value.is_finite());
+        let (low, high) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(x), b.max(x)));
+        let (low, high) = if low <= high { (low, high) } else { (0.0, 0.0) };
+        let exponent = exponent(low.abs().max(high.abs()));
+        let (low, high) = (scaled(low, exponent), scaled(high, exponent));
+        let largest = low.abs().max(high.abs());
+        let (low, high) = if high - low > LEAST_RELATIVE_SPAN * largest {
+            (low - margin * (high - low), high + margin * (high - low))
+        } else {
+            let around = if largest == 0.0 { 1.0 } else { 0.1 * largest };
+            (low - around, high + around)
+        };
+        Self { low, high, exponent }
+    }
+
+    /// Where `value` is: 0 at the low end, 1 at the high end.
+    pub fn fraction(&self, value: f64) -> f64 {
+        self.place(scaled(value, self.exponent))
+    }
+
+    /// The unit of the labels, where it is not one: `×10⁻³`.
+    pub fn unit(&self) -> Option<String> {
+        const SUPERSCRIPTS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
+        let digits = self.exponent.to_string();
+        let raised = digits.chars().map(|c| c.to_digit(10).map_or('⁻', |digit| SUPERSCRIPTS[digit as usize]));
+        (self.exponent != 0).then(|| "×10".chars().chain(raised).collect())
+    }
+
+    /// Ticks at round numbers, in order: `about` so many steps from end to end, at most half as many again.
+    pub fn ticks(&self, about: usize) -> Vec<Tick> {
+        let wanted = (self.high - self.low) / about.max(1) as f64;
+        let power = wanted.log10().floor();
+        let base = 10f64.powf(power);
+        let (step, power) = match wanted / base {
+            multiple if multiple < 1.5 => (base, power),
+            multiple if multiple < 3.0 => (2.0 * base, power),
+            multiple if multiple < 7.0 => (5.0 * base, power),
+            _ => (10.0 * base, power + 1.0),
+        };
+        let decimals = (-power).max(0.0) as usize;
+        // The ends of an axis are round numbers more often than not, and 0.3 / 0.1 < 3.
+        let first = (self.low / step - ROUNDING).ceil() as i64;
+        let last = (self.high / step + ROUNDING).floor() as i64;
+        let tick = |multiple: i64| {
+            let value = multiple as f64 * step;
+            Tick { fraction: self.place(value), label: format!("{value:.decimals$}").replace('-', "−") }
+        };
+        (first..=last).map(tick).collect()
+    }
+
+    fn place(&self, scaled: f64) -> f64 {
+        (scaled - self.low) / (self.high - self.low)
+    }
+}
+
+/// The exponent of the unit in which `largest` is best read.
+fn exponent(largest: f64) -> i32 {
+    if largest == 0.0 {
+        return 0;
+    }
+    let exponent = largest.log10().floor() as i32;
+    if PLAIN.contains(&exponent) { 0 } else { exponent.div_euclid(3) * 3 }
+}
+
+/// `value / 10^exponent`, in two halves, each of which is a double even where the whole is not.
+fn scaled(value: f64, exponent: i32) -> f64 {
+    let half = exponent / 2;
+    value * 10f64.powi(-half) * 10f64.powi(half - exponent)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn labels(values: [f64; 2], about: usize) -> Vec<String> {
+        Axis::spanning(values, 0.0).ticks(about).into_iter().map(|tick| tick.label).collect()
+    }
+
+    #[test]
+    fn ticks_stand_at_round_numbers_within_the_axis() {
+        assert_eq!(labels([0.0, 20.0], 10), ["0", "2", "4", "6", "8", "10", "12", "14", "16", "18", "20"]);
+        assert_eq!(labels([-0.73, 1.18], 4), ["−0.5", "0.0", "0.5", "1.0"]);
+        assert_eq!(labels([99.2, 100.1], 4), ["99.2", "99.4", "99.6", "99.8", "100.0"]);
+        assert_eq!(labels([0.0, 0.3], 3), ["0.0", "0.1", "0.2", "0.3"]);
+    }
+
+    #[test]
+    fn a_tick_stands_where_its_number_is() {
+        let axis = Axis::spanning([-1.0, 3.0], 0.0);
+        let fractions: Vec<f64> = axis.ticks(4).iter().map(|tick| tick.fraction).collect();
+        assert_eq!(fractions, [0.0, 0.25, 0.5, 0.75, 1.0]);
+        assert_eq!(axis.fraction(2.0), 0.75);
+    }
+
+    #[test]
+    fn what_is_far_from_one_has_a_unit_of_its_own() {
+        let small = Axis::spanning([-4e-4, 2e-4], 0.0);
+        assert_eq!(small.unit().unwrap(), "×10⁻⁶");
+        assert_eq!(
+            small.ticks(3).iter().map(|tick| tick.label.as_str()).collect::<Vec<_>>(),
+            ["−400", "−200", "0", "200"]
+        );
+        assert_eq!(Axis::spanning([0.0, 1e11], 0.0).unit().unwrap(), "×10⁹");
+        assert_eq!(Axis::spanning([0.0, 12.0], 0.0).unit(), None);
+    }
+
+    #[test]
+    fn every_double_has_its_place_on_some_axis() {
+        for values in [[f64::MIN, f64::MAX], [0.0, 5e-324], [-1e-300, 1e-300], [1e300, 1.1e300], [f64::NAN, 1.0]] {
+            let axis = Axis::spanning(values, 0.05);
+            for value in values.into_iter().filter(|value| value.is_finite()) {
+                assert!((0.0..=1.0).contains(&axis.fraction(value)), "{value:e} on {axis:?}");
+            }
+            let ticks = axis.ticks(5);
+            assert!((3..=8).contains(&ticks.len()), "{ticks:?}");
+            assert!(ticks.windows(2).all(|pair| pair[0].label != pair[1].label), "{ticks:?}");
+        }
+    }
+
+    #[test]
+    fn a_constant_lies_in_the_middle_and_rounding_is_not_blown_up() {
+        for values in [[0.0, 0.0], [-3.0, -3.0], [5.0, 5.0 + 1e-14], [1e-300, 1e-300]] {
+            let axis = Axis::spanning(values, 0.05);
+            assert!(values.iter().all(|value| (axis.fraction(*value) - 0.5).abs() < 1e-6), "{values:?} on {axis:?}");
+            assert!(axis.ticks(3).iter().all(|tick| tick.label.len() <= 6), "{:?}", axis.ticks(3));
+        }
+    }
+}

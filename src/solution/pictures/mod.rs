@@ -1,0 +1,128 @@
+//! A solution as a picture, in SVG: its fields over time, one below the other on one time axis, each on a scale of its
+//! own (small multiples: E. R. Tufte, "Envisioning Information", 1990, chapter 4).
+//!
+//! Up to eight fields have a panel each. More are sorted by magnitude and share panels with their likes. Switches of the
+//! active face are fine vertical marks. The picture is light or dark as its reader prefers.
+
+mod axis;
+mod elements;
+mod panel;
+mod thinning;
+
+use super::{Field, Solution, Status};
+use axis::Axis;
+use elements::{line, plain, text};
+use panel::{HEADING, MOST_LINES, Stage, panel};
+use std::io::{self, Write};
+use svg::Document;
+use svg::node::element::{Rectangle, Style, Title};
+
+const MOST_PANELS: usize = 8;
+const WIDTH: f64 = 760.0;
+const LEFT: f64 = 68.0;
+const RIGHT: f64 = WIDTH - 24.0;
+/// Room for the title.
+const TITLE: f64 = 44.0;
+/// Room for the labels of the time axis and for what is said below it.
+const FOOT: f64 = 58.0;
+/// Ticks of the time axis.
+const TIME_TICKS: usize = 10;
+/// Pixels between two switches that are told apart.
+const APART: f64 = 2.0;
+/// Characters that fit into a line, and into one of the large type of titles.
+const LINE_CHARACTERS: usize = 80;
+const LARGE_CHARACTERS: usize = 60;
+
+/// Writes the picture of a solution, under its label.
+///
+/// # Errors
+/// Those of `out`.
+pub fn write_svg(solution: &Solution, label: Option<&str>, out: &mut impl Write) -> io::Result<()> {
+    let trajectory = &solution.trajectory;
+    let axis = Axis::spanning(trajectory.t.iter().copied(), 0.0);
+    let mut stage = Stage { t: &trajectory.t, axis, left: LEFT, right: RIGHT, switches: Vec::new() };
+    stage.switches = switches(solution, &stage);
+    let panels = if trajectory.t.is_empty() { Vec::new() } else { panels(&trajectory.fields) };
+    // Few panels are high, many are low; the whole stays within a screen.
+    let height = (60.0 + 240.0 / panels.len().max(1) as f64).round();
+    let floor = TITLE + panels.len() as f64 * (HEADING + height);
+
+    let title = plain(label.unwrap_or("Trajectory"), LINE_CHARACTERS);
+    let class = if title.chars().count() > LARGE_CHARACTERS { "long title" } else { "title" };
+    let mut picture = Document::new()
+        .set("viewBox", (0.0, 0.0, WIDTH, floor + FOOT))
+        .set("width", WIDTH)
+        .set("height", floor + FOOT)
+        .set("role", "img")
+        .add(Title::new(title.as_str()))
+        .add(Style::new(include_str!("style.css")))
+        .add(Rectangle::new().set("class", "paper").set("width", "100%").set("height", "100%").set("rx", 8))
+        .add(text(title, class, LEFT, 30.0));
+    let mut colour = 0;
+    for (k, fields) in panels.iter().enumerate() {
+        picture = picture.add(panel(&stage, fields, TITLE + k as f64 * (HEADING + height), height, colour));
+        colour += fields.len();
+    }
+    if !panels.is_empty() {
+        for tick in stage.axis.ticks(TIME_TICKS) {
+            let x = LEFT + tick.fraction * (RIGHT - LEFT);
+            picture = picture.add(line("tick", (x, floor), (x, floor + 4.0)));
+            picture = picture.add(text(tick.label, "middle", x, floor + 18.0));
+        }
+        let unit = stage.axis.unit().map_or_else(|| "t".to_owned(), |unit| format!("t  {unit}"));
+        picture = picture.add(line("tick", (LEFT, floor), (RIGHT, floor)));
+        picture = picture.add(text(unit, "faint end", RIGHT, floor + 38.0));
+    }
+    picture = picture.add(text(plain(&remarks(solution, &panels), LINE_CHARACTERS), "faint", LEFT, floor + 38.0));
+    writeln!(out, "{picture}")
+}
+
+/// The fields of each panel.
+fn panels(fields: &[Field]) -> Vec<Vec<&Field>> {
+    let mut fields: Vec<&Field> = fields.iter().take(MOST_PANELS * MOST_LINES).collect();
+    let lines = fields.len().div_ceil(MOST_PANELS).max(1);
+    if lines > 1 {
+        fields.sort_by(|a, b| magnitude(b).total_cmp(&magnitude(a)));
+    }
+    fields.chunks(lines).map(<[&Field]>::to_vec).collect()
+}
+
+fn magnitude(field: &Field) -> f64 {
+    field.values.iter().fold(0.0, |largest, value| value.abs().max(largest))
+}
+
+/// Where switches lie, those that an eye cannot tell apart as one.
+fn switches(solution: &Solution, stage: &Stage<'_>) -> Vec<f64> {
+    let events = solution.trajectory.events.iter();
+    let within = events.filter(|event| (0.0..=1.0).contains(&stage.axis.fraction(event.t)));
+    let mut places: Vec<f64> = within.map(|event| stage.x(event.t)).collect();
+    places.sort_by(f64::total_cmp);
+    places.dedup_by(|x, before| *x - *before < APART);
+    places
+}
+
+/// What the lines do not say.
+fn remarks(solution: &Solution, panels: &[Vec<&Field>]) -> String {
+    let mut remarks = Vec::new();
+    if let (Some(error), Status::Failed | Status::Stopped) = (&solution.error, solution.status) {
+        let ended = if solution.status == Status::Failed { "failed" } else { "stopped" };
+        remarks.push(format!("{ended} at t = {}: {}", error.time, error.code));
+    }
+    if panels.is_empty() {
+        remarks.push("there is nothing to show".to_owned());
+        return remarks.join("; ");
+    }
+    match solution.trajectory.events.len() {
+        0 => {}
+        1 => remarks.push("dashed: a switch of the active face".to_owned()),
+        count => remarks.push(format!("dashed: {count} switches of the active face")),
+    }
+    let shown: usize = panels.iter().map(Vec::len).sum();
+    if shown < solution.trajectory.fields.len() {
+        remarks.push(format!("{shown} of {} fields", solution.trajectory.fields.len()));
+    }
+    remarks.join("; ")
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,97 @@
+//! One panel: the lines of a few fields of like magnitude over the time axis that all panels share.
+
+use super::axis::Axis;
+use super::elements::{line, plain, tenths, text};
+use super::thinning::{Point, thin};
+use crate::solution::Field;
+use svg::node::element::{Group, Polyline, TSpan, Text};
+
+/// Lines in a panel; more colours are not told apart.
+pub const MOST_LINES: usize = 6;
+
+/// Room for names above the lines, in pixels.
+pub const HEADING: f64 = 26.0;
+
+/// Characters that fit into the heading beside the marks of the lines.
+const HEADING_CHARACTERS: usize = 78;
+
+/// Room for a tick, in pixels; a high panel has no more of them for it.
+const TICK: f64 = 30.0;
+const MOST_TICKS: usize = 5;
+
+/// Free space above and below the lines, as a part of their span.
+const MARGIN: f64 = 0.08;
+
+/// What all panels share: the time axis and where it lies.
+pub struct Stage<'a> {
+    /// The times of the values.
+    pub t: &'a [f64],
+    /// Their axis.
+    pub axis: Axis,
+    /// Its low end, in pixels.
+    pub left: f64,
+    /// Its high end, in pixels.
+    pub right: f64,
+    /// The switches, in pixels from the left of the picture.
+    pub switches: Vec<f64>,
+}
+
+impl Stage<'_> {
+    /// Where the time `t` lies, in pixels from the left of the picture.
+    pub fn x(&self, t: f64) -> f64 {
+        self.left + self.axis.fraction(t) * (self.right - self.left)
+    }
+}
+
+/// Draws `fields` with their heading from `top` on, the lines `height` pixels high; the first line has the colour
+/// `colour`.
+pub fn panel(stage: &Stage<'_>, fields: &[&Field], top: f64, height: f64, colour: usize) -> Group {
+    let axis = Axis::spanning(fields.iter().flat_map(|field| field.values.iter().copied()), MARGIN);
+    let (ceiling, floor) = (top + HEADING, top + HEADING + height);
+    let y = |value: f64| floor - axis.fraction(value) * height;
+    let mut group = Group::new().add(heading(stage, fields, colour, ceiling - 8.0));
+    if let Some(unit) = axis.unit() {
+        group = group.add(text(unit, "faint end", stage.left - 8.0, ceiling - 8.0));
+    }
+    for tick in axis.ticks(((height / TICK) as usize).min(MOST_TICKS)) {
+        let y = floor - tick.fraction * height;
+        group = group.add(line("grid", (stage.left, y), (stage.right, y)));
+        group = group.add(text(tick.label, "end", stage.left - 8.0, y + 4.0));
+    }
+    for tick in stage.axis.ticks(super::TIME_TICKS) {
+        let x = stage.left + tick.fraction * (stage.right - stage.left);
+        group = group.add(line("grid", (x, ceiling), (x, floor)));
+    }
+    for &x in &stage.switches {
+        group = group.add(line("switch", (x, ceiling), (x, floor)));
+    }
+    for (k, field) in fields.iter().enumerate() {
+        let finite = stage.t.iter().zip(&field.values).filter(|(t, value)| t.is_finite() && value.is_finite());
+        let points = thin(finite.map(|(&t, &value)| (stage.x(t), y(value))));
+        group = group.add(polyline(&points, colour + k));
+    }
+    group
+}
+
+/// The names, each after a mark in the colour of its line.
+fn heading(stage: &Stage<'_>, fields: &[&Field], colour: usize, y: f64) -> Text {
+    let each = HEADING_CHARACTERS / fields.len().max(1);
+    let mut heading = text("", "name", stage.left, y);
+    for (k, field) in fields.iter().enumerate() {
+        let mark = TSpan::new("●").set("class", format!("mark{}", (colour + k) % MOST_LINES));
+        let mark = if k == 0 { mark } else { mark.set("dx", 12) };
+        heading = heading.add(mark).add(TSpan::new(plain(&field.name, each)).set("dx", 5));
+    }
+    heading
+}
+
+fn polyline(points: &[Point], colour: usize) -> Polyline {
+    // A line of one point has no length: drawn twice, its round ends make a dot.
+    let again = if let [only] = points { Some(only) } else { None };
+    let mut shown = String::new();
+    for (x, y) in points.iter().chain(again) {
+        let separator = if shown.is_empty() { "" } else { " " };
+        shown += &format!("{separator}{},{}", tenths(*x), tenths(*y));
+    }
+    Polyline::new().set("class", format!("line{}", colour % MOST_LINES)).set("points", shown)
+}

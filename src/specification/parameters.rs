@@ -1,0 +1,42 @@
+//! Parameters may be expressions in each other. The members of a JSON object have no order that every writer keeps, so
+//! theirs is found here: each after those that it depends on.
+
+use super::expression::Expression;
+use super::ordered::Ordered;
+use crate::expression::{Graph, Scope};
+
+/// The parameters with what they depend on first; those in a cycle come last, as they stand.
+pub(super) fn in_order(parameters: &Ordered<Expression>) -> Vec<(&str, &Expression)> {
+    let entries: Vec<(&str, &Expression)> = parameters.iter().collect();
+    let (mut graph, mut scope) = (Graph::new(), Scope::new());
+    for (i, (name, _)) in entries.iter().enumerate() {
+        let node = graph.input(i);
+        // A name that cannot be bound is reported when its value is.
+        let _ = scope.bind(name, node);
+    }
+    let mut waiting = vec![0_usize; entries.len()];
+    let mut dependents = vec![Vec::new(); entries.len()];
+    for (i, (_, expression)) in entries.iter().enumerate() {
+        if let Expression::Text(text) = expression
+            && let Ok(node) = graph.parse(text, &scope)
+        {
+            for needed in graph.inputs(node) {
+                waiting[i] += 1;
+                dependents[needed].push(i);
+            }
+        }
+    }
+    let mut order: Vec<usize> = (0..entries.len()).filter(|&i| waiting[i] == 0).collect();
+    let mut next = 0;
+    while next < order.len() {
+        for &dependent in &dependents[order[next]] {
+            waiting[dependent] -= 1;
+            if waiting[dependent] == 0 {
+                order.push(dependent);
+            }
+        }
+        next += 1;
+    }
+    order.extend((0..entries.len()).filter(|&i| waiting[i] > 0));
+    order.into_iter().map(|i| entries[i]).collect()
+}

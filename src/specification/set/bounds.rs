@@ -1,0 +1,68 @@
+//! Bounds that may vary with `t` and the states.
+
+use super::{BoxBlock, LoweredSet};
+use crate::expression::Node;
+use crate::problem::{MovingBound, Side};
+use crate::specification::error::SpecificationError;
+use crate::specification::expression::Expression;
+use crate::specification::lowering::Lowering;
+use crate::specification::place::Place;
+
+impl LoweredSet {
+    pub(super) fn bound(
+        &mut self,
+        block: &BoxBlock,
+        members: &[usize],
+        states: usize,
+        place: &Place<'_>,
+        lowering: &mut Lowering,
+    ) {
+        let lower = block.lower.as_ref().and_then(|bound| bound_node(bound, states, &place.key("lower"), lowering));
+        let upper = block.upper.as_ref().and_then(|bound| bound_node(bound, states, &place.key("upper"), lowering));
+        let constant = |node: Option<Node>, lowering: &Lowering| node.and_then(|node| lowering.graph.value(node));
+        if let (Some(lower), Some(upper)) = (constant(lower, lowering), constant(upper, lowering))
+            && lower > upper
+        {
+            let detail = format!("the lower bound {lower} is above the upper bound {upper}");
+            lowering.errors.report(place, "empty_interval", detail);
+        }
+        for (node, side, key) in [(lower, Side::Lower, "lower"), (upper, Side::Upper, "upper")] {
+            let Some(node) = node else { continue };
+            for &variable in members {
+                self.set_bound(MovingBound { variable, side }, node, &place.key(key), lowering);
+            }
+        }
+    }
+
+    /// Sets a constant bound, or takes up one that moves.
+    pub(super) fn set_bound(&mut self, bound: MovingBound, node: Node, place: &Place<'_>, lowering: &Lowering) {
+        match lowering.graph.value(node) {
+            Some(value) => bound.place(value, &mut self.set),
+            None => {
+                self.moving.push((bound, node));
+                self.moving_pointers.push(place.to_string());
+            }
+        }
+    }
+}
+
+/// A bound, in `t` and the states alone; a constant one is finite.
+pub(super) fn bound_node(
+    bound: &Expression,
+    states: usize,
+    place: &Place<'_>,
+    lowering: &mut Lowering,
+) -> Option<Node> {
+    let node = lowering.node(bound, place)?;
+    if lowering.graph.inputs(node).into_iter().any(|input| input > states) {
+        let detail = "a bound may depend on `t` and the states, not on the variables";
+        lowering.errors.report(place, "bound_depends_on_variable", detail);
+        return None;
+    }
+    if lowering.graph.value(node).is_some_and(|value| !value.is_finite()) {
+        let error = SpecificationError::new(place.to_string(), "not_finite", "this bound is not finite");
+        lowering.errors.push(error.expected("a finite bound, or null for none"));
+        return None;
+    }
+    Some(node)
+}

@@ -1,0 +1,204 @@
+//! Projected block Gauss-Seidel with over-relaxation, for many small blocks: block after block,
+//!
+//! ```text
+//! y_B solves the variational inequality over K_B with A_BB and q_B + sum over C != B of A_BC z_C
+//! z_B <- P_B((1 - omega) z_B + omega y_B)
+//! ```
+//!
+//! each local problem exactly (Cryer 1971 for intervals; Jourdan, Alart and Jean 1998, *A Gauss-Seidel like algorithm to
+//! solve frictional contact problems*, for blocks). It converges for symmetric positive definite `A` and `0 < omega < 2`,
+//! and for many matrices besides, linearly.
+
+use super::gauge::Gauge;
+use super::semismooth_newton::BlockNewton;
+use super::{AffineVi, EXACT, Outcome, Report, ViSolver};
+use crate::problem::{Block, ConvexSet, Shape, Workspace};
+use nalgebra::DMatrix;
+
+/// Sweeps over all blocks.
+const SWEEPS: usize = 4_000;
+
+/// Sweeps between two looks at the residual.
+const STRIDE: usize = 5;
+
+/// Sweeps between two looks that lower the residual to this fraction converge fast.
+const FAST: f64 = 0.1;
+
+/// `omega` grows by this much while the residual falls, up to the largest, and is one again where it does not fall.
+const GROWTH: f64 = 0.02;
+const LARGEST: f64 = 1.6;
+
+/// Block Gauss-Seidel; see the module. It grows to the problems that it meets.
+#[derive(Debug, Default)]
+pub struct BlockGaussSeidel {
+    gauge: Gauge,
+    locals: Vec<Local>,
+    work: Workspace,
+    z: Vec<f64>,
+    w: Vec<f64>,
+}
+
+/// The problem of one block, with its solver.
+#[derive(Debug)]
+struct Local {
+    members: Vec<usize>,
+    set: ConvexSet,
+    matrix: DMatrix<f64>,
+    /// `a` where the matrix is `a I`.
+    isotropic: Option<f64>,
+    q: Vec<f64>,
+    z: Vec<f64>,
+    newton: BlockNewton,
+}
+
+impl BlockGaussSeidel {
+    /// A solver that finds its blocks at the first problem.
+    pub fn new() -> Self {
+        Self::default()
+    }
+}
+
+impl ViSolver for BlockGaussSeidel {
+    fn name(&self) -> &'static str {
+        "block_gauss_seidel"
+    }
+
+    fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64]) -> Report {
+        if !vi.is_sound() {
+            return Report::BREAKDOWN;
+        }
+        if (0..z.len())
+            .any(|i| vi.set.block_of(i).is_none() && vi.matrix[(i, i)] <= 0.0 && vi.set.lower[i] < vi.set.upper[i])
+        {
+            return Report::UNSUITABLE;
+        }
+        self.load(vi, z);
+        let mut best = self.gauge.measure(vi, &self.z);
+        z.copy_from_slice(&self.z);
+        let (mut omega, mut last) = (1.0, f64::INFINITY);
+        let mut sweeps = 0;
+        let mut converging = true;
+        // A solved problem is worth further sweeps as long as they converge fast.
+        while sweeps < SWEEPS && best.componentwise > EXACT && (converging || !best.is_solved()) {
+            for _ in 0..STRIDE {
+                self.sweep(vi, omega);
+            }
+            sweeps += STRIDE;
+            let found = self.gauge.measure(vi, &self.z);
+            if found.residual.is_nan() {
+                break;
+            }
+            // The products that the sweeps keep up to date gather rounding errors.
+            self.w.copy_from_slice(&self.gauge.w);
+            omega = if found.componentwise < last { LARGEST.min(omega + GROWTH) } else { 1.0 };
+            last = found.componentwise;
+            converging = found.componentwise <= FAST * best.componentwise;
+            if found.componentwise < best.componentwise {
+                z.copy_from_slice(&self.z);
+                best = found;
+            }
+        }
+        if best.residual.is_nan() {
+            return Report { iterations: sweeps, ..Report::BREAKDOWN };
+        }
+        best.report(Outcome::Limit, sweeps)
+    }
+}
+
+impl BlockGaussSeidel {
+    fn load(&mut self, vi: &AffineVi<'_>, z: &[f64]) {
+        let blocks = vi.set.blocks();
+        let alike = |(local, block): (&Local, &Block)| local.members == block.members;
+        if self.locals.len() != blocks.len() || !self.locals.iter().zip(blocks).all(alike) {
+            self.locals = blocks.iter().map(|block| Local::new(&block.members)).collect();
+        }
+        for (local, block) in self.locals.iter_mut().zip(blocks) {
+            local.load(vi, &block.shape);
+        }
+        self.z.clear();
+        self.z.extend(z.iter().map(|z| if z.is_finite() { *z } else { 0.0 }));
+        vi.set.project_all(&mut self.z, &mut self.work);
+        self.w.resize(z.len(), 0.0);
+        vi.product(&self.z, &mut self.w);
+    }
+
+    fn sweep(&mut self, vi: &AffineVi<'_>, omega: f64) {
+        for i in (0..self.z.len()).filter(|&i| vi.set.block_of(i).is_none() && vi.set.lower[i] < vi.set.upper[i]) {
+            let new = vi.set.project(i, self.z[i] - omega * self.w[i] / vi.matrix[(i, i)]);
+            advance(vi, &mut self.z, &mut self.w, i, new);
+        }
+        for local in &mut self.locals {
+            local.solve(&self.z, &self.w, omega, &mut self.work);
+            for (&i, &new) in local.members.iter().zip(&local.z) {
+                advance(vi, &mut self.z, &mut self.w, i, new);
+            }
+        }
+    }
+}
+
+/// Sets one component and brings `w` up to date.
+fn advance(vi: &AffineVi<'_>, z: &mut [f64], w: &mut [f64], i: usize, new: f64) {
+    let change = new - z[i];
+    z[i] = new;
+    if change != 0.0 {
+        let m = w.len();
+        for (w, a) in w.iter_mut().zip(&vi.matrix.as_slice()[i * m..][..m]) {
+            *w += change * a;
+        }
+    }
+}
+
+impl Local {
+    fn new(members: &[usize]) -> Self {
+        let k = members.len();
+        Self {
+            members: members.to_vec(),
+            set: ConvexSet::free(0),
+            matrix: DMatrix::zeros(k, k),
+            isotropic: None,
+            q: vec![0.0; k],
+            z: vec![0.0; k],
+            newton: BlockNewton::default(),
+        }
+    }
+
+    fn load(&mut self, vi: &AffineVi<'_>, shape: &Shape) {
+        let k = self.members.len();
+        if self.set.blocks().first().is_none_or(|block| block.shape != *shape) {
+            self.set = ConvexSet::free(k);
+            self.set.bind((0..k).collect(), shape.clone());
+        }
+        for (j, &column) in self.members.iter().enumerate() {
+            for (i, &row) in self.members.iter().enumerate() {
+                self.matrix[(i, j)] = vi.matrix[(row, column)];
+            }
+        }
+        let a = self.matrix[(0, 0)];
+        let isotropic = |(at, x): (usize, &f64)| *x == if at % k == at / k { a } else { 0.0 };
+        self.isotropic = (a > 0.0 && self.matrix.iter().enumerate().all(isotropic)).then_some(a);
+    }
+
+    /// Solves the local problem at `z`, of which `w` is the value, and leaves the relaxed answer in `self.z`.
+    fn solve(&mut self, z: &[f64], w: &[f64], omega: f64, work: &mut Workspace) {
+        for (i, &member) in self.members.iter().enumerate() {
+            self.z[i] = z[member];
+            self.q[i] = w[member];
+        }
+        for (q, row) in self.q.iter_mut().zip(self.matrix.row_iter()) {
+            *q -= row.iter().zip(&self.z).map(|(a, z)| a * z).sum::<f64>();
+        }
+        if let Some(a) = self.isotropic {
+            self.z.iter_mut().zip(&self.q).for_each(|(z, q)| *z = -q / a);
+            self.set.project_all(&mut self.z, work);
+        } else {
+            let vi = AffineVi { matrix: &self.matrix, q: &self.q, set: &self.set };
+            self.newton.solve(&vi, &mut self.z);
+        }
+        if omega != 1.0 {
+            for (new, &member) in self.z.iter_mut().zip(&self.members) {
+                *new = (1.0 - omega) * z[member] + omega * *new;
+            }
+            self.set.project_all(&mut self.z, work);
+        }
+    }
+}

@@ -1,0 +1,292 @@
+//! Monotone variational inequalities as conic programs, by the interior-point method Clarabel (Goulart and Chen 2024,
+//! *Clarabel: an interior-point solver for conic programs with quadratic objectives*). With `K` written as
+//! `B z + s = b`, `s in C` for a product `C` of `{0}`, `R+` and second-order cones, a symmetric `A` gives
+//!
+//! ```text
+//! min 1/2 <z, A z> + <q, z>    over B z + s = b,  s in C
+//! ```
+//!
+//! and any other the complementarity gap `<s, y>` as a program of its own, whose least value is zero,
+//!
+//! ```text
+//! min <z, A z> + <q, z> + <b, y>    over B z + s = b,  A z + B^T y + q = 0,  s in C,  y in C*
+//! ```
+//!
+//! The program is built once for a set; later problems overwrite its data in place. An interior point lies near the face
+//! of the answer and not on it, so Newton's method on the natural map starts from it and says how good it is.
+
+use super::{AffineVi, Outcome, Report, SemismoothNewton, ViSolver};
+use crate::problem::{Block, ConvexSet, Shape};
+use clarabel::algebra::CscMatrix;
+use clarabel::solver::{
+    DefaultSettings, DefaultSolver, IPSolver, SolverStatus,
+    SupportedConeT::{self, NonnegativeConeT, SecondOrderConeT, ZeroConeT},
+};
+use nalgebra::DMatrix;
+
+/// Entries of `A` that differ by no more than this fraction of the largest from those across the diagonal are equal.
+const SYMMETRIC: f64 = 1e-10;
+
+/// The gap and the feasibility to reach; Newton's method does the rest.
+const ACCURACY: f64 = 1e-10;
+
+/// Clarabel, and the problem it is built for.
+#[derive(Default)]
+pub struct Conic {
+    built: Option<Built>,
+    newton: Option<SemismoothNewton>,
+    start: Vec<f64>,
+}
+
+/// A program for one set.
+struct Built {
+    solver: DefaultSolver<f64>,
+    set: ConvexSet,
+    matrix: DMatrix<f64>,
+    is_symmetric: bool,
+}
+
+impl Conic {
+    /// A solver that builds its program at the first problem.
+    pub fn new() -> Self {
+        Self::default()
+    }
+}
+
+impl std::fmt::Debug for Conic {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.debug_struct("Conic").field("set", &self.built.as_ref().map(|built| &built.set)).finish()
+    }
+}
+
+impl ViSolver for Conic {
+    fn name(&self) -> &'static str {
+        "conic"
+    }
+
+    fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64]) -> Report {
+        if !vi.is_sound() {
+            return Report::BREAKDOWN;
+        }
+        if !self.built.as_mut().is_some_and(|built| built.update(vi)) {
+            self.built = Built::new(vi);
+        }
+        let Some(Built { solver, .. }) = &mut self.built else { return Report::UNSUITABLE };
+        solver.solve();
+        let iterations = solver.solution.iterations as usize;
+        let failure = match solver.solution.status {
+            // A symmetric problem falls without end; any other has no complementary pair.
+            SolverStatus::DualInfeasible | SolverStatus::PrimalInfeasible => Outcome::Ray,
+            SolverStatus::NumericalError => Outcome::Breakdown,
+            _ => Outcome::Limit,
+        };
+        self.start.clear();
+        self.start.extend_from_slice(&solver.solution.x[..z.len()]);
+        let newton = self.newton.get_or_insert_with(|| SemismoothNewton::new(z.len()));
+        let report = newton.solve(vi, &mut self.start);
+        z.copy_from_slice(&self.start);
+        let outcome = if report.outcome == Outcome::Solved { Outcome::Solved } else { failure };
+        Report { outcome, iterations: iterations + report.iterations, ..report }
+    }
+}
+
+impl Built {
+    /// `None` where nothing bounds `z`, or the data are none that Clarabel takes.
+    fn new(vi: &AffineVi<'_>) -> Option<Self> {
+        let constraints = Constraints::of(vi.set);
+        if constraints.b.is_empty() {
+            return None;
+        }
+        let is_symmetric = is_symmetric(vi);
+        let settings = DefaultSettings {
+            verbose: false,
+            max_threads: 1,
+            presolve_enable: false,
+            input_sparse_dropzeros: false,
+            tol_gap_abs: ACCURACY,
+            tol_gap_rel: ACCURACY,
+            tol_feas: ACCURACY,
+            ..DefaultSettings::default()
+        };
+        let solver = DefaultSolver::new(
+            &objective(vi, is_symmetric, constraints.b.len()),
+            &linear_part(vi, is_symmetric, &constraints),
+            &constraints.matrix(vi, is_symmetric),
+            &constraints.right(vi, is_symmetric),
+            &constraints.cones(vi, is_symmetric),
+            settings,
+        );
+        Some(Self { solver: solver.ok()?, set: vi.set.clone(), matrix: vi.matrix.clone(), is_symmetric })
+    }
+
+    /// Overwrites the data. False if the problem has another form, so that a new program is needed.
+    fn update(&mut self, vi: &AffineVi<'_>) -> bool {
+        if !have_one_form(&self.set, vi.set) || self.is_symmetric != is_symmetric(vi) {
+            return false;
+        }
+        let constraints = Constraints::of(vi.set);
+        self.set.clone_from(vi.set);
+        if self.matrix != *vi.matrix {
+            self.matrix.copy_from(vi.matrix);
+            let objective = objective(vi, self.is_symmetric, constraints.b.len());
+            let matrix = constraints.matrix(vi, self.is_symmetric);
+            if self.solver.update_P(&objective).is_err() || self.solver.update_A(&matrix).is_err() {
+                return false;
+            }
+        }
+        self.solver.update_q(&linear_part(vi, self.is_symmetric, &constraints)).is_ok()
+            && self.solver.update_b(&constraints.right(vi, self.is_symmetric)).is_ok()
+    }
+}
+
+fn is_symmetric(vi: &AffineVi<'_>) -> bool {
+    let noise = SYMMETRIC * vi.matrix.amax();
+    let m = vi.q.len();
+    (0..m).all(|j| (0..j).all(|i| (vi.matrix[(i, j)] - vi.matrix[(j, i)]).abs() <= noise))
+}
+
+/// `A`, or `A + A^T` and as many zeros as there are `y`; the upper triangle.
+fn objective(vi: &AffineVi<'_>, is_symmetric: bool, rows: usize) -> CscMatrix<f64> {
+    let m = vi.q.len();
+    let entry = |i: usize, j: usize| vi.matrix[(i, j)] + if is_symmetric { 0.0 } else { vi.matrix[(j, i)] };
+    let size = if is_symmetric { m } else { m + rows };
+    let starts = (0..=size).map(|j| j.min(m) * (j.min(m) + 1) / 2).collect();
+    let places = (0..m).flat_map(|j| 0..=j).collect();
+    let values = (0..m).flat_map(|j| (0..=j).map(move |i| (i, j))).map(|(i, j)| entry(i, j)).collect();
+    CscMatrix::new(size, size, starts, places, values)
+}
+
+fn linear_part(vi: &AffineVi<'_>, is_symmetric: bool, constraints: &Constraints) -> Vec<f64> {
+    let b = if is_symmetric { &[] } else { constraints.b.as_slice() };
+    [vi.q, b].concat()
+}
+
+/// Whether two sets differ in the numbers of `b` alone.
+fn have_one_form(a: &ConvexSet, b: &ConvexSet) -> bool {
+    let kind =
+        |set: &ConvexSet, i: usize| (set.lower[i].is_finite(), set.upper[i].is_finite(), set.lower[i] == set.upper[i]);
+    a.dimension() == b.dimension()
+        && (0..a.dimension()).all(|i| kind(a, i) == kind(b, i))
+        && a.blocks().len() == b.blocks().len()
+        && a.blocks().iter().zip(b.blocks()).all(|(a, b)| {
+            let balls = matches!((&a.shape, &b.shape), (Shape::Ball { .. }, Shape::Ball { .. }));
+            a.members == b.members && (balls || a.shape == b.shape)
+        })
+}
+
+/// `B z + s = b`, `s in C`.
+#[derive(Default)]
+struct Constraints {
+    /// The entries of `B`.
+    rows: Vec<(usize, usize, f64)>,
+    b: Vec<f64>,
+    cones: Vec<SupportedConeT<f64>>,
+}
+
+impl Constraints {
+    fn of(set: &ConvexSet) -> Self {
+        let mut constraints = Self::default();
+        for (i, (&lower, &upper)) in set.lower.iter().zip(&set.upper).enumerate() {
+            if lower == upper {
+                constraints.row([(i, 1.0)], upper);
+                constraints.cones.push(ZeroConeT(1));
+                continue;
+            }
+            for (end, sign) in [(lower, -1.0), (upper, 1.0)] {
+                if end.is_finite() {
+                    constraints.row([(i, sign)], sign * end);
+                    constraints.cones.push(NonnegativeConeT(1));
+                }
+            }
+        }
+        for Block { members, shape } in set.blocks() {
+            constraints.block(members, shape);
+        }
+        constraints
+    }
+
+    fn block(&mut self, members: &[usize], shape: &Shape) {
+        let k = members.len();
+        if let Shape::Ball { radius } = shape {
+            self.row([], *radius);
+        }
+        match shape {
+            Shape::Polyhedron(polyhedron) => {
+                for row in 0..polyhedron.rows() {
+                    let entries = members.iter().copied().zip(polyhedron.normal(row).iter().copied());
+                    self.row(entries, polyhedron.offset(row));
+                }
+                self.cones.push(NonnegativeConeT(polyhedron.rows()));
+            }
+            Shape::Simplex => {
+                members.iter().for_each(|&i| self.row([(i, -1.0)], 0.0));
+                self.row(members.iter().map(|&i| (i, 1.0)), 1.0);
+                self.cones.extend([NonnegativeConeT(k), ZeroConeT(1)]);
+            }
+            Shape::Ball { .. } | Shape::SecondOrderCone => {
+                members.iter().for_each(|&i| self.row([(i, -1.0)], 0.0));
+                let axis = usize::from(matches!(shape, Shape::Ball { .. }));
+                self.cones.push(SecondOrderConeT(k + axis));
+            }
+        }
+    }
+
+    fn row(&mut self, entries: impl IntoIterator<Item = (usize, f64)>, b: f64) {
+        let row = self.b.len();
+        self.rows.extend(entries.into_iter().map(|(column, value)| (row, column, value)));
+        self.b.push(b);
+    }
+
+    /// `B`, or `[B 0; A B^T; 0 -I]`, of `-I` the rows that are no equations.
+    fn matrix(&self, vi: &AffineVi<'_>, is_symmetric: bool) -> CscMatrix<f64> {
+        let (m, r) = (vi.q.len(), self.b.len());
+        let mut entries = self.rows.clone();
+        let (mut height, mut width) = (r, m);
+        if !is_symmetric {
+            entries.extend((0..m * m).map(|at| (r + at / m, at % m, vi.matrix[(at / m, at % m)])));
+            entries.extend(self.rows.iter().map(|&(row, column, value)| (r + column, m + row, value)));
+            let signed = self.signed();
+            entries.extend(signed.iter().enumerate().map(|(at, &row)| (r + m + at, m + row, -1.0)));
+            (height, width) = (r + m + signed.len(), m + r);
+        }
+        let rows = entries.iter().map(|entry| entry.0).collect();
+        let columns = entries.iter().map(|entry| entry.1).collect();
+        CscMatrix::new_from_triplets(height, width, rows, columns, entries.iter().map(|entry| entry.2).collect())
+    }
+
+    /// The rows that are no equations: the multiplier of an equation may have any sign.
+    fn signed(&self) -> Vec<usize> {
+        let mut start = 0;
+        let mut signed = Vec::with_capacity(self.b.len());
+        for cone in &self.cones {
+            let (rows, equation) = match cone {
+                ZeroConeT(rows) => (*rows, true),
+                NonnegativeConeT(rows) | SecondOrderConeT(rows) => (*rows, false),
+                _ => continue,
+            };
+            signed.extend((start..start + rows).filter(|_| !equation));
+            start += rows;
+        }
+        signed
+    }
+
+    /// `b`, or `(b, -q, 0)`.
+    fn right(&self, vi: &AffineVi<'_>, is_symmetric: bool) -> Vec<f64> {
+        let mut right = self.b.clone();
+        if !is_symmetric {
+            right.extend(vi.q.iter().map(|q| -q));
+            right.resize(right.len() + self.signed().len(), 0.0);
+        }
+        right
+    }
+
+    /// `C`, or `C x {0} x C*`.
+    fn cones(&self, vi: &AffineVi<'_>, is_symmetric: bool) -> Vec<SupportedConeT<f64>> {
+        let mut cones = self.cones.clone();
+        if !is_symmetric {
+            cones.push(ZeroConeT(vi.q.len()));
+            cones.extend(self.cones.iter().filter(|cone| !matches!(cone, ZeroConeT(_))).cloned());
+        }
+        cones
+    }
+}

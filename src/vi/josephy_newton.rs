@@ -1,0 +1,176 @@
+//! Nonlinear variational inequalities by the method of Josephy and Newton: at `z`, with `J = F'(z)`, the affine problem
+//!
+//! ```text
+//! y in K,    <F(z) + J (y - z), x - y> >= 0  for all x in K
+//! ```
+//!
+//! gives the direction `y - z` (Josephy 1979, *Newton's method for generalized equations*). The full step is taken if it
+//! lowers the natural map enough, else Armijo's search on the D-gap function shortens it, for which the direction is one of
+//! descent where `F` is strongly monotone; where it is not, the gradient takes its place (Peng and Fukushima 1999).
+
+use super::auto::SolverKind;
+use super::gap::Gap;
+use super::{AffineVi, Attempt, Outcome, Report, ViSolver};
+use crate::problem::{ConvexSet, Workspace};
+use nalgebra::DMatrix;
+
+/// Affine problems.
+const ITERATIONS: usize = 100;
+
+/// A full step must lower the natural map to this fraction of the least so far.
+const DECREASE: f64 = 0.9;
+
+/// Armijo's fraction of the slope, and the halvings of a step.
+const ARMIJO: f64 = 1e-4;
+const HALVINGS: usize = 30;
+
+/// A residual that a step can no longer lower is rounding if it is below this fraction of `|z|` and `|F|`.
+const ROUNDING: f64 = 1e-11;
+
+/// A nonlinear variational inequality, `<F(z), x - z> >= 0` for all `x` in `K`.
+pub trait NonlinearVi {
+    /// `K`, of dimension `m`.
+    fn set(&self) -> &ConvexSet;
+
+    /// Writes `F(z)` (m). What is not defined comes out as NaN or an infinity.
+    fn evaluate(&mut self, z: &[f64], f: &mut [f64]);
+
+    /// Writes `F'(z)`, `m x m`.
+    fn jacobian(&mut self, z: &[f64], derivative: &mut DMatrix<f64>);
+}
+
+/// The method with its solver of affine problems.
+pub struct JosephyNewton {
+    solver: Box<dyn ViSolver>,
+    gap: Gap,
+    work: Workspace,
+    matrix: DMatrix<f64>,
+    f: Vec<f64>,
+    q: Vec<f64>,
+    /// The solution of the affine problem, then the direction.
+    direction: Vec<f64>,
+    gradient: Vec<f64>,
+    trial: Vec<f64>,
+    trial_f: Vec<f64>,
+    point: Vec<f64>,
+}
+
+impl JosephyNewton {
+    /// A solver for `m` variables, with affine problems solved by `kind`.
+    pub fn new(m: usize, kind: SolverKind) -> Self {
+        let vector = || vec![0.0; m];
+        Self {
+            solver: kind.build(m),
+            gap: Gap::default(),
+            work: Workspace::default(),
+            matrix: DMatrix::zeros(m, m),
+            f: vector(),
+            q: vector(),
+            direction: vector(),
+            gradient: vector(),
+            trial: vector(),
+            trial_f: vector(),
+            point: vector(),
+        }
+    }
+
+    /// How the solvers of the last affine problem ended.
+    pub fn attempts(&self) -> &[Attempt] {
+        self.solver.attempts()
+    }
+
+    /// Solves from `z`, of length `m`, until the natural-map residual is below `tolerance`, and leaves the best point in `z`.
+    pub fn solve(&mut self, vi: &mut dyn NonlinearVi, tolerance: f64, z: &mut [f64]) -> Report {
+        vi.set().project_all(z, &mut self.work);
+        vi.evaluate(z, &mut self.f);
+        let mut least = f64::INFINITY;
+        for iterations in 0..ITERATIONS {
+            let residual = self.residual(vi.set(), z);
+            if !residual.is_finite() {
+                return Report { iterations, ..Report::BREAKDOWN };
+            }
+            if residual <= tolerance {
+                return Report { outcome: Outcome::Solved, residual, iterations };
+            }
+            vi.jacobian(z, &mut self.matrix);
+            if !self.matrix.iter().all(|a| a.is_finite()) {
+                return Report { outcome: Outcome::Breakdown, residual, iterations };
+            }
+            least = least.min(residual);
+            if !self.advance(vi, z, least) {
+                let size = z.iter().chain(&self.f).fold(1.0_f64, |most, x| most.max(x.abs()));
+                let outcome = if residual <= ROUNDING * size { Outcome::Solved } else { Outcome::Limit };
+                return Report { outcome, residual, iterations };
+            }
+        }
+        Report { outcome: Outcome::Limit, residual: self.residual(vi.set(), z), iterations: ITERATIONS }
+    }
+
+    /// `max |z - P_K(z - F)|`
+    fn residual(&mut self, set: &ConvexSet, z: &[f64]) -> f64 {
+        self.point.iter_mut().zip(z).zip(&self.f).for_each(|((p, z), f)| *p = z - f);
+        set.project_all(&mut self.point, &mut self.work);
+        let differences = self.point.iter().zip(z).map(|(p, z)| (p - z).abs());
+        differences.fold(0.0, |most, r| if r > most || r.is_nan() { r } else { most })
+    }
+
+    /// One step from `z`; false if none lowers the merit.
+    fn advance(&mut self, vi: &mut dyn NonlinearVi, z: &mut [f64], least: f64) -> bool {
+        let m = z.len();
+        for i in 0..m {
+            self.q[i] = self.f[i] - self.matrix.row(i).iter().zip(&*z).map(|(a, z)| a * z).sum::<f64>();
+        }
+        AffineVi { matrix: &self.matrix, q: &self.q, set: vi.set() }.scales(&mut self.gap.scale);
+        let merit = self.gap.value(vi.set(), z, &self.f);
+        let matrix = &self.matrix;
+        self.gap.gradient(z, |j, v| matrix.column(j).iter().zip(v).map(|(a, v)| a * v).sum(), &mut self.gradient);
+        self.direction.copy_from_slice(z);
+        let affine = AffineVi { matrix: &self.matrix, q: &self.q, set: vi.set() };
+        if self.solver.solve(&affine, &mut self.direction).outcome == Outcome::Solved {
+            self.direction.iter_mut().zip(&*z).for_each(|(y, z)| *y -= z);
+            self.step(vi, z, 1.0);
+            std::mem::swap(&mut self.f, &mut self.trial_f);
+            let trial = std::mem::take(&mut self.trial);
+            let reached = self.residual(vi.set(), &trial);
+            self.trial = trial;
+            if reached <= DECREASE * least {
+                z.copy_from_slice(&self.trial);
+                return true;
+            }
+            std::mem::swap(&mut self.f, &mut self.trial_f);
+            if self.search(vi, z, merit) {
+                return true;
+            }
+        }
+        for ((d, g), s) in self.direction.iter_mut().zip(&self.gradient).zip(&self.gap.scale) {
+            *d = -s * g;
+        }
+        self.search(vi, z, merit)
+    }
+
+    /// Armijo's search along the direction.
+    fn search(&mut self, vi: &mut dyn NonlinearVi, z: &mut [f64], merit: f64) -> bool {
+        let slope: f64 = self.gradient.iter().zip(&self.direction).map(|(g, d)| g * d).sum();
+        if slope.is_nan() || slope >= 0.0 {
+            return false;
+        }
+        let mut step = 1.0;
+        for _ in 0..HALVINGS {
+            self.step(vi, z, step);
+            if self.gap.value(vi.set(), &self.trial, &self.trial_f) <= merit + ARMIJO * step * slope {
+                z.copy_from_slice(&self.trial);
+                std::mem::swap(&mut self.f, &mut self.trial_f);
+                return true;
+            }
+            step *= 0.5;
+        }
+        false
+    }
+
+    fn step(&mut self, vi: &mut dyn NonlinearVi, z: &[f64], step: f64) {
+        for ((trial, z), d) in self.trial.iter_mut().zip(z).zip(&self.direction) {
+            *trial = z + step * d;
+        }
+        vi.evaluate(&self.trial, &mut self.trial_f);
+    }
+}

@@ -1,0 +1,230 @@
+//! Semismooth Newton on the natural map `F(z) = z - P_K(z - S w)` over any set, `S` one positive scale a block.
+//!
+//! With `V` an element of the B-subdifferential of `P_K` at `z - S w`, a step solves
+//!
+//! ```text
+//! (I - V (I - S A - mu I)) d = -F(z)
+//! ```
+//!
+//! (Facchinei and Pang 2003, section 7.5; for cones `V` is that of the Jordan-algebra projection). `mu` is small against
+//! `|F|` and keeps the matrix regular where `A` is singular. The full step is taken if it lowers `|F|` enough; else
+//! Armijo's search along it on the D-gap function decides (Peng and Fukushima 1999, *A hybrid Newton method for solving the
+//! variational inequality problem via the D-gap function*). Where that fails too, some iterations of Douglas-Rachford
+//! splitting give a new start, from a sequence of its own that converges for every monotone problem.
+
+use crate::problem::{Derivative, Workspace};
+use crate::vi::elimination::solve_augmented;
+use crate::vi::gap::Gap;
+use crate::vi::gauge::Gauge;
+use crate::vi::splitting::Splitting;
+use crate::vi::{Accuracy, AffineVi, EXACT, Outcome, Report};
+use nalgebra::DMatrixViewMut;
+
+/// Newton steps in all.
+const ITERATIONS: usize = 200;
+
+/// A step that lowers the residual to this fraction is one of fast convergence.
+const FAST: f64 = 0.1;
+
+/// A full step must lower `|F|` to this fraction of the least so far.
+const DECREASE: f64 = 0.9;
+
+/// `mu`: as fractions of `|F| / |z|`, one after another where a direction is of no use.
+const PROXIMAL: [f64; 4] = [1e-6, 1e-3, 1e-1, 1.0];
+
+/// Armijo's fraction of the slope, the halvings of a step, and the fraction to which the search must lower the merit.
+const ARMIJO: f64 = 1e-4;
+const HALVINGS: usize = 12;
+const WORTHWHILE: f64 = 0.99;
+
+/// Iterations of splitting at a time, and how often.
+const SPLITTING: usize = 100;
+const SPLITTINGS: usize = 50;
+
+/// Newton over any set; see the module. It grows to the problems that it meets.
+#[derive(Debug, Default)]
+pub(in crate::vi) struct BlockNewton {
+    gauge: Gauge,
+    gap: Gap,
+    derivative: Derivative,
+    work: Workspace,
+    z: Vec<f64>,
+    w: Vec<f64>,
+    /// `-F`, then the direction.
+    defect: Vec<f64>,
+    direction: Vec<f64>,
+    gradient: Vec<f64>,
+    trial: Vec<f64>,
+    trial_w: Vec<f64>,
+    column: Vec<f64>,
+    augmented: Vec<f64>,
+}
+
+impl BlockNewton {
+    /// Solves from `z`, and leaves the answer there.
+    pub fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64]) -> Report {
+        if !vi.is_sound() {
+            return Report::BREAKDOWN;
+        }
+        self.load(vi, z);
+        let mut splitting = None;
+        let mut splittings = 0;
+        let mut best = self.offer(vi, z, None);
+        let mut iterations = 0;
+        let mut least = f64::INFINITY;
+        let mut converging = true;
+        while iterations < ITERATIONS && best.componentwise > EXACT && (converging || !best.is_solved()) {
+            iterations += 1;
+            least = self.linearise(vi).min(least);
+            if !self.newton(vi, least) {
+                if best.is_solved() || splittings == SPLITTINGS {
+                    break;
+                }
+                splittings += 1;
+                let split = splitting.get_or_insert_with(|| Splitting::new(vi, &self.gap.scale, &self.z, &self.w));
+                let Some(split) = split else { break };
+                split.iterate(vi, &self.gap.scale, SPLITTING, &mut self.z);
+                least = f64::INFINITY;
+            }
+            let found = self.offer(vi, z, Some(best));
+            converging = found.componentwise <= FAST * best.componentwise;
+            best = found;
+        }
+        if best.residual.is_nan() {
+            return Report { iterations, ..Report::BREAKDOWN };
+        }
+        best.report(Outcome::Limit, iterations)
+    }
+
+    fn load(&mut self, vi: &AffineVi<'_>, z: &[f64]) {
+        let m = z.len();
+        for vector in [
+            &mut self.z,
+            &mut self.w,
+            &mut self.defect,
+            &mut self.direction,
+            &mut self.gradient,
+            &mut self.trial,
+            &mut self.trial_w,
+            &mut self.column,
+        ] {
+            vector.resize(m, 0.0);
+        }
+        self.augmented.resize(m * (m + 1), 0.0);
+        vi.scales(&mut self.gap.scale);
+        for (target, z) in self.z.iter_mut().zip(z) {
+            *target = if z.is_finite() { *z } else { 0.0 };
+        }
+        vi.set.project_all(&mut self.z, &mut self.work);
+    }
+
+    /// Measures `P_K(z - S w)`, which lies on the very face that the iterate tends to, and keeps it in `z` if there is
+    /// none better.
+    fn offer(&mut self, vi: &AffineVi<'_>, z: &mut [f64], best: Option<Accuracy>) -> Accuracy {
+        vi.product(&self.z, &mut self.w);
+        for (((trial, z), w), s) in self.trial.iter_mut().zip(&self.z).zip(&self.w).zip(&self.gap.scale) {
+            *trial = z - s * w;
+        }
+        vi.set.project_all(&mut self.trial, &mut self.work);
+        let found = self.gauge.measure(vi, &self.trial);
+        match best {
+            Some(best) if found.residual.is_nan() || found.componentwise >= best.componentwise => best,
+            _ => {
+                z.copy_from_slice(&self.trial);
+                found
+            }
+        }
+    }
+
+    /// `w`, `-F` and `V` at the iterate; returns the size of `F`.
+    fn linearise(&mut self, vi: &AffineVi<'_>) -> f64 {
+        vi.product(&self.z, &mut self.w);
+        for (((x, z), w), s) in self.defect.iter_mut().zip(&self.z).zip(&self.w).zip(&self.gap.scale) {
+            *x = z - s * w;
+        }
+        self.derivative.linearise(vi.set, &mut self.defect, &mut self.work);
+        self.defect.iter_mut().zip(&self.z).for_each(|(p, z)| *p -= z);
+        length(&self.defect, &self.gap.scale)
+    }
+
+    /// Moves the iterate along a Newton direction; false if none is of use.
+    fn newton(&mut self, vi: &AffineVi<'_>, least: f64) -> bool {
+        let norm = length(&self.defect, &self.gap.scale);
+        let size = length(&self.z, &self.gap.scale);
+        let relative = if size > norm { norm / size } else { 1.0 };
+        let merit = self.gap.value(vi.set, &self.z, &self.w);
+        let m = self.z.len();
+        let column = |j: usize| &vi.matrix.as_slice()[j * m..][..m];
+        self.gap.gradient(&self.z, |j, v| dot(column(j), v), &mut self.gradient);
+        for proximal in PROXIMAL {
+            if !self.direction(vi, proximal * relative) {
+                continue;
+            }
+            self.step(vi, 1.0);
+            if self.defect_at_trial(vi) <= DECREASE * least {
+                self.z.copy_from_slice(&self.trial);
+                return true;
+            }
+            let slope = dot(&self.gradient, &self.direction);
+            let mut step = 1.0;
+            for _ in 0..HALVINGS {
+                self.step(vi, step);
+                let reached = self.gap.value(vi.set, &self.trial, &self.trial_w);
+                if reached <= merit + ARMIJO * step * slope && reached <= WORTHWHILE * merit {
+                    self.z.copy_from_slice(&self.trial);
+                    return true;
+                }
+                step *= 0.5;
+            }
+        }
+        false
+    }
+
+    /// Solves for the direction. False if the matrix is singular.
+    fn direction(&mut self, vi: &AffineVi<'_>, mu: f64) -> bool {
+        let m = self.z.len();
+        let (matrix, right) = self.augmented.split_at_mut(m * m);
+        for (j, out) in matrix.chunks_exact_mut(m.max(1)).enumerate() {
+            // Column j is e_j + V (S A + mu I - I) e_j.
+            let source = &vi.matrix.as_slice()[j * m..][..m];
+            for ((x, a), s) in self.column.iter_mut().zip(source).zip(&self.gap.scale) {
+                *x = s * a;
+            }
+            self.column[j] += mu - 1.0;
+            self.derivative.apply(vi.set, &self.column, out);
+            out[j] += 1.0;
+        }
+        right.copy_from_slice(&self.defect);
+        if !solve_augmented(&mut DMatrixViewMut::from_slice(&mut self.augmented, m, m + 1)) {
+            return false;
+        }
+        self.direction.copy_from_slice(&self.augmented[m * m..]);
+        self.direction.iter().all(|d| d.is_finite())
+    }
+
+    fn step(&mut self, vi: &AffineVi<'_>, step: f64) {
+        for ((trial, z), d) in self.trial.iter_mut().zip(&self.z).zip(&self.direction) {
+            *trial = z + step * d;
+        }
+        vi.product(&self.trial, &mut self.trial_w);
+    }
+
+    /// `|F|` at the trial point.
+    fn defect_at_trial(&mut self, vi: &AffineVi<'_>) -> f64 {
+        for (((x, z), w), s) in self.column.iter_mut().zip(&self.trial).zip(&self.trial_w).zip(&self.gap.scale) {
+            *x = z - s * w;
+        }
+        vi.set.project_all(&mut self.column, &mut self.work);
+        self.column.iter_mut().zip(&self.trial).for_each(|(p, z)| *p -= z);
+        length(&self.column, &self.gap.scale)
+    }
+}
+
+/// `sqrt(sum x_i^2 / s_i)`
+fn length(x: &[f64], scale: &[f64]) -> f64 {
+    x.iter().zip(scale).map(|(x, s)| x * x / s).sum::<f64>().sqrt()
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}

@@ -1,0 +1,49 @@
+//! Which solver is chosen, and what is said of those that failed.
+
+use super::super::{Attempt, Auto, SolverKind};
+use super::*;
+
+#[test]
+fn auto_names_the_solver_that_answered() {
+    let mut random = Random(11);
+    let mut auto = Auto::new(3);
+    assert_eq!(auto.name(), "auto");
+    for (m, name) in [(3, "lemke"), (501, "semismooth_newton"), (5, "lemke")] {
+        let problem = Problem::complementarity(DMatrix::identity(m, m), random.vector(m));
+        problem.solve_exactly(&mut auto);
+        assert_eq!(auto.name(), name);
+    }
+}
+
+#[test]
+fn kinds_are_known_by_their_names() {
+    for kind in SolverKind::ALL {
+        assert_eq!(SolverKind::by_name(kind.name()), Some(kind));
+    }
+    assert_eq!(SolverKind::by_name("interior_point"), None);
+}
+
+#[test]
+fn pivoting_refuses_what_is_no_product_of_intervals() {
+    let mut set = ConvexSet::free(2);
+    set.bind(vec![0, 1], Shape::SecondOrderCone);
+    let problem = Problem::new(DMatrix::identity(2, 2), vec![1.0, 0.0], set);
+    let mut z = vec![0.0; 2];
+    assert_eq!(problem.solve(&mut Lemke::new(2), &mut z).outcome, Outcome::Unsuitable);
+}
+
+#[test]
+fn the_story_names_every_solver_that_was_tried() {
+    // No point of the half plane z1 >= 1 minimises -z2: there is no solution, and all say so in their way.
+    let mut set = ConvexSet::free(2);
+    set.bind(vec![0, 1], Shape::Polyhedron(Polyhedron::new(2, &[-1.0, 0.0], &[-1.0]).expect("not empty")));
+    let problem = Problem::new(DMatrix::zeros(2, 2), vec![0.0, -1.0], set);
+    let mut auto = Auto::new(2);
+    let mut z = vec![0.0; 2];
+    let report = problem.solve(&mut auto, &mut z);
+    assert_eq!(report.outcome, Outcome::Ray);
+    let tried: Vec<SolverKind> = auto.attempts().iter().map(|attempt| attempt.solver).collect();
+    assert_eq!(tried, [SolverKind::SemismoothNewton, SolverKind::Conic, SolverKind::BlockGaussSeidel]);
+    assert_eq!(auto.attempts()[1], Attempt { solver: SolverKind::Conic, outcome: Outcome::Ray });
+    assert_eq!(auto.name(), "conic");
+}

@@ -1,0 +1,106 @@
+//! Documents nobody meant to write: whatever the bytes, there is an answer, and an answer that refuses says why.
+
+use crate::documents::{block, linear};
+use dvi::specification::Specification;
+use proptest::prelude::*;
+use serde_json::{Value, json};
+use std::time::{Duration, Instant};
+
+fn answered(text: &[u8]) {
+    if let Err(errors) = Specification::from_json(text) {
+        assert!(!errors.is_empty());
+        assert!(errors.iter().all(|error| !error.code.is_empty() && !error.detail.is_empty()), "{errors:?}");
+    }
+}
+
+/// Every place in a value.
+fn pointers(value: &Value, at: String, found: &mut Vec<String>) {
+    match value {
+        Value::Object(members) => members.iter().for_each(|(key, value)| pointers(value, format!("{at}/{key}"), found)),
+        Value::Array(items) => {
+            items.iter().enumerate().for_each(|(i, value)| pointers(value, format!("{at}/{i}"), found));
+        }
+        _ => {}
+    }
+    found.push(at);
+}
+
+proptest! {
+    #[test]
+    fn bytes_changed_at_random_are_answered(
+        edits in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6)
+    ) {
+        for document in [block(), linear()] {
+            let mut text = document.to_string().into_bytes();
+            for (place, byte) in &edits {
+                let place = place.index(text.len());
+                text[place] = *byte;
+            }
+            answered(&text);
+        }
+    }
+}
+
+/// One value replaced by one of another kind: the errors stand at that value or below it, and nowhere else.
+#[test]
+fn a_value_of_another_kind_is_answered_at_its_place() {
+    let strange = [json!(null), json!(true), json!(-1), json!("?"), json!([]), json!({}), json!({"a": 1, "b": 2})];
+    for document in [block(), linear()] {
+        let mut places = Vec::new();
+        pointers(&document, String::new(), &mut places);
+        for place in places.iter().filter(|place| !place.is_empty()) {
+            for value in &strange {
+                let mut changed = document.clone();
+                *changed.pointer_mut(place).unwrap() = value.clone();
+                if let Err(errors) = Specification::from_json(changed.to_string().as_bytes()) {
+                    assert!(!errors.is_empty());
+                    if errors[0].code == "wrong_type" {
+                        let stray = errors.iter().find(|error| !error.pointer.starts_with(place.as_str()));
+                        assert_eq!(stray, None, "{place} = {value}");
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_large_document_with_many_errors_is_answered_in_time() {
+    let mut document = linear();
+    document["problem"]["lcs"]["A"] = json!({
+        "shape": [2, 2],
+        "entries": (0..300_000).map(|_| json!([0, true, "1"])).collect::<Vec<_>>()
+    });
+    let text = document.to_string();
+    let start = Instant::now();
+    let errors = Specification::from_json(text.as_bytes()).unwrap_err();
+    assert!(!errors.is_empty());
+    assert!(start.elapsed() < Duration::from_secs(20), "{:?}", start.elapsed());
+}
+
+/// Looking for the nearest of many names once for each of many wrong ones would take minutes.
+#[test]
+fn many_wrong_names_among_many_right_ones_are_answered_in_time() {
+    const N: usize = 20_000;
+    let names = |letter: &str| (0..N).map(|i| format!("{letter}{i}")).collect::<Vec<_>>();
+    let states: serde_json::Map<_, _> =
+        names("x").into_iter().map(|name| (name, json!({"initial": 0, "rate": 0}))).collect();
+    let wrong: serde_json::Map<_, _> =
+        names("x").into_iter().map(|name| (name, json!({"initial": 0, "rate": format!("y{N}")}))).collect();
+    let document = |states, fields, atol| {
+        json!({
+            "problem": {"dvi": {"states": states}}, "time": {"end": 1},
+            "output": {"fields": fields}, "method": {"atol": atol}
+        })
+    };
+    let tolerances: serde_json::Map<_, _> = names("w").into_iter().map(|name| (name, json!(1))).collect();
+    let start = Instant::now();
+    for document in [
+        document(states.clone(), names("x"), tolerances),
+        document(states, names("w"), serde_json::Map::new()),
+        document(wrong, names("x"), serde_json::Map::new()),
+    ] {
+        assert_eq!(Specification::from_json(document.to_string().as_bytes()).unwrap_err().len(), 101);
+    }
+    assert!(start.elapsed() < Duration::from_secs(30), "{:?}", start.elapsed());
+}

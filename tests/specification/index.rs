@@ -1,0 +1,62 @@
+//! What cannot be solved as it is posed is refused with the reason, and the way round it.
+
+use crate::documents::assert_errors;
+use dvi::problem::Control;
+use dvi::specification::Specification;
+use serde_json::{Value, json};
+
+/// A chain of integrators driven by `z`, with `G` the state that many integrations away.
+fn chain(distance: usize) -> Value {
+    let state = ["a", "b", "c"][distance];
+    json!({
+        "problem": {"dvi": {
+            "states": {
+                "a": {"initial": 1, "rate": "z - 1"},
+                "b": {"initial": 1, "rate": "a"},
+                "c": {"initial": 1, "rate": "b"}
+            },
+            "variables": {"z": {"inequality": state}},
+            "set": [{"nonnegative": ["z"]}]
+        }},
+        "time": {"end": 1}
+    })
+}
+
+#[test]
+fn index_one_is_accepted() {
+    let specification = Specification::from_json(chain(0).to_string().as_bytes()).unwrap();
+    assert_eq!(specification.analysis().index, Some(1));
+}
+
+#[test]
+fn index_two_with_a_bound_needs_implicit_euler() {
+    let mut document = chain(1);
+    assert_errors(&document, &[("/method", "index_two_needs_euler", "the index is 2")]);
+    document["method"] = json!({"stages": 1, "step": 0.001});
+    let specification = Specification::from_json(document.to_string().as_bytes()).unwrap();
+    // b falls like 1 + t - t^2/2 to zero at 1 + sqrt 3: no bound is reached before t = 1.
+    let solution = dvi::solve(&specification, &Control::new());
+    let b = *solution.trajectory.field("b").unwrap().last().unwrap();
+    assert!((b - 1.5).abs() < 1e-3, "b = {b}");
+}
+
+#[test]
+fn index_two_lands_on_its_bound_by_an_impulse() {
+    let mut document = chain(1);
+    document["time"]["end"] = json!(4);
+    document["method"] = json!({"stages": 1, "step": 0.001});
+    let specification = Specification::from_json(document.to_string().as_bytes()).unwrap();
+    let solution = dvi::solve(&specification, &Control::new());
+    let end = |name: &str| *solution.trajectory.field(name).unwrap().last().unwrap();
+    // Inelastic: b rests at zero, its velocity a is gone, z carries the weight.
+    assert!(end("b").abs() < 1e-12 && end("a").abs() < 1e-9, "b = {}, a = {}", end("b"), end("a"));
+    assert!((end("z") - 1.0).abs() < 1e-9, "z = {}", end("z"));
+}
+
+#[test]
+fn index_three_is_refused_unless_accepted() {
+    let mut document = chain(2);
+    assert_errors(&document, &[("/problem", "index_too_high", "the index is 3")]);
+    document["method"] = json!({"accept_index_three": true});
+    assert!(Specification::from_json(document.to_string().as_bytes()).is_ok());
+}

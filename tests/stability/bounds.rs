@@ -1,0 +1,97 @@
+//! Bounds that move with time or with the states, meet, cross, or are one point from the beginning.
+
+use crate::stability::harness::{Case, column, distance, instants, last};
+use dvi::solution::Status;
+use serde_json::json;
+
+#[test]
+fn a_variable_follows_bounds_that_move() {
+    // z = max(cos t, sin t): the median of (cos t, sin t, 2).
+    let case = Case::until(6.0).state("x", 0.0, "-x + z").between("z", "z - sin(t)", "cos(t)", "2");
+    let solution = case.method(json!({"rtol": 1e-8})).solve();
+    let error = distance(&solution, "z", |t| t.cos().max(t.sin()));
+    assert!(error < 1e-12, "z is off by {error:e}");
+    let times = instants(&solution);
+    assert_eq!(times.len(), 2, "{times:?}");
+    for (t, quarter) in times.iter().zip([0.25, 1.25]) {
+        assert!((t - quarter * std::f64::consts::PI).abs() < 1e-9, "{t}");
+    }
+    let evidence = solution.diagnostics.complementarity.expect("evidence");
+    assert!(evidence.smallest_g > -1e-9 && evidence.largest_product < 1e-9, "{evidence:?}");
+}
+
+#[test]
+fn a_bound_that_is_a_state_bounds_its_own_rate() {
+    let case = Case::until(6.0).state("x", 1.0, "-z").between("z", "z - 2", "0", "x");
+    let solution = case.method(json!({"rtol": 1e-8})).solve();
+    let error = distance(&solution, "x", |t| (-t).exp());
+    assert!(error < 1e-8, "off by {error:e}");
+}
+
+#[test]
+fn a_friction_bound_that_fades_lets_go_where_it_must() {
+    // |F| <= x = e^-t cannot hold 0.5 after t = ln 2; from then v' = 0.5 - e^-t.
+    let case = Case::until(3.0).state("x", 1.0, "-x").state("v", 0.0, "0.5 - F").between("F", "-v", "-x", "x");
+    let solution = case.method(json!({"rtol": 1e-8})).solve();
+    let slip = 2.0_f64.ln();
+    let error = distance(&solution, "v", |t| if t < slip { 0.0 } else { 0.5 * (t - slip) + (-t).exp() - 0.5 });
+    assert!(error < 1e-8, "off by {error:e}");
+    assert!((instants(&solution)[0] - slip).abs() < 1e-8, "{:?}", instants(&solution));
+}
+
+#[test]
+fn a_point_for_an_interval_is_an_input() {
+    let case = Case::until(6.0).state("x", 1.0, "-x + z").between("z", "-x", "0.5", "0.5");
+    let solution = case.method(json!({"rtol": 1e-8})).solve();
+    let error = distance(&solution, "x", |t| 0.5 + 0.5 * (-t).exp());
+    assert!(error < 1e-8, "off by {error:e}");
+    let case = Case::until(6.0).state("x", 1.0, "z").between("z", "-x", "cos(t)", "cos(t)");
+    let solution = case.method(json!({"rtol": 1e-8})).solve();
+    let error = distance(&solution, "x", |t| 1.0 + t.sin());
+    assert!(error < 1e-8, "off by {error:e}");
+    assert_eq!(solution.diagnostics.switches, 0);
+}
+
+#[test]
+fn bounds_that_meet_and_part_again_are_no_trouble() {
+    let case = Case::until(6.0).state("x", 0.0, "z").between("z", "z - 2", "sin(t)", "1");
+    let solution = case.solve();
+    assert!((last(&solution, "x") - 6.0).abs() < 1e-12);
+}
+
+#[test]
+fn bounds_that_cross_end_the_run_where_they_do() {
+    // sin t passes 1/2 at pi/6, before which z = max(sin t, 0.2).
+    let case = Case::until(6.0).state("x", 0.0, "z").between("z", "z - 0.2", "sin(t)", "0.5");
+    let solution = case.method(json!({"rtol": 1e-8})).run();
+    assert_eq!(solution.status, Status::Failed);
+    let failure = solution.error.as_ref().expect("a failure");
+    assert_eq!(failure.code, "empty_set");
+    assert!(failure.message.contains("`z`"), "{}", failure.message);
+    assert!((failure.time - std::f64::consts::FRAC_PI_6).abs() < 1e-8, "{}", failure.time);
+    assert!(column(&solution, "z").iter().all(|&z| (0.2 - 1e-9..0.5 + 1e-9).contains(&z)));
+    // And where the state that bounds both ways changes its sign: x = 2 e^-t - 1 at t = ln 2.
+    let case = Case::until(3.0).state("x", 1.0, "-1 - x").state("v", 1.0, "-F").between("F", "-v", "-x", "x");
+    let failure = case.run().error.expect("a failure");
+    assert_eq!(failure.code, "empty_set");
+    assert!((failure.time - 2.0_f64.ln()).abs() < 1e-6, "{}", failure.time);
+}
+
+#[test]
+fn both_ends_of_an_interval_are_reached_within_one_step() {
+    // z = clip(gain sin t) goes from one end to the other in 2/gain.
+    for gain in [1e3, 1e9] {
+        let case = Case::until(10.0).state("x", 0.0, "-x + z");
+        let case = case.between("z", &format!("z - {gain:e}*sin(t)"), "-1", "1").method(json!({"rtol": 1e-8}));
+        let solution = case.solve();
+        // x' = -x + sgn(sin t), but for 2/gain at each switch.
+        let mut exact = 0.0;
+        for k in 0..4 {
+            let (from, to) = (f64::from(k) * std::f64::consts::PI, (f64::from(k + 1) * std::f64::consts::PI).min(10.0));
+            let level = if k % 2 == 0 { 1.0 } else { -1.0 };
+            exact = level + (exact - level) * (from - to).exp();
+        }
+        let error = (last(&solution, "x") - exact).abs();
+        assert!(error < 2.0 / gain + 1e-8, "gain {gain:e}: off by {error:e}");
+    }
+}

@@ -1,0 +1,140 @@
+//! A specification put together in a line or two, and its answer.
+
+use dvi::problem::Control;
+use dvi::solution::{Solution, Status};
+use dvi::specification::Specification;
+use serde_json::{Map, Value, json};
+
+/// A problem of type `dvi` in the making.
+pub struct Case {
+    specification: Value,
+}
+
+impl Case {
+    /// A problem to be solved from 0 to `end`.
+    pub fn until(end: f64) -> Self {
+        let dvi = json!({"states": {}, "variables": {}, "set": []});
+        Self { specification: json!({"problem": {"dvi": dvi}, "time": {"end": end}}) }
+    }
+
+    /// Another start than 0.
+    pub fn from(mut self, start: f64) -> Self {
+        self.specification["time"]["start"] = json!(start);
+        self
+    }
+
+    /// A state `name` with its initial value and its rate.
+    pub fn state(mut self, name: &str, initial: f64, rate: &str) -> Self {
+        self.dvi("states")[name] = json!({"initial": initial, "rate": rate});
+        self
+    }
+
+    /// A variable with its inequality, in the block of the set made by `block` from its name.
+    fn variable(mut self, name: &str, inequality: &str, block: Value) -> Self {
+        self.dvi("variables")[name] = json!({"inequality": inequality});
+        self.dvi("set").as_array_mut().expect("a list").push(block);
+        self
+    }
+
+    /// A variable that is not negative.
+    pub fn nonnegative(self, name: &str, inequality: &str) -> Self {
+        self.variable(name, inequality, json!({"nonnegative": [name]}))
+    }
+
+    /// A variable between two bounds.
+    pub fn between(self, name: &str, inequality: &str, lower: &str, upper: &str) -> Self {
+        self.variable(name, inequality, json!({"box": {"of": [name], "lower": lower, "upper": upper}}))
+    }
+
+    /// A variable without bounds.
+    pub fn free(self, name: &str, equation: &str) -> Self {
+        self.variable(name, equation, json!({"free": [name]}))
+    }
+
+    /// A mass matrix.
+    pub fn mass(mut self, matrix: Value) -> Self {
+        self.specification["problem"]["dvi"]["mass"] = matrix;
+        self
+    }
+
+    /// The choices of the method.
+    pub fn method(mut self, method: Value) -> Self {
+        self.specification["method"] = method;
+        self
+    }
+
+    /// The output times.
+    pub fn times(mut self, times: Value) -> Self {
+        self.specification["output"] = json!({"times": times});
+        self
+    }
+
+    /// The limits.
+    pub fn limits(mut self, limits: Value) -> Self {
+        self.specification["limits"] = limits;
+        self
+    }
+
+    /// The checked specification.
+    pub fn specification(&self) -> Specification {
+        let mut specification = self.specification.clone();
+        let dvi = specification["problem"]["dvi"].as_object_mut().expect("an object");
+        if dvi["variables"].as_object().is_some_and(Map::is_empty) {
+            dvi.remove("variables");
+            dvi.remove("set");
+        }
+        Specification::from_json(specification.to_string().as_bytes())
+            .unwrap_or_else(|errors| panic!("the specification has errors: {errors:#?}"))
+    }
+
+    /// The answer, whatever its status.
+    pub fn run(&self) -> Solution {
+        let solution = dvi::solve(&self.specification(), &Control::new());
+        assert_finite(&solution);
+        solution
+    }
+
+    /// The answer of a run that must reach its end.
+    pub fn solve(&self) -> Solution {
+        let solution = self.run();
+        assert_eq!(solution.status, Status::Completed, "{:?}", solution.error);
+        solution
+    }
+
+    fn dvi(&mut self, key: &str) -> &mut Value {
+        &mut self.specification["problem"]["dvi"][key]
+    }
+}
+
+/// The bounds of a relay.
+pub const RELAY: [&str; 2] = ["-1", "1"];
+
+/// No answer holds a NaN or an infinity.
+pub fn assert_finite(solution: &Solution) {
+    for field in &solution.trajectory.fields {
+        assert!(field.values.iter().all(|value| value.is_finite()), "`{}` is not finite", field.name);
+    }
+}
+
+/// A field over time.
+pub fn column<'a>(solution: &'a Solution, name: &str) -> &'a [f64] {
+    solution.trajectory.field(name).unwrap_or_else(|| panic!("there is no field `{name}`"))
+}
+
+/// The last value of a field.
+pub fn last(solution: &Solution, name: &str) -> f64 {
+    *column(solution, name).last().unwrap_or_else(|| panic!("`{name}` has no values"))
+}
+
+/// The largest distance of a field from a function of time.
+pub fn distance(solution: &Solution, name: &str, exact: impl Fn(f64) -> f64) -> f64 {
+    let times = solution.trajectory.t.iter();
+    times.zip(column(solution, name)).map(|(&t, &value)| (value - exact(t)).abs()).fold(0.0, f64::max)
+}
+
+/// The times of the events, those of one instant once.
+pub fn instants(solution: &Solution) -> Vec<f64> {
+    let mut times: Vec<f64> = solution.trajectory.events.iter().map(|event| event.t).collect();
+    times.dedup();
+    times
+}

@@ -1,0 +1,14 @@
+//! Stability at the limits: stiffness, scales, horizons, blow-ups, degenerate inequalities, accumulating switches, step
+//! sizes and output times at their extremes. Every answer is from outside: a closed form, or what must hold of any run.
+
+mod bounds;
+mod breakdown;
+mod degenerate;
+mod harness;
+mod outputs;
+mod scales;
+mod start;
+mod steps;
+mod stiffness;
+mod switches;
+mod zeno;

@@ -1,0 +1,55 @@
+//! Starts: variables without a guess where they enter nonlinearly, states that must jump.
+
+use crate::stability::harness::{Case, column, distance, last};
+use serde_json::json;
+
+/// The root of `z^3 + z = 1`.
+const ROOT: f64 = 0.682_327_803_828_019_3;
+
+#[test]
+fn a_variable_that_enters_nonlinearly_is_found_without_a_guess() {
+    let free = Case::until(1.0).state("x", 1.0, "-x + z").free("z", "z^3 + z - x");
+    let bounded = Case::until(1.0).state("x", 1.0, "-x + z").nonnegative("z", "z^3 + z - x");
+    for case in [free, bounded] {
+        let solution = case.method(json!({"rtol": 1e-9})).solve();
+        assert!((column(&solution, "z")[0] - ROOT).abs() < 1e-9, "z = {}", column(&solution, "z")[0]);
+        for (x, z) in column(&solution, "x").iter().zip(column(&solution, "z")) {
+            assert!((z.powi(3) + z - x).abs() < 1e-8);
+        }
+    }
+    // With x = z + z^3, x' = -z^3: z (1 + 3 z^2)' gives 1/(2 z^2) - 3 ln z = c + t.
+    let case = Case::until(1.0).state("x", 1.0, "-x + z").nonnegative("z", "z^3 + z - x");
+    let solution = case.method(json!({"rtol": 1e-9})).solve();
+    let integral = |z: f64| 0.5 / (z * z) - 3.0 * z.ln();
+    assert!((integral(last(&solution, "z")) - integral(ROOT) - 1.0).abs() < 1e-7);
+    // exp(z) = 5 x: Newton's first step goes to 4, the root is ln 5.
+    let case = Case::until(1.0).state("x", 1.0, "-x").nonnegative("z", "exp(z) - 5*x");
+    let solution = case.method(json!({"rtol": 1e-9})).solve();
+    let error = distance(&solution, "z", |t| 5.0_f64.ln() - t);
+    assert!(error < 1e-8, "off by {error:e}");
+}
+
+#[test]
+fn states_outside_what_the_inequalities_allow_jump_to_them() {
+    let solution = Case::until(3.0).state("x", -1.0, "-1 + z").nonnegative("z", "x").solve();
+    assert!(distance(&solution, "x", |_| 0.0) < 1e-12);
+    // The impulse (1, 0) takes (-1, 1) to (0, 1.5); then y' = -0.5, until at t = 3 both rest.
+    let case = Case::until(4.0).state("x", -1.0, "-1 + a + 0.5*b").state("y", 1.0, "-1 + 0.5*a + b");
+    let solution = case.nonnegative("a", "x").nonnegative("b", "y").solve();
+    assert!(distance(&solution, "x", |_| 0.0) < 1e-12);
+    let error = distance(&solution, "y", |t| (1.5 - 0.5 * t).max(0.0));
+    assert!(error < 1e-11, "off by {error:e}");
+    assert!(solution.diagnostics.warnings.iter().any(|warning| warning.code == "initial_jump"));
+}
+
+#[test]
+fn a_singular_mass_matrix_makes_an_algebraic_state() {
+    let case = Case::until(2.0).state("x", 1.0, "-x + y").state("y", 0.5, "x - 2*y");
+    let solution = case.mass(json!([[1, 0], [0, 0]])).method(json!({"rtol": 1e-8})).solve();
+    let error = distance(&solution, "y", |t| 0.5 * (-0.5 * t).exp());
+    assert!(error < 1e-8, "off by {error:e}");
+    let case = Case::until(2.0).state("x", 1.0, "-x + y").state("y", 0.7, "x - 2*y");
+    let failure = case.mass(json!([[1, 0], [0, 0]])).run().error.expect("a failure");
+    assert_eq!(failure.code, "inconsistent_start");
+    assert!(failure.message.contains("`y` by -2"), "{}", failure.message);
+}

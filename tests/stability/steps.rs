@@ -1,0 +1,69 @@
+//! Step sizes at their extremes, and ten million of them.
+
+use crate::stability::harness::{Case, last};
+use dvi::solution::Status;
+use serde_json::{Value, json};
+
+fn decay(method: Value) -> Case {
+    Case::until(1.0).state("x", 1.0, "-x").method(method).times(json!([1]))
+}
+
+#[test]
+fn any_choice_of_step_sizes_gives_the_answer() {
+    for method in [
+        json!({"first_step": 1e-100}),
+        json!({"first_step": 1e10}),
+        json!({"max_step": 1e-3}),
+        json!({"max_step": 1e300}),
+        json!({"min_step": 1e-3}),
+        json!({"rtol": 1e-14, "atol": 1e-300}),
+        json!({"atol": 1e-320}),
+        json!({"step": 1e-3}),
+        json!({"step": 0.3}),
+    ] {
+        let error = (last(&decay(method.clone()).solve(), "x") - (-1.0_f64).exp()).abs();
+        assert!(error < 2e-7, "{method}: off by {error:e}");
+    }
+    // One step of three stages over all of it: R(-1) of the (2, 3) Pade approximation is 39/106.
+    for step in [1.0, 1e300] {
+        let error = (last(&decay(json!({"step": step})).solve(), "x") - 39.0 / 106.0).abs();
+        assert!(error < 1e-15, "off by {error:e}");
+    }
+}
+
+#[test]
+fn no_step_is_shorter_than_the_shortest_allowed() {
+    let case = Case::until(1.0).state("x", 1.0, "-x").method(json!({"rtol": 1e-3, "min_step": 0.3}));
+    let solution = case.solve();
+    let steps: Vec<f64> = solution.trajectory.t.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    assert!(steps[..steps.len() - 1].iter().all(|&step| step >= 0.3), "{steps:?}");
+    let solution = Case::until(1.0).state("x", 1.0, "-1e3*x").method(json!({"min_step": 0.3})).run();
+    assert_eq!(solution.status, Status::Failed);
+    assert_eq!(solution.error.expect("a failure").code, "step_too_small");
+}
+
+#[test]
+fn a_million_steps_do_not_lose_their_time() {
+    // Rounding t at every step would leave 3e-12.
+    let solution = decay(json!({"step": 1e-6})).solve();
+    assert_eq!(solution.diagnostics.steps.accepted, 1_000_000);
+    let error = (last(&solution, "x") - (-1.0_f64).exp()).abs();
+    assert!(error < 1e-13, "off by {error:e}");
+}
+
+#[test]
+fn every_number_of_stages_solves_a_nonlinear_problem_at_its_order() {
+    // The logistic equation from 1/10.
+    let exact = 1.0 / (1.0 + 9.0 * (-9.0_f64).exp());
+    let error = |stages: usize, step: f64| {
+        let case = Case::until(3.0).state("x", 0.1, "3*x*(1 - x)");
+        let case = case.method(json!({"stages": stages, "step": step, "rtol": 1e-13})).times(json!([3]));
+        (last(&case.solve(), "x") - exact).abs()
+    };
+    for stages in 1..=9 {
+        let (coarse, fine) = (error(stages, 0.2), error(stages, 0.1));
+        let order = (coarse / fine).log2();
+        let full = 2.0 * stages as f64 - 1.0;
+        assert!(order > full - 0.4 || fine < 1e-13, "{stages} stages: order {order}, errors {coarse:e}, {fine:e}");
+    }
+}

@@ -1,0 +1,136 @@
+//! Switches: many, at once, touched only, and stepped over.
+
+use crate::stability::harness::{Case, RELAY, column, distance, instants, last};
+use serde_json::json;
+
+#[test]
+fn a_bound_that_is_touched_is_no_switch_and_one_passed_within_a_step_is_two() {
+    // Without z, x = (t - 1)^2 + depth. With depth < 0 it rests at zero from 1 - sqrt(-depth) to 1.
+    for depth in [0.0, 1e-14, 1e-8, 1e-6] {
+        let case = Case::until(3.0).state("x", 1.0 + depth, "2*(t - 1) + z").nonnegative("z", "x");
+        let solution = case.method(json!({"rtol": 1e-8})).solve();
+        let error = distance(&solution, "x", |t| (t - 1.0).powi(2) + depth);
+        assert!(error < 1e-13, "{depth:e}: off by {error:e}");
+    }
+    for depth in [-1e-8, -1e-6, -1e-4, -1e-2, -0.3] {
+        let contact = 1.0 - f64::sqrt(-depth);
+        let case = Case::until(3.0).state("x", 1.0 + depth, "2*(t - 1) + z").nonnegative("z", "x");
+        let solution = case.method(json!({"rtol": 1e-8})).solve();
+        let exact = |t: f64| if t < contact { (t - 1.0).powi(2) + depth } else { (t - 1.0).max(0.0).powi(2) };
+        let error = distance(&solution, "x", exact);
+        assert!(error < 1e-11, "{depth:e}: off by {error:e}");
+        let times = instants(&solution);
+        assert_eq!(times.len(), 2, "{depth:e}: {times:?}");
+        assert!((times[0] - contact).abs() < 1e-8 && (times[1] - 1.0).abs() < 1e-8, "{depth:e}: {times:?}");
+    }
+}
+
+#[test]
+fn variables_that_switch_at_once_switch_at_one_time() {
+    for count in [2, 3] {
+        let mut case = Case::until(3.0);
+        for k in 0..count {
+            let speed = f64::from(k + 1);
+            let next = (k + 1) % count;
+            case = case.state(&format!("x{k}"), speed, &format!("-{speed} + z{k} + 0.25*z{next}"));
+            case = case.nonnegative(&format!("z{k}"), &format!("x{k}"));
+        }
+        let solution = case.method(json!({"rtol": 1e-8})).solve();
+        for k in 0..count {
+            let speed = f64::from(k + 1);
+            let error = distance(&solution, &format!("x{k}"), |t| (speed * (1.0 - t)).max(0.0));
+            assert!(error < 1e-13, "x{k} is off by {error:e}");
+            let next = (k + 1) % count;
+            let push = last(&solution, &format!("z{k}")) + 0.25 * last(&solution, &format!("z{next}"));
+            assert!((push - speed).abs() < 1e-12);
+        }
+        let times = instants(&solution);
+        assert!(times.len() == 1 && (times[0] - 1.0).abs() < 1e-12, "{times:?}");
+        assert_eq!(solution.diagnostics.switches, count as u64);
+    }
+}
+
+#[test]
+fn a_spring_with_dry_friction_stops_after_eight_half_turns() {
+    // x'' + 100 x in -0.3 g Sgn x' from 1/2: each half turn takes pi/10 and 2 mu g/k = 0.05886 of the amplitude, until the
+    // spring is weaker than friction.
+    let case = Case::until(4.0).state("x", 0.5, "v").state("v", 0.0, "-100*x - F");
+    let turns: Vec<f64> = (0..=8).map(|k| 0.1 * std::f64::consts::PI * f64::from(k)).collect();
+    let case = case.between("F", "-v", "-2.943", "2.943").method(json!({"rtol": 1e-10}));
+    let solution = case.times(json!([&turns[..], &[3.0, 4.0]].concat())).solve();
+    let exact = |k: i32| f64::powi(-1.0, k) * (0.5 - 0.05886 * f64::from(k));
+    for (k, &x) in (0..).zip(column(&solution, "x")) {
+        let error = (x - exact(k.min(8))).abs();
+        assert!(error < 1e-8, "half turn {k}: {x} is off by {error:e}");
+    }
+    assert!(last(&solution, "v").abs() < 1e-12);
+    let times = instants(&solution);
+    assert!((times[times.len() - 1] - turns[8]).abs() < 1e-8, "{times:?}");
+}
+
+#[test]
+fn a_hundred_thousand_switches_keep_their_phase() {
+    // x' = 3 cos t - sgn x settles to x(t + pi) = -x(t), positive from t_0 with 6 sin t_0 = -pi.
+    let half_periods = 100_000;
+    let end = std::f64::consts::PI * f64::from(half_periods);
+    let case = Case::until(end).state("x", 0.0, "3*cos(t) - s").between("s", "-x", RELAY[0], RELAY[1]);
+    let solution = case.method(json!({"rtol": 1e-6})).times(json!([end])).solve();
+    let switches = instants(&solution);
+    assert_eq!(switches.len(), half_periods as usize);
+    let first = std::f64::consts::PI - (std::f64::consts::PI / 6.0).asin();
+    let phase = switches[switches.len() - 1] % std::f64::consts::PI;
+    assert!((phase - first).abs() < 1e-5, "the last switch is at {phase}, not {first}, of its half period");
+    let error = (last(&solution, "x") - std::f64::consts::FRAC_PI_2 + (std::f64::consts::PI / 6.0).asin()).abs();
+    assert!(error < 1e-4, "x is off by {error:e}");
+    // What is kept is what was asked for, whatever the number of steps.
+    assert_eq!(solution.trajectory.t.len(), 1);
+}
+
+#[test]
+fn stepping_over_switches_solves_every_step_and_converges() {
+    // x = 2 - 0.7 t + 0.1 sin t until it is zero, and rests there; y is its integral.
+    let mut rest = 2.8_f64;
+    for _ in 0..20 {
+        rest -= (2.0 - 0.7 * rest + 0.1 * rest.sin()) / (0.1 * rest.cos() - 0.7);
+    }
+    let integral = 2.0 * rest - 0.35 * rest * rest + 0.1 * (1.0 - rest.cos());
+    for vi_solver in ["lemke", "semismooth_newton"] {
+        for stages in 1..=7 {
+            for steps in [100, 333, 1000, 5000] {
+                let step = 5.0 / f64::from(steps);
+                let case = Case::until(5.0).state("x", 2.0, "0.3 - s + 0.1*cos(t)").state("y", 0.0, "x");
+                let case = case.between("s", "-x", RELAY[0], RELAY[1]);
+                let solution = case
+                    .method(json!({
+                        "stages": stages, "step": step, "switches": "step_over", "vi_solver": vi_solver, "rtol": 1e-10
+                    }))
+                    .solve();
+                assert!(column(&solution, "x").iter().all(|&x| x > -1e-12));
+                // One step is of low order, whatever the method.
+                let bound = if stages == 1 { 2.0 * step } else { step * step };
+                let error = (last(&solution, "y") - integral).abs();
+                assert!(error < bound, "{stages} stages, {steps} steps: off by {error:e}");
+                assert!((last(&solution, "s") - 0.3 - 0.1 * 5.0_f64.cos()).abs() < 1e-6);
+            }
+        }
+    }
+}
+
+#[test]
+fn stepping_over_switches_with_error_control_keeps_the_tolerance() {
+    let mut rest = 2.8_f64;
+    for _ in 0..20 {
+        rest -= (2.0 - 0.7 * rest + 0.1 * rest.sin()) / (0.1 * rest.cos() - 0.7);
+    }
+    let integral = 2.0 * rest - 0.35 * rest * rest + 0.1 * (1.0 - rest.cos());
+    for tolerance in [1e-4, 1e-6, 1e-8] {
+        let case = Case::until(5.0).state("x", 2.0, "0.3 - s + 0.1*cos(t)").state("y", 0.0, "x");
+        let case = case.between("s", "-x", RELAY[0], RELAY[1]);
+        let solution = case.method(json!({"rtol": tolerance, "switches": "step_over"})).solve();
+        let error = (last(&solution, "y") - integral).abs();
+        assert!(error < 10.0 * tolerance, "rtol {tolerance:e}: off by {error:e}");
+        // A step that was rejected leaves no trace: there is one switch, and it is not an accumulation.
+        assert_eq!(solution.diagnostics.switches, 1);
+        assert!(solution.diagnostics.warnings.is_empty(), "{:?}", solution.diagnostics.warnings);
+    }
+}

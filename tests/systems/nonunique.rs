@@ -1,0 +1,38 @@
+//! A problem whose solutions are not unique: `w' = M z - (1,1,1)`, `0 <= z perp w >= 0`, with the P-matrix
+//! `M = [[1,3,0],[0,1,3],[3,0,1]]` (Stewart). From `w = 0` one solution stays; others spiral out, each phase twice as long
+//! as the last.
+
+use crate::systems::harness::{column, solve};
+use crate::systems::reference::example;
+use serde_json::json;
+
+#[test]
+fn from_rest_the_solution_stays() {
+    let mut specification = example("reverse_zeno");
+    specification["problem"]["lcs"]["initial"] = json!([0, 0, 0]);
+    let solution = solve(&specification);
+    for (w, z) in [("w1", "z1"), ("w2", "z2"), ("w3", "z3")] {
+        assert!(column(&solution, w).iter().all(|w| *w == 0.0));
+        assert!(column(&solution, z).iter().all(|z| (z - 0.25).abs() < 1e-15));
+    }
+}
+
+#[test]
+fn from_nearby_it_follows_the_spiral() {
+    let start = 1e-6;
+    let solution = solve(&example("reverse_zeno"));
+    // Phases end at 1e-6 (2^k - 1): the first lasts 1e-6, each the double of the one before.
+    let mut ends: Vec<f64> = solution.trajectory.events.iter().map(|event| event.t).collect();
+    ends.dedup();
+    assert_eq!(ends.len(), 23);
+    for (k, end) in ends.iter().enumerate() {
+        let exact = start * (2.0_f64.powi(k as i32 + 1) - 1.0);
+        assert!((end / exact - 1.0).abs() < 1e-12, "phase {k} ends at {end} instead of {exact}");
+    }
+    // In the phase with z = e3, from T to 2T on a clock that begins at -1e-6: w1 = 2T - s, w2 = 2(s - T), w3 = 0.
+    let (s, phase) = (10.0 + start, start * 2.0_f64.powi(23));
+    assert!((column(&solution, "w1").last().expect("values") - (2.0 * phase - s)).abs() < 1e-9);
+    assert!((column(&solution, "w2").last().expect("values") - 2.0 * (s - phase)).abs() < 1e-9);
+    let warnings = &solution.diagnostics.warnings;
+    assert!(warnings.iter().any(|warning| warning.code == "uniqueness_not_guaranteed"), "{warnings:?}");
+}

@@ -1,0 +1,128 @@
+//! Sets that bind several variables together.
+
+use crate::systems::harness::{column, distance, events, last, solve};
+use crate::systems::reference::example;
+use serde_json::{Value, json};
+
+#[test]
+fn a_block_in_the_plane_slides_straight_and_stops() {
+    let (mu, g) = (0.4, 9.81);
+    let stop = 5.0 / (mu * g);
+    let specification = example("friction_disk");
+    let solution = solve(&specification);
+    let speed = |t: f64| (5.0 - mu * g * t).max(0.0);
+    for (name, part) in [("vx", 0.6), ("vy", 0.8)] {
+        let error = distance(&solution, name, |t| part * speed(t));
+        assert!(error < 1e-6, "{name} is off by {error:e}");
+    }
+    let way = 0.5 * stop * 5.0;
+    assert!((last(&solution, "x") - 0.6 * way).abs() < 1e-6 && (last(&solution, "y") - 0.8 * way).abs() < 1e-6);
+    let times = events(&solution, "Fx");
+    assert!(times.len() == 1 && (times[0] - stop).abs() < 1e-6, "{times:?}");
+    // Sliding, friction is all there is of it and opposes the motion; at rest there is none.
+    for (&t, (&fx, &fy)) in
+        solution.trajectory.t.iter().zip(column(&solution, "Fx").iter().zip(column(&solution, "Fy")))
+    {
+        let force = if t < stop - 0.02 { 2.0 * mu * g } else { 0.0 };
+        if (t - stop).abs() > 0.02 {
+            assert!((fx - 0.6 * force).abs() < 1e-6 && (fy - 0.8 * force).abs() < 1e-6, "F = ({fx}, {fy}) at {t}");
+        }
+    }
+}
+
+#[test]
+fn a_radius_that_varies_with_time_and_state_is_followed() {
+    // The load grows with time: |v|' = -mu g (1 + t).
+    let mut specification = example("friction_disk");
+    specification["problem"]["dvi"]["set"][0]["ball"]["radius"] = json!("mu*m*g*(1 + t)");
+    let solution = solve(&specification);
+    let speed = |t: f64| (5.0 - 0.4 * 9.81 * (t + 0.5 * t * t)).max(0.0);
+    let error = distance(&solution, "vy", |t| 0.8 * speed(t));
+    assert!(error < 1e-6, "off by {error:e}");
+    // It grows with the way: r = m (1 + x/0.6), hence s'' = -(1 + s) and s = 5 sin t - 1 + cos t.
+    specification["problem"]["dvi"]["set"][0]["ball"]["radius"] = json!("m*(1 + x/0.6)");
+    specification["time"]["end"] = json!(1);
+    let solution = solve(&specification);
+    let error = distance(&solution, "x", |t| 0.6 * (5.0 * t.sin() - 1.0 + t.cos()));
+    assert!(error < 1e-6, "off by {error:e}");
+}
+
+#[test]
+fn a_trajectory_passes_from_a_region_to_a_sliding_mode_to_the_common_point() {
+    let solution = solve(&example("three_regions"));
+    // Along -d1 to the line between the first two regions, along that line at half the speed to the origin.
+    let (line, origin) = (2.0 - 1.0 / 3.0_f64.sqrt(), 2.0 + 3.0_f64.sqrt());
+    let x = |t: f64| if t < line { 2.0 - t } else { (origin - t).max(0.0) / 4.0 };
+    let y = |t: f64| if t < line { 1.0 } else { (origin - t).max(0.0) * 3.0_f64.sqrt() / 4.0 };
+    let (in_x, in_y) = (distance(&solution, "x", x), distance(&solution, "y", y));
+    assert!(in_x < 1e-6 && in_y < 1e-6, "off by {in_x:e}, {in_y:e}");
+    let mixture = |t: f64| match t {
+        t if t < line => [1.0, 0.0, 0.0],
+        t if t < origin => [0.5, 0.5, 0.0],
+        _ => [1.0 / 3.0; 3],
+    };
+    for (k, name) in ["z1", "z2", "z3"].iter().enumerate() {
+        for (&t, &z) in solution.trajectory.t.iter().zip(column(&solution, name)) {
+            if (t - line).abs() > 0.02 && (t - origin).abs() > 0.02 {
+                assert!((z - mixture(t)[k]).abs() < 1e-6, "{name} = {z} at {t}");
+            }
+        }
+    }
+    assert!((events(&solution, "z2")[0] - line).abs() < 1e-5);
+    assert!((events(&solution, "z3")[0] - origin).abs() < 1e-5);
+}
+
+/// One system over one set, written in the words of two blocks.
+#[test]
+fn a_square_is_the_same_as_a_box_and_as_a_polyhedron() {
+    let system = |block: Value| {
+        json!({"problem": {"dvi": {
+            "states": {"x": {"initial": 1, "rate": "y - u"}, "y": {"initial": 0, "rate": "-x - w"}},
+            "variables": {"u": {"inequality": "-x"}, "w": {"inequality": "w - y/2"}},
+            "set": [block]}},
+            "time": {"end": 3}, "method": {"rtol": 1e-9}, "output": {"times": {"count": 31}}})
+    };
+    let by_box = solve(&system(json!({"box": {"of": ["u", "w"], "lower": -0.1, "upper": 0.1}})));
+    let a = json!([[1, 0], [-1, 0], [0, 1], [0, -1]]);
+    let by_rows = solve(&system(json!({"polyhedron": {"of": ["u", "w"], "A": a, "b": [0.1, 0.1, 0.1, 0.1]}})));
+    for name in ["x", "y"] {
+        for (a, b) in column(&by_box, name).iter().zip(column(&by_rows, name)) {
+            assert!((a - b).abs() < 1e-7, "{name}: {a} {b}");
+        }
+    }
+}
+
+#[test]
+fn a_point_held_in_a_cone_slides_down_its_side() {
+    // Gravity along -s, the cone s >= |v| itself as the unilateral constraint on velocities: from rest inside the
+    // boundary the fall is free, on the boundary the multiplier of the cone carries half of it.
+    let specification = json!({"problem": {"dvi": {
+        "states": {"s": {"initial": 2, "rate": "-1 + p"}, "v": {"initial": 1, "rate": "q"}},
+        "variables": {"p": {"inequality": "s"}, "q": {"inequality": "v"}},
+        "set": [{"second_order_cone": ["p", "q"]}]}},
+        "time": {"end": 2.5}, "method": {"rtol": 1e-9}, "output": {"times": {"count": 26}}});
+    let solution = solve(&specification);
+    // (s, v) stays in the dual cone; at t = 1 it meets s = v, then (s, v)' = (-1, 0) + l (1, -1) along s = v.
+    let s = |t: f64| if t < 1.0 { 2.0 - t } else { (1.0 - 0.5 * (t - 1.0)).max(0.0) };
+    let error = distance(&solution, "s", s);
+    assert!(error < 1e-6, "off by {error:e}");
+    assert!((last(&solution, "v") - 0.25).abs() < 1e-6);
+}
+
+#[test]
+fn every_solver_that_can_gives_the_same_motion() {
+    for (solver, stages, tolerance) in [
+        ("auto", 3, 1e-6_f64),
+        ("semismooth_newton", 5, 1e-6),
+        ("conic", 3, 1e-6),
+        // Over several stages the inequality is far from symmetric, which sweeps do not bear.
+        ("block_gauss_seidel", 1, 1e-2),
+    ] {
+        let mut specification = example("friction_disk");
+        specification["method"] = json!({"vi_solver": solver, "stages": stages, "rtol": 1e-3 * tolerance.max(1e-5)});
+        let solution = solve(&specification);
+        assert!((last(&solution, "x") - 0.6 * 12.5 / (0.4 * 9.81)).abs() < tolerance, "{solver}");
+        let name = solution.diagnostics.vi.as_ref().expect("a variational inequality").solver;
+        assert_eq!(name, if solver == "auto" { "semismooth_newton" } else { solver });
+    }
+}
