@@ -19,6 +19,7 @@
 
 pub mod analysis;
 pub mod expression;
+pub mod factorisation;
 pub mod models;
 pub mod problem;
 pub mod radau;

@@ -107,8 +107,14 @@ impl Dvi for Linear {
     fn evaluate(&mut self, t: f64, y: &[f64], values: &mut [f64]) {
         self.set_inputs(t, y);
         self.forcing.evaluate(&self.inputs, values);
-        for (&(row, column), coefficient) in self.structure.pattern.iter().zip(&self.coefficients) {
-            values[row] += coefficient * y[column];
+        let mut entries = self.structure.pattern.iter().zip(&self.coefficients).peekable();
+        // Rows are summed apart, not in memory: the entries stand row by row.
+        while let Some((&(row, column), coefficient)) = entries.next() {
+            let mut sum = coefficient * y[column];
+            while let Some((&(_, column), coefficient)) = entries.next_if(|((next, _), _)| *next == row) {
+                sum += coefficient * y[column];
+            }
+            values[row] += sum;
         }
     }
 

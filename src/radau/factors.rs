@@ -6,37 +6,135 @@
 //!
 //! one real where `s` is odd and one complex for each pair of eigenvalues of `A^-1` (Hairer and Wanner 1996, IV.8).
 
+use super::face::Place;
+use super::layout::{Layout, Storage};
+use super::system::System;
 use super::tableau::Tableau;
+use crate::factorisation::{DenseLu, SparseLu, SparseMatrix};
 use nalgebra::{Complex, DMatrix, DVectorViewMut, Dyn, LU};
+use std::sync::Arc;
 
-/// LU factors for one step size.
-#[derive(Debug, Default)]
+/// Up to so many unknowns nalgebra's unblocked elimination is faster than faer's, measured; complex arithmetic fills
+/// the registers earlier.
+const SMALL_REAL: usize = 30;
+const SMALL_COMPLEX: usize = 10;
+
+/// LU factors for one step size, and the memory for those of the next.
 pub struct Factors {
-    real: Option<LU<f64, Dyn, Dyn>>,
-    complex: Vec<LU<Complex<f64>, Dyn, Dyn>>,
+    layout: Arc<Layout>,
+    negative_jacobian: Vec<f64>,
+    real: Option<Lu<f64>>,
+    complex: Vec<Lu<Complex<f64>>>,
 }
 
 impl Factors {
-    /// Factorises for step size `h`, given `diag(M, 0)` and `-Phi_y`.
-    pub fn compute(tableau: &Tableau, h: f64, mass: &DMatrix<f64>, negative_jacobian: &DMatrix<f64>) -> Self {
-        let real = tableau.gamma.map(|gamma| (negative_jacobian + mass * (gamma / h)).lu());
-        let complex = tableau
-            .pairs
-            .iter()
-            .map(|&pair| negative_jacobian.zip_map(mass, |j, m| Complex::new(j, 0.0) + pair / h * m).lu())
-            .collect();
-        Self { real, complex }
+    /// Room for the matrices of `system`; memory for factors is taken when they are first computed.
+    pub fn new(system: &System<'_>) -> Self {
+        let layout = Arc::clone(&system.layout);
+        Self { negative_jacobian: vec![0.0; layout.places], layout, real: None, complex: Vec::new() }
+    }
+
+    /// Factorises for step size `h` on a face, from the derivatives of `system` as they are.
+    pub fn compute(&mut self, system: &System<'_>, face: &[Place], tableau: &Tableau, h: f64) {
+        let Self { layout, negative_jacobian, real, complex } = self;
+        system.negative_jacobian(face, negative_jacobian);
+        match tableau.gamma {
+            None => *real = None,
+            Some(gamma) => {
+                let lu = real.get_or_insert_with(|| Lu::new(layout, SMALL_REAL));
+                lu.factorise(layout, negative_jacobian, gamma / h);
+            }
+        }
+        for (k, &pair) in tableau.pairs.iter().enumerate() {
+            if k == complex.len() {
+                complex.push(Lu::new(layout, SMALL_COMPLEX));
+            }
+            complex[k].factorise(layout, negative_jacobian, pair / h);
+        }
     }
 
     /// Solves with the real matrix in place; false if it is singular or there is none.
-    pub fn solve_real(&self, right: &mut [f64]) -> bool {
-        let n = right.len();
-        self.real.as_ref().is_some_and(|lu| lu.solve_mut(&mut DVectorViewMut::from_slice(right, n)))
+    pub fn solve_real(&mut self, right: &mut [f64]) -> bool {
+        self.real.as_mut().is_some_and(|lu| lu.solve(right))
     }
 
     /// Solves with the complex matrix of pair `k` in place; false if it is singular.
-    pub fn solve_pair(&self, k: usize, right: &mut [Complex<f64>]) -> bool {
-        let n = right.len();
-        self.complex[k].solve_mut(&mut DVectorViewMut::from_slice(right, n))
+    pub fn solve_pair(&mut self, k: usize, right: &mut [Complex<f64>]) -> bool {
+        self.complex[k].solve(right)
+    }
+}
+
+/// Factors of one matrix, by size and density.
+enum Lu<T: Number> {
+    Small(LU<T, Dyn, Dyn>),
+    Dense(DenseLu<T>),
+    Sparse {
+        matrix: SparseMatrix<T>,
+        factors: SparseLu<T>,
+    },
+    /// The memory did not suffice.
+    None,
+}
+
+/// A real or complex number.
+trait Number: nalgebra::ComplexField + faer::traits::ComplexField + From<f64> {}
+impl Number for f64 {}
+impl Number for Complex<f64> {}
+
+impl<T: Number> Lu<T> {
+    fn new(layout: &Layout, small: usize) -> Self {
+        let n = layout.unknowns;
+        match &layout.storage {
+            Storage::Dense if n <= small => Self::Small(LU::new(DMatrix::from_element(n, n, T::from(0.0)))),
+            Storage::Dense => Self::Dense(DenseLu::new(n)),
+            Storage::Sparse { pattern, analysis } => match SparseLu::new(analysis) {
+                Some(factors) => {
+                    let zeros = vec![T::from(0.0); layout.places];
+                    Self::Sparse { matrix: SparseMatrix::new(pattern.clone(), zeros), factors }
+                }
+                None => Self::None,
+            },
+        }
+    }
+
+    /// Factorises `shift diag(M, 0) - Phi_y`.
+    fn factorise(&mut self, layout: &Layout, negative_jacobian: &[f64], shift: T) {
+        let fill = |entries: &mut [T]| {
+            for (entry, &value) in entries.iter_mut().zip(negative_jacobian) {
+                *entry = T::from(value);
+            }
+            for &(place, value) in &layout.mass {
+                entries[place] += shift.clone() * T::from(value);
+            }
+        };
+        match self {
+            Self::Small(factors) => {
+                let n = layout.unknowns;
+                let mut matrix = DMatrix::from_element(n, n, T::from(0.0));
+                fill(matrix.as_mut_slice());
+                *factors = LU::new(matrix);
+            }
+            Self::Dense(factors) => {
+                fill(factors.entries());
+                factors.factorise();
+            }
+            Self::Sparse { matrix, factors } => {
+                fill(matrix.val_mut());
+                factors.factorise(matrix);
+            }
+            Self::None => {}
+        }
+    }
+
+    fn solve(&mut self, right: &mut [T]) -> bool {
+        match self {
+            Self::Small(factors) => {
+                let n = right.len();
+                factors.solve_mut(&mut DVectorViewMut::from_slice(right, n))
+            }
+            Self::Dense(factors) => factors.solve(right),
+            Self::Sparse { factors, .. } => factors.solve(right),
+            Self::None => false,
+        }
     }
 }

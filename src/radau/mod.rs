@@ -14,6 +14,7 @@ mod dips;
 mod error_control;
 mod face;
 mod factors;
+mod layout;
 mod settings;
 mod stage_vi;
 mod stages;

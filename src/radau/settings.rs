@@ -97,6 +97,14 @@ pub enum StepError {
         /// By how much.
         jump: f64,
     },
+    /// The problem needs more memory than one run may take.
+    #[error("{what} for {unknowns} unknowns do not fit into the memory that one run may take (2 GiB for each)")]
+    TooLarge {
+        /// What does not fit.
+        what: &'static str,
+        /// How many unknowns are coupled by it.
+        unknowns: usize,
+    },
     /// The VI at the start has no solution that the solver could find.
     #[error("the variational inequality at the start t = {t} has no solution, or none was found")]
     NoStart {
@@ -114,6 +122,7 @@ impl StepError {
             Self::EmptySet { .. } => "empty_set",
             Self::NewtonFailed { .. } => "newton_failed",
             Self::InconsistentStart { .. } => "inconsistent_start",
+            Self::TooLarge { .. } => "too_large",
             Self::NoStart { .. } => "no_solution_at_start",
         }
     }

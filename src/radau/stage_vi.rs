@@ -12,6 +12,8 @@
 
 use super::face::{Place, place, place_on_blocks};
 use super::factors::Factors;
+use super::layout::check_memory;
+use super::settings::StepError;
 use super::stages::{NewtonControl, Stages};
 use super::system::System;
 use super::tableau::Tableau;
@@ -46,7 +48,6 @@ pub struct StageVi {
     pub offset: Vec<f64>,
     /// Whether the derivatives are taken anew at every iteration: where a first guess may be far off.
     pub relinearise: bool,
-    negative_jacobian: DMatrix<f64>,
     factors: Factors,
     real: Vec<f64>,
     complex: Vec<Complex<f64>>,
@@ -60,13 +61,18 @@ pub struct StageVi {
 
 impl StageVi {
     /// Room for the stages of a problem.
-    pub fn new(system: &System<'_>, stages: usize, solver: SolverKind) -> Self {
+    ///
+    /// # Errors
+    /// If `S` and what solves with it would not fit into memory.
+    pub fn new(system: &System<'_>, stages: usize, solver: SolverKind) -> Result<Self, StepError> {
         let unknowns = system.unknowns;
         let coupled = stages * system.bounded.len();
+        // `S`, and up to three of its size in a solver.
+        check_memory("the inequalities of all stages", coupled, 4)?;
         let factor = system.set.restricted(&system.bounded);
         let mut held = vec![Place::Inside; unknowns - system.states];
         system.bounded.iter().for_each(|&k| held[k] = Place::Held);
-        Self {
+        Ok(Self {
             solver: solver.build(coupled),
             matrix: DMatrix::zeros(coupled, coupled),
             q: vec![0.0; coupled],
@@ -82,14 +88,13 @@ impl StageVi {
             largest: vec![0.0; unknowns],
             offset: vec![0.0; unknowns - system.states],
             relinearise: false,
-            negative_jacobian: DMatrix::zeros(unknowns, unknowns),
-            factors: Factors::default(),
+            factors: Factors::new(system),
             real: vec![0.0; unknowns],
             complex: vec![Complex::new(0.0, 0.0); unknowns],
             solves: 0,
             pivots: 0,
             failures: Vec::new(),
-        }
+        })
     }
 
     /// The solver that answered last.
@@ -98,8 +103,8 @@ impl StageVi {
     }
 
     /// The factors of the last solve, with the bounded variables held.
-    pub fn factors(&self) -> &Factors {
-        &self.factors
+    pub fn factors(&mut self) -> &mut Factors {
+        &mut self.factors
     }
 
     /// Exchanges the face of `system` for that on which the bounded variables are held, and back.
@@ -158,7 +163,7 @@ impl StageVi {
                     stages.phi[i * stages.unknowns + n + k] = self.z[place] - self.last_z[place];
                 }
             }
-            match stages.increment(system, tableau, &self.factors, h, &control.weight) {
+            match stages.increment(system, tableau, &mut self.factors, h, &control.weight) {
                 Some(new) if new <= least || (new.is_finite() && (iteration < 3 || new < 2.0 * norm)) => {
                     norm = new;
                 }
@@ -216,7 +221,7 @@ impl StageVi {
         self.saved.0[..size].copy_from_slice(&stages.z[..size]);
         self.saved.1[..size].copy_from_slice(&stages.w[..size]);
         // What the other equations ask for while the bounded variables are held.
-        if stages.increment(system, tableau, &self.factors, h, &control.weight).is_none() {
+        if stages.increment(system, tableau, &mut self.factors, h, &control.weight).is_none() {
             return false;
         }
         for i in 0..s {
@@ -262,7 +267,7 @@ impl StageVi {
             }
         }
         for (i, j, value) in system.entries().filter(|&(i, j, _)| i < n && j >= n) {
-            let mass = system.mass[(i, i)];
+            let mass = system.mass_diagonal[i];
             let change = if mass == 0.0 { 0.0 } else { h * value / mass * self.largest[j] };
             self.largest[i] = self.largest[i].max(change.abs());
         }
@@ -296,8 +301,7 @@ impl StageVi {
 
     /// Forms `S` from the derivatives of `system`.
     fn reduce(&mut self, system: &mut System<'_>, tableau: &Tableau, h: f64) -> bool {
-        system.negative_jacobian(&self.held, &mut self.negative_jacobian);
-        self.factors = Factors::compute(tableau, h, &system.mass, &self.negative_jacobian);
+        self.factors.compute(system, &self.held, tableau, h);
         system.work.factorisations += 1;
         let (s, n, count) = (tableau.stages(), system.states, system.bounded.len());
         self.matrix.fill(0.0);

@@ -158,7 +158,7 @@ impl Stages {
         &mut self,
         system: &System<'_>,
         tableau: &Tableau,
-        factors: &Factors,
+        factors: &mut Factors,
         h: f64,
         weight: &[f64],
     ) -> Option<f64> {
@@ -167,7 +167,7 @@ impl Stages {
         combine(&tableau.t_inverse, &self.phi, &mut self.right, n);
         let mut block = 0;
         if let Some(gamma) = tableau.gamma {
-            subtract_mass(system, gamma / h, &self.w[..n], &mut self.right[..n]);
+            system.add_mass(-gamma / h, &self.w[..n], &mut self.right[..n]);
             if !factors.solve_real(&mut self.right[..n]) {
                 return None;
             }
@@ -178,10 +178,10 @@ impl Stages {
             let (alpha, beta) = (pair.re / h, pair.im / h);
             {
                 let (wp, wq) = (&self.w[p..p + n], &self.w[q..q + n]);
-                subtract_mass(system, alpha, wp, &mut self.right[p..p + n]);
-                subtract_mass(system, beta, wq, &mut self.right[p..p + n]);
-                subtract_mass(system, -beta, wp, &mut self.right[q..q + n]);
-                subtract_mass(system, alpha, wq, &mut self.right[q..q + n]);
+                system.add_mass(-alpha, wp, &mut self.right[p..p + n]);
+                system.add_mass(-beta, wq, &mut self.right[p..p + n]);
+                system.add_mass(beta, wp, &mut self.right[q..q + n]);
+                system.add_mass(-alpha, wq, &mut self.right[q..q + n]);
             }
             for j in 0..n {
                 self.pair[j] = Complex::new(self.right[p + j], -self.right[q + j]);
@@ -212,7 +212,7 @@ impl Stages {
         &mut self,
         system: &mut System<'_>,
         tableau: &Tableau,
-        factors: &Factors,
+        factors: &mut Factors,
         t: f64,
         h: f64,
         y0: &[f64],
@@ -253,7 +253,7 @@ impl Stages {
                 let predicted = factor * norm * theta.powi(left) / control.kappa;
                 // Where variables or algebraic states are extrapolated, the first increment is mostly theirs and the
                 // second what they do to the rest: the rate shows from the third on.
-                let settled = k > 2 || (system.identity_mass && system.unknowns == system.states);
+                let settled = k > 2 || (system.mass.is_none() && system.unknowns == system.states);
                 if predicted >= 1.0 && settled && !rounding {
                     let q = predicted.clamp(1e-4, 20.0);
                     return Newton::Slow(0.8 * q.powf(-1.0 / (4.0 + f64::from(left))));
@@ -280,12 +280,13 @@ impl Stages {
     /// The weighted norm of `y` over the stages.
     pub fn size(&self, y0: &[f64], weight: &[f64], s: usize) -> f64 {
         let n = self.unknowns;
-        let sum: f64 = (0..s * n)
-            .map(|j| {
-                let y = (y0[j % n].abs() + self.z[j].abs()) * weight[j % n];
-                y * y
-            })
-            .sum();
+        let mut sum = 0.0;
+        for z in self.z[..s * n].chunks_exact(n) {
+            for ((y0, z), weight) in y0.iter().zip(z).zip(weight) {
+                let y = (y0.abs() + z.abs()) * weight;
+                sum += y * y;
+            }
+        }
         (sum / (s * n) as f64).sqrt()
     }
 
@@ -363,23 +364,6 @@ fn combine_stages<const S: usize>(matrix: &DMatrix<f64>, x: &[f64], out: &mut [f
         }
         for (i, sum) in sums.iter().enumerate() {
             out[i * n + l] = *sum;
-        }
-    }
-}
-
-/// `right -= factor diag(M, 0) w`
-fn subtract_mass(system: &System<'_>, factor: f64, w: &[f64], right: &mut [f64]) {
-    let n = system.states;
-    if system.identity_mass {
-        for (right, w) in right[..n].iter_mut().zip(w) {
-            *right -= factor * w;
-        }
-    } else {
-        for (j, w) in w[..n].iter().enumerate() {
-            let scaled = factor * w;
-            for (right, m) in right[..n].iter_mut().zip(system.mass.column(j).iter()) {
-                *right -= scaled * m;
-            }
         }
     }
 }

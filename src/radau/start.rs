@@ -12,7 +12,6 @@ use super::stages::{Contraction, Newton, Stages};
 use super::stepper::Radau;
 use super::system::System;
 use super::tableau::Tableau;
-use nalgebra::DMatrix;
 
 /// How long the step that finds a face is, beside the steps of the run.
 const PROBE: f64 = 1e-4;
@@ -24,21 +23,17 @@ pub(super) struct Probe {
     euler: &'static Tableau,
     stages: Stages,
     pub(super) vi: Option<StageVi>,
-    negative_jacobian: DMatrix<f64>,
+    factors: Factors,
 }
 
 impl Probe {
-    pub(super) fn new(system: &System<'_>, settings: &Settings) -> Self {
-        let mut vi = (!system.bounded.is_empty()).then(|| StageVi::new(system, 1, settings.vi_solver));
-        if let Some(vi) = &mut vi {
+    pub(super) fn new(system: &System<'_>, settings: &Settings) -> Result<Self, StepError> {
+        let mut vi = None;
+        if !system.bounded.is_empty() {
+            let vi = vi.insert(StageVi::new(system, 1, settings.vi_solver)?);
             vi.relinearise = !system.constant_jacobian();
         }
-        Self {
-            euler: Tableau::of(1),
-            stages: Stages::new(1, system.unknowns),
-            vi,
-            negative_jacobian: DMatrix::zeros(system.unknowns, system.unknowns),
-        }
+        Ok(Self { euler: Tableau::of(1), stages: Stages::new(1, system.unknowns), vi, factors: Factors::new(system) })
     }
 }
 
@@ -46,7 +41,7 @@ impl Radau<'_> {
     /// Finds the face and the variables at the start, and whether the start is consistent.
     pub(super) fn start(&mut self) -> Result<(), StepError> {
         let n = self.system.states;
-        if self.system.identity_mass && self.system.unknowns == n {
+        if self.system.mass.is_none() && self.system.unknowns == n {
             return Ok(());
         }
         // Free variables have no guess; where they enter nonlinearly, theirs must not be far off.
@@ -103,13 +98,12 @@ impl Radau<'_> {
         probe.stages.z.fill(0.0);
         probe.stages.w.fill(0.0);
         let Some(vi) = &mut probe.vi else {
-            self.system.negative_jacobian(&self.system.face, &mut probe.negative_jacobian);
-            let factors = Factors::compute(probe.euler, eta, &self.system.mass, &probe.negative_jacobian);
+            probe.factors.compute(&self.system, &self.system.face, probe.euler, eta);
             self.system.work.factorisations += 1;
             let newton = probe.stages.newton(
                 &mut self.system,
                 probe.euler,
-                &factors,
+                &mut probe.factors,
                 self.t,
                 eta,
                 &self.y,

@@ -13,7 +13,6 @@ use super::system::System;
 use super::tableau::Tableau;
 use crate::problem::{ConvexSet, Dvi};
 use crate::vi;
-use nalgebra::DMatrix;
 
 /// Counts of what a run did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -42,7 +41,6 @@ pub struct Radau<'p> {
     pub(super) stages: Stages,
     pub(super) factors: Factors,
     pub(super) factored: Option<f64>,
-    negative_jacobian: DMatrix<f64>,
     jacobian: Freshness,
     pub(super) stage_vi: Option<StageVi>,
     pub(super) switching: Switching,
@@ -114,7 +112,7 @@ impl<'p> Radau<'p> {
     /// # Errors
     /// If something is not finite at the start, or the start is inconsistent.
     pub fn new(problem: &'p mut dyn Dvi, settings: Settings, t: f64, x: &[f64], end: f64) -> Result<Self, StepError> {
-        let mut system = System::new(problem);
+        let mut system = System::new(problem)?;
         let counts = match settings.stages {
             StageChoice::Fixed(s) => vec![s],
             StageChoice::Auto => vec![3, 5, 7],
@@ -136,13 +134,17 @@ impl<'p> Radau<'p> {
             most: 0,
             vi_tolerance: settings.vi_tolerance,
         };
-        let stage_vi = (!system.bounded.is_empty()).then(|| StageVi::new(&system, most_stages, settings.vi_solver));
+        let stage_vi = if system.bounded.is_empty() {
+            None
+        } else {
+            Some(StageVi::new(&system, most_stages, settings.vi_solver)?)
+        };
         let mut radau = Self {
             stages: Stages::new(most_stages, unknowns),
-            switching: Switching::new(&system, &settings),
+            switching: Switching::new(&system, &settings)?,
+            factors: Factors::new(&system),
             consistent: Consistent::new(&system),
             stage_vi,
-            negative_jacobian: DMatrix::zeros(unknowns, unknowns),
             estimate: vec![0.0; unknowns],
             embedded: vec![0.0; unknowns],
             shifted: vec![0.0; unknowns],
@@ -151,7 +153,6 @@ impl<'p> Radau<'p> {
             methods,
             current: 0,
             control,
-            factors: Factors::default(),
             factored: None,
             jacobian: Freshness::Stale,
             contraction: Contraction::default(),
@@ -370,7 +371,7 @@ impl<'p> Radau<'p> {
         self.stages.newton(
             &mut self.system,
             tableau,
-            &self.factors,
+            &mut self.factors,
             self.t,
             h,
             &self.y,
@@ -396,9 +397,8 @@ impl<'p> Radau<'p> {
     pub(super) fn prepare(&mut self, h: f64) -> Result<(), StepError> {
         self.differentiate()?;
         if self.factored != Some(h) {
-            self.system.negative_jacobian(&self.system.face, &mut self.negative_jacobian);
-            let tableau = self.tableau();
-            self.factors = Factors::compute(tableau, h, &self.system.mass, &self.negative_jacobian);
+            let tableau = self.methods[self.current].tableau;
+            self.factors.compute(&self.system, &self.system.face, tableau, h);
             self.system.work.factorisations += 1;
             self.factored = Some(h);
         }
@@ -444,7 +444,7 @@ impl<'p> Radau<'p> {
             effects.fill(0.0);
             for (i, j, value) in self.system.entries() {
                 if i < n && j >= n {
-                    let mass = self.system.mass[(i, i)];
+                    let mass = self.system.mass_diagonal[i];
                     let effect = if mass == 0.0 { value } else { h * value / mass };
                     effects[j - n] = effects[j - n].max(effect.abs() * states[i]);
                 }
@@ -488,18 +488,19 @@ impl<'p> Radau<'p> {
     fn filtered_error(&mut self, h: f64, coupled: bool) -> f64 {
         let n = self.system.unknowns;
         let states = self.system.states;
-        let factors = match &self.stage_vi {
+        let factors = match &mut self.stage_vi {
             Some(vi) if coupled => vi.factors(),
-            _ => &self.factors,
+            _ => &mut self.factors,
         };
-        let weights = &self.tableau().estimate;
+        let weights = &self.methods[self.current].tableau.estimate;
         self.shifted.fill(0.0);
         for (weight, z) in weights.iter().zip(self.stages.z.chunks_exact(n)) {
             for (sum, z) in self.shifted[..states].iter_mut().zip(z) {
                 *sum += weight / h * z;
             }
         }
-        self.system.apply_mass(&self.shifted, &mut self.embedded);
+        self.embedded.fill(0.0);
+        self.system.add_mass(1.0, &self.shifted, &mut self.embedded);
         let mut error = f64::INFINITY;
         for pass in 0..2 {
             if pass == 1 {
@@ -655,7 +656,7 @@ impl<'p> Radau<'p> {
         self.set_tolerances(span);
         let speed = (0..n)
             .map(|j| {
-                let mass = self.system.mass[(j, j)];
+                let mass = self.system.mass_diagonal[j];
                 let rate = if mass == 0.0 { 0.0 } else { self.system.values[j] / mass };
                 (rate * self.control.weight[j]).powi(2)
             })

@@ -61,10 +61,10 @@ pub(super) struct Switching {
 }
 
 impl Switching {
-    pub(super) fn new(system: &System<'_>, settings: &Settings) -> Self {
-        Self {
+    pub(super) fn new(system: &System<'_>, settings: &Settings) -> Result<Self, StepError> {
+        Ok(Self {
             locate: settings.switches == Switches::Locate,
-            probe: Probe::new(system, settings),
+            probe: Probe::new(system, settings)?,
             before: system.face.clone(),
             pending: false,
             last: f64::NEG_INFINITY,
@@ -73,7 +73,7 @@ impl Switching {
             scratch: vec![0.0; system.unknowns],
             switches: Vec::new(),
             accumulations: 0,
-        }
+        })
     }
 
     pub(super) fn remember(&mut self, face: &[Place]) {

@@ -7,8 +7,10 @@
 //! and the counters of what was evaluated.
 
 use super::face::Place;
+use super::layout::Layout;
+use super::settings::StepError;
 use crate::problem::{ConvexSet, Dvi, Mass, Side, Workspace};
-use nalgebra::DMatrix;
+use std::sync::Arc;
 
 /// What was evaluated, and how often.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -30,10 +32,12 @@ pub struct System<'p> {
     pub states: usize,
     /// `n + m`
     pub unknowns: usize,
-    /// `diag(M, 0)`, dense, `(n+m) x (n+m)`.
-    pub mass: DMatrix<f64>,
-    /// Whether `M` is the identity.
-    pub identity_mass: bool,
+    /// `M` as `(row, column, value)`; none where it is the identity.
+    pub mass: Option<Vec<(usize, usize, f64)>>,
+    /// The diagonal of `M`.
+    pub mass_diagonal: Vec<f64>,
+    /// Where the matrices of the stage equations stand in memory.
+    pub layout: Arc<Layout>,
     /// `K`, its moving bounds as of the last evaluation.
     pub set: ConvexSet,
     workspace: Workspace,
@@ -53,15 +57,25 @@ pub struct System<'p> {
 
 impl<'p> System<'p> {
     /// Wraps a problem; every bounded variable starts on a bound.
-    pub fn new(problem: &'p mut dyn Dvi) -> Self {
+    ///
+    /// # Errors
+    /// If its matrices would not fit into memory.
+    pub fn new(problem: &'p mut dyn Dvi) -> Result<Self, StepError> {
         let structure = problem.structure();
         let (n, unknowns) = (structure.states, structure.unknowns());
-        let mut mass = DMatrix::zeros(unknowns, unknowns);
-        match &structure.mass {
-            Mass::Identity => (0..n).for_each(|i| mass[(i, i)] = 1.0),
-            Mass::Constant(entries) => entries.iter().for_each(|&(i, j, value)| mass[(i, j)] += value),
+        let mut mass_diagonal = vec![0.0; n];
+        let mass = match &structure.mass {
+            Mass::Identity => None,
+            Mass::Constant(entries) => Some(entries.clone()),
+        };
+        match &mass {
+            None => mass_diagonal.fill(1.0),
+            Some(entries) => {
+                for &(i, _, value) in entries.iter().filter(|(i, j, _)| i == j) {
+                    mass_diagonal[i] += value;
+                }
+            }
         }
-        let identity_mass = structure.mass == Mass::Identity;
         let mut set = structure.set.clone();
         for moving in &structure.moving {
             // A finite stand-in until the first evaluation: the end exists.
@@ -78,12 +92,14 @@ impl<'p> System<'p> {
             .collect();
         let (rows, nonzeros) = (structure.rows(), structure.pattern.len());
         let row_starts = (0..=rows).map(|row| structure.pattern.partition_point(|&(i, _)| i < row)).collect();
-        Self {
+        let layout = Arc::new(Layout::new(structure, &bounded)?);
+        Ok(Self {
             problem,
             states: n,
             unknowns,
             mass,
-            identity_mass,
+            mass_diagonal,
+            layout,
             set,
             workspace: Workspace::default(),
             bounded,
@@ -92,7 +108,7 @@ impl<'p> System<'p> {
             row_starts,
             derivatives: vec![0.0; nonzeros],
             work: Work::default(),
-        }
+        })
     }
 
     /// The problem itself.
@@ -155,17 +171,19 @@ impl<'p> System<'p> {
         self.problem.structure().pattern.iter().zip(&self.derivatives).map(|(&(i, j), &value)| (i, j, value))
     }
 
-    /// `out = diag(M, 0) y`
-    pub fn apply_mass(&self, y: &[f64], out: &mut [f64]) {
+    /// `out += factor diag(M, 0) y`
+    pub fn add_mass(&self, factor: f64, y: &[f64], out: &mut [f64]) {
         let n = self.states;
-        out.fill(0.0);
-        if self.identity_mass {
-            out[..n].copy_from_slice(&y[..n]);
-            return;
-        }
-        for (j, y) in y[..n].iter().enumerate() {
-            for (out, m) in out[..n].iter_mut().zip(self.mass.column(j).iter()) {
-                *out += m * y;
+        match &self.mass {
+            None => {
+                for (out, y) in out[..n].iter_mut().zip(y) {
+                    *out += factor * y;
+                }
+            }
+            Some(entries) => {
+                for &(i, j, value) in entries {
+                    out[i] += factor * value * y[j];
+                }
             }
         }
     }
@@ -195,36 +213,32 @@ impl<'p> System<'p> {
         pattern.iter().zip(&self.derivatives[first..last]).map(|(&(_, j), value)| value * direction(j)).sum()
     }
 
-    /// Writes `-dPhi/dy` on the face into `matrix`, from the derivatives as they are.
-    pub fn negative_jacobian(&self, face: &[Place], matrix: &mut DMatrix<f64>) {
-        matrix.fill(0.0);
+    /// Writes `-dPhi/dy` on the face to the places of the layout, from the derivatives as they are.
+    pub fn negative_jacobian(&self, face: &[Place], places: &mut [f64]) {
+        places.fill(0.0);
         let n = self.states;
         let structure = self.problem.structure();
-        for (&(i, j), &value) in structure.pattern.iter().zip(&self.derivatives) {
-            let row = if i < n {
-                i
+        let entries = structure.pattern.iter().zip(&self.derivatives).zip(&self.layout.jacobian);
+        for ((&(i, _), &value), &place) in entries {
+            let is_on_face = if i < n {
+                true
             } else if i < self.unknowns {
-                if face[i - n] != Place::Inside {
-                    continue;
-                }
-                i
+                face[i - n] == Place::Inside
             } else {
                 let moving = structure.moving[i - self.unknowns];
-                let on = match moving.side {
-                    Side::Lower => Place::Lower,
-                    Side::Upper => Place::Upper,
-                    Side::Radius => continue,
-                };
-                if face[moving.variable] != on {
-                    continue;
+                match moving.side {
+                    Side::Lower => face[moving.variable] == Place::Lower,
+                    Side::Upper => face[moving.variable] == Place::Upper,
+                    Side::Radius => false,
                 }
-                n + moving.variable
             };
-            matrix[(row, j)] -= value;
+            if is_on_face {
+                places[place] -= value;
+            }
         }
-        for &k in &self.bounded {
+        for (&k, &place) in self.bounded.iter().zip(&self.layout.diagonal) {
             if face[k] != Place::Inside {
-                matrix[(n + k, n + k)] += 1.0;
+                places[place] += 1.0;
             }
         }
     }

@@ -7,6 +7,7 @@
 //! Each solver is built once for a size, allocates then, and is used many times; each reports the natural-map
 //! residual of what it returns.
 
+mod active_set;
 mod auto;
 mod block_gauss_seidel;
 mod conic;
@@ -22,6 +23,7 @@ mod splitting;
 #[cfg(test)]
 mod tests;
 
+pub use active_set::{ActiveSet, Unsuitable};
 pub use auto::{Attempt, Auto, SolverKind};
 pub use block_gauss_seidel::BlockGaussSeidel;
 pub use conic::Conic;

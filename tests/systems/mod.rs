@@ -9,5 +9,6 @@ mod pendulum;
 mod queues;
 pub mod reference;
 mod sets;
+mod size;
 mod sliding;
 mod stiff;

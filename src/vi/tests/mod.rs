@@ -1,5 +1,6 @@
 //! What the solvers must agree with: enumeration of faces, closed forms, feasible directions, and each other.
 
+mod active_set;
 mod blocks;
 mod choice;
 mod closed_forms;

@@ -1,0 +1,68 @@
+//! `P A Q = L U` for a sparse square `A`, with partial pivoting by rows and columns ordered by approximate minimum
+//! degree (Davis, Gilbert, Larimore and Ng 2004, COLAMD).
+
+use super::SparseMatrix;
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::sparse::SymbolicSparseColMatRef;
+use faer::sparse::linalg::lu::{LuRef, NumericLu, SymbolicLu, factorize_symbolic_lu};
+use faer::traits::ComplexField;
+use faer::traits::math_utils::is_finite;
+use faer::{Conj, MatMut, Par};
+use std::sync::Arc;
+
+/// The ordering and elimination tree of a pattern, for real and complex matrices alike.
+#[derive(Clone, Debug)]
+pub struct Analysis(Arc<SymbolicLu<usize>>);
+
+impl Analysis {
+    /// Analyses a square pattern; `None` if memory does not suffice.
+    pub fn new(pattern: SymbolicSparseColMatRef<'_, usize>) -> Option<Self> {
+        factorize_symbolic_lu(pattern, Default::default()).ok().map(|analysis| Self(Arc::new(analysis)))
+    }
+}
+
+/// LU factors for matrices of one pattern.
+pub struct SparseLu<T> {
+    analysis: Analysis,
+    factors: NumericLu<usize, T>,
+    memory: MemBuffer,
+    is_factored: bool,
+}
+
+impl<T: ComplexField> SparseLu<T> {
+    /// Workspace for the pattern analysed; `None` if memory does not suffice.
+    pub fn new(analysis: &Analysis) -> Option<Self> {
+        let factor = analysis.0.factorize_numeric_lu_scratch::<T>(Par::Seq, Default::default());
+        let solve = analysis.0.solve_in_place_scratch::<T>(1, Par::Seq);
+        let memory = MemBuffer::try_new(factor.or(solve)).ok()?;
+        Some(Self { analysis: analysis.clone(), factors: NumericLu::new(), memory, is_factored: false })
+    }
+
+    /// Factorises a matrix of the pattern analysed; false if it is structurally singular, not finite, or too large.
+    pub fn factorise(&mut self, matrix: &SparseMatrix<T>) -> bool {
+        let stack = MemStack::new(&mut self.memory);
+        let symbolic = &self.analysis.0;
+        self.is_factored = matrix.val().iter().all(is_finite)
+            && symbolic
+                .factorize_numeric_lu(&mut self.factors, matrix.as_ref(), Par::Seq, stack, Default::default())
+                .is_ok();
+        self.is_factored
+    }
+
+    /// Solves in place; false if there are no factors, or the solution is not finite: the matrix is singular.
+    pub fn solve(&mut self, right: &mut [T]) -> bool {
+        if !self.is_factored {
+            return false;
+        }
+        let n = right.len();
+        let stack = MemStack::new(&mut self.memory);
+        let columns = MatMut::from_column_major_slice_mut(right, n, 1);
+        LuRef::new_unchecked(&self.analysis.0, &self.factors).solve_in_place_with_conj(
+            Conj::No,
+            columns,
+            Par::Seq,
+            stack,
+        );
+        right.iter().all(is_finite)
+    }
+}

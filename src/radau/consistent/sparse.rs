@@ -1,0 +1,99 @@
+//! The same equations for a large system, with the rates `x'` kept as unknowns so that nothing fills in: with
+//! `z - step` the new variables,
+//!
+//! ```text
+//! M x' + B step = F,    D_i step = G_i  where row i of D is not zero,    C_i x' = -(G_t)_i  where it is
+//! ```
+
+use super::super::system::System;
+use crate::factorisation::{Analysis, SparseLu, SparseMatrix};
+use faer::sparse::{SymbolicSparseColMat, Triplet};
+
+/// `M` counts as singular if it gives a vector of ones back with a larger error.
+const REGULAR: f64 = 1e-6;
+
+pub(super) struct Sparse {
+    /// On the pattern of the stage equations, of which these are a part.
+    matrix: SparseMatrix,
+    factors: SparseLu<f64>,
+    right: Vec<f64>,
+    is_inside: Vec<bool>,
+    /// Whether a row of `D` has a nonzero.
+    is_direct: Vec<bool>,
+}
+
+impl Sparse {
+    /// `None` where `M` is singular, or memory does not suffice.
+    pub fn new(system: &System<'_>, pattern: &SymbolicSparseColMat<usize>, analysis: &Analysis) -> Option<Self> {
+        let variables = system.unknowns - system.states;
+        if let Some(mass) = &system.mass
+            && !is_regular(system.states, mass)
+        {
+            return None;
+        }
+        Some(Self {
+            matrix: SparseMatrix::new(pattern.clone(), vec![0.0; system.layout.places]),
+            factors: SparseLu::new(analysis)?,
+            right: vec![0.0; system.unknowns],
+            is_inside: vec![false; variables],
+            is_direct: vec![false; variables],
+        })
+    }
+
+    /// The Newton step at the last evaluation of `system`, to be subtracted. False if the equations are singular.
+    pub fn solve(&mut self, system: &System<'_>, inside: &[usize], drift: &[f64], step: &mut [f64]) -> bool {
+        let (n, unknowns) = (system.states, system.unknowns);
+        self.is_inside.fill(false);
+        inside.iter().for_each(|&k| self.is_inside[k] = true);
+        self.is_direct.fill(false);
+        let is_of_d = |i: usize, j: usize| (n..unknowns).contains(&i) && j >= n;
+        for (i, j, value) in system.entries().filter(|&(i, j, _)| is_of_d(i, j)) {
+            self.is_direct[i - n] |= value != 0.0 && self.is_inside[j - n];
+        }
+        let values = self.matrix.val_mut();
+        values.fill(0.0);
+        for &(place, value) in &system.layout.mass {
+            values[place] += value;
+        }
+        for ((i, j, value), &place) in system.entries().zip(&system.layout.jacobian) {
+            let belongs = match (i < n, j < n) {
+                (true, true) => false,
+                (true, false) => self.is_inside[j - n],
+                (false, true) => i < unknowns && self.is_inside[i - n] && !self.is_direct[i - n],
+                (false, false) => i < unknowns && self.is_inside[i - n] && self.is_inside[j - n],
+            };
+            if belongs {
+                values[place] += value;
+            }
+        }
+        self.right[..n].copy_from_slice(&system.values[..n]);
+        for (k, right) in self.right[n..].iter_mut().enumerate() {
+            *right = match (self.is_inside[k], self.is_direct[k]) {
+                (false, _) => 0.0,
+                (true, true) => system.values[n + k],
+                (true, false) => -drift[k],
+            };
+        }
+        for (&k, &place) in system.bounded.iter().zip(&system.layout.diagonal) {
+            if !self.is_inside[k] {
+                values[place] = 1.0;
+            }
+        }
+        if !self.factors.factorise(&self.matrix) || !self.factors.solve(&mut self.right) {
+            return false;
+        }
+        step.iter_mut().zip(inside).for_each(|(step, &k)| *step = self.right[n + k]);
+        true
+    }
+}
+
+fn is_regular(n: usize, mass: &[(usize, usize, f64)]) -> bool {
+    let triplets: Vec<_> = mass.iter().map(|&(i, j, value)| Triplet::new(i, j, value)).collect();
+    let Ok(matrix) = SparseMatrix::try_new_from_triplets(n, n, &triplets) else { return false };
+    let Some(mut factors) = Analysis::new(matrix.symbolic()).and_then(|analysis| SparseLu::new(&analysis)) else {
+        return false;
+    };
+    let mut right = vec![0.0; n];
+    mass.iter().for_each(|&(i, _, value)| right[i] += value);
+    factors.factorise(&matrix) && factors.solve(&mut right) && right.iter().all(|x| (x - 1.0).abs() < REGULAR)
+}

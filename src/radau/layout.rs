@@ -1,0 +1,106 @@
+//! Where the entries of `diag(M, 0)` and `-Phi_y` stand in memory: column after column where the system is small or
+//! full, else by the union of both patterns, which holds for every face and is analysed once.
+
+use super::settings::StepError;
+use crate::factorisation::Analysis;
+use crate::problem::{Mass, Structure};
+use faer::sparse::{Pair, SymbolicSparseColMat};
+
+/// Up to this many unknowns, a dense factorisation is faster than the bookkeeping of a sparse one.
+const DENSE_AT_MOST: usize = 40;
+
+/// A larger system is sparse if at most one place in so many may be nonzero: with more, the factors fill, and a dense
+/// factorisation is up to three times as fast, measured on chains, grids and random patterns.
+const SPARSITY: usize = 16;
+
+/// The most memory, in bytes, that one dense part of a run may take.
+const MOST_BYTES: usize = 2 << 30;
+
+/// The places of the entries, numbered.
+#[derive(Debug)]
+pub struct Layout {
+    /// `n + m`
+    pub unknowns: usize,
+    /// How the numbers are places.
+    pub storage: Storage,
+    /// How many there are.
+    pub places: usize,
+    /// The entries of `M`.
+    pub mass: Vec<(usize, f64)>,
+    /// The place of each entry of the problem's pattern; of a moving bound, in the row of its variable.
+    pub jacobian: Vec<usize>,
+    /// The place of the diagonal of each bounded variable.
+    pub diagonal: Vec<usize>,
+}
+
+/// How places are stored.
+#[derive(Debug)]
+pub enum Storage {
+    /// Column after column.
+    Dense,
+    /// In compressed columns.
+    Sparse {
+        /// The pattern.
+        pattern: SymbolicSparseColMat<usize>,
+        /// Its analysis.
+        analysis: Analysis,
+    },
+}
+
+impl Layout {
+    /// For a problem with those bounded variables.
+    ///
+    /// # Errors
+    /// If the matrices would not fit into memory.
+    pub fn new(structure: &Structure, bounded: &[usize]) -> Result<Self, StepError> {
+        let (n, unknowns) = (structure.states, structure.unknowns());
+        let mass: Vec<(usize, usize, f64)> = match &structure.mass {
+            Mass::Identity => (0..n).map(|i| (i, i, 1.0)).collect(),
+            Mass::Constant(entries) => entries.clone(),
+        };
+        let row = |i: usize| if i < unknowns { i } else { n + structure.moving[i - unknowns].variable };
+        let jacobian = structure.pattern.iter().map(|&(i, j)| (row(i), j));
+        let diagonal = bounded.iter().map(|&k| (n + k, n + k));
+        let mut pairs: Vec<Pair<usize, usize>> = mass
+            .iter()
+            .map(|&(i, j, _)| (i, j))
+            .chain(jacobian.clone())
+            .chain(diagonal.clone())
+            .map(|(row, col)| Pair { row, col })
+            .collect();
+        pairs.sort_unstable_by_key(|pair| (pair.col, pair.row));
+        pairs.dedup();
+        let is_sparse = unknowns > DENSE_AT_MOST && pairs.len() <= unknowns * unknowns / SPARSITY;
+        let (storage, places) = if is_sparse {
+            let too_large = || StepError::TooLarge { what: "sparse factors", unknowns };
+            let pattern = SymbolicSparseColMat::try_new_from_indices(unknowns, unknowns, &pairs);
+            let (pattern, _) = pattern.map_err(|_| too_large())?;
+            let analysis = Analysis::new(pattern.as_ref()).ok_or_else(too_large)?;
+            (Storage::Sparse { pattern, analysis }, pairs.len())
+        } else {
+            // The Jacobian, a real and a complex matrix.
+            check_memory("dense factors", unknowns, 4)?;
+            (Storage::Dense, unknowns * unknowns)
+        };
+        let place = |(i, j): (usize, usize)| match &storage {
+            Storage::Dense => i + j * unknowns,
+            Storage::Sparse { pattern, .. } => {
+                let column = pattern.col_range(j);
+                column.start + pattern.row_idx()[column].partition_point(|&row| row < i)
+            }
+        };
+        let mass = mass.iter().map(|&(i, j, value)| (place((i, j)), value)).collect();
+        let (jacobian, diagonal) = (jacobian.map(place).collect(), diagonal.map(place).collect());
+        Ok(Self { unknowns, storage, places, mass, jacobian, diagonal })
+    }
+}
+
+/// Refuses `matrices` dense matrices of `unknowns` rows that would take more memory than one run may.
+///
+/// # Errors
+/// [`StepError::TooLarge`].
+pub fn check_memory(what: &'static str, unknowns: usize, matrices: usize) -> Result<(), StepError> {
+    let numbers = unknowns.saturating_mul(unknowns).saturating_mul(matrices);
+    let fits = numbers <= MOST_BYTES / size_of::<f64>();
+    if fits { Ok(()) } else { Err(StepError::TooLarge { what, unknowns }) }
+}

@@ -1,0 +1,306 @@
+//! The primal-dual active set method for a sparse `A` and a product of intervals, as in an obstacle problem. On a
+//! guess of the active set,
+//!
+//! ```text
+//! z_i = l_i or z_i = u_i on it,    (A z + q)_i = 0 elsewhere
+//! ```
+//!
+//! is a linear system; variables outside their interval join the set, those whose `w_i` has the wrong sign leave it.
+//! It is Newton's method on the natural map, and ends after finitely many steps. For an M-matrix and one-sided bounds
+//! it always does (Hintermueller, Ito and Kunisch 2003, *The primal-dual active set strategy as a semismooth Newton
+//! method*, theorem 3.2); where a set comes back, or the steps are too many, [`line_search`] takes over, which cannot
+//! cycle.
+//!
+//! A step releases one layer of nodes, so that a free boundary that moves over `k` of them costs `k` steps. A matrix on
+//! a known grid therefore has its active set guessed on coarser ones, from the coarsest up ([`coarse`]): a few steps at
+//! any size.
+
+mod coarse;
+mod cyclic_reduction;
+mod grid;
+mod line_search;
+mod operator;
+mod sparse;
+mod tridiagonal;
+
+use super::{Outcome, Report, TOLERANCE};
+use crate::factorisation::SparseMatrix;
+use crate::problem::ConvexSet;
+use coarse::Coarse;
+use line_search::LineSearch;
+use operator::Operator;
+
+/// Steps on the finest grid before the line search takes over.
+const PASSES: usize = 300;
+
+/// Steps from the active set of the last problem before a new guess is made on coarser grids.
+const WARM_PASSES: usize = 2;
+
+/// Steps on a coarser grid; what it gives is only a guess.
+const COARSE_PASSES: usize = 8;
+
+/// The most problems in a row that are not tried from the last active set, where that failed before.
+const LONGEST_PAUSE: u32 = 15;
+
+/// A `w_i` this small against its own terms has no sign: the 4e-16 of one rounding, summed over a system.
+const ROUNDING: f64 = 1e-13;
+
+/// Where a variable rests.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Face {
+    Inside,
+    Lower,
+    Upper,
+}
+
+/// Why a matrix is not one for this method.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum Unsuitable {
+    /// It is not square, or its grid has another number of nodes.
+    #[error("the matrix is {rows} by {columns}, not {expected} by {expected}")]
+    Shape {
+        /// Rows of the matrix.
+        rows: usize,
+        /// Its columns.
+        columns: usize,
+        /// What both should be.
+        expected: usize,
+    },
+    /// Every principal minor of a matrix for which all such problems have one solution is positive.
+    #[error("the diagonal entry of row {row} (counted from 0) is {value}, not positive and finite")]
+    Diagonal {
+        /// The row.
+        row: usize,
+        /// The entry; zero where there is none.
+        value: f64,
+    },
+    /// The factors do not fit into memory.
+    #[error("the factors of the matrix do not fit into memory")]
+    Memory,
+}
+
+/// Solves `z in K, <A z + q, z~ - z> >= 0` for one `A` and many `q` and `K`, each from the active set of the last.
+pub struct ActiveSet {
+    finest: Level,
+    /// Ever coarser.
+    coarser: Vec<Coarse>,
+    line_search: Option<LineSearch>,
+    started: bool,
+    /// Problems still to be solved without trying the last active set first, and how many the next failure adds.
+    pause: u32,
+    next_pause: u32,
+}
+
+impl ActiveSet {
+    /// For a matrix on no known grid; a tridiagonal one is its own.
+    ///
+    /// # Errors
+    /// If the matrix is not square, has a diagonal entry that is not positive, or its factors do not fit into memory.
+    pub fn new(matrix: &SparseMatrix) -> Result<Self, Unsuitable> {
+        let finest = Operator::new(matrix)?;
+        let coarser = coarse::by_elimination(&finest);
+        Ok(Self::from_operators(finest, coarser))
+    }
+
+    /// For a matrix whose rows are the nodes of a grid of `shape[0] x shape[1] x ..` nodes, the last index fastest.
+    ///
+    /// # Errors
+    /// As for [`ActiveSet::new`], and if the grid has another number of nodes than the matrix has rows.
+    pub fn on_grid(matrix: &SparseMatrix, shape: &[usize]) -> Result<Self, Unsuitable> {
+        let expected = shape.iter().product();
+        if matrix.nrows() != expected {
+            return Err(Unsuitable::Shape { rows: matrix.nrows(), columns: matrix.ncols(), expected });
+        }
+        let finest = Operator::new(matrix)?;
+        let coarser = match finest {
+            Operator::Tridiagonal(_) => coarse::by_elimination(&finest),
+            Operator::Sparse(_) => coarse::by_interpolation(matrix, shape)?,
+        };
+        Ok(Self::from_operators(finest, coarser))
+    }
+
+    fn from_operators(finest: Operator, coarser: Vec<Coarse>) -> Self {
+        Self { finest: Level::new(finest), coarser, line_search: None, started: false, pause: 0, next_pause: 1 }
+    }
+
+    /// The name users see in the diagnostics.
+    pub fn name(&self) -> &'static str {
+        "active_set"
+    }
+
+    /// Solves, from the active set of the last problem or, the first time, from that of `z`; leaves the answer in `z`.
+    /// Vectors of another length than the matrix has rows, empty intervals and numbers that are not finite end in
+    /// [`Outcome::Breakdown`], sets that are no product of intervals in [`Outcome::Unsuitable`].
+    pub fn solve(&mut self, q: &[f64], set: &ConvexSet, z: &mut [f64]) -> Report {
+        if set.has_blocks() {
+            return Report::UNSUITABLE;
+        }
+        let n = self.finest.face.len();
+        let fits = q.len() == n && z.len() == n && set.dimension() == n;
+        if !fits || !set.is_nonempty() || q.iter().any(|q| !q.is_finite()) {
+            return Report::BREAKDOWN;
+        }
+        let is_warm = std::mem::replace(&mut self.started, true);
+        if !is_warm {
+            self.finest.guess(set, z);
+        }
+        let (mut settled, mut iterations) = (false, 0);
+        let is_last_resort = self.coarser.is_empty();
+        if is_last_resort || (is_warm && self.pause == 0) {
+            let most = if is_last_resort { PASSES } else { WARM_PASSES };
+            settled = self.finest.iterate(q, set, z, most, &mut iterations);
+            self.next_pause = if settled { 1 } else { (2 * self.next_pause).min(LONGEST_PAUSE) };
+            self.pause = if settled { 0 } else { self.next_pause };
+        } else {
+            self.pause = self.pause.saturating_sub(1);
+        }
+        if !settled && !is_last_resort {
+            coarse::guess(&mut self.coarser, &mut self.finest, q, set, z);
+            self.finest.iterate(q, set, z, PASSES, &mut iterations);
+        }
+        let (mut is_solved, mut residual) = self.finest.measure(q, set, z);
+        if !is_solved {
+            let search = self.line_search.get_or_insert_with(|| LineSearch::new(n));
+            iterations += search.run(&mut self.finest, q, set, z);
+            (is_solved, residual) = self.finest.measure(q, set, z);
+        }
+        let outcome = match (is_solved, residual.is_nan()) {
+            (true, _) => Outcome::Solved,
+            (false, true) => Outcome::Breakdown,
+            (false, false) => Outcome::Limit,
+        };
+        Report { outcome, residual, iterations }
+    }
+}
+
+/// A matrix with the present active set.
+struct Level {
+    operator: Operator,
+    face: Vec<Face>,
+    w: Vec<f64>,
+    /// `|A| |z| + |q|`, in which rounding errors of `w` are measured.
+    terms: Vec<f64>,
+    /// Signatures of the active sets since the iteration began.
+    seen: Vec<u64>,
+}
+
+impl Level {
+    fn new(operator: Operator) -> Self {
+        let n = operator.len();
+        let face = vec![Face::Inside; n];
+        Self { operator, face, w: vec![0.0; n], terms: vec![0.0; n], seen: Vec::with_capacity(PASSES) }
+    }
+
+    /// Reads the active set off a point.
+    fn guess(&mut self, set: &ConvexSet, z: &[f64]) {
+        for (i, (face, &z)) in self.face.iter_mut().zip(z).enumerate() {
+            *face = resting_place(z, set.lower[i], set.upper[i]);
+        }
+    }
+
+    /// Puts variables that rest on an end that is not there inside, and those without a choice on their end; returns
+    /// the signature of the set.
+    fn fit(&mut self, set: &ConvexSet) -> u64 {
+        let mut signature = 0;
+        for (i, (face, (&lower, &upper))) in self.face.iter_mut().zip(set.lower.iter().zip(&set.upper)).enumerate() {
+            *face = match *face {
+                _ if lower == upper => Face::Lower,
+                Face::Lower if lower == f64::NEG_INFINITY => Face::Inside,
+                Face::Upper if upper == f64::INFINITY => Face::Inside,
+                other => other,
+            };
+            signature ^= mixed(i, *face);
+        }
+        signature
+    }
+
+    /// Steps until the active set stays. False if it does not: a set comes back, a system is singular, or `most` steps
+    /// are made.
+    fn iterate(&mut self, q: &[f64], set: &ConvexSet, z: &mut [f64], most: usize, passes: &mut usize) -> bool {
+        let mut signature = self.fit(set);
+        self.seen.clear();
+        for _ in 0..most {
+            self.seen.push(signature);
+            *passes += 1;
+            if !self.solve_on_face(q, set, z) {
+                return false;
+            }
+            self.operator.inequality(q, z, &self.face, &mut self.w, &mut self.terms);
+            let changes = self.update(set, z);
+            if changes == 0 {
+                return true;
+            }
+            signature ^= changes;
+            if self.seen.contains(&signature) {
+                return false;
+            }
+        }
+        false
+    }
+
+    /// `z` on the present active set. False if the system is singular.
+    fn solve_on_face(&mut self, q: &[f64], set: &ConvexSet, z: &mut [f64]) -> bool {
+        for (i, ((z, &face), &q)) in z.iter_mut().zip(&self.face).zip(q).enumerate() {
+            *z = match face {
+                Face::Inside => -q,
+                Face::Lower => set.lower[i],
+                Face::Upper => set.upper[i],
+            };
+        }
+        self.operator.solve(&self.face, None, z)
+    }
+
+    /// Moves variables to where their `z` and `w` say; what that changes in the signature.
+    fn update(&mut self, set: &ConvexSet, z: &[f64]) -> u64 {
+        let mut changes = 0;
+        for (i, (face, &z)) in self.face.iter_mut().zip(z).enumerate() {
+            let new = match *face {
+                Face::Inside if z < set.lower[i] => Face::Lower,
+                Face::Inside if z > set.upper[i] => Face::Upper,
+                Face::Lower if self.w[i] < -ROUNDING * self.terms[i] && set.lower[i] < set.upper[i] => Face::Inside,
+                Face::Upper if self.w[i] > ROUNDING * self.terms[i] => Face::Inside,
+                _ => continue,
+            };
+            changes ^= mixed(i, *face) ^ mixed(i, new);
+            *face = new;
+        }
+        changes
+    }
+
+    /// Whether `z` solves the problem, by its residual with rows divided by the diagonal and beside the terms that
+    /// cancel in it; and the residual undivided, NaN if a number is not finite.
+    fn measure(&mut self, q: &[f64], set: &ConvexSet, z: &[f64]) -> (bool, f64) {
+        self.operator.apply(q, z, &mut self.w, &mut self.terms);
+        let (mut residual, mut scaled, mut magnitude) = (0.0_f64, 0.0_f64, 0.0_f64);
+        for (i, ((&z, &w), &scale)) in z.iter().zip(&self.w).zip(self.operator.inverse_diagonal()).enumerate() {
+            let r = (z - set.project(i, z - scale * w)).abs();
+            if r.is_nan() {
+                return (false, r);
+            }
+            scaled = scaled.max(r);
+            magnitude = magnitude.max(scale * self.terms[i]);
+            residual = residual.max((z - set.project(i, z - w)).abs());
+        }
+        (scaled <= TOLERANCE * magnitude, residual)
+    }
+}
+
+/// Where a point of the interval, or one outside it, belongs.
+fn resting_place(z: f64, lower: f64, upper: f64) -> Face {
+    if z <= lower {
+        Face::Lower
+    } else if z >= upper {
+        Face::Upper
+    } else {
+        Face::Inside
+    }
+}
+
+/// Bits of variable `i` on `face`, of which the exclusive or over all variables tells sets apart (Zobrist 1970; the
+/// mixing is `SplitMix64`).
+fn mixed(i: usize, face: Face) -> u64 {
+    let mut x = (4 * i as u64 + face as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    x = (x ^ (x >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    x ^ (x >> 31)
+}

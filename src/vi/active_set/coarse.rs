@@ -1,0 +1,119 @@
+//! A guess of the active set from the same problem on coarser grids (Kornhuber 1994, *Monotone multigrid methods for
+//! elliptic variational inequalities*, uses them for the whole solution): each grid is solved from the active set of
+//! the next coarser one, which is off by a node or so along its boundary.
+
+use super::cyclic_reduction::CyclicReduction;
+use super::grid::Interpolation;
+use super::operator::Operator;
+use super::{COARSE_PASSES, Level, Unsuitable};
+use crate::factorisation::SparseMatrix;
+use crate::problem::ConvexSet;
+
+/// Grids of so few nodes are not coarsened further.
+const SMALL: usize = 32;
+
+/// Sweeps of Gauss-Seidel after interpolation: what is wrong then is wrong over a few nodes.
+const SWEEPS: usize = 4;
+
+/// A coarser problem, and how it comes from the next finer one.
+pub(super) struct Coarse {
+    transfer: Transfer,
+    level: Level,
+    q: Vec<f64>,
+    set: ConvexSet,
+    z: Vec<f64>,
+}
+
+enum Transfer {
+    Elimination(CyclicReduction),
+    Interpolation(Interpolation),
+}
+
+impl Coarse {
+    fn new(transfer: Transfer, operator: Operator) -> Self {
+        let n = operator.len();
+        Self { transfer, level: Level::new(operator), q: vec![0.0; n], set: ConvexSet::free(n), z: vec![0.0; n] }
+    }
+
+    fn restrict(&mut self, q: &[f64], set: &ConvexSet) {
+        match &self.transfer {
+            Transfer::Elimination(transfer) => transfer.restrict(q, &mut self.q),
+            Transfer::Interpolation(transfer) => transfer.restrict(q, &mut self.q),
+        }
+        for (node, (lower, upper)) in self.set.lower.iter_mut().zip(&mut self.set.upper).enumerate() {
+            let fine = match &self.transfer {
+                Transfer::Elimination(_) => 2 * node,
+                Transfer::Interpolation(transfer) => transfer.nodes[node],
+            };
+            (*lower, *upper) = (set.lower[fine], set.upper[fine]);
+        }
+    }
+
+    fn solve(&mut self) {
+        self.level.iterate(&self.q, &self.set, &mut self.z, COARSE_PASSES, &mut 0);
+    }
+
+    /// Sets the active set of the next finer problem; where `z` is interpolated, `z` is overwritten.
+    fn guess(&self, fine: &mut Level, q: &[f64], set: &ConvexSet, z: &mut [f64]) {
+        match (&self.transfer, &fine.operator) {
+            (Transfer::Elimination(transfer), Operator::Tridiagonal(matrix)) => {
+                transfer.guess(matrix, q, set, (&self.z, &self.level.face), &mut fine.face);
+            }
+            (Transfer::Interpolation(transfer), Operator::Sparse(matrix)) => {
+                transfer.interpolate(&self.z, z);
+                z.iter_mut().enumerate().for_each(|(i, z)| *z = set.project(i, *z));
+                matrix.apply(q, z, &mut fine.w, &mut fine.terms);
+                for sweep in 0..SWEEPS {
+                    matrix.relax(set, z, &mut fine.w, sweep % 2 == 0);
+                }
+                fine.guess(set, z);
+            }
+            _ => {}
+        }
+    }
+}
+
+/// Every other node of a tridiagonal matrix eliminated, again and again.
+pub(super) fn by_elimination(finest: &Operator) -> Vec<Coarse> {
+    let mut coarser = Vec::new();
+    let Operator::Tridiagonal(finest) = finest else { return coarser };
+    let mut fine = finest.clone();
+    while fine.diagonal.len() > SMALL {
+        let (transfer, coarse) = CyclicReduction::new(&fine);
+        coarser.push(Coarse::new(Transfer::Elimination(transfer), Operator::Tridiagonal(coarse.clone())));
+        fine = coarse;
+    }
+    coarser
+}
+
+/// Every other node in each direction of a grid, with the Galerkin matrix of multilinear interpolation.
+pub(super) fn by_interpolation(finest: &SparseMatrix, shape: &[usize]) -> Result<Vec<Coarse>, Unsuitable> {
+    let mut coarser = Vec::new();
+    let (mut shape, mut fine) = (shape.to_vec(), finest.clone());
+    while fine.nrows() > SMALL && shape.iter().any(|&nodes| nodes > 3) {
+        let (transfer, coarse_shape) = Interpolation::new(&shape);
+        let coarse = transfer.galerkin(&fine).ok_or(Unsuitable::Memory)?;
+        coarser.push(Coarse::new(Transfer::Interpolation(transfer), Operator::new(&coarse)?));
+        (shape, fine) = (coarse_shape, coarse);
+    }
+    Ok(coarser)
+}
+
+/// Guesses the active set of the finest problem, from the coarsest up.
+pub(super) fn guess(coarser: &mut [Coarse], finest: &mut Level, q: &[f64], set: &ConvexSet, z: &mut [f64]) {
+    for k in 0..coarser.len() {
+        let (finer, rest) = coarser.split_at_mut(k);
+        match finer.last() {
+            Some(fine) => rest[0].restrict(&fine.q, &fine.set),
+            None => rest[0].restrict(q, set),
+        }
+    }
+    for k in (0..coarser.len()).rev() {
+        let (finer, rest) = coarser.split_at_mut(k);
+        rest[0].solve();
+        match finer.last_mut() {
+            Some(fine) => rest[0].guess(&mut fine.level, &fine.q, &fine.set, &mut fine.z),
+            None => rest[0].guess(finest, q, set, z),
+        }
+    }
+}

@@ -1,0 +1,74 @@
+//! Cyclic reduction of a tridiagonal system (Hockney 1965): the odd unknowns, which are not bounded by the coarse
+//! problem, are eliminated,
+//!
+//! ```text
+//! z_i = -(q_i + A_{i,i-1} z_{i-1} + A_{i,i+1} z_{i+1}) / A_ii,    i odd
+//! ```
+//!
+//! which leaves a tridiagonal system in the even ones: their Schur complement, again an M-matrix, whatever the
+//! coefficients and the spacing of the grid.
+
+use super::tridiagonal::Tridiagonal;
+use super::{Face, resting_place};
+use crate::problem::ConvexSet;
+
+/// What rows `2k - 1` and `2k + 1` add to row `2k`.
+pub(super) struct CyclicReduction {
+    left: Vec<f64>,
+    right: Vec<f64>,
+}
+
+impl CyclicReduction {
+    /// The reduction and the system that it leaves.
+    pub fn new(fine: &Tridiagonal) -> (Self, Tridiagonal) {
+        let n = fine.diagonal.len();
+        let coarse = n.div_ceil(2);
+        let (mut left, mut right) = (vec![0.0; coarse], vec![0.0; coarse]);
+        let (mut below, mut diagonal, mut above) = (vec![0.0; coarse], vec![0.0; coarse], vec![0.0; coarse]);
+        for k in 0..coarse {
+            let i = 2 * k;
+            diagonal[k] = fine.diagonal[i];
+            if i > 0 {
+                left[k] = -fine.below[i] * fine.inverse_diagonal[i - 1];
+                diagonal[k] += left[k] * fine.above[i - 1];
+                below[k] = left[k] * fine.below[i - 1];
+            }
+            if i + 1 < n {
+                right[k] = -fine.above[i] * fine.inverse_diagonal[i + 1];
+                diagonal[k] += right[k] * fine.below[i + 1];
+                above[k] = right[k] * fine.above[i + 1];
+            }
+        }
+        (Self { left, right }, Tridiagonal::new(below, diagonal, above))
+    }
+
+    pub fn restrict(&self, fine: &[f64], coarse: &mut [f64]) {
+        for (k, coarse) in coarse.iter_mut().enumerate() {
+            let i = 2 * k;
+            let left = if i > 0 { self.left[k] * fine[i - 1] } else { 0.0 };
+            let right = if i + 1 < fine.len() { self.right[k] * fine[i + 1] } else { 0.0 };
+            *coarse = fine[i] + left + right;
+        }
+    }
+
+    /// Even nodes rest where the coarse ones do; an odd one where its own row, given its neighbours, says.
+    pub fn guess(
+        &self,
+        matrix: &Tridiagonal,
+        q: &[f64],
+        set: &ConvexSet,
+        (z, coarse): (&[f64], &[Face]),
+        face: &mut [Face],
+    ) {
+        for (i, face) in face.iter_mut().enumerate() {
+            let k = i / 2;
+            *face = if i % 2 == 0 {
+                coarse[k]
+            } else {
+                let next = z.get(k + 1).map_or(0.0, |z| matrix.above[i] * z);
+                let alone = -(q[i] + matrix.below[i] * z[k] + next) * matrix.inverse_diagonal[i];
+                resting_place(alone, set.lower[i], set.upper[i])
+            };
+        }
+    }
+}

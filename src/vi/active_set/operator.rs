@@ -1,0 +1,79 @@
+//! A matrix that an active-set method can use: products, and solutions of the rows that are inside,
+//!
+//! ```text
+//! sum_j A_ij z_j + s_i z_i = r_i  for i inside,    z_i given elsewhere
+//! ```
+
+use super::sparse::Sparse;
+use super::tridiagonal::Tridiagonal;
+use super::{Face, Unsuitable};
+use crate::factorisation::SparseMatrix;
+
+pub(super) enum Operator {
+    Tridiagonal(Tridiagonal),
+    Sparse(Sparse),
+}
+
+impl Operator {
+    pub fn new(matrix: &SparseMatrix) -> Result<Self, Unsuitable> {
+        let (rows, columns) = (matrix.nrows(), matrix.ncols());
+        if rows != columns {
+            return Err(Unsuitable::Shape { rows, columns, expected: rows });
+        }
+        for row in 0..rows {
+            let value = matrix.get(row, row).copied().unwrap_or(0.0);
+            if !(value > 0.0 && value < f64::INFINITY) {
+                return Err(Unsuitable::Diagonal { row, value });
+            }
+        }
+        match Tridiagonal::of_m_matrix(matrix) {
+            Some(tridiagonal) => Ok(Self::Tridiagonal(tridiagonal)),
+            None => Ok(Self::Sparse(Sparse::new(matrix)?)),
+        }
+    }
+
+    pub fn len(&self) -> usize {
+        self.inverse_diagonal().len()
+    }
+
+    /// One over each diagonal entry.
+    pub fn inverse_diagonal(&self) -> &[f64] {
+        match self {
+            Self::Tridiagonal(matrix) => &matrix.inverse_diagonal,
+            Self::Sparse(matrix) => &matrix.inverse_diagonal,
+        }
+    }
+
+    /// `w = A z + q` and `|A| |z| + |q|`.
+    pub fn apply(&self, q: &[f64], z: &[f64], w: &mut [f64], terms: &mut [f64]) {
+        match self {
+            Self::Tridiagonal(matrix) => matrix.apply(q, z, w, terms),
+            Self::Sparse(matrix) => matrix.apply(q, z, w, terms),
+        }
+    }
+
+    /// The same where a variable rests on an end; elsewhere anything.
+    pub fn inequality(&self, q: &[f64], z: &[f64], face: &[Face], w: &mut [f64], terms: &mut [f64]) {
+        match self {
+            Self::Tridiagonal(matrix) => matrix.apply_outside(q, z, face, w, terms),
+            Self::Sparse(matrix) => matrix.apply(q, z, w, terms),
+        }
+    }
+
+    /// `out += A^T x`
+    pub fn add_transposed(&self, x: &[f64], out: &mut [f64]) {
+        match self {
+            Self::Tridiagonal(matrix) => matrix.add_transposed(x, out),
+            Self::Sparse(matrix) => matrix.add_transposed(x, out),
+        }
+    }
+
+    /// Solves in place: `z` holds the right-hand side `r` inside and the given values elsewhere; `shift` is `s`. False
+    /// if the system is singular.
+    pub fn solve(&mut self, face: &[Face], shift: Option<&[f64]>, z: &mut [f64]) -> bool {
+        match self {
+            Self::Tridiagonal(matrix) => matrix.solve(face, shift, z),
+            Self::Sparse(matrix) => matrix.solve(face, shift, z),
+        }
+    }
+}

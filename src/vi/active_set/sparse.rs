@@ -1,0 +1,133 @@
+//! A sparse matrix of any pattern. Rows and columns of variables at rest are replaced by those of the identity, so that
+//! the pattern, and its analysis, stay: a symmetric matrix is left symmetric, and factorised by Cholesky.
+
+use super::{Face, Unsuitable};
+use crate::factorisation::{Analysis, Cholesky, SparseLu, SparseMatrix};
+use crate::problem::ConvexSet;
+
+pub(super) struct Sparse {
+    matrix: SparseMatrix,
+    pub inverse_diagonal: Vec<f64>,
+    /// The matrix with rows and columns replaced.
+    restricted: SparseMatrix,
+    factors: Factors,
+    /// The active set that the factors belong to, if they are of the unshifted matrix.
+    factored: Option<Vec<Face>>,
+}
+
+enum Factors {
+    Cholesky(Cholesky),
+    Lu(SparseLu<f64>),
+}
+
+impl Sparse {
+    pub fn new(matrix: &SparseMatrix) -> Result<Self, Unsuitable> {
+        let n = matrix.nrows();
+        let inverse_diagonal = (0..n).map(|i| matrix.get(i, i).map_or(f64::INFINITY, |d| 1.0 / d)).collect();
+        let factors = if is_symmetric(matrix) {
+            Cholesky::new(matrix).map(Factors::Cholesky)
+        } else {
+            Analysis::new(matrix.symbolic()).and_then(|analysis| SparseLu::new(&analysis)).map(Factors::Lu)
+        };
+        Ok(Self {
+            matrix: matrix.clone(),
+            inverse_diagonal,
+            restricted: matrix.clone(),
+            factors: factors.ok_or(Unsuitable::Memory)?,
+            factored: None,
+        })
+    }
+
+    pub fn apply(&self, q: &[f64], z: &[f64], w: &mut [f64], terms: &mut [f64]) {
+        for ((w, terms), &q) in w.iter_mut().zip(terms.iter_mut()).zip(q) {
+            (*w, *terms) = (q, q.abs());
+        }
+        for (j, &z) in z.iter().enumerate() {
+            for (&i, &a) in self.column(j) {
+                w[i] += a * z;
+                terms[i] += (a * z).abs();
+            }
+        }
+    }
+
+    /// One sweep of projected Gauss-Seidel through the variables, forwards or backwards; `w = A z + q` is kept up.
+    pub fn relax(&self, set: &ConvexSet, z: &mut [f64], w: &mut [f64], forwards: bool) {
+        let n = z.len();
+        for k in 0..n {
+            let i = if forwards { k } else { n - 1 - k };
+            let new = set.project(i, z[i] - self.inverse_diagonal[i] * w[i]);
+            let change = new - z[i];
+            if change != 0.0 {
+                z[i] = new;
+                for (&row, &a) in self.column(i) {
+                    w[row] += a * change;
+                }
+            }
+        }
+    }
+
+    pub fn add_transposed(&self, x: &[f64], out: &mut [f64]) {
+        for (j, out) in out.iter_mut().enumerate() {
+            *out += self.column(j).map(|(&i, &a)| a * x[i]).sum::<f64>();
+        }
+    }
+
+    fn column(&self, j: usize) -> impl Iterator<Item = (&usize, &f64)> {
+        self.matrix.symbolic().row_idx_of_col_raw(j).iter().zip(self.matrix.val_of_col(j))
+    }
+
+    pub fn solve(&mut self, face: &[Face], shift: Option<&[f64]>, z: &mut [f64]) -> bool {
+        let at_hand = shift.is_none() && self.factored.as_deref() == Some(face);
+        if !at_hand && !self.factorise(face, shift) {
+            return false;
+        }
+        for j in (0..face.len()).filter(|&j| face[j] != Face::Inside) {
+            let given = z[j];
+            if given != 0.0 {
+                for (&i, &a) in self.column(j) {
+                    if face[i] == Face::Inside {
+                        z[i] -= a * given;
+                    }
+                }
+            }
+        }
+        match &mut self.factors {
+            Factors::Cholesky(factors) => factors.solve(z),
+            Factors::Lu(factors) => factors.solve(z),
+        }
+    }
+
+    fn factorise(&mut self, face: &[Face], shift: Option<&[f64]>) -> bool {
+        let mut kept = self.factored.take().unwrap_or_default();
+        let (symbolic, values) = self.restricted.parts_mut();
+        for j in 0..face.len() {
+            let range = symbolic.col_range(j);
+            let rows = &symbolic.row_idx()[range.clone()];
+            for ((value, &i), &a) in values[range].iter_mut().zip(rows).zip(self.matrix.val_of_col(j)) {
+                *value = match (face[i] == Face::Inside && face[j] == Face::Inside, i == j) {
+                    (true, true) => a + shift.map_or(0.0, |shift| shift[j]),
+                    (true, false) => a,
+                    (false, true) => 1.0,
+                    (false, false) => 0.0,
+                };
+            }
+        }
+        let regular = match &mut self.factors {
+            Factors::Cholesky(factors) => factors.factorise(&self.restricted),
+            Factors::Lu(factors) => factors.factorise(&self.restricted),
+        };
+        if regular && shift.is_none() {
+            kept.clear();
+            kept.extend_from_slice(face);
+            self.factored = Some(kept);
+        }
+        regular
+    }
+}
+
+fn is_symmetric(matrix: &SparseMatrix) -> bool {
+    let Ok(transposed) = matrix.transpose().to_col_major() else { return false };
+    matrix.symbolic().col_ptr() == transposed.symbolic().col_ptr()
+        && matrix.symbolic().row_idx() == transposed.symbolic().row_idx()
+        && matrix.val() == transposed.val()
+}
