@@ -30,6 +30,7 @@ pub struct Consistent {
     start: Vec<f64>,
 }
 
+#[expect(clippy::large_enum_variant, reason = "one of them lives as long as its stepper; a box would only add a hop")]
 enum Equations {
     Dense(Dense),
     Sparse(Sparse),

@@ -65,6 +65,7 @@ impl Factors {
 }
 
 /// Factors of one matrix, by size and density.
+#[expect(clippy::large_enum_variant, reason = "one of them lives as long as its stepper; a box would only add a hop")]
 enum Lu<T: Number> {
     Small(LU<T, Dyn, Dyn>),
     Dense(DenseLu<T>),

@@ -1,7 +1,7 @@
 //! Systems of many unknowns, whose matrices are stored and factorised by their nonzeros, against closed forms and
 //! against the small systems that they are made of.
 
-use crate::harness::{last, solve};
+use crate::systems::harness::{last, solve};
 use dvi::problem::Control;
 use dvi::solution::Status;
 use dvi::specification::Specification;
@@ -97,7 +97,7 @@ fn many_copies_of_a_switching_system_run_as_the_one_does() {
 fn free_variables_of_a_large_system_follow_from_the_hidden_constraint_or_the_plain_one() {
     // x_i' = z_i + (x_{i-1} - 2 x_i + x_{i+1}). Even rows hold x_i = sin t, odd ones z_i = x_i + cos t.
     let n = 120;
-    let even = |i: &usize| i % 2 == 0;
+    let even = |i: &usize| i.is_multiple_of(2);
     let c: Vec<_> = (0..n).map(|i| (i, i, if even(&i) { 1.0 } else { -1.0 })).collect();
     let d: Vec<_> = (0..n).filter(|i| !even(i)).map(|i| (i, i, 1.0)).collect();
     let g: Vec<_> = (0..n).map(|i| if even(&i) { "-sin(t)" } else { "-cos(t)" }).collect();

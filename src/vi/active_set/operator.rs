@@ -9,6 +9,7 @@ use super::tridiagonal::Tridiagonal;
 use super::{Face, Unsuitable};
 use crate::factorisation::SparseMatrix;
 
+#[expect(clippy::large_enum_variant, reason = "one of them lives as long as its stepper; a box would only add a hop")]
 pub(super) enum Operator {
     Tridiagonal(Tridiagonal),
     Sparse(Sparse),

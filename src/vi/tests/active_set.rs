@@ -70,7 +70,7 @@ fn a_string_lies_on_a_parabola_between_its_tangents_from_the_ends() {
 }
 
 /// A membrane over a hemisphere, with the values of the solution in the plane around the square (-2, 2)^2: the largest
-/// error and the radius of contact (Bueler 2021, *PETSc for Partial Differential Equations*, section 12.3).
+/// error and the radius of contact (Bueler 2021, `PETSc` for partial differential equations, section 12.3).
 fn membrane(nodes: usize) -> (f64, f64) {
     const RADIUS: f64 = 0.697_965_148_223_374;
     const A: f64 = 0.680_259_411_891_719;
