@@ -1,9 +1,14 @@
 //! One step after another: Jacobian, factors, stages, face, error, acceptance.
 
+mod estimate;
+mod preparation;
+mod report;
+
+pub use report::Variables;
+
 use super::consistent::Consistent;
 use super::dense_output::Step;
 use super::error_control::{Controller, Rescaled};
-use super::face::Place;
 use super::factors::Factors;
 use super::settings::{Cause, Settings, StageChoice, StepError};
 use super::stage_vi::StageVi;
@@ -11,8 +16,7 @@ use super::stages::{Contraction, Newton, NewtonControl, Stages, THETA};
 use super::switches::{Located, Switching};
 use super::system::System;
 use super::tableau::Tableau;
-use crate::problem::{ConvexSet, Dvi};
-use crate::vi;
+use crate::problem::Dvi;
 
 /// Counts of what a run did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -62,19 +66,6 @@ pub struct Radau<'p> {
     shifted: Vec<f64>,
     /// Counters.
     pub counts: Counts,
-}
-
-/// The variables at the end of a step.
-#[derive(Clone, Copy, Debug)]
-pub struct Variables<'a> {
-    /// `K` there.
-    pub set: &'a ConvexSet,
-    /// The variables that have a bound, counted from 0.
-    pub bounded: &'a [usize],
-    /// All variables.
-    pub z: &'a [f64],
-    /// `G` there.
-    pub g: &'a [f64],
 }
 
 /// What is known of the derivatives at hand.
@@ -172,102 +163,6 @@ impl<'p> Radau<'p> {
         radau.h = radau.first_step();
         radau.start()?;
         Ok(radau)
-    }
-
-    /// The time reached.
-    pub fn t(&self) -> f64 {
-        self.t
-    }
-
-    /// `y = (x, z)` at the time reached.
-    pub fn y(&self) -> &[f64] {
-        &self.y
-    }
-
-    /// Whether the end is reached.
-    pub fn is_done(&self) -> bool {
-        self.t >= self.end
-    }
-
-    /// Whether the states jumped at the start, because the constraints did not allow it.
-    pub fn jumped(&self) -> bool {
-        self.jumped
-    }
-
-    /// The number of stages in use.
-    pub fn stages(&self) -> usize {
-        self.tableau().stages()
-    }
-
-    /// Counters of evaluations.
-    pub fn work(&self) -> super::system::Work {
-        self.system.work
-    }
-
-    /// The affine problems solved, over the stages and for faces: the solver that answered last, how many, and their
-    /// pivots or iterations.
-    pub fn vi_work(&self) -> Option<(&'static str, u64, u64)> {
-        let (stages, faces) = (self.stage_vi.as_ref()?, self.switching.probe.vi.as_ref()?);
-        let last = if stages.solves > 0 { stages } else { faces };
-        Some((last.solver(), stages.solves + faces.solves, stages.pivots + faces.pivots))
-    }
-
-    /// The attempts at affine problems of the stages that did not solve them, each with how often it happened.
-    pub fn vi_failures(&self) -> impl Iterator<Item = (vi::Attempt, u64)> + '_ {
-        self.stage_vi.iter().flat_map(|vi| &vi.failures).copied()
-    }
-
-    /// `y` at a time within the last accepted step, into `out`: the states from the collocation polynomial, the variables
-    /// that belong to them; at the end of a step that is a switch, those after it.
-    pub fn interpolate(&mut self, t: f64, out: &mut [f64]) {
-        let at_end = t == self.t;
-        if at_end {
-            out.copy_from_slice(&self.y);
-        } else {
-            self.last.at(self.methods[self.last_method].tableau, t, out);
-            std::mem::swap(&mut self.system.face, &mut self.last.face);
-        }
-        if let Some(consistent) = &mut self.consistent
-            && (at_end || self.last.is_smooth)
-            && !consistent.solve(&mut self.system, t, out)
-        {
-            self.forget_jacobian();
-        }
-        if !self.system.bounded.is_empty() && self.system.evaluate(t, out) {
-            self.system.project(out);
-        }
-        if !at_end {
-            std::mem::swap(&mut self.system.face, &mut self.last.face);
-        }
-    }
-
-    /// What is needed to judge the variables at the time reached; `None` where no variable has a bound.
-    pub fn variables(&mut self) -> Option<Variables<'_>> {
-        if self.system.bounded.is_empty() || !self.system.evaluate(self.t, &self.y) {
-            return None;
-        }
-        let (n, unknowns) = (self.system.states, self.system.unknowns);
-        Some(Variables {
-            set: &self.system.set,
-            bounded: &self.system.bounded,
-            z: &self.y[n..],
-            g: &self.system.values[n..unknowns],
-        })
-    }
-
-    /// The active face.
-    pub fn face(&self) -> &[Place] {
-        &self.system.face
-    }
-
-    /// Whether the last step has kept one face.
-    pub fn kept_face(&self) -> bool {
-        self.last.is_smooth && self.continues
-    }
-
-    /// The problem, to be asked for more than steps need.
-    pub fn problem(&mut self) -> &mut dyn Dvi {
-        self.system.problem()
     }
 
     /// The time left.
@@ -393,141 +288,6 @@ impl<'p> Radau<'p> {
         }
     }
 
-    /// Makes derivatives, factors and tolerances ready for a step of size `h`.
-    pub(super) fn prepare(&mut self, h: f64) -> Result<(), StepError> {
-        self.differentiate()?;
-        if self.factored != Some(h) {
-            let tableau = self.methods[self.current].tableau;
-            self.factors.compute(&self.system, &self.system.face, tableau, h);
-            self.system.work.factorisations += 1;
-            self.factored = Some(h);
-        }
-        self.set_tolerances(h);
-        Ok(())
-    }
-
-    /// Makes the derivatives those of this step where they are stale.
-    fn differentiate(&mut self) -> Result<(), StepError> {
-        if self.jacobian == Freshness::Stale {
-            if !self.system.differentiate(self.t, &self.y) {
-                let row = self.system.entries().find(|(_, _, value)| !value.is_finite()).map_or(0, |(row, _, _)| row);
-                let (what, component) = self.name_row(row);
-                let what = match what {
-                    "rate" => "derivative of the rate",
-                    "inequality" => "derivative of the inequality",
-                    _ => "derivative of the bound",
-                };
-                return Err(StepError::NotFinite { what, component, t: self.t });
-            }
-            self.jacobian = Freshness::Fresh;
-            self.factored = None;
-        }
-        Ok(())
-    }
-
-    /// The weights of the Newton norm at `y`: `1/sc` for states; for variables, what an error of theirs over a step
-    /// does to the states (never `z` itself, which is of lower order and jumps).
-    pub(super) fn set_tolerances(&mut self, h: f64) {
-        let tolerance = &self.methods[self.current].tolerance;
-        let n = self.system.states;
-        for j in 0..n {
-            let scale = tolerance.factor * self.settings.atol[j] + tolerance.rtol * self.y[j].abs();
-            self.control.weight[j] = 1.0 / scale.max(f64::MIN_POSITIVE);
-        }
-        for (size, y) in self.control.size.iter_mut().zip(&self.y) {
-            *size = y.abs();
-        }
-        self.control.kappa = tolerance.kappa;
-        self.control.most = tolerance.most;
-        if self.system.unknowns > n {
-            let (states, effects) = self.control.weight.split_at_mut(n);
-            effects.fill(0.0);
-            for (i, j, value) in self.system.entries() {
-                if i < n && j >= n {
-                    let mass = self.system.mass_diagonal[i];
-                    let effect = if mass == 0.0 { value } else { h * value / mass };
-                    effects[j - n] = effects[j - n].max(effect.abs() * states[i]);
-                }
-            }
-        }
-    }
-
-    /// Starting values: the last collocation polynomial, continued; zero where it says nothing of this step.
-    pub(super) fn predict(&mut self, h: f64) {
-        let n = self.system.unknowns;
-        let tableau = self.tableau();
-        if !self.continues || self.last_method != self.current {
-            self.stages.z.fill(0.0);
-            self.stages.w.fill(0.0);
-            return;
-        }
-        self.last.increment_at(tableau, 1.0, &mut self.shifted);
-        for (i, c) in tableau.c.iter().enumerate() {
-            let out = &mut self.stages.z[i * n..(i + 1) * n];
-            self.last.increment_at(tableau, 1.0 + c * h / self.last.h, out);
-            for (out, end) in out.iter_mut().zip(&self.shifted) {
-                *out -= end;
-            }
-        }
-        self.stages.transform(tableau);
-    }
-
-    /// The embedded estimate of the error of the states, in units of the tolerance,
-    /// `E^-1 (Phi(t_n, y_n) + (1/h) diag(M, 0) sum_i D_i Z_i)`, filtered once more where it looks too large.
-    fn error(&mut self, h: f64, coupled: bool) -> f64 {
-        if coupled && let Some(vi) = &mut self.stage_vi {
-            vi.swap_face(&mut self.system);
-        }
-        let error = self.filtered_error(h, coupled);
-        if coupled && let Some(vi) = &mut self.stage_vi {
-            vi.swap_face(&mut self.system);
-        }
-        error
-    }
-
-    fn filtered_error(&mut self, h: f64, coupled: bool) -> f64 {
-        let n = self.system.unknowns;
-        let states = self.system.states;
-        let factors = match &mut self.stage_vi {
-            Some(vi) if coupled => vi.factors(),
-            _ => &mut self.factors,
-        };
-        let weights = &self.methods[self.current].tableau.estimate;
-        self.shifted.fill(0.0);
-        for (weight, z) in weights.iter().zip(self.stages.z.chunks_exact(n)) {
-            for (sum, z) in self.shifted[..states].iter_mut().zip(z) {
-                *sum += weight / h * z;
-            }
-        }
-        self.embedded.fill(0.0);
-        self.system.add_mass(1.0, &self.shifted, &mut self.embedded);
-        let mut error = f64::INFINITY;
-        for pass in 0..2 {
-            if pass == 1 {
-                for (shifted, (y, e)) in self.shifted.iter_mut().zip(self.y.iter().zip(&self.estimate)) {
-                    *shifted = y + e;
-                }
-            }
-            let y = if pass == 0 { &self.y } else { &self.shifted };
-            if !self.system.phi(self.t, y, &mut self.estimate) {
-                return f64::INFINITY;
-            }
-            for (sum, e) in self.estimate.iter_mut().zip(&self.embedded) {
-                *sum += e;
-            }
-            if !factors.solve_real(&mut self.estimate) {
-                return f64::INFINITY;
-            }
-            let sum: f64 =
-                self.estimate[..states].iter().zip(&self.control.weight).map(|(e, w)| (e * w) * (e * w)).sum();
-            error = (sum / states as f64).sqrt();
-            if error < 1.0 || !(self.counts.accepted == 0 || self.controller.rejected) {
-                break;
-            }
-        }
-        if error.is_nan() { f64::INFINITY } else { error }
-    }
-
     /// Makes the step at hand part of the trajectory.
     fn accept(&mut self, h: f64, coupled: bool) {
         let n = self.system.unknowns;
@@ -596,77 +356,5 @@ impl<'p> Radau<'p> {
             return Err(StepError::StepTooSmall { t: self.t, h: self.h, cause });
         }
         Ok(())
-    }
-
-    /// Has the derivatives evaluated anew before the next attempt.
-    pub(super) fn forget_jacobian(&mut self) {
-        if !self.system.constant_jacobian() {
-            self.jacobian = Freshness::Stale;
-        }
-    }
-
-    /// Forgets what no longer holds after a switch: derivatives, factors, the continued polynomial.
-    pub(super) fn restart(&mut self) {
-        self.forget_jacobian();
-        self.factored = None;
-        self.continues = false;
-        self.contraction = Contraction::default();
-        self.controller.restart();
-    }
-
-    fn check_finite(&mut self) -> Result<(), StepError> {
-        self.system.evaluate(self.t, &self.y);
-        self.check_evaluation()
-    }
-
-    /// Whether the last evaluation gave numbers, and intervals that hold one.
-    fn check_evaluation(&self) -> Result<(), StepError> {
-        let t = self.t;
-        if let Some(row) = self.system.values.iter().position(|value| !value.is_finite()) {
-            let (what, component) = self.name_row(row);
-            return Err(StepError::NotFinite { what, component, t });
-        }
-        let set = &self.system.set;
-        match self.system.bounded.iter().find(|&&k| set.lower[k] > set.upper[k]) {
-            Some(&variable) => Err(StepError::EmptySet { variable, t }),
-            None => Ok(()),
-        }
-    }
-
-    /// What a row of the evaluation is, and its number among its kind.
-    fn name_row(&self, row: usize) -> (&'static str, usize) {
-        let (n, unknowns) = (self.system.states, self.system.unknowns);
-        if row < n {
-            ("rate", row)
-        } else if row < unknowns {
-            ("inequality", row - n)
-        } else {
-            ("bound", row - unknowns)
-        }
-    }
-
-    /// A first step over which the rates at the start change the states by about the tolerance to the power that the
-    /// order asks for.
-    fn first_step(&mut self) -> f64 {
-        let span = self.end - self.t;
-        if let Some(h) = self.settings.step.or(self.settings.first_step) {
-            return h.min(span);
-        }
-        let n = self.system.states;
-        self.set_tolerances(span);
-        let speed = (0..n)
-            .map(|j| {
-                let mass = self.system.mass_diagonal[j];
-                let rate = if mass == 0.0 { 0.0 } else { self.system.values[j] / mass };
-                (rate * self.control.weight[j]).powi(2)
-            })
-            .sum::<f64>()
-            .sqrt()
-            / (n as f64).sqrt();
-        let s = self.tableau().stages() as f64;
-        // One tolerance of change a step is far too careful; the order says by how much.
-        let reach = (1.0 / self.settings.rtol).powf(1.0 - 1.0 / (s + 1.0)).sqrt();
-        let least = (1e-12 * span).max(f64::EPSILON * self.t.abs());
-        (reach / speed).min(1e-3 * span).max(least).min(span)
     }
 }

@@ -1,0 +1,158 @@
+//! What an attempt needs beforehand: derivatives, factors, tolerances, starting values, a first step size.
+
+use super::{Freshness, Radau};
+use crate::radau::settings::StepError;
+use crate::radau::stages::Contraction;
+
+impl Radau<'_> {
+    /// Makes derivatives, factors and tolerances ready for a step of size `h`.
+    pub(in crate::radau) fn prepare(&mut self, h: f64) -> Result<(), StepError> {
+        self.differentiate()?;
+        if self.factored != Some(h) {
+            let tableau = self.methods[self.current].tableau;
+            self.factors.compute(&self.system, &self.system.face, tableau, h);
+            self.system.work.factorisations += 1;
+            self.factored = Some(h);
+        }
+        self.set_tolerances(h);
+        Ok(())
+    }
+
+    /// Makes the derivatives those of this step where they are stale.
+    pub(super) fn differentiate(&mut self) -> Result<(), StepError> {
+        if self.jacobian == Freshness::Stale {
+            if !self.system.differentiate(self.t, &self.y) {
+                let row = self.system.entries().find(|(_, _, value)| !value.is_finite()).map_or(0, |(row, _, _)| row);
+                let (what, component) = self.name_row(row);
+                let what = match what {
+                    "rate" => "derivative of the rate",
+                    "inequality" => "derivative of the inequality",
+                    _ => "derivative of the bound",
+                };
+                return Err(StepError::NotFinite { what, component, t: self.t });
+            }
+            self.jacobian = Freshness::Fresh;
+            self.factored = None;
+        }
+        Ok(())
+    }
+
+    /// The weights of the Newton norm at `y`: `1/sc` for states; for variables, what an error of theirs over a step
+    /// does to the states (never `z` itself, which is of lower order and jumps).
+    pub(in crate::radau) fn set_tolerances(&mut self, h: f64) {
+        let tolerance = &self.methods[self.current].tolerance;
+        let n = self.system.states;
+        for j in 0..n {
+            let scale = tolerance.factor * self.settings.atol[j] + tolerance.rtol * self.y[j].abs();
+            self.control.weight[j] = 1.0 / scale.max(f64::MIN_POSITIVE);
+        }
+        for (size, y) in self.control.size.iter_mut().zip(&self.y) {
+            *size = y.abs();
+        }
+        self.control.kappa = tolerance.kappa;
+        self.control.most = tolerance.most;
+        if self.system.unknowns > n {
+            let (states, effects) = self.control.weight.split_at_mut(n);
+            effects.fill(0.0);
+            for (i, j, value) in self.system.entries() {
+                if i < n && j >= n {
+                    let mass = self.system.mass_diagonal[i];
+                    let effect = if mass == 0.0 { value } else { h * value / mass };
+                    effects[j - n] = effects[j - n].max(effect.abs() * states[i]);
+                }
+            }
+        }
+    }
+
+    /// Starting values: the last collocation polynomial, continued; zero where it says nothing of this step.
+    pub(in crate::radau) fn predict(&mut self, h: f64) {
+        let n = self.system.unknowns;
+        let tableau = self.tableau();
+        if !self.continues || self.last_method != self.current {
+            self.stages.z.fill(0.0);
+            self.stages.w.fill(0.0);
+            return;
+        }
+        self.last.increment_at(tableau, 1.0, &mut self.shifted);
+        for (i, c) in tableau.c.iter().enumerate() {
+            let out = &mut self.stages.z[i * n..(i + 1) * n];
+            self.last.increment_at(tableau, 1.0 + c * h / self.last.h, out);
+            for (out, end) in out.iter_mut().zip(&self.shifted) {
+                *out -= end;
+            }
+        }
+        self.stages.transform(tableau);
+    }
+
+    /// Has the derivatives evaluated anew before the next attempt.
+    pub(in crate::radau) fn forget_jacobian(&mut self) {
+        if !self.system.constant_jacobian() {
+            self.jacobian = Freshness::Stale;
+        }
+    }
+
+    /// Forgets what no longer holds after a switch: derivatives, factors, the continued polynomial.
+    pub(in crate::radau) fn restart(&mut self) {
+        self.forget_jacobian();
+        self.factored = None;
+        self.continues = false;
+        self.contraction = Contraction::default();
+        self.controller.restart();
+    }
+
+    pub(super) fn check_finite(&mut self) -> Result<(), StepError> {
+        self.system.evaluate(self.t, &self.y);
+        self.check_evaluation()
+    }
+
+    /// Whether the last evaluation gave numbers, and intervals that hold one.
+    pub(super) fn check_evaluation(&self) -> Result<(), StepError> {
+        let t = self.t;
+        if let Some(row) = self.system.values.iter().position(|value| !value.is_finite()) {
+            let (what, component) = self.name_row(row);
+            return Err(StepError::NotFinite { what, component, t });
+        }
+        let set = &self.system.set;
+        match self.system.bounded.iter().find(|&&k| set.lower[k] > set.upper[k]) {
+            Some(&variable) => Err(StepError::EmptySet { variable, t }),
+            None => Ok(()),
+        }
+    }
+
+    /// What a row of the evaluation is, and its number among its kind.
+    fn name_row(&self, row: usize) -> (&'static str, usize) {
+        let (n, unknowns) = (self.system.states, self.system.unknowns);
+        if row < n {
+            ("rate", row)
+        } else if row < unknowns {
+            ("inequality", row - n)
+        } else {
+            ("bound", row - unknowns)
+        }
+    }
+
+    /// A first step over which the rates at the start change the states by about the tolerance to the power that the
+    /// order asks for.
+    pub(super) fn first_step(&mut self) -> f64 {
+        let span = self.end - self.t;
+        if let Some(h) = self.settings.step.or(self.settings.first_step) {
+            return h.min(span);
+        }
+        let n = self.system.states;
+        self.set_tolerances(span);
+        let speed = (0..n)
+            .map(|j| {
+                let mass = self.system.mass_diagonal[j];
+                let rate = if mass == 0.0 { 0.0 } else { self.system.values[j] / mass };
+                (rate * self.control.weight[j]).powi(2)
+            })
+            .sum::<f64>()
+            .sqrt()
+            / (n as f64).sqrt();
+        let s = self.tableau().stages() as f64;
+        // One tolerance of change a step is far too careful; the order says by how much.
+        let reach = (1.0 / self.settings.rtol).powf(1.0 - 1.0 / (s + 1.0)).sqrt();
+        let least = (1e-12 * span).max(f64::EPSILON * self.t.abs());
+        (reach / speed).min(1e-3 * span).max(least).min(span)
+    }
+}

@@ -1,0 +1,118 @@
+//! What a stepper tells of itself between steps: time, values, evidence, counters.
+
+use super::Radau;
+use crate::problem::{ConvexSet, Dvi};
+use crate::radau::face::Place;
+use crate::radau::system::Work;
+use crate::vi;
+
+/// The variables at the end of a step.
+#[derive(Clone, Copy, Debug)]
+pub struct Variables<'a> {
+    /// `K` there.
+    pub set: &'a ConvexSet,
+    /// The variables that have a bound, counted from 0.
+    pub bounded: &'a [usize],
+    /// All variables.
+    pub z: &'a [f64],
+    /// `G` there.
+    pub g: &'a [f64],
+}
+
+impl Radau<'_> {
+    /// The time reached.
+    pub fn t(&self) -> f64 {
+        self.t
+    }
+
+    /// `y = (x, z)` at the time reached.
+    pub fn y(&self) -> &[f64] {
+        &self.y
+    }
+
+    /// Whether the end is reached.
+    pub fn is_done(&self) -> bool {
+        self.t >= self.end
+    }
+
+    /// Whether the states jumped at the start, because the constraints did not allow it.
+    pub fn jumped(&self) -> bool {
+        self.jumped
+    }
+
+    /// The number of stages in use.
+    pub fn stages(&self) -> usize {
+        self.tableau().stages()
+    }
+
+    /// Counters of evaluations.
+    pub fn work(&self) -> Work {
+        self.system.work
+    }
+
+    /// The affine problems solved, over the stages and for faces: the solver that answered last, how many, and their
+    /// pivots or iterations.
+    pub fn vi_work(&self) -> Option<(&'static str, u64, u64)> {
+        let (stages, faces) = (self.stage_vi.as_ref()?, self.switching.probe.vi.as_ref()?);
+        let last = if stages.solves > 0 { stages } else { faces };
+        Some((last.solver(), stages.solves + faces.solves, stages.pivots + faces.pivots))
+    }
+
+    /// The attempts at affine problems of the stages that did not solve them, each with how often it happened.
+    pub fn vi_failures(&self) -> impl Iterator<Item = (vi::Attempt, u64)> + '_ {
+        self.stage_vi.iter().flat_map(|vi| &vi.failures).copied()
+    }
+
+    /// `y` at a time within the last accepted step, into `out`: the states from the collocation polynomial, the variables
+    /// that belong to them; at the end of a step that is a switch, those after it.
+    pub fn interpolate(&mut self, t: f64, out: &mut [f64]) {
+        let at_end = t == self.t;
+        if at_end {
+            out.copy_from_slice(&self.y);
+        } else {
+            self.last.at(self.methods[self.last_method].tableau, t, out);
+            std::mem::swap(&mut self.system.face, &mut self.last.face);
+        }
+        if let Some(consistent) = &mut self.consistent
+            && (at_end || self.last.is_smooth)
+            && !consistent.solve(&mut self.system, t, out)
+        {
+            self.forget_jacobian();
+        }
+        if !self.system.bounded.is_empty() && self.system.evaluate(t, out) {
+            self.system.project(out);
+        }
+        if !at_end {
+            std::mem::swap(&mut self.system.face, &mut self.last.face);
+        }
+    }
+
+    /// What is needed to judge the variables at the time reached; `None` where no variable has a bound.
+    pub fn variables(&mut self) -> Option<Variables<'_>> {
+        if self.system.bounded.is_empty() || !self.system.evaluate(self.t, &self.y) {
+            return None;
+        }
+        let (n, unknowns) = (self.system.states, self.system.unknowns);
+        Some(Variables {
+            set: &self.system.set,
+            bounded: &self.system.bounded,
+            z: &self.y[n..],
+            g: &self.system.values[n..unknowns],
+        })
+    }
+
+    /// The active face.
+    pub fn face(&self) -> &[Place] {
+        &self.system.face
+    }
+
+    /// Whether the last step has kept one face.
+    pub fn kept_face(&self) -> bool {
+        self.last.is_smooth && self.continues
+    }
+
+    /// The problem, to be asked for more than steps need.
+    pub fn problem(&mut self) -> &mut dyn Dvi {
+        self.system.problem()
+    }
+}
