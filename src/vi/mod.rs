@@ -8,6 +8,7 @@
 //! residual of what it returns.
 
 mod auto;
+pub mod coulomb;
 mod elimination;
 mod equilibration;
 mod fischer_burmeister;
