@@ -11,6 +11,7 @@ mod active_set;
 mod auto;
 mod block_gauss_seidel;
 mod conic;
+pub mod coulomb;
 mod elimination;
 mod equilibration;
 mod fischer_burmeister;

@@ -12,9 +12,11 @@ fn from_rest_the_solution_stays() {
     specification["problem"]["lcs"]["initial"] = json!([0, 0, 0]);
     let solution = solve(&specification);
     for (w, z) in [("w1", "z1"), ("w2", "z2"), ("w3", "z3")] {
-        assert!(column(&solution, w).iter().all(|w| *w == 0.0));
+        // Rounding in z reaches w at the square of its size; what left the point would grow to ten.
+        assert!(column(&solution, w).iter().all(|w| w.abs() < 1e-25));
         assert!(column(&solution, z).iter().all(|z| (z - 0.25).abs() < 1e-15));
     }
+    assert!(solution.trajectory.events.is_empty());
 }
 
 #[test]

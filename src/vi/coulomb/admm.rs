@@ -1,0 +1,150 @@
+//! The alternating direction method of multipliers on de Saxce's form of Coulomb's law, over-relaxed:
+//!
+//! ```text
+//! (W + rho I) r = rho (z - y) - q - g,    g = (mu |u_t|, 0, 0),  u_t = -rho y_t
+//! z <- P_K(x r + (1 - x) z + y),    y <- y + x r + (1 - x) z_old - z
+//! ```
+//!
+//! (Boyd, Parikh, Chu, Peleato and Eckstein 2011, *Distributed optimization and statistical learning via the alternating
+//! direction method of multipliers*, section 3; Acary, Bremond and Huber 2018; as Douglas-Rachford splitting it needs no
+//! symmetry of `W`). At a fixed point `-rho y = u + g` and `z = r`. One factorisation serves many iterations; `rho`
+//! balances the relative primal and dual residuals, ever more rarely, so that it settles.
+
+use super::cone::{FrictionCone, tangent};
+use super::linear::BlockSystem;
+use super::scaling::Scaling;
+use nalgebra::Vector3;
+
+/// Over-relaxation `x`; 1.5 to 1.8 is the customary range.
+const RELAXATION: f64 = 1.6;
+
+/// Iterations between looks at the residuals.
+const CHECK: usize = 25;
+
+/// A balance off by this factor changes `rho`, by at most ten at once.
+const UNBALANCED: f64 = 3.0;
+const LARGEST_CHANGE: f64 = 10.0;
+
+/// Iterations that one `rho` runs at least, growing by a quarter with each change.
+const DWELL: usize = 50;
+
+/// ADMM for one problem; keeps its state between runs.
+pub(super) struct Admm {
+    system: BlockSystem,
+    rho: f64,
+    is_factored: bool,
+    r: Vec<f64>,
+    z: Vec<Vector3<f64>>,
+    previous: Vec<Vector3<f64>>,
+    y: Vec<Vector3<f64>>,
+    iterations: usize,
+    factorisations: usize,
+    changed: usize,
+}
+
+impl Admm {
+    /// A run from `r`; `None` if memory does not suffice.
+    pub fn new(scaling: &Scaling, r: &[Vector3<f64>]) -> Option<Self> {
+        let problem = &scaling.problem;
+        let y = r.iter().enumerate().map(|(k, _)| {
+            let cone = FrictionCone { mu: problem.mu()[k] };
+            let y = -cone.augment(problem.velocity(k, r));
+            y - cone.project(y)
+        });
+        Some(Self {
+            system: BlockSystem::new(problem.matrix())?,
+            rho: 1.0,
+            is_factored: false,
+            r: vec![0.0; 3 * r.len()],
+            z: r.to_vec(),
+            previous: r.to_vec(),
+            y: y.collect(),
+            iterations: 0,
+            factorisations: 0,
+            changed: 0,
+        })
+    }
+
+    /// Iterations so far.
+    pub fn iterations(&self) -> usize {
+        self.iterations
+    }
+
+    /// The impulses reached; they lie in their cones.
+    pub fn impulses(&self) -> &[Vector3<f64>] {
+        &self.z
+    }
+
+    /// Runs for `iterations`, or until the residual is below the tolerance; the residual reached, or NaN if
+    /// `W + rho I` is singular.
+    pub fn run(&mut self, scaling: &Scaling, tolerance: f64, iterations: usize) -> f64 {
+        for _ in 0..iterations.div_ceil(CHECK) {
+            for _ in 0..CHECK {
+                if !self.iterate(scaling) {
+                    return f64::NAN;
+                }
+            }
+            let residual = scaling.residual(&self.z);
+            if residual <= tolerance {
+                return residual;
+            }
+            self.balance(scaling);
+        }
+        scaling.residual(&self.z)
+    }
+
+    fn iterate(&mut self, scaling: &Scaling) -> bool {
+        let problem = &scaling.problem;
+        let rho = self.rho;
+        if !self.is_factored {
+            self.is_factored = self.system.factorise(problem.matrix(), |i, j, block| {
+                if i == j { block + nalgebra::Matrix3::from_diagonal_element(rho) } else { *block }
+            });
+            self.factorisations += 1;
+        }
+        for (k, right) in self.r.chunks_exact_mut(3).enumerate() {
+            let y = self.y[k];
+            let mut b = (self.z[k] - y) * rho - problem.q()[k];
+            b.x -= problem.mu()[k] * rho * tangent(&y).norm();
+            right.copy_from_slice(b.as_slice());
+        }
+        if !(self.is_factored && self.system.solve(&mut self.r)) {
+            return false;
+        }
+        std::mem::swap(&mut self.z, &mut self.previous);
+        for (k, r) in self.r.chunks_exact(3).enumerate() {
+            let relaxed = Vector3::from_column_slice(r) * RELAXATION + self.previous[k] * (1.0 - RELAXATION);
+            self.z[k] = FrictionCone { mu: problem.mu()[k] }.project(relaxed + self.y[k]);
+            self.y[k] += relaxed - self.z[k];
+        }
+        self.iterations += 1;
+        true
+    }
+
+    fn balance(&mut self, scaling: &Scaling) {
+        if self.iterations - self.changed < DWELL + self.factorisations * DWELL / 4 {
+            return;
+        }
+        let mut sums = [0.0; 6];
+        for (k, r) in self.r.chunks_exact(3).enumerate() {
+            let (r, z, y, q) = (Vector3::from_column_slice(r), self.z[k], self.y[k], scaling.problem.q()[k]);
+            for (sum, v) in sums.iter_mut().zip([r - z, r, z, z - self.previous[k], y, q / self.rho]) {
+                *sum += v.norm_squared();
+            }
+        }
+        let [gap, r, z, change, y, q] = sums;
+        let primal = gap / r.max(z);
+        let dual = change / y.max(q);
+        let factor = (primal / dual).powf(0.25);
+        if !factor.is_finite() || (factor > UNBALANCED.recip() && factor < UNBALANCED) {
+            return;
+        }
+        let factor = factor.clamp(LARGEST_CHANGE.recip(), LARGEST_CHANGE);
+        self.rho *= factor;
+        for y in &mut self.y {
+            *y /= factor;
+        }
+        self.is_factored = false;
+        self.changed = self.iterations;
+    }
+}

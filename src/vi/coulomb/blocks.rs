@@ -1,0 +1,93 @@
+//! Sparse matrices of 3 x 3 blocks, kept by block rows: the Delassus operator couples contacts that share a body.
+
+use nalgebra::{Matrix3, Vector3};
+use std::ops::Range;
+
+/// An `n x n` matrix of 3 x 3 blocks with every diagonal block present.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct BlockMatrix {
+    /// Where each block row begins in `columns` and `blocks`; of length `n + 1`.
+    offsets: Vec<usize>,
+    columns: Vec<usize>,
+    blocks: Vec<Matrix3<f64>>,
+    /// Where the diagonal block of each row stands.
+    diagonal: Vec<usize>,
+}
+
+impl BlockMatrix {
+    /// Gathers blocks `(row, column, block)` in any order; a repeated one adds. `None` if an index is `>= n`.
+    pub fn from_blocks(n: usize, blocks: impl IntoIterator<Item = (usize, usize, Matrix3<f64>)>) -> Option<Self> {
+        let mut entries: Vec<_> = (0..n).map(|k| (k, k, Matrix3::zeros())).chain(blocks).collect();
+        if entries.iter().any(|&(i, j, _)| i >= n || j >= n) {
+            return None;
+        }
+        entries.sort_by_key(|&(i, j, _)| (i, j));
+        let mut matrix = Self { offsets: vec![0; n + 1], diagonal: vec![0; n], ..Self::default() };
+        let mut last = None;
+        for (i, j, block) in entries {
+            if last == Some((i, j)) {
+                if let Some(sum) = matrix.blocks.last_mut() {
+                    *sum += block;
+                }
+                continue;
+            }
+            last = Some((i, j));
+            if i == j {
+                matrix.diagonal[i] = matrix.blocks.len();
+            }
+            matrix.columns.push(j);
+            matrix.blocks.push(block);
+            matrix.offsets[i + 1] = matrix.blocks.len();
+        }
+        Some(matrix)
+    }
+
+    /// The number of block rows.
+    pub fn len(&self) -> usize {
+        self.diagonal.len()
+    }
+
+    /// Whether there are no rows.
+    pub fn is_empty(&self) -> bool {
+        self.diagonal.is_empty()
+    }
+
+    /// The number of blocks stored.
+    pub(super) fn stored(&self) -> usize {
+        self.blocks.len()
+    }
+
+    /// The blocks `(column, block)` of one row, columns ascending.
+    pub fn row(&self, i: usize) -> impl Iterator<Item = (usize, &Matrix3<f64>)> {
+        let range = self.range(i);
+        self.columns[range.clone()].iter().copied().zip(&self.blocks[range])
+    }
+
+    fn range(&self, i: usize) -> Range<usize> {
+        self.offsets[i]..self.offsets[i + 1]
+    }
+
+    /// The diagonal block of one row.
+    pub fn diagonal(&self, i: usize) -> &Matrix3<f64> {
+        &self.blocks[self.diagonal[i]]
+    }
+
+    /// Row `i` of the product with `r`.
+    pub fn row_product(&self, i: usize, r: &[Vector3<f64>]) -> Vector3<f64> {
+        self.row(i).fold(Vector3::zeros(), |sum, (j, block)| sum + block * r[j])
+    }
+
+    /// Copies `D A D` into `target`, for the diagonal `D = diag(d_1 I, .., d_n I)`.
+    pub(super) fn scale_into(&self, d: &[f64], target: &mut Self) {
+        target.clone_from(self);
+        for (i, &d_i) in d.iter().enumerate() {
+            for place in self.range(i) {
+                target.blocks[place] *= d_i * d[self.columns[place]];
+            }
+        }
+    }
+
+    pub(super) fn is_finite(&self) -> bool {
+        self.blocks.iter().all(|block| block.iter().all(|x| x.is_finite()))
+    }
+}

@@ -1,0 +1,117 @@
+//! Linear systems with the block pattern of the Delassus operator: dense while small or full, else sparse with the
+//! analysis of the pattern kept between factorisations.
+
+use super::BlockMatrix;
+use crate::factorisation::{Analysis, DenseLu, SparseLu, SparseMatrix};
+use faer::sparse::SymbolicSparseColMat;
+use nalgebra::Matrix3;
+
+/// Up to this many contacts a dense factorisation is faster whatever the pattern.
+const DENSE_AT_MOST: usize = 30;
+
+/// Above this fraction of blocks present, elimination fills the rest in.
+const FULL: f64 = 0.2;
+
+/// A square matrix with the pattern of a [`BlockMatrix`], and its factors.
+pub(super) struct BlockSystem {
+    /// Where the first entry of each stored block stands in the values.
+    places: Vec<usize>,
+    /// The distance of the columns within each block column.
+    strides: Vec<usize>,
+    factors: Factors,
+}
+
+enum Factors {
+    Dense { columns: Vec<f64>, lu: DenseLu<f64> },
+    Sparse { matrix: SparseMatrix, lu: Box<SparseLu<f64>> },
+}
+
+impl BlockSystem {
+    /// Analyses a pattern; `None` if memory does not suffice.
+    pub fn new(pattern: &BlockMatrix) -> Option<Self> {
+        let n = pattern.len();
+        if n <= DENSE_AT_MOST || pattern.stored() as f64 > FULL * (n * n) as f64 {
+            Some(Self::dense(pattern))
+        } else {
+            Self::sparse(pattern)
+        }
+    }
+
+    fn dense(pattern: &BlockMatrix) -> Self {
+        let n = pattern.len();
+        let places = (0..n).flat_map(|i| pattern.row(i).map(move |(j, _)| 9 * n * j + 3 * i)).collect();
+        let factors = Factors::Dense { columns: vec![0.0; 9 * n * n], lu: DenseLu::new(3 * n) };
+        Self { places, strides: vec![3 * n; n], factors }
+    }
+
+    fn sparse(pattern: &BlockMatrix) -> Option<Self> {
+        let n = pattern.len();
+        let mut columns = vec![Vec::new(); n];
+        for i in 0..n {
+            for (j, _) in pattern.row(i) {
+                columns[j].push(i);
+            }
+        }
+        let strides: Vec<usize> = columns.iter().map(|rows| 3 * rows.len()).collect();
+        let mut column_offsets = vec![0];
+        let mut row_indices = Vec::with_capacity(9 * pattern.stored());
+        let mut next: Vec<usize> = Vec::with_capacity(n);
+        for rows in &columns {
+            next.push(row_indices.len());
+            for _ in 0..3 {
+                row_indices.extend(rows.iter().flat_map(|i| 3 * i..3 * i + 3));
+                column_offsets.push(row_indices.len());
+            }
+        }
+        // Rows are gone through in ascending order, as they stand in each column.
+        let mut places = Vec::with_capacity(pattern.stored());
+        for i in 0..n {
+            for (j, _) in pattern.row(i) {
+                places.push(next[j]);
+                next[j] += 3;
+            }
+        }
+        let values = vec![0.0; row_indices.len()];
+        let symbolic = SymbolicSparseColMat::new_checked(3 * n, 3 * n, column_offsets, None, row_indices);
+        let lu = Box::new(SparseLu::new(&Analysis::new(symbolic.as_ref())?)?);
+        Some(Self { places, strides, factors: Factors::Sparse { matrix: SparseMatrix::new(symbolic, values), lu } })
+    }
+
+    /// Factorises the matrix whose block `(i, j)` is `block(i, j, pattern_ij)`; false if it has no factors.
+    pub fn factorise(
+        &mut self,
+        pattern: &BlockMatrix,
+        block: impl Fn(usize, usize, &Matrix3<f64>) -> Matrix3<f64>,
+    ) -> bool {
+        let values = match &mut self.factors {
+            Factors::Dense { columns, .. } => columns.as_mut_slice(),
+            Factors::Sparse { matrix, .. } => matrix.val_mut(),
+        };
+        let mut places = self.places.iter();
+        for i in 0..pattern.len() {
+            for ((j, entry), &place) in pattern.row(i).zip(&mut places) {
+                let block = block(i, j, entry);
+                for (c, column) in block.column_iter().enumerate() {
+                    let start = place + c * self.strides[j];
+                    values[start..start + 3].copy_from_slice(&[column[0], column[1], column[2]]);
+                }
+            }
+        }
+        match &mut self.factors {
+            Factors::Dense { columns, lu } => {
+                lu.entries().copy_from_slice(columns);
+                lu.factorise();
+                true
+            }
+            Factors::Sparse { matrix, lu } => lu.factorise(matrix),
+        }
+    }
+
+    /// Solves in place; false if the matrix is singular.
+    pub fn solve(&mut self, right: &mut [f64]) -> bool {
+        match &mut self.factors {
+            Factors::Dense { lu, .. } => lu.solve(right),
+            Factors::Sparse { lu, .. } => lu.solve(right),
+        }
+    }
+}

@@ -1,0 +1,115 @@
+//! One contact, exactly: `u = W r + q` with a 3 x 3 `W`, by the cases of Coulomb's law.
+//!
+//! - *open*: `r = 0`, if `q_n >= 0`;
+//! - *stick*: `u = 0`, if `-W^-1 q` lies in the cone;
+//! - *slip*: `u_n = 0` and `u_t = -s r_t` with `s > 0` and `|r_t| = mu r_n`. With `r_n` eliminated,
+//!
+//! ```text
+//! (S + s I) r_t = -p,    S = W_tt - W_tn W_nt / W_nn,    p = q_t - W_tn q_n / W_nn,
+//! r_n(s) = -(q_n + W_nt r_t(s)) / W_nn
+//! ```
+//!
+//! and `s` is a root of the quartic `|r_t|^2 = mu^2 r_n^2` (Bonnefon and Daviet 2011, *Quartic formulation of Coulomb 3D
+//! frictional contact*). A root exists: stick lies outside the cone at `s = 0`, and `r_t` vanishes as `s` grows. It is
+//! found on `mu r_n / |r_t| - 1`, which is nearly linear in `s` (as is More's secular equation), by Newton in a bracket.
+
+use super::cone::{join, tangent};
+use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
+
+/// The bracket has shrunk to rounding long before this; Newton takes three to six.
+const ITERATIONS: usize = 100;
+
+/// Relative accuracy of `|r_t| = mu r_n`.
+const ACCURACY: f64 = 1e-15;
+
+/// A determinant this small against the squared trace is that of a singular matrix: a slip this slow is a stick.
+const SINGULAR: f64 = 1e-14;
+
+/// Doublings that reach a bracket from any scale.
+const DOUBLINGS: usize = 200;
+
+/// The impulse of one contact; `None` if `W_nn <= 0` while the contact closes: nothing can stop it.
+pub fn solve_contact(matrix: &Matrix3<f64>, q: &Vector3<f64>, mu: f64) -> Option<Vector3<f64>> {
+    if q.x >= 0.0 {
+        return Some(Vector3::zeros());
+    }
+    let w_nn = matrix[(0, 0)];
+    if w_nn <= 0.0 {
+        return None;
+    }
+    if mu == 0.0 {
+        return Some(Vector3::new(-q.x / w_nn, 0.0, 0.0));
+    }
+    let slip = Slip::new(matrix, q, w_nn);
+    let least = if slip.schur.determinant() > SINGULAR * slip.trace * slip.trace { 0.0 } else { SINGULAR * slip.trace };
+    let (stick, _) = slip.impulse(least)?;
+    if tangent(&stick).norm() <= mu * stick.x {
+        return Some(stick);
+    }
+    slip.root(mu, least)
+}
+
+/// The impulses that slip by `u_t = -s r_t`, for every `s`.
+struct Slip {
+    schur: Matrix2<f64>,
+    trace: f64,
+    p: Vector2<f64>,
+    q_n: f64,
+    w_nn: f64,
+    w_nt: Vector2<f64>,
+}
+
+impl Slip {
+    fn new(matrix: &Matrix3<f64>, q: &Vector3<f64>, w_nn: f64) -> Self {
+        let w_tn = Vector2::new(matrix[(1, 0)], matrix[(2, 0)]);
+        let w_nt = Vector2::new(matrix[(0, 1)], matrix[(0, 2)]);
+        let schur = matrix.fixed_view::<2, 2>(1, 1) - w_tn * w_nt.transpose() / w_nn;
+        let trace = (schur[(0, 0)] + schur[(1, 1)]).max(f64::EPSILON * matrix.trace());
+        Self { schur, trace, p: tangent(q) - w_tn * (q.x / w_nn), q_n: q.x, w_nn, w_nt }
+    }
+
+    /// `r(s)`, and `d r / d s`.
+    fn impulse(&self, s: f64) -> Option<(Vector3<f64>, Vector3<f64>)> {
+        let inverse = (self.schur + Matrix2::identity() * s).try_inverse()?;
+        let friction = -inverse * self.p;
+        let by_s = -inverse * friction;
+        let normal = -(self.q_n + self.w_nt.dot(&friction)) / self.w_nn;
+        Some((join(normal, friction), join(-self.w_nt.dot(&by_s) / self.w_nn, by_s)))
+    }
+
+    /// `r` where `phi(s) = mu r_n / |r_t| - 1` vanishes, from `phi(lower) < 0`.
+    fn root(&self, mu: f64, mut lower: f64) -> Option<Vector3<f64>> {
+        let phi = |s: f64| {
+            let (r, by_s) = self.impulse(s)?;
+            let (friction, by_s_t) = (tangent(&r), tangent(&by_s));
+            let size = friction.norm();
+            let ratio = mu * r.x / size;
+            Some((r, ratio - 1.0, mu * by_s.x / size - ratio * friction.dot(&by_s_t) / (size * size)))
+        };
+        let mut upper = lower + self.trace;
+        for _ in 0..DOUBLINGS {
+            if phi(upper)?.1 >= 0.0 {
+                break;
+            }
+            (lower, upper) = (upper, 2.0 * upper);
+        }
+        let mut s = lower;
+        let mut r = None;
+        for _ in 0..ITERATIONS {
+            let (impulse, value, slope) = phi(s)?;
+            r = Some(impulse);
+            if value.abs() <= ACCURACY {
+                break;
+            }
+            *if value < 0.0 { &mut lower } else { &mut upper } = s;
+            let newton = s - value / slope;
+            let next = if newton > lower && newton < upper { newton } else { 0.5 * (lower + upper) };
+            if next == s {
+                break;
+            }
+            s = next;
+        }
+        // The last rounding of s is put into the length of the friction, so that r lies on the cone.
+        r.map(|r| join(r.x, tangent(&r) * (mu * r.x / tangent(&r).norm())))
+    }
+}

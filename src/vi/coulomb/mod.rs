@@ -1,0 +1,32 @@
+//! Frictional contact with Coulomb's law itself, not its convex relaxation. For each contact, with components
+//! (normal, first tangent, second tangent),
+//!
+//! ```text
+//! u = W r + q,    K_mu = { r : |r_t| <= mu r_n },    K_mu in r  _|_  u + (mu |u_t|, 0, 0) in K_mu*
+//! ```
+//!
+//! where `r` are impulses (or forces), `u` relative velocities and `W` the Delassus operator (de Saxce and Feng 1998,
+//! *The bipotential method*). The problem is neither an optimisation nor monotone, and `W` is singular as soon as
+//! contacts outnumber degrees of freedom, so that no one method solves every instance (Acary, Bremond and Huber 2018,
+//! *On solving contact problems with Coulomb friction: formulations and numerical comparisons*): [`Coulomb`] runs
+//! [block Gauss-Seidel](gauss_seidel), proximal Newton and ADMM in turn, as the residual bids.
+
+mod admm;
+mod alart_curnier;
+mod blocks;
+mod cone;
+mod evidence;
+pub mod gauss_seidel;
+mod linear;
+mod local;
+mod newton;
+mod portfolio;
+mod problem;
+mod scaling;
+
+pub use blocks::BlockMatrix;
+pub use cone::FrictionCone;
+pub use evidence::Evidence;
+pub use local::solve_contact;
+pub use portfolio::{Attempt, Coulomb, Limits, Method, Report};
+pub use problem::{CoulombProblem, Malformed};

@@ -1,0 +1,171 @@
+//! Nonsmooth Newton in a proximal-point iteration,
+//!
+//! ```text
+//! r_{j+1} solves  u = (W + alpha_j I) r + q - alpha_j r_j  with Coulomb's law,    alpha_j -> 0
+//! ```
+//!
+//! (Rockafellar 1976, *Monotone operators and the proximal point algorithm*; for friction Acary, Bremond and Huber 2018,
+//! section 4.5). The proximal term makes a singular `W` regular, and changes the solution only where the iteration has
+//! not yet converged. Each inner problem takes a few Newton steps on the [Alart-Curnier function](super::alart_curnier)
+//! with a line search on its norm. A step with no decrease is taken in full, since the function is no smoother for
+//! being cut; it is the outer iteration that globalises: what has not lowered the residual of the problem itself is
+//! taken back, and `alpha` raised.
+
+use super::alart_curnier::{self, Linearised};
+use super::linear::BlockSystem;
+use super::scaling::Scaling;
+use nalgebra::Vector3;
+
+/// Newton steps for one inner problem. It either has the right contact states after five or is chattering.
+const INNER: usize = 10;
+
+/// An inner problem solved in this many steps is easy: `alpha` may shrink fast.
+const EASY: usize = 5;
+const SHRINK_FAST: f64 = 0.1;
+const SHRINK: f64 = 0.3;
+const RAISE: f64 = 10.0;
+
+/// `alpha` follows the residual within these bounds, in units of the scaled diagonal. Below the least it is lost beside
+/// rounding in `W`.
+const ALPHA_BY_RESIDUAL: f64 = 10.0;
+const ALPHA_FIRST: [f64; 2] = [1e-8, 1e-2];
+const ALPHA_LEAST: f64 = 1e-11;
+
+/// An outer step must lower the residual to this fraction; after three in a row that do not, another method is due.
+const OUTER_DECREASE: f64 = 0.5;
+const FAILURES: usize = 3;
+
+/// The inner residual, relative to `|q| + |r|`, that is rounding.
+const INNER_ACCURACY: f64 = 1e-14;
+
+/// Armijo's fraction, and the shortest step tried.
+const ARMIJO: f64 = 1e-4;
+const SHORTEST: f64 = 1e-3;
+
+/// Proximal Newton for problems of one pattern; allocates when built.
+pub(super) struct ProximalNewton {
+    system: BlockSystem,
+    linearised: Vec<Linearised>,
+    direction: Vec<f64>,
+    centre: Vec<Vector3<f64>>,
+    iterate: Vec<Vector3<f64>>,
+    trial: Vec<Vector3<f64>>,
+}
+
+impl ProximalNewton {
+    /// A solver for the pattern of a scaled problem; `None` if memory does not suffice.
+    pub fn new(scaling: &Scaling) -> Option<Self> {
+        let n = scaling.problem.contacts();
+        let zero = Linearised { value: Vector3::zeros(), by_u: Default::default(), by_r: Default::default() };
+        Some(Self {
+            system: BlockSystem::new(scaling.problem.matrix())?,
+            linearised: vec![zero; n],
+            direction: vec![0.0; 3 * n],
+            centre: vec![Vector3::zeros(); n],
+            iterate: vec![Vector3::zeros(); n],
+            trial: vec![Vector3::zeros(); n],
+        })
+    }
+
+    /// Improves `r`, of residual `residual`, within `budget` factorisations; returns those used and the new residual.
+    pub fn improve(
+        &mut self,
+        scaling: &Scaling,
+        r: &mut [Vector3<f64>],
+        mut residual: f64,
+        tolerance: f64,
+        budget: usize,
+    ) -> (usize, f64) {
+        let mut alpha = (ALPHA_BY_RESIDUAL * residual).clamp(ALPHA_FIRST[0], ALPHA_FIRST[1]);
+        let (mut used, mut failures) = (0, 0);
+        self.centre.copy_from_slice(r);
+        while used < budget && failures < FAILURES && residual > tolerance {
+            let steps = self.inner(scaling, alpha);
+            used += steps;
+            let found = scaling.residual(&self.iterate);
+            if found <= tolerance || found < OUTER_DECREASE * residual {
+                residual = found;
+                self.centre.copy_from_slice(&self.iterate);
+                alpha = (alpha * if steps <= EASY { SHRINK_FAST } else { SHRINK }).max(ALPHA_LEAST);
+                failures = 0;
+            } else {
+                alpha *= RAISE;
+                failures += 1;
+            }
+        }
+        r.copy_from_slice(&self.centre);
+        (used, residual)
+    }
+
+    /// Solves the inner problem as far as it goes, from the centre into `iterate`; returns the factorisations used.
+    fn inner(&mut self, scaling: &Scaling, alpha: f64) -> usize {
+        self.iterate.copy_from_slice(&self.centre);
+        let size = norm(scaling.problem.q()) + norm(&self.centre);
+        for step in 0..INNER {
+            let before = self.linearise(scaling, alpha);
+            if before <= INNER_ACCURACY * size {
+                return step;
+            }
+            if !self.newton_direction(scaling, alpha) {
+                return step + 1;
+            }
+            let mut length = 1.0;
+            loop {
+                let decreases = self.norm_along(scaling, alpha, length) < (1.0 - ARMIJO * length) * before;
+                if decreases {
+                    break;
+                }
+                length *= 0.5;
+                if length < SHORTEST {
+                    self.norm_along(scaling, alpha, 1.0);
+                    break;
+                }
+            }
+            std::mem::swap(&mut self.iterate, &mut self.trial);
+        }
+        INNER
+    }
+
+    /// Linearises at the iterate; the norm of the function there.
+    fn linearise(&mut self, scaling: &Scaling, alpha: f64) -> f64 {
+        let problem = &scaling.problem;
+        let mut sum = 0.0;
+        for (k, linearised) in self.linearised.iter_mut().enumerate() {
+            let r = &self.iterate[k];
+            let u = problem.velocity(k, &self.iterate) + (r - self.centre[k]) * alpha;
+            *linearised = alart_curnier::linearise(r, &u, problem.mu()[k]);
+            sum += linearised.value.norm_squared();
+        }
+        sum.sqrt()
+    }
+
+    fn newton_direction(&mut self, scaling: &Scaling, alpha: f64) -> bool {
+        let linearised = &self.linearised;
+        let factored = self.system.factorise(scaling.problem.matrix(), |i, j, block| {
+            let row = &linearised[i];
+            let product = row.by_u * block;
+            if i == j { product + row.by_u * alpha + row.by_r } else { product }
+        });
+        for (right, row) in self.direction.chunks_exact_mut(3).zip(linearised) {
+            right.copy_from_slice((-row.value).as_slice());
+        }
+        factored && self.system.solve(&mut self.direction)
+    }
+
+    /// Puts the point at this length along the direction into `trial`; the norm of the function there.
+    fn norm_along(&mut self, scaling: &Scaling, alpha: f64, length: f64) -> f64 {
+        let problem = &scaling.problem;
+        for ((trial, r), d) in self.trial.iter_mut().zip(&self.iterate).zip(self.direction.chunks_exact(3)) {
+            *trial = r + Vector3::new(d[0], d[1], d[2]) * length;
+        }
+        let value = |(k, r): (usize, &Vector3<f64>)| {
+            let u = problem.velocity(k, &self.trial) + (r - self.centre[k]) * alpha;
+            alart_curnier::value(r, &u, problem.mu()[k]).norm_squared()
+        };
+        self.trial.iter().enumerate().map(value).sum::<f64>().sqrt()
+    }
+}
+
+fn norm(v: &[Vector3<f64>]) -> f64 {
+    v.iter().map(Vector3::norm_squared).sum::<f64>().sqrt()
+}

@@ -1,0 +1,127 @@
+//! The data of one frictional contact problem, checked.
+
+use super::BlockMatrix;
+use nalgebra::{Matrix3, Vector3};
+use thiserror::Error;
+
+/// `W`, `q` and `mu` of `n` contacts. `W` may be of any rank, and slightly nonsymmetric.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct CoulombProblem {
+    matrix: BlockMatrix,
+    q: Vec<Vector3<f64>>,
+    mu: Vec<f64>,
+}
+
+/// Why data are no contact problem.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum Malformed {
+    /// Lengths do not agree.
+    #[error("{contacts} contacts need {contacts} vectors q and {contacts} coefficients, got {q} and {mu}")]
+    Shape {
+        /// Block rows of `W`.
+        contacts: usize,
+        /// Length of `q`, in contacts.
+        q: usize,
+        /// Length of `mu`.
+        mu: usize,
+    },
+    /// A row or column index, or the row pointers, do not fit the shape.
+    #[error("the indices of W do not fit {contacts} contacts")]
+    Index {
+        /// Block rows of `W`.
+        contacts: usize,
+    },
+    /// An entry of `W` or `q` is NaN or infinite.
+    #[error("W and q must be finite")]
+    NotFinite,
+    /// A coefficient is negative, NaN or infinite.
+    #[error("the coefficient of contact {contact} must be a number >= 0, got {value}")]
+    Coefficient {
+        /// Its contact.
+        contact: usize,
+        /// What was given.
+        value: f64,
+    },
+}
+
+impl CoulombProblem {
+    /// Checks and keeps the data of `n = matrix.len()` contacts.
+    pub fn new(matrix: BlockMatrix, q: Vec<Vector3<f64>>, mu: Vec<f64>) -> Result<Self, Malformed> {
+        let contacts = matrix.len();
+        if q.len() != contacts || mu.len() != contacts {
+            return Err(Malformed::Shape { contacts, q: q.len(), mu: mu.len() });
+        }
+        if !matrix.is_finite() || !q.iter().flatten().all(|x| x.is_finite()) {
+            return Err(Malformed::NotFinite);
+        }
+        match mu.iter().position(|mu| !(mu.is_finite() && *mu >= 0.0)) {
+            Some(contact) => Err(Malformed::Coefficient { contact, value: mu[contact] }),
+            None => Ok(Self { matrix, q, mu }),
+        }
+    }
+
+    /// Reads `W` (`3n x 3n`) from compressed rows, `q` (`3n`) contact by contact.
+    pub fn from_csr(
+        offsets: &[usize],
+        columns: &[usize],
+        values: &[f64],
+        q: &[f64],
+        mu: Vec<f64>,
+    ) -> Result<Self, Malformed> {
+        let contacts = mu.len();
+        if q.len() != 3 * contacts {
+            return Err(Malformed::Shape { contacts, q: q.len() / 3, mu: contacts });
+        }
+        let bad = Malformed::Index { contacts };
+        if offsets.len() != 3 * contacts + 1 || columns.len() != values.len() {
+            return Err(bad);
+        }
+        let mut blocks = Vec::with_capacity(values.len());
+        for (i, window) in offsets.windows(2).enumerate() {
+            let range = window[0]..window[1];
+            let (Some(columns), Some(values)) = (columns.get(range.clone()), values.get(range)) else {
+                return Err(bad);
+            };
+            for (&j, &value) in columns.iter().zip(values) {
+                let mut block = Matrix3::zeros();
+                block[(i % 3, j % 3)] = value;
+                blocks.push((i / 3, j / 3, block));
+            }
+        }
+        let matrix = BlockMatrix::from_blocks(contacts, blocks).ok_or(bad)?;
+        Self::new(matrix, q.chunks_exact(3).map(Vector3::from_column_slice).collect(), mu)
+    }
+
+    /// The number of contacts.
+    pub fn contacts(&self) -> usize {
+        self.mu.len()
+    }
+
+    /// `W`.
+    pub fn matrix(&self) -> &BlockMatrix {
+        &self.matrix
+    }
+
+    /// `q`, the relative velocities without impulses.
+    pub fn q(&self) -> &[Vector3<f64>] {
+        &self.q
+    }
+
+    /// The coefficients of friction.
+    pub fn mu(&self) -> &[f64] {
+        &self.mu
+    }
+
+    /// `u_k = (W r + q)_k`.
+    pub fn velocity(&self, k: usize, r: &[Vector3<f64>]) -> Vector3<f64> {
+        self.matrix.row_product(k, r) + self.q[k]
+    }
+
+    /// Writes `(D W D, D q, mu)` into `target`.
+    pub(super) fn scale_into(&self, d: &[f64], target: &mut Self) {
+        self.matrix.scale_into(d, &mut target.matrix);
+        target.q.clear();
+        target.q.extend(self.q.iter().zip(d).map(|(q, d)| q * *d));
+        target.mu.clone_from(&self.mu);
+    }
+}

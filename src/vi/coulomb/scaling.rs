@@ -1,0 +1,52 @@
+//! Each contact in its own unit: `W' = D W D`, `q' = D q`, `r' = D^-1 r`, `u' = D u` with a positive `d_k` a contact
+//! leaves every cone, and so Coulomb's law, as it is. With `d_k = (tr W_kk / 3)^(-1/2)` the diagonal blocks have unit
+//! mean eigenvalue and `r'` and `u'` one unit, the root of an energy, so that their difference in the natural map means
+//! something and the parameters of every method can be pure numbers.
+
+use super::CoulombProblem;
+use super::cone::FrictionCone;
+use nalgebra::Vector3;
+
+/// The scales `d_k`, and the scaled problem.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Scaling {
+    pub d: Vec<f64>,
+    pub problem: CoulombProblem,
+}
+
+impl Scaling {
+    pub fn fit(&mut self, problem: &CoulombProblem) {
+        self.d.clear();
+        self.d.extend((0..problem.contacts()).map(|k| {
+            let d = (problem.matrix().diagonal(k).trace() / 3.0).powf(-0.5);
+            if d.is_finite() && d > 0.0 { d } else { 1.0 }
+        }));
+        problem.scale_into(&self.d, &mut self.problem);
+    }
+
+    /// The larger of the relative natural maps of `r'` in the scaled problem and of `r = D r'` in the user's units:
+    /// a point is solved when it is in both.
+    pub fn residual(&self, r: &[Vector3<f64>]) -> f64 {
+        let (mut scaled, mut plain) = ([0.0; 4], [0.0; 4]);
+        for (k, &r_k) in r.iter().enumerate() {
+            let u = self.problem.velocity(k, r);
+            let (cone, q, d) = (FrictionCone { mu: self.problem.mu()[k] }, self.problem.q()[k], self.d[k]);
+            for (sums, r, u, q) in [(&mut scaled, r_k, u, q), (&mut plain, r_k * d, u / d, q / d)] {
+                for (sum, v) in sums.iter_mut().zip([cone.natural_map(r, u), q, r, u]) {
+                    *sum += v.norm_squared();
+                }
+            }
+        }
+        let relative = |[map, q, r, u]: [f64; 4]| if map == 0.0 { map } else { (map / q.max(r).max(u)).sqrt() };
+        let (scaled, plain) = (relative(scaled), relative(plain));
+        if scaled.is_nan() { scaled } else { scaled.max(plain) }
+    }
+
+    pub fn scale<'a>(&'a self, r: &'a [Vector3<f64>]) -> impl Iterator<Item = Vector3<f64>> + 'a {
+        r.iter().zip(&self.d).map(|(r, d)| r / *d)
+    }
+
+    pub fn unscale<'a>(&'a self, r: &'a [Vector3<f64>]) -> impl Iterator<Item = Vector3<f64>> + 'a {
+        r.iter().zip(&self.d).map(|(r, d)| r * *d)
+    }
+}
