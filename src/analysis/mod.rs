@@ -11,7 +11,7 @@ pub use index::{Index, index};
 pub use linearisation::Linearisation;
 pub use uniqueness::{Uniqueness, uniqueness};
 
-use crate::problem::Dvi;
+use crate::problem::{Dvi, Mass};
 use serde::Serialize;
 
 /// Up to this many states and variables a problem is analysed; the analysis is dense.
@@ -51,7 +51,11 @@ fn on(problem: &mut dyn Dvi, t: f64, y: &[f64], kept: impl Fn(usize) -> bool) ->
     let structure = problem.structure();
     let unknowns = structure.unknowns();
     let refuse = |because| Analysis { index: None, levels: Vec::new(), uniqueness: Uniqueness::NotAnalysed, because };
-    if structure.variables > 0 && unknowns > MOST_UNKNOWNS {
+    if structure.variables == 0 && structure.mass == Mass::Identity {
+        let because = "there are no variables: an ordinary differential equation".to_owned();
+        return Analysis { index: None, levels: Vec::new(), uniqueness: Uniqueness::Unique, because };
+    }
+    if unknowns > MOST_UNKNOWNS {
         return refuse(format!("{unknowns} states and variables are more than the {MOST_UNKNOWNS} that are analysed"));
     }
     let Some(linearisation) = Linearisation::at(problem, t, y, kept) else {
