@@ -53,7 +53,7 @@ fn on(problem: &mut dyn Dvi, t: f64, y: &[f64], kept: impl Fn(usize) -> bool) ->
     let refuse = |because| Analysis { index: None, levels: Vec::new(), uniqueness: Uniqueness::NotAnalysed, because };
     if structure.variables == 0 && structure.mass == Mass::Identity {
         let because = "there are no variables: an ordinary differential equation".to_owned();
-        return Analysis { index: None, levels: Vec::new(), uniqueness: Uniqueness::Unique, because };
+        return Analysis { index: Some(0), levels: Vec::new(), uniqueness: Uniqueness::Unique, because };
     }
     if unknowns > MOST_UNKNOWNS {
         return refuse(format!("{unknowns} states and variables are more than the {MOST_UNKNOWNS} that are analysed"));
