@@ -1,13 +1,13 @@
 //! Reading the collection, and the measure of an answer, apart from the library's own.
 
 use dvi::vi::coulomb::CoulombProblem;
-use nalgebra::{DVector, Matrix3, Vector3};
+use nalgebra::{DMatrix, DVector, Vector3};
 use serde_json::Value;
 use std::path::Path;
 
 pub struct Instance {
     pub problem: CoulombProblem,
-    /// Impulses of the reference, `n` triples in one.
+    /// Impulses found by other solvers.
     pub reference: Vec<Vector3<f64>>,
 }
 
@@ -41,14 +41,13 @@ fn indices(value: &Value) -> Vec<usize> {
     list.iter().map(|index| index.as_u64().and_then(|i| usize::try_from(i).ok()).expect("an index")).collect()
 }
 
-/// The relative natural map, computed with a dense `W` and a projection written in eigenvalues of the Jordan algebra of
-/// the cone's Lorentz form, neither of which the library has. For `mu > 0`.
+/// The relative natural map with a dense `W` and another form of the projection than the library's, for `mu > 0`.
 pub fn natural_map(problem: &CoulombProblem, r: &[Vector3<f64>]) -> f64 {
     let n = problem.contacts();
-    let mut dense = nalgebra::DMatrix::zeros(3 * n, 3 * n);
+    let mut dense = DMatrix::zeros(3 * n, 3 * n);
     for i in 0..n {
         for (j, block) in problem.matrix().row(i) {
-            dense.fixed_view_mut::<3, 3>(3 * i, 3 * j).copy_from::<_, _, _>(block as &Matrix3<f64>);
+            dense.fixed_view_mut::<3, 3>(3 * i, 3 * j).copy_from(block);
         }
     }
     let stack = |v: &[Vector3<f64>]| DVector::from_iterator(3 * n, v.iter().flatten().copied());
@@ -64,9 +63,8 @@ pub fn natural_map(problem: &CoulombProblem, r: &[Vector3<f64>]) -> f64 {
     map.sqrt() / q.norm().max(r.norm()).max(u.norm())
 }
 
-/// The sum of the projections of `v` on the ray of the cone on its own side and on the ray of the polar cone's edge
-/// that is normal to it, each cut off at zero: with `w` the direction of `v_t`, the plane of `n` and `w` cuts the cone in
-/// a wedge with the edges `(1, mu w)` and `(1, -mu w)`.
+/// In the plane of the normal and `v_t` the cone is a wedge: what lies neither in it nor in its polar is nearest to the
+/// edge.
 fn nearest_in_cone(v: Vector3<f64>, mu: f64) -> Vector3<f64> {
     let slip = v.y.hypot(v.z);
     let w = if slip == 0.0 { (1.0, 0.0) } else { (v.y / slip, v.z / slip) };

@@ -12,11 +12,7 @@ pub fn sweep(problem: &CoulombProblem, r: &mut [Vector3<f64>], omega: f64) {
         let (matrix, mu) = (problem.matrix().diagonal(k), problem.mu()[k]);
         let q = problem.velocity(k, r) - matrix * r[k];
         if let Some(exact) = solve_contact(matrix, &q, mu) {
-            r[k] = if omega == 1.0 {
-                exact
-            } else {
-                FrictionCone { mu }.project(r[k] + (exact - r[k]) * omega)
-            };
+            r[k] = if omega == 1.0 { exact } else { FrictionCone { mu }.project(r[k] + (exact - r[k]) * omega) };
         }
     }
 }
