@@ -83,7 +83,7 @@ fn three_contacts(bencher: Bencher, warm: bool) {
 
 #[divan::bench(args = ["nespheres_10_1", "oneobject_316", "boxesstack_48", "periobox_60", "capsules_286"])]
 fn collection_from_rest(bencher: Bencher, name: &str) {
-    let problem = collection::read(name).problem;
+    let problem = collection::problem(name);
     let mut solver = Coulomb::default();
     bencher.bench_local(|| {
         let mut r = vec![Vector3::zeros(); problem.contacts()];

@@ -110,7 +110,7 @@ impl ProximalNewton {
                 return step + 1;
             }
             let mut length = 1.0;
-            while !(self.norm_along(scaling, alpha, length) < (1.0 - ARMIJO * length) * before) {
+            while self.norm_along(scaling, alpha, length) >= (1.0 - ARMIJO * length) * before {
                 length *= 0.5;
                 if length < SHORTEST {
                     self.norm_along(scaling, alpha, 1.0);

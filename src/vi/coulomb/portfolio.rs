@@ -198,8 +198,7 @@ impl Coulomb {
             let last = std::mem::replace(&mut found, self.scaling.residual(&self.work));
             let digits_to_go = (found.strict / self.limits.tolerance).log10();
             let digits_a_sweep = (last.strict / found.strict).log10() / SWEEPS_AT_ONCE as f64;
-            // Written so that a NaN ends it too.
-            if !(digits_to_go <= digits_a_sweep * self.limits.sweeps as f64) {
+            if found.strict.is_nan() || digits_to_go > digits_a_sweep * self.limits.sweeps as f64 {
                 break;
             }
         }
