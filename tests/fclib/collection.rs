@@ -1,32 +1,32 @@
-//! Reading the collection, and the measure of an answer, apart from the library's own.
+//! Reading the collection.
 
 use dvi::vi::coulomb::CoulombProblem;
-use nalgebra::{DVector, Matrix3, Vector3};
 use serde_json::Value;
 use std::path::Path;
 
-pub struct Instance {
-    pub problem: CoulombProblem,
-}
-
-pub fn read(name: &str) -> Instance {
+/// A file of the collection.
+pub fn document(name: &str) -> Value {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/reference/fclib/{name}.json"));
     let text = std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
-    let value: Value = serde_json::from_slice(&text).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    serde_json::from_slice(&text).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+}
+
+/// Its problem.
+pub fn problem(name: &str) -> CoulombProblem {
+    let value = document(name);
     let matrix = &value["W"];
-    let problem = CoulombProblem::from_csr(
+    CoulombProblem::from_csr(
         &indices(&matrix["indptr"]),
         &indices(&matrix["indices"]),
         &numbers(&matrix["data"]),
         &numbers(&value["q"]),
         numbers(&value["mu"]),
     )
-    .unwrap_or_else(|error| panic!("{name}: {error}"));
-    Instance { problem }
+    .unwrap_or_else(|error| panic!("{name}: {error}"))
 }
 
 /// Every number of a list, or of a list of lists.
-fn numbers(value: &Value) -> Vec<f64> {
+pub fn numbers(value: &Value) -> Vec<f64> {
     match value {
         Value::Array(list) => list.iter().flat_map(numbers).collect(),
         number => vec![number.as_f64().expect("a number")],
@@ -36,45 +36,4 @@ fn numbers(value: &Value) -> Vec<f64> {
 fn indices(value: &Value) -> Vec<usize> {
     let list = value.as_array().expect("a list of indices");
     list.iter().map(|index| index.as_u64().and_then(|i| usize::try_from(i).ok()).expect("an index")).collect()
-}
-
-/// The relative natural map, computed with a dense `W` and a projection written in eigenvalues of the Jordan algebra of
-/// the cone's Lorentz form, neither of which the library has. For `mu > 0`.
-pub fn natural_map(problem: &CoulombProblem, r: &[Vector3<f64>]) -> f64 {
-    let n = problem.contacts();
-    let mut dense = nalgebra::DMatrix::zeros(3 * n, 3 * n);
-    for i in 0..n {
-        for (j, block) in problem.matrix().row(i) {
-            dense.fixed_view_mut::<3, 3>(3 * i, 3 * j).copy_from::<_, _, _>(block as &Matrix3<f64>);
-        }
-    }
-    let stack = |v: &[Vector3<f64>]| DVector::from_iterator(3 * n, v.iter().flatten().copied());
-    let q = stack(problem.q());
-    let r = stack(r);
-    let u = &dense * &r + &q;
-    let mut map = 0.0;
-    for (k, &mu) in problem.mu().iter().enumerate() {
-        let (r, u) = (r.fixed_rows::<3>(3 * k).into_owned(), u.fixed_rows::<3>(3 * k).into_owned());
-        let y = r - u - Vector3::new(mu * u.y.hypot(u.z), 0.0, 0.0);
-        map += (r - nearest_in_cone(y, mu)).norm_squared();
-    }
-    map.sqrt() / q.norm().max(r.norm()).max(u.norm())
-}
-
-/// The sum of the projections of `v` on the ray of the cone on its own side and on the ray of the polar cone's edge
-/// that is normal to it, each cut off at zero: with `w` the direction of `v_t`, the plane of `n` and `w` cuts the cone in
-/// a wedge with the edges `(1, mu w)` and `(1, -mu w)`.
-fn nearest_in_cone(v: Vector3<f64>, mu: f64) -> Vector3<f64> {
-    let slip = v.y.hypot(v.z);
-    let w = if slip == 0.0 { (1.0, 0.0) } else { (v.y / slip, v.z / slip) };
-    let inside = mu * v.x >= slip;
-    let polar = mu * slip <= -v.x;
-    let edge = Vector3::new(1.0, mu * w.0, mu * w.1).normalize();
-    if inside {
-        v
-    } else if polar {
-        Vector3::zeros()
-    } else {
-        edge * edge.dot(&v)
-    }
 }

@@ -3,4 +3,6 @@
 //! of those collections. Impulses are not compared: where the operator is singular they are not unique.
 
 mod collection;
+mod measure;
+mod reference;
 mod solved;

@@ -1,22 +1,30 @@
 //! Every problem, to `1e-8`.
 
-use crate::collection::{natural_map, read};
+use crate::collection::problem;
+use crate::measure::natural_map;
 use dvi::problem::Control;
 use dvi::vi::Outcome;
-use dvi::vi::coulomb::{Coulomb, Report};
+use dvi::vi::coulomb::Coulomb;
 use nalgebra::Vector3;
 
 /// The bound on the relative natural map.
 const BOUND: f64 = 1e-8;
 
-fn solve(name: &str) -> Report {
-    let instance = read(name);
-    let mut r = vec![Vector3::zeros(); instance.problem.contacts()];
-    let report = Coulomb::default().solve(&instance.problem, &mut r, &Control::new());
-    let residual = natural_map(&instance.problem, &r);
+fn solve(name: &str) {
+    let problem = problem(name);
+    let mut r = vec![Vector3::zeros(); problem.contacts()];
+    let report = Coulomb::default().solve(&problem, &mut r, &Control::new());
+    let residual = natural_map(&problem, &r);
     assert!(residual <= BOUND, "{name}: residual {residual:.1e}, {report:?}");
     assert_eq!(report.outcome, Outcome::Solved, "{name}: {report:?}");
-    report
+    // Signorini and friction apart, by the largest impulse and velocity that each of them is made of.
+    let u: Vec<_> = (0..r.len()).map(|k| problem.velocity(k, &r)).collect();
+    let largest = |v: &[Vector3<f64>]| v.iter().chain(problem.q()).map(Vector3::norm).fold(0.0, f64::max);
+    let (r_size, u_size) = (largest(&r), largest(&u));
+    let evidence = report.evidence;
+    assert!(evidence.signorini <= BOUND * r_size.max(u_size), "{name}: {evidence:?}");
+    assert!(evidence.cone_violation <= BOUND * r_size, "{name}: {evidence:?}");
+    assert!(evidence.dissipation_gap <= BOUND * r_size * u_size, "{name}: {evidence:?}");
 }
 
 macro_rules! solved {

@@ -12,8 +12,9 @@
 
 use super::cone::{FrictionCone, tangent};
 use super::linear::BlockSystem;
-use super::scaling::Scaling;
-use nalgebra::Vector3;
+use super::portfolio::Task;
+use super::scaling::{Residual, Scaling};
+use nalgebra::{Matrix3, Vector3};
 
 /// Over-relaxation `x`; 1.5 to 1.8 is the customary range.
 const RELAXATION: f64 = 1.6;
@@ -75,22 +76,23 @@ impl Admm {
         &self.z
     }
 
-    /// Runs for `iterations`, or until the residual is below the tolerance; the residual reached, or NaN if
+    /// Runs for `iterations`, or until the residual is below the tolerance; the residual reached, or `None` if
     /// `W + rho I` is singular.
-    pub fn run(&mut self, scaling: &Scaling, tolerance: f64, iterations: usize) -> f64 {
+    pub fn run(&mut self, task: &Task<'_>, iterations: usize) -> Option<Residual> {
+        let scaling = task.scaling;
         for _ in 0..iterations.div_ceil(CHECK) {
             for _ in 0..CHECK {
                 if !self.iterate(scaling) {
-                    return f64::NAN;
+                    return None;
                 }
             }
             let residual = scaling.residual(&self.z);
-            if residual <= tolerance {
-                return residual;
+            if task.is_over(residual.strict) {
+                return Some(residual);
             }
             self.balance(scaling);
         }
-        scaling.residual(&self.z)
+        Some(scaling.residual(&self.z))
     }
 
     fn iterate(&mut self, scaling: &Scaling) -> bool {
@@ -98,7 +100,7 @@ impl Admm {
         let rho = self.rho;
         if !self.is_factored {
             self.is_factored = self.system.factorise(problem.matrix(), |i, j, block| {
-                if i == j { block + nalgebra::Matrix3::from_diagonal_element(rho) } else { *block }
+                if i == j { block + Matrix3::from_diagonal_element(rho) } else { *block }
             });
             self.factorisations += 1;
         }

@@ -23,6 +23,8 @@ mod newton;
 mod portfolio;
 mod problem;
 mod scaling;
+#[cfg(test)]
+mod tests;
 
 pub use blocks::BlockMatrix;
 pub use cone::FrictionCone;

@@ -13,7 +13,8 @@
 
 use super::alart_curnier::{self, Linearised};
 use super::linear::BlockSystem;
-use super::scaling::Scaling;
+use super::portfolio::Task;
+use super::scaling::{Residual, Scaling};
 use nalgebra::Vector3;
 
 /// Newton steps for one inner problem. It either has the right contact states after five or is chattering.
@@ -70,20 +71,19 @@ impl ProximalNewton {
     /// Improves `r`, of residual `residual`, within `budget` factorisations; returns those used and the new residual.
     pub fn improve(
         &mut self,
-        scaling: &Scaling,
+        task: &Task<'_>,
         r: &mut [Vector3<f64>],
-        mut residual: f64,
-        tolerance: f64,
+        mut residual: Residual,
         budget: usize,
-    ) -> (usize, f64) {
-        let mut alpha = (ALPHA_BY_RESIDUAL * residual).clamp(ALPHA_FIRST[0], ALPHA_FIRST[1]);
+    ) -> (usize, Residual) {
+        let mut alpha = (ALPHA_BY_RESIDUAL * residual.relative).clamp(ALPHA_FIRST[0], ALPHA_FIRST[1]);
         let (mut used, mut failures) = (0, 0);
         self.centre.copy_from_slice(r);
-        while used < budget && failures < FAILURES && residual > tolerance {
-            let steps = self.inner(scaling, alpha);
+        while used < budget && failures < FAILURES && !task.is_over(residual.strict) {
+            let steps = self.inner(task.scaling, alpha);
             used += steps;
-            let found = scaling.residual(&self.iterate);
-            if found <= tolerance || found < OUTER_DECREASE * residual {
+            let found = task.scaling.residual(&self.iterate);
+            if found.strict <= task.tolerance || found.relative < OUTER_DECREASE * residual.relative {
                 residual = found;
                 self.centre.copy_from_slice(&self.iterate);
                 alpha = (alpha * if steps <= EASY { SHRINK_FAST } else { SHRINK }).max(ALPHA_LEAST);
@@ -110,11 +110,7 @@ impl ProximalNewton {
                 return step + 1;
             }
             let mut length = 1.0;
-            loop {
-                let decreases = self.norm_along(scaling, alpha, length) < (1.0 - ARMIJO * length) * before;
-                if decreases {
-                    break;
-                }
+            while self.norm_along(scaling, alpha, length) >= (1.0 - ARMIJO * length) * before {
                 length *= 0.5;
                 if length < SHORTEST {
                     self.norm_along(scaling, alpha, 1.0);

@@ -11,7 +11,7 @@
 use super::admm::Admm;
 use super::gauss_seidel;
 use super::newton::ProximalNewton;
-use super::scaling::Scaling;
+use super::scaling::{Residual, Scaling};
 use super::{CoulombProblem, Evidence, solve_contact};
 use crate::problem::Control;
 use crate::vi::Outcome;
@@ -22,12 +22,13 @@ const SWEEPS_AT_ONCE: usize = 10;
 
 /// ADMM iterations before Newton's second attempt, and the growth of the runs after it.
 const FIRST_RUN: usize = 100;
-const RUN_GROWTH: f64 = 1.6;
+const RUN_GROWTH_PERCENT: usize = 60;
 
 /// Bounds on the work of one solve.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// The relative natural map, scaled and unscaled, that ends the solve. Default 1e-10.
+    /// The relative natural map, with each contact in its own unit and in the user's, that ends the solve. Default
+    /// 1e-10.
     pub tolerance: f64,
     /// Gauss-Seidel goes on only while it promises the tolerance within this many further sweeps. Default 100.
     pub sweeps: usize,
@@ -75,10 +76,25 @@ pub struct Attempt {
     pub method: Method,
     /// Sweeps, Newton steps or ADMM iterations.
     pub iterations: usize,
-    /// Relative residual that it found.
+    /// The residual that it found: the largest of the relative natural maps in the user's units and with each contact
+    /// in its own, and of the latter against velocities alone.
     pub before: f64,
-    /// Relative residual that it left.
+    /// The residual that it left.
     pub after: f64,
+}
+
+/// What an iterative method is given.
+pub(super) struct Task<'a> {
+    pub scaling: &'a Scaling,
+    pub tolerance: f64,
+    pub control: &'a Control,
+}
+
+impl Task<'_> {
+    /// Whether a point of this residual is good enough, or time is up.
+    pub fn is_over(&self, residual: f64) -> bool {
+        residual <= self.tolerance || self.control.poll().is_some()
+    }
 }
 
 /// What a solve did, and how good its answer is.
@@ -101,7 +117,7 @@ pub struct Coulomb {
     /// Scaled impulses: the best so far, and those of the method at work.
     best: Vec<Vector3<f64>>,
     work: Vec<Vector3<f64>>,
-    residual: f64,
+    residual: Residual,
     attempts: Vec<Attempt>,
 }
 
@@ -111,16 +127,19 @@ impl Coulomb {
         Self { limits, ..Self::default() }
     }
 
-    /// Solves from the impulses `r`, one for each contact, and leaves the best found there. Polls `control` between
-    /// methods and sweeps.
+    /// Solves from the impulses `r`, and leaves the best found there. Polls `control` throughout.
+    ///
+    /// # Panics
+    /// If `r` is not one impulse for each contact.
     pub fn solve(&mut self, problem: &CoulombProblem, r: &mut [Vector3<f64>], control: &Control) -> Report {
+        assert_eq!(r.len(), problem.contacts(), "one impulse for each contact");
         self.attempts.clear();
         if !r.iter().flatten().all(|x| x.is_finite()) {
             r.fill(Vector3::zeros());
         }
         if let ([r], [q], [mu]) = (&mut *r, problem.q(), problem.mu()) {
             self.solve_one(problem, r, q, *mu);
-        } else if r.len() == problem.contacts() {
+        } else {
             self.scaling.fit(problem);
             self.best.clear();
             self.best.extend(self.scaling.scale(r));
@@ -132,9 +151,9 @@ impl Coulomb {
             }
         }
         let evidence = Evidence::of(problem, r);
-        let outcome = if evidence.relative.is_nan() || r.len() != problem.contacts() {
+        let outcome = if evidence.relative.is_nan() {
             Outcome::Breakdown
-        } else if self.residual <= self.limits.tolerance {
+        } else if self.residual.strict <= self.limits.tolerance {
             Outcome::Solved
         } else {
             Outcome::Limit
@@ -143,22 +162,24 @@ impl Coulomb {
     }
 
     fn solve_one(&mut self, problem: &CoulombProblem, r: &mut Vector3<f64>, q: &Vector3<f64>, mu: f64) {
+        let start = *r;
         if let Some(exact) = solve_contact(problem.matrix().diagonal(0), q, mu) {
             *r = exact;
         }
-        self.residual = Evidence::of(problem, std::slice::from_ref(r)).relative;
-        let attempt = Attempt { method: Method::Exact, iterations: 1, before: f64::NAN, after: self.residual };
-        self.attempts.push(attempt);
+        let relative = |r: &Vector3<f64>| Evidence::of(problem, std::slice::from_ref(r)).relative;
+        let (before, after) = (relative(&start), relative(r));
+        self.residual = Residual { relative: after, strict: after };
+        self.attempts.push(Attempt { method: Method::Exact, iterations: 1, before, after });
     }
 
     fn is_over(&self, control: &Control) -> bool {
-        self.residual <= self.limits.tolerance || control.poll().is_some()
+        self.residual.strict <= self.limits.tolerance || control.poll().is_some()
     }
 
     /// Records a turn that ended with `work`, and keeps that if it is the best.
-    fn record(&mut self, method: Method, iterations: usize, before: f64, after: f64) {
-        self.attempts.push(Attempt { method, iterations, before, after });
-        if after < self.residual {
+    fn record(&mut self, method: Method, iterations: usize, before: Residual, after: Residual) {
+        self.attempts.push(Attempt { method, iterations, before: before.strict, after: after.strict });
+        if after.strict < self.residual.strict {
             self.residual = after;
             std::mem::swap(&mut self.best, &mut self.work);
         }
@@ -169,17 +190,15 @@ impl Coulomb {
         let mut found = before;
         let mut sweeps = 0;
         self.work.clone_from(&self.best);
-        while !self.is_over(control) && found > self.limits.tolerance {
+        while !self.is_over(control) && found.strict > self.limits.tolerance {
             for _ in 0..SWEEPS_AT_ONCE {
                 gauss_seidel::sweep(&self.scaling.problem, &mut self.work, 1.0);
             }
             sweeps += SWEEPS_AT_ONCE;
             let last = std::mem::replace(&mut found, self.scaling.residual(&self.work));
-            let digits_to_go = (found / self.limits.tolerance).log10();
-            let digits_a_sweep = (last / found).log10() / SWEEPS_AT_ONCE as f64;
-            // A NaN does not arrive either.
-            let arrives = digits_to_go <= digits_a_sweep * self.limits.sweeps as f64;
-            if !arrives {
+            let digits_to_go = (found.strict / self.limits.tolerance).log10();
+            let digits_a_sweep = (last.strict / found.strict).log10() / SWEEPS_AT_ONCE as f64;
+            if found.strict.is_nan() || digits_to_go > digits_a_sweep * self.limits.sweeps as f64 {
                 break;
             }
         }
@@ -197,10 +216,11 @@ impl Coulomb {
         self.work.clone_from(&self.best);
         let mut start = self.residual;
         let mut admm: Option<Admm> = None;
-        let mut run = FIRST_RUN as f64;
+        let mut run = FIRST_RUN;
         loop {
             let Limits { tolerance, factorisations, iterations, .. } = self.limits;
-            let (steps, after) = newton.improve(&self.scaling, &mut self.work, start, tolerance, factorisations);
+            let task = Task { scaling: &self.scaling, tolerance, control };
+            let (steps, after) = newton.improve(&task, &mut self.work, start, factorisations);
             self.record(Method::ProximalNewton, steps, start, after);
             if admm.is_none() {
                 admm = Admm::new(&self.scaling, &self.best);
@@ -211,10 +231,9 @@ impl Coulomb {
                 return;
             }
             let before = self.scaling.residual(admm.impulses());
-            start = admm.run(&self.scaling, tolerance, run as usize);
-            if start.is_nan() {
-                return;
-            }
+            let task = Task { scaling: &self.scaling, tolerance, control };
+            let Some(reached) = admm.run(&task, run.min(iterations - done)) else { return };
+            start = reached;
             self.work.clear();
             self.work.extend_from_slice(admm.impulses());
             self.record(Method::Admm, admm.iterations() - done, before, start);
@@ -223,7 +242,7 @@ impl Coulomb {
             }
             self.work.clear();
             self.work.extend_from_slice(admm.impulses());
-            run *= RUN_GROWTH;
+            run += run * RUN_GROWTH_PERCENT / 100;
         }
     }
 }

@@ -7,6 +7,23 @@ use super::CoulombProblem;
 use super::cone::FrictionCone;
 use nalgebra::Vector3;
 
+/// How far a point is from a solution.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(super) struct Residual {
+    /// The larger of the relative natural maps of `r'` in the scaled problem and of `r = D r'` in the user's units. It
+    /// shows progress also while heavy loads still drive impulses up.
+    pub relative: f64,
+    /// That, and the scaled map against velocities: impulses that grow without bound, for want of a solution, would
+    /// hide their failure from the former. A point is solved when this is small.
+    pub strict: f64,
+}
+
+/// Scaled impulses are of the size of scaled velocities, or larger by the ratio of masses that press on each other, and
+/// rounding in `W r` with them: a residual against velocities is given this much of `|r|` as room, and no more than
+/// this much of `|q|`, so that ratios up to 1e8 can reach residuals of 1e-10.
+const IMPULSE_ROOM: f64 = 1e-4;
+const LARGEST_ROOM: f64 = 1e4;
+
 /// The scales `d_k`, and the scaled problem.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Scaling {
@@ -24,9 +41,7 @@ impl Scaling {
         problem.scale_into(&self.d, &mut self.problem);
     }
 
-    /// The larger of the relative natural maps of `r'` in the scaled problem and of `r = D r'` in the user's units:
-    /// a point is solved when it is in both.
-    pub fn residual(&self, r: &[Vector3<f64>]) -> f64 {
+    pub fn residual(&self, r: &[Vector3<f64>]) -> Residual {
         let (mut scaled, mut plain) = ([0.0; 4], [0.0; 4]);
         for (k, &r_k) in r.iter().enumerate() {
             let u = self.problem.velocity(k, r);
@@ -37,9 +52,13 @@ impl Scaling {
                 }
             }
         }
-        let relative = |[map, q, r, u]: [f64; 4]| if map == 0.0 { map } else { (map / q.max(r).max(u)).sqrt() };
-        let (scaled, plain) = (relative(scaled), relative(plain));
-        if scaled.is_nan() { scaled } else { scaled.max(plain) }
+        let [map, q, r, u] = scaled.map(f64::sqrt);
+        if map == 0.0 || map.is_nan() {
+            return Residual { relative: map, strict: map };
+        }
+        let [plain_map, plain_q, plain_r, plain_u] = plain.map(f64::sqrt);
+        let relative = (map / q.max(r).max(u)).max(plain_map / plain_q.max(plain_r).max(plain_u));
+        Residual { relative, strict: relative.max(map / (q.max(u) + (IMPULSE_ROOM * r).min(LARGEST_ROOM * q))) }
     }
 
     pub fn scale<'a>(&'a self, r: &'a [Vector3<f64>]) -> impl Iterator<Item = Vector3<f64>> + 'a {

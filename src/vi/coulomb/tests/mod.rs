@@ -1,0 +1,39 @@
+//! Coulomb's law against answers from outside: closed forms, statics, another solver.
+
+mod closed_forms;
+mod local;
+mod parts;
+mod stacks;
+
+use super::{BlockMatrix, CoulombProblem};
+use nalgebra::{DMatrix, Matrix3, Vector3};
+
+/// Uniform numbers in `[-1, 1)` (`SplitMix64`).
+struct Random(u64);
+
+impl Random {
+    fn number(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut x = self.0;
+        x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        x = (x ^ (x >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((x ^ (x >> 31)) >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+    }
+
+    fn vector(&mut self) -> Vector3<f64> {
+        Vector3::from_fn(|_, _| self.number())
+    }
+
+    fn matrix(&mut self) -> Matrix3<f64> {
+        Matrix3::from_fn(|_, _| self.number())
+    }
+}
+
+/// The problem of a dense Delassus operator.
+fn problem(dense: &DMatrix<f64>, q: Vec<Vector3<f64>>, mu: Vec<f64>) -> CoulombProblem {
+    let n = q.len();
+    let blocks = (0..n * n).map(|e| (e / n, e % n, dense.fixed_view::<3, 3>(3 * (e / n), 3 * (e % n)).into_owned()));
+    let blocks = blocks.filter(|(.., block)| block.amax() > 0.0);
+    let matrix = BlockMatrix::from_blocks(n, blocks).expect("indices in range");
+    CoulombProblem::new(matrix, q, mu).expect("a well-formed problem")
+}
