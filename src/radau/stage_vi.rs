@@ -135,8 +135,9 @@ impl StageVi {
             if !self.evaluate(system, tableau, stages, t, h, y0) {
                 return false;
             }
-            // Increments at the rounding level of y neither shrink nor matter; the transforms of many stages add to it.
-            let least = control.kappa.max(1e3 * f64::EPSILON * stages.size(y0, &control.weight, s));
+            // Increments at the rounding level of y neither shrink nor matter; the VI and the transforms add to it.
+            let rounding = f64::EPSILON * (4.0 * tableau.mixing).max(1e3);
+            let least = control.kappa.max(rounding * stages.size(y0, &control.weight, s));
             if iteration > 0 && norm <= least && self.is_solved(system, stages, h, y0, control) {
                 let last = (s - 1) * count;
                 for (a, &k) in system.bounded.iter().enumerate() {

@@ -33,6 +33,8 @@ pub struct Tableau {
     pub t: DMatrix<f64>,
     /// `T^-1`.
     pub t_inverse: DMatrix<f64>,
+    /// The largest row sum of `|T| |T^-1|`: how much rounding errors grow on the way from `Z` to `W` and back.
+    pub mixing: f64,
     /// The embedded error estimate combines the stage increments with `-l_i(0) / c_i`, where `l_i` is the Lagrange
     /// polynomial of node `i` (as RADAU does; for `s = 3` the `-(13+7 sqrt 6)/3, ..` of RADAU5).
     pub estimate: Vec<f64>,
@@ -97,7 +99,8 @@ impl Tableau {
         let barycentric =
             (0..=s).map(|i| 1.0 / (0..=s).filter(|&j| j != i).map(|j| node(i) - node(j)).product::<f64>()).collect();
         let bubble = if s == 1 { Vec::new() } else { bubble(&c) };
-        Self { c, a, b, a_inverse, gamma, pairs, t, t_inverse, estimate, bubble, barycentric }
+        let mixing = (t.abs() * t_inverse.abs()).column_sum().amax();
+        Self { c, a, b, a_inverse, gamma, pairs, t, t_inverse, mixing, estimate, bubble, barycentric }
     }
 
     /// The value at `theta` of the polynomial that vanishes at both ends of a step, has the slope 1 at its beginning and
