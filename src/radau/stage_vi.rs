@@ -8,7 +8,7 @@
 //! ```
 //!
 //! with `E` the block-diagonal matrix of [`Factors`] in which the bounded variables are held and `e` their unit
-//! vectors. Row block `i` is scaled by `d_i = b_i / c_i`: then `S` is monotone where the problem is.
+//! vectors. Row block `i` is scaled by the `d_i` of the tableau: then `S` is monotone where the problem is.
 
 use super::face::{Place, place, place_on_blocks};
 use super::factors::Factors;
@@ -225,7 +225,7 @@ impl StageVi {
             return false;
         }
         for i in 0..s {
-            let d = tableau.b[i] / tableau.c[i];
+            let d = tableau.d[i];
             for (a, &k) in system.bounded.iter().enumerate() {
                 let (row, block) = (i * count + a, i * unknowns);
                 let moved = system.slope(k, |j| stages.z[block + j] - self.saved.0[block + j]);
@@ -347,7 +347,7 @@ impl StageVi {
             }
         }
         for i in 0..s {
-            let d = tableau.b[i] / tableau.c[i];
+            let d = tableau.d[i];
             self.matrix.rows_mut(i * count, count).scale_mut(d);
         }
         self.matrix.iter().all(|value| value.is_finite())

@@ -5,6 +5,7 @@ use super::error::{Errors, SpecificationError};
 use super::lowering::{Lowering, MOST_UNKNOWNS};
 use super::method::{Method, out_of_range};
 use super::place::Place;
+use super::plan::MOST_STEPS;
 use super::reading::{Reading, read};
 use super::repairs::Repairs;
 use super::stages::Stages;
@@ -167,8 +168,8 @@ fn check_limits(limits: Limits, place: &Place<'_>, errors: &mut Errors) {
     if let Some(seconds) = limits.wall_seconds.filter(|seconds| *seconds <= 0.0) {
         out_of_range(&place.key("wall_seconds"), seconds, "above 0", errors);
     }
-    if let Some(steps) = limits.steps.filter(|steps| !(1..=10_000_000).contains(steps)) {
-        out_of_range(&place.key("steps"), steps as f64, "1 to 10000000", errors);
+    if let Some(steps) = limits.steps.filter(|steps| !(1..=MOST_STEPS).contains(steps)) {
+        out_of_range(&place.key("steps"), steps as f64, &format!("1 to {MOST_STEPS}"), errors);
     }
 }
 
