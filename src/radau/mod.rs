@@ -31,5 +31,5 @@ pub use layout::MOST_BYTES;
 pub use settings::{Cause, Settings, StageChoice, StepError, Switches};
 pub use stepper::{Counts, Radau, Variables};
 pub use switches::Switch;
-pub use system::Work;
+pub use system::{Rates, Work};
 pub use tableau::{MOST_STAGES, Tableau};

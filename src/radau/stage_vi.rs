@@ -13,7 +13,7 @@
 use super::face::{Place, place, place_on_blocks};
 use super::factors::Factors;
 use super::layout::check_memory;
-use super::settings::StepError;
+use super::settings::{Cause, StepError};
 use super::stages::{NewtonControl, Stages};
 use super::system::System;
 use super::tableau::Tableau;
@@ -114,6 +114,9 @@ impl StageVi {
 
     /// Solves the stages from the `Z` at hand, with `W = T^-1 Z` and the derivatives of `system` frozen. On success
     /// the face of `system` is that of the last stage; otherwise it is left as it was.
+    ///
+    /// # Errors
+    /// Why the step should be smaller.
     #[expect(clippy::too_many_arguments, reason = "a step is its problem, method, place and tolerance")]
     pub fn solve(
         &mut self,
@@ -124,16 +127,16 @@ impl StageVi {
         h: f64,
         y0: &[f64],
         control: &NewtonControl,
-    ) -> bool {
+    ) -> Result<(), Cause> {
         let (s, n, count) = (tableau.stages(), system.states, system.bounded.len());
         self.resize(s * count);
         if !self.reduce(system, tableau, h) {
-            return false;
+            return Err(Cause::Singular);
         }
         let mut norm = f64::INFINITY;
         for iteration in 0..3 * control.most {
             if !self.evaluate(system, tableau, stages, t, h, y0) {
-                return false;
+                return Err(Cause::NotFinite);
             }
             // Increments at the rounding level of y neither shrink nor matter; the transforms of many stages add to it.
             let least = control.kappa.max(1e3 * f64::EPSILON * stages.size(y0, &control.weight, s));
@@ -145,18 +148,18 @@ impl StageVi {
                     self.moved[k] = z - g;
                 }
                 place_on_blocks(&system.set, &self.moved, &mut system.face, &mut self.workspace);
-                return true;
+                return Ok(());
             }
             if iteration > 0 && self.relinearise {
-                let y = stages.stage(y0, s - 1);
-                if !(system.differentiate(t + h, y) && self.reduce(system, tableau, h)) {
-                    return false;
+                if !system.differentiate(t + h, stages.stage(y0, s - 1)) {
+                    return Err(Cause::NotFinite);
+                }
+                if !self.reduce(system, tableau, h) {
+                    return Err(Cause::Singular);
                 }
             }
             system.work.newton += 1;
-            if !self.affine(system, tableau, stages, h, control) {
-                return false;
-            }
+            self.affine(system, tableau, stages, h, control)?;
             for i in 0..s {
                 for (a, &k) in system.bounded.iter().enumerate() {
                     let place = i * count + a;
@@ -167,10 +170,11 @@ impl StageVi {
                 Some(new) if new <= least || (new.is_finite() && (iteration < 3 || new < 2.0 * norm)) => {
                     norm = new;
                 }
-                _ => return false,
+                Some(_) => return Err(Cause::Diverged),
+                None => return Err(Cause::Singular),
             }
         }
-        false
+        Err(Cause::Slow)
     }
 
     /// Evaluates rates, `G` and bounds at every stage, with zero in the rows of `Phi` of held variables.
@@ -215,14 +219,14 @@ impl StageVi {
         stages: &mut Stages,
         h: f64,
         control: &NewtonControl,
-    ) -> bool {
+    ) -> Result<(), Cause> {
         let (s, unknowns, count) = (tableau.stages(), system.unknowns, system.bounded.len());
         let size = s * unknowns;
         self.saved.0[..size].copy_from_slice(&stages.z[..size]);
         self.saved.1[..size].copy_from_slice(&stages.w[..size]);
         // What the other equations ask for while the bounded variables are held.
         if stages.increment(system, tableau, &mut self.factors, h, &control.weight).is_none() {
-            return false;
+            return Err(Cause::Singular);
         }
         for i in 0..s {
             let d = tableau.d[i];
@@ -246,7 +250,7 @@ impl StageVi {
                 None => self.failures.push((attempt, 1)),
             }
         }
-        report.outcome == Outcome::Solved
+        if report.outcome == Outcome::Solved { Ok(()) } else { Err(Cause::Unsolved) }
     }
 
     /// Whether the VI holds at every stage to the tolerance, from the last evaluation. The transforms mix the stages, so

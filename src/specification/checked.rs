@@ -23,6 +23,7 @@ pub struct Specification {
     absolute_tolerances: Vec<f64>,
     output_times: Option<Vec<f64>>,
     output_fields: Vec<usize>,
+    global_error: bool,
     limits: Limits,
     analysis: Analysis,
 }
@@ -72,6 +73,7 @@ impl Specification {
                 absolute_tolerances,
                 output_times,
                 output_fields,
+                global_error: output.global_error,
                 limits,
                 analysis,
             })
@@ -119,6 +121,11 @@ impl Specification {
     /// The fields to keep, as places in `(x, z)`.
     pub fn output_fields(&self) -> &[usize] {
         &self.output_fields
+    }
+
+    /// Whether the error at the end is to be estimated.
+    pub fn estimates_global_error(&self) -> bool {
+        self.global_error
     }
 
     /// The wall-clock time the user allows, in seconds.

@@ -25,6 +25,7 @@ impl Specification {
             end: self.time().end,
             times: self.output_times().map(<[f64]>::to_vec),
             fields: self.output_fields().to_vec(),
+            global_error: self.estimates_global_error(),
             analysis: self.analysis().clone(),
             settings: settings(self.method(), self.absolute_tolerances()),
             most_steps: self.step_limit().unwrap_or(MOST_STEPS),
