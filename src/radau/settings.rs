@@ -106,7 +106,10 @@ pub enum StepError {
         unknowns: usize,
     },
     /// The VI at the start has no solution that the solver could find.
-    #[error("the variational inequality at the start t = {t} has no solution, or none was found")]
+    #[error(
+        "the variational inequality at the start t = {t} has no solution, or none was found; raising a variable should \
+         raise its inequality, at once or in time: look at its sign, and whether the start satisfies it"
+    )]
     NoStart {
         /// When.
         t: f64,
@@ -172,7 +175,10 @@ impl std::fmt::Display for Cause {
             }
             Self::Singular => "the equations of the stages are singular (an equation that does not determine its unknown)",
             Self::NotFinite => "a stage meets a value that is not finite (a blow-up, or the edge of a function's domain)",
-            Self::Unsolved => "the variational inequality of the stages has no solution, or none was found",
+            Self::Unsolved => {
+                "the variational inequality of the stages has no solution, or none was found (raising a variable should \
+                 raise its inequality, at once or in time: look at its sign)"
+            }
         })
     }
 }
