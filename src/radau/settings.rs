@@ -50,7 +50,7 @@ pub struct Settings {
 pub enum StepError {
     /// A rate, a `G` or a bound is not a number at the beginning of a step.
     #[error(
-        "{what} number {component} (counted from 0) is not finite at t = {t}: a division by zero, a function outside \
+        "{what} number {component} (counted from 0) is not finite at t = {t:?}: a division by zero, a function outside \
          its domain, or a number too large"
     )]
     NotFinite {
@@ -62,7 +62,7 @@ pub enum StepError {
         t: f64,
     },
     /// The step size fell to the rounding level of `t`, or to `min_step`.
-    #[error("the step size fell to {h:e} at t = {t}: {cause}")]
+    #[error("the step size fell to {h:e} at t = {t:?}: {cause}")]
     StepTooSmall {
         /// When.
         t: f64,
@@ -72,7 +72,7 @@ pub enum StepError {
         cause: Cause,
     },
     /// The lower bound of a variable rises above its upper bound.
-    #[error("the interval of variable {variable} (counted from 0) is empty from t = {t} on: its bounds cross")]
+    #[error("the interval of variable {variable} (counted from 0) is empty from t = {t:?} on: its bounds cross")]
     EmptySet {
         /// The variable.
         variable: usize,
@@ -81,7 +81,7 @@ pub enum StepError {
     },
     /// Newton's method failed where the step is fixed.
     #[error(
-        "Newton's method on the stages does not converge with the fixed step {h:e} at t = {t}; take a smaller step, or leave `step` out"
+        "Newton's method on the stages does not converge with the fixed step {h:e} at t = {t:?}; take a smaller step, or leave `step` out"
     )]
     NewtonFailed {
         /// When.
@@ -107,7 +107,7 @@ pub enum StepError {
     },
     /// The VI at the start has no solution that the solver could find.
     #[error(
-        "the variational inequality at the start t = {t} has no solution, or none was found; raising a variable should \
+        "the variational inequality at the start t = {t:?} has no solution, or none was found; raising a variable should \
          raise its inequality, at once or in time: look at its sign, and whether the start satisfies it"
     )]
     NoStart {

@@ -131,11 +131,11 @@ fn judge(radau: &mut Radau<'_>, plan: &Plan, switched: bool, diagnostics: &mut D
 fn limit(radau: &Radau<'_>, plan: &Plan, control: &Control, recorder: &Recorder<'_>) -> Option<(&'static str, String)> {
     let t = radau.t();
     match control.poll() {
-        Some(Stop::Cancelled) => return Some(("cancelled", format!("cancelled at t = {t}"))),
+        Some(Stop::Cancelled) => return Some(("cancelled", format!("cancelled at t = {t:?}"))),
         Some(Stop::Deadline) => {
             return Some((
                 "wall_time",
-                format!("the wall time allowed ended at t = {t}; allow more with limits.wall_seconds"),
+                format!("the wall time allowed ended at t = {t:?}; allow more with limits.wall_seconds"),
             ));
         }
         None => {}
@@ -144,14 +144,14 @@ fn limit(radau: &Radau<'_>, plan: &Plan, control: &Control, recorder: &Recorder<
         let most = plan.most_steps;
         return Some((
             "steps",
-            format!("{most} steps were made up to t = {t}; allow more with limits.steps, or loosen rtol"),
+            format!("{most} steps were made up to t = {t:?}; allow more with limits.steps, or loosen rtol"),
         ));
     }
     if recorder.values() > plan.most_values {
         let most = plan.most_values;
         return Some((
             "output",
-            format!("the trajectory holds {most} numbers at t = {t}; ask for fewer times or fields"),
+            format!("the trajectory holds {most} numbers at t = {t:?}; ask for fewer times or fields"),
         ));
     }
     None
@@ -168,14 +168,14 @@ fn failure(plan: &Plan, error: &StepError, time: f64, state: &[f64]) -> Failure 
             };
             match name {
                 Some(name) => format!(
-                    "the {what} of `{name}` is not finite at t = {t}: a division by zero, a function outside its \
+                    "the {what} of `{name}` is not finite at t = {t:?}: a division by zero, a function outside its \
                      domain, or a number too large"
                 ),
                 None => error.to_string(),
             }
         }
         StepError::EmptySet { variable, t } => format!(
-            "the interval of `{}` is empty from t = {t} on: its lower bound passes its upper bound",
+            "the interval of `{}` is empty from t = {t:?} on: its lower bound passes its upper bound",
             plan.names.get(plan.initial.len() + variable).map_or("?", String::as_str)
         ),
         StepError::InconsistentStart { state, jump } => format!(
