@@ -99,6 +99,7 @@ choices! {
         "auto" Auto: "By structure and size; where one fails, the next."
         "lemke" Lemke: "Lemke's pivoting, with lexicographic ties."
         "semismooth_newton" SemismoothNewton: "Newton's method on the natural map."
+        "active_set" ActiveSet: "The primal-dual active set method, sparse; for intervals and a positive diagonal."
         "conic" Conic: "An interior-point method; where the inequality is symmetric."
         "block_gauss_seidel" BlockGaussSeidel: "Sweeps over the blocks of the set."
     }

@@ -55,6 +55,7 @@ fn settings(method: &Method, atol: &[f64]) -> Settings {
             ViSolverName::Auto => SolverKind::Auto,
             ViSolverName::Lemke => SolverKind::Lemke,
             ViSolverName::SemismoothNewton => SolverKind::SemismoothNewton,
+            ViSolverName::ActiveSet => SolverKind::ActiveSet,
             ViSolverName::Conic => SolverKind::Conic,
             ViSolverName::BlockGaussSeidel => SolverKind::BlockGaussSeidel,
         },
