@@ -3,7 +3,7 @@
 use super::document::{Document, Limits, Problem, Time};
 use super::error::{Errors, SpecificationError};
 use super::lowering::{Lowering, MOST_UNKNOWNS};
-use super::method::{Method, out_of_range};
+use super::method::{Method, ViSolverName, out_of_range};
 use super::place::Place;
 use super::plan::MOST_STEPS;
 use super::reading::{Reading, read};
@@ -12,6 +12,7 @@ use super::stages::Stages;
 use super::wording::abridged;
 use crate::analysis::Analysis;
 use crate::models::Model;
+use crate::problem::ConvexSet;
 
 /// A specification that has passed every check, lowered and ready to be solved any number of times.
 #[derive(Debug)]
@@ -63,6 +64,7 @@ impl Specification {
             let absolute_tolerances = method.absolute_tolerances(&model.state_names, &place, &mut found);
             let names: Vec<&str> = model.state_names.iter().chain(&model.variable_names).map(String::as_str).collect();
             let output_fields = output.fields(&names, &place_of_output, &mut found);
+            check_solver(&model.structure().set, method.vi_solver, &place, &mut found);
             let analysis = (errors.is_empty() && found.is_empty()).then(|| model.analyse(time.start))?;
             check_index(&analysis, &model, &method, &mut found);
             Some(Self {
@@ -207,6 +209,16 @@ fn check_index(analysis: &Analysis, model: &Model, method: &Method, errors: &mut
             errors.push(error.expected("`\"stages\": 1` and a fixed `step`, or the inequality posed for velocities"));
         }
         _ => {}
+    }
+}
+
+fn check_solver(set: &ConvexSet, solver: ViSolverName, place: &Place<'_>, errors: &mut Errors) {
+    if set.has_blocks() && !solver.takes_blocks() {
+        let detail = "this solver is one for intervals, and the set binds variables together";
+        errors.push(
+            SpecificationError::new(place.key("vi_solver").to_string(), "unsuitable_solver", detail)
+                .expected("\"auto\", \"semismooth_newton\", \"conic\" or \"block_gauss_seidel\""),
+        );
     }
 }
 

@@ -105,6 +105,13 @@ choices! {
     }
 }
 
+impl ViSolverName {
+    /// Whether it solves over balls, cones, simplices and polyhedra too.
+    pub(super) fn takes_blocks(self) -> bool {
+        !matches!(self, Self::Lemke | Self::ActiveSet)
+    }
+}
+
 impl Method {
     /// Checks everything but the absolute tolerances, over a horizon of the given length where that is known.
     pub(super) fn check(&self, place: &Place<'_>, horizon: Option<f64>, errors: &mut Errors) {
