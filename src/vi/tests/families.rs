@@ -94,28 +94,6 @@ fn no_monotone_problem_on_a_box_or_of_contact_is_left_unsolved() {
 }
 
 #[test]
-fn contacts_without_a_solution_are_told_apart_at_every_size() {
-    // w = J (J^T z + v) + r with r orthogonal to the range of J: along any z >= 0 with J^T z = 0 and r.z < 0 the problem
-    // has no solution (Farkas), and a copositive-plus matrix ends in a ray. Two contacts that pull one body apart
-    // and ask it to come together: rows j and -j, z = (1, 1) on them, and r = -1 there.
-    let mut random = Random(12);
-    for m in [2, 3, 10, 50, 200, 500] {
-        let mut j = random.matrix(m, m.div_ceil(2));
-        let opposite = -j.row(0);
-        j.set_row(1, &opposite);
-        let v = DVector::from_vec(random.vector(j.ncols()));
-        let mut q = (&j * v).as_slice().to_vec();
-        let solvable = Problem::complementarity(&j * j.transpose(), q.clone());
-        solvable.solve_exactly(&mut Lemke::new(m));
-        q[0] -= 1.0;
-        q[1] -= 1.0;
-        let problem = Problem::complementarity(&j * j.transpose(), q);
-        let report = problem.solve(&mut Auto::new(m), &mut vec![0.0; m]);
-        assert_eq!(report.outcome, Outcome::Ray, "m = {m}: {report:?}");
-    }
-}
-
-#[test]
 fn degenerate_contacts_of_every_size_are_solved() {
     // Half the rank, and a third of the contacts just touching: q of their rows is what the others leave.
     let mut random = Random(13);
