@@ -24,7 +24,7 @@ mod switches;
 mod system;
 mod tableau;
 
-pub use face::Place;
+pub use face::{ActiveFace, Place};
 pub use settings::{Cause, Settings, StageChoice, StepError, Switches};
 pub use stepper::{Counts, Radau, Variables};
 pub use switches::Switch;

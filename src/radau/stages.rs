@@ -21,8 +21,9 @@ pub struct Stages {
     right: Vec<f64>,
     pair: Vec<Complex<f64>>,
     y: Vec<f64>,
-    /// The monitors of the bounded variables at every stage, stage by stage, as of the last convergence.
-    pub monitors: Vec<[Option<Monitor>; 2]>,
+    /// The monitors of the face at every stage, stage by stage, as of the last convergence.
+    pub monitors: Vec<Monitor>,
+    at_stage: Vec<Monitor>,
 }
 
 /// How a Newton iteration ended.
@@ -66,12 +67,38 @@ impl NewtonControl {
         (self.vi_tolerance * terms).max(passed)
     }
 
+    /// The size below which a distance of variable `k` at `y` from a bound is noise, likewise.
+    pub fn noise_of_z(&self, system: &System<'_>, k: usize, y: &[f64]) -> f64 {
+        let at = system.states + k;
+        let passed = if self.weight[at] > 0.0 { self.kappa / self.weight[at] } else { 0.0 };
+        (self.vi_tolerance * self.size[at].max(y[at].abs())).max(passed)
+    }
+
+    /// The same of block `b`: of the distances on it, and of its multipliers.
+    pub fn noise_of_block(&self, system: &System<'_>, b: usize, y: &[f64]) -> BlockNoise {
+        let mut noise = BlockNoise { z: 0.0, g: 0.0 };
+        for &k in &system.set.blocks()[b].members {
+            let distance = self.noise_of_z(system, k, y).max(self.noise_of_width(system, k, y));
+            noise = BlockNoise { z: noise.z.max(distance), g: noise.g + self.noise_of_g(system, k, y) };
+        }
+        noise
+    }
+
     /// The size below which the distance of the bounds of variable `k` at `y` is noise, likewise.
     pub fn noise_of_width(&self, system: &System<'_>, k: usize, y: &[f64]) -> f64 {
         let at = system.states + k;
         let passed = system.terms_of_bounds(k, |j| if j < system.states { self.kappa / self.weight[j] } else { 0.0 });
         (self.vi_tolerance * self.size[at].max(y[at].abs())).max(passed)
     }
+}
+
+/// The sizes below which what is measured on a block is noise.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BlockNoise {
+    /// In the unit of `z`.
+    pub z: f64,
+    /// In the unit of `G`.
+    pub g: f64,
 }
 
 /// The contraction seen, kept from one step to the next.
@@ -106,6 +133,7 @@ impl Stages {
             pair: vec![Complex::new(0.0, 0.0); unknowns],
             y: vec![0.0; unknowns],
             monitors: Vec::new(),
+            at_stage: Vec::new(),
         }
     }
 
@@ -309,15 +337,23 @@ impl Stages {
             if !system.phi(t + c * h, &self.y, phi) {
                 return None;
             }
-            for &k in &system.bounded {
+            for &k in &system.intervals {
                 let residual = phi[system.states + k].abs();
-                let y = &self.y;
-                verdict.satisfied &=
-                    residual == 0.0 || system.face[k] != Place::Inside || residual <= control.noise_of_g(system, k, y);
-                let monitors = monitors(system, control, k, y);
-                verdict.violated |= monitors.iter().flatten().any(Monitor::is_violated);
-                self.monitors.push(monitors);
+                verdict.satisfied &= residual == 0.0
+                    || system.face.places[k] != Place::Inside
+                    || residual <= control.noise_of_g(system, k, &self.y);
             }
+            for (b, block) in system.set.blocks().iter().enumerate() {
+                let noise = control.noise_of_block(system, b, &self.y);
+                for (i, &k) in block.members.iter().enumerate() {
+                    let least = if system.equations[b].is_constraint(i) { noise.z } else { noise.g };
+                    let residual = phi[system.states + k].abs();
+                    verdict.satisfied &= residual == 0.0 || residual <= least;
+                }
+            }
+            monitors(system, control, &self.y, &mut self.at_stage);
+            verdict.violated |= self.at_stage.iter().any(Monitor::is_violated);
+            self.monitors.extend_from_slice(&self.at_stage);
         }
         Some(verdict)
     }
@@ -325,7 +361,7 @@ impl Stages {
 
 /// What is found of the bounded variables at the stages.
 struct Verdict {
-    /// Whether `G = 0` holds to the tolerance of the VI for those inside their interval.
+    /// Whether the equations of the face hold to the tolerance of the VI.
     satisfied: bool,
     /// Whether a monitor of the face is violated.
     violated: bool,

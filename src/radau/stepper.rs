@@ -219,7 +219,7 @@ impl<'p> Radau<'p> {
             self.counts.rejected_error += 1;
             self.switching.abandon();
             if coupled {
-                self.system.face.copy_from_slice(&self.switching.before);
+                self.system.face.clone_from(&self.switching.before);
             }
             let first = self.counts.accepted == 0;
             self.shrink(reached, Cause::Error, |controller| {
@@ -230,12 +230,6 @@ impl<'p> Radau<'p> {
 
     /// Solves the stages of a step of size `h`, or of the shorter one that ends at a switch.
     fn attempt(&mut self, h: f64) -> Result<Attempt, StepError> {
-        if self.system.set.has_blocks() {
-            self.differentiate()?;
-            self.set_tolerances(h);
-            self.predict(h);
-            return Ok(self.couple(h));
-        }
         for _ in 0..=self.system.bounded.len() {
             self.prepare(h)?;
             self.predict(h);

@@ -6,12 +6,13 @@
 //! order `s + 1`.) The next face is not guessed: it is that of an implicit Euler step with the VI, so short that only
 //! the directions at the switch count, in which variables at their switch start exactly there.
 
-use super::face::{Monitor, Place, monitors};
+use super::face::{ActiveFace, Monitor, Place, monitors};
 use super::settings::{Settings, StepError, Switches};
 use super::stages::Newton;
 use super::start::Probe;
 use super::stepper::Radau;
 use super::system::System;
+use crate::problem::ConvexSet;
 
 /// A variable that changed its place.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,7 +47,7 @@ pub(super) struct Switching {
     locate: bool,
     pub(super) probe: Probe,
     /// The face before the step at hand.
-    pub(super) before: Vec<Place>,
+    pub(super) before: ActiveFace,
     /// Whether the step at hand ends at a switch.
     pending: bool,
     /// The time of the last switch, the time from it to the one before, and how often that shrank in a row.
@@ -54,6 +55,7 @@ pub(super) struct Switching {
     gap: f64,
     shrinking: u32,
     scratch: Vec<f64>,
+    monitors: Vec<Monitor>,
     /// Switches not yet taken by the caller.
     switches: Vec<Switch>,
     /// Accumulations passed.
@@ -71,13 +73,14 @@ impl Switching {
             gap: f64::INFINITY,
             shrinking: 0,
             scratch: vec![0.0; system.unknowns],
+            monitors: Vec::new(),
             switches: Vec::new(),
             accumulations: 0,
         })
     }
 
-    pub(super) fn remember(&mut self, face: &[Place]) {
-        self.before.copy_from_slice(face);
+    pub(super) fn remember(&mut self, face: &ActiveFace) {
+        self.before.clone_from(face);
     }
 
     pub(super) fn abandon(&mut self) {
@@ -85,10 +88,10 @@ impl Switching {
     }
 
     /// Records what differs from the remembered face, and whether anything does.
-    fn record(&mut self, t: f64, face: &[Place]) -> bool {
+    fn record(&mut self, t: f64, set: &ConvexSet, face: &ActiveFace) -> bool {
         let mut changed = false;
-        for (variable, (&from, &to)) in self.before.iter().zip(face).enumerate() {
-            if from != to {
+        for (variable, (&from, &to)) in self.before.places.iter().zip(&face.places).enumerate() {
+            if from != to || self.before.exchanges(face, set, variable) {
                 self.switches.push(Switch { t, variable, from, to });
                 changed = true;
             }
@@ -146,7 +149,7 @@ impl Radau<'_> {
             if end <= least {
                 self.switching.remember(&self.system.face);
                 let changed = self.choose_face(size) && self.switching.before != self.system.face;
-                self.switching.record(self.t, &self.system.face);
+                self.switching.record(self.t, &self.system.set, &self.system.face);
                 self.restart();
                 return Ok(if changed { Located::Now } else { Located::Nowhere });
             }
@@ -205,8 +208,8 @@ impl Radau<'_> {
         }
         if self.system.evaluate(self.t, &self.y) {
             let n = self.system.states;
-            for &k in &self.system.bounded {
-                match self.system.face[k] {
+            for &k in &self.system.intervals {
+                match self.system.face.places[k] {
                     Place::Lower => self.y[n + k] = self.system.set.lower[k],
                     Place::Upper => self.y[n + k] = self.system.set.upper[k],
                     _ => {}
@@ -217,14 +220,11 @@ impl Radau<'_> {
         if self.switching.pending {
             self.switching.pending = false;
             self.choose_face(self.h.max(self.last.h));
-            self.switching.record(self.t, &self.system.face);
+            self.switching.record(self.t, &self.system.set, &self.system.face);
             self.restart();
         } else if coupled {
-            let switched = self.switching.record(self.t, &self.system.face);
-            // On intervals only a step across a switch is coupled; on blocks every step is.
-            if switched || !self.system.set.has_blocks() {
-                self.restart();
-            }
+            self.switching.record(self.t, &self.system.set, &self.system.face);
+            self.restart();
         } else if self.switching.is_accumulating() {
             self.switching.shrinking = 0;
         }
@@ -235,13 +235,12 @@ impl Radau<'_> {
         let tableau = self.tableau();
         (0..tableau.stages()).any(|i| {
             let y = self.stages.stage(&self.y, i);
-            !self.system.evaluate(self.t + tableau.c[i] * h, y)
-                || self.system.bounded.iter().any(|&k| {
-                    let monitors = monitors(&self.system, &self.control, k, y);
-                    (0..2).any(|side| {
-                        (k, side) != (end.variable, end.side) && monitors[side].is_some_and(|m| m.is_violated())
-                    })
-                })
+            if !self.system.evaluate(self.t + tableau.c[i] * h, y) {
+                return true;
+            }
+            monitors(&mut self.system, &self.control, y, &mut self.switching.monitors);
+            let mut others = self.switching.monitors.iter().enumerate().filter(|(index, _)| *index != end.index);
+            others.any(|(_, monitor)| monitor.is_violated())
         })
     }
 
@@ -251,14 +250,16 @@ impl Radau<'_> {
         let y = self.stages.stage(&self.y, self.tableau().stages() - 1);
         self.switching.scratch.copy_from_slice(y);
         if let Some(consistent) = &mut self.consistent {
-            consistent.solve(&mut self.system, self.t + h, &mut self.switching.scratch);
+            consistent.solve(&mut self.system, &self.control, self.t + h, &mut self.switching.scratch);
         }
         self.system.evaluate(self.t + h, &self.switching.scratch);
-        monitors(&self.system, &self.control, crossing.variable, &self.switching.scratch)[crossing.side]
+        let Switching { scratch, monitors: values, .. } = &mut self.switching;
+        monitors(&mut self.system, &self.control, scratch, values);
+        values.get(crossing.index).copied()
     }
 
     /// The values of all monitors on the collocation polynomial of the step at hand.
-    pub(super) fn monitors_at(&mut self, theta: f64, h: f64, out: &mut Vec<[Option<Monitor>; 2]>) {
+    pub(super) fn monitors_at(&mut self, theta: f64, h: f64, out: &mut Vec<Monitor>) {
         let unknowns = self.system.unknowns;
         let tableau = self.tableau();
         let mut basis = [0.0; 16];
@@ -271,10 +272,7 @@ impl Radau<'_> {
             }
         }
         self.system.evaluate(self.t + theta * h, &self.switching.scratch);
-        out.clear();
-        for &k in &self.system.bounded {
-            out.push(monitors(&self.system, &self.control, k, &self.switching.scratch));
-        }
+        monitors(&mut self.system, &self.control, &self.switching.scratch, out);
     }
 
     /// The earliest sign change of a violated monitor on the collocation polynomial of the step at hand.
@@ -292,18 +290,14 @@ impl Radau<'_> {
         for right in ends {
             self.monitors_at(right, h, &mut at_right);
             let mut first: Option<Crossing> = None;
-            for index in 0..at_right.len() {
-                for side in 0..2 {
-                    let (Some(start), Some(end)) = (at_left[index][side], at_right[index][side]) else { continue };
-                    if !end.is_violated() {
-                        continue;
-                    }
-                    let variable = self.system.bounded[index];
-                    let theta = self.root(index, side, (left, start.value), (right, end.value), h);
-                    if first.is_none_or(|first| theta < first.theta) {
-                        let slope = (end.value - start.value) / ((right - left) * h);
-                        first = Some(Crossing { variable, side, theta, slope });
-                    }
+            for (index, (start, end)) in at_left.iter().zip(&at_right).enumerate() {
+                if !end.is_violated() {
+                    continue;
+                }
+                let theta = self.root(index, (left, start.value), (right, end.value), h);
+                if first.is_none_or(|first| theta < first.theta) {
+                    let slope = (end.value - start.value) / ((right - left) * h);
+                    first = Some(Crossing { index, theta, slope });
                 }
             }
             if first.is_some() {
@@ -317,7 +311,7 @@ impl Radau<'_> {
 
     /// The zero of a monitor between two points where it has opposite signs, by the Illinois method; the left point if
     /// it is not positive there.
-    fn root(&mut self, index: usize, side: usize, left: (f64, f64), right: (f64, f64), h: f64) -> f64 {
+    fn root(&mut self, index: usize, left: (f64, f64), right: (f64, f64), h: f64) -> f64 {
         let ((mut a, mut fa), (mut b, mut fb)) = (left, right);
         if fa <= 0.0 {
             return a;
@@ -330,7 +324,7 @@ impl Radau<'_> {
                 break;
             }
             self.monitors_at(theta, h, &mut values);
-            let Some(Monitor { value, .. }) = values[index][side] else { break };
+            let Monitor { value, .. } = values[index];
             if value == 0.0 {
                 return theta;
             }
@@ -355,9 +349,8 @@ impl Radau<'_> {
 /// A monitor that changes sign within a step.
 #[derive(Clone, Copy, Debug)]
 struct Crossing {
-    /// The variable and which of its monitors.
-    variable: usize,
-    side: usize,
+    /// Which of the monitors of the face.
+    index: usize,
     /// Where, as a fraction of the step.
     theta: f64,
     /// The rate of change of the monitor there.
