@@ -70,7 +70,7 @@ impl Linearisation {
         let intervals: Vec<usize> =
             (0..structure.variables).filter(|&k| set.block_of(k).is_none() && inside(k)).collect();
         let tangents = set.blocks().iter().zip(blocks).flat_map(|(block, equations)| {
-            (0..equations.members).filter(|&i| !equations.is_constraint(i)).map(move |i| (block, equations, i))
+            (0..equations.members).filter(|&i| !equations.is_of_z[i]).map(move |i| (block, equations, i))
         });
         let tangents: Vec<_> = tangents.collect();
         let mut basis =

@@ -80,6 +80,15 @@ impl ActiveFace {
         }
     }
 
+    /// Whether this is the same as `other`, however their equations are solved.
+    pub fn is_same(&self, other: &Self) -> bool {
+        let same = |pair: (&Face, &Face)| match pair {
+            (Face::Boundary(_), Face::Boundary(_)) => true,
+            (face, other) => face == other,
+        };
+        self.places == other.places && self.blocks.iter().zip(&other.blocks).all(same)
+    }
+
     /// Whether the members of a block are given from outside.
     pub fn holds(&self, members: &[usize]) -> bool {
         members.first().is_some_and(|&k| self.places[k] == Place::Held)

@@ -346,7 +346,7 @@ impl Stages {
             for (b, block) in system.set.blocks().iter().enumerate() {
                 let noise = control.noise_of_block(system, b, &self.y);
                 for (i, &k) in block.members.iter().enumerate() {
-                    let least = if system.equations[b].is_constraint(i) { noise.z } else { noise.g };
+                    let least = if system.equations[b].is_of_z[i] { noise.z } else { noise.g };
                     let residual = phi[system.states + k].abs();
                     verdict.satisfied &= residual == 0.0 || residual <= least;
                 }

@@ -29,6 +29,9 @@ pub struct Counts {
     pub rejected_newton: u64,
 }
 
+/// So many times a step along a curved face is halved, before its stages are solved without it.
+const HALVINGS: usize = 12;
+
 /// A method with its tolerances.
 pub(super) struct Method {
     pub(super) tableau: &'static Tableau,
@@ -211,7 +214,7 @@ impl<'p> Radau<'p> {
                     new = reached;
                 }
                 // A step cut short by a switch says nothing against the size that was tried.
-                self.h = if reached < h { h } else { new };
+                self.h = if self.switching.ends_at_switch() { h } else { new };
                 self.accept(reached, coupled);
                 self.change_order();
                 return Ok(());
@@ -230,24 +233,42 @@ impl<'p> Radau<'p> {
 
     /// Solves the stages of a step of size `h`, or of the shorter one that ends at a switch.
     fn attempt(&mut self, h: f64) -> Result<Attempt, StepError> {
-        for _ in 0..=self.system.bounded.len() {
-            self.prepare(h)?;
-            self.predict(h);
-            match self.newton(h) {
+        let mut size = h;
+        let mut may_turn = true;
+        for _ in 0..=self.system.bounded.len() + HALVINGS {
+            self.prepare(size)?;
+            self.predict(size);
+            let located = match self.newton(size) {
                 Newton::Converged { iterations, violated } => {
-                    let dip = if violated || self.stage_vi.is_none() { None } else { self.dip(h) };
+                    let dip = if violated || self.stage_vi.is_none() { None } else { self.dip(size) };
                     if !violated && dip.is_none() {
-                        return Ok(Attempt::Solved { h, iterations, coupled: false });
+                        return Ok(Attempt::Solved { h: size, iterations, coupled: false });
                     }
-                    match self.locate(h, dip)? {
-                        Located::At(h) => return Ok(Attempt::Solved { h, iterations, coupled: false }),
-                        Located::Now => {}
-                        Located::Nowhere => break,
-                    }
+                    self.locate(size, dip)?
                 }
                 Newton::Slow(factor) if self.stage_vi.is_none() => return Ok(Attempt::Failed(factor)),
                 Newton::Diverged if self.stage_vi.is_none() => return Ok(Attempt::Failed(0.5)),
+                // A curved face may end where it cannot be followed any further: as far as it goes, then.
+                Newton::Slow(_) | Newton::Diverged if self.system.is_curved() && self.switching.locates() => {
+                    if std::mem::take(&mut may_turn) && self.system.turn_cones() {
+                        self.factored = None;
+                        continue;
+                    }
+                    self.predict(size);
+                    match self.locate(size, None)? {
+                        Located::Nowhere => {
+                            size *= 0.5;
+                            continue;
+                        }
+                        located => located,
+                    }
+                }
                 Newton::Slow(_) | Newton::Diverged => break,
+            };
+            match located {
+                Located::At(h) => return Ok(Attempt::Solved { h, iterations: self.control.most, coupled: false }),
+                Located::Now => {}
+                Located::Nowhere => break,
             }
         }
         self.predict(h);

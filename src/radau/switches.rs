@@ -12,7 +12,7 @@ use super::stages::Newton;
 use super::start::Probe;
 use super::stepper::Radau;
 use super::system::System;
-use crate::problem::ConvexSet;
+use crate::problem::{ConvexSet, Face};
 
 /// A variable that changed its place.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -83,15 +83,20 @@ impl Switching {
         self.before.clone_from(face);
     }
 
+    /// Whether the step at hand ends at a switch.
+    pub(super) fn ends_at_switch(&self) -> bool {
+        self.pending
+    }
+
     pub(super) fn abandon(&mut self) {
         self.pending = false;
     }
 
-    /// Records what differs from the remembered face, and whether anything does.
-    fn record(&mut self, t: f64, set: &ConvexSet, face: &ActiveFace) -> bool {
+    /// Records what differs from the remembered face, and what turned round on it; whether anything did.
+    fn record(&mut self, t: f64, set: &ConvexSet, face: &ActiveFace, turned: &[usize]) -> bool {
         let mut changed = false;
         for (variable, (&from, &to)) in self.before.places.iter().zip(&face.places).enumerate() {
-            if from != to || self.before.exchanges(face, set, variable) {
+            if from != to || self.before.exchanges(face, set, variable) || turned.contains(&variable) {
                 self.switches.push(Switch { t, variable, from, to });
                 changed = true;
             }
@@ -148,8 +153,8 @@ impl Radau<'_> {
             };
             if end <= least {
                 self.switching.remember(&self.system.face);
-                let changed = self.choose_face(size) && self.switching.before != self.system.face;
-                self.switching.record(self.t, &self.system.set, &self.system.face);
+                let changed = self.choose_face(size) && !self.switching.before.is_same(&self.system.face);
+                self.switching.record(self.t, &self.system.set, &self.system.face, &[]);
                 self.restart();
                 return Ok(if changed { Located::Now } else { Located::Nowhere });
             }
@@ -164,7 +169,7 @@ impl Radau<'_> {
     }
 
     /// Solves the step again with its size as the unknown, so that one monitor is zero at its end; the size, or `None`
-    /// if Newton's method or the iteration on the size fails.
+    /// if the stages cannot be solved or the iteration on the size fails.
     fn solve_for_end(
         &mut self,
         crossing: &Crossing,
@@ -180,8 +185,15 @@ impl Radau<'_> {
             self.prepare(trial)?;
             self.stages.resample(self.tableau(), trial / size);
             let before = std::mem::replace(&mut size, trial);
-            if !matches!(self.newton(size), Newton::Converged { .. }) {
-                return Ok(None);
+            match self.stages_on_face(size) {
+                Some(true) => {}
+                Some(false) => {
+                    // Past the end of the face: back towards where it was still followed.
+                    let reached = last.map_or(0.0, |(h, _)| h);
+                    trial = reached + 0.5 * (size - reached);
+                    continue;
+                }
+                None => return Ok(None),
             }
             let Some(Monitor { value, noise }) = self.monitor_at(crossing, size) else { return Ok(None) };
             if let Some((h, old)) = last
@@ -199,6 +211,31 @@ impl Radau<'_> {
             trial = size - correction;
         }
         Ok(None)
+    }
+
+    /// Solves the stages of a step of size `h` on the present face by Newton's method; where it fails on a curved face,
+    /// with the VI at every stage, which asks for no more than that the step is not longer than the face: whether that
+    /// is so, or `None` if neither solves them.
+    fn stages_on_face(&mut self, h: f64) -> Option<bool> {
+        if matches!(self.newton(h), Newton::Converged { .. }) {
+            return Some(true);
+        }
+        if !self.system.is_curved() {
+            return None;
+        }
+        self.predict(h);
+        let face = self.system.face.clone();
+        let tableau = self.tableau();
+        let vi = self.stage_vi.as_mut()?;
+        let solved = vi.solve(&mut self.system, tableau, &mut self.stages, self.t, h, &self.y, &self.control);
+        let is_same = self.system.face.is_same(&face);
+        self.system.face = face;
+        if !solved {
+            return None;
+        }
+        let states = self.system.states;
+        let end = self.stages.stage(&self.y, tableau.stages() - 1);
+        Some(is_same && turned(&self.system, &self.system.face, &self.y[states..], &end[states..]).is_empty())
     }
 
     /// After a step is accepted: the face at its end.
@@ -219,11 +256,13 @@ impl Radau<'_> {
         }
         if self.switching.pending {
             self.switching.pending = false;
+            let before = self.y[self.system.states..].to_vec();
             self.choose_face(self.h.max(self.last.h));
-            self.switching.record(self.t, &self.system.set, &self.system.face);
+            let turned = turned(&self.system, &self.switching.before, &before, &self.y[self.system.states..]);
+            self.switching.record(self.t, &self.system.set, &self.system.face, &turned);
             self.restart();
         } else if coupled {
-            self.switching.record(self.t, &self.system.set, &self.system.face);
+            self.switching.record(self.t, &self.system.set, &self.system.face, &[]);
             self.restart();
         } else if self.switching.is_accumulating() {
             self.switching.shrinking = 0;
@@ -344,6 +383,17 @@ impl Radau<'_> {
         }
         b
     }
+}
+
+/// The members of blocks that stay on their boundary between two values of the variables, but on the other side of it:
+/// friction where the motion turns back.
+fn turned(system: &System<'_>, from: &ActiveFace, before: &[f64], after: &[f64]) -> Vec<usize> {
+    let faces = from.blocks.iter().zip(&system.face.blocks);
+    let turned = system.set.blocks().iter().zip(faces).filter(|(block, faces)| {
+        let product: f64 = block.members.iter().map(|&k| before[k] * after[k]).sum();
+        matches!(faces, (Face::Boundary(_), Face::Boundary(_))) && product < 0.0
+    });
+    turned.flat_map(|(block, _)| block.members.iter().copied()).collect()
 }
 
 /// A monitor that changes sign within a step.

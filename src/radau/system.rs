@@ -133,8 +133,12 @@ impl<'p> System<'p> {
 
     /// Whether one Jacobian serves for all `(t, y)` on a face.
     pub fn constant_jacobian(&self) -> bool {
-        let is_flat = |face: &Face| !matches!(face, Face::Boundary(_));
-        self.problem.structure().constant_jacobian && self.face.blocks.iter().all(is_flat)
+        self.problem.structure().constant_jacobian && !self.is_curved()
+    }
+
+    /// Whether a block is on a curved face.
+    pub fn is_curved(&self) -> bool {
+        self.face.blocks.iter().any(|face| matches!(face, Face::Boundary(_)))
     }
 
     /// Evaluates `F`, `G` and the bounds at `(t, y)`; false if a number is not finite.
@@ -184,6 +188,33 @@ impl<'p> System<'p> {
         &self.equations[b]
     }
 
+    /// The equations of the faces of all blocks at `y`, where the system was evaluated last, each solved for `z`.
+    pub fn equations_for_z(&mut self, y: &[f64]) -> Vec<FaceEquations> {
+        let mut all = Vec::with_capacity(self.face.blocks.len());
+        for b in 0..self.face.blocks.len() {
+            self.equations_of(b, y);
+            let (z, g) = &self.members;
+            let shape = &self.set.blocks()[b].shape;
+            let mut equations = FaceEquations::default();
+            equations.set(shape, &for_z(shape, &self.face.blocks[b]), z, g);
+            all.push(equations);
+        }
+        all
+    }
+
+    /// Has the equations of each cone on its boundary solved for `G` instead of `z`, or the other way round; whether there
+    /// is one.
+    pub fn turn_cones(&mut self) -> bool {
+        let mut turned = false;
+        for (block, face) in self.set.blocks().iter().zip(&mut self.face.blocks) {
+            if let (Shape::SecondOrderCone, Face::Boundary(form)) = (&block.shape, face) {
+                *form = 1 - *form;
+                turned = true;
+            }
+        }
+        turned
+    }
+
     /// Linearises the equations of the blocks at `y`, where the system was evaluated last; what of `G` is noise to
     /// `control` counts as zero.
     pub fn linearise_blocks(&mut self, y: &[f64], control: Option<&NewtonControl>) {
@@ -194,7 +225,8 @@ impl<'p> System<'p> {
                 let (z, g) = &mut self.members;
                 if g.iter().all(|g| g.abs() <= noise) {
                     g.fill(0.0);
-                    self.equations[b].set(&self.set.blocks()[b].shape, &self.face.blocks[b], z, g);
+                    let shape = &self.set.blocks()[b].shape;
+                    self.equations[b].set(shape, &for_z(shape, &self.face.blocks[b]), z, g);
                 }
             }
             std::mem::swap(&mut self.equations[b], &mut self.linearised[b]);
@@ -363,5 +395,13 @@ impl<'p> System<'p> {
                 }
             }
         }
+    }
+}
+
+/// The same face with its equations solved for `z`.
+fn for_z(shape: &Shape, face: &Face) -> Face {
+    match (shape, face) {
+        (Shape::SecondOrderCone, Face::Boundary(_)) => Face::Boundary(0),
+        _ => face.clone(),
     }
 }

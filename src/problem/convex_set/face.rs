@@ -16,7 +16,15 @@
 //! rows       N z = b                G_i - N_i^T N_p^-T G_p = 0
 //! ```
 //!
-//! Each is rational where the face ends in an apex, so that it can be followed past its end, to find it.
+//! Each is rational where the face ends in an apex, so that it can be followed past its end, to find it. On the boundary
+//! of a cone, which is its own dual, `z` and `G` may change places:
+//!
+//! ```text
+//! G_1 = |(G_2, ..)|,    z_i + (G_i/G_1) z_1 = 0
+//! ```
+//!
+//! says the same, and is the better conditioned where `G` is far from zero: there the first form mixes the rows that
+//! determine `z` along its ray with those across it, by as much as the ray turns in a step.
 
 use super::ball;
 use super::block::Shape;
@@ -27,7 +35,8 @@ use super::polyhedron::{Polyhedron, dot};
 pub enum Face {
     /// In the interior.
     Interior,
-    /// On the curved boundary, away from a vertex; with the member that it is solved for.
+    /// On the curved boundary, away from a vertex; of a ball, with the member that it is solved for; of a cone, 0 where
+    /// that is done for `z`, 1 where for `G`.
     Boundary(usize),
     /// At the apex of a cone, or the centre of a ball of radius zero.
     Vertex,
@@ -49,10 +58,12 @@ pub enum Monitor {
 pub struct FaceEquations {
     /// `k`
     pub members: usize,
-    /// `R`, row by row; the rows of constraints are zero, the others are those of `T^T`.
+    /// `R`, the derivative of `Phi` by `G`, row by row; the rows of constraints are zero, the others are those of `T^T`.
     pub combination: Vec<f64>,
     /// `c`, zero in the other rows.
     pub constraint: Vec<f64>,
+    /// Whether each row has the unit of `z`, not that of `G`.
+    pub is_of_z: Vec<bool>,
     /// The derivative of `Phi` by `z` at constant `G`, row by row: of the constraints, and the curvature.
     pub own: Vec<f64>,
     /// The derivative of `Phi` by the radius of a ball.
@@ -75,6 +86,8 @@ impl FaceEquations {
             matrix.clear();
             matrix.resize(size, 0.0);
         }
+        self.is_of_z.clear();
+        self.is_of_z.resize(k, false);
         self.monitors.clear();
         match (shape, face) {
             (_, Face::Interior) => self.interior(shape, z),
@@ -82,13 +95,9 @@ impl FaceEquations {
             (Shape::Ball { radius }, Face::Boundary(pivot)) => self.sphere(*radius, *pivot, z, g),
             (Shape::Simplex, Face::Edge(zeros)) => self.simplex(zeros, z, g),
             (Shape::Polyhedron(polyhedron), Face::Edge(rows)) => self.rows(polyhedron, rows, z, g),
+            (_, Face::Boundary(1)) => self.dual_cone(z, g),
             _ => self.cone(z, g),
         }
-    }
-
-    /// Whether the row of member `i` is a constraint.
-    pub fn is_constraint(&self, i: usize) -> bool {
-        self.combination[i * self.members..][..self.members].iter().all(|r| *r == 0.0)
     }
 
     /// Row `i` of `R`.
@@ -118,6 +127,7 @@ impl FaceEquations {
         for (i, z_i) in z.iter().enumerate() {
             self.constraint[i] = -z_i;
             self.own[i * z.len() + i] = -1.0;
+            self.is_of_z[i] = true;
         }
         self.monitors.push(match shape {
             Shape::Ball { radius } => Monitor::Distance(-radius),
@@ -138,6 +148,7 @@ impl FaceEquations {
             self.own[pivot * k + j] = -z_j / length;
         }
         self.constraint[pivot] = radius - length;
+        self.is_of_z[pivot] = true;
         self.by_radius[pivot] = 1.0;
         self.monitors.push(Monitor::Multiplier(-dot(z, g) / length));
     }
@@ -157,6 +168,27 @@ impl FaceEquations {
         // c = (|v|^2/s - s)/2
         self.constraint[0] = 0.5 * (square - 1.0) * z[0];
         self.own[0] = -0.5 * (square + 1.0);
+        self.is_of_z[0] = true;
+        self.monitors.extend([Monitor::Multiplier(g[0]), Monitor::Distance(z[0])]);
+    }
+
+    fn dual_cone(&mut self, z: &[f64], g: &[f64]) {
+        let k = z.len();
+        let mut square = 0.0;
+        for i in 1..k {
+            let ratio = g[i] / g[0];
+            square += ratio * ratio;
+            self.combination[i * k + i] = -z[0] / g[0];
+            self.combination[i * k] = ratio * z[0] / g[0];
+            self.combination[i] = ratio;
+            // R G is zero here.
+            self.constraint[i] = -(z[i] + ratio * z[0]);
+            self.own[i * k + i] = -1.0;
+            self.own[i * k] = -ratio;
+            self.is_of_z[i] = true;
+        }
+        // (|v|^2/s - s)/2 with (s, v) = G is homogeneous: its derivative times G.
+        self.combination[0] = -0.5 * (square + 1.0);
         self.monitors.extend([Monitor::Multiplier(g[0]), Monitor::Distance(z[0])]);
     }
 
@@ -168,6 +200,7 @@ impl FaceEquations {
             if is_zero {
                 self.constraint[i] = -z[i];
                 self.own[i * k + i] = -1.0;
+                self.is_of_z[i] = true;
             } else if i != pivot {
                 self.combination[i * k + i] = 1.0;
                 self.combination[i * k + pivot] = -1.0;
@@ -177,6 +210,7 @@ impl FaceEquations {
             self.monitors.push(monitor);
         }
         self.constraint[pivot] = 1.0 - z.iter().sum::<f64>();
+        self.is_of_z[pivot] = true;
     }
 
     fn rows(&mut self, polyhedron: &Polyhedron, rows: &[usize], z: &[f64], g: &[f64]) {
@@ -192,6 +226,7 @@ impl FaceEquations {
         }
         for (q, pivot) in pivots.iter().enumerate() {
             self.constraint[*pivot] = rows.iter().zip(&inverse[q * count..]).map(|(&j, w)| w * slack(j)).sum();
+            self.is_of_z[*pivot] = true;
             for j in 0..k {
                 self.own[pivot * k + j] = -normals[q * k + j];
             }

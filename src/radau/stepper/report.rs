@@ -109,7 +109,7 @@ impl Radau<'_> {
     /// The equations of the active face of each block at the time reached.
     pub fn equations_of_blocks(&mut self) -> Vec<FaceEquations> {
         self.system.evaluate(self.t, &self.y);
-        (0..self.system.face.blocks.len()).map(|b| self.system.equations_of(b, &self.y).clone()).collect()
+        self.system.equations_for_z(&self.y)
     }
 
     /// Whether the last step has kept one face.
