@@ -16,7 +16,7 @@ mod sparse;
 
 use super::face::Place;
 use super::layout::Storage;
-use super::stages::NewtonControl;
+use super::newton_control::NewtonControl;
 use super::system::System;
 use dense::Dense;
 use sparse::Sparse;

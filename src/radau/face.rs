@@ -4,7 +4,7 @@
 //! `z_k = l_k` or `z_k = u_k` for those on a bound, and [`FaceEquations`](crate::problem::FaceEquations) for a block. The
 //! face is the right one while its [`monitors`] are not negative.
 
-use super::stages::NewtonControl;
+use super::newton_control::NewtonControl;
 use super::system::System;
 use crate::problem::{self, ConvexSet, Face, Shape};
 

@@ -8,13 +8,16 @@
 //! sections IV.8 and VII), with `K = R^m` their solver of differential-algebraic equations; a set with bounds adds
 //! the active face of `K` and its switches, and nothing else.
 
+mod blocks;
 mod consistent;
+mod crossings;
 mod dense_output;
 mod dips;
 mod error_control;
 mod face;
 mod factors;
 mod layout;
+mod newton_control;
 mod settings;
 mod stage_vi;
 mod stages;

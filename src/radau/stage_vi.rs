@@ -13,8 +13,9 @@
 use super::face::{ActiveFace, Place, place};
 use super::factors::Factors;
 use super::layout::check_memory;
+use super::newton_control::NewtonControl;
 use super::settings::StepError;
-use super::stages::{NewtonControl, Stages};
+use super::stages::Stages;
 use super::system::System;
 use super::tableau::Tableau;
 use crate::problem::{ConvexSet, Shape, Workspace};
