@@ -7,6 +7,7 @@
 //! Where `M = U S V^T` is singular, the states in its null space become free variables and the equations that `U` maps
 //! to zero their inequalities: then every algebraic unknown is a variable.
 
+use crate::factorisation::Singular;
 use crate::problem::{Dvi, FaceEquations, Mass, Structure};
 use nalgebra::DMatrix;
 
@@ -47,7 +48,7 @@ impl Linearisation {
         let one_sided = |k: usize| set.lower[k].is_finite() != set.upper[k].is_finite() && !moves(k);
         let is_orthant = variables.iter().all(|&k| one_sided(k));
         let free = variables.iter().map(|&k| set.is_free(k) && !moves(k)).collect();
-        Some(Self::of(&structure, jacobian, free, is_orthant))
+        Self::of(&structure, jacobian, free, is_orthant)
     }
 
     /// The matrices at `(t, y)` on a face, where those of the blocks have these equations: of the variables in intervals
@@ -86,18 +87,18 @@ impl Linearisation {
         let jacobian = basis.tr_mul(&jacobian) + curvature;
         let mut free: Vec<bool> = intervals.iter().map(|&k| set.is_free(k)).collect();
         free.resize(basis.ncols() - n, false);
-        Some(Self::of(&structure, jacobian * basis, free, false))
+        Self::of(&structure, jacobian * basis, free, false)
     }
 
-    /// From the Jacobian of `(F, G)` by the states and the variables that are left.
-    fn of(structure: &Structure, jacobian: DMatrix<f64>, free: Vec<bool>, is_orthant: bool) -> Self {
+    /// From the Jacobian of `(F, G)` by the states and the variables that are left; `None` for a mass that is not finite.
+    fn of(structure: &Structure, jacobian: DMatrix<f64>, free: Vec<bool>, is_orthant: bool) -> Option<Self> {
         let variables = free.len();
         let (jacobian, n, free) = match &structure.mass {
             Mass::Identity => (jacobian, structure.states, free),
-            Mass::Constant(entries) => without_mass(jacobian, structure.states, entries, free),
+            Mass::Constant(entries) => without_mass(jacobian, structure.states, entries, free)?,
         };
         let m = jacobian.nrows() - n;
-        Self {
+        Some(Self {
             a: jacobian.view((0, 0), (n, n)).into_owned(),
             b: jacobian.view((0, n), (n, m)).into_owned(),
             c: jacobian.view((n, 0), (m, n)).into_owned(),
@@ -106,7 +107,7 @@ impl Linearisation {
             is_orthant: is_orthant && free.len() == variables,
             free,
             is_constant: structure.constant_jacobian,
-        }
+        })
     }
 
     /// The number of states.
@@ -140,34 +141,30 @@ fn selection(structure: &Structure, variables: &[usize]) -> DMatrix<f64> {
     DMatrix::from_fn(structure.unknowns(), kept.len(), |i, j| f64::from(kept[j] == i))
 }
 
-/// The Jacobian of `M^-1 (F, G)`, with the number of states that are left and which variables are free.
+/// The Jacobian of `M^-1 (F, G)`, with the number of states that are left and which variables are free; `None` for a mass
+/// that is not finite.
 fn without_mass(
     jacobian: DMatrix<f64>,
     n: usize,
     entries: &[(usize, usize, f64)],
     free: Vec<bool>,
-) -> (DMatrix<f64>, usize, Vec<bool>) {
+) -> Option<(DMatrix<f64>, usize, Vec<bool>)> {
     let m = free.len();
     let mut mass = DMatrix::<f64>::zeros(n, n);
     entries.iter().for_each(|&(i, j, value)| mass[(i, j)] += value);
-    let svd = mass.svd(true, true);
-    let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else { return (jacobian, n, free) };
     // Differential directions first, then those in the null space.
-    let sizes: Vec<f64> = svd.singular_values.iter().copied().collect();
-    let largest = sizes.iter().copied().fold(0.0, f64::max);
-    let mut order: Vec<usize> = (0..n).collect();
-    order.sort_by(|&i, &j| sizes[j].total_cmp(&sizes[i]));
-    let rank = order.iter().filter(|&&i| sizes[i] > RANK * largest).count();
+    let singular = Singular::of(&mass)?;
+    let rank = singular.rank(RANK);
     let mut left = DMatrix::<f64>::identity(n + m, n + m);
     let mut right = DMatrix::<f64>::identity(n + m, n + m);
-    for (place, &i) in order.iter().enumerate() {
-        let scale = if place < rank { 1.0 / sizes[i] } else { 1.0 };
+    for place in 0..n {
+        let scale = if place < rank { 1.0 / singular.values[place] } else { 1.0 };
         for j in 0..n {
-            left[(place, j)] = scale * u[(j, i)];
-            right[(j, place)] = v_t[(i, j)];
+            left[(place, j)] = scale * singular.u[(j, place)];
+            right[(j, place)] = singular.v_t[(place, j)];
         }
     }
     let mut all_free = vec![true; n - rank];
     all_free.extend(free);
-    (left * jacobian * right, rank, all_free)
+    Some((left * jacobian * right, rank, all_free))
 }

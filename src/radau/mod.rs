@@ -9,6 +9,7 @@
 //! the active face of `K` and its switches, and nothing else.
 
 mod blocks;
+mod conditions;
 mod consistent;
 mod crossings;
 mod dense_output;
@@ -27,9 +28,11 @@ mod switches;
 mod system;
 mod tableau;
 
+pub use conditions::{AlgebraicStability, Conditions, Order, PositiveDiagonal, Vanishing};
 pub use face::{ActiveFace, Place};
+pub use layout::MOST_BYTES;
 pub use settings::{Cause, Settings, StageChoice, StepError, Switches};
 pub use stepper::{Counts, Radau, Variables};
 pub use switches::Switch;
-pub use system::Work;
-pub use tableau::Tableau;
+pub use system::{Rates, Work};
+pub use tableau::{MOST_STAGES, Tableau};

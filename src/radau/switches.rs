@@ -231,7 +231,7 @@ impl Radau<'_> {
         let solved = vi.solve(&mut self.system, tableau, &mut self.stages, self.t, h, &self.y, &self.control);
         let is_same = self.system.face.is_same(&face);
         self.system.face = face;
-        if !solved {
+        if solved.is_err() {
             return None;
         }
         let states = self.system.states;

@@ -1,13 +1,14 @@
 //! Runs a stepper from start to end: outputs, limits, events, evidence. Written once, outside the methods.
 
 use super::{
-    Diagnostics, Evaluations, Event, EventKind, Face, Failure, Field, Solution, Status, Steps, Trajectory, Tried,
-    ViCounts, Warning,
+    Contraction, Diagnostics, Evaluations, Event, EventKind, Face, Failure, Field, Solution, Status, Steps, Trajectory,
+    Tried, ViCounts, Warning, global_error,
 };
 use crate::analysis::{Analysis, Uniqueness, analyse_face};
 use crate::problem::{Control, Dvi, Mass, Stop, Structure};
-use crate::radau::{Place, Radau, Settings, StageChoice, StepError, Switch, Switches, Variables};
+use crate::radau::{Cause, Place, Radau, Settings, StageChoice, StepError, Switch, Switches, Variables};
 use crate::vi::Attempt;
+use std::ops::Range;
 use std::time::Instant;
 
 /// The faces that are analysed in one run.
@@ -32,20 +33,40 @@ pub struct Plan {
     pub analysis: Analysis,
     /// The choices of the method.
     pub settings: Settings,
+    /// Whether the error at the end is to be estimated.
+    pub global_error: bool,
     /// The most steps.
     pub most_steps: u64,
     /// The most numbers in the trajectory.
     pub most_values: usize,
 }
 
+/// A run, and the states where it ended.
+pub(super) struct Ended {
+    pub solution: Solution,
+    pub x: Vec<f64>,
+}
+
 /// Integrates; whatever happens, the trajectory so far is in the answer.
 pub fn integrate(problem: &mut dyn Dvi, plan: &Plan, control: &Control) -> Solution {
+    let share = if plan.global_error { global_error::SHARE } else { 1.0 };
+    let mut ended = run_to_end(problem, plan, control, 0.0..share);
+    if plan.global_error && ended.solution.status == Status::Completed {
+        global_error::estimate(problem, plan, control, &mut ended);
+    }
+    ended.solution
+}
+
+/// One run, which is the given part of all the progress.
+pub(super) fn run_to_end(problem: &mut dyn Dvi, plan: &Plan, control: &Control, part: Range<f64>) -> Ended {
     let began = Instant::now();
     let mut recorder = Recorder::new(plan);
     let mut diagnostics = describe(problem.structure(), plan);
+    let mut x = plan.initial.clone();
     let (status, error) = match Radau::new(problem, plan.settings.clone(), plan.start, &plan.initial, plan.end) {
         Ok(mut radau) => {
-            let ended = run(&mut radau, plan, control, &mut recorder, &mut diagnostics);
+            let ended = run(&mut radau, plan, control, part, &mut recorder, &mut diagnostics);
+            x.copy_from_slice(&radau.y()[..plan.initial.len()]);
             count(&mut radau, &mut diagnostics);
             ended
         }
@@ -53,13 +74,14 @@ pub fn integrate(problem: &mut dyn Dvi, plan: &Plan, control: &Control) -> Solut
     };
     diagnostics.switches = recorder.trajectory.events.len() as u64;
     diagnostics.wall_seconds = began.elapsed().as_secs_f64();
-    Solution { status, error, trajectory: recorder.trajectory, diagnostics }
+    Ended { solution: Solution { status, error, trajectory: recorder.trajectory, diagnostics }, x }
 }
 
 fn run(
     radau: &mut Radau<'_>,
     plan: &Plan,
     control: &Control,
+    part: Range<f64>,
     recorder: &mut Recorder<'_>,
     diagnostics: &mut Diagnostics,
 ) -> (Status, Option<Failure>) {
@@ -75,7 +97,8 @@ fn run(
         }
         let switched = recorder.step(radau);
         judge(radau, plan, switched, diagnostics);
-        control.report((radau.t() - plan.start) / (plan.end - plan.start), radau.counts.accepted);
+        let done = (radau.t() - plan.start) / (plan.end - plan.start);
+        control.report(part.start + done * (part.end - part.start), radau.counts.accepted);
     }
     (Status::Completed, None)
 }
@@ -111,11 +134,11 @@ fn judge(radau: &mut Radau<'_>, plan: &Plan, switched: bool, diagnostics: &mut D
 fn limit(radau: &Radau<'_>, plan: &Plan, control: &Control, recorder: &Recorder<'_>) -> Option<(&'static str, String)> {
     let t = radau.t();
     match control.poll() {
-        Some(Stop::Cancelled) => return Some(("cancelled", format!("cancelled at t = {t}"))),
+        Some(Stop::Cancelled) => return Some(("cancelled", format!("cancelled at t = {t:?}"))),
         Some(Stop::Deadline) => {
             return Some((
                 "wall_time",
-                format!("the wall time allowed ended at t = {t}; allow more with limits.wall_seconds"),
+                format!("the wall time allowed ended at t = {t:?}; allow more with limits.wall_seconds"),
             ));
         }
         None => {}
@@ -124,14 +147,14 @@ fn limit(radau: &Radau<'_>, plan: &Plan, control: &Control, recorder: &Recorder<
         let most = plan.most_steps;
         return Some((
             "steps",
-            format!("{most} steps were made up to t = {t}; allow more with limits.steps, or loosen rtol"),
+            format!("{most} steps were made up to t = {t:?}; allow more with limits.steps, or loosen rtol"),
         ));
     }
     if recorder.values() > plan.most_values {
         let most = plan.most_values;
         return Some((
             "output",
-            format!("the trajectory holds {most} numbers at t = {t}; ask for fewer times or fields"),
+            format!("the trajectory holds {most} numbers at t = {t:?}; ask for fewer times or fields"),
         ));
     }
     None
@@ -148,14 +171,14 @@ fn failure(plan: &Plan, error: &StepError, time: f64, state: &[f64]) -> Failure 
             };
             match name {
                 Some(name) => format!(
-                    "the {what} of `{name}` is not finite at t = {t}: a division by zero, a function outside its \
+                    "the {what} of `{name}` is not finite at t = {t:?}: a division by zero, a function outside its \
                      domain, or a number too large"
                 ),
                 None => error.to_string(),
             }
         }
         StepError::EmptySet { variable, t } => format!(
-            "the interval of `{}` is empty from t = {t} on: its lower bound passes its upper bound",
+            "the interval of `{}` is empty from t = {t:?} on: its lower bound passes its upper bound",
             plan.names.get(plan.initial.len() + variable).map_or("?", String::as_str)
         ),
         StepError::InconsistentStart { state, jump } => format!(
@@ -219,13 +242,17 @@ fn count(radau: &mut Radau<'_>, diagnostics: &mut Diagnostics) {
     diagnostics.stages = radau.stages();
     diagnostics.steps = Steps {
         accepted: counts.accepted,
-        rejected: counts.rejected_error + counts.rejected_newton,
-        rejected_error: counts.rejected_error,
-        rejected_newton: counts.rejected_newton,
+        rejected: Cause::ALL.into_iter().map(|cause| counts.rejected(cause)).sum(),
+        rejected_for: Cause::ALL
+            .into_iter()
+            .map(|cause| (cause.name(), counts.rejected(cause)))
+            .filter(|(_, times)| *times > 0)
+            .collect(),
     };
     diagnostics.evaluations =
         Evaluations { rates: work.rates, jacobians: work.jacobians, factorisations: work.factorisations };
     diagnostics.newton_iterations = work.newton;
+    diagnostics.newton_contraction = work.contraction.summary().map(|(mean, largest)| Contraction { mean, largest });
     if let (Some(counts), Some(work)) = (&mut diagnostics.vi, radau.vi_work()) {
         (counts.solver, counts.solves, counts.pivots) = work;
         let tried = |(attempt, times): (Attempt, u64)| Tried {

@@ -2,11 +2,12 @@
 
 mod diagnostics;
 pub mod encodings;
+mod global_error;
 mod integrate;
 pub mod pictures;
 mod trajectory;
 
-pub use diagnostics::{Diagnostics, Evaluations, Face, Steps, Tried, ViCounts, Warning};
+pub use diagnostics::{Contraction, Diagnostics, Evaluations, Face, GlobalError, Steps, Tried, ViCounts, Warning};
 pub use integrate::{Plan, describe, integrate};
 pub use trajectory::{Event, EventKind, Field, Trajectory};
 

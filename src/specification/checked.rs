@@ -5,6 +5,7 @@ use super::error::{Errors, SpecificationError};
 use super::lowering::{Lowering, MOST_UNKNOWNS};
 use super::method::{Method, out_of_range};
 use super::place::Place;
+use super::plan::MOST_STEPS;
 use super::reading::{Reading, read};
 use super::repairs::Repairs;
 use super::stages::Stages;
@@ -22,6 +23,7 @@ pub struct Specification {
     absolute_tolerances: Vec<f64>,
     output_times: Option<Vec<f64>>,
     output_fields: Vec<usize>,
+    global_error: bool,
     limits: Limits,
     analysis: Analysis,
 }
@@ -71,6 +73,7 @@ impl Specification {
                 absolute_tolerances,
                 output_times,
                 output_fields,
+                global_error: output.global_error,
                 limits,
                 analysis,
             })
@@ -120,6 +123,11 @@ impl Specification {
         &self.output_fields
     }
 
+    /// Whether the error at the end is to be estimated.
+    pub fn estimates_global_error(&self) -> bool {
+        self.global_error
+    }
+
     /// The wall-clock time the user allows, in seconds.
     pub fn wall_seconds(&self) -> Option<f64> {
         self.limits.wall_seconds
@@ -167,8 +175,8 @@ fn check_limits(limits: Limits, place: &Place<'_>, errors: &mut Errors) {
     if let Some(seconds) = limits.wall_seconds.filter(|seconds| *seconds <= 0.0) {
         out_of_range(&place.key("wall_seconds"), seconds, "above 0", errors);
     }
-    if let Some(steps) = limits.steps.filter(|steps| !(1..=10_000_000).contains(steps)) {
-        out_of_range(&place.key("steps"), steps as f64, "1 to 10000000", errors);
+    if let Some(steps) = limits.steps.filter(|steps| !(1..=MOST_STEPS).contains(steps)) {
+        out_of_range(&place.key("steps"), steps as f64, &format!("1 to {MOST_STEPS}"), errors);
     }
 }
 

@@ -8,9 +8,9 @@ use crate::solution::Plan;
 use crate::vi::SolverKind;
 
 /// The steps that a run may make unless `limits.steps` says less.
-const MOST_STEPS: u64 = 10_000_000;
+pub(super) const MOST_STEPS: u64 = 10_000_000;
 /// The numbers that a trajectory may hold: 256 MiB of them.
-const MOST_VALUES: usize = 1 << 25;
+pub(super) const MOST_VALUES: usize = 1 << 25;
 /// The natural-map residual to reach where none is given, relative to the terms of `G`.
 const VI_TOLERANCE: f64 = 1e-10;
 
@@ -25,6 +25,7 @@ impl Specification {
             end: self.time().end,
             times: self.output_times().map(<[f64]>::to_vec),
             fields: self.output_fields().to_vec(),
+            global_error: self.estimates_global_error(),
             analysis: self.analysis().clone(),
             settings: settings(self.method(), self.absolute_tolerances()),
             most_steps: self.step_limit().unwrap_or(MOST_STEPS),

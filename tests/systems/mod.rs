@@ -4,11 +4,13 @@
 mod certificates;
 mod circuits;
 mod friction;
+mod global_error;
 pub mod harness;
 mod nonunique;
 mod pendulum;
 mod queues;
 pub mod reference;
+mod report;
 mod sets;
 mod size;
 mod sliding;
