@@ -8,7 +8,7 @@
 //! to zero their inequalities: then every algebraic unknown is a variable.
 
 use crate::factorisation::Singular;
-use crate::problem::{Dvi, Mass};
+use crate::problem::{Dvi, FaceEquations, Mass, Structure};
 use nalgebra::DMatrix;
 
 /// The matrices at a point, and which variables are free.
@@ -40,31 +40,62 @@ impl Linearisation {
     /// finite.
     pub fn at(problem: &mut dyn Dvi, t: f64, y: &[f64], kept: impl Fn(usize) -> bool) -> Option<Self> {
         let structure = problem.structure().clone();
-        let (n, unknowns) = (structure.states, structure.unknowns());
-        let mut values = vec![0.0; structure.pattern.len()];
-        problem.jacobian(t, y, &mut values);
-        if !values.iter().all(|value| value.is_finite()) {
-            return None;
-        }
+        let variables: Vec<usize> = (0..structure.variables).filter(|&k| kept(k)).collect();
+        let basis = selection(&structure, &variables);
+        let jacobian = basis.tr_mul(&jacobian_of(problem, t, y)?) * basis;
         let moves = |k: usize| structure.moving.iter().any(|moving| moving.variable == k);
         let set = &structure.set;
-        let kept: Vec<usize> = (0..structure.variables).filter(|&k| kept(k)).collect();
-        let mut column = vec![usize::MAX; unknowns];
-        (0..n).for_each(|j| column[j] = j);
-        kept.iter().enumerate().for_each(|(place, &k)| column[n + k] = n + place);
-        let mut jacobian = DMatrix::zeros(n + kept.len(), n + kept.len());
-        for (&(i, j), &value) in structure.pattern.iter().zip(&values) {
-            if i < unknowns && column[i] != usize::MAX && column[j] != usize::MAX {
-                jacobian[(column[i], column[j])] += value;
+        let one_sided = |k: usize| set.lower[k].is_finite() != set.upper[k].is_finite() && !moves(k);
+        let is_orthant = variables.iter().all(|&k| one_sided(k));
+        let free = variables.iter().map(|&k| set.is_free(k) && !moves(k)).collect();
+        Self::of(&structure, jacobian, free, is_orthant)
+    }
+
+    /// The matrices at `(t, y)` on a face, where those of the blocks have these equations: of the variables in intervals
+    /// that are `inside`, and of the coordinates `u` of the tangent spaces,
+    ///
+    /// ```text
+    /// dz = T u,    T^T dG = T^T C dx + (T^T D + K) T u,    K = (dT/dz)^T G
+    /// ```
+    ///
+    /// with the curvature `K` of the face.
+    pub fn on_face(
+        problem: &mut dyn Dvi,
+        t: f64,
+        y: &[f64],
+        blocks: &[FaceEquations],
+        inside: impl Fn(usize) -> bool,
+    ) -> Option<Self> {
+        let structure = problem.structure().clone();
+        let (n, set) = (structure.states, &structure.set);
+        let intervals: Vec<usize> =
+            (0..structure.variables).filter(|&k| set.block_of(k).is_none() && inside(k)).collect();
+        let tangents = set.blocks().iter().zip(blocks).flat_map(|(block, equations)| {
+            (0..equations.members).filter(|&i| !equations.is_of_z[i]).map(move |i| (block, equations, i))
+        });
+        let tangents: Vec<_> = tangents.collect();
+        let mut basis =
+            selection(&structure, &intervals).resize_horizontally(n + intervals.len() + tangents.len(), 0.0);
+        let jacobian = jacobian_of(problem, t, y)?;
+        let mut curvature = DMatrix::<f64>::zeros(basis.ncols(), structure.unknowns());
+        for (column, (block, equations, i)) in (n + intervals.len()..).zip(&tangents) {
+            for (j, &k) in block.members.iter().enumerate() {
+                basis[(n + k, column)] = equations.combination_of(*i)[j];
+                curvature[(column, n + k)] = equations.own[i * equations.members + j];
             }
         }
-        let one_sided = |k: usize| set.lower[k].is_finite() != set.upper[k].is_finite() && !moves(k);
-        let is_orthant = kept.iter().all(|&k| one_sided(k));
-        let free = kept.iter().map(|&k| set.is_free(k) && !moves(k)).collect();
-        let is_constant = structure.constant_jacobian;
+        let jacobian = basis.tr_mul(&jacobian) + curvature;
+        let mut free: Vec<bool> = intervals.iter().map(|&k| set.is_free(k)).collect();
+        free.resize(basis.ncols() - n, false);
+        Self::of(&structure, jacobian * basis, free, false)
+    }
+
+    /// From the Jacobian of `(F, G)` by the states and the variables that are left; `None` for a mass that is not finite.
+    fn of(structure: &Structure, jacobian: DMatrix<f64>, free: Vec<bool>, is_orthant: bool) -> Option<Self> {
+        let variables = free.len();
         let (jacobian, n, free) = match &structure.mass {
-            Mass::Identity => (jacobian, n, free),
-            Mass::Constant(entries) => without_mass(jacobian, n, entries, free)?,
+            Mass::Identity => (jacobian, structure.states, free),
+            Mass::Constant(entries) => without_mass(jacobian, structure.states, entries, free)?,
         };
         let m = jacobian.nrows() - n;
         Some(Self {
@@ -72,10 +103,10 @@ impl Linearisation {
             b: jacobian.view((0, n), (n, m)).into_owned(),
             c: jacobian.view((n, 0), (m, n)).into_owned(),
             d: jacobian.view((n, n), (m, m)).into_owned(),
-            set_moves_with_states: structure.pattern.iter().any(|&(i, _)| i >= unknowns),
-            is_orthant: is_orthant && free.len() == kept.len(),
+            set_moves_with_states: structure.pattern.iter().any(|&(i, _)| i >= structure.unknowns()),
+            is_orthant: is_orthant && free.len() == variables,
             free,
-            is_constant,
+            is_constant: structure.constant_jacobian,
         })
     }
 
@@ -88,6 +119,26 @@ impl Linearisation {
     pub fn variables(&self) -> usize {
         self.d.nrows()
     }
+}
+
+/// The derivatives of `(F, G)` by `(x, z)`; `None` if one is not finite.
+fn jacobian_of(problem: &mut dyn Dvi, t: f64, y: &[f64]) -> Option<DMatrix<f64>> {
+    let structure = problem.structure().clone();
+    let unknowns = structure.unknowns();
+    let mut values = vec![0.0; structure.pattern.len()];
+    problem.jacobian(t, y, &mut values);
+    let mut jacobian = DMatrix::zeros(unknowns, unknowns);
+    for (&(i, j), &value) in structure.pattern.iter().zip(&values).filter(|((i, _), _)| *i < unknowns) {
+        jacobian[(i, j)] += value;
+    }
+    values.iter().all(|value| value.is_finite()).then_some(jacobian)
+}
+
+/// The unit vectors of the states and of some variables, as columns.
+fn selection(structure: &Structure, variables: &[usize]) -> DMatrix<f64> {
+    let n = structure.states;
+    let kept: Vec<usize> = (0..n).chain(variables.iter().map(|k| n + k)).collect();
+    DMatrix::from_fn(structure.unknowns(), kept.len(), |i, j| f64::from(kept[j] == i))
 }
 
 /// The Jacobian of `M^-1 (F, G)`, with the number of states that are left and which variables are free; `None` for a mass

@@ -11,7 +11,7 @@ pub use index::{Index, index};
 pub use linearisation::Linearisation;
 pub use uniqueness::{Uniqueness, uniqueness};
 
-use crate::problem::{Dvi, Mass};
+use crate::problem::{Dvi, FaceEquations, Mass};
 use serde::Serialize;
 
 /// Up to this many states and variables a problem is analysed; the analysis is dense.
@@ -38,16 +38,24 @@ pub fn analyse(problem: &mut dyn Dvi, t: f64, y: &[f64]) -> Analysis {
     let set = &problem.structure().set;
     let fixed: Vec<bool> = (0..set.dimension()).map(|k| set.lower[k] == set.upper[k]).collect();
     let moving = problem.structure().moving.clone();
-    on(problem, t, y, |k| !fixed[k] || moving.iter().any(|bound| bound.variable == k))
+    let kept = |k: usize| !fixed[k] || moving.iter().any(|bound| bound.variable == k);
+    of(problem, t, |problem| Linearisation::at(problem, t, y, kept))
 }
 
-/// Analyses the problem at `(t, y)` on an active face of `K`: on the variables that `inside` tells to be inside their
-/// interval, as free ones; the others are known.
-pub fn analyse_face(problem: &mut dyn Dvi, t: f64, y: &[f64], inside: impl Fn(usize) -> bool) -> Analysis {
-    on(problem, t, y, inside)
+/// Analyses the problem at `(t, y)` on an active face of `K`, where the faces of its blocks have these equations: on the
+/// variables that `inside` tells to be inside their interval and on the tangent spaces of the faces; what else there is
+/// of the variables is known.
+pub fn analyse_face(
+    problem: &mut dyn Dvi,
+    t: f64,
+    y: &[f64],
+    blocks: &[FaceEquations],
+    inside: impl Fn(usize) -> bool,
+) -> Analysis {
+    of(problem, t, |problem| Linearisation::on_face(problem, t, y, blocks, inside))
 }
 
-fn on(problem: &mut dyn Dvi, t: f64, y: &[f64], kept: impl Fn(usize) -> bool) -> Analysis {
+fn of(problem: &mut dyn Dvi, t: f64, linearise: impl FnOnce(&mut dyn Dvi) -> Option<Linearisation>) -> Analysis {
     let structure = problem.structure();
     let unknowns = structure.unknowns();
     let refuse = |because| Analysis { index: None, levels: Vec::new(), uniqueness: Uniqueness::NotAnalysed, because };
@@ -58,7 +66,7 @@ fn on(problem: &mut dyn Dvi, t: f64, y: &[f64], kept: impl Fn(usize) -> bool) ->
     if unknowns > MOST_UNKNOWNS {
         return refuse(format!("{unknowns} states and variables are more than the {MOST_UNKNOWNS} that are analysed"));
     }
-    let Some(linearisation) = Linearisation::at(problem, t, y, kept) else {
+    let Some(linearisation) = linearise(problem) else {
         return refuse(format!("the derivatives at t = {t} are not finite"));
     };
     let overflow = || format!("products of the derivatives at t = {t} overflow: their units are too far apart");

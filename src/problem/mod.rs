@@ -11,7 +11,9 @@ mod control;
 mod convex_set;
 
 pub use control::{Control, Stop};
-pub use convex_set::{Block, BlockWorkspace, ConvexSet, Derivative, Face, Polyhedron, Shape, Workspace};
+pub use convex_set::{
+    Block, BlockWorkspace, ConvexSet, Derivative, Face, FaceEquations, Monitor, Polyhedron, Shape, Workspace,
+};
 
 /// What a moving bound is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -8,13 +8,15 @@
 //! V^T G = 0,    U^T (G_t + G_x M^-1 F) = 0
 //! ```
 //!
-//! (in the second `D z'` drops out). Hairer and Wanner 1996, VII.1; Ascher and Petzold 1998, 9.2.
+//! (in the second `D z'` drops out). The equations of a block on its face take the place of its `G`; those of a curved
+//! face depend on `z` even where `G` does not. Hairer and Wanner 1996, VII.1; Ascher and Petzold 1998, 9.2.
 
 mod dense;
 mod sparse;
 
 use super::face::Place;
 use super::layout::Storage;
+use super::newton_control::NewtonControl;
 use super::system::System;
 use dense::Dense;
 use sparse::Sparse;
@@ -23,7 +25,9 @@ use sparse::Sparse;
 pub struct Consistent {
     equations: Equations,
     inside: Vec<usize>,
-    /// `G_t`
+    /// `Phi` on the face.
+    phi: Vec<f64>,
+    /// Its rows of variables by `t`.
     drift: Vec<f64>,
     /// By how much each variable inside is to change.
     step: Vec<f64>,
@@ -52,32 +56,38 @@ impl Consistent {
         };
         let vector = || vec![0.0; variables];
         let inside = Vec::with_capacity(variables);
-        Some(Self { equations, inside, drift: vector(), step: vector(), start: vector() })
+        let phi = vec![0.0; system.unknowns];
+        Some(Self { equations, inside, phi, drift: vector(), step: vector(), start: vector() })
     }
 
-    /// Replaces the variables inside their interval in `y = (x, z)` at `t`, and puts those on a bound onto it. Leaves
-    /// `y` as it is and returns false if the equations are singular or the iteration fails.
-    pub fn solve(&mut self, system: &mut System<'_>, t: f64, y: &mut [f64]) -> bool {
+    /// Replaces the variables inside their interval and those of blocks in `y = (x, z)` at `t`, and puts those on a bound
+    /// onto it. Leaves `y` as it is and returns false if the equations are singular or the iteration fails.
+    pub fn solve(&mut self, system: &mut System<'_>, control: &NewtonControl, t: f64, y: &mut [f64]) -> bool {
         let n = system.states;
         if !system.evaluate(t, y) {
             return false;
         }
-        for &k in &system.bounded {
-            match system.face[k] {
+        for &k in &system.intervals {
+            match system.face.places[k] {
                 Place::Lower => y[n + k] = system.set.lower[k],
                 Place::Upper => y[n + k] = system.set.upper[k],
-                Place::Inside | Place::Held | Place::Boundary | Place::Vertex => {}
+                _ => {}
             }
         }
+        let is_inside = |k: &usize| match system.face.places[*k] {
+            Place::Inside => true,
+            Place::Held => false,
+            _ => system.set.block_of(*k).is_some(),
+        };
         self.inside.clear();
-        self.inside.extend((0..system.unknowns - n).filter(|&k| system.face[k] == Place::Inside));
+        self.inside.extend((0..system.unknowns - n).filter(is_inside));
         if self.inside.is_empty() {
             return true;
         }
         self.start.copy_from_slice(&y[n..]);
         let mut last = f64::INFINITY;
         for _ in 0..ITERATIONS {
-            if !self.newton_step(system, t, y) {
+            if !self.newton_step(system, control, t, y) {
                 break;
             }
             let size = self.step[..self.inside.len()].iter().fold(0.0_f64, |size, step| size.max(step.abs()));
@@ -102,15 +112,18 @@ impl Consistent {
     }
 
     /// One Newton step for the variables inside. False if there is none, or it is not finite.
-    fn newton_step(&mut self, system: &mut System<'_>, t: f64, y: &[f64]) -> bool {
-        if !system.evaluate(t, y) || !system.differentiate(t, y) {
+    fn newton_step(&mut self, system: &mut System<'_>, control: &NewtonControl, t: f64, y: &[f64]) -> bool {
+        if !system.phi(t, y, &mut self.phi) || !system.differentiate(t, y) {
             return false;
         }
+        // Where a multiplier vanishes so does the curvature of the face, exactly.
+        system.linearise_blocks(y, Some(control));
         system.time_derivative(t, y, &mut self.drift);
+        system.combine_drift(&mut self.drift);
         let step = &mut self.step[..self.inside.len()];
         let found = match &mut self.equations {
-            Equations::Dense(equations) => equations.solve(system, &self.inside, &self.drift, step),
-            Equations::Sparse(equations) => equations.solve(system, &self.inside, &self.drift, step),
+            Equations::Dense(equations) => equations.solve(system, &self.inside, &self.phi, &self.drift, step),
+            Equations::Sparse(equations) => equations.solve(system, &self.inside, &self.phi, &self.drift, step),
         };
         found && step.iter().all(|step| step.is_finite())
     }

@@ -5,7 +5,7 @@
 //! by the same factors; times a polynomial that changes neither the ends nor the slopes at the stages it raises the order
 //! between the steps from `s + 1` to `s + 2`, at no cost.
 
-use super::face::Place;
+use super::face::ActiveFace;
 use super::tableau::Tableau;
 
 /// The last accepted step.
@@ -22,7 +22,7 @@ pub struct Step {
     /// What the slope of the states lacks at the beginning, times `h`; empty where it is not known.
     pub slope: Vec<f64>,
     /// The face that it kept.
-    pub face: Vec<Place>,
+    pub face: ActiveFace,
     /// Whether it kept one face.
     pub is_smooth: bool,
     basis: Vec<f64>,
@@ -30,14 +30,13 @@ pub struct Step {
 
 impl Step {
     /// Takes over a step; no allocation once it has held one of the same size.
-    pub fn set(&mut self, t: f64, h: f64, y: &[f64], z: &[f64], face: &[Place]) {
+    pub fn set(&mut self, t: f64, h: f64, y: &[f64], z: &[f64], face: &ActiveFace) {
         (self.t, self.h) = (t, h);
         self.y.clear();
         self.y.extend_from_slice(y);
         self.z.clear();
         self.z.extend_from_slice(z);
-        self.face.clear();
-        self.face.extend_from_slice(face);
+        self.face.clone_from(face);
     }
 
     /// The increments from the beginning of the step at `theta`, into `out`.

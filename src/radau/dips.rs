@@ -13,28 +13,18 @@ impl Radau<'_> {
         if !self.switching.locates() {
             return None;
         }
-        let mut start = Vec::with_capacity(self.system.bounded.len());
+        let mut start = Vec::new();
         self.monitors_at(0.0, h, &mut start);
-        let mut first: Option<f64> = None;
-        for (index, monitors) in start.iter().enumerate() {
-            for (side, monitor) in monitors.iter().enumerate() {
-                if let Some(monitor) = monitor
-                    && let Some(theta) = self.dip_of(index, side, monitor)
-                {
-                    first = Some(first.map_or(theta, |first: f64| first.min(theta)));
-                }
-            }
-        }
-        let theta = first?;
+        let dips = start.iter().enumerate().filter_map(|(index, monitor)| self.dip_of(index, start.len(), monitor));
+        let theta = dips.min_by(f64::total_cmp)?;
         self.monitors_at(theta, h, &mut start);
-        start.iter().flatten().flatten().any(Monitor::is_violated).then_some(theta)
+        start.iter().any(Monitor::is_violated).then_some(theta)
     }
 
     /// Where the polynomial through the values of one monitor is least between the stages, if it is negative there.
-    fn dip_of(&self, index: usize, side: usize, start: &Monitor) -> Option<f64> {
+    fn dip_of(&self, index: usize, count: usize, start: &Monitor) -> Option<f64> {
         let tableau = self.tableau();
-        let count = self.system.bounded.len();
-        let at_stage = |i: usize| self.stages.monitors[i * count + index][side].map_or(start.value, |m| m.value);
+        let at_stage = |i: usize| self.stages.monitors[i * count + index].value;
         let (mut least, mut most) = (start.value, start.value);
         for i in 0..tableau.stages() {
             least = least.min(at_stage(i));

@@ -1,12 +1,12 @@
-//! The active face of `K`: which bound, if any, each variable rests on.
+//! The active face of `K`: which bound, if any, each variable rests on, and which face of each block.
 //!
-//! On a face the variational inequality is the square system `G_k = 0` for variables inside their interval and
-//! `z_k = l_k` or `z_k = u_k` for those on a bound. The face is the right one while its [`monitors`] are not negative.
-//! What a block asks for on its boundary is no such system: there the variational inequality itself is solved.
+//! On a face the variational inequality is the square system `G_k = 0` for variables inside their interval,
+//! `z_k = l_k` or `z_k = u_k` for those on a bound, and [`FaceEquations`](crate::problem::FaceEquations) for a block. The
+//! face is the right one while its [`monitors`] are not negative.
 
-use super::stages::NewtonControl;
+use super::newton_control::NewtonControl;
 use super::system::System;
-use crate::problem::{ConvexSet, Face, Shape, Workspace};
+use crate::problem::{self, ConvexSet, Face, Shape};
 
 /// Where one variable stands in its interval.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,20 +19,79 @@ pub enum Place {
     Inside,
     /// `z` is given from outside the stage equations.
     Held,
-    /// On the boundary of a block, where it may still move; positive, in a simplex.
-    Boundary,
+    /// On the boundary of a block, where it may still move: on so many rows of a polyhedron; positive, in a simplex.
+    Boundary(usize),
     /// At a vertex of a block, or zero in a simplex.
     Vertex,
 }
 
 impl Place {
-    /// How free the variable is: 0 where it is given, 1 on a boundary, 2 inside.
-    pub fn freedom(self) -> u8 {
+    /// How many equations hold the variable; one that is given has the most.
+    pub fn equations(self) -> usize {
         match self {
-            Self::Lower | Self::Upper | Self::Held | Self::Vertex => 0,
-            Self::Boundary => 1,
-            Self::Inside => 2,
+            Self::Lower | Self::Upper | Self::Held | Self::Vertex => usize::MAX,
+            Self::Boundary(count) => count,
+            Self::Inside => 0,
         }
+    }
+}
+
+/// The face of every factor of `K`.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ActiveFace {
+    /// A place a variable.
+    pub places: Vec<Place>,
+    /// A face a block.
+    pub blocks: Vec<Face>,
+}
+
+impl ActiveFace {
+    /// Puts block `b` of `set` on a face.
+    pub fn set_block(&mut self, set: &ConvexSet, b: usize, face: Face) {
+        let block = &set.blocks()[b];
+        for (i, &k) in block.members.iter().enumerate() {
+            self.places[k] = match (&face, &block.shape) {
+                (Face::Interior, _) => Place::Inside,
+                (Face::Vertex, _) => Place::Vertex,
+                (Face::Boundary(_), _) => Place::Boundary(1),
+                (Face::Edge(zeros), Shape::Simplex) if zeros.contains(&i) => Place::Vertex,
+                (Face::Edge(rows), Shape::Polyhedron(polyhedron)) => {
+                    match rows.iter().filter(|&&row| polyhedron.normal(row)[i] != 0.0).count() {
+                        0 => Place::Inside,
+                        count => Place::Boundary(count),
+                    }
+                }
+                (Face::Edge(_), _) => Place::Boundary(1),
+            };
+        }
+        self.blocks[b] = face;
+    }
+
+    /// Whether `other` has `variable` on as many rows of a polyhedron, but on others.
+    pub fn exchanges(&self, other: &Self, set: &ConvexSet, variable: usize) -> bool {
+        let Some(b) = set.block_of(variable) else { return false };
+        let block = &set.blocks()[b];
+        match (&block.shape, &self.blocks[b], &other.blocks[b]) {
+            (Shape::Polyhedron(polyhedron), Face::Edge(from), Face::Edge(to)) => {
+                let at = block.members.iter().position(|member| *member == variable).unwrap_or(0);
+                to.iter().any(|row| !from.contains(row) && polyhedron.normal(*row)[at] != 0.0)
+            }
+            _ => false,
+        }
+    }
+
+    /// Whether this is the same as `other`, however their equations are solved.
+    pub fn is_same(&self, other: &Self) -> bool {
+        let same = |pair: (&Face, &Face)| match pair {
+            (Face::Boundary(_), Face::Boundary(_)) => true,
+            (face, other) => face == other,
+        };
+        self.places == other.places && self.blocks.iter().zip(&other.blocks).all(same)
+    }
+
+    /// Whether the members of a block are given from outside.
+    pub fn holds(&self, members: &[usize]) -> bool {
+        members.first().is_some_and(|&k| self.places[k] == Place::Held)
     }
 }
 
@@ -47,24 +106,11 @@ pub fn place(set: &ConvexSet, k: usize, z: f64, g: f64) -> Place {
     }
 }
 
-/// Writes the places of the members of blocks, of which `z` solves the VI with `x = z - g`.
-pub fn place_on_blocks(set: &ConvexSet, x: &[f64], face: &mut [Place], workspace: &mut Workspace) {
-    for (b, block) in set.blocks().iter().enumerate() {
-        let (all, zeros): (Place, &[usize]) = match set.face(b, x, workspace) {
-            Face::Interior => (Place::Inside, &[]),
-            Face::Vertex => (Place::Vertex, &[]),
-            Face::Edge(zeros) if block.shape == Shape::Simplex => (Place::Boundary, zeros),
-            Face::Boundary | Face::Edge(_) => (Place::Boundary, &[]),
-        };
-        block.members.iter().for_each(|&k| face[k] = all);
-        zeros.iter().for_each(|&j| face[block.members[j]] = Place::Vertex);
-    }
-}
-
-/// What must not become negative for a variable to stay in its place.
+/// What must not become negative for a variable or a block to stay in its place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Monitor {
-    /// `G` on the lower bound, `-G` on the upper, the distance to a bound inside; the width of an interval.
+    /// `G` on the lower bound, `-G` on the upper, the distance to a bound inside, the width of an interval; of a block
+    /// what its face says.
     pub value: f64,
     /// The size below which `value` is noise: the tolerance of the VI, or what an error of `y` that Newton's method
     /// lets pass makes of it.
@@ -78,28 +124,34 @@ impl Monitor {
     }
 }
 
-/// The monitors of bounded variable `k` at `y`, where `system` was evaluated last: on a bound that
-/// of `G` and the width of the interval, inside the distances to its ends.
-pub fn monitors(system: &System<'_>, control: &NewtonControl, k: usize, y: &[f64]) -> [Option<Monitor>; 2] {
-    let z = y[system.states + k];
-    let g = system.values[system.states + k];
-    let on_bound = |value| Some(Monitor { value, noise: control.noise_of_g(system, k, y) });
-    let inside = |distance: f64| {
-        let weight = control.weight[system.states + k];
-        let passed = if weight > 0.0 { control.kappa / weight } else { 0.0 };
-        distance.is_finite().then(|| Monitor {
-            value: distance,
-            noise: (control.vi_tolerance * z.abs().max(control.size[system.states + k])).max(passed),
-        })
-    };
-    let width = || {
-        let value = system.set.upper[k] - system.set.lower[k];
-        value.is_finite().then(|| Monitor { value, noise: control.noise_of_width(system, k, y) })
-    };
-    match system.face[k] {
-        Place::Lower => [on_bound(g), width()],
-        Place::Upper => [on_bound(-g), width()],
-        Place::Inside => [inside(z - system.set.lower[k]), inside(system.set.upper[k] - z)],
-        Place::Held | Place::Boundary | Place::Vertex => [None, None],
+/// The monitors of the face at `y`, where `system` was evaluated last, in an order that depends on the face alone.
+pub fn monitors(system: &mut System<'_>, control: &NewtonControl, y: &[f64], out: &mut Vec<Monitor>) {
+    out.clear();
+    for &k in &system.intervals {
+        let (z, g) = (y[system.states + k], system.values[system.states + k]);
+        let (lower, upper) = (system.set.lower[k], system.set.upper[k]);
+        let mut on_bound = |value| {
+            out.push(Monitor { value, noise: control.noise_of_g(system, k, y) });
+            if (upper - lower).is_finite() {
+                out.push(Monitor { value: upper - lower, noise: control.noise_of_width(system, k, y) });
+            }
+        };
+        match system.face.places[k] {
+            Place::Lower => on_bound(g),
+            Place::Upper => on_bound(-g),
+            Place::Inside => {
+                let distances = [z - lower, upper - z].into_iter().filter(|distance| distance.is_finite());
+                out.extend(distances.map(|value| Monitor { value, noise: control.noise_of_z(system, k, y) }));
+            }
+            Place::Held | Place::Boundary(_) | Place::Vertex => {}
+        }
+    }
+    for b in 0..system.face.blocks.len() {
+        let noise = control.noise_of_block(system, b, y);
+        let equations = system.equations_of(b, y);
+        out.extend(equations.monitors.iter().map(|monitor| match *monitor {
+            problem::Monitor::Distance(value) => Monitor { value, noise: noise.z },
+            problem::Monitor::Multiplier(value) => Monitor { value, noise: noise.g },
+        }));
     }
 }

@@ -6,7 +6,7 @@
 //!
 //! one real where `s` is odd and one complex for each pair of eigenvalues of `A^-1` (Hairer and Wanner 1996, IV.8).
 
-use super::face::Place;
+use super::face::ActiveFace;
 use super::layout::{Layout, Storage};
 use super::system::System;
 use super::tableau::Tableau;
@@ -35,7 +35,7 @@ impl Factors {
     }
 
     /// Factorises for step size `h` on a face, from the derivatives of `system` as they are.
-    pub fn compute(&mut self, system: &System<'_>, face: &[Place], tableau: &Tableau, h: f64) {
+    pub fn compute(&mut self, system: &System<'_>, face: &ActiveFace, tableau: &Tableau, h: f64) {
         let Self { layout, negative_jacobian, real, complex } = self;
         system.negative_jacobian(face, negative_jacobian);
         match tableau.gamma {

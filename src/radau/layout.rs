@@ -31,6 +31,10 @@ pub struct Layout {
     pub jacobian: Vec<usize>,
     /// The place of the diagonal of each bounded variable.
     pub diagonal: Vec<usize>,
+    /// For each entry of the pattern in the row of a block, its places in the rows of all members; else none.
+    pub spread: Vec<Vec<usize>>,
+    /// The places of the rows and columns of the members of each block, row by row.
+    pub own: Vec<Vec<usize>>,
 }
 
 /// How places are stored.
@@ -61,11 +65,24 @@ impl Layout {
         let row = |i: usize| if i < unknowns { i } else { n + structure.moving[i - unknowns].variable };
         let jacobian = structure.pattern.iter().map(|&(i, j)| (row(i), j));
         let diagonal = bounded.iter().map(|&k| (n + k, n + k));
+        // An equation of a face may combine the rows of all members.
+        let set = &structure.set;
+        let members = |i: usize| match i.checked_sub(n).and_then(|_| set.block_of(row(i) - n)) {
+            Some(block) => set.blocks()[block].members.as_slice(),
+            None => &[],
+        };
+        let spread: Vec<Vec<(usize, usize)>> =
+            structure.pattern.iter().map(|&(i, j)| members(i).iter().map(|k| (n + k, j)).collect()).collect();
+        let square = |members: &[usize]| -> Vec<(usize, usize)> {
+            members.iter().flat_map(|k| members.iter().map(move |l| (n + k, n + l))).collect()
+        };
+        let own: Vec<Vec<(usize, usize)>> = set.blocks().iter().map(|block| square(&block.members)).collect();
         let mut pairs: Vec<Pair<usize, usize>> = mass
             .iter()
             .map(|&(i, j, _)| (i, j))
             .chain(jacobian.clone())
             .chain(diagonal.clone())
+            .chain(spread.iter().chain(&own).flatten().copied())
             .map(|(row, col)| Pair { row, col })
             .collect();
         pairs.sort_unstable_by_key(|pair| (pair.col, pair.row));
@@ -91,7 +108,11 @@ impl Layout {
         };
         let mass = mass.iter().map(|&(i, j, value)| (place((i, j)), value)).collect();
         let (jacobian, diagonal) = (jacobian.map(place).collect(), diagonal.map(place).collect());
-        Ok(Self { unknowns, storage, places, mass, jacobian, diagonal })
+        let all = |pairs: Vec<Vec<(usize, usize)>>| -> Vec<Vec<usize>> {
+            pairs.into_iter().map(|pairs| pairs.into_iter().map(place).collect()).collect()
+        };
+        let (spread, own) = (all(spread), all(own));
+        Ok(Self { unknowns, storage, places, mass, jacobian, diagonal, spread, own })
     }
 }
 

@@ -8,14 +8,17 @@
 //! sections IV.8 and VII), with `K = R^m` their solver of differential-algebraic equations; a set with bounds adds
 //! the active face of `K` and its switches, and nothing else.
 
+mod blocks;
 mod conditions;
 mod consistent;
+mod crossings;
 mod dense_output;
 mod dips;
 mod error_control;
 mod face;
 mod factors;
 mod layout;
+mod newton_control;
 mod settings;
 mod stage_vi;
 mod stages;
@@ -26,7 +29,7 @@ mod system;
 mod tableau;
 
 pub use conditions::{AlgebraicStability, Conditions, Order, PositiveDiagonal, Vanishing};
-pub use face::Place;
+pub use face::{ActiveFace, Place};
 pub use layout::MOST_BYTES;
 pub use settings::{Cause, Settings, StageChoice, StepError, Switches};
 pub use stepper::{Counts, Radau, Variables};

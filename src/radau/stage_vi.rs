@@ -10,11 +10,12 @@
 //! with `E` the block-diagonal matrix of [`Factors`] in which the bounded variables are held and `e` their unit
 //! vectors. Row block `i` is scaled by the `d_i` of the tableau: then `S` is monotone where the problem is.
 
-use super::face::{Place, place, place_on_blocks};
+use super::face::{ActiveFace, Place, place};
 use super::factors::Factors;
 use super::layout::check_memory;
+use super::newton_control::NewtonControl;
 use super::settings::{Cause, StepError};
-use super::stages::{NewtonControl, Stages};
+use super::stages::Stages;
 use super::system::System;
 use super::tableau::Tableau;
 use crate::problem::{ConvexSet, Shape, Workspace};
@@ -31,7 +32,7 @@ pub struct StageVi {
     factor: ConvexSet,
     set: ConvexSet,
     workspace: Workspace,
-    /// `z - g` of the variables of one stage.
+    /// `z - s g` of the variables of one stage.
     moved: Vec<f64>,
     /// The bounded variables of all stages, stage by stage, and the same before the last solve.
     z: Vec<f64>,
@@ -39,7 +40,7 @@ pub struct StageVi {
     /// `G` of the same.
     g: Vec<f64>,
     /// The bounded variables held, the others inside.
-    held: Vec<Place>,
+    held: ActiveFace,
     /// Stage increments and their transforms before the present iteration.
     saved: (Vec<f64>, Vec<f64>),
     /// The largest size of each component of `y` over the step.
@@ -70,8 +71,8 @@ impl StageVi {
         // `S`, and up to three of its size in a solver.
         check_memory("the inequalities of all stages", coupled, 4)?;
         let factor = system.set.restricted(&system.bounded);
-        let mut held = vec![Place::Inside; unknowns - system.states];
-        system.bounded.iter().for_each(|&k| held[k] = Place::Held);
+        let mut held = ActiveFace { places: vec![Place::Inside; unknowns - system.states], ..system.face.clone() };
+        system.bounded.iter().for_each(|&k| held.places[k] = Place::Held);
         Ok(Self {
             solver: solver.build(coupled),
             matrix: DMatrix::zeros(coupled, coupled),
@@ -142,13 +143,7 @@ impl StageVi {
             let rounding = f64::EPSILON * (4.0 * tableau.mixing).max(1e3);
             let least = control.kappa.max(rounding * stages.size(y0, &control.weight, s));
             if iteration > 0 && norm <= least && self.is_solved(system, stages, h, y0, control) {
-                let last = (s - 1) * count;
-                for (a, &k) in system.bounded.iter().enumerate() {
-                    let (z, g) = (self.z[last + a], self.g[last + a]);
-                    system.face[k] = place(&system.set, k, z, g);
-                    self.moved[k] = z - g;
-                }
-                place_on_blocks(&system.set, &self.moved, &mut system.face, &mut self.workspace);
+                self.settle(system, control);
                 return Ok(());
             }
             if iteration > 0 && self.relinearise {
@@ -176,6 +171,36 @@ impl StageVi {
             }
         }
         Err(Cause::Slow)
+    }
+
+    /// Puts `system` on the face of the last stage.
+    fn settle(&mut self, system: &mut System<'_>, control: &NewtonControl) {
+        let last = self.z.len() - system.bounded.len();
+        let own = self.set.blocks().len() - system.set.blocks().len();
+        for (a, &k) in system.bounded.iter().enumerate() {
+            let (z, g) = (self.z[last + a], self.g[last + a]);
+            if let Some(b) = system.set.block_of(k) {
+                let (noise_z, noise_g) = self.noise(system, control, own + b);
+                self.moved[k] = z - noise_z / noise_g * g;
+            } else {
+                system.face.places[k] = place(&system.set, k, z, g);
+            }
+        }
+        for b in 0..system.set.blocks().len() {
+            let face = system.set.face(b, &self.moved, &mut self.workspace);
+            system.face.set_block(&system.set, b, face);
+        }
+    }
+
+    /// What is noise in `z` and in `G` of block `b` of all stages.
+    fn noise(&self, system: &System<'_>, control: &NewtonControl, b: usize) -> (f64, f64) {
+        let (mut noise_g, mut size) = (f64::MIN_POSITIVE, 0.0_f64);
+        for at in &self.set.blocks()[b].members {
+            let k = system.bounded[at % system.bounded.len()];
+            noise_g = noise_g.max(control.noise_of_g(system, k, &self.largest));
+            size = size.max(self.largest[system.states + k]);
+        }
+        (control.vi_tolerance * if size > 0.0 { size } else { 1.0 }, noise_g)
     }
 
     /// Evaluates rates, `G` and bounds at every stage, with zero in the rows of `Phi` of held variables.
@@ -289,14 +314,7 @@ impl StageVi {
         });
         intervals
             && (0..self.set.blocks().len()).all(|b| {
-                let members = &self.set.blocks()[b].members;
-                let (mut noise_g, mut size) = (f64::MIN_POSITIVE, 0.0_f64);
-                for at in members {
-                    let k = system.bounded[at % count];
-                    noise_g = noise_g.max(control.noise_of_g(system, k, &self.largest));
-                    size = size.max(self.largest[n + k]);
-                }
-                let noise_z = control.vi_tolerance * if size > 0.0 { size } else { 1.0 };
+                let (noise_z, noise_g) = self.noise(system, control, b);
                 // With p = P(z - s g) the VI holds exactly for p and g - (z - p)/s; this s makes both changes noise
                 // if the first is.
                 let scale = noise_z / noise_g;

@@ -3,6 +3,7 @@
 
 use super::face::{Monitor, Place, monitors};
 use super::factors::Factors;
+use super::newton_control::NewtonControl;
 use super::settings::Cause;
 use super::system::System;
 use super::tableau::Tableau;
@@ -22,8 +23,9 @@ pub struct Stages {
     right: Vec<f64>,
     pair: Vec<Complex<f64>>,
     y: Vec<f64>,
-    /// The monitors of the bounded variables at every stage, stage by stage, as of the last convergence.
-    pub monitors: Vec<[Option<Monitor>; 2]>,
+    /// The monitors of the face at every stage, stage by stage, as of the last convergence.
+    pub monitors: Vec<Monitor>,
+    at_stage: Vec<Monitor>,
 }
 
 /// How a Newton iteration ended.
@@ -41,38 +43,6 @@ pub enum Newton {
     Slow(f64),
     /// It cannot go on.
     Failed(Cause),
-}
-
-/// What decides that Newton's method has converged.
-#[derive(Clone, Debug)]
-pub struct NewtonControl {
-    /// `1/sc` for each component of `y`, in the norm `sqrt(sum (weight dW)^2 / (s (n+m)))`.
-    pub weight: Vec<f64>,
-    /// The bound on that norm.
-    pub kappa: f64,
-    /// The most iterations.
-    pub most: usize,
-    /// The size of each component of `y` at the beginning of the step, beside which rounding errors are measured.
-    pub size: Vec<f64>,
-    /// The bound on `|G_i|` of bounded variables inside their interval, relative to the size of its terms.
-    pub vi_tolerance: f64,
-}
-
-impl NewtonControl {
-    /// The size below which `G_k` at `y` is noise: the tolerance of the VI, or what an error of the states that Newton's
-    /// method lets pass makes of it.
-    pub fn noise_of_g(&self, system: &System<'_>, k: usize, y: &[f64]) -> f64 {
-        let terms = system.terms(k, |j| self.size[j].max(y[j].abs()));
-        let passed = system.terms(k, |j| if j < system.states { self.kappa / self.weight[j] } else { 0.0 });
-        (self.vi_tolerance * terms).max(passed)
-    }
-
-    /// The size below which the distance of the bounds of variable `k` at `y` is noise, likewise.
-    pub fn noise_of_width(&self, system: &System<'_>, k: usize, y: &[f64]) -> f64 {
-        let at = system.states + k;
-        let passed = system.terms_of_bounds(k, |j| if j < system.states { self.kappa / self.weight[j] } else { 0.0 });
-        (self.vi_tolerance * self.size[at].max(y[at].abs())).max(passed)
-    }
 }
 
 /// The contraction seen, kept from one step to the next.
@@ -107,6 +77,7 @@ impl Stages {
             pair: vec![Complex::new(0.0, 0.0); unknowns],
             y: vec![0.0; unknowns],
             monitors: Vec::new(),
+            at_stage: Vec::new(),
         }
     }
 
@@ -313,15 +284,23 @@ impl Stages {
             if !system.phi(t + c * h, &self.y, phi) {
                 return None;
             }
-            for &k in &system.bounded {
+            for &k in &system.intervals {
                 let residual = phi[system.states + k].abs();
-                let y = &self.y;
-                verdict.satisfied &=
-                    residual == 0.0 || system.face[k] != Place::Inside || residual <= control.noise_of_g(system, k, y);
-                let monitors = monitors(system, control, k, y);
-                verdict.violated |= monitors.iter().flatten().any(Monitor::is_violated);
-                self.monitors.push(monitors);
+                verdict.satisfied &= residual == 0.0
+                    || system.face.places[k] != Place::Inside
+                    || residual <= control.noise_of_g(system, k, &self.y);
             }
+            for (b, block) in system.set.blocks().iter().enumerate() {
+                let noise = control.noise_of_block(system, b, &self.y);
+                for (i, &k) in block.members.iter().enumerate() {
+                    let least = if system.equations[b].is_of_z[i] { noise.z } else { noise.g };
+                    let residual = phi[system.states + k].abs();
+                    verdict.satisfied &= residual == 0.0 || residual <= least;
+                }
+            }
+            monitors(system, control, &self.y, &mut self.at_stage);
+            verdict.violated |= self.at_stage.iter().any(Monitor::is_violated);
+            self.monitors.extend_from_slice(&self.at_stage);
         }
         Some(verdict)
     }
@@ -329,7 +308,7 @@ impl Stages {
 
 /// What is found of the bounded variables at the stages.
 struct Verdict {
-    /// Whether `G = 0` holds to the tolerance of the VI for those inside their interval.
+    /// Whether the equations of the face hold to the tolerance of the VI.
     satisfied: bool,
     /// Whether a monitor of the face is violated.
     violated: bool,

@@ -48,7 +48,7 @@ impl Radau<'_> {
         if self.system.bounded.is_empty()
             && let Some(consistent) = &mut self.consistent
         {
-            consistent.solve(&mut self.system, self.t, &mut self.y);
+            consistent.solve(&mut self.system, &self.control, self.t, &mut self.y);
         }
         if !self.probe(INSTANT * self.h, false) {
             return Err(StepError::NoStart { t: self.t });
@@ -81,7 +81,7 @@ impl Radau<'_> {
             *y += z;
         }
         if let Some(consistent) = &mut self.consistent {
-            consistent.solve(&mut self.system, self.t, &mut self.y);
+            consistent.solve(&mut self.system, &self.control, self.t, &mut self.y);
         }
         true
     }

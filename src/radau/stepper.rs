@@ -10,9 +10,10 @@ use super::consistent::Consistent;
 use super::dense_output::Step;
 use super::error_control::{Controller, Rescaled};
 use super::factors::Factors;
+use super::newton_control::NewtonControl;
 use super::settings::{Cause, Settings, StageChoice, StepError};
 use super::stage_vi::StageVi;
-use super::stages::{Contraction, Newton, NewtonControl, Stages, THETA};
+use super::stages::{Contraction, Newton, Stages, THETA};
 use super::switches::{Located, Switching};
 use super::system::System;
 use super::tableau::Tableau;
@@ -33,6 +34,9 @@ impl Counts {
         self.rejected[cause as usize]
     }
 }
+
+/// So many times a step along a curved face is halved, before its stages are solved without it.
+const HALVINGS: usize = 12;
 
 /// A method with its tolerances.
 pub(super) struct Method {
@@ -208,14 +212,14 @@ impl<'p> Radau<'p> {
                     new = reached;
                 }
                 // A step cut short by a switch says nothing against the size that was tried.
-                self.h = if reached < h { h } else { new };
+                self.h = if self.switching.ends_at_switch() { h } else { new };
                 self.accept(reached, coupled);
                 self.change_order();
                 return Ok(());
             }
             self.switching.abandon();
             if coupled {
-                self.system.face.copy_from_slice(&self.switching.before);
+                self.system.face.clone_from(&self.switching.before);
             }
             let first = self.counts.accepted == 0;
             self.shrink(reached, Cause::Error, |controller| {
@@ -226,30 +230,42 @@ impl<'p> Radau<'p> {
 
     /// Solves the stages of a step of size `h`, or of the shorter one that ends at a switch.
     fn attempt(&mut self, h: f64) -> Result<Attempt, StepError> {
-        if self.system.set.has_blocks() {
-            self.differentiate()?;
-            self.set_tolerances(h);
-            self.predict(h);
-            return Ok(self.couple(h));
-        }
-        for _ in 0..=self.system.bounded.len() {
-            self.prepare(h)?;
-            self.predict(h);
-            match self.newton(h) {
+        let mut size = h;
+        let mut may_turn = true;
+        for _ in 0..=self.system.bounded.len() + HALVINGS {
+            self.prepare(size)?;
+            self.predict(size);
+            let (located, iterations) = match self.newton(size) {
                 Newton::Converged { iterations, violated } => {
-                    let dip = if violated || self.stage_vi.is_none() { None } else { self.dip(h) };
+                    let dip = if violated || self.stage_vi.is_none() { None } else { self.dip(size) };
                     if !violated && dip.is_none() {
-                        return Ok(Attempt::Solved { h, iterations, coupled: false });
+                        return Ok(Attempt::Solved { h: size, iterations, coupled: false });
                     }
-                    match self.locate(h, dip)? {
-                        Located::At(h) => return Ok(Attempt::Solved { h, iterations, coupled: false }),
-                        Located::Now => {}
-                        Located::Nowhere => break,
-                    }
+                    (self.locate(size, dip)?, iterations)
                 }
                 Newton::Slow(factor) if self.stage_vi.is_none() => return Ok(Attempt::Failed(factor, Cause::Slow)),
                 Newton::Failed(cause) if self.stage_vi.is_none() => return Ok(Attempt::Failed(0.5, cause)),
+                // A curved face may end where it cannot be followed any further: as far as it goes, then.
+                Newton::Slow(_) | Newton::Failed(_) if self.system.is_curved() && self.switching.locates() => {
+                    if std::mem::take(&mut may_turn) && self.system.turn_cones() {
+                        self.factored = None;
+                        continue;
+                    }
+                    self.predict(size);
+                    match self.locate(size, None)? {
+                        Located::Nowhere => {
+                            size *= 0.5;
+                            continue;
+                        }
+                        located => (located, self.control.most),
+                    }
+                }
                 Newton::Slow(_) | Newton::Failed(_) => break,
+            };
+            match located {
+                Located::At(h) => return Ok(Attempt::Solved { h, iterations, coupled: false }),
+                Located::Now => {}
+                Located::Nowhere => break,
             }
         }
         self.predict(h);

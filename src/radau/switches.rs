@@ -6,12 +6,14 @@
 //! order `s + 1`.) The next face is not guessed: it is that of an implicit Euler step with the VI, so short that only
 //! the directions at the switch count, in which variables at their switch start exactly there.
 
-use super::face::{Monitor, Place, monitors};
+use super::crossings::Crossing;
+use super::face::{ActiveFace, Monitor, Place, monitors};
 use super::settings::{Settings, StepError, Switches};
 use super::stages::Newton;
 use super::start::Probe;
 use super::stepper::Radau;
 use super::system::System;
+use crate::problem::{ConvexSet, Face};
 
 /// A variable that changed its place.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,14 +48,15 @@ pub(super) struct Switching {
     locate: bool,
     pub(super) probe: Probe,
     /// The face before the step at hand.
-    pub(super) before: Vec<Place>,
+    pub(super) before: ActiveFace,
     /// Whether the step at hand ends at a switch.
     pending: bool,
     /// The time of the last switch, the time from it to the one before, and how often that shrank in a row.
     last: f64,
     gap: f64,
     shrinking: u32,
-    scratch: Vec<f64>,
+    pub(super) scratch: Vec<f64>,
+    monitors: Vec<Monitor>,
     /// Switches not yet taken by the caller.
     switches: Vec<Switch>,
     /// Accumulations passed.
@@ -71,24 +74,30 @@ impl Switching {
             gap: f64::INFINITY,
             shrinking: 0,
             scratch: vec![0.0; system.unknowns],
+            monitors: Vec::new(),
             switches: Vec::new(),
             accumulations: 0,
         })
     }
 
-    pub(super) fn remember(&mut self, face: &[Place]) {
-        self.before.copy_from_slice(face);
+    pub(super) fn remember(&mut self, face: &ActiveFace) {
+        self.before.clone_from(face);
+    }
+
+    /// Whether the step at hand ends at a switch.
+    pub(super) fn ends_at_switch(&self) -> bool {
+        self.pending
     }
 
     pub(super) fn abandon(&mut self) {
         self.pending = false;
     }
 
-    /// Records what differs from the remembered face, and whether anything does.
-    fn record(&mut self, t: f64, face: &[Place]) -> bool {
+    /// Records what differs from the remembered face, and what turned round on it; whether anything did.
+    fn record(&mut self, t: f64, set: &ConvexSet, face: &ActiveFace, turned: &[usize]) -> bool {
         let mut changed = false;
-        for (variable, (&from, &to)) in self.before.iter().zip(face).enumerate() {
-            if from != to {
+        for (variable, (&from, &to)) in self.before.places.iter().zip(&face.places).enumerate() {
+            if from != to || self.before.exchanges(face, set, variable) || turned.contains(&variable) {
                 self.switches.push(Switch { t, variable, from, to });
                 changed = true;
             }
@@ -145,8 +154,8 @@ impl Radau<'_> {
             };
             if end <= least {
                 self.switching.remember(&self.system.face);
-                let changed = self.choose_face(size) && self.switching.before != self.system.face;
-                self.switching.record(self.t, &self.system.face);
+                let changed = self.choose_face(size) && !self.switching.before.is_same(&self.system.face);
+                self.switching.record(self.t, &self.system.set, &self.system.face, &[]);
                 self.restart();
                 return Ok(if changed { Located::Now } else { Located::Nowhere });
             }
@@ -161,7 +170,7 @@ impl Radau<'_> {
     }
 
     /// Solves the step again with its size as the unknown, so that one monitor is zero at its end; the size, or `None`
-    /// if Newton's method or the iteration on the size fails.
+    /// if the stages cannot be solved or the iteration on the size fails.
     fn solve_for_end(
         &mut self,
         crossing: &Crossing,
@@ -177,8 +186,15 @@ impl Radau<'_> {
             self.prepare(trial)?;
             self.stages.resample(self.tableau(), trial / size);
             let before = std::mem::replace(&mut size, trial);
-            if !matches!(self.newton(size), Newton::Converged { .. }) {
-                return Ok(None);
+            match self.stages_on_face(size) {
+                Some(true) => {}
+                Some(false) => {
+                    // Past the end of the face: back towards where it was still followed.
+                    let reached = last.map_or(0.0, |(h, _)| h);
+                    trial = reached + 0.5 * (size - reached);
+                    continue;
+                }
+                None => return Ok(None),
             }
             let Some(Monitor { value, noise }) = self.monitor_at(crossing, size) else { return Ok(None) };
             if let Some((h, old)) = last
@@ -198,6 +214,31 @@ impl Radau<'_> {
         Ok(None)
     }
 
+    /// Solves the stages of a step of size `h` on the present face by Newton's method; where it fails on a curved face,
+    /// with the VI at every stage, which asks for no more than that the step is not longer than the face: whether that
+    /// is so, or `None` if neither solves them.
+    fn stages_on_face(&mut self, h: f64) -> Option<bool> {
+        if matches!(self.newton(h), Newton::Converged { .. }) {
+            return Some(true);
+        }
+        if !self.system.is_curved() {
+            return None;
+        }
+        self.predict(h);
+        let face = self.system.face.clone();
+        let tableau = self.tableau();
+        let vi = self.stage_vi.as_mut()?;
+        let solved = vi.solve(&mut self.system, tableau, &mut self.stages, self.t, h, &self.y, &self.control);
+        let is_same = self.system.face.is_same(&face);
+        self.system.face = face;
+        if solved.is_err() {
+            return None;
+        }
+        let states = self.system.states;
+        let end = self.stages.stage(&self.y, tableau.stages() - 1);
+        Some(is_same && turned(&self.system, &self.system.face, &self.y[states..], &end[states..]).is_empty())
+    }
+
     /// After a step is accepted: the face at its end.
     pub(super) fn settle(&mut self, coupled: bool) {
         if self.system.bounded.is_empty() {
@@ -205,8 +246,8 @@ impl Radau<'_> {
         }
         if self.system.evaluate(self.t, &self.y) {
             let n = self.system.states;
-            for &k in &self.system.bounded {
-                match self.system.face[k] {
+            for &k in &self.system.intervals {
+                match self.system.face.places[k] {
                     Place::Lower => self.y[n + k] = self.system.set.lower[k],
                     Place::Upper => self.y[n + k] = self.system.set.upper[k],
                     _ => {}
@@ -216,15 +257,14 @@ impl Radau<'_> {
         }
         if self.switching.pending {
             self.switching.pending = false;
+            let before = self.y[self.system.states..].to_vec();
             self.choose_face(self.h.max(self.last.h));
-            self.switching.record(self.t, &self.system.face);
+            let turned = turned(&self.system, &self.switching.before, &before, &self.y[self.system.states..]);
+            self.switching.record(self.t, &self.system.set, &self.system.face, &turned);
             self.restart();
         } else if coupled {
-            let switched = self.switching.record(self.t, &self.system.face);
-            // On intervals only a step across a switch is coupled; on blocks every step is.
-            if switched || !self.system.set.has_blocks() {
-                self.restart();
-            }
+            self.switching.record(self.t, &self.system.set, &self.system.face, &[]);
+            self.restart();
         } else if self.switching.is_accumulating() {
             self.switching.shrinking = 0;
         }
@@ -235,13 +275,12 @@ impl Radau<'_> {
         let tableau = self.tableau();
         (0..tableau.stages()).any(|i| {
             let y = self.stages.stage(&self.y, i);
-            !self.system.evaluate(self.t + tableau.c[i] * h, y)
-                || self.system.bounded.iter().any(|&k| {
-                    let monitors = monitors(&self.system, &self.control, k, y);
-                    (0..2).any(|side| {
-                        (k, side) != (end.variable, end.side) && monitors[side].is_some_and(|m| m.is_violated())
-                    })
-                })
+            if !self.system.evaluate(self.t + tableau.c[i] * h, y) {
+                return true;
+            }
+            monitors(&mut self.system, &self.control, y, &mut self.switching.monitors);
+            let mut others = self.switching.monitors.iter().enumerate().filter(|(index, _)| *index != end.index);
+            others.any(|(_, monitor)| monitor.is_violated())
         })
     }
 
@@ -251,115 +290,22 @@ impl Radau<'_> {
         let y = self.stages.stage(&self.y, self.tableau().stages() - 1);
         self.switching.scratch.copy_from_slice(y);
         if let Some(consistent) = &mut self.consistent {
-            consistent.solve(&mut self.system, self.t + h, &mut self.switching.scratch);
+            consistent.solve(&mut self.system, &self.control, self.t + h, &mut self.switching.scratch);
         }
         self.system.evaluate(self.t + h, &self.switching.scratch);
-        monitors(&self.system, &self.control, crossing.variable, &self.switching.scratch)[crossing.side]
-    }
-
-    /// The values of all monitors on the collocation polynomial of the step at hand.
-    pub(super) fn monitors_at(&mut self, theta: f64, h: f64, out: &mut Vec<[Option<Monitor>; 2]>) {
-        let unknowns = self.system.unknowns;
-        let tableau = self.tableau();
-        let mut basis = [0.0; 16];
-        let basis = &mut basis[..tableau.stages()];
-        tableau.increments_at(theta, basis);
-        self.switching.scratch.copy_from_slice(&self.y);
-        for (factor, z) in basis.iter().zip(self.stages.z.chunks_exact(unknowns)) {
-            for (y, z) in self.switching.scratch.iter_mut().zip(z) {
-                *y += factor * z;
-            }
-        }
-        self.system.evaluate(self.t + theta * h, &self.switching.scratch);
-        out.clear();
-        for &k in &self.system.bounded {
-            out.push(monitors(&self.system, &self.control, k, &self.switching.scratch));
-        }
-    }
-
-    /// The earliest sign change of a violated monitor on the collocation polynomial of the step at hand.
-    fn earliest(&mut self, h: f64, dip: Option<f64>) -> Option<Crossing> {
-        // The stages, the middles between them, and where a dip was seen.
-        let mut left = 0.0;
-        let nodes = self.tableau().c.iter();
-        let mut ends: Vec<f64> =
-            nodes.flat_map(|&node| [0.5 * (std::mem::replace(&mut left, node) + node), node]).collect();
-        ends.extend(dip.filter(|theta| *theta < 1.0));
-        ends.sort_by(f64::total_cmp);
-        let (mut at_left, mut at_right) = (Vec::new(), Vec::new());
-        self.monitors_at(0.0, h, &mut at_left);
-        left = 0.0;
-        for right in ends {
-            self.monitors_at(right, h, &mut at_right);
-            let mut first: Option<Crossing> = None;
-            for index in 0..at_right.len() {
-                for side in 0..2 {
-                    let (Some(start), Some(end)) = (at_left[index][side], at_right[index][side]) else { continue };
-                    if !end.is_violated() {
-                        continue;
-                    }
-                    let variable = self.system.bounded[index];
-                    let theta = self.root(index, side, (left, start.value), (right, end.value), h);
-                    if first.is_none_or(|first| theta < first.theta) {
-                        let slope = (end.value - start.value) / ((right - left) * h);
-                        first = Some(Crossing { variable, side, theta, slope });
-                    }
-                }
-            }
-            if first.is_some() {
-                return first;
-            }
-            left = right;
-            std::mem::swap(&mut at_left, &mut at_right);
-        }
-        None
-    }
-
-    /// The zero of a monitor between two points where it has opposite signs, by the Illinois method; the left point if
-    /// it is not positive there.
-    fn root(&mut self, index: usize, side: usize, left: (f64, f64), right: (f64, f64), h: f64) -> f64 {
-        let ((mut a, mut fa), (mut b, mut fb)) = (left, right);
-        if fa <= 0.0 {
-            return a;
-        }
-        let mut values = Vec::new();
-        let mut kept = 0;
-        for _ in 0..40 {
-            let theta = (a * fb - b * fa) / (fb - fa);
-            if !theta.is_finite() || (b - a).abs() <= 1e-9 * b.abs() {
-                break;
-            }
-            self.monitors_at(theta, h, &mut values);
-            let Some(Monitor { value, .. }) = values[index][side] else { break };
-            if value == 0.0 {
-                return theta;
-            }
-            if value < 0.0 {
-                (b, fb) = (theta, value);
-                if kept < 0 {
-                    fa *= 0.5;
-                }
-                kept = -1;
-            } else {
-                (a, fa) = (theta, value);
-                if kept > 0 {
-                    fb *= 0.5;
-                }
-                kept = 1;
-            }
-        }
-        b
+        let Switching { scratch, monitors: values, .. } = &mut self.switching;
+        monitors(&mut self.system, &self.control, scratch, values);
+        values.get(crossing.index).copied()
     }
 }
 
-/// A monitor that changes sign within a step.
-#[derive(Clone, Copy, Debug)]
-struct Crossing {
-    /// The variable and which of its monitors.
-    variable: usize,
-    side: usize,
-    /// Where, as a fraction of the step.
-    theta: f64,
-    /// The rate of change of the monitor there.
-    slope: f64,
+/// The members of blocks that stay on their boundary between two values of the variables, but on the other side of it:
+/// friction where the motion turns back.
+fn turned(system: &System<'_>, from: &ActiveFace, before: &[f64], after: &[f64]) -> Vec<usize> {
+    let faces = from.blocks.iter().zip(&system.face.blocks);
+    let turned = system.set.blocks().iter().zip(faces).filter(|(block, faces)| {
+        let product: f64 = block.members.iter().map(|&k| before[k] * after[k]).sum();
+        matches!(faces, (Face::Boundary(_), Face::Boundary(_))) && product < 0.0
+    });
+    turned.flat_map(|(block, _)| block.members.iter().copied()).collect()
 }

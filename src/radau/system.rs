@@ -4,12 +4,12 @@
 //! diag(M, 0) y' = Phi(t, y),    Phi = (F, G_i or l_i - z_i or u_i - z_i),    y = (x, z)
 //! ```
 //!
-//! and the counters of what was evaluated.
+//! with [`FaceEquations`] in the rows of a block, and the counters of what was evaluated.
 
-use super::face::Place;
+use super::face::{ActiveFace, Place};
 use super::layout::Layout;
 use super::settings::StepError;
-use crate::problem::{ConvexSet, Dvi, Mass, Side, Workspace};
+use crate::problem::{ConvexSet, Dvi, Face, FaceEquations, Mass, Side, Workspace};
 use std::sync::Arc;
 
 /// What was evaluated, and how often.
@@ -67,8 +67,16 @@ pub struct System<'p> {
     workspace: Workspace,
     /// Variables with a bound; the others are algebraic states.
     pub bounded: Vec<usize>,
-    /// The active face, a place a variable.
-    pub face: Vec<Place>,
+    /// Those of them in no block.
+    pub intervals: Vec<usize>,
+    /// The active face.
+    pub face: ActiveFace,
+    /// The equations of each block where they were asked for last.
+    pub equations: Vec<FaceEquations>,
+    /// The same where the system was linearised.
+    pub(super) linearised: Vec<FaceEquations>,
+    /// `z` and `G` of one block.
+    pub(super) members: (Vec<f64>, Vec<f64>),
     /// Rows `F`, `G`, moving bounds as of the last evaluation.
     pub values: Vec<f64>,
     /// Where each row of the Jacobian starts among its nonzeros.
@@ -106,14 +114,16 @@ impl<'p> System<'p> {
             moving.place(0.0, &mut set);
         }
         let bounded: Vec<usize> = (0..structure.variables).filter(|&k| !set.is_free(k)).collect();
-        let face = (0..structure.variables)
+        let intervals = bounded.iter().copied().filter(|&k| set.block_of(k).is_none()).collect();
+        let places = (0..structure.variables)
             .map(|k| match (set.lower[k].is_finite(), set.upper[k].is_finite()) {
-                _ if set.block_of(k).is_some() => Place::Boundary,
                 (true, _) => Place::Lower,
                 (false, true) => Place::Upper,
                 (false, false) => Place::Inside,
             })
             .collect();
+        let blocks = set.blocks().len();
+        let face = ActiveFace { places, blocks: vec![Face::Interior; blocks] };
         let (rows, nonzeros) = (structure.rows(), structure.pattern.len());
         let row_starts = (0..=rows).map(|row| structure.pattern.partition_point(|&(i, _)| i < row)).collect();
         let layout = Arc::new(Layout::new(structure, &bounded)?);
@@ -127,7 +137,11 @@ impl<'p> System<'p> {
             set,
             workspace: Workspace::default(),
             bounded,
+            intervals,
             face,
+            equations: vec![FaceEquations::default(); blocks],
+            linearised: vec![FaceEquations::default(); blocks],
+            members: (Vec::new(), Vec::new()),
             values: vec![0.0; rows],
             row_starts,
             derivatives: vec![0.0; nonzeros],
@@ -140,9 +154,14 @@ impl<'p> System<'p> {
         self.problem
     }
 
-    /// Whether one Jacobian serves for all `(t, y)`.
+    /// Whether one Jacobian serves for all `(t, y)` on a face.
     pub fn constant_jacobian(&self) -> bool {
-        self.problem.structure().constant_jacobian
+        self.problem.structure().constant_jacobian && !self.is_curved()
+    }
+
+    /// Whether a block is on a curved face.
+    pub fn is_curved(&self) -> bool {
+        self.face.blocks.iter().any(|face| matches!(face, Face::Boundary(_)))
     }
 
     /// Evaluates `F`, `G` and the bounds at `(t, y)`; false if a number is not finite.
@@ -159,15 +178,25 @@ impl<'p> System<'p> {
     pub fn phi(&mut self, t: f64, y: &[f64], phi: &mut [f64]) -> bool {
         let finite = self.evaluate(t, y);
         phi.copy_from_slice(&self.values[..self.unknowns]);
-        for &k in &self.bounded {
-            match self.face[k] {
-                Place::Lower => phi[self.states + k] = self.set.lower[k] - y[self.states + k],
-                Place::Upper => phi[self.states + k] = self.set.upper[k] - y[self.states + k],
+        for &k in &self.intervals {
+            let row = self.states + k;
+            match self.face.places[k] {
+                Place::Lower => phi[row] = self.set.lower[k] - y[row],
+                Place::Upper => phi[row] = self.set.upper[k] - y[row],
                 Place::Inside => {}
-                Place::Held | Place::Boundary | Place::Vertex => phi[self.states + k] = 0.0,
+                Place::Held | Place::Boundary(_) | Place::Vertex => phi[row] = 0.0,
             }
         }
-        finite
+        for b in 0..self.face.blocks.len() {
+            let is_held = self.face.holds(&self.set.blocks()[b].members);
+            if !is_held {
+                self.equations_of(b, y);
+            }
+            for (i, &k) in self.set.blocks()[b].members.iter().enumerate() {
+                phi[self.states + k] = if is_held { 0.0 } else { self.equations[b].value(i, &self.members.1) };
+            }
+        }
+        finite && (self.face.blocks.is_empty() || phi.iter().all(|value| value.is_finite()))
     }
 
     /// Puts the variables of `y = (x, z)` into `K` as of the last evaluation.
@@ -177,7 +206,7 @@ impl<'p> System<'p> {
 
     /// Evaluates the derivatives at `(t, y)`; false if a number is not finite.
     pub fn differentiate(&mut self, t: f64, y: &[f64]) -> bool {
-        if self.constant_jacobian() && self.work.jacobians > 0 {
+        if self.problem.structure().constant_jacobian && self.work.jacobians > 0 {
             return true;
         }
         self.work.jacobians += 1;
@@ -238,31 +267,69 @@ impl<'p> System<'p> {
     }
 
     /// Writes `-dPhi/dy` on the face to the places of the layout, from the derivatives as they are.
-    pub fn negative_jacobian(&self, face: &[Place], places: &mut [f64]) {
+    pub fn negative_jacobian(&self, face: &ActiveFace, places: &mut [f64]) {
         places.fill(0.0);
+        self.visit_derivatives(face, |_, _, place, value| places[place] -= value);
+    }
+
+    /// Visits the terms of `dPhi/dy` on the face, from the derivatives as they are, as `(row, column, place, value)`.
+    pub fn visit_derivatives(&self, face: &ActiveFace, mut visit: impl FnMut(usize, usize, usize, f64)) {
         let n = self.states;
         let structure = self.problem.structure();
-        let entries = structure.pattern.iter().zip(&self.derivatives).zip(&self.layout.jacobian);
-        for ((&(i, _), &value), &place) in entries {
-            let is_on_face = if i < n {
-                true
-            } else if i < self.unknowns {
-                face[i - n] == Place::Inside
-            } else {
-                let moving = structure.moving[i - self.unknowns];
-                match moving.side {
-                    Side::Lower => face[moving.variable] == Place::Lower,
-                    Side::Upper => face[moving.variable] == Place::Upper,
-                    Side::Radius => false,
+        let Layout { jacobian, spread, own, diagonal, .. } = &*self.layout;
+        for (at, (&(i, j), &value)) in structure.pattern.iter().zip(&self.derivatives).enumerate() {
+            let (variable, side) = match i.checked_sub(self.unknowns) {
+                _ if i < n => (None, None),
+                None => (Some(i - n), None),
+                Some(p) => (Some(structure.moving[p].variable), Some(structure.moving[p].side)),
+            };
+            let block = variable.and_then(|k| Some((self.set.block_of(k)?, k)));
+            if let Some((b, k)) = block {
+                let (members, equations) = (&self.set.blocks()[b].members, &self.linearised[b]);
+                if face.holds(members) {
+                    continue;
                 }
+                let column = members.iter().position(|member| *member == k).unwrap_or(0);
+                for (row, (member, &place)) in members.iter().zip(&spread[at]).enumerate() {
+                    let factor = match side {
+                        Some(_) => equations.by_radius[row],
+                        None => equations.combination_of(row)[column],
+                    };
+                    if factor != 0.0 {
+                        visit(n + member, j, place, factor * value);
+                    }
+                }
+                continue;
+            }
+            let is_on_face = match (variable, side) {
+                (None, _) => true,
+                (Some(k), None) => face.places[k] == Place::Inside,
+                (Some(k), Some(Side::Lower)) => face.places[k] == Place::Lower,
+                (Some(k), Some(Side::Upper)) => face.places[k] == Place::Upper,
+                (Some(_), Some(Side::Radius)) => false,
             };
             if is_on_face {
-                places[place] -= value;
+                visit(variable.map_or(i, |k| n + k), j, jacobian[at], value);
             }
         }
-        for (&k, &place) in self.bounded.iter().zip(&self.layout.diagonal) {
-            if face[k] != Place::Inside {
-                places[place] += 1.0;
+        for (&k, &place) in self.bounded.iter().zip(diagonal) {
+            let is_given = match self.set.block_of(k) {
+                Some(_) => face.places[k] == Place::Held,
+                None => face.places[k] != Place::Inside,
+            };
+            if is_given {
+                visit(n + k, n + k, place, -1.0);
+            }
+        }
+        for ((block, equations), places) in self.set.blocks().iter().zip(&self.linearised).zip(own) {
+            if face.holds(&block.members) {
+                continue;
+            }
+            let pairs = block.members.iter().flat_map(|k| block.members.iter().map(move |l| (k, l)));
+            for (((k, l), &place), &value) in pairs.zip(places).zip(&equations.own) {
+                if value != 0.0 {
+                    visit(n + k, n + l, place, value);
+                }
             }
         }
     }

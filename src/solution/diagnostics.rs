@@ -9,8 +9,11 @@ use std::collections::BTreeMap;
 pub struct Face {
     /// When it was first met.
     pub t: f64,
-    /// The variables inside their interval, whose `G` is zero; the others rest on a bound.
+    /// The variables inside their interval or block, whose `G` is zero; the others rest on a bound.
     pub inside: Vec<String>,
+    /// The variables that move along the boundary of a block.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub on_boundary: Vec<String>,
     /// Index and uniqueness there.
     #[serde(flatten)]
     pub analysis: Analysis,

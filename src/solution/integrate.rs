@@ -113,16 +113,19 @@ fn judge(radau: &mut Radau<'_>, plan: &Plan, switched: bool, diagnostics: &mut D
             vi.largest_residual = certificates.natural_map;
         }
     }
-    // On the boundary of a block the variables inside are not those that are free.
-    let has_blocks = radau.problem().structure().set.has_blocks();
-    if switched && !has_blocks && diagnostics.faces.len() < MOST_FACES {
+    if switched && diagnostics.faces.len() < MOST_FACES {
         let n = plan.initial.len();
-        let (t, y, face) = (radau.t(), radau.y().to_vec(), radau.face().to_vec());
-        let names = face.iter().enumerate().filter(|(_, place)| **place == Place::Inside);
-        let inside: Vec<String> = names.map(|(k, _)| plan.names[n + k].clone()).collect();
-        if diagnostics.faces.iter().all(|known| known.inside != inside) {
-            let analysis = analyse_face(radau.problem(), t, &y, |k| face[k] == Place::Inside);
-            diagnostics.faces.push(Face { t, inside, analysis });
+        let (t, y, face) = (radau.t(), radau.y().to_vec(), radau.face().clone());
+        let names = |kind: fn(Place) -> bool| -> Vec<String> {
+            let places = face.places.iter().enumerate().filter(|(_, place)| kind(**place));
+            places.map(|(k, _)| plan.names[n + k].clone()).collect()
+        };
+        let inside = names(|place| place == Place::Inside);
+        let on_boundary = names(|place| matches!(place, Place::Boundary(_)));
+        if diagnostics.faces.iter().all(|known| (&known.inside, &known.on_boundary) != (&inside, &on_boundary)) {
+            let blocks = radau.equations_of_blocks();
+            let analysis = analyse_face(radau.problem(), t, &y, &blocks, |k| face.places[k] == Place::Inside);
+            diagnostics.faces.push(Face { t, inside, on_boundary, analysis });
         }
     }
 }
@@ -221,11 +224,6 @@ pub fn describe(structure: &Structure, plan: &Plan) -> Diagnostics {
         diagnostics.built.push("variational inequality");
         diagnostics.vi = Some(ViCounts::default());
         match plan.settings.switches {
-            Switches::Locate if structure.set.has_blocks() => {
-                let reason =
-                    "switch detection: K binds variables together, so steps go across switches, refined by their error";
-                diagnostics.left_out.push(reason.to_owned());
-            }
             Switches::Locate => diagnostics.built.push("switch detection"),
             Switches::StepOver => {
                 diagnostics.left_out.push("switch detection: step_over was asked for".to_owned());
@@ -327,7 +325,7 @@ impl<'a> Recorder<'a> {
         let n = self.plan.initial.len();
         let events = self.trajectory.events.len();
         for Switch { t, variable, from, to } in radau.take_switches() {
-            let freer = to.freedom() > from.freedom();
+            let freer = to.equations() < from.equations();
             let kind = if freer { EventKind::Activated } else { EventKind::Deactivated };
             self.trajectory.events.push(Event { t, kind, of: self.plan.names[n + variable].clone() });
         }

@@ -1,4 +1,5 @@
 //! Measured orders of convergence, against closed forms.
 
+mod blocks;
 mod orders;
 mod switches;

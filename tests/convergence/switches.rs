@@ -7,14 +7,14 @@ use dvi::solution::Solution;
 use serde_json::{Value, json};
 
 /// A system with what is known of it.
-struct System {
-    specification: Value,
+pub struct System {
+    pub specification: Value,
     /// The states at the end.
-    end: Vec<(&'static str, f64)>,
+    pub end: Vec<(&'static str, f64)>,
     /// The times of its switches.
-    switches: Vec<f64>,
+    pub switches: Vec<f64>,
     /// Steps of the coarsest run, for s = 1, 2, 3.
-    coarsest: [usize; 3],
+    pub coarsest: [usize; 3],
 }
 
 /// The largest error of the states at the end over their size, and the largest of the switch times over the horizon.
@@ -47,7 +47,7 @@ fn slope(ladder: &[(usize, f64)]) -> f64 {
     -covariance / points.iter().map(|p| (p.0 - x).powi(2)).sum::<f64>()
 }
 
-fn assert_order(system: &System) {
+pub fn assert_order(system: &System) {
     for s in 1..=3 {
         let ladder: Vec<usize> = (0..5).map(|k| system.coarsest[s - 1] << k).collect();
         let errors: Vec<(usize, (f64, f64))> = ladder.iter().map(|&steps| (steps, errors(system, s, steps))).collect();
@@ -56,6 +56,10 @@ fn assert_order(system: &System) {
         };
         let expected = (2 * s - 1) as f64 - 0.3;
         for (what, ladder) in [("x at the end", above(|error| error.0)), ("switch times", above(|error| error.1))] {
+            if ladder.is_empty() && what == "switch times" {
+                // Where the monitor is known as a function of time alone.
+                continue;
+            }
             assert!(ladder.len() >= 3, "s = {s}, {what}: too few runs above rounding, {ladder:?}");
             let order = slope(&ladder[ladder.len() - 3..]);
             assert!(order >= expected, "s = {s}, {what}: order {order} from {ladder:?}");

@@ -2,6 +2,7 @@
 
 use crate::systems::harness::{column, distance, events, last, solve};
 use crate::systems::reference::example;
+use dvi::analysis::Uniqueness;
 use serde_json::{Value, json};
 
 #[test]
@@ -125,4 +126,58 @@ fn every_solver_that_can_gives_the_same_motion() {
         let name = solution.diagnostics.vi.as_ref().expect("a variational inequality").solver;
         assert_eq!(name, if solver == "auto" { "semismooth_newton" } else { solver });
     }
+}
+
+#[test]
+fn a_block_and_an_interval_that_switch_at_once_are_both_located() {
+    // Two bodies at speed 2 against friction 1, one on a line and one in the plane: both stop at t = 2.
+    let specification = json!({"problem": {"dvi": {
+        "states": {
+            "u": {"initial": 2, "rate": "-F"},
+            "v": {"initial": 1.2, "rate": "-P"}, "w": {"initial": 1.6, "rate": "-Q"}
+        },
+        "variables": {"F": {"inequality": "-u"}, "P": {"inequality": "-v"}, "Q": {"inequality": "-w"}},
+        "set": [{"box": {"of": ["F"], "lower": -1, "upper": 1}}, {"ball": {"of": ["P", "Q"], "radius": 1}}]}},
+        "time": {"end": 3}});
+    let solution = solve(&specification);
+    for name in ["F", "P", "Q"] {
+        let times = events(&solution, name);
+        assert!(times.len() == 1 && (times[0] - 2.0).abs() < 1e-10, "{name}: {times:?}");
+    }
+    assert!(solution.diagnostics.steps.accepted < 100, "{:?}", solution.diagnostics.steps);
+}
+
+#[test]
+fn a_force_that_only_just_reaches_the_friction_moves_nothing() {
+    let specification = json!({"problem": {"dvi": {
+        "states": {
+            "v": {"initial": 0, "rate": "0.6*(1 - (t - 1)^2) - F"},
+            "w": {"initial": 0, "rate": "0.8*(1 - (t - 1)^2) - H"}
+        },
+        "variables": {"F": {"inequality": "-v"}, "H": {"inequality": "-w"}},
+        "set": [{"ball": {"of": ["F", "H"], "radius": 1}}]}},
+        "time": {"end": 2}});
+    let solution = solve(&specification);
+    assert!(last(&solution, "v").abs() < 1e-9 && last(&solution, "w").abs() < 1e-9);
+    assert!(solution.diagnostics.steps.accepted < 200, "{:?}", solution.diagnostics.steps);
+}
+
+#[test]
+fn the_face_of_a_block_is_analysed_on_its_tangent_space() {
+    // Pressed against the cone a point has one direction along its ray and one round it: of the three variables one is
+    // held by |(q, r)| = p, one follows from G by the curvature, one from its derivative.
+    let specification = json!({"problem": {"dvi": {
+        "states": {
+            "s": {"initial": 1.5, "rate": "-1 + p"},
+            "x": {"initial": 1, "rate": "-y + q"}, "y": {"initial": 0, "rate": "x + r"}
+        },
+        "variables": {"p": {"inequality": "s"}, "q": {"inequality": "x"}, "r": {"inequality": "y"}},
+        "set": [{"second_order_cone": ["p", "q", "r"]}]}},
+        "time": {"end": 1}});
+    let solution = solve(&specification);
+    let faces = &solution.diagnostics.faces;
+    assert_eq!(faces.len(), 1, "{faces:?}");
+    assert!((faces[0].t - 0.5).abs() < 1e-6 && faces[0].on_boundary == ["p", "q", "r"], "{faces:?}");
+    assert_eq!((faces[0].analysis.index, faces[0].analysis.levels.as_slice()), (Some(1), [1, 1].as_slice()));
+    assert_eq!(faces[0].analysis.uniqueness, Uniqueness::Unique, "{}", faces[0].analysis.because);
 }

@@ -35,3 +35,8 @@ pub(super) fn norm(x: &[f64]) -> f64 {
     }
     largest * x.iter().map(|x| (x / largest) * (x / largest)).sum::<f64>().sqrt()
 }
+
+/// The component of the largest size.
+pub(super) fn largest(x: &[f64]) -> usize {
+    (0..x.len()).max_by(|&i, &j| x[i].abs().total_cmp(&x[j].abs())).unwrap_or(0)
+}

@@ -1,6 +1,7 @@
 //! A factor of `K` that binds several components together.
 
 use super::active_rows::ActiveRows;
+use super::face::Face;
 use super::polyhedron::{Polyhedron, dot};
 use super::{ball, second_order_cone, simplex};
 
@@ -29,24 +30,10 @@ pub struct Block {
     pub shape: Shape,
 }
 
-/// Where in a block a point lies.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Face<'a> {
-    /// In the interior.
-    Interior,
-    /// On the curved boundary, away from a vertex.
-    Boundary,
-    /// At the apex of a cone, or the centre of a ball of radius zero.
-    Vertex,
-    /// Where these inequalities are equations: the zero members of a simplex, the rows of a polyhedron.
-    Edge(&'a [usize]),
-}
-
 /// Room for the projection of one block; it grows to the largest that it meets.
 #[derive(Clone, Debug, Default)]
 pub struct BlockWorkspace {
     sorted: Vec<f64>,
-    zeros: Vec<usize>,
     rows: ActiveRows,
 }
 
@@ -85,21 +72,18 @@ impl Shape {
     }
 
     /// The face that the projection of `x` lies on.
-    pub fn face<'w>(&self, x: &[f64], p: &mut [f64], work: &'w mut BlockWorkspace) -> Face<'w> {
+    pub fn face(&self, x: &[f64], p: &mut [f64], work: &mut BlockWorkspace) -> Face {
         self.project(x, p, work);
         match self {
             Shape::Ball { radius } if *radius == 0.0 => Face::Vertex,
             Shape::Ball { radius } if ball::norm(x) < *radius => Face::Interior,
+            Shape::Ball { .. } => Face::Boundary(ball::largest(p)),
             Shape::SecondOrderCone if p.iter().all(|p| *p == 0.0) => Face::Vertex,
             Shape::SecondOrderCone if ball::norm(&x[1..]) < x[0] => Face::Interior,
-            Shape::Ball { .. } | Shape::SecondOrderCone => Face::Boundary,
-            Shape::Simplex => {
-                work.zeros.clear();
-                work.zeros.extend((0..p.len()).filter(|&i| p[i] == 0.0));
-                Face::Edge(&work.zeros)
-            }
+            Shape::SecondOrderCone => Face::Boundary(0),
+            Shape::Simplex => Face::Edge((0..p.len()).filter(|&i| p[i] == 0.0).collect()),
             Shape::Polyhedron(_) if work.rows.rows().is_empty() => Face::Interior,
-            Shape::Polyhedron(_) => Face::Edge(work.rows.rows()),
+            Shape::Polyhedron(_) => Face::Edge(work.rows.rows().to_vec()),
         }
     }
 

@@ -8,14 +8,16 @@ mod active_rows;
 mod ball;
 mod block;
 mod derivative;
+mod face;
 mod polyhedron;
 mod second_order_cone;
 mod simplex;
 #[cfg(test)]
 mod tests;
 
-pub use block::{Block, BlockWorkspace, Face, Shape};
+pub use block::{Block, BlockWorkspace, Shape};
 pub use derivative::Derivative;
+pub use face::{Face, FaceEquations, Monitor};
 pub use polyhedron::Polyhedron;
 
 /// `K = [l_1, u_1] x .. x [l_m, u_m]`, with `-inf <= l_i <= u_i <= inf`, where a block takes the place of the intervals
@@ -197,7 +199,7 @@ impl ConvexSet {
     }
 
     /// The face of one block that the projection of `z` lies on.
-    pub fn face<'w>(&self, block: usize, z: &[f64], work: &'w mut Workspace) -> Face<'w> {
+    pub fn face(&self, block: usize, z: &[f64], work: &mut Workspace) -> Face {
         let block = &self.blocks[block];
         work.gather(block, z);
         let Workspace { x, p, block: inner } = work;

@@ -30,13 +30,26 @@ impl Dense {
     }
 
     /// The Newton step at the last evaluation of `system`, to be subtracted. False if the equations are singular.
-    pub fn solve(&mut self, system: &System<'_>, inside: &[usize], drift: &[f64], step: &mut [f64]) -> bool {
-        let Some(solution) = self.newton_step(system, inside, drift) else { return false };
+    pub fn solve(
+        &mut self,
+        system: &System<'_>,
+        inside: &[usize],
+        phi: &[f64],
+        drift: &[f64],
+        step: &mut [f64],
+    ) -> bool {
+        let Some(solution) = self.newton_step(system, inside, phi, drift) else { return false };
         step.copy_from_slice(solution.as_slice());
         true
     }
 
-    fn newton_step(&mut self, system: &System<'_>, inside: &[usize], drift: &[f64]) -> Option<DVector<f64>> {
+    fn newton_step(
+        &mut self,
+        system: &System<'_>,
+        inside: &[usize],
+        phi: &[f64],
+        drift: &[f64],
+    ) -> Option<DVector<f64>> {
         let n = system.states;
         let count = inside.len();
         let place = &mut self.place;
@@ -47,13 +60,13 @@ impl Dense {
         let mut d = DMatrix::<f64>::zeros(count, count);
         let mut c = DMatrix::<f64>::zeros(count, n);
         let mut b = DMatrix::<f64>::zeros(n, count);
-        for (i, j, value) in system.entries() {
+        system.visit_derivatives(&system.face, |i, j, _, value| {
             let column = if j >= n { place[j - n] } else { usize::MAX };
             if i < n {
                 if column != usize::MAX {
                     b[(i, column)] += value;
                 }
-            } else if i < system.unknowns && place[i - n] != usize::MAX {
+            } else if place[i - n] != usize::MAX {
                 let row = place[i - n];
                 if j < n {
                     c[(row, j)] += value;
@@ -61,9 +74,9 @@ impl Dense {
                     d[(row, column)] += value;
                 }
             }
-        }
-        let g = DVector::from_fn(count, |a, _| system.values[n + inside[a]]);
-        let mut rates = DVector::from_column_slice(&system.values[..n]);
+        });
+        let g = DVector::from_fn(count, |a, _| phi[n + inside[a]]);
+        let mut rates = DVector::from_column_slice(&phi[..n]);
         if let Some(mass) = &self.mass
             && (!mass.solve_mut(&mut rates) || !mass.solve_mut(&mut b))
         {

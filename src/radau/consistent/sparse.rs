@@ -41,36 +41,44 @@ impl Sparse {
     }
 
     /// The Newton step at the last evaluation of `system`, to be subtracted. False if the equations are singular.
-    pub fn solve(&mut self, system: &System<'_>, inside: &[usize], drift: &[f64], step: &mut [f64]) -> bool {
-        let (n, unknowns) = (system.states, system.unknowns);
+    pub fn solve(
+        &mut self,
+        system: &System<'_>,
+        inside: &[usize],
+        phi: &[f64],
+        drift: &[f64],
+        step: &mut [f64],
+    ) -> bool {
+        let n = system.states;
         self.is_inside.fill(false);
         inside.iter().for_each(|&k| self.is_inside[k] = true);
         self.is_direct.fill(false);
-        let is_of_d = |i: usize, j: usize| (n..unknowns).contains(&i) && j >= n;
-        for (i, j, value) in system.entries().filter(|&(i, j, _)| is_of_d(i, j)) {
-            self.is_direct[i - n] |= value != 0.0 && self.is_inside[j - n];
-        }
+        system.visit_derivatives(&system.face, |i, j, _, value| {
+            if i >= n && j >= n {
+                self.is_direct[i - n] |= value != 0.0 && self.is_inside[j - n];
+            }
+        });
         let values = self.matrix.val_mut();
         values.fill(0.0);
         for &(place, value) in &system.layout.mass {
             values[place] += value;
         }
-        for ((i, j, value), &place) in system.entries().zip(&system.layout.jacobian) {
+        system.visit_derivatives(&system.face, |i, j, place, value| {
             let belongs = match (i < n, j < n) {
                 (true, true) => false,
                 (true, false) => self.is_inside[j - n],
-                (false, true) => i < unknowns && self.is_inside[i - n] && !self.is_direct[i - n],
-                (false, false) => i < unknowns && self.is_inside[i - n] && self.is_inside[j - n],
+                (false, true) => self.is_inside[i - n] && !self.is_direct[i - n],
+                (false, false) => self.is_inside[i - n] && self.is_inside[j - n],
             };
             if belongs {
                 values[place] += value;
             }
-        }
-        self.right[..n].copy_from_slice(&system.values[..n]);
+        });
+        self.right[..n].copy_from_slice(&phi[..n]);
         for (k, right) in self.right[n..].iter_mut().enumerate() {
             *right = match (self.is_inside[k], self.is_direct[k]) {
                 (false, _) => 0.0,
-                (true, true) => system.values[n + k],
+                (true, true) => phi[n + k],
                 (true, false) => -drift[k],
             };
         }

@@ -8,7 +8,14 @@ impl Radau<'_> {
     /// Makes derivatives, factors and tolerances ready for a step of size `h`.
     pub(in crate::radau) fn prepare(&mut self, h: f64) -> Result<(), StepError> {
         self.differentiate()?;
+        if self.system.turn_spheres(&self.y) {
+            self.factored = None;
+        }
         if self.factored != Some(h) {
+            if !self.system.face.blocks.is_empty() {
+                self.system.evaluate(self.t, &self.y);
+                self.system.linearise_blocks(&self.y, None);
+            }
             let tableau = self.methods[self.current].tableau;
             self.factors.compute(&self.system, &self.system.face, tableau, h);
             self.system.work.factorisations += 1;

@@ -1,8 +1,8 @@
 //! What a stepper tells of itself between steps: time, values, evidence, counters.
 
 use super::Radau;
-use crate::problem::{ConvexSet, Dvi};
-use crate::radau::face::Place;
+use crate::problem::{ConvexSet, Dvi, FaceEquations};
+use crate::radau::face::ActiveFace;
 use crate::radau::system::Work;
 use crate::vi;
 
@@ -75,7 +75,7 @@ impl Radau<'_> {
         }
         if let Some(consistent) = &mut self.consistent
             && (at_end || self.last.is_smooth)
-            && !consistent.solve(&mut self.system, t, out)
+            && !consistent.solve(&mut self.system, &self.control, t, out)
         {
             self.forget_jacobian();
         }
@@ -102,8 +102,14 @@ impl Radau<'_> {
     }
 
     /// The active face.
-    pub fn face(&self) -> &[Place] {
+    pub fn face(&self) -> &ActiveFace {
         &self.system.face
+    }
+
+    /// The equations of the active face of each block at the time reached.
+    pub fn equations_of_blocks(&mut self) -> Vec<FaceEquations> {
+        self.system.evaluate(self.t, &self.y);
+        self.system.equations_for_z(&self.y)
     }
 
     /// Whether the last step has kept one face.

@@ -1,12 +1,13 @@
 //! Faces, distances and boundedness.
 
-use super::super::{ConvexSet, Face, Polyhedron, Shape, Workspace};
+use super::super::{ConvexSet, Face, FaceEquations, Monitor, Polyhedron, Shape, Workspace};
+use proptest::prelude::{ProptestConfig, prop_assert, proptest};
 
 fn triangle() -> Shape {
     Shape::Polyhedron(Polyhedron::new(2, &[-1.0, 0.0, 0.0, -1.0, 1.0, 1.0], &[0.0, 0.0, 1.0]).expect("not empty"))
 }
 
-fn face_is(shape: Shape, x: &[f64], expected: Face<'_>) {
+fn face_is(shape: Shape, x: &[f64], expected: Face) {
     let mut set = ConvexSet::free(x.len());
     set.bind((0..x.len()).collect(), shape);
     assert_eq!(set.face(0, x, &mut Workspace::default()), expected);
@@ -15,16 +16,16 @@ fn face_is(shape: Shape, x: &[f64], expected: Face<'_>) {
 #[test]
 fn points_project_to_the_face_that_they_see() {
     face_is(Shape::Ball { radius: 1.0 }, &[0.6, 0.0], Face::Interior);
-    face_is(Shape::Ball { radius: 1.0 }, &[0.6, 0.9], Face::Boundary);
+    face_is(Shape::Ball { radius: 1.0 }, &[0.6, 0.9], Face::Boundary(1));
     face_is(Shape::Ball { radius: 0.0 }, &[0.6, 0.9], Face::Vertex);
     face_is(Shape::SecondOrderCone, &[2.0, 1.0], Face::Interior);
-    face_is(Shape::SecondOrderCone, &[1.0, 2.0], Face::Boundary);
+    face_is(Shape::SecondOrderCone, &[1.0, 2.0], Face::Boundary(0));
     face_is(Shape::SecondOrderCone, &[-3.0, 2.0], Face::Vertex);
-    face_is(Shape::Simplex, &[3.0, 0.0, 2.5], Face::Edge(&[1]));
-    face_is(Shape::Simplex, &[3.0, 0.0, 0.0], Face::Edge(&[1, 2]));
+    face_is(Shape::Simplex, &[3.0, 0.0, 2.5], Face::Edge(vec![1]));
+    face_is(Shape::Simplex, &[3.0, 0.0, 0.0], Face::Edge(vec![1, 2]));
     face_is(triangle(), &[0.2, 0.2], Face::Interior);
-    face_is(triangle(), &[1.0, 1.0], Face::Edge(&[2]));
-    face_is(triangle(), &[-1.0, 0.5], Face::Edge(&[0]));
+    face_is(triangle(), &[1.0, 1.0], Face::Edge(vec![2]));
+    face_is(triangle(), &[-1.0, 0.5], Face::Edge(vec![0]));
 }
 
 #[test]
@@ -62,5 +63,94 @@ fn a_vertex_with_more_rows_than_dimensions_is_reached() {
     for x in [[0.0, 0.0, 9.0], [0.01, -0.02, 30.0]] {
         let p = super::project(&shape, &x);
         assert!(super::norm(&super::minus(&p, &[0.0, 0.0, 1.0])) < 1e-12, "{p:?}");
+    }
+}
+
+/// Shapes of three components.
+fn shapes() -> Vec<Shape> {
+    let rows = [1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 1.0, -1.0, 2.0, -1.0, 0.0, 0.5];
+    vec![
+        Shape::Ball { radius: 1.5 },
+        Shape::SecondOrderCone,
+        Shape::Simplex,
+        Shape::Polyhedron(Polyhedron::new(3, &rows, &[1.0, 2.0, 1.0, 0.5]).expect("not empty")),
+    ]
+}
+
+/// `Phi` of a face.
+fn residual(shape: &Shape, face: &Face, z: &[f64], g: &[f64]) -> Vec<f64> {
+    let mut equations = FaceEquations::default();
+    equations.set(shape, face, z, g);
+    (0..z.len()).map(|i| equations.value(i, g)).collect()
+}
+
+/// The faces by which a shape may describe where it is: a cone on its boundary by two.
+fn descriptions(shape: &Shape, face: &Face) -> Vec<Face> {
+    match (shape, face) {
+        (Shape::SecondOrderCone, Face::Boundary(_)) => vec![Face::Boundary(0), Face::Boundary(1)],
+        _ => vec![face.clone()],
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..Default::default() })]
+
+    /// `z = P(x)` solves the inequality with `G = f (z - x)`, any `f > 0`: so it solves the equations of its face, with
+    /// no monitor below zero.
+    #[test]
+    fn a_projection_solves_the_equations_of_its_face(
+        x in proptest::collection::vec(-3.0..3.0_f64, 3),
+        factor in 0.01..100.0_f64,
+    ) {
+        for shape in shapes() {
+            let mut z = vec![0.0; 3];
+            let found = shape.face(&x, &mut z, &mut Default::default());
+            let g: Vec<f64> = z.iter().zip(&x).map(|(z, x)| factor * (z - x)).collect();
+            let size = 1e-10 * (1.0 + factor);
+            for face in descriptions(&shape, &found) {
+                let phi = residual(&shape, &face, &z, &g);
+                prop_assert!(phi.iter().all(|phi| phi.abs() <= size), "{shape:?} {face:?}: {phi:?}");
+                let mut equations = FaceEquations::default();
+                equations.set(&shape, &face, &z, &g);
+                for monitor in &equations.monitors {
+                    let (Monitor::Distance(value) | Monitor::Multiplier(value)) = monitor;
+                    prop_assert!(*value >= -size, "{shape:?} {face:?}: {monitor:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_derivatives_of_a_face_are_those_of_differences(x in proptest::collection::vec(-3.0..3.0_f64, 3)) {
+        let h = 1e-6;
+        for shape in shapes() {
+            let mut z = vec![0.0; 3];
+            let found = shape.face(&x, &mut z, &mut Default::default());
+            let g: Vec<f64> = z.iter().zip(&x).map(|(z, x)| z - x).collect();
+            // Next to an apex the equations of a boundary curve without bound.
+            let is_curved = matches!(found, Face::Boundary(_));
+            if is_curved && (z[0].abs() < 0.1 || g[0].abs() < 0.1) {
+                continue;
+            }
+            for face in descriptions(&shape, &found) {
+                let mut equations = FaceEquations::default();
+                equations.set(&shape, &face, &z, &g);
+                for j in 0..3 {
+                    let moved = |x: &[f64], by: f64| {
+                        let mut x = x.to_vec();
+                        x[j] += by;
+                        x
+                    };
+                    let slope = |ahead: Vec<f64>, behind: Vec<f64>, i: usize| (ahead[i] - behind[i]) / (2.0 * h);
+                    let at_z = |by| residual(&shape, &face, &moved(&z, by), &g);
+                    let at_g = |by| residual(&shape, &face, &z, &moved(&g, by));
+                    for i in 0..3 {
+                        let (by_z, by_g) = (equations.own[3 * i + j], equations.combination_of(i)[j]);
+                        prop_assert!((slope(at_z(h), at_z(-h), i) - by_z).abs() <= 1e-5 * (1.0 + by_z.abs()), "{face:?}");
+                        prop_assert!((slope(at_g(h), at_g(-h), i) - by_g).abs() <= 1e-5 * (1.0 + by_g.abs()), "{face:?}");
+                    }
+                }
+            }
+        }
     }
 }

@@ -1,0 +1,281 @@
+//! The faces of a block as smooth manifolds: where `c(z) = 0`, with `T` a basis of the tangent space, the variational
+//! inequality is the square system
+//!
+//! ```text
+//! c(z) = 0,    T(z)^T G = 0
+//! ```
+//!
+//! and it is solved as long as some [`Monitor`]s are not negative: the other inequalities of the block, and the
+//! multipliers of those that are equations (`-G` in the normal cone; Rockafellar and Wets 1998, 6.C). A constraint
+//! takes the row of a member that it can be solved for, its pivot, and `T` is the basis that this elimination gives:
+//!
+//! ```text
+//! ball       |z| = r                G_i - (z_i/z_p) G_p = 0
+//! cone       z_1 = |(z_2, ..)|      G_i + (z_i/z_1) G_1 = 0
+//! simplex    sum z = 1, z_j = 0     G_i - G_p = 0
+//! rows       N z = b                G_i - N_i^T N_p^-T G_p = 0
+//! ```
+//!
+//! Each is rational where the face ends in an apex, so that it can be followed past its end, to find it. On the boundary
+//! of a cone, which is its own dual, `z` and `G` may change places:
+//!
+//! ```text
+//! G_1 = |(G_2, ..)|,    z_i + (G_i/G_1) z_1 = 0
+//! ```
+//!
+//! says the same, and is the better conditioned where `G` is far from zero: there the first form mixes the rows that
+//! determine `z` along its ray with those across it, by as much as the ray turns in a step.
+
+use super::ball;
+use super::block::Shape;
+use super::polyhedron::{Polyhedron, dot};
+
+/// Where in a block a point lies.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Face {
+    /// In the interior.
+    Interior,
+    /// On the curved boundary, away from a vertex; of a ball, with the member that it is solved for; of a cone, 0 where
+    /// that is done for `z`, 1 where for `G`.
+    Boundary(usize),
+    /// At the apex of a cone, or the centre of a ball of radius zero.
+    Vertex,
+    /// Where these inequalities are equations: the zero members of a simplex, the rows of a polyhedron.
+    Edge(Vec<usize>),
+}
+
+/// What is not negative on a face.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Monitor {
+    /// A distance, in the unit of `z`.
+    Distance(f64),
+    /// A multiplier, in the unit of `G`.
+    Multiplier(f64),
+}
+
+/// The equations `Phi = R G + c` of a face at one point of a block of `k` members.
+#[derive(Clone, Debug, Default)]
+pub struct FaceEquations {
+    /// `k`
+    pub members: usize,
+    /// `R`, the derivative of `Phi` by `G`, row by row; the rows of constraints are zero, the others are those of `T^T`.
+    pub combination: Vec<f64>,
+    /// `c`, zero in the other rows.
+    pub constraint: Vec<f64>,
+    /// Whether each row has the unit of `z`, not that of `G`.
+    pub is_of_z: Vec<bool>,
+    /// The derivative of `Phi` by `z` at constant `G`, row by row: of the constraints, and the curvature.
+    pub own: Vec<f64>,
+    /// The derivative of `Phi` by the radius of a ball.
+    pub by_radius: Vec<f64>,
+    /// As many as the face has, in a fixed order.
+    pub monitors: Vec<Monitor>,
+}
+
+impl FaceEquations {
+    /// Takes the equations of `face` at `z` and `G`, in the coordinates of the shape.
+    pub fn set(&mut self, shape: &Shape, face: &Face, z: &[f64], g: &[f64]) {
+        let k = z.len();
+        self.members = k;
+        for (matrix, size) in [
+            (&mut self.combination, k * k),
+            (&mut self.own, k * k),
+            (&mut self.constraint, k),
+            (&mut self.by_radius, k),
+        ] {
+            matrix.clear();
+            matrix.resize(size, 0.0);
+        }
+        self.is_of_z.clear();
+        self.is_of_z.resize(k, false);
+        self.monitors.clear();
+        match (shape, face) {
+            (_, Face::Interior) => self.interior(shape, z),
+            (_, Face::Vertex) => self.vertex(shape, z, g),
+            (Shape::Ball { radius }, Face::Boundary(pivot)) => self.sphere(*radius, *pivot, z, g),
+            (Shape::Simplex, Face::Edge(zeros)) => self.simplex(zeros, z, g),
+            (Shape::Polyhedron(polyhedron), Face::Edge(rows)) => self.rows(polyhedron, rows, z, g),
+            (_, Face::Boundary(1)) => self.dual_cone(z, g),
+            _ => self.cone(z, g),
+        }
+    }
+
+    /// Row `i` of `R`.
+    pub fn combination_of(&self, i: usize) -> &[f64] {
+        &self.combination[i * self.members..][..self.members]
+    }
+
+    /// Entry `i` of `Phi`.
+    pub fn value(&self, i: usize, g: &[f64]) -> f64 {
+        self.constraint[i] + dot(self.combination_of(i), g)
+    }
+
+    fn interior(&mut self, shape: &Shape, z: &[f64]) {
+        (0..z.len()).for_each(|i| self.combination[i * z.len() + i] = 1.0);
+        match shape {
+            Shape::Ball { radius } => self.monitors.push(Monitor::Distance(radius - ball::norm(z))),
+            Shape::SecondOrderCone => self.monitors.push(Monitor::Distance(z[0] - ball::norm(&z[1..]))),
+            Shape::Simplex => {}
+            Shape::Polyhedron(polyhedron) => {
+                let slack = |j: usize| polyhedron.offset(j) - dot(polyhedron.normal(j), z);
+                self.monitors.extend((0..polyhedron.rows()).map(|j| Monitor::Distance(slack(j))));
+            }
+        }
+    }
+
+    fn vertex(&mut self, shape: &Shape, z: &[f64], g: &[f64]) {
+        for (i, z_i) in z.iter().enumerate() {
+            self.constraint[i] = -z_i;
+            self.own[i * z.len() + i] = -1.0;
+            self.is_of_z[i] = true;
+        }
+        self.monitors.push(match shape {
+            Shape::Ball { radius } => Monitor::Distance(-radius),
+            _ => Monitor::Multiplier(g[0] - ball::norm(&g[1..])),
+        });
+    }
+
+    fn sphere(&mut self, radius: f64, pivot: usize, z: &[f64], g: &[f64]) {
+        let (k, length) = (z.len(), ball::norm(z));
+        for i in (0..k).filter(|&i| i != pivot) {
+            let ratio = z[i] / z[pivot];
+            self.combination[i * k + i] = 1.0;
+            self.combination[i * k + pivot] = -ratio;
+            self.own[i * k + i] = -g[pivot] / z[pivot];
+            self.own[i * k + pivot] = ratio * g[pivot] / z[pivot];
+        }
+        for (j, z_j) in z.iter().enumerate() {
+            self.own[pivot * k + j] = -z_j / length;
+        }
+        self.constraint[pivot] = radius - length;
+        self.is_of_z[pivot] = true;
+        self.by_radius[pivot] = 1.0;
+        self.monitors.push(Monitor::Multiplier(-dot(z, g) / length));
+    }
+
+    fn cone(&mut self, z: &[f64], g: &[f64]) {
+        let k = z.len();
+        let mut square = 0.0;
+        for i in 1..k {
+            let ratio = z[i] / z[0];
+            square += ratio * ratio;
+            self.combination[i * k + i] = 1.0;
+            self.combination[i * k] = ratio;
+            self.own[i * k + i] = g[0] / z[0];
+            self.own[i * k] = -ratio * g[0] / z[0];
+            self.own[i] = ratio;
+        }
+        // c = (|v|^2/s - s)/2
+        self.constraint[0] = 0.5 * (square - 1.0) * z[0];
+        self.own[0] = -0.5 * (square + 1.0);
+        self.is_of_z[0] = true;
+        self.monitors.extend([Monitor::Multiplier(g[0]), Monitor::Distance(z[0])]);
+    }
+
+    fn dual_cone(&mut self, z: &[f64], g: &[f64]) {
+        let k = z.len();
+        let mut square = 0.0;
+        for i in 1..k {
+            let ratio = g[i] / g[0];
+            square += ratio * ratio;
+            self.combination[i * k + i] = -z[0] / g[0];
+            self.combination[i * k] = ratio * z[0] / g[0];
+            self.combination[i] = ratio;
+            // R G is zero here.
+            self.constraint[i] = -(z[i] + ratio * z[0]);
+            self.own[i * k + i] = -1.0;
+            self.own[i * k] = -ratio;
+            self.is_of_z[i] = true;
+        }
+        // (|v|^2/s - s)/2 with (s, v) = G is homogeneous: its derivative times G.
+        self.combination[0] = -0.5 * (square + 1.0);
+        self.monitors.extend([Monitor::Multiplier(g[0]), Monitor::Distance(z[0])]);
+    }
+
+    fn simplex(&mut self, zeros: &[usize], z: &[f64], g: &[f64]) {
+        let k = z.len();
+        let pivot = (0..k).find(|i| !zeros.contains(i)).unwrap_or(0);
+        for i in 0..k {
+            let is_zero = zeros.contains(&i);
+            if is_zero {
+                self.constraint[i] = -z[i];
+                self.own[i * k + i] = -1.0;
+                self.is_of_z[i] = true;
+            } else if i != pivot {
+                self.combination[i * k + i] = 1.0;
+                self.combination[i * k + pivot] = -1.0;
+            }
+            self.own[pivot * k + i] = -1.0;
+            let monitor = if is_zero { Monitor::Multiplier(g[i] - g[pivot]) } else { Monitor::Distance(z[i]) };
+            self.monitors.push(monitor);
+        }
+        self.constraint[pivot] = 1.0 - z.iter().sum::<f64>();
+        self.is_of_z[pivot] = true;
+    }
+
+    fn rows(&mut self, polyhedron: &Polyhedron, rows: &[usize], z: &[f64], g: &[f64]) {
+        let k = z.len();
+        let Elimination { pivots, normals, inverse } = Elimination::of(polyhedron, rows);
+        let count = pivots.len();
+        let slack = |j: usize| polyhedron.offset(j) - dot(polyhedron.normal(j), z);
+        for i in (0..k).filter(|i| !pivots.contains(i)) {
+            self.combination[i * k + i] = 1.0;
+            for (q, pivot) in pivots.iter().enumerate() {
+                self.combination[i * k + pivot] = -normals[q * k + i];
+            }
+        }
+        for (q, pivot) in pivots.iter().enumerate() {
+            self.constraint[*pivot] = rows.iter().zip(&inverse[q * count..]).map(|(&j, w)| w * slack(j)).sum();
+            self.is_of_z[*pivot] = true;
+            for j in 0..k {
+                self.own[pivot * k + j] = -normals[q * k + j];
+            }
+        }
+        for j in 0..polyhedron.rows() {
+            self.monitors.push(match rows.iter().position(|row| *row == j) {
+                Some(at) => {
+                    let force: f64 = pivots.iter().enumerate().map(|(q, p)| inverse[q * count + at] * g[*p]).sum();
+                    Monitor::Multiplier(-force)
+                }
+                None => Monitor::Distance(slack(j)),
+            });
+        }
+    }
+}
+
+/// `N_p^-1 N` and `N_p^-1` for the rows `N`, with the members `p` chosen by complete pivoting.
+struct Elimination {
+    pivots: Vec<usize>,
+    normals: Vec<f64>,
+    inverse: Vec<f64>,
+}
+
+impl Elimination {
+    fn of(polyhedron: &Polyhedron, rows: &[usize]) -> Self {
+        let (count, k) = (rows.len(), polyhedron.dimension());
+        let width = k + count;
+        let mut table = vec![0.0; count * width];
+        for (q, &row) in rows.iter().enumerate() {
+            table[q * width..][..k].copy_from_slice(polyhedron.normal(row));
+            table[q * width + k + q] = 1.0;
+        }
+        let mut pivots = vec![0; count];
+        for step in 0..count {
+            let places = (step..count).flat_map(|q| (0..k).map(move |j| (q, j)));
+            let size = |&(q, j): &(usize, usize)| table[q * width + j].abs();
+            let Some((row, pivot)) = places.max_by(|a, b| size(a).total_cmp(&size(b))) else { break };
+            (0..width).for_each(|j| table.swap(row * width + j, step * width + j));
+            pivots[step] = pivot;
+            let scale = table[step * width + pivot];
+            table[step * width..][..width].iter_mut().for_each(|entry| *entry /= scale);
+            for q in (0..count).filter(|&q| q != step) {
+                let factor = table[q * width + pivot];
+                for j in 0..width {
+                    table[q * width + j] -= factor * table[step * width + j];
+                }
+            }
+        }
+        let part = |from: usize, to: usize| table.chunks_exact(width).flat_map(|row| row[from..to].to_vec()).collect();
+        Self { normals: part(0, k), inverse: part(k, width), pivots }
+    }
+}

@@ -1,0 +1,105 @@
+//! The equations of the blocks of `K` on their faces, as rows of a [`System`].
+
+use super::newton_control::NewtonControl;
+use super::system::System;
+use crate::problem::{Face, FaceEquations, Shape};
+
+impl System<'_> {
+    /// The equations of block `b` at `y`, where the system was evaluated last.
+    pub fn equations_of(&mut self, b: usize, y: &[f64]) -> &FaceEquations {
+        let block = &self.set.blocks()[b];
+        let (z, g) = &mut self.members;
+        z.clear();
+        z.extend(block.members.iter().map(|&k| y[self.states + k]));
+        g.clear();
+        g.extend(block.members.iter().map(|&k| self.values[self.states + k]));
+        self.equations[b].set(&block.shape, &self.face.blocks[b], z, g);
+        &self.equations[b]
+    }
+
+    /// The equations of the faces of all blocks at `y`, where the system was evaluated last, each solved for `z`.
+    pub fn equations_for_z(&mut self, y: &[f64]) -> Vec<FaceEquations> {
+        let mut all = Vec::with_capacity(self.face.blocks.len());
+        for b in 0..self.face.blocks.len() {
+            self.equations_of(b, y);
+            let (z, g) = &mut self.members;
+            let shape = &self.set.blocks()[b].shape;
+            if let (Shape::SecondOrderCone, Face::Boundary(_)) = (shape, &self.face.blocks[b]) {
+                // Exactly there: along its ray a cone has no curvature.
+                z[0] = z[1..].iter().map(|v| v * v).sum::<f64>().sqrt();
+            }
+            let mut equations = FaceEquations::default();
+            equations.set(shape, &for_z(shape, &self.face.blocks[b]), z, g);
+            all.push(equations);
+        }
+        all
+    }
+
+    /// Has the equations of each cone on its boundary solved for `G` instead of `z`, or the other way round; whether there
+    /// is one.
+    pub fn turn_cones(&mut self) -> bool {
+        let mut turned = false;
+        for (block, face) in self.set.blocks().iter().zip(&mut self.face.blocks) {
+            if let (Shape::SecondOrderCone, Face::Boundary(form)) = (&block.shape, face) {
+                *form = 1 - *form;
+                turned = true;
+            }
+        }
+        turned
+    }
+
+    /// Linearises the equations of the blocks at `y`, where the system was evaluated last; what of `G` is noise to
+    /// `control` counts as zero.
+    pub fn linearise_blocks(&mut self, y: &[f64], control: Option<&NewtonControl>) {
+        for b in 0..self.face.blocks.len() {
+            self.equations_of(b, y);
+            if let Some(control) = control {
+                let noise = control.noise_of_block(self, b, y).g;
+                let (z, g) = &mut self.members;
+                if g.iter().all(|g| g.abs() <= noise) {
+                    g.fill(0.0);
+                    let shape = &self.set.blocks()[b].shape;
+                    self.equations[b].set(shape, &for_z(shape, &self.face.blocks[b]), z, g);
+                }
+            }
+            std::mem::swap(&mut self.equations[b], &mut self.linearised[b]);
+        }
+    }
+
+    /// Has each sphere solved for a member that is far from zero at `y`; whether that changed anything.
+    pub fn turn_spheres(&mut self, y: &[f64]) -> bool {
+        let mut turned = false;
+        for (block, face) in self.set.blocks().iter().zip(&mut self.face.blocks) {
+            if let (Shape::Ball { .. }, Face::Boundary(pivot)) = (&block.shape, face) {
+                let size = |i: &usize| y[self.states + block.members[*i]].abs();
+                let largest = (0..block.members.len()).max_by(|i, j| size(i).total_cmp(&size(j))).unwrap_or(0);
+                if size(pivot) < 0.5 * size(&largest) {
+                    *pivot = largest;
+                    turned = true;
+                }
+            }
+        }
+        turned
+    }
+
+    /// The partial derivatives of the rows of `Phi` by `t` from those of `G`, in place; those of constraints are not known
+    /// and zero.
+    pub fn combine_drift(&mut self, drift: &mut [f64]) {
+        let (_, g) = &mut self.members;
+        for (block, equations) in self.set.blocks().iter().zip(&self.linearised) {
+            g.clear();
+            g.extend(block.members.iter().map(|&k| drift[k]));
+            for (i, &k) in block.members.iter().enumerate() {
+                drift[k] = equations.combination_of(i).iter().zip(g.iter()).map(|(r, g)| r * g).sum();
+            }
+        }
+    }
+}
+
+/// The same face with its equations solved for `z`.
+fn for_z(shape: &Shape, face: &Face) -> Face {
+    match (shape, face) {
+        (Shape::SecondOrderCone, Face::Boundary(_)) => Face::Boundary(0),
+        _ => face.clone(),
+    }
+}

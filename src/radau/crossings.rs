@@ -1,0 +1,104 @@
+//! Where a monitor changes sign on the collocation polynomial of a step: about where a switch is.
+
+use super::face::{Monitor, monitors};
+use super::stepper::Radau;
+
+/// A monitor that changes sign within a step.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Crossing {
+    /// Which of the monitors of the face.
+    pub index: usize,
+    /// Where, as a fraction of the step.
+    pub theta: f64,
+    /// The rate of change of the monitor there.
+    pub slope: f64,
+}
+
+impl Radau<'_> {
+    /// The values of all monitors on the collocation polynomial of the step at hand.
+    pub(super) fn monitors_at(&mut self, theta: f64, h: f64, out: &mut Vec<Monitor>) {
+        let unknowns = self.system.unknowns;
+        let tableau = self.tableau();
+        let mut basis = [0.0; 16];
+        let basis = &mut basis[..tableau.stages()];
+        tableau.increments_at(theta, basis);
+        self.switching.scratch.copy_from_slice(&self.y);
+        for (factor, z) in basis.iter().zip(self.stages.z.chunks_exact(unknowns)) {
+            for (y, z) in self.switching.scratch.iter_mut().zip(z) {
+                *y += factor * z;
+            }
+        }
+        self.system.evaluate(self.t + theta * h, &self.switching.scratch);
+        monitors(&mut self.system, &self.control, &self.switching.scratch, out);
+    }
+
+    /// The earliest sign change of a violated monitor on the collocation polynomial of the step at hand.
+    pub(super) fn earliest(&mut self, h: f64, dip: Option<f64>) -> Option<Crossing> {
+        // The stages, the middles between them, and where a dip was seen.
+        let mut left = 0.0;
+        let nodes = self.tableau().c.iter();
+        let mut ends: Vec<f64> =
+            nodes.flat_map(|&node| [0.5 * (std::mem::replace(&mut left, node) + node), node]).collect();
+        ends.extend(dip.filter(|theta| *theta < 1.0));
+        ends.sort_by(f64::total_cmp);
+        let (mut at_left, mut at_right) = (Vec::new(), Vec::new());
+        self.monitors_at(0.0, h, &mut at_left);
+        left = 0.0;
+        for right in ends {
+            self.monitors_at(right, h, &mut at_right);
+            let mut first: Option<Crossing> = None;
+            for (index, (start, end)) in at_left.iter().zip(&at_right).enumerate() {
+                if !end.is_violated() {
+                    continue;
+                }
+                let theta = self.root(index, (left, start.value), (right, end.value), h);
+                if first.is_none_or(|first| theta < first.theta) {
+                    let slope = (end.value - start.value) / ((right - left) * h);
+                    first = Some(Crossing { index, theta, slope });
+                }
+            }
+            if first.is_some() {
+                return first;
+            }
+            left = right;
+            std::mem::swap(&mut at_left, &mut at_right);
+        }
+        None
+    }
+
+    /// The zero of a monitor between two points where it has opposite signs, by the Illinois method; the left point if
+    /// it is not positive there.
+    fn root(&mut self, index: usize, left: (f64, f64), right: (f64, f64), h: f64) -> f64 {
+        let ((mut a, mut fa), (mut b, mut fb)) = (left, right);
+        if fa <= 0.0 {
+            return a;
+        }
+        let mut values = Vec::new();
+        let mut kept = 0;
+        for _ in 0..40 {
+            let theta = (a * fb - b * fa) / (fb - fa);
+            if !theta.is_finite() || (b - a).abs() <= 1e-9 * b.abs() {
+                break;
+            }
+            self.monitors_at(theta, h, &mut values);
+            let Monitor { value, .. } = values[index];
+            if value == 0.0 {
+                return theta;
+            }
+            if value < 0.0 {
+                (b, fb) = (theta, value);
+                if kept < 0 {
+                    fa *= 0.5;
+                }
+                kept = -1;
+            } else {
+                (a, fa) = (theta, value);
+                if kept > 0 {
+                    fb *= 0.5;
+                }
+                kept = 1;
+            }
+        }
+        b
+    }
+}

@@ -1,0 +1,62 @@
+//! What decides that Newton's method has converged, and what an error that it lets pass makes of the quantities that
+//! judge a face: below that they are noise.
+
+use super::system::System;
+
+/// What decides that Newton's method has converged.
+#[derive(Clone, Debug)]
+pub struct NewtonControl {
+    /// `1/sc` for each component of `y`, in the norm `sqrt(sum (weight dW)^2 / (s (n+m)))`.
+    pub weight: Vec<f64>,
+    /// The bound on that norm.
+    pub kappa: f64,
+    /// The most iterations.
+    pub most: usize,
+    /// The size of each component of `y` at the beginning of the step, beside which rounding errors are measured.
+    pub size: Vec<f64>,
+    /// The bound on `|G_i|` of bounded variables inside their interval, relative to the size of its terms.
+    pub vi_tolerance: f64,
+}
+
+impl NewtonControl {
+    /// The size below which `G_k` at `y` is noise: the tolerance of the VI, or what an error of the states that Newton's
+    /// method lets pass makes of it.
+    pub fn noise_of_g(&self, system: &System<'_>, k: usize, y: &[f64]) -> f64 {
+        let terms = system.terms(k, |j| self.size[j].max(y[j].abs()));
+        let passed = system.terms(k, |j| if j < system.states { self.kappa / self.weight[j] } else { 0.0 });
+        (self.vi_tolerance * terms).max(passed)
+    }
+
+    /// The size below which a distance of variable `k` at `y` from a bound is noise, likewise.
+    pub fn noise_of_z(&self, system: &System<'_>, k: usize, y: &[f64]) -> f64 {
+        let at = system.states + k;
+        let passed = if self.weight[at] > 0.0 { self.kappa / self.weight[at] } else { 0.0 };
+        (self.vi_tolerance * self.size[at].max(y[at].abs())).max(passed)
+    }
+
+    /// The same of block `b`: of the distances on it, and of its multipliers.
+    pub fn noise_of_block(&self, system: &System<'_>, b: usize, y: &[f64]) -> BlockNoise {
+        let mut noise = BlockNoise { z: 0.0, g: 0.0 };
+        for &k in &system.set.blocks()[b].members {
+            let distance = self.noise_of_z(system, k, y).max(self.noise_of_width(system, k, y));
+            noise = BlockNoise { z: noise.z.max(distance), g: noise.g + self.noise_of_g(system, k, y) };
+        }
+        noise
+    }
+
+    /// The size below which the distance of the bounds of variable `k` at `y` is noise, likewise.
+    pub fn noise_of_width(&self, system: &System<'_>, k: usize, y: &[f64]) -> f64 {
+        let at = system.states + k;
+        let passed = system.terms_of_bounds(k, |j| if j < system.states { self.kappa / self.weight[j] } else { 0.0 });
+        (self.vi_tolerance * self.size[at].max(y[at].abs())).max(passed)
+    }
+}
+
+/// The sizes below which what is measured on a block is noise.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BlockNoise {
+    /// In the unit of `z`.
+    pub z: f64,
+    /// In the unit of `G`.
+    pub g: f64,
+}

@@ -1,0 +1,141 @@
+//! The order `2s - 1` over whole trajectories whose switches are changes of the face of a block: from the interior of a
+//! ball, a cone or a polyhedron to its boundary and back, along a sphere and along a cone that turn, between the faces of
+//! a simplex, and from side to side.
+
+use super::switches::{System, assert_order};
+use serde_json::json;
+
+/// A body of unit mass on a slope with the friction coefficient twice its gradient, pushed across: with `w` the tangent
+/// of half the angle between its velocity and the slope, its speed is `C w (1 + w^2)/2`, and it stops in finite time,
+/// turned down the slope (d ln speed / d angle = (2 - cos)/sin).
+#[test]
+fn a_body_pushed_across_a_slope_turns_down_and_stops() {
+    let specification = json!({"problem": {"dvi": {
+        "states": {
+            "x": {"initial": 0, "rate": "vx"}, "y": {"initial": 0, "rate": "vy"},
+            "vx": {"initial": 0, "rate": "1 - F"}, "vy": {"initial": 1.5, "rate": "-H"}
+        },
+        "variables": {"F": {"inequality": "-vx"}, "H": {"inequality": "-vy"}},
+        "set": [{"ball": {"of": ["F", "H"], "radius": 2}}]}},
+        "time": {"end": 1.25}});
+    // C = 3/2: it stops at C (w + w^3/3)/2 = 1, at (C^2 (w^2/2 - w^6/6)/4, C^2 (w^3/3 + w^5/5)/2), where w = 1 at the start.
+    assert_order(&System {
+        specification,
+        end: vec![("x", 0.1875), ("y", 0.6)],
+        switches: vec![1.0],
+        coarsest: [80, 20, 10],
+    });
+}
+
+/// The force `f = (1 + s) u + s^2/2 u'`, `u = (cos s, sin s)`, `s = t - 1`, is below the friction up to `t = 1` and then
+/// moves the body with the velocity `s^2/2 u`.
+#[test]
+fn a_body_at_rest_starts_to_slide_along_a_curve() {
+    let specification = json!({"problem": {"dvi": {
+        "states": {
+            "vx": {"initial": 0, "rate": "t*cos(t - 1) - (t - 1)^2/2*sin(t - 1) - F"},
+            "vy": {"initial": 0, "rate": "t*sin(t - 1) + (t - 1)^2/2*cos(t - 1) - H"}
+        },
+        "variables": {"F": {"inequality": "-vx"}, "H": {"inequality": "-vy"}},
+        "set": [{"ball": {"of": ["F", "H"], "radius": 1}}]}},
+        "time": {"end": 3}});
+    let end = 2.0_f64;
+    assert_order(&System {
+        specification,
+        end: vec![("vx", 2.0 * end.cos()), ("vy", 2.0 * end.sin())],
+        switches: vec![1.0],
+        coarsest: [80, 20, 10],
+    });
+}
+
+/// Along a line, friction takes `2 r` of the amplitude in every half period.
+#[test]
+fn an_oscillator_with_dry_friction_turns_back_in_the_plane() {
+    let specification = json!({"problem": {"dvi": {
+        "states": {
+            "x": {"initial": 2.4, "rate": "v"}, "v": {"initial": 0, "rate": "-x - F"},
+            "y": {"initial": 3.2, "rate": "w"}, "w": {"initial": 0, "rate": "-y - H"}
+        },
+        "variables": {"F": {"inequality": "-v"}, "H": {"inequality": "-w"}},
+        "set": [{"ball": {"of": ["F", "H"], "radius": 0.75}}]}},
+        "time": {"end": 10}});
+    let pi = std::f64::consts::PI;
+    assert_order(&System {
+        specification,
+        end: vec![("x", 0.3), ("y", 0.4)],
+        switches: vec![pi, 2.0 * pi, 3.0 * pi],
+        coarsest: [500, 40, 20],
+    });
+}
+
+/// A point pressed against a cone while it circles: `s' = -cos t` above it, half of that on it, off again as the pressure
+/// ends.
+#[test]
+fn a_point_circles_down_a_cone_and_lifts_off() {
+    let specification = json!({"problem": {"dvi": {
+        "states": {
+            "s": {"initial": 1.5, "rate": "-cos(t) + p"},
+            "x": {"initial": 1, "rate": "-3*y + q"}, "y": {"initial": 0, "rate": "3*x + r"}
+        },
+        "variables": {"p": {"inequality": "s"}, "q": {"inequality": "x"}, "r": {"inequality": "y"}},
+        "set": [{"second_order_cone": ["p", "q", "r"]}]}},
+        "time": {"end": 2.5}});
+    let pi = std::f64::consts::PI;
+    assert_order(&System {
+        specification,
+        end: vec![("s", 1.75 - 2.5_f64.sin()), ("x", 0.75 * 7.5_f64.cos()), ("y", 0.75 * 7.5_f64.sin())],
+        switches: vec![pi / 6.0, pi / 2.0],
+        coarsest: [200, 40, 20],
+    });
+}
+
+/// The three regions at a speed that decays, `5 e^-t`: in the length `5 (1 - e^-t)` travelled all is linear.
+#[test]
+fn a_sliding_mode_between_three_regions() {
+    let specification = json!({"problem": {"dvi": {
+        "states": {
+            "x": {"initial": 2, "rate": "-a*(z1 - (z2 + z3)/2)"},
+            "y": {"initial": 1, "rate": "-a*sqrt(3)/2*(z2 - z3)"},
+            "a": {"initial": 5, "rate": "-a"},
+            "way": {"initial": 0, "rate": "x"}
+        },
+        "variables": {
+            "z1": {"inequality": "-x"},
+            "z2": {"inequality": "x/2 - sqrt(3)/2*y"},
+            "z3": {"inequality": "x/2 + sqrt(3)/2*y"}
+        },
+        "set": [{"simplex": ["z1", "z2", "z3"]}]}},
+        "time": {"end": 2}});
+    let (line, origin) = (2.0 - 1.0 / 3.0_f64.sqrt(), 2.0 + 3.0_f64.sqrt());
+    let time = |length: f64| -(1.0 - length / 5.0).ln();
+    let (first, second) = (time(line), time(origin));
+    // The integral of c - 5 (1 - e^-t).
+    let integral = |c: f64, t: f64| (c - 5.0) * t - 5.0 * (-t).exp();
+    let way = integral(2.0, first) - integral(2.0, 0.0) + 0.25 * (integral(origin, second) - integral(origin, first));
+    assert_order(&System {
+        specification,
+        end: vec![("way", way)],
+        switches: vec![first, second],
+        coarsest: [40, 10, 5],
+    });
+}
+
+/// Friction whose set is a square on its corner: a corner, then the side between two corners, then rest.
+#[test]
+fn friction_with_a_polygon_of_directions() {
+    let specification = json!({"problem": {"dvi": {
+        "states": {
+            "x": {"initial": 0, "rate": "v"}, "y": {"initial": 0, "rate": "w"},
+            "v": {"initial": 3, "rate": "-v - F"}, "w": {"initial": 1, "rate": "-w - H"}
+        },
+        "variables": {"F": {"inequality": "-v"}, "H": {"inequality": "-w"}},
+        "set": [{"polyhedron": {"of": ["F", "H"], "A": [[1, 1], [1, -1], [-1, 1], [-1, -1]], "b": [1, 1, 1, 1]}}]}},
+        "time": {"end": 2}});
+    let (three, ratio) = (3.0_f64.ln(), (5.0 / 3.0_f64).ln());
+    assert_order(&System {
+        specification,
+        end: vec![("x", 3.0 - three - 0.5 * ratio), ("y", 1.0 - 0.5 * ratio)],
+        switches: vec![three, 5.0_f64.ln()],
+        coarsest: [20, 10, 5],
+    });
+}
