@@ -105,6 +105,12 @@ pub enum StepError {
         /// How many unknowns are coupled by it.
         unknowns: usize,
     },
+    /// The outside asked to stop in the middle of a step.
+    #[error("stopped at t = {t:?}")]
+    Interrupted {
+        /// When.
+        t: f64,
+    },
     /// The VI at the start has no solution that the solver could find.
     #[error(
         "the variational inequality at the start t = {t:?} has no solution, or none was found; raising a variable should \
@@ -126,6 +132,7 @@ impl StepError {
             Self::NewtonFailed { .. } => "newton_failed",
             Self::InconsistentStart { .. } => "inconsistent_start",
             Self::TooLarge { .. } => "too_large",
+            Self::Interrupted { .. } => "interrupted",
             Self::NoStart { .. } => "no_solution_at_start",
         }
     }

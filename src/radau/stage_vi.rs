@@ -267,7 +267,7 @@ impl StageVi {
         stages.w[..size].copy_from_slice(&self.saved.1[..size]);
         self.last_z.copy_from_slice(&self.z);
         let vi = AffineVi { matrix: &self.matrix, q: &self.q, set: &self.set };
-        let report = self.solver.solve(&vi, &mut self.z);
+        let report = self.solver.solve(&vi, &mut self.z, system.outside);
         self.solves += 1;
         self.pivots += report.iterations as u64;
         for &attempt in self.solver.attempts().iter().filter(|attempt| attempt.outcome != Outcome::Solved) {

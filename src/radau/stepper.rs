@@ -17,7 +17,7 @@ use super::stages::{Contraction, Newton, Stages, THETA};
 use super::switches::{Located, Switching};
 use super::system::System;
 use super::tableau::Tableau;
-use crate::problem::Dvi;
+use crate::problem::{Control, Dvi};
 
 /// Counts of what a run did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -97,12 +97,20 @@ enum Attempt {
 }
 
 impl<'p> Radau<'p> {
-    /// Prepares a run from `(t, x)` to `end`; finds the face of `K` and the variables there.
+    /// Prepares a run from `(t, x)` to `end`; finds the face of `K` and the variables there. Where `outside` asks to stop,
+    /// long work on one step is given up, and the step fails.
     ///
     /// # Errors
     /// If something is not finite at the start, or the start is inconsistent.
-    pub fn new(problem: &'p mut dyn Dvi, settings: Settings, t: f64, x: &[f64], end: f64) -> Result<Self, StepError> {
-        let mut system = System::new(problem)?;
+    pub fn new(
+        problem: &'p mut dyn Dvi,
+        settings: Settings,
+        t: f64,
+        x: &[f64],
+        end: f64,
+        outside: &'p Control,
+    ) -> Result<Self, StepError> {
+        let mut system = System::new(problem, outside)?;
         let counts = match settings.stages {
             StageChoice::Fixed(s) => vec![s],
             StageChoice::Auto => vec![3, 5, 7],
@@ -355,6 +363,9 @@ impl<'p> Radau<'p> {
     /// Makes the next attempt smaller than `h`; fails where the step is fixed or would be too small to go on with.
     fn shrink(&mut self, h: f64, cause: Cause, smaller: impl Fn(&mut Controller) -> f64) -> Result<(), StepError> {
         self.counts.rejected[cause as usize] += 1;
+        if self.system.outside.poll().is_some() {
+            return Err(StepError::Interrupted { t: self.t });
+        }
         if self.settings.step.is_some() {
             self.check_evaluation()?;
             return Err(StepError::NewtonFailed { t: self.t, h });

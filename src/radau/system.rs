@@ -9,7 +9,7 @@
 use super::face::{ActiveFace, Place};
 use super::layout::Layout;
 use super::settings::StepError;
-use crate::problem::{ConvexSet, Dvi, Face, FaceEquations, Mass, Side, Workspace};
+use crate::problem::{Control, ConvexSet, Dvi, Face, FaceEquations, Mass, Side, Workspace};
 use std::sync::Arc;
 
 /// What was evaluated, and how often.
@@ -52,6 +52,8 @@ impl Rates {
 /// A problem on a face, with room for one evaluation and one Jacobian.
 pub struct System<'p> {
     problem: &'p mut dyn Dvi,
+    /// Whether the outside asks to stop.
+    pub outside: &'p Control,
     /// `n`
     pub states: usize,
     /// `n + m`
@@ -92,7 +94,7 @@ impl<'p> System<'p> {
     ///
     /// # Errors
     /// If its matrices would not fit into memory.
-    pub fn new(problem: &'p mut dyn Dvi) -> Result<Self, StepError> {
+    pub fn new(problem: &'p mut dyn Dvi, outside: &'p Control) -> Result<Self, StepError> {
         let structure = problem.structure();
         let (n, unknowns) = (structure.states, structure.unknowns());
         let mut mass_diagonal = vec![0.0; n];
@@ -129,6 +131,7 @@ impl<'p> System<'p> {
         let layout = Arc::new(Layout::new(structure, &bounded)?);
         Ok(Self {
             problem,
+            outside,
             states: n,
             unknowns,
             mass,

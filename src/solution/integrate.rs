@@ -63,14 +63,15 @@ pub(super) fn run_to_end(problem: &mut dyn Dvi, plan: &Plan, control: &Control, 
     let mut recorder = Recorder::new(plan);
     let mut diagnostics = describe(problem.structure(), plan);
     let mut x = plan.initial.clone();
-    let (status, error) = match Radau::new(problem, plan.settings.clone(), plan.start, &plan.initial, plan.end) {
+    let (status, error) = match Radau::new(problem, plan.settings.clone(), plan.start, &plan.initial, plan.end, control)
+    {
         Ok(mut radau) => {
             let ended = run(&mut radau, plan, control, part, &mut recorder, &mut diagnostics);
             x.copy_from_slice(&radau.y()[..plan.initial.len()]);
             count(&mut radau, &mut diagnostics);
             ended
         }
-        Err(error) => (Status::Failed, Some(failure(plan, &error, plan.start, &plan.initial))),
+        Err(error) => end(control, plan.start, &plan.initial, || failure(plan, &error, plan.start, &plan.initial)),
     };
     diagnostics.switches = recorder.trajectory.events.len() as u64;
     diagnostics.wall_seconds = began.elapsed().as_secs_f64();
@@ -92,8 +93,8 @@ fn run(
             return (Status::Stopped, Some(Failure { code, message, time: radau.t(), state }));
         }
         if let Err(error) = radau.step() {
-            let state = radau.y()[..plan.initial.len()].to_vec();
-            return (Status::Failed, Some(failure(plan, &error, radau.t(), &state)));
+            let state = &radau.y()[..plan.initial.len()];
+            return end(control, radau.t(), state, || failure(plan, &error, radau.t(), state));
         }
         let switched = recorder.step(radau);
         judge(radau, plan, switched, diagnostics);
@@ -130,18 +131,29 @@ fn judge(radau: &mut Radau<'_>, plan: &Plan, switched: bool, diagnostics: &mut D
     }
 }
 
+/// A step that could not be made: because the outside gave it no time, or because it failed.
+fn end(control: &Control, t: f64, state: &[f64], failure: impl FnOnce() -> Failure) -> (Status, Option<Failure>) {
+    match stopped(control, t) {
+        Some((code, message)) => (Status::Stopped, Some(Failure { code, message, time: t, state: state.to_vec() })),
+        None => (Status::Failed, Some(failure())),
+    }
+}
+
+/// What the outside asks for, if it asks to stop: a code and a message.
+fn stopped(control: &Control, t: f64) -> Option<(&'static str, String)> {
+    Some(match control.poll()? {
+        Stop::Cancelled => ("cancelled", format!("cancelled at t = {t:?}")),
+        Stop::Deadline => {
+            ("wall_time", format!("the wall time allowed ended at t = {t:?}; allow more with limits.wall_seconds"))
+        }
+    })
+}
+
 /// The limit that the run has reached, if any: its code and message.
 fn limit(radau: &Radau<'_>, plan: &Plan, control: &Control, recorder: &Recorder<'_>) -> Option<(&'static str, String)> {
     let t = radau.t();
-    match control.poll() {
-        Some(Stop::Cancelled) => return Some(("cancelled", format!("cancelled at t = {t:?}"))),
-        Some(Stop::Deadline) => {
-            return Some((
-                "wall_time",
-                format!("the wall time allowed ended at t = {t:?}; allow more with limits.wall_seconds"),
-            ));
-        }
-        None => {}
+    if let Some(stopped) = stopped(control, t) {
+        return Some(stopped);
     }
     if radau.counts.accepted >= plan.most_steps {
         let most = plan.most_steps;

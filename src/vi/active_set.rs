@@ -28,7 +28,7 @@ pub use dense::DenseActiveSet;
 
 use super::{Outcome, Report, TOLERANCE};
 use crate::factorisation::SparseMatrix;
-use crate::problem::ConvexSet;
+use crate::problem::{Control, ConvexSet};
 use coarse::Coarse;
 use line_search::LineSearch;
 use operator::Operator;
@@ -129,7 +129,7 @@ impl ActiveSet {
     /// Solves, from the active set of the last problem or, the first time, from that of `z`; leaves the answer in `z`.
     /// Vectors of another length than the matrix has rows, empty intervals and numbers that are not finite end in
     /// [`Outcome::Breakdown`], sets that are no product of intervals in [`Outcome::Unsuitable`].
-    pub fn solve(&mut self, q: &[f64], set: &ConvexSet, z: &mut [f64]) -> Report {
+    pub fn solve(&mut self, q: &[f64], set: &ConvexSet, z: &mut [f64], control: &Control) -> Report {
         if set.has_blocks() {
             return Report::UNSUITABLE;
         }
@@ -146,24 +146,25 @@ impl ActiveSet {
         let is_last_resort = self.coarser.is_empty();
         if is_last_resort || (is_warm && self.pause == 0) {
             let most = if is_last_resort { PASSES } else { WARM_PASSES };
-            settled = self.finest.iterate(q, set, z, most, &mut iterations);
+            settled = self.finest.iterate(q, set, z, most, &mut iterations, control);
             self.next_pause = if settled { 1 } else { (2 * self.next_pause).min(LONGEST_PAUSE) };
             self.pause = if settled { 0 } else { self.next_pause };
         } else {
             self.pause = self.pause.saturating_sub(1);
         }
         if !settled && !is_last_resort {
-            coarse::guess(&mut self.coarser, &mut self.finest, q, set, z);
-            self.finest.iterate(q, set, z, PASSES, &mut iterations);
+            coarse::guess(&mut self.coarser, &mut self.finest, q, set, z, control);
+            self.finest.iterate(q, set, z, PASSES, &mut iterations, control);
         }
         let (mut is_solved, mut residual) = self.finest.measure(q, set, z);
         if !is_solved {
             let search = self.line_search.get_or_insert_with(|| LineSearch::new(n));
-            iterations += search.run(&mut self.finest, q, set, z);
+            iterations += search.run(&mut self.finest, q, set, z, control);
             (is_solved, residual) = self.finest.measure(q, set, z);
         }
         let outcome = match (is_solved, residual.is_nan()) {
             (true, _) => Outcome::Solved,
+            (false, _) if control.poll().is_some() => Outcome::Interrupted,
             (false, true) => Outcome::Breakdown,
             (false, false) => Outcome::Limit,
         };
@@ -214,10 +215,21 @@ impl Level {
 
     /// Steps until the active set stays. False if it does not: a set comes back, a system is singular, or `most` steps
     /// are made.
-    fn iterate(&mut self, q: &[f64], set: &ConvexSet, z: &mut [f64], most: usize, passes: &mut usize) -> bool {
+    fn iterate(
+        &mut self,
+        q: &[f64],
+        set: &ConvexSet,
+        z: &mut [f64],
+        most: usize,
+        passes: &mut usize,
+        control: &Control,
+    ) -> bool {
         let mut signature = self.fit(set);
         self.seen.clear();
         for _ in 0..most {
+            if control.poll().is_some() {
+                return false;
+            }
             self.seen.push(signature);
             *passes += 1;
             if !self.solve_on_face(q, set, z) {

@@ -7,6 +7,7 @@
 //! interior-point method, a hundred times slower on small problems, settles what both leave open.
 
 use super::{AffineVi, BlockGaussSeidel, Conic, DenseActiveSet, Lemke, Outcome, Report, SemismoothNewton, ViSolver};
+use crate::problem::Control;
 use nalgebra::DMatrix;
 
 /// Up to this many variables, pivoting comes first.
@@ -105,7 +106,7 @@ impl Auto {
         }
     }
 
-    fn run(&mut self, kind: SolverKind, vi: &AffineVi<'_>, warm: bool) -> Report {
+    fn run(&mut self, kind: SolverKind, vi: &AffineVi<'_>, warm: bool, control: &Control) -> Report {
         let place = self.solvers.iter().position(|(known, _)| *known == kind).unwrap_or_else(|| {
             self.solvers.push((kind, kind.build(self.size)));
             self.solvers.len() - 1
@@ -113,7 +114,7 @@ impl Auto {
         if !warm {
             self.candidate.copy_from_slice(&self.start);
         }
-        let report = self.solvers[place].1.solve(vi, &mut self.candidate);
+        let report = self.solvers[place].1.solve(vi, &mut self.candidate, control);
         self.attempts.push(Attempt { solver: kind, outcome: report.outcome });
         report
     }
@@ -158,7 +159,7 @@ impl ViSolver for Auto {
         self.last.name()
     }
 
-    fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64]) -> Report {
+    fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64], control: &Control) -> Report {
         self.start.clear();
         self.start.extend_from_slice(z);
         self.candidate.resize(z.len(), 0.0);
@@ -168,14 +169,15 @@ impl ViSolver for Auto {
         for &kind in order(vi) {
             // What sweeps leave is a good start for Newton.
             let warm = self.attempts.last().is_some_and(|last| last.solver == SolverKind::BlockGaussSeidel);
-            let report = self.run(kind, vi, warm);
+            let report = self.run(kind, vi, warm, control);
             iterations += report.iterations;
             if best.as_ref().is_none_or(|best| says_more(best, &report)) {
                 z.copy_from_slice(&self.candidate);
                 self.last = kind;
                 best = Some(report);
             }
-            if report.outcome == Outcome::Solved || (report.outcome == Outcome::Breakdown && report.residual.is_nan()) {
+            let is_unsound = report.outcome == Outcome::Breakdown && report.residual.is_nan();
+            if is_unsound || matches!(report.outcome, Outcome::Solved | Outcome::Interrupted) {
                 break;
             }
         }

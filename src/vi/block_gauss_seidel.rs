@@ -12,7 +12,7 @@
 use super::gauge::Gauge;
 use super::semismooth_newton::BlockNewton;
 use super::{AffineVi, EXACT, Outcome, Report, ViSolver};
-use crate::problem::{Block, ConvexSet, Shape, Workspace};
+use crate::problem::{Block, Control, ConvexSet, Shape, Workspace};
 use nalgebra::DMatrix;
 
 /// Sweeps over all blocks.
@@ -63,7 +63,7 @@ impl ViSolver for BlockGaussSeidel {
         "block_gauss_seidel"
     }
 
-    fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64]) -> Report {
+    fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64], control: &Control) -> Report {
         if !vi.is_sound() {
             return Report::BREAKDOWN;
         }
@@ -78,10 +78,15 @@ impl ViSolver for BlockGaussSeidel {
         let (mut omega, mut last) = (1.0, f64::INFINITY);
         let mut sweeps = 0;
         let mut converging = true;
+        let mut failure = Outcome::Limit;
         // A solved problem is worth further sweeps as long as they converge fast.
         while sweeps < SWEEPS && best.componentwise > EXACT && (converging || !best.is_solved()) {
+            if control.poll().is_some() {
+                failure = Outcome::Interrupted;
+                break;
+            }
             for _ in 0..STRIDE {
-                self.sweep(vi, omega);
+                self.sweep(vi, omega, control);
             }
             sweeps += STRIDE;
             let found = self.gauge.measure(vi, &self.z);
@@ -101,7 +106,7 @@ impl ViSolver for BlockGaussSeidel {
         if best.residual.is_nan() {
             return Report { iterations: sweeps, ..Report::BREAKDOWN };
         }
-        best.report(Outcome::Limit, sweeps)
+        best.report(failure, sweeps)
     }
 }
 
@@ -122,13 +127,13 @@ impl BlockGaussSeidel {
         vi.product(&self.z, &mut self.w);
     }
 
-    fn sweep(&mut self, vi: &AffineVi<'_>, omega: f64) {
+    fn sweep(&mut self, vi: &AffineVi<'_>, omega: f64, control: &Control) {
         for i in (0..self.z.len()).filter(|&i| vi.set.block_of(i).is_none() && vi.set.lower[i] < vi.set.upper[i]) {
             let new = vi.set.project(i, self.z[i] - omega * self.w[i] / vi.matrix[(i, i)]);
             advance(vi, &mut self.z, &mut self.w, i, new);
         }
         for local in &mut self.locals {
-            local.solve(&self.z, &self.w, omega, &mut self.work);
+            local.solve(&self.z, &self.w, omega, &mut self.work, control);
             for (&i, &new) in local.members.iter().zip(&local.z) {
                 advance(vi, &mut self.z, &mut self.w, i, new);
             }
@@ -179,7 +184,7 @@ impl Local {
     }
 
     /// Solves the local problem at `z`, of which `w` is the value, and leaves the relaxed answer in `self.z`.
-    fn solve(&mut self, z: &[f64], w: &[f64], omega: f64, work: &mut Workspace) {
+    fn solve(&mut self, z: &[f64], w: &[f64], omega: f64, work: &mut Workspace, control: &Control) {
         for (i, &member) in self.members.iter().enumerate() {
             self.z[i] = z[member];
             self.q[i] = w[member];
@@ -192,7 +197,7 @@ impl Local {
             self.set.project_all(&mut self.z, work);
         } else {
             let vi = AffineVi { matrix: &self.matrix, q: &self.q, set: &self.set };
-            self.newton.solve(&vi, &mut self.z);
+            self.newton.solve(&vi, &mut self.z, control);
         }
         if omega != 1.0 {
             for (new, &member) in self.z.iter_mut().zip(&self.members) {

@@ -16,7 +16,7 @@
 //! of the answer and not on it, so Newton's method on the natural map starts from it and says how good it is.
 
 use super::{AffineVi, Outcome, Report, SemismoothNewton, ViSolver};
-use crate::problem::{Block, ConvexSet, Shape};
+use crate::problem::{Block, Control, ConvexSet, Shape};
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
     DefaultSettings, DefaultSolver, IPSolver, SolverStatus,
@@ -64,7 +64,7 @@ impl ViSolver for Conic {
         "conic"
     }
 
-    fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64]) -> Report {
+    fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64], control: &Control) -> Report {
         if !vi.is_sound() {
             return Report::BREAKDOWN;
         }
@@ -83,7 +83,7 @@ impl ViSolver for Conic {
         self.start.clear();
         self.start.extend_from_slice(&solver.solution.x[..z.len()]);
         let newton = self.newton.get_or_insert_with(|| SemismoothNewton::new(z.len()));
-        let report = newton.solve(vi, &mut self.start);
+        let report = newton.solve(vi, &mut self.start, control);
         z.copy_from_slice(&self.start);
         let outcome = if report.outcome == Outcome::Solved { Outcome::Solved } else { failure };
         Report { outcome, iterations: iterations + report.iterations, ..report }

@@ -11,7 +11,7 @@
 use super::auto::SolverKind;
 use super::gap::Gap;
 use super::{AffineVi, Attempt, Outcome, Report, ViSolver};
-use crate::problem::{ConvexSet, Workspace};
+use crate::problem::{Control, ConvexSet, Workspace};
 use nalgebra::DMatrix;
 
 /// Affine problems.
@@ -80,7 +80,7 @@ impl JosephyNewton {
     }
 
     /// Solves from `z`, of length `m`, until the natural-map residual is below `tolerance`, and leaves the best point in `z`.
-    pub fn solve(&mut self, vi: &mut dyn NonlinearVi, tolerance: f64, z: &mut [f64]) -> Report {
+    pub fn solve(&mut self, vi: &mut dyn NonlinearVi, tolerance: f64, z: &mut [f64], control: &Control) -> Report {
         vi.set().project_all(z, &mut self.work);
         vi.evaluate(z, &mut self.f);
         let mut least = f64::INFINITY;
@@ -92,12 +92,15 @@ impl JosephyNewton {
             if residual <= tolerance {
                 return Report { outcome: Outcome::Solved, residual, iterations };
             }
+            if control.poll().is_some() {
+                return Report { outcome: Outcome::Interrupted, residual, iterations };
+            }
             vi.jacobian(z, &mut self.matrix);
             if !self.matrix.iter().all(|a| a.is_finite()) {
                 return Report { outcome: Outcome::Breakdown, residual, iterations };
             }
             least = least.min(residual);
-            if !self.advance(vi, z, least) {
+            if !self.advance(vi, z, least, control) {
                 let size = z.iter().chain(&self.f).fold(1.0_f64, |most, x| most.max(x.abs()));
                 let outcome = if residual <= ROUNDING * size { Outcome::Solved } else { Outcome::Limit };
                 return Report { outcome, residual, iterations };
@@ -115,7 +118,7 @@ impl JosephyNewton {
     }
 
     /// One step from `z`; false if none lowers the merit.
-    fn advance(&mut self, vi: &mut dyn NonlinearVi, z: &mut [f64], least: f64) -> bool {
+    fn advance(&mut self, vi: &mut dyn NonlinearVi, z: &mut [f64], least: f64, control: &Control) -> bool {
         let m = z.len();
         for i in 0..m {
             self.q[i] = self.f[i] - self.matrix.row(i).iter().zip(&*z).map(|(a, z)| a * z).sum::<f64>();
@@ -126,7 +129,7 @@ impl JosephyNewton {
         self.gap.gradient(z, |j, v| matrix.column(j).iter().zip(v).map(|(a, v)| a * v).sum(), &mut self.gradient);
         self.direction.copy_from_slice(z);
         let affine = AffineVi { matrix: &self.matrix, q: &self.q, set: vi.set() };
-        if self.solver.solve(&affine, &mut self.direction).outcome == Outcome::Solved {
+        if self.solver.solve(&affine, &mut self.direction, control).outcome == Outcome::Solved {
             self.direction.iter_mut().zip(&*z).for_each(|(y, z)| *y -= z);
             self.step(vi, z, 1.0);
             std::mem::swap(&mut self.f, &mut self.trial_f);

@@ -20,6 +20,7 @@ mod tableau;
 
 use super::equilibration::Equilibration;
 use super::{Accuracy, AffineVi, EXACT, Outcome, Report, TOLERANCE, ViSolver};
+use crate::problem::Control;
 use ratio::Perturbation;
 use tableau::Tableau;
 
@@ -50,6 +51,7 @@ enum Ending {
     Singular,
     Ray,
     Limit,
+    Interrupted,
 }
 
 /// Lemke's method; see the module.
@@ -102,7 +104,7 @@ impl ViSolver for Lemke {
         "lemke"
     }
 
-    fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64]) -> Report {
+    fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64], control: &Control) -> Report {
         if vi.set.has_blocks() {
             return Report::UNSUITABLE;
         }
@@ -117,7 +119,7 @@ impl ViSolver for Lemke {
         let mut best: Option<Accuracy> = None;
         for _ in 0..ROUNDS {
             let (guessed, before) = (!self.inside.is_empty(), self.pivots);
-            let ending = self.pivot_to_end(vi);
+            let ending = self.pivot_to_end(vi, control);
             self.answer_before.copy_from_slice(z);
             self.read(vi, z);
             let found = self.refine(vi, z);
@@ -132,6 +134,7 @@ impl ViSolver for Lemke {
                 Ending::Complementary | Ending::Singular => Outcome::Breakdown,
                 Ending::Ray => Outcome::Ray,
                 Ending::Limit => Outcome::Limit,
+                Ending::Interrupted => Outcome::Interrupted,
             };
             match ending {
                 Ending::Complementary if stuck || found.componentwise <= TOLERANCE => break,

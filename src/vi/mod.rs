@@ -32,7 +32,7 @@ pub use josephy_newton::{JosephyNewton, NonlinearVi};
 pub use lemke::Lemke;
 pub use semismooth_newton::SemismoothNewton;
 
-use crate::problem::ConvexSet;
+use crate::problem::{Control, ConvexSet};
 use nalgebra::DMatrix;
 
 /// A point is a solution when its residual is below this fraction of the largest of `|q| + |A| |z|`, the terms that
@@ -41,6 +41,14 @@ const TOLERANCE: f64 = 5e-11;
 
 /// A residual this small against its own terms is rounding.
 const EXACT: f64 = 1e-14;
+
+/// Pivots or steps between two looks at [`Control`]: the clock is not to be felt where all are done in a microsecond.
+const STEPS_BETWEEN_POLLS: usize = 16;
+
+/// Whether step number `step` is one before which `control` is asked, and asks to stop.
+fn is_interrupted(control: &Control, step: usize) -> bool {
+    step % STEPS_BETWEEN_POLLS == STEPS_BETWEEN_POLLS - 1 && control.poll().is_some()
+}
 
 /// An affine variational inequality over `K`; `m = q.len()`.
 #[derive(Clone, Copy, Debug)]
@@ -182,6 +190,8 @@ pub enum Outcome {
     Breakdown,
     /// The method is not made for such a set or matrix; nothing was tried.
     Unsuitable,
+    /// [`Control`] asked to stop; the best point so far is returned.
+    Interrupted,
 }
 
 impl Outcome {
@@ -193,6 +203,7 @@ impl Outcome {
             Self::Limit => "limit",
             Self::Breakdown => "breakdown",
             Self::Unsuitable => "unsuitable",
+            Self::Interrupted => "interrupted",
         }
     }
 }
@@ -221,8 +232,9 @@ pub trait ViSolver: Send {
     /// The name users see in `vi_solver` and in the diagnostics.
     fn name(&self) -> &'static str;
 
-    /// Solves, starting from `z` where a start helps, and leaves the answer in `z`.
-    fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64]) -> Report;
+    /// Solves, starting from `z` where a start helps, and leaves the answer in `z`. Long work is given up where `control`
+    /// asks for it.
+    fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64], control: &Control) -> Report;
 
     /// Which solvers were tried for the last problem, in order, and how each ended; empty where there is no choice.
     fn attempts(&self) -> &[Attempt] {

@@ -3,7 +3,7 @@
 
 use divan::{Bencher, black_box};
 use dvi::factorisation::SparseMatrix;
-use dvi::problem::ConvexSet;
+use dvi::problem::{Control, ConvexSet};
 use dvi::vi::ActiveSet;
 use faer::sparse::Triplet;
 
@@ -67,7 +67,7 @@ fn run(bencher: Bencher, rows: usize, columns: usize) {
         turn = (turn + 1) % (2 * steps.len());
         set.lower.copy_from_slice(&steps[turn.min(2 * steps.len() - 1 - turn)]);
         q.iter_mut().zip(&u).for_each(|(q, u)| *q = -u);
-        let report = black_box(solver.solve(&q, &set, &mut u));
+        let report = black_box(solver.solve(&q, &set, &mut u, &Control::new()));
         (most, sum, solves) = (most.max(report.iterations), sum + report.iterations, solves + 1);
     });
     println!("{:.1} steps of the active set a solve, at most {most}", sum as f64 / f64::from(solves));

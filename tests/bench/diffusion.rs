@@ -5,7 +5,7 @@ use divan::{Bencher, black_box};
 use dvi::expression::Graph;
 use dvi::factorisation::{Analysis, SparseLu, SparseMatrix};
 use dvi::models::{Linear, LinearRows};
-use dvi::problem::{ConvexSet, Mass};
+use dvi::problem::{Control, ConvexSet, Mass};
 use dvi::radau::{Cause, Radau, Settings, StageChoice, Switches, Tableau, Work};
 use dvi::vi::SolverKind;
 use faer::sparse::Triplet;
@@ -62,7 +62,8 @@ fn start(n: usize) -> Vec<f64> {
 
 /// A run to the end: what it counted, and how often a real system was solved for the error estimate.
 fn integrate(problem: &mut Linear, x: &[f64]) -> (Work, u64) {
-    let mut radau = Radau::new(problem, settings(x.len()), 0.0, x, END).expect("a start");
+    let control = Control::new();
+    let mut radau = Radau::new(problem, settings(x.len()), 0.0, x, END, &control).expect("a start");
     while !radau.is_done() {
         radau.step().expect("a step");
     }

@@ -2,7 +2,7 @@
 //! contact problems of rank `m / 2`; over discs and cones as well. `cargo bench --bench vi`.
 
 use divan::{Bencher, black_box};
-use dvi::problem::{ConvexSet, Shape};
+use dvi::problem::{Control, ConvexSet, Shape};
 use dvi::vi::{AffineVi, BlockGaussSeidel, Conic, Lemke, SemismoothNewton, ViSolver};
 use nalgebra::{DMatrix, DVector};
 
@@ -55,8 +55,9 @@ fn contact(m: usize, state: &mut u64) -> Problem {
 fn run(bencher: Bencher, mut solver: impl ViSolver, family: fn(usize, &mut u64) -> Problem, m: usize, warm: bool) {
     let mut state = 1;
     let problems: Vec<_> = (0..PROBLEMS).map(|_| family(m, &mut state)).collect();
+    let control = Control::new();
     let mut solve = |problem: &Problem, z: &mut [f64]| {
-        solver.solve(&AffineVi { matrix: &problem.matrix, q: &problem.q, set: &problem.set }, z)
+        solver.solve(&AffineVi { matrix: &problem.matrix, q: &problem.q, set: &problem.set }, z, &control)
     };
     let starts: Vec<_> = problems
         .iter()

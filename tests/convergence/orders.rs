@@ -1,6 +1,6 @@
 //! Radau IIA has order `2s - 1` in `x`: on a smooth ODE and on a smooth problem of index one, for s = 1, .., 5.
 
-use dvi::problem::{ConvexSet, Dvi, Mass, Structure};
+use dvi::problem::{Control, ConvexSet, Dvi, Mass, Structure};
 use dvi::radau::{Radau, Settings, StageChoice, Switches};
 use dvi::vi::SolverKind;
 
@@ -68,7 +68,8 @@ const COARSEST: [usize; 5] = [60_000, 3000, 800, 460, 350];
 
 /// `y = (x, z)` at `end` with `steps` equal steps, as it is reported.
 fn run(problem: &mut dyn Dvi, stages: usize, x: &[f64], end: f64, steps: usize) -> Vec<f64> {
-    let mut radau = Radau::new(problem, settings(stages, end / steps as f64, x.len()), 0.0, x, end).unwrap();
+    let control = Control::new();
+    let mut radau = Radau::new(problem, settings(stages, end / steps as f64, x.len()), 0.0, x, end, &control).unwrap();
     while !radau.is_done() {
         radau.step().unwrap();
     }

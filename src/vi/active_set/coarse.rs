@@ -7,7 +7,7 @@ use super::grid::Interpolation;
 use super::operator::Operator;
 use super::{COARSE_PASSES, Level, Unsuitable};
 use crate::factorisation::SparseMatrix;
-use crate::problem::ConvexSet;
+use crate::problem::{Control, ConvexSet};
 
 /// Grids of so few nodes are not coarsened further.
 const SMALL: usize = 32;
@@ -49,8 +49,8 @@ impl Coarse {
         }
     }
 
-    fn solve(&mut self) {
-        self.level.iterate(&self.q, &self.set, &mut self.z, COARSE_PASSES, &mut 0);
+    fn solve(&mut self, control: &Control) {
+        self.level.iterate(&self.q, &self.set, &mut self.z, COARSE_PASSES, &mut 0, control);
     }
 
     /// Sets the active set of the next finer problem; where `z` is interpolated, `z` is overwritten.
@@ -100,7 +100,14 @@ pub(super) fn by_interpolation(finest: &SparseMatrix, shape: &[usize]) -> Result
 }
 
 /// Guesses the active set of the finest problem, from the coarsest up.
-pub(super) fn guess(coarser: &mut [Coarse], finest: &mut Level, q: &[f64], set: &ConvexSet, z: &mut [f64]) {
+pub(super) fn guess(
+    coarser: &mut [Coarse],
+    finest: &mut Level,
+    q: &[f64],
+    set: &ConvexSet,
+    z: &mut [f64],
+    control: &Control,
+) {
     for k in 0..coarser.len() {
         let (finer, rest) = coarser.split_at_mut(k);
         match finer.last() {
@@ -110,7 +117,7 @@ pub(super) fn guess(coarser: &mut [Coarse], finest: &mut Level, q: &[f64], set: 
     }
     for k in (0..coarser.len()).rev() {
         let (finer, rest) = coarser.split_at_mut(k);
-        rest[0].solve();
+        rest[0].solve(control);
         match finer.last_mut() {
             Some(fine) => rest[0].guess(&mut fine.level, &fine.q, &fine.set, &mut fine.z),
             None => rest[0].guess(finest, q, set, z),

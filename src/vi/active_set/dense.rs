@@ -4,6 +4,7 @@
 use super::super::{AffineVi, Report, ViSolver};
 use super::ActiveSet;
 use crate::factorisation::SparseMatrix;
+use crate::problem::Control;
 use faer::sparse::Triplet;
 use nalgebra::DMatrix;
 
@@ -43,7 +44,7 @@ impl ViSolver for DenseActiveSet {
         "active_set"
     }
 
-    fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64]) -> Report {
+    fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64], control: &Control) -> Report {
         if vi.set.has_blocks() {
             return Report::UNSUITABLE;
         }
@@ -52,7 +53,7 @@ impl ViSolver for DenseActiveSet {
         }
         self.take(vi.matrix);
         let Some(solver) = &mut self.solver else { return Report::UNSUITABLE };
-        let report = solver.solve(vi.q, vi.set, z);
+        let report = solver.solve(vi.q, vi.set, z, control);
         self.w.resize(z.len(), 0.0);
         self.terms.resize(z.len(), 0.0);
         vi.measure(z, &mut self.w, &mut self.terms).report(report.outcome, report.iterations)

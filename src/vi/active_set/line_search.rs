@@ -11,7 +11,7 @@
 
 use super::super::fischer_burmeister::{Psi, psi};
 use super::{Face, Level};
-use crate::problem::ConvexSet;
+use crate::problem::{Control, ConvexSet};
 
 /// The most steps; practical problems take five to thirty.
 const ITERATIONS: usize = 100;
@@ -54,12 +54,12 @@ impl LineSearch {
     }
 
     /// Improves `z` until it solves the problem or no step lowers `Psi`; the steps made.
-    pub fn run(&mut self, level: &mut Level, q: &[f64], set: &ConvexSet, z: &mut [f64]) -> usize {
+    pub fn run(&mut self, level: &mut Level, q: &[f64], set: &ConvexSet, z: &mut [f64], control: &Control) -> usize {
         for (i, z) in z.iter_mut().enumerate() {
             *z = set.project(i, if z.is_finite() { *z } else { 0.0 });
         }
         for iteration in 0..ITERATIONS {
-            if level.measure(q, set, z).0 {
+            if level.measure(q, set, z).0 || control.poll().is_some() {
                 return iteration;
             }
             let norm = self.linearise(level, set, z);

@@ -3,11 +3,12 @@
 
 use super::ratio::{Block, Motion, NOISE, first_block};
 use super::{Ending, Face, Lemke, PIVOTS, PIVOTS_PER_VARIABLE, start};
-use crate::vi::AffineVi;
+use crate::problem::Control;
+use crate::vi::{AffineVi, is_interrupted};
 
 impl Lemke {
     /// Builds the tableau of the guessed active set and follows the path from there.
-    pub(super) fn pivot_to_end(&mut self, vi: &AffineVi<'_>) -> Ending {
+    pub(super) fn pivot_to_end(&mut self, vi: &AffineVi<'_>, control: &Control) -> Ending {
         self.load(vi);
         if !self.free_rows.is_empty() {
             let (rows, columns) = (&mut self.free_rows, &mut self.free_columns);
@@ -21,7 +22,7 @@ impl Lemke {
         for row in 0..self.tableau.m {
             (self.tableau.lower[row], self.tableau.upper[row]) = self.interval(self.tableau.basic[row]);
         }
-        if self.cover() { self.follow() } else { Ending::Complementary }
+        if self.cover() { self.follow(control) } else { Ending::Complementary }
     }
 
     /// Writes the scaled problem with all `z` nonbasic.
@@ -126,12 +127,15 @@ impl Lemke {
     }
 
     /// Follows the path after `theta` took the place of the variable of column `m`, whose complement enters next.
-    fn follow(&mut self) -> Ending {
+    fn follow(&mut self, control: &Control) -> Ending {
         let m = self.tableau.m;
         let theta = 2 * m;
         let mut left = self.tableau.nonbasic[m];
         let limit = PIVOTS + PIVOTS_PER_VARIABLE * m;
         while self.pivots < limit {
+            if is_interrupted(control, self.pivots) {
+                return Ending::Interrupted;
+            }
             let entering = self.tableau.complement(left);
             let Some(column) = self.tableau.column_of(entering) else { return Ending::Singular };
             let i = if entering < m { entering } else { left };

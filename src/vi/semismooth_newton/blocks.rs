@@ -12,12 +12,12 @@
 //! variational inequality problem via the D-gap function*). Where that fails too, some iterations of Douglas-Rachford
 //! splitting give a new start, from a sequence of its own that converges for every monotone problem.
 
-use crate::problem::{Derivative, Workspace};
+use crate::problem::{Control, Derivative, Workspace};
 use crate::vi::elimination::solve_augmented;
 use crate::vi::gap::Gap;
 use crate::vi::gauge::Gauge;
 use crate::vi::splitting::Splitting;
-use crate::vi::{Accuracy, AffineVi, EXACT, Outcome, Report};
+use crate::vi::{Accuracy, AffineVi, EXACT, Outcome, Report, is_interrupted};
 use nalgebra::DMatrixViewMut;
 
 /// Newton steps in all.
@@ -62,7 +62,7 @@ pub(in crate::vi) struct BlockNewton {
 
 impl BlockNewton {
     /// Solves from `z`, and leaves the answer there.
-    pub fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64]) -> Report {
+    pub fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64], control: &Control) -> Report {
         if !vi.is_sound() {
             return Report::BREAKDOWN;
         }
@@ -73,7 +73,12 @@ impl BlockNewton {
         let mut iterations = 0;
         let mut least = f64::INFINITY;
         let mut converging = true;
+        let mut failure = Outcome::Limit;
         while iterations < ITERATIONS && best.componentwise > EXACT && (converging || !best.is_solved()) {
+            if is_interrupted(control, iterations) {
+                failure = Outcome::Interrupted;
+                break;
+            }
             iterations += 1;
             least = self.linearise(vi).min(least);
             if !self.newton(vi, least) {
@@ -81,6 +86,10 @@ impl BlockNewton {
                     break;
                 }
                 splittings += 1;
+                if control.poll().is_some() {
+                    failure = Outcome::Interrupted;
+                    break;
+                }
                 let split = splitting.get_or_insert_with(|| Splitting::new(vi, &self.gap.scale, &self.z, &self.w));
                 let Some(split) = split else { break };
                 split.iterate(vi, &self.gap.scale, SPLITTING, &mut self.z);
@@ -93,7 +102,7 @@ impl BlockNewton {
         if best.residual.is_nan() {
             return Report { iterations, ..Report::BREAKDOWN };
         }
-        best.report(Outcome::Limit, iterations)
+        best.report(failure, iterations)
     }
 
     fn load(&mut self, vi: &AffineVi<'_>, z: &[f64]) {

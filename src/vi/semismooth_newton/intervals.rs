@@ -16,10 +16,11 @@
 //! descent, the gradient's (De Luca, Facchinei and Kanzow 1996, *A semismooth equation approach to the solution of
 //! nonlinear complementarity problems*; Facchinei and Pang 2003, sections 8.3 and 9.1). `S` is diagonal.
 
+use crate::problem::Control;
 use crate::vi::elimination::solve_augmented;
 use crate::vi::equilibration::Equilibration;
 use crate::vi::fischer_burmeister::psi;
-use crate::vi::{Accuracy, AffineVi, EXACT, Outcome, Report};
+use crate::vi::{Accuracy, AffineVi, EXACT, Outcome, Report, is_interrupted};
 use nalgebra::DMatrixViewMut;
 
 /// Newton steps; practical problems take five to thirty.
@@ -101,7 +102,7 @@ impl IntervalNewton {
 
 impl IntervalNewton {
     /// Solves from `z`, and leaves the answer there.
-    pub fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64]) -> Report {
+    pub fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64], control: &Control) -> Report {
         self.resize(vi.q.len());
         if !self.equilibration.fit(vi) {
             return Report::BREAKDOWN;
@@ -110,8 +111,13 @@ impl IntervalNewton {
         let mut best = self.offer(vi, z, None);
         let mut iterations = 0;
         let mut converging = true;
+        let mut failure = Outcome::Limit;
         // A solved problem is worth further steps as long as they converge fast.
         while iterations < ITERATIONS && best.componentwise > EXACT && (converging || !best.is_solved()) {
+            if is_interrupted(control, iterations) {
+                failure = Outcome::Interrupted;
+                break;
+            }
             iterations += 1;
             self.linearise();
             let norm = norm(&self.psi);
@@ -127,7 +133,7 @@ impl IntervalNewton {
         if best.residual.is_nan() {
             return Report { iterations, ..Report::BREAKDOWN };
         }
-        best.report(Outcome::Limit, iterations)
+        best.report(failure, iterations)
     }
 
     fn resize(&mut self, m: usize) {

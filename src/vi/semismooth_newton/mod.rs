@@ -7,6 +7,7 @@ mod intervals;
 pub(super) use blocks::BlockNewton;
 
 use super::{AffineVi, Report, ViSolver};
+use crate::problem::Control;
 use intervals::IntervalNewton;
 
 /// Semismooth Newton for every set.
@@ -30,11 +31,11 @@ impl ViSolver for SemismoothNewton {
         "semismooth_newton"
     }
 
-    fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64]) -> Report {
+    fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64], control: &Control) -> Report {
         if vi.set.has_blocks() {
-            self.blocks.get_or_insert_with(BlockNewton::default).solve(vi, z)
+            self.blocks.get_or_insert_with(BlockNewton::default).solve(vi, z, control)
         } else {
-            self.intervals.get_or_insert_with(|| IntervalNewton::new(self.size)).solve(vi, z)
+            self.intervals.get_or_insert_with(|| IntervalNewton::new(self.size)).solve(vi, z, control)
         }
     }
 }

@@ -45,7 +45,7 @@ fn above(obstacle: Vec<f64>) -> ConvexSet {
 
 fn solve(solver: &mut ActiveSet, q: &[f64], set: &ConvexSet) -> (Vec<f64>, Report) {
     let mut z = vec![0.0; q.len()];
-    let report = solver.solve(q, set, &mut z);
+    let report = solver.solve(q, set, &mut z, &Control::new());
     assert_eq!(report.outcome, Outcome::Solved, "{report:?}");
     (z, report)
 }
@@ -180,7 +180,7 @@ fn the_shortest_cycle_is_left() {
     let matrix = DMatrix::from_row_slice(3, 3, &[1.0, a, 0.0, 0.0, 1.0, a, a, 0.0, 1.0]);
     let mut solver = ActiveSet::new(&from_dense(&matrix)).expect("a P-matrix");
     let mut z = vec![1.0, 0.0, 0.0];
-    let report = solver.solve(&[-1.0; 3], &ConvexSet::nonnegative(3), &mut z);
+    let report = solver.solve(&[-1.0; 3], &ConvexSet::nonnegative(3), &mut z, &Control::new());
     assert_eq!(report.outcome, Outcome::Solved);
     assert!(largest_difference(&z, &[0.25; 3]) < 1e-12, "{z:?}");
     assert!(report.iterations > 3, "{report:?}: the first sets are a cycle");
@@ -280,7 +280,7 @@ fn what_has_no_solution_or_no_meaning_is_refused() {
     let mut solver = ActiveSet::new(&matrix).expect("an M-matrix");
     let mut refused = |q: &[f64], lower: f64, upper: f64| {
         let set = ConvexSet::intervals(vec![lower; q.len()], vec![upper; q.len()]);
-        let report = solver.solve(q, &set, &mut vec![0.0; q.len()]);
+        let report = solver.solve(q, &set, &mut vec![0.0; q.len()], &Control::new());
         report.outcome == Outcome::Breakdown && report.residual.is_nan()
     };
     assert!(refused(&[0.0; 4], 1.0, 0.0));
@@ -292,7 +292,7 @@ fn what_has_no_solution_or_no_meaning_is_refused() {
 
     let mut disk = ConvexSet::free(4);
     disk.bind(vec![0, 1], Shape::Ball { radius: 1.0 });
-    assert_eq!(solver.solve(&[0.0; 4], &disk, &mut [0.0; 4]).outcome, Outcome::Unsuitable);
+    assert_eq!(solver.solve(&[0.0; 4], &disk, &mut [0.0; 4], &Control::new()).outcome, Outcome::Unsuitable);
 
     let zero = sparse(2, [(0, 0, 1.0), (1, 0, 1.0)].into_iter());
     assert_eq!(ActiveSet::new(&zero).err(), Some(Unsuitable::Diagonal { row: 1, value: 0.0 }));
@@ -305,7 +305,7 @@ fn a_problem_without_a_solution_ends_honestly() {
     // w = z_1 - z_2 - 1, its negative: never both nonnegative.
     let matrix = sparse(2, [(0, 0, 1.0), (0, 1, -1.0), (1, 0, -1.0), (1, 1, 1.0)].into_iter());
     let mut solver = ActiveSet::new(&matrix).expect("a positive diagonal");
-    let report = solver.solve(&[-1.0, 0.5], &ConvexSet::nonnegative(2), &mut [0.0; 2]);
+    let report = solver.solve(&[-1.0, 0.5], &ConvexSet::nonnegative(2), &mut [0.0; 2], &Control::new());
     assert_ne!(report.outcome, Outcome::Solved);
     assert!(report.residual > 0.0);
 }

@@ -71,3 +71,29 @@ fn a_large_string_over_an_obstacle_is_solved_by_its_active_set() {
     let touching = u.iter().filter(|&&u| u == -1.0 / 16.0).count() as f64 * h;
     assert!((touching - (1.0 - 2.0 * (0.125_f64 / 0.6).sqrt())).abs() < 3.0 * h, "touches over {touching}");
 }
+
+#[test]
+fn long_work_is_given_up_where_nobody_waits_for_it() {
+    // Murty's family takes Lemke 2^12 pivots; the discs take sweeps and Newton steps more than a few.
+    let m = 12;
+    let murty = DMatrix::from_fn(m, m, |i, j| if i == j { 1.0 } else { f64::from(u8::from(i < j)) * 2.0 });
+    let q = (0..m).map(|i| 2.0_f64.powi(i as i32) - 2.0_f64.powi(m as i32)).collect();
+    let pivots = Problem::complementarity(murty, q);
+    let mut random = Random(14);
+    let j = random.matrix(40, 20);
+    let mut set = ConvexSet::free(40);
+    (0..20).for_each(|k| set.bind(vec![2 * k, 2 * k + 1], Shape::Ball { radius: 0.3 }));
+    let discs = Problem::new(&j * j.transpose(), random.vector(40), set);
+    let control = Control::new();
+    control.cancel();
+    for (problem, solver) in [
+        (&pivots, SolverKind::Lemke),
+        (&pivots, SolverKind::ActiveSet),
+        (&pivots, SolverKind::Auto),
+        (&discs, SolverKind::BlockGaussSeidel),
+    ] {
+        let vi = AffineVi { matrix: &problem.matrix, q: &problem.q, set: &problem.set };
+        let report = solver.build(problem.q.len()).solve(&vi, &mut vec![0.0; problem.q.len()], &control);
+        assert_eq!(report.outcome, Outcome::Interrupted, "{}: {report:?}", solver.name());
+    }
+}

@@ -11,7 +11,7 @@ mod properties;
 mod sizes;
 
 use super::{AffineVi, BlockGaussSeidel, Conic, Lemke, Outcome, Report, SemismoothNewton, ViSolver};
-use crate::problem::{ConvexSet, Polyhedron, Shape, Workspace};
+use crate::problem::{Control, ConvexSet, Polyhedron, Shape, Workspace};
 use nalgebra::{DMatrix, DVector};
 
 const INFINITY: f64 = f64::INFINITY;
@@ -35,7 +35,7 @@ impl Problem {
     }
 
     fn solve(&self, solver: &mut dyn ViSolver, z: &mut [f64]) -> Report {
-        solver.solve(&AffineVi { matrix: &self.matrix, q: &self.q, set: &self.set }, z)
+        solver.solve(&AffineVi { matrix: &self.matrix, q: &self.q, set: &self.set }, z, &Control::new())
     }
 
     fn w(&self, z: &[f64]) -> Vec<f64> {

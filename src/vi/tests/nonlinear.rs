@@ -68,7 +68,7 @@ fn cubic_problems_over_any_set_converge_from_far_away() {
         let mut answers = Vec::new();
         for size in [0.0, 100.0] {
             let mut z: Vec<f64> = random.vector(m).iter().map(|z| size * z).collect();
-            let report = method.solve(&mut vi, 1e-10, &mut z);
+            let report = method.solve(&mut vi, 1e-10, &mut z, &Control::new());
             assert_eq!(report.outcome, Outcome::Solved, "{report:?} at {m} from {size}");
             let mut f = vec![0.0; m];
             vi.evaluate(&z, &mut f);
@@ -87,7 +87,7 @@ fn a_problem_that_is_not_monotone_is_solved_at_one_of_its_two_solutions() {
     for start in [[1.0, 1.0, 1.0, 1.0], [0.0, 0.0, 0.0, 0.0], [1.0, 0.0, 1.0, 0.0], [2.0, 0.1, 3.0, 0.5]] {
         let mut z = start.to_vec();
         let mut method = JosephyNewton::new(4, SolverKind::Auto);
-        let report = method.solve(&mut KojimaShindoh(ConvexSet::nonnegative(4)), 1e-10, &mut z);
+        let report = method.solve(&mut KojimaShindoh(ConvexSet::nonnegative(4)), 1e-10, &mut z, &Control::new());
         if report.outcome == Outcome::Solved {
             solved += 1;
             assert!(solutions.iter().any(|exact| largest_difference(&z, exact) < 1e-5), "{z:?}");
@@ -99,6 +99,11 @@ fn a_problem_that_is_not_monotone_is_solved_at_one_of_its_two_solutions() {
 #[test]
 fn a_function_that_is_not_defined_is_an_honest_breakdown() {
     let affine = Problem::complementarity(DMatrix::identity(1, 1), vec![f64::NAN]);
-    let report = JosephyNewton::new(1, SolverKind::Auto).solve(&mut Cubic { affine, c: 0.0 }, 1e-10, &mut [1.0]);
+    let report = JosephyNewton::new(1, SolverKind::Auto).solve(
+        &mut Cubic { affine, c: 0.0 },
+        1e-10,
+        &mut [1.0],
+        &Control::new(),
+    );
     assert_eq!(report.outcome, Outcome::Breakdown);
 }

@@ -42,7 +42,7 @@ fn without_friction_velocities_are_those_of_the_complementarity_problem() {
         let q_n: Vec<_> = (0..n).map(|k| q[3 * k]).collect();
         let mut z = vec![0.0; n];
         let vi = AffineVi { matrix: &normal, q: &q_n, set: &ConvexSet::nonnegative(n) };
-        assert_eq!(Lemke::new(n).solve(&vi, &mut z).outcome, Outcome::Solved);
+        assert_eq!(Lemke::new(n).solve(&vi, &mut z, &Control::new()).outcome, Outcome::Solved);
         let w = normal * DVector::from_vec(z);
         for k in 0..n {
             let u_n = problem.velocity(k, &r).x;
