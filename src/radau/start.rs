@@ -65,7 +65,7 @@ impl Radau<'_> {
             for (y, z) in self.y.iter_mut().zip(&self.switching.probe.stages.z[..n]) {
                 *y += z;
             }
-            self.jumped = true;
+            self.jumped.get_or_insert(self.t);
         }
         if self.choose_face(self.h) { Ok(()) } else { Err(StepError::NoStart { t: self.t }) }
     }

@@ -68,7 +68,7 @@ pub(super) fn run_to_end(problem: &mut dyn Dvi, plan: &Plan, control: &Control, 
         Ok(mut radau) => {
             let ended = run(&mut radau, plan, control, part, &mut recorder, &mut diagnostics);
             x.copy_from_slice(&radau.y()[..plan.initial.len()]);
-            count(&mut radau, &mut diagnostics);
+            count(&mut radau, plan, &mut diagnostics);
             ended
         }
         Err(error) => end(control, plan.start, &plan.initial, || failure(plan, &error, plan.start, &plan.initial)),
@@ -249,7 +249,7 @@ pub fn describe(structure: &Structure, plan: &Plan) -> Diagnostics {
 }
 
 /// Takes over the counters of a run.
-fn count(radau: &mut Radau<'_>, diagnostics: &mut Diagnostics) {
+fn count(radau: &mut Radau<'_>, plan: &Plan, diagnostics: &mut Diagnostics) {
     let (counts, work) = (radau.counts, radau.work());
     diagnostics.stages = radau.stages();
     diagnostics.steps = Steps {
@@ -274,12 +274,13 @@ fn count(radau: &mut Radau<'_>, diagnostics: &mut Diagnostics) {
         };
         counts.tried = radau.vi_failures().map(tried).collect();
     }
-    if radau.jumped() {
+    if let Some(t) = radau.jumped() {
         diagnostics.warnings.push(Warning {
-            code: "initial_jump",
-            message: "the initial state is outside what the inequalities allow; it jumped at once, by the impulse \
-                      x+ = x + B p with p in K complementary to G(x+)"
-                .to_owned(),
+            code: if t == plan.start { "initial_jump" } else { "jump" },
+            message: format!(
+                "the state at t = {t:?} is outside what the inequalities allow; it jumped at once, by the impulse x+ = x + B p \
+                 with p in K complementary to G(x+)"
+            ),
         });
     }
     if radau.accumulations() > 0 {
