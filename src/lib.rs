@@ -18,6 +18,7 @@
 //! ```
 
 pub mod analysis;
+pub mod contact;
 pub mod expression;
 pub mod factorisation;
 pub mod models;
@@ -40,6 +41,10 @@ pub fn solve(specification: &Specification, control: &Control) -> Solution {
         Model::Dvi(model) => {
             let (settings, analysis) = (specification.settings(), specification.analysis());
             solution::integrate(&mut *model.problem(), &plan, &settings, analysis, control)
+        }
+        Model::Mechanical(model) => {
+            let (settings, analysis) = (specification.contact_settings(), specification.analysis());
+            solution::integrate_contact(model, &plan, &settings, analysis, control)
         }
     };
     solution.diagnostics.warnings.extend(model.warnings().iter().cloned());

@@ -1,6 +1,6 @@
 //! Problems with their names and their start, to be solved any number of times.
 
-use super::{Linear, Symbolic};
+use super::{Linear, MechanicalModel, Symbolic};
 use crate::analysis::{Analysis, analyse};
 use crate::problem::{Dvi, Structure};
 use crate::solution::Warning;
@@ -10,6 +10,8 @@ use crate::solution::Warning;
 pub enum Model {
     /// A differential variational inequality, for Radau IIA.
     Dvi(DviModel),
+    /// A mechanical system, for the steppers of contact.
+    Mechanical(Box<MechanicalModel>),
 }
 
 impl Model {
@@ -17,6 +19,7 @@ impl Model {
     pub fn state_names(&self) -> &[String] {
         match self {
             Self::Dvi(model) => &model.state_names,
+            Self::Mechanical(model) => &model.state_names,
         }
     }
 
@@ -24,6 +27,7 @@ impl Model {
     pub fn output_names(&self) -> Vec<String> {
         match self {
             Self::Dvi(model) => model.state_names.iter().chain(&model.variable_names).cloned().collect(),
+            Self::Mechanical(model) => model.output_names.clone(),
         }
     }
 
@@ -31,6 +35,7 @@ impl Model {
     pub fn initial(&self) -> &[f64] {
         match self {
             Self::Dvi(model) => &model.initial,
+            Self::Mechanical(model) => &model.initial,
         }
     }
 
@@ -38,6 +43,7 @@ impl Model {
     pub fn warnings(&self) -> &[Warning] {
         match self {
             Self::Dvi(model) => &model.warnings,
+            Self::Mechanical(model) => &model.warnings,
         }
     }
 
@@ -45,6 +51,7 @@ impl Model {
     pub fn analyse(&self, t: f64) -> Analysis {
         match self {
             Self::Dvi(model) => model.analyse(t),
+            Self::Mechanical(model) => model.analyse(),
         }
     }
 
@@ -52,6 +59,7 @@ impl Model {
     pub fn dvi(&self) -> Option<&DviModel> {
         match self {
             Self::Dvi(model) => Some(model),
+            Self::Mechanical(_) => None,
         }
     }
 }

@@ -1,6 +1,7 @@
 //! The evidence that comes with a trajectory.
 
 use crate::analysis::{Analysis, Certificates};
+use crate::contact::energy::Energy;
 use serde::Serialize;
 
 /// What can be said of the problem on an active face of `K`.
@@ -102,6 +103,9 @@ pub struct Diagnostics {
     /// Signs and products of `z` and `G`, and the differentiation lemmas; absent where no variable has a bound.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub complementarity: Option<Certificates>,
+    /// The balance of energy; absent where the problem has none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub energy: Option<Energy>,
     /// The parts that were built.
     pub built: Vec<&'static str>,
     /// The parts that this problem did not need, each with the reason.

@@ -1,5 +1,6 @@
 //! What a solve hands back: the trajectory in columns, events, diagnostics, and how it ended.
 
+mod contact;
 mod diagnostics;
 pub mod encodings;
 mod integrate;
@@ -7,6 +8,7 @@ pub mod pictures;
 mod run;
 mod trajectory;
 
+pub use contact::{describe_contact, integrate_contact};
 pub use diagnostics::{Diagnostics, Evaluations, Face, Steps, Tried, ViCounts, Warning};
 pub use integrate::{describe, integrate};
 pub use run::{Plan, Stepper, run};

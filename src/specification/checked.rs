@@ -63,9 +63,11 @@ impl Specification {
             let names: Vec<&str> = names.iter().map(String::as_str).collect();
             let output_fields = output.fields(&names, &place_of_output, &mut found);
             let analysis = (errors.is_empty() && found.is_empty()).then(|| model.analyse(time.start))?;
-            if let Some(model) = model.dvi() {
-                check_index(&analysis, model, &method, &mut found);
+            match &model {
+                Model::Dvi(model) => check_index(&analysis, model, &method, &mut found),
+                Model::Mechanical(_) => {}
             }
+            method.check_for(&model, &place, &mut found);
             Some(Self {
                 label,
                 model,
@@ -140,6 +142,7 @@ fn lower(problem: &Problem, start: Option<f64>, errors: &mut Errors) -> Option<M
     let (key, unknowns) = match problem {
         Problem::Dvi(problem) => ("dvi", problem.states.len() + problem.variables.len()),
         Problem::Lcs(problem) => ("lcs", problem.initial.len() + problem.variables()),
+        Problem::Mechanical(problem) => ("mechanical", 2 * problem.coordinates.len()),
     };
     let place = place.key(key);
     if unknowns > MOST_UNKNOWNS {
@@ -150,6 +153,7 @@ fn lower(problem: &Problem, start: Option<f64>, errors: &mut Errors) -> Option<M
     let (Lowering { errors: found, .. }, model) = match problem {
         Problem::Dvi(problem) => problem.lower(&place, start),
         Problem::Lcs(problem) => problem.lower(&place, start),
+        Problem::Mechanical(problem) => problem.lower(&place, start),
     };
     errors.append(found);
     model

@@ -1,8 +1,9 @@
 //! From a checked specification to what the integration is told.
 
 use super::checked::Specification;
-use super::method::{Method, Switches, ViSolverName};
+use super::method::{ImpactLawName, Method, Switches, ViSolverName};
 use super::stages::Stages;
+use crate::contact;
 use crate::radau::{self, Settings, StageChoice};
 use crate::solution::Plan;
 use crate::vi::SolverKind;
@@ -13,6 +14,10 @@ const MOST_STEPS: u64 = 10_000_000;
 const MOST_VALUES: usize = 1 << 25;
 /// The natural-map residual to reach where none is given, relative to the terms of `G`.
 const VI_TOLERANCE: f64 = 1e-10;
+/// The relative residual of the law of contact where none is given: bodies at rest are not to creep.
+const CONTACT_TOLERANCE: f64 = 1e-12;
+/// Steps of time stepping over the horizon where no step is given.
+const DEFAULT_STEPS: f64 = 10_000.0;
 
 impl Specification {
     /// What to run and what to keep of it.
@@ -33,6 +38,20 @@ impl Specification {
     /// The choices for Radau IIA.
     pub fn settings(&self) -> Settings {
         settings(self.method(), self.absolute_tolerances())
+    }
+
+    /// The choices for the steppers of contact.
+    pub fn contact_settings(&self) -> contact::Settings {
+        let (method, time) = (self.method(), self.time());
+        contact::Settings {
+            step: method.step.unwrap_or((time.end - time.start) / DEFAULT_STEPS),
+            default_step: method.step.is_none(),
+            impact_law: match method.impact_law.unwrap_or_default() {
+                ImpactLawName::Simultaneous => contact::ImpactLaw::Simultaneous,
+                ImpactLawName::Sequential => contact::ImpactLaw::Sequential,
+            },
+            tolerance: method.vi_tolerance.unwrap_or(CONTACT_TOLERANCE),
+        }
     }
 }
 

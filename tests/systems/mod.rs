@@ -3,6 +3,7 @@
 
 mod certificates;
 mod circuits;
+mod contact;
 mod friction;
 pub mod harness;
 mod nonunique;
