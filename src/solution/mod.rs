@@ -3,13 +3,14 @@
 mod contact;
 mod diagnostics;
 pub mod encodings;
+mod global_error;
 mod integrate;
 pub mod pictures;
 mod run;
 mod trajectory;
 
 pub use contact::{describe_contact, integrate_contact};
-pub use diagnostics::{Diagnostics, Evaluations, Face, Steps, Tried, ViCounts, Warning};
+pub use diagnostics::{Contraction, Diagnostics, Evaluations, Face, GlobalError, Steps, Tried, ViCounts, Warning};
 pub use integrate::{describe, integrate};
 pub use run::{Plan, Stepper, run};
 pub use trajectory::{Event, EventKind, Field, Trajectory};

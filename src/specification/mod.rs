@@ -6,7 +6,9 @@
 //! the affine form of the rates are checked. Choices are tagged from outside, `{"box": {..}}`, so that every value has
 //! an exact place.
 
+mod catalogue;
 mod checked;
+mod choices;
 mod deserializer;
 mod document;
 mod dvi;
@@ -37,6 +39,7 @@ mod times;
 mod tolerance;
 mod wording;
 
+pub use catalogue::{Catalogue, Choice, Coefficients, Limit, catalogue};
 pub use checked::Specification;
 pub use document::{Document, Limits, Problem, Reserved, Time};
 pub use dvi::{DviProblem, State, Variable};

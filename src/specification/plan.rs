@@ -9,9 +9,9 @@ use crate::solution::Plan;
 use crate::vi::SolverKind;
 
 /// The steps that a run may make unless `limits.steps` says less.
-const MOST_STEPS: u64 = 10_000_000;
+pub(super) const MOST_STEPS: u64 = 10_000_000;
 /// The numbers that a trajectory may hold: 256 MiB of them.
-const MOST_VALUES: usize = 1 << 25;
+pub(super) const MOST_VALUES: usize = 1 << 25;
 /// The natural-map residual to reach where none is given, relative to the terms of `G`.
 const VI_TOLERANCE: f64 = 1e-10;
 /// The relative residual of the law of contact where none is given: bodies at rest are not to creep.
@@ -30,6 +30,7 @@ impl Specification {
             end: self.time().end,
             times: self.output_times().map(<[f64]>::to_vec),
             fields: self.output_fields().to_vec(),
+            global_error: self.estimates_global_error(),
             most_steps: self.step_limit().unwrap_or(MOST_STEPS),
             most_values: MOST_VALUES,
         }
@@ -76,6 +77,7 @@ fn settings(method: &Method, atol: &[f64]) -> Settings {
             ViSolverName::Auto => SolverKind::Auto,
             ViSolverName::Lemke => SolverKind::Lemke,
             ViSolverName::SemismoothNewton => SolverKind::SemismoothNewton,
+            ViSolverName::ActiveSet => SolverKind::ActiveSet,
             ViSolverName::Conic => SolverKind::Conic,
             ViSolverName::BlockGaussSeidel => SolverKind::BlockGaussSeidel,
         },
