@@ -9,7 +9,7 @@ use crate::solution::Warning;
 #[derive(Clone, Debug)]
 pub enum Model {
     /// A differential variational inequality, for Radau IIA.
-    Dvi(DviModel),
+    Dvi(Box<DviModel>),
     /// A mechanical system, for the steppers of contact.
     Mechanical(Box<MechanicalModel>),
 }
