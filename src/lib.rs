@@ -43,8 +43,8 @@ pub fn solve(specification: &Specification, control: &Control) -> Solution {
             solution::integrate(&mut *model.problem(), &plan, &settings, analysis, control)
         }
         Model::Mechanical(model) => {
-            let (settings, analysis) = (specification.contact_settings(), specification.analysis());
-            solution::integrate_contact(model, &plan, &settings, analysis, control)
+            let (contact, analysis) = (specification.contact_plan(), specification.analysis());
+            solution::integrate_contact(model, &plan, &contact, analysis, control)
         }
     };
     solution.diagnostics.warnings.extend(model.warnings().iter().cloned());

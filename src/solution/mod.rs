@@ -9,7 +9,7 @@ pub mod pictures;
 mod run;
 mod trajectory;
 
-pub use contact::{describe_contact, integrate_contact};
+pub use contact::{ContactPlan, describe_contact, integrate_contact};
 pub use diagnostics::{Contraction, Diagnostics, Evaluations, Face, GlobalError, Steps, Tried, ViCounts, Warning};
 pub use integrate::{describe, integrate};
 pub use run::{Plan, Stepper, run};

@@ -50,7 +50,7 @@ pub struct Method {
     /// Natural-map residual below which a variational inequality is solved.
     #[schema(exclusive_minimum = 0.0, maximum = 0.01)]
     pub vi_tolerance: Option<f64>,
-    /// How impacts of mechanical systems are met. Default `time_stepping`.
+    /// How impacts of mechanical systems are met. Default `time_stepping` where a `step` is given, else `locate`.
     pub impacts: Option<Impacts>,
     /// How simultaneous impacts of mechanical systems come about. Default `simultaneous`.
     pub impact_law: Option<ImpactLawName>,
@@ -97,6 +97,7 @@ choices! {
     /// How impacts are met.
     Impacts {
         "time_stepping" TimeStepping: "Steps of one size go over them: any number of impacts, first order."
+        "locate" Locate: "Smooth motion by Radau IIA from impact to impact, each at its time; time stepping where they accumulate."
     }
 }
 

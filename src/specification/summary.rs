@@ -42,7 +42,7 @@ impl Specification {
         let Sizes { states, variables, moving_bounds, jacobian_nonzeros, constant_jacobian } = Sizes::of(model);
         let described = match model {
             Model::Dvi(model) => describe(model.structure(), &self.settings(), self.analysis()),
-            Model::Mechanical(model) => describe_contact(model, &self.contact_settings(), self.analysis()),
+            Model::Mechanical(model) => describe_contact(model, &self.contact_plan(), self.analysis()),
         };
         let mut warnings = described.warnings;
         warnings.extend(model.warnings().iter().cloned());

@@ -44,6 +44,7 @@ pub const EXAMPLES: &[Example] = examples! {
     "relay"
     "reverse_zeno"
     "robertson"
+    "rocking_block"
     "sliding_mode"
     "three_regions"
     "van_der_pol"
