@@ -141,10 +141,16 @@ impl<'p> Located<'p> {
         if self.stalls > STALLS {
             return Ok(());
         }
+        // What was held has drifted by the tolerance, which is not to pass for a slip.
+        let mut kept = before.clone();
+        if let Ending::Stops(k) = ending {
+            kept[k] = Status::Stick;
+        }
+        self.step.project(&mut self.state, &held(&self.structure, &kept))?;
         match ending {
             Ending::Closes(k) => {
                 let accumulate = (ZENO * self.horizon).max(1e3 * f64::EPSILON * t.abs());
-                if t - self.last_impact[k] < accumulate && self.structure.contacts[k].restitution > 0.0 {
+                if t - self.last_impact[k] < accumulate {
                     self.accumulations += 1;
                     self.velocity_step(accumulate, Forces::Inelastic, control)?;
                 } else {
