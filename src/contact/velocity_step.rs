@@ -117,6 +117,10 @@ pub struct VelocityStep<'p> {
 /// Passes that take out of `q` what curvature leaves of the constraints.
 const CORRECTIONS: usize = 6;
 
+/// A slip this small beside its terms, or beside its change within a step, is none.
+const ROUNDING: f64 = 1e-11;
+const SMALL: f64 = 1e-6;
+
 /// A constraint off by this, in units of the coordinates, is left.
 const OFF: f64 = 1e-13;
 
@@ -222,13 +226,8 @@ impl<'p> VelocityStep<'p> {
         self.factorised = None;
         let before = near.velocities(&self.structure, &now, &state.v);
         let free = near.velocities(&self.structure, &self.constraints, &v);
-        let rounding: Vec<f64> = contacts.iter().map(|&k| 1e-11 * self.size_of_slip(k, &state.v)).collect();
-        let moving: Vec<_> = before
-            .iter()
-            .zip(&rounding)
-            .map(|(u, rounding)| if u.y.hypot(u.z) > *rounding { *u } else { Vector3::zeros() })
-            .collect();
-        if let Some(i) = near.painleve(&moving) {
+        let rounding = self.rounding_of_slips(contacts, &state.v, &before, &free);
+        if let Some(i) = near.painleve(&before, &rounding) {
             self.work.painleve.get_or_insert((state.t, contacts[i]));
             return Ok(None);
         }
@@ -305,6 +304,18 @@ impl<'p> VelocityStep<'p> {
             products.sum::<f64>() + self.constraints.drift[row].abs()
         };
         self.structure.tangents(k).map(terms).reduce(f64::max).unwrap_or(f64::INFINITY)
+    }
+
+    /// Slips that are none: rounding of their terms, and small beside what forces make of them within the step.
+    fn rounding_of_slips(
+        &self,
+        contacts: &[usize],
+        v: &[f64],
+        before: &[Vector3<f64>],
+        free: &[Vector3<f64>],
+    ) -> Vec<f64> {
+        let changes = before.iter().zip(free).map(|(before, free)| SMALL * (free - before).norm());
+        contacts.iter().zip(changes).map(|(&k, change)| change.max(ROUNDING * self.size_of_slip(k, v))).collect()
     }
 
     /// Factorisations made.
@@ -449,7 +460,8 @@ impl<'p> VelocityStep<'p> {
                     without[i] += change;
                 }
             }
-            if let Some(i) = scene.painleve(&before) {
+            let rounding = self.rounding_of_slips(&near, &state.v, &before, &without);
+            if let Some(i) = scene.painleve(&before, &rounding) {
                 self.work.painleve.get_or_insert((state.t, near[i]));
             }
             let contacts = scene.contacts(&without, &before, &gap, &restitution, h);
