@@ -1,10 +1,14 @@
-//! What the types of specification lower to: equations that make a [`Dvi`](crate::problem::Dvi) as often as one is
-//! needed, with the names that their columns go by.
+//! What the types of specification lower to: equations that can be handed out as often as they are needed, with the
+//! names that their columns go by.
 
 mod linear;
+mod mechanical;
+mod mechanical_model;
 mod model;
 mod symbolic;
 
 pub use linear::{Linear, LinearRows};
-pub use model::{Equations, Model};
+pub use mechanical::{MechanicalRows, SymbolicMechanics, Underivable};
+pub use mechanical_model::{ENERGIES, MechanicalModel};
+pub use model::{DviModel, Equations, Model};
 pub use symbolic::{Refusal, Rows, Symbolic};

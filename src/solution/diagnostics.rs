@@ -1,6 +1,7 @@
 //! The evidence that comes with a trajectory.
 
 use crate::analysis::{Analysis, Certificates};
+use crate::contact::energy::Energy;
 use serde::{Serialize, Serializer};
 use std::collections::BTreeMap;
 
@@ -128,6 +129,9 @@ pub struct Diagnostics {
     /// Signs and products of `z` and `G`, and the differentiation lemmas; absent where no variable has a bound.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub complementarity: Option<Certificates>,
+    /// The balance of energy; absent where the problem has none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub energy: Option<Energy>,
     /// What the values at the end may be off by; present where it was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub global_error: Option<GlobalError>,

@@ -6,8 +6,10 @@
 //! jumps need no thought, since both runs meet them. Not valid where the two take different solutions of a problem that
 //! has several, where the tolerance is near the rounding errors, and between a first run too coarse and the solution.
 
-use super::integrate::{Ended, run_to_end};
+use super::integrate::run_to_end;
+use super::run::Ended;
 use super::{GlobalError, Plan, Status, Warning};
+use crate::analysis::Analysis;
 use crate::problem::{Control, Dvi};
 use crate::radau::{Settings, StageChoice};
 
@@ -20,11 +22,18 @@ pub const SHARE: f64 = 0.5;
 
 /// Runs again, for the rest of the progress, and takes the estimate into the diagnostics of a first run; or a warning
 /// where the second does not reach the end.
-pub fn estimate(problem: &mut dyn Dvi, plan: &Plan, control: &Control, first: &mut Ended) {
-    let (settings, factor) = more_accurate(&plan.settings);
+pub fn estimate(
+    problem: &mut dyn Dvi,
+    plan: &Plan,
+    settings: &Settings,
+    analysis: &Analysis,
+    control: &Control,
+    first: &mut Ended,
+) {
+    let (tighter, factor) = more_accurate(settings);
     let n = plan.initial.len();
-    let reference = Plan { settings, times: Some(vec![plan.end]), fields: Vec::new(), ..plan.clone() };
-    let second = run_to_end(problem, &reference, control, SHARE..1.0);
+    let reference = Plan { times: Some(vec![plan.end]), fields: Vec::new(), ..plan.clone() };
+    let second = run_to_end(problem, &reference, &tighter, analysis, control, SHARE..1.0);
     let diagnostics = &mut first.solution.diagnostics;
     diagnostics.wall_seconds += second.solution.diagnostics.wall_seconds;
     if second.solution.status != Status::Completed {
@@ -35,7 +44,7 @@ pub fn estimate(problem: &mut dyn Dvi, plan: &Plan, control: &Control, first: &m
     }
     let end = &first.x;
     let errors: Vec<f64> = end.iter().zip(&second.x).map(|(x, exact)| factor * (x - exact)).collect();
-    let scale = |j: usize| plan.settings.atol[j] + plan.settings.rtol * end[j].abs();
+    let scale = |j: usize| settings.atol[j] + settings.rtol * end[j].abs();
     diagnostics.global_error = Some(GlobalError {
         largest_scaled: (0..n).map(|j| errors[j].abs() / scale(j)).fold(0.0, f64::max),
         states: plan.names.iter().cloned().zip(errors).collect(),

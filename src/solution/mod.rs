@@ -1,14 +1,18 @@
 //! What a solve hands back: the trajectory in columns, events, diagnostics, and how it ended.
 
+mod contact;
 mod diagnostics;
 pub mod encodings;
 mod global_error;
 mod integrate;
 pub mod pictures;
+mod run;
 mod trajectory;
 
+pub use contact::{ContactPlan, describe_contact, integrate_contact};
 pub use diagnostics::{Contraction, Diagnostics, Evaluations, Face, GlobalError, Steps, Tried, ViCounts, Warning};
-pub use integrate::{Plan, describe, integrate};
+pub use integrate::{describe, integrate};
+pub use run::{Plan, Stepper, run};
 pub use trajectory::{Event, EventKind, Field, Trajectory};
 
 use serde::Serialize;

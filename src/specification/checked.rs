@@ -11,7 +11,7 @@ use super::repairs::Repairs;
 use super::stages::Stages;
 use super::wording::abridged;
 use crate::analysis::Analysis;
-use crate::models::Model;
+use crate::models::{DviModel, Model};
 use crate::problem::ConvexSet;
 
 /// A specification that has passed every check, lowered and ready to be solved any number of times.
@@ -61,12 +61,23 @@ impl Specification {
         check_limits(limits, &root.key("limits"), &mut found);
         check_label(label.as_deref(), &root.key("label"), &mut found);
         let specification = model.and_then(|model| {
-            let absolute_tolerances = method.absolute_tolerances(&model.state_names, &place, &mut found);
-            let names: Vec<&str> = model.state_names.iter().chain(&model.variable_names).map(String::as_str).collect();
+            let absolute_tolerances = method.absolute_tolerances(model.state_names(), &place, &mut found);
+            let names = model.output_names();
+            let names: Vec<&str> = names.iter().map(String::as_str).collect();
             let output_fields = output.fields(&names, &place_of_output, &mut found);
-            check_solver(&model.structure().set, method.vi_solver, &place, &mut found);
+            if let Some(model) = model.dvi() {
+                check_solver(&model.structure().set, method.vi_solver, &place, &mut found);
+            }
             let analysis = (errors.is_empty() && found.is_empty()).then(|| model.analyse(time.start))?;
-            check_index(&analysis, &model, &method, &mut found);
+            match &model {
+                Model::Dvi(model) => check_index(&analysis, model, &method, &mut found),
+                Model::Mechanical(_) => {}
+            }
+            method.check_for(&model, &place, &mut found);
+            if output.global_error && model.dvi().is_none() {
+                let detail = "two runs that meet impacts at different times are not compared";
+                found.report(&place_of_output.key("global_error"), "conflict", detail);
+            }
             Some(Self {
                 label,
                 model,
@@ -147,6 +158,7 @@ fn lower(problem: &Problem, start: Option<f64>, errors: &mut Errors) -> Option<M
     let (key, unknowns) = match problem {
         Problem::Dvi(problem) => ("dvi", problem.states.len() + problem.variables.len()),
         Problem::Lcs(problem) => ("lcs", problem.initial.len() + problem.variables()),
+        Problem::Mechanical(problem) => ("mechanical", 2 * problem.coordinates.len()),
     };
     let place = place.key(key);
     if unknowns > MOST_UNKNOWNS {
@@ -157,6 +169,7 @@ fn lower(problem: &Problem, start: Option<f64>, errors: &mut Errors) -> Option<M
     let (Lowering { errors: found, .. }, model) = match problem {
         Problem::Dvi(problem) => problem.lower(&place, start),
         Problem::Lcs(problem) => problem.lower(&place, start),
+        Problem::Mechanical(problem) => problem.lower(&place, start),
     };
     errors.append(found);
     model
@@ -183,7 +196,7 @@ fn check_limits(limits: Limits, place: &Place<'_>, errors: &mut Errors) {
 }
 
 /// Refuses what no method here solves as it is posed.
-fn check_index(analysis: &Analysis, model: &Model, method: &Method, errors: &mut Errors) {
+fn check_index(analysis: &Analysis, model: &DviModel, method: &Method, errors: &mut Errors) {
     let set = &model.structure().set;
     let bounded = !model.structure().moving.is_empty() || (0..set.dimension()).any(|k| !set.is_free(k));
     match analysis.index {

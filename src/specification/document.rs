@@ -2,6 +2,7 @@
 
 use super::dvi::DviProblem;
 use super::lcs::LcsProblem;
+use super::mechanical::MechanicalProblem;
 use super::method::Method;
 use super::output::Output;
 use serde::Deserialize;
@@ -46,6 +47,8 @@ pub enum Problem {
     Dvi(DviProblem),
     /// A linear complementarity system, in matrices.
     Lcs(Box<LcsProblem>),
+    /// A mechanical system with impacts and friction, in generalised coordinates.
+    Mechanical(Box<MechanicalProblem>),
 }
 
 /// The time horizon, in seconds unless the model says otherwise.

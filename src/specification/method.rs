@@ -6,6 +6,7 @@ use super::place::Place;
 use super::plan::MOST_STEPS;
 use super::stages::Stages;
 use super::tolerance::AbsoluteTolerance;
+use crate::models::Model;
 use crate::radau::MOST_STAGES;
 use serde::Deserialize;
 use utoipa::ToSchema;
@@ -49,6 +50,10 @@ pub struct Method {
     /// Natural-map residual below which a variational inequality is solved.
     #[schema(exclusive_minimum = 0.0, maximum = 0.01)]
     pub vi_tolerance: Option<f64>,
+    /// How impacts of mechanical systems are met. Default `time_stepping` where a `step` is given, else `locate`.
+    pub impacts: Option<Impacts>,
+    /// How simultaneous impacts of mechanical systems come about. Default `simultaneous`.
+    pub impact_law: Option<ImpactLawName>,
     /// Solve a problem of index three or more, which is refused otherwise: its solutions exist for special data only.
     #[serde(default)]
     pub accept_index_three: bool,
@@ -68,6 +73,8 @@ impl Default for Method {
             switches: Switches::default(),
             vi_solver: ViSolverName::default(),
             vi_tolerance: None,
+            impacts: None,
+            impact_law: None,
             accept_index_three: false,
         }
     }
@@ -82,6 +89,23 @@ choices! {
     MethodName {
         "auto" Auto: "The one that fits the problem."
         "radau" Radau: "Radau IIA with a variational inequality at every stage, of order 2s - 1 for s stages."
+        "contact" Contact: "The steppers of mechanical systems with impacts and friction."
+    }
+}
+
+choices! {
+    /// How impacts are met.
+    Impacts {
+        "time_stepping" TimeStepping: "Steps of one size go over them: any number of impacts, first order."
+        "locate" Locate: "Smooth motion by Radau IIA from impact to impact, each at its time; time stepping where they accumulate."
+    }
+}
+
+choices! {
+    /// How impacts at several contacts at once come about.
+    ImpactLawName {
+        "simultaneous" Simultaneous: "All at once: every body takes its share."
+        "sequential" Sequential: "One after the other, as a shock runs through a row of balls."
     }
 }
 
@@ -174,6 +198,32 @@ impl Method {
         {
             let detail = format!("the first step {first} does not lie between `min_step` and `max_step`");
             errors.report(&place.key("first_step"), "out_of_range", detail);
+        }
+    }
+}
+
+impl Method {
+    /// Checks that the method is one for this model.
+    pub(super) fn check_for(&self, model: &Model, place: &Place<'_>, errors: &mut Errors) {
+        let mut refuse = |key: &str, detail: &str, expected: &str| {
+            let error = SpecificationError::new(place.key(key).to_string(), "conflict", detail);
+            errors.push(error.expected(expected));
+        };
+        match (model, self.name) {
+            (Model::Mechanical(_), MethodName::Radau) => {
+                refuse("name", "Radau IIA alone knows no impacts", "`auto` or `contact`");
+            }
+            (Model::Dvi(_), MethodName::Contact) => {
+                refuse("name", "this problem has no contacts", "`auto` or `radau`");
+            }
+            _ => {}
+        }
+        if let Model::Dvi(_) = model {
+            for (key, given) in [("impacts", self.impacts.is_some()), ("impact_law", self.impact_law.is_some())] {
+                if given {
+                    refuse(key, "only mechanical systems have impacts", "to be left out");
+                }
+            }
         }
     }
 }

@@ -1,10 +1,11 @@
 //! From a checked specification to what the integration is told.
 
 use super::checked::Specification;
-use super::method::{Method, Switches, ViSolverName};
+use super::method::{ImpactLawName, Impacts, Method, Switches, ViSolverName};
 use super::stages::Stages;
+use crate::contact;
 use crate::radau::{self, Settings, StageChoice};
-use crate::solution::Plan;
+use crate::solution::{ContactPlan, Plan};
 use crate::vi::SolverKind;
 
 /// The steps that a run may make unless `limits.steps` says less.
@@ -13,24 +14,48 @@ pub(super) const MOST_STEPS: u64 = 10_000_000;
 pub(super) const MOST_VALUES: usize = 1 << 25;
 /// The natural-map residual to reach where none is given, relative to the terms of `G`.
 const VI_TOLERANCE: f64 = 1e-10;
+/// The relative residual of the law of contact where none is given: bodies at rest are not to creep.
+const CONTACT_TOLERANCE: f64 = 1e-12;
+/// Steps of time stepping over the horizon where no step is given.
+const DEFAULT_STEPS: f64 = 10_000.0;
 
 impl Specification {
     /// What to run and what to keep of it.
     pub fn plan(&self) -> Plan {
         let model = self.model();
         Plan {
-            names: model.state_names.iter().chain(&model.variable_names).cloned().collect(),
-            initial: model.initial.clone(),
+            names: model.output_names(),
+            initial: model.initial().to_vec(),
             start: self.time().start,
             end: self.time().end,
             times: self.output_times().map(<[f64]>::to_vec),
             fields: self.output_fields().to_vec(),
             global_error: self.estimates_global_error(),
-            analysis: self.analysis().clone(),
-            settings: settings(self.method(), self.absolute_tolerances()),
             most_steps: self.step_limit().unwrap_or(MOST_STEPS),
             most_values: MOST_VALUES,
         }
+    }
+
+    /// The choices for Radau IIA.
+    pub fn settings(&self) -> Settings {
+        settings(self.method(), self.absolute_tolerances())
+    }
+
+    /// The choices for the steppers of contact.
+    pub fn contact_plan(&self) -> ContactPlan {
+        let (method, time) = (self.method(), self.time());
+        let settings = contact::Settings {
+            step: method.step.unwrap_or((time.end - time.start) / DEFAULT_STEPS),
+            default_step: method.step.is_none(),
+            impact_law: match method.impact_law.unwrap_or_default() {
+                ImpactLawName::Simultaneous => contact::ImpactLaw::Simultaneous,
+                ImpactLawName::Sequential => contact::ImpactLaw::Sequential,
+            },
+            tolerance: method.vi_tolerance.unwrap_or(CONTACT_TOLERANCE),
+        };
+        let by_step = if method.step.is_some() { Impacts::TimeStepping } else { Impacts::Locate };
+        let located = method.impacts.unwrap_or(by_step) == Impacts::Locate;
+        ContactPlan { settings, located: located.then(|| self.settings()) }
     }
 }
 

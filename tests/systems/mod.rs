@@ -3,6 +3,7 @@
 
 mod certificates;
 mod circuits;
+mod contact;
 mod friction;
 mod global_error;
 pub mod harness;

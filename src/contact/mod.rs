@@ -1,0 +1,25 @@
+//! Rigid bodies with impacts and friction, of index two: impulses are the unknowns, velocities may jump (Moreau 1988,
+//! *Unilateral contact and dry friction in finite freedom dynamics*; Stewart 2000, *Rigid-body dynamics with friction
+//! and impact*, SIAM Review 42).
+//!
+//! - [`law`]: impact and friction of all contacts of one step at once, in contact coordinates. It knows neither `M` nor
+//!   where contacts come from.
+//! - [`energy`]: where the energy of a step goes.
+//! - [`Located`]: smooth motion by Radau IIA from impact to impact, a [`Leg`] for each mode.
+//! - [`VelocityStep`]: one step of a system in generalised coordinates; [`TimeStepping`]: one after the other.
+
+mod delassus;
+pub mod energy;
+mod happening;
+pub mod law;
+mod locate;
+mod near;
+mod settings;
+mod time_stepping;
+mod velocity_step;
+
+pub use happening::Happening;
+pub use locate::{Flights, Leg, Located};
+pub use settings::{ContactError, ImpactLaw, Settings};
+pub use time_stepping::TimeStepping;
+pub use velocity_step::{Contacted, Forces, State, VelocityStep, Work};

@@ -1,0 +1,266 @@
+//! Runs a stepper from start to end: outputs, limits, events, evidence. Written once, outside the methods.
+
+use super::{Diagnostics, Event, Failure, Field, Solution, Status, Trajectory};
+use crate::problem::{Control, Stop};
+use std::ops::Range;
+use std::time::Instant;
+
+/// What to run and what to keep of it.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// The names of the states, then of the other outputs.
+    pub names: Vec<String>,
+    /// The initial states.
+    pub initial: Vec<f64>,
+    /// The time to start from.
+    pub start: f64,
+    /// The time to reach.
+    pub end: f64,
+    /// The times to report at, increasing, within `[start, end]`; none is at every step.
+    pub times: Option<Vec<f64>>,
+    /// The fields to keep, as indices into `names`.
+    pub fields: Vec<usize>,
+    /// Whether the error at the end is to be estimated.
+    pub global_error: bool,
+    /// The most steps.
+    pub most_steps: u64,
+    /// The most numbers in the trajectory.
+    pub most_values: usize,
+}
+
+/// A method on its way through one problem.
+pub trait Stepper {
+    /// The time reached.
+    fn t(&self) -> f64;
+
+    /// Whether the end is reached.
+    fn is_done(&self) -> bool;
+
+    /// The steps made so far.
+    fn accepted(&self) -> u64;
+
+    /// The states at the time reached.
+    fn states(&self) -> &[f64];
+
+    /// Makes one accepted step.
+    ///
+    /// # Errors
+    /// Why it cannot be made, for the user.
+    fn step(&mut self) -> Result<(), Failure>;
+
+    /// Writes all outputs, in the order of [`Plan::names`], at a time within the last step.
+    fn outputs(&mut self, t: f64, out: &mut [f64]);
+
+    /// Hands over what happened in the last step, in the order of time.
+    fn take_events(&mut self, events: &mut Vec<Event>);
+
+    /// Takes the end of a step into the evidence; `switched` says that there were events in it.
+    fn observe(&mut self, switched: bool, diagnostics: &mut Diagnostics);
+
+    /// Hands over the counters of the whole run.
+    fn finish(&mut self, diagnostics: &mut Diagnostics);
+}
+
+/// A run, and the states where it ended.
+pub(super) struct Ended {
+    pub solution: Solution,
+    pub x: Vec<f64>,
+}
+
+/// Starts a stepper and drives it to the end; whatever happens, the trajectory so far is in the answer.
+pub fn run<S: Stepper>(
+    plan: &Plan,
+    control: &Control,
+    diagnostics: Diagnostics,
+    start: impl FnOnce() -> Result<S, Failure>,
+) -> Solution {
+    run_part(plan, control, 0.0..1.0, diagnostics, start).solution
+}
+
+/// The same for a run that is the given part of all the progress.
+pub(super) fn run_part<S: Stepper>(
+    plan: &Plan,
+    control: &Control,
+    part: Range<f64>,
+    diagnostics: Diagnostics,
+    start: impl FnOnce() -> Result<S, Failure>,
+) -> Ended {
+    let mut run = Run::new(plan, control, part, diagnostics);
+    match start() {
+        Ok(mut stepper) => {
+            let ended = run.drive(&mut stepper);
+            stepper.finish(&mut run.diagnostics);
+            run.end(ended)
+        }
+        Err(failure) => run.end(Err((Status::Failed, failure))),
+    }
+}
+
+/// A run on its way, through one stepper or several, one after the other.
+pub(super) struct Run<'a> {
+    plan: &'a Plan,
+    control: &'a Control,
+    part: Range<f64>,
+    recorder: Recorder<'a>,
+    x: Vec<f64>,
+    began: Instant,
+    started: bool,
+    /// The evidence so far.
+    pub diagnostics: Diagnostics,
+}
+
+impl<'a> Run<'a> {
+    pub fn new(plan: &'a Plan, control: &'a Control, part: Range<f64>, diagnostics: Diagnostics) -> Self {
+        let (recorder, x) = (Recorder::new(plan), plan.initial.clone());
+        Self { plan, control, part, recorder, x, began: Instant::now(), started: false, diagnostics }
+    }
+
+    /// Drives a stepper until it is done; why it did not come so far, if it did not.
+    pub fn drive(&mut self, stepper: &mut impl Stepper) -> Result<(), (Status, Failure)> {
+        let plan = self.plan;
+        if !self.started {
+            self.recorder.start(stepper);
+            self.started = true;
+        }
+        let driven = loop {
+            if stepper.is_done() {
+                break Ok(());
+            }
+            if let Some((code, message)) = limit(stepper, plan, self.control, &self.recorder) {
+                let state = stepper.states().to_vec();
+                break Err((Status::Stopped, Failure { code, message, time: stepper.t(), state }));
+            }
+            if let Err(failure) = stepper.step() {
+                break Err(verdict(self.control, failure));
+            }
+            let switched = self.recorder.step(stepper);
+            stepper.observe(switched, &mut self.diagnostics);
+            let done = (stepper.t() - plan.start) / (plan.end - plan.start);
+            self.control.report(self.part.start + done * (self.part.end - self.part.start), stepper.accepted());
+        };
+        self.x.copy_from_slice(stepper.states());
+        driven
+    }
+
+    pub fn end(mut self, ended: Result<(), (Status, Failure)>) -> Ended {
+        let (status, error) = match ended {
+            Ok(()) => (Status::Completed, None),
+            Err((status, failure)) => (status, Some(failure)),
+        };
+        let trajectory = self.recorder.trajectory;
+        self.diagnostics.switches = trajectory.events.len() as u64;
+        self.diagnostics.wall_seconds = self.began.elapsed().as_secs_f64();
+        Ended { solution: Solution { status, error, trajectory, diagnostics: self.diagnostics }, x: self.x }
+    }
+}
+
+/// Why there is no step: because the outside gave it no time, or because it failed.
+pub(super) fn verdict(control: &Control, failure: Failure) -> (Status, Failure) {
+    match stopped(control, failure.time) {
+        Some((code, message)) => (Status::Stopped, Failure { code, message, ..failure }),
+        None => (Status::Failed, failure),
+    }
+}
+
+/// What the outside asks for, if it asks to stop: a code and a message.
+fn stopped(control: &Control, t: f64) -> Option<(&'static str, String)> {
+    Some(match control.poll()? {
+        Stop::Cancelled => ("cancelled", format!("cancelled at t = {t:?}")),
+        Stop::Deadline => {
+            ("wall_time", format!("the wall time allowed ended at t = {t:?}; allow more with limits.wall_seconds"))
+        }
+    })
+}
+
+/// The limit that the run has reached, if any: its code and message.
+fn limit(
+    stepper: &impl Stepper,
+    plan: &Plan,
+    control: &Control,
+    recorder: &Recorder<'_>,
+) -> Option<(&'static str, String)> {
+    let t = stepper.t();
+    if let Some(stopped) = stopped(control, t) {
+        return Some(stopped);
+    }
+    if stepper.accepted() >= plan.most_steps {
+        let most = plan.most_steps;
+        return Some((
+            "steps",
+            format!("{most} steps were made up to t = {t:?}; allow more with limits.steps, or loosen rtol"),
+        ));
+    }
+    if recorder.values() > plan.most_values {
+        let most = plan.most_values;
+        return Some((
+            "output",
+            format!("the trajectory holds {most} numbers at t = {t:?}; ask for fewer times or fields"),
+        ));
+    }
+    None
+}
+
+/// Puts the outputs asked for into columns.
+struct Recorder<'a> {
+    plan: &'a Plan,
+    trajectory: Trajectory,
+    /// The next of the times asked for.
+    next: usize,
+    y: Vec<f64>,
+}
+
+impl<'a> Recorder<'a> {
+    fn new(plan: &'a Plan) -> Self {
+        let capacity = plan.times.as_ref().map_or(0, Vec::len);
+        let fields = plan
+            .fields
+            .iter()
+            .map(|&index| Field { name: plan.names[index].clone(), values: Vec::with_capacity(capacity) })
+            .collect();
+        let trajectory = Trajectory { t: Vec::with_capacity(capacity), fields, events: Vec::new() };
+        Self { plan, trajectory, next: 0, y: vec![0.0; plan.names.len()] }
+    }
+
+    fn values(&self) -> usize {
+        self.trajectory.t.len() * (1 + self.trajectory.fields.len()) + self.trajectory.events.len()
+    }
+
+    fn start(&mut self, stepper: &mut impl Stepper) {
+        match &self.plan.times {
+            None => self.sample(stepper, self.plan.start),
+            Some(times) => {
+                while times.get(self.next).is_some_and(|&t| t <= self.plan.start) {
+                    self.sample(stepper, times[self.next]);
+                    self.next += 1;
+                }
+            }
+        }
+    }
+
+    /// Takes over the outputs and the events of the last step; whether there were any events.
+    fn step(&mut self, stepper: &mut impl Stepper) -> bool {
+        let events = self.trajectory.events.len();
+        stepper.take_events(&mut self.trajectory.events);
+        let switched = self.trajectory.events.len() > events;
+        let end = stepper.t();
+        let Some(times) = &self.plan.times else {
+            self.sample(stepper, end);
+            return switched;
+        };
+        while let Some(&t) = times.get(self.next)
+            && t <= end
+        {
+            self.sample(stepper, t);
+            self.next += 1;
+        }
+        switched
+    }
+
+    fn sample(&mut self, stepper: &mut impl Stepper, t: f64) {
+        stepper.outputs(t, &mut self.y);
+        self.trajectory.t.push(t);
+        for (field, &index) in self.trajectory.fields.iter_mut().zip(&self.plan.fields) {
+            field.values.push(self.y[index]);
+        }
+    }
+}
