@@ -130,7 +130,7 @@ impl<'l, 'p> Leg<'l, 'p> {
             }
             None if self.drifts() => {
                 self.over = true;
-                self.located.choose(None, control)
+                self.located.hold(&self.mode)
             }
             None => Ok(()),
         }
