@@ -9,7 +9,12 @@
 //! hold at the level of velocities; what curvature leaves of a constraint at the end, a joint off zero or a negative gap, is
 //! taken out of `q+` by the shortest way in the metric of `M`, which leaves velocities, and with them kinetic energy, alone.
 
-use super::delassus::{Delassus, dot};
+mod correction;
+mod probe;
+
+pub use probe::Probed;
+
+use super::delassus::Delassus;
 use super::law::{Law, Report, sequential};
 use super::near::Near;
 use super::settings::{ContactError, ImpactLaw};
@@ -52,21 +57,6 @@ pub struct Contacted {
     pub friction: f64,
     /// Lost in impacts.
     pub impacts: f64,
-}
-
-/// What the law makes of a contact in a step that is no part of the trajectory.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Probed {
-    /// Its impulse.
-    pub r: Vector3<f64>,
-    /// `u` at the state probed.
-    pub before: Vector3<f64>,
-    /// `u` at the end of the step, without impulses.
-    pub free: Vector3<f64>,
-    /// `u` at its end.
-    pub after: Vector3<f64>,
-    /// What is rounding in slips.
-    pub rounding: f64,
 }
 
 /// Counters of a run.
@@ -113,16 +103,6 @@ pub struct VelocityStep<'p> {
     /// Counters.
     pub work: Work,
 }
-
-/// Passes that take out of `q` what curvature leaves of the constraints.
-const CORRECTIONS: usize = 6;
-
-/// A slip this small beside its terms, or beside its change within a step, is none.
-const ROUNDING: f64 = 1e-11;
-const SMALL: f64 = 1e-6;
-
-/// A constraint off by this, in units of the coordinates, is left.
-const OFF: f64 = 1e-13;
 
 impl<'p> VelocityStep<'p> {
     /// Room for a system.
@@ -192,132 +172,6 @@ impl<'p> VelocityStep<'p> {
         Ok(())
     }
 
-    /// What the law makes of contacts that are closed, without restitution, in a step so short that only directions
-    /// count; the place is that where free motion leads, so that curved ways count too. `None` where friction drives a
-    /// contact into what it slides on.
-    ///
-    /// # Errors
-    /// See [`VelocityStep::advance`].
-    pub fn probe(
-        &mut self,
-        state: &State,
-        h: f64,
-        contacts: &[usize],
-        control: &Control,
-    ) -> Result<Option<Vec<Probed>>, ContactError> {
-        let lost = ContactError::Singular { t: state.t };
-        self.problem.constraints(state.t, &state.q, &mut self.constraints);
-        self.check_constraints(state.t)?;
-        let now = self.constraints.clone();
-        let q = state.q.iter().zip(&state.v).map(|(q, v)| q + h * v).collect();
-        let ahead = State { t: state.t + h, q, v: state.v.clone() };
-        self.problem.constraints(ahead.t, &ahead.q, &mut self.constraints);
-        self.check_constraints(ahead.t)?;
-        self.factorised = None;
-        self.factorise(&ahead, h)?;
-        let mut v = state.v.clone();
-        self.add_forces(&ahead, h, &mut v)?;
-        if !self.delassus.hold_joints(&self.constraints) {
-            return Err(lost);
-        }
-        let violation: Vec<f64> = (0..self.structure.joints).map(|i| self.constraints.velocity(i, &v)).collect();
-        self.delassus.obey_joints(&violation, &mut v);
-        let near = Near::new(&self.structure, &self.constraints, &mut self.delassus, contacts).ok_or(lost)?;
-        self.factorised = None;
-        let before = near.velocities(&self.structure, &now, &state.v);
-        let free = near.velocities(&self.structure, &self.constraints, &v);
-        let rounding = self.rounding_of_slips(contacts, &state.v, &before, &free);
-        if let Some(i) = near.painleve(&before, &rounding) {
-            self.work.painleve.get_or_insert((state.t, contacts[i]));
-            return Ok(None);
-        }
-        let none = vec![0.0; contacts.len()];
-        let mut r = vec![Vector3::zeros(); contacts.len()];
-        let law = near.contacts(&free, &free, &none, &none, h);
-        let report = self.law.impulses(&law, &mut r, control);
-        self.work.count(&report, contacts.len());
-        if report.outcome != Outcome::Solved {
-            return Err(ContactError::Unsolved { t: state.t, contacts: contacts.len(), residual: report.residual });
-        }
-        let probed = |i: usize| Probed {
-            r: r[i],
-            before: before[i],
-            free: free[i],
-            after: law.after(i, &r),
-            rounding: rounding[i],
-        };
-        Ok(Some((0..contacts.len()).map(probed).collect()))
-    }
-
-    /// Puts `q` on the joints and gaps among these rows, and `v` on all of them, by the shortest way in the metric of `M`;
-    /// rows that depend on each other share it.
-    ///
-    /// # Errors
-    /// See [`VelocityStep::advance`].
-    pub fn project(&mut self, state: &mut State, rows: &[usize]) -> Result<(), ContactError> {
-        let lost = ContactError::Singular { t: state.t };
-        let holonomic: Vec<usize> =
-            rows.iter().copied().filter(|&row| row < self.structure.joints + self.structure.contacts.len()).collect();
-        for pass in 0..CORRECTIONS {
-            self.problem.constraints(state.t, &state.q, &mut self.constraints);
-            self.check_constraints(state.t)?;
-            self.factorised = None;
-            self.factorise(state, 0.0)?;
-            let off: Vec<f64> = holonomic.iter().map(|&row| self.constraints.values[row]).collect();
-            if pass + 1 == CORRECTIONS || off.iter().all(|off| off.abs() <= OFF) {
-                break;
-            }
-            if !self.delassus.remove(&self.constraints, &holonomic, &off, &mut state.q) {
-                return Err(lost);
-            }
-        }
-        let off: Vec<f64> = rows.iter().map(|&row| self.constraints.velocity(row, &state.v)).collect();
-        if self.delassus.remove(&self.constraints, rows, &off, &mut state.v) { Ok(()) } else { Err(lost) }
-    }
-
-    /// Moves `q` to where no gap is negative and every joint holds, and `v` to where joints are not torn; whether that
-    /// is reached.
-    ///
-    /// # Errors
-    /// If something is not finite, or `M` singular.
-    pub fn resolve(&mut self, state: &mut State, control: &Control) -> Result<bool, ContactError> {
-        self.problem.constraints(state.t, &state.q, &mut self.constraints);
-        self.check_constraints(state.t)?;
-        self.factorise(state, 0.0)?;
-        self.correct(state, control)?;
-        self.problem.constraints(state.t, &state.q, &mut self.constraints);
-        self.check_constraints(state.t)?;
-        if !self.delassus.hold_joints(&self.constraints) {
-            return Err(ContactError::Singular { t: state.t });
-        }
-        let (phi, gaps) = self.constraints.values.split_at(self.structure.joints);
-        let violation: Vec<f64> = (0..phi.len()).map(|i| self.constraints.velocity(i, &state.v)).collect();
-        let resolved = phi.iter().all(|phi| phi.abs() <= OFF) && gaps.iter().all(|gap| *gap >= -OFF);
-        self.delassus.obey_joints(&violation, &mut state.v);
-        Ok(resolved)
-    }
-
-    /// The size of the terms that a slip of contact `k` is the sum of, at velocities `v`; infinite without friction.
-    pub(super) fn size_of_slip(&self, k: usize, v: &[f64]) -> f64 {
-        let terms = |row: usize| {
-            let products = self.constraints.row(row).iter().zip(v).map(|(j, v)| (j * v).abs());
-            products.sum::<f64>() + self.constraints.drift[row].abs()
-        };
-        self.structure.tangents(k).map(terms).reduce(f64::max).unwrap_or(f64::INFINITY)
-    }
-
-    /// Slips that are none: rounding of their terms, and small beside what forces make of them within the step.
-    fn rounding_of_slips(
-        &self,
-        contacts: &[usize],
-        v: &[f64],
-        before: &[Vector3<f64>],
-        free: &[Vector3<f64>],
-    ) -> Vec<f64> {
-        let changes = before.iter().zip(free).map(|(before, free)| SMALL * (free - before).norm());
-        contacts.iter().zip(changes).map(|(&k, change)| change.max(ROUNDING * self.size_of_slip(k, v))).collect()
-    }
-
     /// Factorisations made.
     pub fn factorisations(&self) -> u64 {
         self.delassus.factorisations
@@ -375,46 +229,6 @@ impl<'p> VelocityStep<'p> {
             return Err(ContactError::Singular { t: state.t });
         }
         v.iter_mut().zip(&p).for_each(|(v, p)| *v += p);
-        Ok(())
-    }
-
-    /// Takes out of `q` what is left of the joints and of gaps below zero. The law of contact, with gaps in the place of
-    /// velocities, keeps one gap from opening by force where another closes.
-    fn correct(&mut self, state: &mut State, control: &Control) -> Result<(), ContactError> {
-        let (joints, contacts) = (self.structure.joints, self.structure.contacts.len());
-        if joints + contacts == 0 {
-            return Ok(());
-        }
-        let mut low: Vec<usize> = Vec::new();
-        for pass in 0..CORRECTIONS {
-            self.problem.constraints(state.t, &state.q, &mut self.constraints);
-            self.check_constraints(state.t)?;
-            let (phi, gaps) = self.constraints.values.split_at(joints);
-            low.extend((0..contacts).filter(|&k| gaps[k] < -OFF && !low.contains(&k)).collect::<Vec<_>>());
-            if phi.iter().all(|phi| phi.abs() <= OFF) && low.iter().all(|&k| gaps[k] >= -OFF) {
-                return Ok(());
-            }
-            // A place that has no way out is left after a few passes; the next step starts there.
-            let lost = ContactError::Singular { t: state.t };
-            if pass + 1 == CORRECTIONS || !self.delassus.hold_joints(&self.constraints) {
-                return Ok(());
-            }
-            let before = state.q.clone();
-            self.delassus.obey_joints(phi, &mut state.q);
-            if low.is_empty() {
-                continue;
-            }
-            low.sort_unstable();
-            let moved: Vec<f64> = state.q.iter().zip(&before).map(|(q, before)| q - before).collect();
-            let gap = |k: usize| gaps[k] + dot(self.constraints.row(joints + k), &moved);
-            let gaps: Vec<_> = low.iter().map(|&k| Vector3::new(gap(k), 0.0, 0.0)).collect();
-            let near = Near::new(&self.structure, &self.constraints, &mut self.delassus, &low).ok_or(lost)?;
-            let mut p = vec![Vector3::zeros(); low.len()];
-            let report = self.law.impulses(&near.without_friction(&gaps), &mut p, control);
-            if report.outcome == Outcome::Solved {
-                near.apply(&self.structure, &self.delassus, &p, &mut state.q);
-            }
-        }
         Ok(())
     }
 

@@ -132,7 +132,7 @@ impl<'l, 'p> Leg<'l, 'p> {
             }
             None if self.drifts() => {
                 self.over = true;
-                self.located.choose(None, self.control)
+                self.located.hold(&self.mode)
             }
             None => Ok(()),
         }

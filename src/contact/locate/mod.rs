@@ -146,7 +146,7 @@ impl<'p> Located<'p> {
         if let Ending::Stops(k) = ending {
             kept[k] = Status::Stick;
         }
-        self.step.project(&mut self.state, &held(&self.structure, &kept))?;
+        self.hold(&kept)?;
         match ending {
             Ending::Closes(k) => {
                 let accumulate = (ZENO * self.horizon).max(1e3 * f64::EPSILON * t.abs());
@@ -189,6 +189,12 @@ impl<'p> Located<'p> {
             }
         }
         Ok(())
+    }
+
+    /// Takes drift out of what the mode holds.
+    fn hold(&mut self, mode: &[Status]) -> Result<(), ContactError> {
+        let rows = held(&self.structure, mode);
+        if rows.is_empty() { Ok(()) } else { self.step.project(&mut self.state, &rows) }
     }
 
     /// A step at the level of velocities that is part of the trajectory.
@@ -273,10 +279,7 @@ impl<'p> Located<'p> {
                 }
             }
         }
-        let rows = held(&self.structure, &mode);
-        if !rows.is_empty() {
-            self.step.project(&mut self.state, &rows)?;
-        }
+        self.hold(&mode)?;
         self.mode = Some(mode);
         Ok(())
     }

@@ -1,0 +1,105 @@
+//! Back onto the constraints, by the shortest way in the metric of `M`, without a velocity that would add energy.
+
+use super::{State, VelocityStep};
+use crate::contact::delassus::dot;
+use crate::contact::near::Near;
+use crate::contact::settings::ContactError;
+use crate::problem::Control;
+use crate::vi::Outcome;
+use nalgebra::Vector3;
+
+/// Passes that take out of `q` what curvature leaves of the constraints.
+const CORRECTIONS: usize = 6;
+
+/// A constraint off by this, in units of the coordinates, is left.
+const OFF: f64 = 1e-13;
+
+impl VelocityStep<'_> {
+    /// Puts `q` on the joints and gaps among these rows, and `v` on all of them, by the shortest way in the metric of `M`;
+    /// rows that depend on each other share it.
+    ///
+    /// # Errors
+    /// See [`VelocityStep::advance`].
+    pub fn project(&mut self, state: &mut State, rows: &[usize]) -> Result<(), ContactError> {
+        let lost = ContactError::Singular { t: state.t };
+        let holonomic: Vec<usize> =
+            rows.iter().copied().filter(|&row| row < self.structure.joints + self.structure.contacts.len()).collect();
+        for pass in 0..CORRECTIONS {
+            self.problem.constraints(state.t, &state.q, &mut self.constraints);
+            self.check_constraints(state.t)?;
+            self.factorised = None;
+            self.factorise(state, 0.0)?;
+            let off: Vec<f64> = holonomic.iter().map(|&row| self.constraints.values[row]).collect();
+            if pass + 1 == CORRECTIONS || off.iter().all(|off| off.abs() <= OFF) {
+                break;
+            }
+            if !self.delassus.remove(&self.constraints, &holonomic, &off, &mut state.q) {
+                return Err(lost);
+            }
+        }
+        let off: Vec<f64> = rows.iter().map(|&row| self.constraints.velocity(row, &state.v)).collect();
+        if self.delassus.remove(&self.constraints, rows, &off, &mut state.v) { Ok(()) } else { Err(lost) }
+    }
+
+    /// Moves `q` to where no gap is negative and every joint holds, and `v` to where joints are not torn; whether that
+    /// is reached.
+    ///
+    /// # Errors
+    /// If something is not finite, or `M` singular.
+    pub fn resolve(&mut self, state: &mut State, control: &Control) -> Result<bool, ContactError> {
+        self.problem.constraints(state.t, &state.q, &mut self.constraints);
+        self.check_constraints(state.t)?;
+        self.factorise(state, 0.0)?;
+        self.correct(state, control)?;
+        self.problem.constraints(state.t, &state.q, &mut self.constraints);
+        self.check_constraints(state.t)?;
+        if !self.delassus.hold_joints(&self.constraints) {
+            return Err(ContactError::Singular { t: state.t });
+        }
+        let (phi, gaps) = self.constraints.values.split_at(self.structure.joints);
+        let violation: Vec<f64> = (0..phi.len()).map(|i| self.constraints.velocity(i, &state.v)).collect();
+        let resolved = phi.iter().all(|phi| phi.abs() <= OFF) && gaps.iter().all(|gap| *gap >= -OFF);
+        self.delassus.obey_joints(&violation, &mut state.v);
+        Ok(resolved)
+    }
+
+    /// Takes out of `q` what is left of the joints and of gaps below zero. The law of contact, with gaps in the place of
+    /// velocities, keeps one gap from opening by force where another closes.
+    pub(super) fn correct(&mut self, state: &mut State, control: &Control) -> Result<(), ContactError> {
+        let (joints, contacts) = (self.structure.joints, self.structure.contacts.len());
+        if joints + contacts == 0 {
+            return Ok(());
+        }
+        let mut low: Vec<usize> = Vec::new();
+        for pass in 0..CORRECTIONS {
+            self.problem.constraints(state.t, &state.q, &mut self.constraints);
+            self.check_constraints(state.t)?;
+            let (phi, gaps) = self.constraints.values.split_at(joints);
+            low.extend((0..contacts).filter(|&k| gaps[k] < -OFF && !low.contains(&k)).collect::<Vec<_>>());
+            if phi.iter().all(|phi| phi.abs() <= OFF) && low.iter().all(|&k| gaps[k] >= -OFF) {
+                return Ok(());
+            }
+            // A place that has no way out is left after a few passes; the next step starts there.
+            let lost = ContactError::Singular { t: state.t };
+            if pass + 1 == CORRECTIONS || !self.delassus.hold_joints(&self.constraints) {
+                return Ok(());
+            }
+            let before = state.q.clone();
+            self.delassus.obey_joints(phi, &mut state.q);
+            if low.is_empty() {
+                continue;
+            }
+            low.sort_unstable();
+            let moved: Vec<f64> = state.q.iter().zip(&before).map(|(q, before)| q - before).collect();
+            let gap = |k: usize| gaps[k] + dot(self.constraints.row(joints + k), &moved);
+            let gaps: Vec<_> = low.iter().map(|&k| Vector3::new(gap(k), 0.0, 0.0)).collect();
+            let near = Near::new(&self.structure, &self.constraints, &mut self.delassus, &low).ok_or(lost)?;
+            let mut p = vec![Vector3::zeros(); low.len()];
+            let report = self.law.impulses(&near.without_friction(&gaps), &mut p, control);
+            if report.outcome == Outcome::Solved {
+                near.apply(&self.structure, &self.delassus, &p, &mut state.q);
+            }
+        }
+        Ok(())
+    }
+}
