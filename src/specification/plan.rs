@@ -18,6 +18,7 @@ impl Specification {
     /// What to run and what to keep of it.
     pub fn plan(&self) -> Plan {
         let model = self.model();
+        let is_inside = |t: f64| t > self.time().start && t < self.time().end;
         Plan {
             names: model.state_names.iter().chain(&model.variable_names).cloned().collect(),
             initial: model.initial.clone(),
@@ -27,7 +28,10 @@ impl Specification {
             fields: self.output_fields().to_vec(),
             global_error: self.estimates_global_error(),
             analysis: self.analysis().clone(),
-            settings: settings(self.method(), self.absolute_tolerances()),
+            settings: Settings {
+                interpolated: self.output_times().is_some_and(|times| times.iter().any(|t| is_inside(*t))),
+                ..settings(self.method(), self.absolute_tolerances())
+            },
             most_steps: self.step_limit().unwrap_or(MOST_STEPS),
             most_values: MOST_VALUES,
         }
@@ -47,6 +51,7 @@ fn settings(method: &Method, atol: &[f64]) -> Settings {
         first_step: method.first_step,
         max_step: method.max_step.unwrap_or(f64::INFINITY),
         min_step: method.min_step.unwrap_or(0.0),
+        interpolated: false,
         switches: match method.switches {
             Switches::Locate => radau::Switches::Locate,
             Switches::StepOver => radau::Switches::StepOver,

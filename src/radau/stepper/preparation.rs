@@ -103,6 +103,7 @@ impl Radau<'_> {
         self.forget_jacobian();
         self.factored = None;
         self.continues = false;
+        self.last.end_slope.clear();
         self.contraction = Contraction::default();
         self.controller.restart();
     }
