@@ -97,7 +97,8 @@ impl Radau<'_> {
         let Some(gamma) = tableau.gamma else { return 0.0 };
         let states = self.system.states;
         self.shifted.copy_from_slice(&self.estimate);
-        let stages = tableau.stages() as f64;
+        let exponent = (tableau.stages() as f64 + 1.0) / (2.0 * tableau.stages() as f64);
+        let enough = enough.powf(1.0 / exponent);
         let mut left = f64::INFINITY;
         for power in 0..tableau.stages() {
             if power > 0 {
@@ -108,13 +109,12 @@ impl Radau<'_> {
                 }
                 self.shifted.iter_mut().zip(&self.embedded).for_each(|(e, smooth)| *e -= smooth);
             }
-            let norm = tolerance.factor / STIFF * rms(&self.shifted[..states], &self.control.weight);
-            left = left.min(norm.powf((stages + 1.0) / (2.0 * stages)));
+            left = left.min(tolerance.factor / STIFF * rms(&self.shifted[..states], &self.control.weight));
             if left <= enough {
                 break;
             }
         }
-        left
+        left.powf(exponent)
     }
 }
 
