@@ -21,6 +21,8 @@ pub struct Step {
     pub z: Vec<f64>,
     /// What the slope of the states lacks at the beginning, times `h`; empty where it is not known.
     pub slope: Vec<f64>,
+    /// The slope of the states at its end; empty where the next step need not begin with it.
+    pub end_slope: Vec<f64>,
     /// The face that it kept.
     pub face: ActiveFace,
     /// Whether it kept one face.
@@ -37,6 +39,26 @@ impl Step {
         self.z.clear();
         self.z.extend_from_slice(z);
         self.face.clone_from(face);
+    }
+
+    /// Sets the slope at the end of a step with this tableau, for so many states.
+    pub fn set_end_slope(&mut self, tableau: &Tableau, states: usize) {
+        let s = tableau.stages();
+        self.end_slope.clear();
+        self.end_slope.resize(states, 0.0);
+        for (j, z) in self.z.chunks_exact(self.y.len()).enumerate() {
+            let weight = tableau.a_inverse[(s - 1, j)] / self.h;
+            for (slope, z) in self.end_slope.iter_mut().zip(z) {
+                *slope += weight * z;
+            }
+        }
+    }
+
+    /// By how much the slope of the states jumps between this step and the next, of size `h`, which begins with the
+    /// opposite of `slope`; times `h`, into `out`. Nothing where the next step need not begin with the slope of this one.
+    pub fn jump(&self, h: f64, slope: &[f64], out: &mut Vec<f64>) {
+        out.clear();
+        out.extend(self.end_slope.iter().zip(slope).map(|(end, slope)| h * (end + slope)));
     }
 
     /// The increments from the beginning of the step at `theta`, into `out`.

@@ -4,7 +4,9 @@
 //! (gamma/h) diag(M, 0) - Phi_y    and    ((alpha + i beta)/h) diag(M, 0) - Phi_y,
 //! ```
 //!
-//! one real where `s` is odd and one complex for each pair of eigenvalues of `A^-1` (Hairer and Wanner 1996, IV.8).
+//! one real where `s` is odd and one complex for each pair of eigenvalues of `A^-1` (Hairer and Wanner 1996, IV.8). The
+//! rows of the rates are multiplied by the power of two next to `h`: complex pivots are squared when they are divided
+//! by, which `1/h` would not survive in units of time far from one.
 
 use super::face::ActiveFace;
 use super::layout::{Layout, Storage};
@@ -23,6 +25,8 @@ const SMALL_COMPLEX: usize = 10;
 pub struct Factors {
     layout: Arc<Layout>,
     negative_jacobian: Vec<f64>,
+    /// What the rows are multiplied by.
+    scale: Vec<f64>,
     real: Option<Lu<f64>>,
     complex: Vec<Lu<Complex<f64>>>,
 }
@@ -31,37 +35,60 @@ impl Factors {
     /// Room for the matrices of `system`; memory for factors is taken when they are first computed.
     pub fn new(system: &System<'_>) -> Self {
         let layout = Arc::clone(&system.layout);
-        Self { negative_jacobian: vec![0.0; layout.places], layout, real: None, complex: Vec::new() }
+        Self {
+            negative_jacobian: vec![0.0; layout.places],
+            scale: vec![1.0; layout.unknowns],
+            layout,
+            real: None,
+            complex: Vec::new(),
+        }
     }
 
     /// Factorises for step size `h` on a face, from the derivatives of `system` as they are.
     pub fn compute(&mut self, system: &System<'_>, face: &ActiveFace, tableau: &Tableau, h: f64) {
-        let Self { layout, negative_jacobian, real, complex } = self;
+        let Self { layout, negative_jacobian, scale, real, complex } = self;
         system.negative_jacobian(face, negative_jacobian);
+        let unit = power_of_two(h);
+        for (scale, &is_rate) in scale.iter_mut().zip(&layout.is_rate) {
+            *scale = if is_rate { unit } else { 1.0 };
+        }
+        layout.multiply_rows(scale, negative_jacobian);
+        let steps = unit / h;
         match tableau.gamma {
             None => *real = None,
             Some(gamma) => {
                 let lu = real.get_or_insert_with(|| Lu::new(layout, SMALL_REAL));
-                lu.factorise(layout, negative_jacobian, gamma / h);
+                lu.factorise(layout, negative_jacobian, gamma * steps);
             }
         }
         for (k, &pair) in tableau.pairs.iter().enumerate() {
             if k == complex.len() {
                 complex.push(Lu::new(layout, SMALL_COMPLEX));
             }
-            complex[k].factorise(layout, negative_jacobian, pair / h);
+            complex[k].factorise(layout, negative_jacobian, pair * steps);
         }
     }
 
     /// Solves with the real matrix in place; false if it is singular or there is none.
     pub fn solve_real(&mut self, right: &mut [f64]) -> bool {
+        for (right, scale) in right.iter_mut().zip(&self.scale) {
+            *right *= scale;
+        }
         self.real.as_mut().is_some_and(|lu| lu.solve(right))
     }
 
     /// Solves with the complex matrix of pair `k` in place; false if it is singular.
     pub fn solve_pair(&mut self, k: usize, right: &mut [Complex<f64>]) -> bool {
+        for (right, scale) in right.iter_mut().zip(&self.scale) {
+            *right *= scale;
+        }
         self.complex[k].solve(right)
     }
+}
+
+/// The largest power of two up to a positive `x`: multiplying by it rounds nothing.
+fn power_of_two(x: f64) -> f64 {
+    f64::from_bits(x.to_bits() & f64::INFINITY.to_bits()).max(f64::MIN_POSITIVE)
 }
 
 /// Factors of one matrix, by size and density.
@@ -98,7 +125,7 @@ impl<T: Number> Lu<T> {
         }
     }
 
-    /// Factorises `shift diag(M, 0) - Phi_y`.
+    /// Factorises `shift diag(M, 0) - Phi_y`, its rows scaled.
     fn factorise(&mut self, layout: &Layout, negative_jacobian: &[f64], shift: T) {
         let fill = |entries: &mut [T]| {
             for (entry, &value) in entries.iter_mut().zip(negative_jacobian) {

@@ -27,6 +27,8 @@ pub struct Layout {
     pub places: usize,
     /// The entries of `M`.
     pub mass: Vec<(usize, f64)>,
+    /// Whether a row is one of the rates: `M` has an entry there.
+    pub is_rate: Vec<bool>,
     /// The place of each entry of the problem's pattern; of a moving bound, in the row of its variable.
     pub jacobian: Vec<usize>,
     /// The place of the diagonal of each bounded variable.
@@ -106,13 +108,29 @@ impl Layout {
                 column.start + pattern.row_idx()[column].partition_point(|&row| row < i)
             }
         };
+        let mut is_rate = vec![false; unknowns];
+        mass.iter().for_each(|&(i, _, _)| is_rate[i] = true);
         let mass = mass.iter().map(|&(i, j, value)| (place((i, j)), value)).collect();
         let (jacobian, diagonal) = (jacobian.map(place).collect(), diagonal.map(place).collect());
         let all = |pairs: Vec<Vec<(usize, usize)>>| -> Vec<Vec<usize>> {
             pairs.into_iter().map(|pairs| pairs.into_iter().map(place).collect()).collect()
         };
         let (spread, own) = (all(spread), all(own));
-        Ok(Self { unknowns, storage, places, mass, jacobian, diagonal, spread, own })
+        Ok(Self { unknowns, storage, places, mass, is_rate, jacobian, diagonal, spread, own })
+    }
+
+    /// Multiplies each row of the matrix in these places by its factor.
+    pub fn multiply_rows(&self, factors: &[f64], places: &mut [f64]) {
+        match &self.storage {
+            Storage::Dense => {
+                for column in places.chunks_exact_mut(self.unknowns.max(1)) {
+                    column.iter_mut().zip(factors).for_each(|(value, factor)| *value *= factor);
+                }
+            }
+            Storage::Sparse { pattern, .. } => {
+                places.iter_mut().zip(pattern.row_idx()).for_each(|(value, &row)| *value *= factors[row]);
+            }
+        }
     }
 }
 

@@ -37,6 +37,9 @@ pub struct Settings {
     pub max_step: f64,
     /// The smallest step size before the run fails.
     pub min_step: f64,
+    /// Whether values between the ends of steps are asked for: then no step is so long that its polynomial leaves the
+    /// solution in between.
+    pub interpolated: bool,
     /// What happens at switches.
     pub switches: Switches,
     /// The solver of the affine VIs.

@@ -195,6 +195,7 @@ impl Stages {
         let mut factor = contraction.factor.max(f64::EPSILON).powf(0.8);
         let (mut last_norm, mut last_ratio) = (0.0, 0.0);
         let mut evaluated = false;
+        let is_ode = system.is_explicit_ode();
         contraction.theta = THETA;
         for k in 1..=most {
             if !evaluated && !self.evaluate(system, tableau, t, h, y0) {
@@ -213,20 +214,25 @@ impl Stages {
             if k > 1 {
                 let ratio = norm / last_norm;
                 let theta: f64 = if k == 2 { ratio } else { (ratio * last_ratio).sqrt() };
-                last_ratio = ratio;
                 if theta < 0.99 {
                     contraction.theta = theta;
-                    factor = theta / (1.0 - theta);
+                    // Increments of variables or algebraic states change the rest, and these change the former, at
+                    // rates of their own that alternate: the next may be the larger.
+                    let next = match (is_ode || system.constant_jacobian(), k) {
+                        (true, _) => theta,
+                        (false, 2) => ratio.max(factor),
+                        (false, _) => ratio.max(last_ratio),
+                    };
+                    factor = next / (1.0 - theta);
                 } else if !rounding {
                     contraction.theta = theta;
                     return Newton::Failed(Cause::Diverged);
                 }
+                last_ratio = ratio;
                 let left = (most - 1).saturating_sub(k) as i32;
                 let predicted = factor * norm * theta.powi(left) / control.kappa;
-                // Where variables or algebraic states are extrapolated, the first increment is mostly theirs and the
-                // second what they do to the rest: the rate shows from the third on.
-                let settled = k > 2 || (system.mass.is_none() && system.unknowns == system.states);
-                if predicted >= 1.0 && settled && !rounding {
+                // Where they are extrapolated, the first increment is mostly theirs: the rate shows from the third on.
+                if predicted >= 1.0 && (k > 2 || is_ode) && !rounding {
                     let q = predicted.clamp(1e-4, 20.0);
                     return Newton::Slow(0.8 * q.powf(-1.0 / (4.0 + f64::from(left))));
                 }

@@ -73,6 +73,8 @@ pub struct Radau<'p> {
     pub(super) jumped: Option<f64>,
     pub(super) breaks: Breaks,
     estimate: Vec<f64>,
+    /// The jump of the slope of the states into the step at hand, times its size; empty where there is none to speak of.
+    jump: Vec<f64>,
     embedded: Vec<f64>,
     shifted: Vec<f64>,
     /// Counters.
@@ -146,6 +148,7 @@ impl<'p> Radau<'p> {
             consistent: Consistent::new(&system),
             stage_vi,
             estimate: vec![0.0; unknowns],
+            jump: Vec::new(),
             embedded: vec![0.0; unknowns],
             shifted: vec![0.0; unknowns],
             system,
@@ -335,12 +338,16 @@ impl<'p> Radau<'p> {
         self.last.set(self.t, h, &self.y, &self.stages.z[..s * n], face);
         self.last.is_smooth = !coupled;
         self.last.slope.clear();
+        self.last.end_slope.clear();
         if let Some(gamma) = self.tableau().gamma
             && self.settings.step.is_none()
             && !coupled
         {
-            let states = &self.estimate[..self.system.states];
-            self.last.slope.extend(states.iter().map(|e| gamma * e));
+            let states = self.system.states;
+            self.last.slope.extend(self.estimate[..states].iter().map(|e| gamma * e));
+            if self.settings.interpolated {
+                self.last.set_end_slope(self.methods[self.current].tableau, states);
+            }
         }
         self.last_method = self.current;
         if h >= self.remaining() {

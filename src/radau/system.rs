@@ -157,6 +157,11 @@ impl<'p> System<'p> {
         self.problem
     }
 
+    /// Whether it is `x' = f(t, x)`: no mass matrix, no variables.
+    pub fn is_explicit_ode(&self) -> bool {
+        self.mass.is_none() && self.unknowns == self.states
+    }
+
     /// Whether one Jacobian serves for all `(t, y)` on a face.
     pub fn constant_jacobian(&self) -> bool {
         self.problem.structure().constant_jacobian && !self.is_curved()

@@ -1,7 +1,7 @@
 //! From a checked specification to what the integration is told.
 
 use super::checked::Specification;
-use super::method::{ImpactLawName, Impacts, Method, Switches, ViSolverName};
+use super::method::{ImpactLawName, Impacts, Switches, ViSolverName};
 use super::stages::Stages;
 use crate::contact;
 use crate::radau::{self, Settings, StageChoice};
@@ -38,7 +38,35 @@ impl Specification {
 
     /// The choices for Radau IIA.
     pub fn settings(&self) -> Settings {
-        settings(self.method(), self.absolute_tolerances())
+        let method = self.method();
+        let is_inside = |t: f64| t > self.time().start && t < self.time().end;
+        Settings {
+            stages: match method.stages {
+                Stages::Fixed(s) => StageChoice::Fixed(s as usize),
+                Stages::Auto if method.step.is_some() => StageChoice::Fixed(3),
+                Stages::Auto => StageChoice::Auto,
+            },
+            rtol: method.rtol,
+            atol: self.absolute_tolerances().to_vec(),
+            step: method.step,
+            first_step: method.first_step,
+            max_step: method.max_step.unwrap_or(f64::INFINITY),
+            min_step: method.min_step.unwrap_or(0.0),
+            interpolated: self.output_times().is_some_and(|times| times.iter().any(|t| is_inside(*t))),
+            switches: match method.switches {
+                Switches::Locate => radau::Switches::Locate,
+                Switches::StepOver => radau::Switches::StepOver,
+            },
+            vi_solver: match method.vi_solver {
+                ViSolverName::Auto => SolverKind::Auto,
+                ViSolverName::Lemke => SolverKind::Lemke,
+                ViSolverName::SemismoothNewton => SolverKind::SemismoothNewton,
+                ViSolverName::ActiveSet => SolverKind::ActiveSet,
+                ViSolverName::Conic => SolverKind::Conic,
+                ViSolverName::BlockGaussSeidel => SolverKind::BlockGaussSeidel,
+            },
+            vi_tolerance: method.vi_tolerance.unwrap_or(VI_TOLERANCE),
+        }
     }
 
     /// The choices for the steppers of contact.
@@ -56,34 +84,5 @@ impl Specification {
         let by_step = if method.step.is_some() { Impacts::TimeStepping } else { Impacts::Locate };
         let located = method.impacts.unwrap_or(by_step) == Impacts::Locate;
         ContactPlan { settings, located: located.then(|| self.settings()) }
-    }
-}
-
-fn settings(method: &Method, atol: &[f64]) -> Settings {
-    Settings {
-        stages: match method.stages {
-            Stages::Fixed(s) => StageChoice::Fixed(s as usize),
-            Stages::Auto if method.step.is_some() => StageChoice::Fixed(3),
-            Stages::Auto => StageChoice::Auto,
-        },
-        rtol: method.rtol,
-        atol: atol.to_vec(),
-        step: method.step,
-        first_step: method.first_step,
-        max_step: method.max_step.unwrap_or(f64::INFINITY),
-        min_step: method.min_step.unwrap_or(0.0),
-        switches: match method.switches {
-            Switches::Locate => radau::Switches::Locate,
-            Switches::StepOver => radau::Switches::StepOver,
-        },
-        vi_solver: match method.vi_solver {
-            ViSolverName::Auto => SolverKind::Auto,
-            ViSolverName::Lemke => SolverKind::Lemke,
-            ViSolverName::SemismoothNewton => SolverKind::SemismoothNewton,
-            ViSolverName::ActiveSet => SolverKind::ActiveSet,
-            ViSolverName::Conic => SolverKind::Conic,
-            ViSolverName::BlockGaussSeidel => SolverKind::BlockGaussSeidel,
-        },
-        vi_tolerance: method.vi_tolerance.unwrap_or(VI_TOLERANCE),
     }
 }

@@ -48,6 +48,7 @@ fn settings(n: usize) -> Settings {
         first_step: None,
         max_step: f64::INFINITY,
         min_step: 0.0,
+        interpolated: false,
         switches: Switches::Locate,
         vi_solver: SolverKind::Auto,
         vi_tolerance: 1e-10,

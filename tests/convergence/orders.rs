@@ -55,6 +55,7 @@ pub fn settings(stages: usize, step: f64, n: usize) -> Settings {
         first_step: None,
         max_step: f64::INFINITY,
         min_step: 0.0,
+        interpolated: false,
         switches: Switches::Locate,
         vi_solver: SolverKind::Auto,
         vi_tolerance: 1e-12,

@@ -51,6 +51,18 @@ fn horizons_of_1e11_and_1e_minus_11_are_alike() {
 }
 
 #[test]
+fn time_may_be_counted_in_any_unit() {
+    // Complex pivots are squared when they are divided by: 1e-200 and 1e200 would not survive it.
+    for end in [1e200_f64, 1e-200] {
+        let case =
+            Case::until(end).state("x", 1.0, &format!("-x/{end:e}")).state("y", 0.0, &format!("(x - 2*y)/{end:e}"));
+        let solution = case.method(json!({"rtol": 1e-8})).solve();
+        let error = (last(&solution, "y") - ((-1.0_f64).exp() - (-2.0_f64).exp())).abs();
+        assert!(error < 1e-8, "T = {end:e}: off by {error:e}");
+    }
+}
+
+#[test]
 fn masses_in_the_ratio_of_1e9_stop_together() {
     let case = Case::until(2.0).state("x", 1.0, "-1 + z").state("y", 1.0, "-1e9 + w");
     let case = case.nonnegative("z", "x").nonnegative("w", "y").mass(json!([[1, 0], [0, 1e9]]));

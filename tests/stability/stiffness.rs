@@ -22,6 +22,28 @@ fn the_slow_solution_is_followed_at_any_stiffness_and_any_number_of_stages() {
 }
 
 #[test]
+fn the_tolerance_is_kept_where_stiffness_reduces_the_order() {
+    for lambda in [-1e2, -1e4, -1e6] {
+        for rtol in [1e-5, 1e-8] {
+            let case = prothero_robinson(lambda, 1.0).method(json!({"rtol": rtol, "atol": rtol}));
+            let error = (last(&case.solve(), "x") - 10.0_f64.cos()).abs() / rtol;
+            assert!(error <= 30.0, "lambda = {lambda:e} at {rtol:e}: {error} tolerances");
+        }
+    }
+}
+
+#[test]
+fn values_between_the_steps_follow_the_slow_solution_too() {
+    // At the ends of steps of any length the equation itself gives the answer; a polynomial between them does not.
+    let times: Vec<f64> = (1..=100).map(|k| f64::from(k) / 10.0).collect();
+    for lambda in [-1e2, -1e6, -1e12] {
+        let case = prothero_robinson(lambda, 1.0).method(json!({"rtol": 1e-5, "atol": 1e-5}));
+        let error = distance(&case.times(json!(times)).solve(), "x", f64::cos);
+        assert!(error < 3e-4, "lambda = {lambda:e}: off by {error:e}");
+    }
+}
+
+#[test]
 fn a_start_off_the_slow_solution_decays_to_it_at_once() {
     for lambda in [-1e12, -1e15] {
         let case = prothero_robinson(lambda, 3.0).method(json!({"rtol": 1e-8, "atol": 1e-10}));

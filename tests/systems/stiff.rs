@@ -50,14 +50,18 @@ fn distance(problem: &Value, solution: &Solution) -> f64 {
 }
 
 #[test]
-fn errors_stay_within_thirty_times_the_tolerance() {
+fn errors_are_a_few_tolerances_at_any_tolerance() {
     let problems = read("tests/reference/smooth.json")["problems"].take();
     for problem in problems.as_array().expect("problems") {
         let name = problem["name"].as_str().expect("a name");
-        if !["robertson", "vdp3", "vdp6", "hires", "pollu", "transamp"].contains(&name) {
+        // The pendulum with its constraint differentiated twice leaves its circle with the square of time; it is held to
+        // its reference in the form that does not.
+        if name == "pend_i1" {
             continue;
         }
-        for exponent in 3..=9 {
+        // Codes have ended in NaN on the ring modulator and called it success.
+        let exponents = if name == "ring" { 3..=9 } else { 3..=10 };
+        for exponent in exponents {
             let rtol = 10.0_f64.powi(-exponent);
             let error = error(problem, rtol);
             println!("{name} rtol {rtol:e}: {error:.3}");
@@ -74,15 +78,5 @@ fn the_examples_reach_their_references() {
         let error = distance(&problem, &solve(&specification));
         let rtol = specification["method"]["rtol"].as_f64().expect("a tolerance");
         assert!(error <= 30.0 * rtol, "{file}: off by {error:e}");
-    }
-}
-
-#[test]
-fn the_ring_modulator_ends_in_numbers_near_its_reference() {
-    // Its signals are fast and its diodes stiff; codes have ended in NaN and called it success.
-    let problem = problem("ring");
-    for exponent in 3..=9 {
-        let error = error(&problem, 10.0_f64.powi(-exponent)) * 10.0_f64.powi(-exponent);
-        assert!(error <= 0.03, "rtol 1e-{exponent}: off by {error:e}");
     }
 }

@@ -80,7 +80,8 @@ impl Radau<'_> {
             self.stages.w.fill(0.0);
             return;
         }
-        self.last.increment_at(tableau, 1.0, &mut self.shifted);
+        let end = (tableau.stages() - 1) * n;
+        self.shifted.copy_from_slice(&self.last.z[end..end + n]);
         for (i, c) in tableau.c.iter().enumerate() {
             let out = &mut self.stages.z[i * n..(i + 1) * n];
             self.last.increment_at(tableau, 1.0 + c * h / self.last.h, out);
@@ -103,6 +104,7 @@ impl Radau<'_> {
         self.forget_jacobian();
         self.factored = None;
         self.continues = false;
+        self.last.end_slope.clear();
         self.contraction = Contraction::default();
         self.controller.restart();
     }
