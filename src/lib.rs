@@ -18,6 +18,7 @@
 //! ```
 
 pub mod analysis;
+pub mod contact;
 pub mod expression;
 pub mod factorisation;
 pub mod models;

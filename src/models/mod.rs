@@ -3,6 +3,7 @@
 
 mod linear;
 mod model;
+pub mod rigid_bodies;
 mod symbolic;
 
 pub use linear::{Linear, LinearRows};

@@ -1,0 +1,3 @@
+//! Contact: impacts and friction at the level of velocities.
+
+pub mod islands;
