@@ -29,14 +29,20 @@ pub mod solution;
 pub mod specification;
 pub mod vi;
 
+use models::Model;
 use problem::Control;
 use solution::Solution;
 use specification::Specification;
 
 /// Solves a checked specification. Stops at the next step when `control` says so; never panics on a user's input.
 pub fn solve(specification: &Specification, control: &Control) -> Solution {
-    let model = specification.model();
-    let mut solution = solution::integrate(&mut *model.problem(), &specification.plan(), control);
-    solution.diagnostics.warnings.extend(model.warnings.iter().cloned());
+    let (model, plan) = (specification.model(), specification.plan());
+    let mut solution = match model {
+        Model::Dvi(model) => {
+            let (settings, analysis) = (specification.settings(), specification.analysis());
+            solution::integrate(&mut *model.problem(), &plan, &settings, analysis, control)
+        }
+    };
+    solution.diagnostics.warnings.extend(model.warnings().iter().cloned());
     solution
 }

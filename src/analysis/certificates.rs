@@ -18,17 +18,15 @@ pub struct Certificates {
     pub smallest_g: f64,
     /// The largest product of the distance to a bound and `|G_i|`.
     pub largest_product: f64,
-    /// The largest `|<dz, G>|` over steps without a switch, beside the largest `|dz| |G|`: zero.
+    /// The largest `|<dz, G>|`, `dz` the change over a step without a switch: zero. As `G` is rounding where a variable
+    /// is inside, this is not divided by its size.
     pub first_lemma: f64,
-    /// The largest `<dz, dG>` over steps without a switch, beside the largest `|dz| |dG|`: not above zero.
+    /// The largest `<dz, dG>` over the same steps: not above zero.
     pub second_lemma: f64,
     #[serde(skip)]
     work: Workspace,
     #[serde(skip)]
     last: Option<(Vec<f64>, Vec<f64>)>,
-    /// The largest `|<dz, G>|` and `|dz| |G|`, `<dz, dG>` and `|dz| |dG|`.
-    #[serde(skip)]
-    products: [f64; 4],
 }
 
 impl Certificates {
@@ -64,25 +62,55 @@ impl Certificates {
         if let Some((last_z, last_g)) = &self.last
             && smooth
         {
-            let change = |new: &[f64], old: &[f64]| new.iter().zip(old).map(|(a, b)| a - b).collect::<Vec<f64>>();
-            let (dz, dg) = (change(&z, last_z), change(&g, last_g));
-            let [first, first_size, second, second_size] = &mut self.products;
-            *first = first.max(dot(&dz, &g).abs());
-            *first_size = first_size.max(norm(&dz) * norm(&g));
-            *second = second.max(dot(&dz, &dg));
-            *second_size = second_size.max(norm(&dz) * norm(&dg));
-            let ratio = |a: f64, b: f64| if b > 0.0 { a / b } else { 0.0 };
-            self.first_lemma = ratio(*first, *first_size);
-            self.second_lemma = ratio(*second, *second_size);
+            let (mut first, mut second) = (0.0, 0.0);
+            for (((z, last_z), g), last_g) in z.iter().zip(last_z).zip(&g).zip(last_g) {
+                first += (z - last_z) * g;
+                second += (z - last_z) * (g - last_g);
+            }
+            self.first_lemma = self.first_lemma.max(f64::abs(first));
+            self.second_lemma = self.second_lemma.max(second);
         }
         self.last = Some((z, g));
     }
 }
 
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-fn norm(a: &[f64]) -> f64 {
-    dot(a, a).sqrt()
+    /// The figures over `z` and `G` of one nonnegative variable at the ends of steps.
+    fn observed(run: &[(f64, f64)]) -> Certificates {
+        let set = ConvexSet::intervals(vec![0.0], vec![f64::INFINITY]);
+        let mut certificates = Certificates::default();
+        for &(z, g) in run {
+            certificates.observe(&set, &[0], &[z], &[g], true);
+        }
+        certificates
+    }
+
+    #[test]
+    fn the_lemmas_hold_where_the_pair_is_complementary() {
+        let rests = observed(&[(0.0, 3.0), (0.0, 1.0), (0.0, 2.0)]);
+        let moves = observed(&[(1.0, 0.0), (0.5, 0.0), (4.0, 0.0)]);
+        for seen in [rests, moves] {
+            assert_eq!((seen.first_lemma, seen.second_lemma, seen.natural_map), (0.0, 0.0, 0.0));
+        }
+    }
+
+    #[test]
+    fn the_lemmas_fail_where_both_grow() {
+        let wrong = observed(&[(0.0, 0.0), (1.0, 2.0), (1.5, 2.5)]);
+        assert_eq!((wrong.first_lemma, wrong.second_lemma), (2.0, 2.0));
+        assert_eq!((wrong.natural_map, wrong.largest_product), (1.5, 3.75));
+    }
+
+    #[test]
+    fn a_change_over_a_switch_is_no_concern_of_theirs() {
+        let set = ConvexSet::intervals(vec![0.0], vec![f64::INFINITY]);
+        let mut certificates = Certificates::default();
+        for (z, g, smooth) in [(1.0, 0.0, true), (0.0, 5.0, false), (0.0, 6.0, true)] {
+            certificates.observe(&set, &[0], &[z], &[g], smooth);
+        }
+        assert_eq!((certificates.first_lemma, certificates.second_lemma), (0.0, 0.0));
+    }
 }

@@ -1,5 +1,5 @@
-//! What the types of specification lower to: equations that make a [`Dvi`](crate::problem::Dvi) as often as one is
-//! needed, with the names that their columns go by.
+//! What the types of specification lower to: equations that can be handed out as often as they are needed, with the
+//! names that their columns go by.
 
 mod linear;
 mod model;
@@ -7,5 +7,5 @@ pub mod rigid_bodies;
 mod symbolic;
 
 pub use linear::{Linear, LinearRows};
-pub use model::{Equations, Model};
+pub use model::{DviModel, Equations, Model};
 pub use symbolic::{Refusal, Rows, Symbolic};

@@ -1,11 +1,62 @@
-//! A problem with its names and its start, to be solved any number of times.
+//! Problems with their names and their start, to be solved any number of times.
 
 use super::{Linear, Symbolic};
 use crate::analysis::{Analysis, analyse};
 use crate::problem::{Dvi, Structure};
 use crate::solution::Warning;
 
-/// The equations of a model.
+/// What a specification comes to.
+#[derive(Clone, Debug)]
+pub enum Model {
+    /// A differential variational inequality, for Radau IIA.
+    Dvi(DviModel),
+}
+
+impl Model {
+    /// The names of the states.
+    pub fn state_names(&self) -> &[String] {
+        match self {
+            Self::Dvi(model) => &model.state_names,
+        }
+    }
+
+    /// The names of all outputs, those of the states first.
+    pub fn output_names(&self) -> Vec<String> {
+        match self {
+            Self::Dvi(model) => model.state_names.iter().chain(&model.variable_names).cloned().collect(),
+        }
+    }
+
+    /// The states at the start.
+    pub fn initial(&self) -> &[f64] {
+        match self {
+            Self::Dvi(model) => &model.initial,
+        }
+    }
+
+    /// What the user should know before it is solved.
+    pub fn warnings(&self) -> &[Warning] {
+        match self {
+            Self::Dvi(model) => &model.warnings,
+        }
+    }
+
+    /// What the theory says of the problem at time `t` and its initial states.
+    pub fn analyse(&self, t: f64) -> Analysis {
+        match self {
+            Self::Dvi(model) => model.analyse(t),
+        }
+    }
+
+    /// The differential variational inequality, if it is posed as one.
+    pub fn dvi(&self) -> Option<&DviModel> {
+        match self {
+            Self::Dvi(model) => Some(model),
+        }
+    }
+}
+
+/// The equations of a differential variational inequality.
 #[derive(Clone, Debug)]
 pub enum Equations {
     /// Rates and inequality as expressions.
@@ -16,7 +67,7 @@ pub enum Equations {
 
 /// A differential variational inequality with its names, its initial values and what is to be said of it.
 #[derive(Clone, Debug)]
-pub struct Model {
+pub struct DviModel {
     /// The names of the `n` states.
     pub state_names: Vec<String>,
     /// The names of the `m` variables.
@@ -29,7 +80,7 @@ pub struct Model {
     pub warnings: Vec<Warning>,
 }
 
-impl Model {
+impl DviModel {
     /// An evaluator with registers of its own.
     pub fn problem(&self) -> Box<dyn Dvi> {
         match &self.equations {

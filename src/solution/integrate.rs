@@ -1,83 +1,78 @@
-//! Runs a stepper from start to end: outputs, limits, events, evidence. Written once, outside the methods.
+//! A differential variational inequality from start to end by Radau IIA: its failures, switches and evidence by name.
 
-use super::{
-    Diagnostics, Evaluations, Event, EventKind, Face, Failure, Field, Solution, Status, Steps, Trajectory, Tried,
-    ViCounts, Warning,
-};
+use super::run::{Plan, Stepper, run};
+use super::{Diagnostics, Evaluations, Event, EventKind, Face, Failure, Solution, Steps, Tried, ViCounts, Warning};
 use crate::analysis::{Analysis, Uniqueness, analyse_face};
-use crate::problem::{Control, Dvi, Mass, Stop, Structure};
+use crate::problem::{Control, Dvi, Mass, Structure};
 use crate::radau::{Place, Radau, Settings, StageChoice, StepError, Switch, Switches, Variables};
 use crate::vi::Attempt;
-use std::time::Instant;
 
 /// The faces that are analysed in one run.
 const MOST_FACES: usize = 16;
 
-/// What to run and what to keep of it.
-#[derive(Clone, Debug)]
-pub struct Plan {
-    /// The names of the states, then of the variables.
-    pub names: Vec<String>,
-    /// The initial states.
-    pub initial: Vec<f64>,
-    /// The time to start from.
-    pub start: f64,
-    /// The time to reach.
-    pub end: f64,
-    /// The times to report at, increasing, within `[start, end]`; none is at every step.
-    pub times: Option<Vec<f64>>,
-    /// The fields to keep, as indices into `names`.
-    pub fields: Vec<usize>,
-    /// What the theory says of the problem at the start.
-    pub analysis: Analysis,
-    /// The choices of the method.
-    pub settings: Settings,
-    /// The most steps.
-    pub most_steps: u64,
-    /// The most numbers in the trajectory.
-    pub most_values: usize,
-}
-
-/// Integrates; whatever happens, the trajectory so far is in the answer.
-pub fn integrate(problem: &mut dyn Dvi, plan: &Plan, control: &Control) -> Solution {
-    let began = Instant::now();
-    let mut recorder = Recorder::new(plan);
-    let mut diagnostics = describe(problem.structure(), plan);
-    let (status, error) = match Radau::new(problem, plan.settings.clone(), plan.start, &plan.initial, plan.end) {
-        Ok(mut radau) => {
-            let ended = run(&mut radau, plan, control, &mut recorder, &mut diagnostics);
-            count(&mut radau, &mut diagnostics);
-            ended
-        }
-        Err(error) => (Status::Failed, Some(failure(plan, &error, plan.start, &plan.initial))),
-    };
-    diagnostics.switches = recorder.trajectory.events.len() as u64;
-    diagnostics.wall_seconds = began.elapsed().as_secs_f64();
-    Solution { status, error, trajectory: recorder.trajectory, diagnostics }
-}
-
-fn run(
-    radau: &mut Radau<'_>,
+/// Integrates a differential variational inequality by Radau IIA.
+pub fn integrate(
+    problem: &mut dyn Dvi,
     plan: &Plan,
+    settings: &Settings,
+    analysis: &Analysis,
     control: &Control,
-    recorder: &mut Recorder<'_>,
-    diagnostics: &mut Diagnostics,
-) -> (Status, Option<Failure>) {
-    recorder.start(radau);
-    while !radau.is_done() {
-        if let Some((code, message)) = limit(radau, plan, control, recorder) {
-            let state = radau.y()[..plan.initial.len()].to_vec();
-            return (Status::Stopped, Some(Failure { code, message, time: radau.t(), state }));
-        }
-        if let Err(error) = radau.step() {
-            let state = radau.y()[..plan.initial.len()].to_vec();
-            return (Status::Failed, Some(failure(plan, &error, radau.t(), &state)));
-        }
-        let switched = recorder.step(radau);
-        judge(radau, plan, switched, diagnostics);
-        control.report((radau.t() - plan.start) / (plan.end - plan.start), radau.counts.accepted);
+) -> Solution {
+    let diagnostics = describe(problem.structure(), settings, analysis);
+    run(plan, control, diagnostics, || {
+        let failed = |error| failure(plan, &error, plan.start, &plan.initial);
+        let radau = Radau::new(problem, settings.clone(), plan.start, &plan.initial, plan.end).map_err(failed)?;
+        Ok(Course { radau, plan })
+    })
+}
+
+/// A run of Radau IIA with the names that its columns go by.
+struct Course<'p> {
+    radau: Radau<'p>,
+    plan: &'p Plan,
+}
+
+impl Stepper for Course<'_> {
+    fn t(&self) -> f64 {
+        self.radau.t()
     }
-    (Status::Completed, None)
+
+    fn is_done(&self) -> bool {
+        self.radau.is_done()
+    }
+
+    fn accepted(&self) -> u64 {
+        self.radau.counts.accepted
+    }
+
+    fn states(&self) -> &[f64] {
+        &self.radau.y()[..self.plan.initial.len()]
+    }
+
+    fn step(&mut self) -> Result<(), Failure> {
+        self.radau.step().map_err(|error| failure(self.plan, &error, self.t(), self.states()))
+    }
+
+    fn outputs(&mut self, t: f64, out: &mut [f64]) {
+        self.radau.interpolate(t, out);
+    }
+
+    fn take_events(&mut self, events: &mut Vec<Event>) {
+        let (plan, n) = (self.plan, self.plan.initial.len());
+        events.extend(self.radau.take_switches().map(|Switch { t, variable, from, to }| {
+            let freer = to.freedom() > from.freedom();
+            let kind = if freer { EventKind::Activated } else { EventKind::Deactivated };
+            Event { t, kind, of: plan.names[n + variable].clone() }
+        }));
+    }
+
+    fn observe(&mut self, switched: bool, diagnostics: &mut Diagnostics) {
+        judge(&mut self.radau, self.plan, switched, diagnostics);
+    }
+
+    fn finish(&mut self, diagnostics: &mut Diagnostics) {
+        count(&mut self.radau, diagnostics);
+    }
 }
 
 /// Takes the end of a step into the evidence; after a switch, the new face as well.
@@ -102,36 +97,6 @@ fn judge(radau: &mut Radau<'_>, plan: &Plan, switched: bool, diagnostics: &mut D
             diagnostics.faces.push(Face { t, inside, analysis });
         }
     }
-}
-
-/// The limit that the run has reached, if any: its code and message.
-fn limit(radau: &Radau<'_>, plan: &Plan, control: &Control, recorder: &Recorder<'_>) -> Option<(&'static str, String)> {
-    let t = radau.t();
-    match control.poll() {
-        Some(Stop::Cancelled) => return Some(("cancelled", format!("cancelled at t = {t}"))),
-        Some(Stop::Deadline) => {
-            return Some((
-                "wall_time",
-                format!("the wall time allowed ended at t = {t}; allow more with limits.wall_seconds"),
-            ));
-        }
-        None => {}
-    }
-    if radau.counts.accepted >= plan.most_steps {
-        let most = plan.most_steps;
-        return Some((
-            "steps",
-            format!("{most} steps were made up to t = {t}; allow more with limits.steps, or loosen rtol"),
-        ));
-    }
-    if recorder.values() > plan.most_values {
-        let most = plan.most_values;
-        return Some((
-            "output",
-            format!("the trajectory holds {most} numbers at t = {t}; ask for fewer times or fields"),
-        ));
-    }
-    None
 }
 
 fn failure(plan: &Plan, error: &StepError, time: f64, state: &[f64]) -> Failure {
@@ -165,15 +130,19 @@ fn failure(plan: &Plan, error: &StepError, time: f64, state: &[f64]) -> Failure 
 }
 
 /// What is known before the run: what the theory says, what is built, what is left out and why.
-pub fn describe(structure: &Structure, plan: &Plan) -> Diagnostics {
+pub fn describe(structure: &Structure, settings: &Settings, analysis: &Analysis) -> Diagnostics {
     let bounded = (0..structure.variables).any(|k| !structure.set.is_free(k)) || !structure.moving.is_empty();
-    let analysis = Some(plan.analysis.clone());
-    let mut diagnostics = Diagnostics { method: "radau", built: vec!["radau"], analysis, ..Diagnostics::default() };
-    if !matches!(plan.analysis.uniqueness, Uniqueness::Unique | Uniqueness::NotAnalysed) {
-        let message = format!("uniqueness is not guaranteed: {}", plan.analysis.because);
+    let mut diagnostics = Diagnostics {
+        method: "radau",
+        built: vec!["radau"],
+        analysis: Some(analysis.clone()),
+        ..Diagnostics::default()
+    };
+    if !matches!(analysis.uniqueness, Uniqueness::Unique | Uniqueness::NotAnalysed) {
+        let message = format!("uniqueness is not guaranteed: {}", analysis.because);
         diagnostics.warnings.push(Warning { code: "uniqueness_not_guaranteed", message });
     }
-    if plan.analysis.index == Some(2) && !structure.constant_jacobian {
+    if analysis.index == Some(2) && !structure.constant_jacobian {
         let message = "the index at the start is 2 (CB = 0): bounds may be crossed, but where one is reached and kept the \
                        states jump; implicit Euler takes that in its stride (`\"stages\": 1` with a fixed `step`)";
         diagnostics.warnings.push(Warning { code: "index_two", message: message.to_owned() });
@@ -191,13 +160,13 @@ pub fn describe(structure: &Structure, plan: &Plan) -> Diagnostics {
     if structure.constant_jacobian {
         leave("new Jacobians: the problem is linear");
     }
-    if plan.settings.step.is_some() {
+    if settings.step.is_some() {
         leave("error estimate: the step is fixed");
     }
     if bounded {
         diagnostics.built.push("variational inequality");
         diagnostics.vi = Some(ViCounts::default());
-        match plan.settings.switches {
+        match settings.switches {
             Switches::Locate if structure.set.has_blocks() => {
                 let reason =
                     "switch detection: K binds variables together, so steps go across switches, refined by their error";
@@ -209,7 +178,7 @@ pub fn describe(structure: &Structure, plan: &Plan) -> Diagnostics {
             }
         }
     }
-    if plan.settings.stages == StageChoice::Auto {
+    if settings.stages == StageChoice::Auto {
         diagnostics.built.push("order selection");
     }
     diagnostics
@@ -254,75 +223,5 @@ fn count(radau: &mut Radau<'_>, diagnostics: &mut Diagnostics) {
                 radau.accumulations()
             ),
         });
-    }
-}
-
-/// Puts the outputs asked for into columns.
-struct Recorder<'a> {
-    plan: &'a Plan,
-    trajectory: Trajectory,
-    /// The next of the times asked for.
-    next: usize,
-    y: Vec<f64>,
-}
-
-impl<'a> Recorder<'a> {
-    fn new(plan: &'a Plan) -> Self {
-        let capacity = plan.times.as_ref().map_or(0, Vec::len);
-        let fields = plan
-            .fields
-            .iter()
-            .map(|&index| Field { name: plan.names[index].clone(), values: Vec::with_capacity(capacity) })
-            .collect();
-        let trajectory = Trajectory { t: Vec::with_capacity(capacity), fields, events: Vec::new() };
-        Self { plan, trajectory, next: 0, y: vec![0.0; plan.names.len()] }
-    }
-
-    fn values(&self) -> usize {
-        self.trajectory.t.len() * (1 + self.trajectory.fields.len()) + self.trajectory.events.len()
-    }
-
-    fn start(&mut self, radau: &mut Radau<'_>) {
-        radau.take_switches();
-        match &self.plan.times {
-            None => self.sample(radau, self.plan.start),
-            Some(times) => {
-                while times.get(self.next).is_some_and(|&t| t <= self.plan.start) {
-                    self.sample(radau, times[self.next]);
-                    self.next += 1;
-                }
-            }
-        }
-    }
-
-    /// Takes over the outputs and the switches of the last step; whether there were any switches.
-    fn step(&mut self, radau: &mut Radau<'_>) -> bool {
-        let n = self.plan.initial.len();
-        let events = self.trajectory.events.len();
-        for Switch { t, variable, from, to } in radau.take_switches() {
-            let freer = to.freedom() > from.freedom();
-            let kind = if freer { EventKind::Activated } else { EventKind::Deactivated };
-            self.trajectory.events.push(Event { t, kind, of: self.plan.names[n + variable].clone() });
-        }
-        let end = radau.t();
-        let Some(times) = &self.plan.times else {
-            self.sample(radau, end);
-            return self.trajectory.events.len() > events;
-        };
-        while let Some(&t) = times.get(self.next)
-            && t <= end
-        {
-            self.sample(radau, t);
-            self.next += 1;
-        }
-        self.trajectory.events.len() > events
-    }
-
-    fn sample(&mut self, radau: &mut Radau<'_>, t: f64) {
-        radau.interpolate(t, &mut self.y);
-        self.trajectory.t.push(t);
-        for (field, &index) in self.trajectory.fields.iter_mut().zip(&self.plan.fields) {
-            field.values.push(self.y[index]);
-        }
     }
 }

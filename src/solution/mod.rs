@@ -4,10 +4,12 @@ mod diagnostics;
 pub mod encodings;
 mod integrate;
 pub mod pictures;
+mod run;
 mod trajectory;
 
 pub use diagnostics::{Diagnostics, Evaluations, Face, Steps, Tried, ViCounts, Warning};
-pub use integrate::{Plan, describe, integrate};
+pub use integrate::{describe, integrate};
+pub use run::{Plan, Stepper, run};
 pub use trajectory::{Event, EventKind, Field, Trajectory};
 
 use serde::Serialize;

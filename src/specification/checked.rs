@@ -10,7 +10,7 @@ use super::repairs::Repairs;
 use super::stages::Stages;
 use super::wording::abridged;
 use crate::analysis::Analysis;
-use crate::models::Model;
+use crate::models::{DviModel, Model};
 
 /// A specification that has passed every check, lowered and ready to be solved any number of times.
 #[derive(Debug)]
@@ -58,11 +58,14 @@ impl Specification {
         check_limits(limits, &root.key("limits"), &mut found);
         check_label(label.as_deref(), &root.key("label"), &mut found);
         let specification = model.and_then(|model| {
-            let absolute_tolerances = method.absolute_tolerances(&model.state_names, &place, &mut found);
-            let names: Vec<&str> = model.state_names.iter().chain(&model.variable_names).map(String::as_str).collect();
+            let absolute_tolerances = method.absolute_tolerances(model.state_names(), &place, &mut found);
+            let names = model.output_names();
+            let names: Vec<&str> = names.iter().map(String::as_str).collect();
             let output_fields = output.fields(&names, &place_of_output, &mut found);
             let analysis = (errors.is_empty() && found.is_empty()).then(|| model.analyse(time.start))?;
-            check_index(&analysis, &model, &method, &mut found);
+            if let Some(model) = model.dvi() {
+                check_index(&analysis, model, &method, &mut found);
+            }
             Some(Self {
                 label,
                 model,
@@ -173,7 +176,7 @@ fn check_limits(limits: Limits, place: &Place<'_>, errors: &mut Errors) {
 }
 
 /// Refuses what no method here solves as it is posed.
-fn check_index(analysis: &Analysis, model: &Model, method: &Method, errors: &mut Errors) {
+fn check_index(analysis: &Analysis, model: &DviModel, method: &Method, errors: &mut Errors) {
     let set = &model.structure().set;
     let bounded = !model.structure().moving.is_empty() || (0..set.dimension()).any(|k| !set.is_free(k));
     match analysis.index {

@@ -19,7 +19,7 @@ use super::set::{self, Block, LoweredSet};
 use super::start;
 use super::wording::abridged;
 use crate::expression::Node;
-use crate::models::{Equations, Model, Refusal, Rows, Symbolic};
+use crate::models::{DviModel, Equations, Model, Refusal, Rows, Symbolic};
 use serde::Deserialize;
 use utoipa::ToSchema;
 
@@ -110,11 +110,11 @@ impl DviProblem {
                 return (lowering, None);
             }
         };
-        let model = Model { state_names, variable_names, initial, equations, warnings };
+        let model = DviModel { state_names, variable_names, initial, equations, warnings };
         if let Some(t) = lowering.start.filter(|_| lowering.errors.is_empty()) {
             start::check(&model, t, row_pointer, &mut lowering.errors);
         }
-        (lowering, Some(model))
+        (lowering, Some(Model::Dvi(model)))
     }
 
     fn initial(&self, place: &Place<'_>, lowering: &mut Lowering) -> Vec<f64> {

@@ -14,7 +14,7 @@ use super::place::Place;
 use super::set::{self, Block};
 use super::start;
 use crate::expression::Node;
-use crate::models::{Equations, Linear, LinearRows, Model};
+use crate::models::{DviModel, Equations, Linear, LinearRows, Model};
 use serde::Deserialize;
 use utoipa::ToSchema;
 
@@ -103,7 +103,7 @@ impl LcsProblem {
                 return (lowering, None);
             }
         };
-        let model = Model { state_names, variable_names, initial, equations, warnings: Vec::new() };
+        let model = DviModel { state_names, variable_names, initial, equations, warnings: Vec::new() };
         if let Some(t) = lowering.start.filter(|_| lowering.errors.is_empty()) {
             let pointer = |row: usize| match (row.checked_sub(n), row.checked_sub(n + m)) {
                 (_, Some(bound)) => pointers[bound].clone(),
@@ -112,7 +112,7 @@ impl LcsProblem {
             };
             start::check(&model, t, pointer, &mut lowering.errors);
         }
-        (lowering, Some(model))
+        (lowering, Some(Model::Dvi(model)))
     }
 
     /// `[A B; C D]` by its nonzeros.

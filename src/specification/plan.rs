@@ -19,17 +19,20 @@ impl Specification {
     pub fn plan(&self) -> Plan {
         let model = self.model();
         Plan {
-            names: model.state_names.iter().chain(&model.variable_names).cloned().collect(),
-            initial: model.initial.clone(),
+            names: model.output_names(),
+            initial: model.initial().to_vec(),
             start: self.time().start,
             end: self.time().end,
             times: self.output_times().map(<[f64]>::to_vec),
             fields: self.output_fields().to_vec(),
-            analysis: self.analysis().clone(),
-            settings: settings(self.method(), self.absolute_tolerances()),
             most_steps: self.step_limit().unwrap_or(MOST_STEPS),
             most_values: MOST_VALUES,
         }
+    }
+
+    /// The choices for Radau IIA.
+    pub fn settings(&self) -> Settings {
+        settings(self.method(), self.absolute_tolerances())
     }
 }
 

@@ -2,13 +2,13 @@
 
 use super::error::{Errors, SpecificationError};
 use super::wording::abridged;
-use crate::models::Model;
+use crate::models::DviModel;
 use crate::problem::{Side, Workspace};
 
 /// Reports rates that are not finite at `t` and the initial values, and moving bounds that are not bounds there.
 /// `pointer` says where a row of the problem is written. The variables are not known yet: they are taken as the point
 /// of `K` nearest to zero, and an inequality that depends on them is not judged.
-pub(super) fn check(model: &Model, t: f64, pointer: impl Fn(usize) -> String, errors: &mut Errors) {
+pub(super) fn check(model: &DviModel, t: f64, pointer: impl Fn(usize) -> String, errors: &mut Errors) {
     let mut problem = model.problem();
     let (n, m) = (model.structure().states, model.structure().variables);
     let mut y = model.initial.clone();
@@ -54,7 +54,7 @@ pub(super) fn check(model: &Model, t: f64, pointer: impl Fn(usize) -> String, er
 }
 
 fn outside_domain(
-    model: &Model,
+    model: &DviModel,
     t: f64,
     row: usize,
     what: &str,

@@ -2,6 +2,7 @@
 
 use super::checked::Specification;
 use crate::analysis::Analysis;
+use crate::models::Model;
 use crate::solution::{Warning, describe};
 use serde::Serialize;
 
@@ -38,22 +39,50 @@ impl Specification {
     /// What this specification comes to.
     pub fn summary(&self) -> Summary {
         let model = self.model();
-        let structure = model.structure();
-        let described = describe(structure, &self.plan());
+        let Sizes { states, variables, moving_bounds, jacobian_nonzeros, constant_jacobian } = Sizes::of(model);
+        let described = match model {
+            Model::Dvi(model) => describe(model.structure(), &self.settings(), self.analysis()),
+        };
         let mut warnings = described.warnings;
-        warnings.extend(model.warnings.iter().cloned());
+        warnings.extend(model.warnings().iter().cloned());
         Summary {
             label: self.label().map(str::to_owned),
-            states: structure.states,
-            variables: structure.variables,
-            moving_bounds: structure.moving.len(),
-            jacobian_nonzeros: structure.pattern.len(),
-            constant_jacobian: structure.constant_jacobian,
+            states,
+            variables,
+            moving_bounds,
+            jacobian_nonzeros,
+            constant_jacobian,
             analysis: self.analysis().clone(),
             method: described.method,
             built: described.built,
             left_out: described.left_out,
             warnings,
+        }
+    }
+}
+
+/// The sizes of a model.
+struct Sizes {
+    states: usize,
+    variables: usize,
+    moving_bounds: usize,
+    jacobian_nonzeros: usize,
+    constant_jacobian: bool,
+}
+
+impl Sizes {
+    fn of(model: &Model) -> Self {
+        match model {
+            Model::Dvi(model) => {
+                let structure = model.structure();
+                Self {
+                    states: structure.states,
+                    variables: structure.variables,
+                    moving_bounds: structure.moving.len(),
+                    jacobian_nonzeros: structure.pattern.len(),
+                    constant_jacobian: structure.constant_jacobian,
+                }
+            }
         }
     }
 }

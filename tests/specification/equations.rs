@@ -44,7 +44,7 @@ const GENERAL: &str = r#"{
 #[test]
 fn states_and_parameters_keep_the_order_of_the_document() {
     let specification = read_text(GENERAL);
-    let model = specification.model();
+    let model = specification.model().dvi().unwrap();
     assert_eq!(model.state_names, ["v", "x"]);
     assert_eq!(model.variable_names, ["N", "F"]);
     assert_eq!(model.initial, [5.0, 1.0]);
@@ -54,7 +54,7 @@ fn states_and_parameters_keep_the_order_of_the_document() {
 #[test]
 fn the_general_form_gives_values_and_exact_derivatives() {
     let specification = read_text(GENERAL);
-    let mut problem = specification.model().problem();
+    let mut problem = specification.model().dvi().unwrap().problem();
     let (t, y) = (0.5_f64, [5.0, 3.0, -2.0, 0.25]);
     let expected = [(-18.0 - 0.25) / 2.0 + t.sin(), 15.0, 3.0 - 8.0, -5.0, -9.0, 1.5];
     for (value, expected) in values(&mut *problem, t, &y).iter().zip(expected) {
@@ -75,7 +75,7 @@ fn the_general_form_gives_values_and_exact_derivatives() {
 #[test]
 fn a_linear_system_gives_values_and_its_matrix() {
     let specification = read(&linear());
-    let mut problem = specification.model().problem();
+    let mut problem = specification.model().dvi().unwrap().problem();
     let t = 0.3_f64;
     assert_eq!(values(&mut *problem, t, &[2.0, 5.0, 7.0]), [5.0, -2.0 + 7.0 + t.sin(), 5.0]);
     assert_eq!(problem.structure().pattern, [(0, 1), (1, 0), (1, 2), (2, 1)]);
@@ -89,7 +89,8 @@ fn a_linear_system_gives_values_and_its_matrix() {
 fn a_sparse_matrix_is_the_dense_one_and_repeated_entries_add() {
     let sparse = json!({"shape": [2, 2], "entries": [[1, 0, -3], [0, 1, "2/2"], [1, 0, 2], [0, 0, 0]]});
     let sparse = read(&with(linear(), "/problem/lcs/A", sparse));
-    let (mut sparse, mut dense) = (sparse.model().problem(), read(&linear()).model().problem());
+    let (mut sparse, mut dense) =
+        (sparse.model().dvi().unwrap().problem(), read(&linear()).model().dvi().unwrap().problem());
     assert_eq!(sparse.structure().pattern, dense.structure().pattern);
     let y = [2.0, 5.0, 7.0];
     assert_eq!(values(&mut *sparse, 1.0, &y), values(&mut *dense, 1.0, &y));
@@ -99,7 +100,7 @@ fn a_sparse_matrix_is_the_dense_one_and_repeated_entries_add() {
 #[test]
 fn a_linear_system_may_have_bounds_that_move_with_the_state() {
     let set = json!([{"box": {"of": ["z1"], "lower": null, "upper": "x1^2 + t"}}]);
-    let mut problem = read(&with(linear(), "/problem/lcs/set", set)).model().problem();
+    let mut problem = read(&with(linear(), "/problem/lcs/set", set)).model().dvi().unwrap().problem();
     let y = [2.0, 5.0, 7.0];
     assert_eq!(values(&mut *problem, 0.5, &y)[3], 4.5);
     assert_eq!(problem.structure().pattern.last(), Some(&(3, 0)));
@@ -114,15 +115,15 @@ fn the_number_of_variables_follows_from_any_matrix_that_tells() {
         "problem": {"lcs": {"initial": [0], "B": [[1, 2]], "set": [{"free": ["z1"]}, {"nonpositive": ["z2"]}]}},
         "time": {"end": 1}
     });
-    assert_eq!(read(&document).model().variable_names, ["z1", "z2"]);
+    assert_eq!(read(&document).model().dvi().unwrap().variable_names, ["z1", "z2"]);
     let document = json!({"problem": {"lcs": {"initial": [1], "A": [[-1]]}}, "time": {"end": 1}});
-    assert_eq!(read(&document).model().structure().variables, 0);
+    assert_eq!(read(&document).model().dvi().unwrap().structure().variables, 0);
 }
 
 #[test]
 fn an_identity_that_is_written_out_is_an_identity() {
     let document = with(block(), "/problem/dvi/mass", json!([["m", 0], [0, "k"]]));
-    assert_eq!(read(&document).model().structure().mass, Mass::Identity);
+    assert_eq!(read(&document).model().dvi().unwrap().structure().mass, Mass::Identity);
 }
 
 #[test]
@@ -152,7 +153,7 @@ fn output_times_begin_at_the_start_and_finish_exactly_at_the_end() {
 
 #[test]
 fn a_kink_of_a_state_in_a_rate_is_a_warning_with_its_remedy() {
-    let rate = |text: &str| read(&with(block(), "/problem/dvi/states/v/rate", json!(text))).model().warnings.clone();
+    let rate = |text: &str| read(&with(block(), "/problem/dvi/states/v/rate", json!(text))).model().warnings().to_vec();
     let warnings = rate("-x - 0.1*abs(v) - F");
     assert_eq!(warnings.len(), 1);
     assert_eq!(warnings[0].code, "kink_in_rate");
@@ -188,7 +189,9 @@ fn one_specification_serves_many_threads() {
         let runs: Vec<_> = (0..4)
             .map(|i| {
                 let specification = &specification;
-                scope.spawn(move || values(&mut *specification.model().problem(), 0.0, &[f64::from(i), 2.0, 0.1]))
+                scope.spawn(move || {
+                    values(&mut *specification.model().dvi().unwrap().problem(), 0.0, &[f64::from(i), 2.0, 0.1])
+                })
             })
             .collect();
         for (i, run) in (0..4).zip(runs) {

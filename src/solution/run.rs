@@ -1,0 +1,205 @@
+//! Runs a stepper from start to end: outputs, limits, events, evidence. Written once, outside the methods.
+
+use super::{Diagnostics, Event, Failure, Field, Solution, Status, Trajectory};
+use crate::problem::{Control, Stop};
+use std::time::Instant;
+
+/// What to run and what to keep of it.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// The names of the states, then of the other outputs.
+    pub names: Vec<String>,
+    /// The initial states.
+    pub initial: Vec<f64>,
+    /// The time to start from.
+    pub start: f64,
+    /// The time to reach.
+    pub end: f64,
+    /// The times to report at, increasing, within `[start, end]`; none is at every step.
+    pub times: Option<Vec<f64>>,
+    /// The fields to keep, as indices into `names`.
+    pub fields: Vec<usize>,
+    /// The most steps.
+    pub most_steps: u64,
+    /// The most numbers in the trajectory.
+    pub most_values: usize,
+}
+
+/// A method on its way through one problem.
+pub trait Stepper {
+    /// The time reached.
+    fn t(&self) -> f64;
+
+    /// Whether the end is reached.
+    fn is_done(&self) -> bool;
+
+    /// The steps made so far.
+    fn accepted(&self) -> u64;
+
+    /// The states at the time reached.
+    fn states(&self) -> &[f64];
+
+    /// Makes one accepted step.
+    ///
+    /// # Errors
+    /// Why it cannot be made, for the user.
+    fn step(&mut self) -> Result<(), Failure>;
+
+    /// Writes all outputs, in the order of [`Plan::names`], at a time within the last step.
+    fn outputs(&mut self, t: f64, out: &mut [f64]);
+
+    /// Hands over what happened in the last step, in the order of time.
+    fn take_events(&mut self, events: &mut Vec<Event>);
+
+    /// Takes the end of a step into the evidence; `switched` says that there were events in it.
+    fn observe(&mut self, switched: bool, diagnostics: &mut Diagnostics);
+
+    /// Hands over the counters of the whole run.
+    fn finish(&mut self, diagnostics: &mut Diagnostics);
+}
+
+/// Starts a stepper and drives it to the end; whatever happens, the trajectory so far is in the answer.
+pub fn run<S: Stepper>(
+    plan: &Plan,
+    control: &Control,
+    mut diagnostics: Diagnostics,
+    start: impl FnOnce() -> Result<S, Failure>,
+) -> Solution {
+    let began = Instant::now();
+    let mut recorder = Recorder::new(plan);
+    let (status, error) = match start() {
+        Ok(mut stepper) => {
+            let ended = drive(&mut stepper, plan, control, &mut recorder, &mut diagnostics);
+            stepper.finish(&mut diagnostics);
+            ended
+        }
+        Err(failure) => (Status::Failed, Some(failure)),
+    };
+    diagnostics.switches = recorder.trajectory.events.len() as u64;
+    diagnostics.wall_seconds = began.elapsed().as_secs_f64();
+    Solution { status, error, trajectory: recorder.trajectory, diagnostics }
+}
+
+fn drive(
+    stepper: &mut impl Stepper,
+    plan: &Plan,
+    control: &Control,
+    recorder: &mut Recorder<'_>,
+    diagnostics: &mut Diagnostics,
+) -> (Status, Option<Failure>) {
+    recorder.start(stepper);
+    while !stepper.is_done() {
+        if let Some((code, message)) = limit(stepper, plan, control, recorder) {
+            let state = stepper.states().to_vec();
+            return (Status::Stopped, Some(Failure { code, message, time: stepper.t(), state }));
+        }
+        if let Err(failure) = stepper.step() {
+            return (Status::Failed, Some(failure));
+        }
+        let switched = recorder.step(stepper);
+        stepper.observe(switched, diagnostics);
+        control.report((stepper.t() - plan.start) / (plan.end - plan.start), stepper.accepted());
+    }
+    (Status::Completed, None)
+}
+
+/// The limit that the run has reached, if any: its code and message.
+fn limit(
+    stepper: &impl Stepper,
+    plan: &Plan,
+    control: &Control,
+    recorder: &Recorder<'_>,
+) -> Option<(&'static str, String)> {
+    let t = stepper.t();
+    match control.poll() {
+        Some(Stop::Cancelled) => return Some(("cancelled", format!("cancelled at t = {t}"))),
+        Some(Stop::Deadline) => {
+            return Some((
+                "wall_time",
+                format!("the wall time allowed ended at t = {t}; allow more with limits.wall_seconds"),
+            ));
+        }
+        None => {}
+    }
+    if stepper.accepted() >= plan.most_steps {
+        let most = plan.most_steps;
+        return Some((
+            "steps",
+            format!("{most} steps were made up to t = {t}; allow more with limits.steps, or loosen rtol"),
+        ));
+    }
+    if recorder.values() > plan.most_values {
+        let most = plan.most_values;
+        return Some((
+            "output",
+            format!("the trajectory holds {most} numbers at t = {t}; ask for fewer times or fields"),
+        ));
+    }
+    None
+}
+
+/// Puts the outputs asked for into columns.
+struct Recorder<'a> {
+    plan: &'a Plan,
+    trajectory: Trajectory,
+    /// The next of the times asked for.
+    next: usize,
+    y: Vec<f64>,
+}
+
+impl<'a> Recorder<'a> {
+    fn new(plan: &'a Plan) -> Self {
+        let capacity = plan.times.as_ref().map_or(0, Vec::len);
+        let fields = plan
+            .fields
+            .iter()
+            .map(|&index| Field { name: plan.names[index].clone(), values: Vec::with_capacity(capacity) })
+            .collect();
+        let trajectory = Trajectory { t: Vec::with_capacity(capacity), fields, events: Vec::new() };
+        Self { plan, trajectory, next: 0, y: vec![0.0; plan.names.len()] }
+    }
+
+    fn values(&self) -> usize {
+        self.trajectory.t.len() * (1 + self.trajectory.fields.len()) + self.trajectory.events.len()
+    }
+
+    fn start(&mut self, stepper: &mut impl Stepper) {
+        stepper.take_events(&mut Vec::new());
+        match &self.plan.times {
+            None => self.sample(stepper, self.plan.start),
+            Some(times) => {
+                while times.get(self.next).is_some_and(|&t| t <= self.plan.start) {
+                    self.sample(stepper, times[self.next]);
+                    self.next += 1;
+                }
+            }
+        }
+    }
+
+    /// Takes over the outputs and the events of the last step; whether there were any events.
+    fn step(&mut self, stepper: &mut impl Stepper) -> bool {
+        let events = self.trajectory.events.len();
+        stepper.take_events(&mut self.trajectory.events);
+        let switched = self.trajectory.events.len() > events;
+        let end = stepper.t();
+        let Some(times) = &self.plan.times else {
+            self.sample(stepper, end);
+            return switched;
+        };
+        while let Some(&t) = times.get(self.next)
+            && t <= end
+        {
+            self.sample(stepper, t);
+            self.next += 1;
+        }
+        switched
+    }
+
+    fn sample(&mut self, stepper: &mut impl Stepper, t: f64) {
+        stepper.outputs(t, &mut self.y);
+        self.trajectory.t.push(t);
+        for (field, &index) in self.trajectory.fields.iter_mut().zip(&self.plan.fields) {
+            field.values.push(self.y[index]);
+        }
+    }
+}
