@@ -42,6 +42,9 @@ pub fn solve(specification: &Specification, control: &Control) -> Solution {
             let (settings, analysis) = (specification.settings(), specification.analysis());
             solution::integrate(&mut *model.problem(), &plan, &settings, analysis, control)
         }
+        Model::RigidBodies(scene) => {
+            solution::step_rigid_bodies(scene, &plan, specification.contact_step(), specification.analysis(), control)
+        }
     };
     solution.diagnostics.warnings.extend(model.warnings().iter().cloned());
     solution

@@ -1,5 +1,6 @@
 //! Problems with their names and their start, to be solved any number of times.
 
+use super::rigid_bodies::Scene;
 use super::{Linear, Symbolic};
 use crate::analysis::{Analysis, analyse};
 use crate::problem::{Dvi, Structure};
@@ -9,14 +10,17 @@ use crate::solution::Warning;
 #[derive(Clone, Debug)]
 pub enum Model {
     /// A differential variational inequality, for Radau IIA.
-    Dvi(DviModel),
+    Dvi(Box<DviModel>),
+    /// Rigid bodies in space, for time stepping.
+    RigidBodies(Scene),
 }
 
 impl Model {
     /// The names of the states.
-    pub fn state_names(&self) -> &[String] {
+    pub fn state_names(&self) -> Vec<String> {
         match self {
-            Self::Dvi(model) => &model.state_names,
+            Self::Dvi(model) => model.state_names.clone(),
+            Self::RigidBodies(scene) => scene.state_names(),
         }
     }
 
@@ -24,13 +28,15 @@ impl Model {
     pub fn output_names(&self) -> Vec<String> {
         match self {
             Self::Dvi(model) => model.state_names.iter().chain(&model.variable_names).cloned().collect(),
+            Self::RigidBodies(scene) => scene.output_names(),
         }
     }
 
     /// The states at the start.
-    pub fn initial(&self) -> &[f64] {
+    pub fn initial(&self) -> Vec<f64> {
         match self {
-            Self::Dvi(model) => &model.initial,
+            Self::Dvi(model) => model.initial.clone(),
+            Self::RigidBodies(scene) => scene.initial(),
         }
     }
 
@@ -38,6 +44,7 @@ impl Model {
     pub fn warnings(&self) -> &[Warning] {
         match self {
             Self::Dvi(model) => &model.warnings,
+            Self::RigidBodies(scene) => &scene.warnings,
         }
     }
 
@@ -45,6 +52,7 @@ impl Model {
     pub fn analyse(&self, t: f64) -> Analysis {
         match self {
             Self::Dvi(model) => model.analyse(t),
+            Self::RigidBodies(scene) => scene.analyse(),
         }
     }
 
@@ -52,6 +60,7 @@ impl Model {
     pub fn dvi(&self) -> Option<&DviModel> {
         match self {
             Self::Dvi(model) => Some(model),
+            Self::RigidBodies(_) => None,
         }
     }
 }

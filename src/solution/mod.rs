@@ -4,11 +4,13 @@ mod diagnostics;
 pub mod encodings;
 mod integrate;
 pub mod pictures;
+mod rigid_bodies;
 mod run;
 mod trajectory;
 
 pub use diagnostics::{Diagnostics, Evaluations, Face, Steps, Tried, ViCounts, Warning};
 pub use integrate::{describe, integrate};
+pub use rigid_bodies::{describe_rigid_bodies, step_rigid_bodies};
 pub use run::{Plan, Stepper, run};
 pub use trajectory::{Event, EventKind, Field, Trajectory};
 

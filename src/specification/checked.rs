@@ -58,7 +58,7 @@ impl Specification {
         check_limits(limits, &root.key("limits"), &mut found);
         check_label(label.as_deref(), &root.key("label"), &mut found);
         let specification = model.and_then(|model| {
-            let absolute_tolerances = method.absolute_tolerances(model.state_names(), &place, &mut found);
+            let absolute_tolerances = method.absolute_tolerances(&model.state_names(), &place, &mut found);
             let names = model.output_names();
             let names: Vec<&str> = names.iter().map(String::as_str).collect();
             let output_fields = output.fields(&names, &place_of_output, &mut found);
@@ -140,6 +140,7 @@ fn lower(problem: &Problem, start: Option<f64>, errors: &mut Errors) -> Option<M
     let (key, unknowns) = match problem {
         Problem::Dvi(problem) => ("dvi", problem.states.len() + problem.variables.len()),
         Problem::Lcs(problem) => ("lcs", problem.initial.len() + problem.variables()),
+        Problem::RigidBodies(problem) => ("rigid_bodies", problem.bodies.len()),
     };
     let place = place.key(key);
     if unknowns > MOST_UNKNOWNS {
@@ -150,6 +151,7 @@ fn lower(problem: &Problem, start: Option<f64>, errors: &mut Errors) -> Option<M
     let (Lowering { errors: found, .. }, model) = match problem {
         Problem::Dvi(problem) => problem.lower(&place, start),
         Problem::Lcs(problem) => problem.lower(&place, start),
+        Problem::RigidBodies(problem) => problem.lower(&place, start),
     };
     errors.append(found);
     model

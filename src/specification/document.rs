@@ -4,6 +4,7 @@ use super::dvi::DviProblem;
 use super::lcs::LcsProblem;
 use super::method::Method;
 use super::output::Output;
+use super::rigid_bodies::RigidBodiesProblem;
 use serde::Deserialize;
 use serde::de::{Deserializer, Error, Visitor};
 use std::fmt;
@@ -46,6 +47,8 @@ pub enum Problem {
     Dvi(DviProblem),
     /// A linear complementarity system, in matrices.
     Lcs(Box<LcsProblem>),
+    /// Rigid bodies in space.
+    RigidBodies(Box<RigidBodiesProblem>),
 }
 
 /// The time horizon, in seconds unless the model says otherwise.

@@ -114,7 +114,7 @@ impl DviProblem {
         if let Some(t) = lowering.start.filter(|_| lowering.errors.is_empty()) {
             start::check(&model, t, row_pointer, &mut lowering.errors);
         }
-        (lowering, Some(Model::Dvi(model)))
+        (lowering, Some(Model::Dvi(Box::new(model))))
     }
 
     fn initial(&self, place: &Place<'_>, lowering: &mut Lowering) -> Vec<f64> {

@@ -112,7 +112,7 @@ impl LcsProblem {
             };
             start::check(&model, t, pointer, &mut lowering.errors);
         }
-        (lowering, Some(Model::Dvi(model)))
+        (lowering, Some(Model::Dvi(Box::new(model))))
     }
 
     /// `[A B; C D]` by its nonzeros.

@@ -27,6 +27,7 @@ mod place;
 mod plan;
 mod reading;
 mod repairs;
+mod rigid_bodies;
 mod schema;
 mod set;
 mod stages;
@@ -46,6 +47,11 @@ pub use matrix::{Matrix, SparseMatrix};
 pub use method::{Method, MethodName, Switches, ViSolverName};
 pub use ordered::Ordered;
 pub use output::Output;
+pub use rigid_bodies::{
+    AxialJoint, BodyContacts, BodyJoint, BoxShape, CapsuleShape, CylinderShape, FixedJoint, HalfSpaceShape, HullShape,
+    Interpenetration, Material, MaterialPair, MeshShape, PointJoint, RigidBodiesProblem, RigidBody, RigidShape,
+    SphereShape,
+};
 pub use schema::json_schema;
 pub use set::{BallBlock, Block, BoxBlock, PolyhedronBlock};
 pub use stages::Stages;

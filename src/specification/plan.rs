@@ -11,6 +11,8 @@ use crate::vi::SolverKind;
 const MOST_STEPS: u64 = 10_000_000;
 /// The numbers that a trajectory may hold: 256 MiB of them.
 const MOST_VALUES: usize = 1 << 25;
+/// The steps that time stepping makes where none is given.
+const STEPS: f64 = 10_000.0;
 /// The natural-map residual to reach where none is given, relative to the terms of `G`.
 const VI_TOLERANCE: f64 = 1e-10;
 
@@ -20,7 +22,7 @@ impl Specification {
         let model = self.model();
         Plan {
             names: model.output_names(),
-            initial: model.initial().to_vec(),
+            initial: model.initial(),
             start: self.time().start,
             end: self.time().end,
             times: self.output_times().map(<[f64]>::to_vec),
@@ -28,6 +30,12 @@ impl Specification {
             most_steps: self.step_limit().unwrap_or(MOST_STEPS),
             most_values: MOST_VALUES,
         }
+    }
+
+    /// The step of time stepping, in seconds.
+    pub fn contact_step(&self) -> f64 {
+        let horizon = self.time().end - self.time().start;
+        self.method().step.unwrap_or(horizon / STEPS).min(horizon)
     }
 
     /// The choices for Radau IIA.

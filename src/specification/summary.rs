@@ -3,7 +3,7 @@
 use super::checked::Specification;
 use crate::analysis::Analysis;
 use crate::models::Model;
-use crate::solution::{Warning, describe};
+use crate::solution::{Warning, describe, describe_rigid_bodies};
 use serde::Serialize;
 
 /// Sizes, what the theory says, and what a solve would build.
@@ -42,6 +42,7 @@ impl Specification {
         let Sizes { states, variables, moving_bounds, jacobian_nonzeros, constant_jacobian } = Sizes::of(model);
         let described = match model {
             Model::Dvi(model) => describe(model.structure(), &self.settings(), self.analysis()),
+            Model::RigidBodies(scene) => describe_rigid_bodies(scene, self.analysis()),
         };
         let mut warnings = described.warnings;
         warnings.extend(model.warnings().iter().cloned());
@@ -83,6 +84,13 @@ impl Sizes {
                     constant_jacobian: structure.constant_jacobian,
                 }
             }
+            Model::RigidBodies(_) => Self {
+                states: model.state_names().len(),
+                variables: 0,
+                moving_bounds: 0,
+                jacobian_nonzeros: 0,
+                constant_jacobian: false,
+            },
         }
     }
 }

@@ -81,6 +81,8 @@ pub struct Scene {
     pub laws: Laws,
     /// What holds them together.
     pub joints: Vec<Joint>,
+    /// Whether bodies that overlap at the start are moved apart.
+    pub resolve: bool,
     /// What the user should know.
     pub warnings: Vec<Warning>,
 }

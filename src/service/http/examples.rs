@@ -42,6 +42,7 @@ pub const EXAMPLES: &[Example] = examples! {
     "relay"
     "reverse_zeno"
     "robertson"
+    "rolling_ball"
     "sliding_mode"
     "three_regions"
     "van_der_pol"
