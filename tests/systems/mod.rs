@@ -9,6 +9,7 @@ mod nonunique;
 mod pendulum;
 mod queues;
 pub mod reference;
+mod rigid_bodies;
 mod sets;
 mod size;
 mod sliding;
