@@ -36,16 +36,26 @@ pub fn blocks(contacts: &[Contact], moving: &[Motion]) -> Vec<(usize, usize, Mat
         }
     }
     touches.sort_by_key(|touch| (touch.body, touch.contact));
-    let mut blocks = Vec::with_capacity(8 * contacts.len());
+    let mut on_body = vec![0..0; moving.len()];
+    let mut start = 0;
     for group in touches.chunk_by(|a, b| a.body == b.body) {
-        let body = &moving[group[0].body as usize];
-        for a in group {
-            let (linear, angular) = (a.linear / body.mass, a.angular * body.mobility);
-            for b in group {
+        on_body[group[0].body as usize] = start..start + group.len();
+        start += group.len();
+    }
+    let mut blocks = Vec::with_capacity(8 * contacts.len());
+    // Row by row, so that the matrix finds its entries in order but for the two bodies of each row.
+    for (i, contact) in contacts.iter().enumerate() {
+        let row = blocks.len();
+        for (side, sign) in [(0, -1.0), (1, 1.0)] {
+            let Some(place) = contact.bodies[side] else { continue };
+            let body = &moving[place as usize];
+            let (linear, angular) = (contact.frame * (sign / body.mass), contact.angular(side) * body.mobility * sign);
+            for b in &touches[on_body[place as usize].clone()] {
                 let block = linear * b.linear.transpose() + angular * b.angular.transpose();
-                blocks.push((a.contact as usize, b.contact as usize, block));
+                blocks.push((i, b.contact as usize, block));
             }
         }
+        blocks[row..].sort_by_key(|&(_, j, _)| j);
     }
     blocks
 }

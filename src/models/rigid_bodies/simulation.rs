@@ -29,7 +29,7 @@ const NEAR: f64 = 0.01;
 const WORTH_A_THREAD: usize = 200;
 
 /// Overlaps that are left alone, in parts of the smaller body's size.
-const OVERLAP: f64 = 1e-9;
+const OVERLAP: f64 = 5e-7;
 
 /// Rounds of moving bodies apart within a step, and at the start where they may lie in each other.
 const ROUNDS: usize = 3;
