@@ -42,8 +42,13 @@ pub fn solve(specification: &Specification, control: &Control) -> Solution {
             let (settings, analysis) = (specification.settings(), specification.analysis());
             solution::integrate(&mut *model.problem(), &plan, &settings, analysis, control)
         }
+        Model::Mechanical(model) => {
+            let (settings, analysis) = (specification.contact_settings(), specification.analysis());
+            solution::integrate_contact(model, &plan, &settings, analysis, control)
+        }
         Model::RigidBodies(scene) => {
-            solution::step_rigid_bodies(scene, &plan, specification.contact_step(), specification.analysis(), control)
+            let (settings, analysis) = (specification.contact_settings(), specification.analysis());
+            solution::step_rigid_bodies(scene, &plan, &settings, analysis, control)
         }
     };
     solution.diagnostics.warnings.extend(model.warnings().iter().cloned());

@@ -3,7 +3,7 @@
 mod command;
 
 use clap::{Parser, Subcommand};
-use command::{check, serve, solve};
+use command::{check, methods, serve, solve};
 use std::process::ExitCode;
 
 /// Solves differential variational inequalities, with evidence.
@@ -22,6 +22,7 @@ Examples:
   dvi solve --format csv circuit.json > circuit.csv   solve, trajectory as a table
   dvi solve --format svg circuit.json > circuit.svg   solve, trajectory as a picture
   dvi check circuit.json                              find all errors without solving
+  dvi methods                                         list what there is to choose from
   dvi serve                                           serve on http://127.0.0.1:8080
   curl -d @api/examples/diode_bridge.json localhost:8080/solve";
 
@@ -29,6 +30,7 @@ Examples:
 enum Command {
     Solve(solve::Arguments),
     Check(check::Arguments),
+    Methods(methods::Arguments),
     Serve(serve::Arguments),
 }
 
@@ -44,6 +46,7 @@ fn main() -> ExitCode {
     match cli.command {
         Command::Solve(arguments) => solve::run(&arguments),
         Command::Check(arguments) => check::run(&arguments),
+        Command::Methods(arguments) => methods::run(&arguments),
         Command::Serve(arguments) => serve::run(arguments),
     }
 }

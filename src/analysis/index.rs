@@ -6,6 +6,7 @@
 //! mixes is found by blocks.
 
 use super::linearisation::{Linearisation, RANK};
+use crate::factorisation::Singular;
 use nalgebra::DMatrix;
 
 /// How far the algorithm goes.
@@ -27,8 +28,8 @@ impl Index {
     }
 }
 
-/// The index of a linearised problem.
-pub fn index(linearisation: &Linearisation) -> Index {
+/// The index of a linearised problem; `None` if a product of its derivatives overflows.
+pub fn index(linearisation: &Linearisation) -> Option<Index> {
     let m = linearisation.variables();
     let (mut c, mut d) = (linearisation.c.clone(), linearisation.d.clone());
     let size = linearisation.b.amax();
@@ -36,7 +37,8 @@ pub fn index(linearisation: &Linearisation) -> Index {
     let mut determined = 0;
     while m > 0 && levels.len() <= MOST_DIFFERENTIATIONS {
         equilibrate(&mut c, &mut d);
-        let (rank, u) = row_space(&d);
+        let range = Singular::of(&d)?;
+        let (rank, u) = (range.rank(RANK), range.u);
         levels.push(rank - determined);
         determined = rank;
         if rank == m {
@@ -60,7 +62,7 @@ pub fn index(linearisation: &Linearisation) -> Index {
     while levels.len() > 1 && levels.last() == Some(&0) {
         levels.pop();
     }
-    Index { levels, undetermined: m - determined }
+    Some(Index { levels, undetermined: m - determined })
 }
 
 /// Scales each row of `(C, D)` by its `D`, or its `C` where that vanishes: ranks do not depend on units.
@@ -72,15 +74,4 @@ fn equilibrate(c: &mut DMatrix<f64>, d: &mut DMatrix<f64>) {
             d.row_mut(i).unscale_mut(size);
         }
     }
-}
-
-/// The rank of `d` and an orthogonal basis of which the first columns span its range.
-fn row_space(d: &DMatrix<f64>) -> (usize, DMatrix<f64>) {
-    let svd = d.clone().svd(true, false);
-    let u = svd.u.unwrap_or_else(|| DMatrix::identity(d.nrows(), d.nrows()));
-    let largest = svd.singular_values.amax();
-    let mut order: Vec<usize> = (0..d.nrows()).collect();
-    order.sort_by(|&i, &j| svd.singular_values[j].total_cmp(&svd.singular_values[i]));
-    let rank = order.iter().filter(|&&i| largest > 0.0 && svd.singular_values[i] > RANK * largest).count();
-    (rank, DMatrix::from_fn(d.nrows(), d.nrows(), |i, j| u[(i, order[j])]))
 }

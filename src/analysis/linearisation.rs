@@ -7,6 +7,7 @@
 //! Where `M = U S V^T` is singular, the states in its null space become free variables and the equations that `U` maps
 //! to zero their inequalities: then every algebraic unknown is a variable.
 
+use crate::factorisation::Singular;
 use crate::problem::{Dvi, Mass};
 use nalgebra::DMatrix;
 
@@ -63,7 +64,7 @@ impl Linearisation {
         let is_constant = structure.constant_jacobian;
         let (jacobian, n, free) = match &structure.mass {
             Mass::Identity => (jacobian, n, free),
-            Mass::Constant(entries) => without_mass(jacobian, n, entries, free),
+            Mass::Constant(entries) => without_mass(jacobian, n, entries, free)?,
         };
         let m = jacobian.nrows() - n;
         Some(Self {
@@ -89,34 +90,30 @@ impl Linearisation {
     }
 }
 
-/// The Jacobian of `M^-1 (F, G)`, with the number of states that are left and which variables are free.
+/// The Jacobian of `M^-1 (F, G)`, with the number of states that are left and which variables are free; `None` for a mass
+/// that is not finite.
 fn without_mass(
     jacobian: DMatrix<f64>,
     n: usize,
     entries: &[(usize, usize, f64)],
     free: Vec<bool>,
-) -> (DMatrix<f64>, usize, Vec<bool>) {
+) -> Option<(DMatrix<f64>, usize, Vec<bool>)> {
     let m = free.len();
     let mut mass = DMatrix::<f64>::zeros(n, n);
     entries.iter().for_each(|&(i, j, value)| mass[(i, j)] += value);
-    let svd = mass.svd(true, true);
-    let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else { return (jacobian, n, free) };
     // Differential directions first, then those in the null space.
-    let sizes: Vec<f64> = svd.singular_values.iter().copied().collect();
-    let largest = sizes.iter().copied().fold(0.0, f64::max);
-    let mut order: Vec<usize> = (0..n).collect();
-    order.sort_by(|&i, &j| sizes[j].total_cmp(&sizes[i]));
-    let rank = order.iter().filter(|&&i| sizes[i] > RANK * largest).count();
+    let singular = Singular::of(&mass)?;
+    let rank = singular.rank(RANK);
     let mut left = DMatrix::<f64>::identity(n + m, n + m);
     let mut right = DMatrix::<f64>::identity(n + m, n + m);
-    for (place, &i) in order.iter().enumerate() {
-        let scale = if place < rank { 1.0 / sizes[i] } else { 1.0 };
+    for place in 0..n {
+        let scale = if place < rank { 1.0 / singular.values[place] } else { 1.0 };
         for j in 0..n {
-            left[(place, j)] = scale * u[(j, i)];
-            right[(j, place)] = v_t[(i, j)];
+            left[(place, j)] = scale * singular.u[(j, place)];
+            right[(j, place)] = singular.v_t[(place, j)];
         }
     }
     let mut all_free = vec![true; n - rank];
     all_free.extend(free);
-    (left * jacobian * right, rank, all_free)
+    Some((left * jacobian * right, rank, all_free))
 }

@@ -61,8 +61,10 @@ fn on(problem: &mut dyn Dvi, t: f64, y: &[f64], kept: impl Fn(usize) -> bool) ->
     let Some(linearisation) = Linearisation::at(problem, t, y, kept) else {
         return refuse(format!("the derivatives at t = {t} are not finite"));
     };
-    let index = index(&linearisation);
-    let (uniqueness, because) = uniqueness(&linearisation, &index);
+    let overflow = || format!("products of the derivatives at t = {t} overflow: their units are too far apart");
+    let Some(index) = index(&linearisation) else { return refuse(overflow()) };
+    let (uniqueness, because) =
+        uniqueness(&linearisation, &index).unwrap_or_else(|| (Uniqueness::NotAnalysed, overflow()));
     Analysis { index: index.value(), levels: index.levels, uniqueness, because }
 }
 
@@ -88,8 +90,8 @@ mod tests {
     }
 
     fn verdict(problem: &Linearisation) -> (Index, Uniqueness, String) {
-        let index = index(problem);
-        let (uniqueness, because) = uniqueness(problem, &index);
+        let index = index(problem).expect("finite");
+        let (uniqueness, because) = uniqueness(problem, &index).expect("finite");
         (index, uniqueness, because)
     }
 
@@ -104,7 +106,7 @@ mod tests {
             (2, [0.0, 1e-6, 0.0], 0.0),
             (3, [1e6, 0.0, 0.0], 0.0),
         ] {
-            let found = index(&orthant(&a, &b, &c, &[d]));
+            let found = index(&orthant(&a, &b, &c, &[d])).expect("finite");
             assert_eq!(found.value(), Some(expected), "{found:?}");
         }
     }
@@ -117,7 +119,7 @@ mod tests {
         let c = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0];
         let d = [1e-6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         let plain = orthant(&a, &b, &c, &d);
-        assert_eq!(index(&plain), Index { levels: vec![1, 1, 1], undetermined: 0 });
+        assert_eq!(index(&plain).expect("finite"), Index { levels: vec![1, 1, 1], undetermined: 0 });
         let q = DMatrix::from_row_slice(3, 3, &[0.6, 0.8, 0.0, -0.48, 0.36, 0.8, 0.64, -0.48, 0.6]);
         let rotated = Linearisation {
             b: &plain.b * q.transpose(),
@@ -125,12 +127,12 @@ mod tests {
             d: &q * &plain.d * q.transpose(),
             ..plain.clone()
         };
-        assert_eq!(index(&rotated).levels, [1, 1, 1]);
+        assert_eq!(index(&rotated).expect("finite").levels, [1, 1, 1]);
     }
 
     #[test]
     fn variables_that_nothing_determines_are_counted() {
-        let found = index(&orthant(&[0.0], &[1.0, 1.0], &[1.0, 1.0], &[0.0; 4]));
+        let found = index(&orthant(&[0.0], &[1.0, 1.0], &[1.0, 1.0], &[0.0; 4])).expect("finite");
         assert_eq!((found.value(), found.undetermined), (None, 1));
     }
 
@@ -177,5 +179,11 @@ mod tests {
         let (_, uniqueness, because) = verdict(&orthant(&[0.0; 4], &[1.0, 0.0, -1.0, 1.0], &identity, &[0.0; 4]));
         assert_eq!(uniqueness, Uniqueness::Unique, "{because}");
         assert!(because.contains("reflection map"));
+    }
+    #[test]
+    fn no_verdict_rests_on_what_overflows() {
+        let problem = orthant(&[0.0], &[1e200], &[1e200], &[0.0]);
+        let index = index(&problem).expect("finite");
+        assert_eq!((index.value(), uniqueness(&problem, &index)), (Some(1), None));
     }
 }

@@ -12,6 +12,7 @@
 
 use super::index::Index;
 use super::linearisation::{Linearisation, RANK};
+use crate::factorisation::{Singular, least_eigenvalue};
 use nalgebra::DMatrix;
 use serde::Serialize;
 
@@ -46,15 +47,15 @@ impl std::fmt::Display for Uniqueness {
 /// Up to this order all principal minors are looked at.
 const MOST_MINORS: usize = 12;
 
-/// The verdict and why.
-pub fn uniqueness(problem: &Linearisation, index: &Index) -> (Uniqueness, String) {
+/// The verdict and why; `None` if a product of the derivatives overflows.
+pub fn uniqueness(problem: &Linearisation, index: &Index) -> Option<(Uniqueness, String)> {
     let m = problem.variables();
     if m == 0 {
-        return (Uniqueness::Unique, "there are no variables: an ordinary differential equation".into());
+        return Some((Uniqueness::Unique, "there are no variables: an ordinary differential equation".into()));
     }
-    let place = if problem.is_constant { "" } else { " at the start" };
+    let place = if problem.is_constant { "" } else { " at this time" };
     if problem.free.iter().all(|&free| free) {
-        return match index.value() {
+        return Some(match index.value() {
             Some(value) => (
                 Uniqueness::Unique,
                 format!(
@@ -66,17 +67,16 @@ pub fn uniqueness(problem: &Linearisation, index: &Index) -> (Uniqueness, String
                 Uniqueness::NotUnique,
                 format!("no differentiation of G determines {} of the {m} free variables{place}", index.undetermined),
             ),
-        };
+        });
     }
     if problem.set_moves_with_states {
         let because = "K moves with the states (a quasi-variational inequality): no theorem at hand covers it";
-        return (Uniqueness::NotCertified, because.into());
+        return Some((Uniqueness::NotCertified, because.into()));
     }
     let cb = &problem.c * &problem.b;
-    let d = Figures::of(&problem.d);
-    if d.least_eigenvalue >= -RANK * d.size && is_passive(problem, &cb) {
-        let figures = Figures::of(&cb);
-        return (
+    let (d, figures) = (Figures::of(&problem.d)?, Figures::of(&cb)?);
+    if d.least_eigenvalue >= -RANK * d.size && is_passive(problem, &cb, &figures) {
+        return Some((
             Uniqueness::Unique,
             format!(
                 "D is positive semidefinite (least eigenvalue of its symmetric part {:.3e}) and CB symmetric positive \
@@ -85,11 +85,11 @@ pub fn uniqueness(problem: &Linearisation, index: &Index) -> (Uniqueness, String
                 d.least_eigenvalue.max(0.0),
                 figures.least_eigenvalue.max(0.0)
             ),
-        );
+        ));
     }
-    match index.value() {
+    Some(match index.value() {
         Some(0) => index_zero(problem, &d, place),
-        Some(1) if d.size == 0.0 => index_one(&cb, problem.is_orthant, place),
+        Some(1) if d.size == 0.0 => index_one(&cb, &figures, problem.is_orthant, place),
         Some(value) => (
             Uniqueness::NotCertified,
             format!("the index is {value} by parts {:?}{place}: no theorem at hand covers the mixture", index.levels),
@@ -102,7 +102,7 @@ pub fn uniqueness(problem: &Linearisation, index: &Index) -> (Uniqueness, String
                 index.undetermined
             ),
         ),
-    }
+    })
 }
 
 fn index_zero(problem: &Linearisation, d: &Figures, place: &str) -> (Uniqueness, String) {
@@ -137,14 +137,13 @@ fn index_zero(problem: &Linearisation, d: &Figures, place: &str) -> (Uniqueness,
     }
 }
 
-fn index_one(cb: &DMatrix<f64>, is_orthant: bool, place: &str) -> (Uniqueness, String) {
-    let figures = Figures::of(cb);
+fn index_one(cb: &DMatrix<f64>, figures: &Figures, is_orthant: bool, place: &str) -> (Uniqueness, String) {
     let p = match is_p_matrix(cb) {
         Some(true) => "a P-matrix",
         Some(false) => "no P-matrix",
         None => "too large to test for a P-matrix",
     };
-    let Figures { least_eigenvalue: least, asymmetry, .. } = figures;
+    let &Figures { least_eigenvalue: least, asymmetry, .. } = figures;
     let described = format!(
         "CB{place} is {p}, its symmetric part has least eigenvalue {least:.3e}, its asymmetry |CB - (CB)^T|/|CB| is \
          {asymmetry:.3e}"
@@ -189,33 +188,25 @@ fn is_h_matrix(matrix: &DMatrix<f64>) -> bool {
 
 /// Whether `P B = C^T` for some symmetric positive definite `P`: `C B` symmetric positive semidefinite, with the rank of
 /// `B` and `C`, and `B` and `C^T` with one kernel.
-fn is_passive(problem: &Linearisation, cb: &DMatrix<f64>) -> bool {
-    let figures = Figures::of(cb);
+fn is_passive(problem: &Linearisation, cb: &DMatrix<f64>, figures: &Figures) -> bool {
     // Units of G and of x' may differ by any factor a row: compare what is left with its terms.
     let tolerance = 1e-9;
     if figures.asymmetry > tolerance || figures.least_eigenvalue < -tolerance * figures.size {
         return false;
     }
-    let rank = rank(cb);
-    let stacked = DMatrix::from_fn(2 * problem.states(), problem.variables(), |i, j| {
-        let n = problem.states();
-        if i < n { problem.b[(i, j)] / norm(&problem.b) } else { problem.c[(j, i - n)] / norm(&problem.c) }
+    let rank_of = |matrix: &DMatrix<f64>| Singular::of(matrix).map(|singular| singular.rank(RANK));
+    let n = problem.states();
+    let (b, c) = (norm(&problem.b), norm(&problem.c));
+    let stacked = DMatrix::from_fn(2 * n, problem.variables(), |i, j| {
+        if i < n { problem.b[(i, j)] / b } else { problem.c[(j, i - n)] / c }
     });
-    rank == self::rank(&problem.b) && rank == self::rank(&problem.c) && rank == self::rank(&stacked)
+    let rank = rank_of(cb);
+    rank.is_some() && [&problem.b, &problem.c, &stacked].into_iter().all(|matrix| rank_of(matrix) == rank)
 }
 
 fn norm(matrix: &DMatrix<f64>) -> f64 {
     let size = matrix.amax();
     if size > 0.0 { size } else { 1.0 }
-}
-
-fn rank(matrix: &DMatrix<f64>) -> usize {
-    if matrix.is_empty() {
-        return 0;
-    }
-    let values = matrix.singular_values();
-    let largest = values.amax();
-    values.iter().filter(|&&value| value > RANK * largest && value > 0.0).count()
 }
 
 /// What decides of a square matrix.
@@ -229,11 +220,13 @@ struct Figures {
 }
 
 impl Figures {
-    fn of(matrix: &DMatrix<f64>) -> Self {
-        let symmetric = (matrix + matrix.transpose()) * 0.5;
+    /// `None` if an entry is not finite.
+    fn of(matrix: &DMatrix<f64>) -> Option<Self> {
+        // Halved first: the sum of two large entries need not overflow.
+        let symmetric = matrix * 0.5 + matrix.transpose() * 0.5;
         let size = matrix.amax();
-        let asymmetry = if size > 0.0 { (matrix - matrix.transpose()).amax() / size } else { 0.0 };
-        Self { size, least_eigenvalue: symmetric.symmetric_eigenvalues().min(), asymmetry }
+        let asymmetry = if size > 0.0 { (matrix / size - matrix.transpose() / size).amax() } else { 0.0 };
+        Some(Self { size, least_eigenvalue: least_eigenvalue(&symmetric)?, asymmetry })
     }
 }
 

@@ -59,7 +59,7 @@ fn told(file: &Path, specification: &Specification) -> String {
     let _ = writeln!(text, "  variables       {}", summary.variables);
     let _ = writeln!(text, "  moving bounds   {}", summary.moving_bounds);
     let _ = writeln!(text, "  Jacobian        {} nonzeros{constancy}", summary.jacobian_nonzeros);
-    let _ = writeln!(text, "  time            {} to {}", time.start, time.end);
+    let _ = writeln!(text, "  time            {:?} to {:?}", time.start, time.end);
     if summary.variables > 0 {
         let _ = writeln!(text, "  index           {index}");
     }

@@ -1,4 +1,24 @@
-//! Contact: impacts and friction at the level of velocities.
+//! Rigid bodies with impacts and friction, of index two: impulses are the unknowns, velocities may jump (Moreau 1988,
+//! *Unilateral contact and dry friction in finite freedom dynamics*; Stewart 2000, *Rigid-body dynamics with friction
+//! and impact*, SIAM Review 42).
+//!
+//! - [`law`]: impact and friction of all contacts of one step at once, in contact coordinates. It knows neither `M` nor
+//!   where contacts come from.
+//! - [`energy`]: where the energy of a step goes.
+//! - [`islands`]: contacts that share no moving body are solved apart.
+//! - [`VelocityStep`]: one step of a system in generalised coordinates; [`TimeStepping`]: one after the other.
 
+mod delassus;
+pub mod energy;
+mod happening;
 pub mod islands;
 pub mod law;
+mod near;
+mod settings;
+mod time_stepping;
+mod velocity_step;
+
+pub use happening::Happening;
+pub use settings::{ContactError, ImpactLaw, Settings};
+pub use time_stepping::TimeStepping;
+pub use velocity_step::{Contacted, Forces, State, VelocityStep, Work};

@@ -2,10 +2,14 @@
 //! names that their columns go by.
 
 mod linear;
+mod mechanical;
+mod mechanical_model;
 mod model;
 pub mod rigid_bodies;
 mod symbolic;
 
 pub use linear::{Linear, LinearRows};
+pub use mechanical::{MechanicalRows, SymbolicMechanics, Underivable};
+pub use mechanical_model::{ENERGIES, MechanicalModel};
 pub use model::{DviModel, Equations, Model};
 pub use symbolic::{Refusal, Rows, Symbolic};

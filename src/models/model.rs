@@ -1,7 +1,7 @@
 //! Problems with their names and their start, to be solved any number of times.
 
 use super::rigid_bodies::Scene;
-use super::{Linear, Symbolic};
+use super::{Linear, MechanicalModel, Symbolic};
 use crate::analysis::{Analysis, analyse};
 use crate::problem::{Dvi, Structure};
 use crate::solution::Warning;
@@ -11,6 +11,8 @@ use crate::solution::Warning;
 pub enum Model {
     /// A differential variational inequality, for Radau IIA.
     Dvi(Box<DviModel>),
+    /// A mechanical system, for the steppers of contact.
+    Mechanical(Box<MechanicalModel>),
     /// Rigid bodies in space, for time stepping.
     RigidBodies(Scene),
 }
@@ -20,6 +22,7 @@ impl Model {
     pub fn state_names(&self) -> Vec<String> {
         match self {
             Self::Dvi(model) => model.state_names.clone(),
+            Self::Mechanical(model) => model.state_names.clone(),
             Self::RigidBodies(scene) => scene.state_names(),
         }
     }
@@ -28,6 +31,7 @@ impl Model {
     pub fn output_names(&self) -> Vec<String> {
         match self {
             Self::Dvi(model) => model.state_names.iter().chain(&model.variable_names).cloned().collect(),
+            Self::Mechanical(model) => model.output_names.clone(),
             Self::RigidBodies(scene) => scene.output_names(),
         }
     }
@@ -36,6 +40,7 @@ impl Model {
     pub fn initial(&self) -> Vec<f64> {
         match self {
             Self::Dvi(model) => model.initial.clone(),
+            Self::Mechanical(model) => model.initial.clone(),
             Self::RigidBodies(scene) => scene.initial(),
         }
     }
@@ -44,6 +49,7 @@ impl Model {
     pub fn warnings(&self) -> &[Warning] {
         match self {
             Self::Dvi(model) => &model.warnings,
+            Self::Mechanical(model) => &model.warnings,
             Self::RigidBodies(scene) => &scene.warnings,
         }
     }
@@ -52,6 +58,7 @@ impl Model {
     pub fn analyse(&self, t: f64) -> Analysis {
         match self {
             Self::Dvi(model) => model.analyse(t),
+            Self::Mechanical(model) => model.analyse(),
             Self::RigidBodies(scene) => scene.analyse(),
         }
     }
@@ -60,6 +67,7 @@ impl Model {
     pub fn dvi(&self) -> Option<&DviModel> {
         match self {
             Self::Dvi(model) => Some(model),
+            Self::Mechanical(_) => None,
             Self::RigidBodies(_) => None,
         }
     }

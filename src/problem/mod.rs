@@ -9,9 +9,11 @@
 
 mod control;
 mod convex_set;
+mod mechanical;
 
 pub use control::{Control, Stop};
 pub use convex_set::{Block, BlockWorkspace, ConvexSet, Derivative, Face, Polyhedron, Shape, Workspace};
+pub use mechanical::{Constraints, ContactData, Energies, Mechanical, MechanicalStructure, Sensitivity};
 
 /// What a moving bound is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -14,7 +14,7 @@ const DENSE_AT_MOST: usize = 40;
 const SPARSITY: usize = 16;
 
 /// The most memory, in bytes, that one dense part of a run may take.
-const MOST_BYTES: usize = 2 << 30;
+pub const MOST_BYTES: usize = 2 << 30;
 
 /// The places of the entries, numbered.
 #[derive(Debug)]

@@ -8,6 +8,7 @@
 //! sections IV.8 and VII), with `K = R^m` their solver of differential-algebraic equations; a set with bounds adds
 //! the active face of `K` and its switches, and nothing else.
 
+mod conditions;
 mod consistent;
 mod dense_output;
 mod dips;
@@ -24,9 +25,11 @@ mod switches;
 mod system;
 mod tableau;
 
+pub use conditions::{AlgebraicStability, Conditions, Order, PositiveDiagonal, Vanishing};
 pub use face::Place;
+pub use layout::MOST_BYTES;
 pub use settings::{Cause, Settings, StageChoice, StepError, Switches};
 pub use stepper::{Counts, Radau, Variables};
 pub use switches::Switch;
-pub use system::Work;
-pub use tableau::Tableau;
+pub use system::{Rates, Work};
+pub use tableau::{MOST_STAGES, Tableau};

@@ -50,7 +50,7 @@ pub struct Settings {
 pub enum StepError {
     /// A rate, a `G` or a bound is not a number at the beginning of a step.
     #[error(
-        "{what} number {component} (counted from 0) is not finite at t = {t}: a division by zero, a function outside \
+        "{what} number {component} (counted from 0) is not finite at t = {t:?}: a division by zero, a function outside \
          its domain, or a number too large"
     )]
     NotFinite {
@@ -62,7 +62,7 @@ pub enum StepError {
         t: f64,
     },
     /// The step size fell to the rounding level of `t`, or to `min_step`.
-    #[error("the step size fell to {h:e} at t = {t}: {cause}")]
+    #[error("the step size fell to {h:e} at t = {t:?}: {cause}")]
     StepTooSmall {
         /// When.
         t: f64,
@@ -72,7 +72,7 @@ pub enum StepError {
         cause: Cause,
     },
     /// The lower bound of a variable rises above its upper bound.
-    #[error("the interval of variable {variable} (counted from 0) is empty from t = {t} on: its bounds cross")]
+    #[error("the interval of variable {variable} (counted from 0) is empty from t = {t:?} on: its bounds cross")]
     EmptySet {
         /// The variable.
         variable: usize,
@@ -81,7 +81,7 @@ pub enum StepError {
     },
     /// Newton's method failed where the step is fixed.
     #[error(
-        "Newton's method on the stages does not converge with the fixed step {h:e} at t = {t}; take a smaller step, or leave `step` out"
+        "Newton's method on the stages does not converge with the fixed step {h:e} at t = {t:?}; take a smaller step, or leave `step` out"
     )]
     NewtonFailed {
         /// When.
@@ -106,7 +106,10 @@ pub enum StepError {
         unknowns: usize,
     },
     /// The VI at the start has no solution that the solver could find.
-    #[error("the variational inequality at the start t = {t} has no solution, or none was found")]
+    #[error(
+        "the variational inequality at the start t = {t:?} has no solution, or none was found; raising a variable should \
+         raise its inequality, at once or in time: look at its sign, and whether the start satisfies it"
+    )]
     NoStart {
         /// When.
         t: f64,
@@ -133,16 +136,48 @@ impl StepError {
 pub enum Cause {
     /// The error estimate is above the tolerance.
     Error,
-    /// Newton's method did not converge, or met a number that is not finite.
-    Newton,
+    /// The increments of Newton's method on the stages grow.
+    Diverged,
+    /// Newton's method would need more iterations than a smaller step is worth.
+    Slow,
+    /// A matrix of the stage equations is singular.
+    Singular,
+    /// A rate, a `G` or a bound at a stage is not a number.
+    NotFinite,
+    /// The variational inequality of the stages has no solution, or none was found.
+    Unsolved,
+}
+
+impl Cause {
+    /// Every cause, in the order of declaration.
+    pub const ALL: [Self; 6] =
+        [Self::Error, Self::Diverged, Self::Slow, Self::Singular, Self::NotFinite, Self::Unsolved];
+
+    /// A stable word for programs.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Error => "error_test",
+            Self::Diverged => "newton_diverged",
+            Self::Slow => "newton_slow",
+            Self::Singular => "singular_matrix",
+            Self::NotFinite => "not_finite",
+            Self::Unsolved => "inequality_unsolved",
+        }
+    }
 }
 
 impl std::fmt::Display for Cause {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
             Self::Error => "the error stays above the tolerance (a blow-up, a jump, or tolerances too tight for doubles)",
-            Self::Newton => {
+            Self::Diverged | Self::Slow => {
                 "Newton's method on the stages does not converge (a singularity, a blow-up, or an equation with no solution)"
+            }
+            Self::Singular => "the equations of the stages are singular (an equation that does not determine its unknown)",
+            Self::NotFinite => "a stage meets a value that is not finite (a blow-up, or the edge of a function's domain)",
+            Self::Unsolved => {
+                "the variational inequality of the stages has no solution, or none was found (raising a variable should \
+                 raise its inequality, at once or in time: look at its sign)"
             }
         })
     }

@@ -8,12 +8,12 @@
 //! ```
 //!
 //! with `E` the block-diagonal matrix of [`Factors`] in which the bounded variables are held and `e` their unit
-//! vectors. Row block `i` is scaled by `d_i = b_i / c_i`: then `S` is monotone where the problem is.
+//! vectors. Row block `i` is scaled by the `d_i` of the tableau: then `S` is monotone where the problem is.
 
 use super::face::{Place, place, place_on_blocks};
 use super::factors::Factors;
 use super::layout::check_memory;
-use super::settings::StepError;
+use super::settings::{Cause, StepError};
 use super::stages::{NewtonControl, Stages};
 use super::system::System;
 use super::tableau::Tableau;
@@ -114,6 +114,9 @@ impl StageVi {
 
     /// Solves the stages from the `Z` at hand, with `W = T^-1 Z` and the derivatives of `system` frozen. On success
     /// the face of `system` is that of the last stage; otherwise it is left as it was.
+    ///
+    /// # Errors
+    /// Why the step should be smaller.
     #[expect(clippy::too_many_arguments, reason = "a step is its problem, method, place and tolerance")]
     pub fn solve(
         &mut self,
@@ -124,19 +127,20 @@ impl StageVi {
         h: f64,
         y0: &[f64],
         control: &NewtonControl,
-    ) -> bool {
+    ) -> Result<(), Cause> {
         let (s, n, count) = (tableau.stages(), system.states, system.bounded.len());
         self.resize(s * count);
         if !self.reduce(system, tableau, h) {
-            return false;
+            return Err(Cause::Singular);
         }
         let mut norm = f64::INFINITY;
         for iteration in 0..3 * control.most {
             if !self.evaluate(system, tableau, stages, t, h, y0) {
-                return false;
+                return Err(Cause::NotFinite);
             }
-            // Increments at the rounding level of y neither shrink nor matter; the transforms of many stages add to it.
-            let least = control.kappa.max(1e3 * f64::EPSILON * stages.size(y0, &control.weight, s));
+            // Increments at the rounding level of y neither shrink nor matter; the VI and the transforms add to it.
+            let rounding = f64::EPSILON * (4.0 * tableau.mixing).max(1e3);
+            let least = control.kappa.max(rounding * stages.size(y0, &control.weight, s));
             if iteration > 0 && norm <= least && self.is_solved(system, stages, h, y0, control) {
                 let last = (s - 1) * count;
                 for (a, &k) in system.bounded.iter().enumerate() {
@@ -145,18 +149,18 @@ impl StageVi {
                     self.moved[k] = z - g;
                 }
                 place_on_blocks(&system.set, &self.moved, &mut system.face, &mut self.workspace);
-                return true;
+                return Ok(());
             }
             if iteration > 0 && self.relinearise {
-                let y = stages.stage(y0, s - 1);
-                if !(system.differentiate(t + h, y) && self.reduce(system, tableau, h)) {
-                    return false;
+                if !system.differentiate(t + h, stages.stage(y0, s - 1)) {
+                    return Err(Cause::NotFinite);
+                }
+                if !self.reduce(system, tableau, h) {
+                    return Err(Cause::Singular);
                 }
             }
             system.work.newton += 1;
-            if !self.affine(system, tableau, stages, h, control) {
-                return false;
-            }
+            self.affine(system, tableau, stages, h, control)?;
             for i in 0..s {
                 for (a, &k) in system.bounded.iter().enumerate() {
                     let place = i * count + a;
@@ -167,10 +171,11 @@ impl StageVi {
                 Some(new) if new <= least || (new.is_finite() && (iteration < 3 || new < 2.0 * norm)) => {
                     norm = new;
                 }
-                _ => return false,
+                Some(_) => return Err(Cause::Diverged),
+                None => return Err(Cause::Singular),
             }
         }
-        false
+        Err(Cause::Slow)
     }
 
     /// Evaluates rates, `G` and bounds at every stage, with zero in the rows of `Phi` of held variables.
@@ -215,17 +220,17 @@ impl StageVi {
         stages: &mut Stages,
         h: f64,
         control: &NewtonControl,
-    ) -> bool {
+    ) -> Result<(), Cause> {
         let (s, unknowns, count) = (tableau.stages(), system.unknowns, system.bounded.len());
         let size = s * unknowns;
         self.saved.0[..size].copy_from_slice(&stages.z[..size]);
         self.saved.1[..size].copy_from_slice(&stages.w[..size]);
         // What the other equations ask for while the bounded variables are held.
         if stages.increment(system, tableau, &mut self.factors, h, &control.weight).is_none() {
-            return false;
+            return Err(Cause::Singular);
         }
         for i in 0..s {
-            let d = tableau.b[i] / tableau.c[i];
+            let d = tableau.d[i];
             for (a, &k) in system.bounded.iter().enumerate() {
                 let (row, block) = (i * count + a, i * unknowns);
                 let moved = system.slope(k, |j| stages.z[block + j] - self.saved.0[block + j]);
@@ -246,7 +251,7 @@ impl StageVi {
                 None => self.failures.push((attempt, 1)),
             }
         }
-        report.outcome == Outcome::Solved
+        if report.outcome == Outcome::Solved { Ok(()) } else { Err(Cause::Unsolved) }
     }
 
     /// Whether the VI holds at every stage to the tolerance, from the last evaluation. The transforms mix the stages, so
@@ -347,7 +352,7 @@ impl StageVi {
             }
         }
         for i in 0..s {
-            let d = tableau.b[i] / tableau.c[i];
+            let d = tableau.d[i];
             self.matrix.rows_mut(i * count, count).scale_mut(d);
         }
         self.matrix.iter().all(|value| value.is_finite())

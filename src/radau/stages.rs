@@ -3,6 +3,7 @@
 
 use super::face::{Monitor, Place, monitors};
 use super::factors::Factors;
+use super::settings::Cause;
 use super::system::System;
 use super::tableau::Tableau;
 use nalgebra::{Complex, DMatrix};
@@ -38,8 +39,8 @@ pub enum Newton {
     },
     /// It would need too many iterations; the step should be multiplied by this factor, below 1.
     Slow(f64),
-    /// It diverges, met a singular matrix, or a number that is not finite.
-    Diverged,
+    /// It cannot go on.
+    Failed(Cause),
 }
 
 /// What decides that Newton's method has converged.
@@ -226,15 +227,15 @@ impl Stages {
         contraction.theta = THETA;
         for k in 1..=most {
             if !evaluated && !self.evaluate(system, tableau, t, h, y0) {
-                return Newton::Diverged;
+                return Newton::Failed(Cause::NotFinite);
             }
             evaluated = false;
             system.work.newton += 1;
             let Some(norm) = self.increment(system, tableau, factors, h, &control.weight) else {
-                return Newton::Diverged;
+                return Newton::Failed(Cause::Singular);
             };
             if !norm.is_finite() {
-                return Newton::Diverged;
+                return Newton::Failed(Cause::NotFinite);
             }
             // Increments at the rounding level of y itself neither shrink nor matter.
             let rounding = norm <= 4.0 * f64::EPSILON * self.size(y0, &control.weight, tableau.stages());
@@ -247,7 +248,7 @@ impl Stages {
                     factor = theta / (1.0 - theta);
                 } else if !rounding {
                     contraction.theta = theta;
-                    return Newton::Diverged;
+                    return Newton::Failed(Cause::Diverged);
                 }
                 let left = (most - 1).saturating_sub(k) as i32;
                 let predicted = factor * norm * theta.powi(left) / control.kappa;
@@ -262,11 +263,14 @@ impl Stages {
             last_norm = norm.max(f64::EPSILON);
             if rounding || factor * norm <= control.kappa {
                 contraction.factor = factor;
+                if k > 1 {
+                    system.work.contraction.observe(contraction.theta);
+                }
                 if system.bounded.is_empty() {
                     return Newton::Converged { iterations: k, violated: false };
                 }
                 match self.verify(system, tableau, t, h, y0, control) {
-                    None => return Newton::Diverged,
+                    None => return Newton::Failed(Cause::NotFinite),
                     Some(Verdict { satisfied, violated }) if satisfied || rounding => {
                         return Newton::Converged { iterations: k, violated };
                     }

@@ -117,6 +117,6 @@ impl Radau<'_> {
             let noise = self.control.noise_of_g(&self.system, k, &self.y);
             vi.offset[k] = if snap && g.abs() <= noise { -g } else { 0.0 };
         }
-        vi.solve(&mut self.system, probe.euler, &mut probe.stages, self.t, eta, &self.y, &self.control)
+        vi.solve(&mut self.system, probe.euler, &mut probe.stages, self.t, eta, &self.y, &self.control).is_ok()
     }
 }

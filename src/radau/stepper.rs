@@ -23,10 +23,15 @@ use crate::problem::Dvi;
 pub struct Counts {
     /// Accepted steps.
     pub accepted: u64,
-    /// Steps rejected for their error.
-    pub rejected_error: u64,
-    /// Steps rejected because Newton's method failed.
-    pub rejected_newton: u64,
+    /// Rejected steps, by [`Cause::ALL`].
+    rejected: [u64; Cause::ALL.len()],
+}
+
+impl Counts {
+    /// Steps rejected for this cause.
+    pub fn rejected(&self, cause: Cause) -> u64 {
+        self.rejected[cause as usize]
+    }
 }
 
 /// A method with its tolerances.
@@ -83,18 +88,8 @@ enum Freshness {
 enum Attempt {
     /// Solved, in so many Newton iterations; `coupled` over the stages, or on one face.
     Solved { h: f64, iterations: usize, coupled: bool },
-    /// To be done again with the step times this factor.
-    Failed(f64),
-}
-
-impl Attempt {
-    /// What to multiply the step by.
-    fn factor(&self) -> f64 {
-        match self {
-            Self::Solved { .. } => 1.0,
-            Self::Failed(factor) => *factor,
-        }
-    }
+    /// To be done again with the step times this factor, and why.
+    Failed(f64, Cause),
 }
 
 impl<'p> Radau<'p> {
@@ -189,14 +184,16 @@ impl<'p> Radau<'p> {
                 return Err(StepError::StepTooSmall { t: self.t, h, cause: Cause::Error });
             }
             let outcome = self.attempt(h)?;
-            let Attempt::Solved { h: reached, iterations, coupled } = outcome else {
-                self.counts.rejected_newton += 1;
-                self.controller.surprise();
-                if self.jacobian == Freshness::Kept {
-                    self.forget_jacobian();
+            let (reached, iterations, coupled) = match outcome {
+                Attempt::Solved { h, iterations, coupled } => (h, iterations, coupled),
+                Attempt::Failed(factor, cause) => {
+                    self.controller.surprise();
+                    if self.jacobian == Freshness::Kept {
+                        self.forget_jacobian();
+                    }
+                    self.shrink(h, cause, |_| factor * h)?;
+                    continue;
                 }
-                self.shrink(h, Cause::Newton, |_| outcome.factor() * h)?;
-                continue;
             };
             if self.settings.step.is_some() {
                 self.accept(reached, coupled);
@@ -216,7 +213,6 @@ impl<'p> Radau<'p> {
                 self.change_order();
                 return Ok(());
             }
-            self.counts.rejected_error += 1;
             self.switching.abandon();
             if coupled {
                 self.system.face.copy_from_slice(&self.switching.before);
@@ -251,9 +247,9 @@ impl<'p> Radau<'p> {
                         Located::Nowhere => break,
                     }
                 }
-                Newton::Slow(factor) if self.stage_vi.is_none() => return Ok(Attempt::Failed(factor)),
-                Newton::Diverged if self.stage_vi.is_none() => return Ok(Attempt::Failed(0.5)),
-                Newton::Slow(_) | Newton::Diverged => break,
+                Newton::Slow(factor) if self.stage_vi.is_none() => return Ok(Attempt::Failed(factor, Cause::Slow)),
+                Newton::Failed(cause) if self.stage_vi.is_none() => return Ok(Attempt::Failed(0.5, cause)),
+                Newton::Slow(_) | Newton::Failed(_) => break,
             }
         }
         self.predict(h);
@@ -278,13 +274,12 @@ impl<'p> Radau<'p> {
     /// Solves the stages with the VI coupled over them, from the increments at hand.
     fn couple(&mut self, h: f64) -> Attempt {
         let tableau = self.tableau();
-        let Some(stage_vi) = &mut self.stage_vi else { return Attempt::Failed(0.5) };
+        let Some(stage_vi) = &mut self.stage_vi else { return Attempt::Failed(0.5, Cause::Unsolved) };
         self.contraction = Contraction::default();
         self.switching.remember(&self.system.face);
-        if stage_vi.solve(&mut self.system, tableau, &mut self.stages, self.t, h, &self.y, &self.control) {
-            Attempt::Solved { h, iterations: self.control.most, coupled: true }
-        } else {
-            Attempt::Failed(0.5)
+        match stage_vi.solve(&mut self.system, tableau, &mut self.stages, self.t, h, &self.y, &self.control) {
+            Ok(()) => Attempt::Solved { h, iterations: self.control.most, coupled: true },
+            Err(cause) => Attempt::Failed(0.5, cause),
         }
     }
 
@@ -343,6 +338,7 @@ impl<'p> Radau<'p> {
 
     /// Makes the next attempt smaller than `h`; fails where the step is fixed or would be too small to go on with.
     fn shrink(&mut self, h: f64, cause: Cause, smaller: impl Fn(&mut Controller) -> f64) -> Result<(), StepError> {
+        self.counts.rejected[cause as usize] += 1;
         if self.settings.step.is_some() {
             self.check_evaluation()?;
             return Err(StepError::NewtonFailed { t: self.t, h });

@@ -22,6 +22,9 @@ pub struct Tableau {
     pub a: DMatrix<f64>,
     /// The weights, positive.
     pub b: Vec<f64>,
+    /// `d_i = b_i / c_i`: `D A + A^T D` is positive definite (Hairer and Wanner 1996, IV.14), so that inequalities at the
+    /// stages, scaled by it, are monotone where the problem is.
+    pub d: Vec<f64>,
     /// `A^-1`.
     pub a_inverse: DMatrix<f64>,
     /// The real eigenvalue of `A^-1`, where `s` is odd.
@@ -33,6 +36,8 @@ pub struct Tableau {
     pub t: DMatrix<f64>,
     /// `T^-1`.
     pub t_inverse: DMatrix<f64>,
+    /// The largest row sum of `|T| |T^-1|`: how much rounding errors grow on the way from `Z` to `W` and back.
+    pub mixing: f64,
     /// The embedded error estimate combines the stage increments with `-l_i(0) / c_i`, where `l_i` is the Lagrange
     /// polynomial of node `i` (as RADAU does; for `s = 3` the `-(13+7 sqrt 6)/3, ..` of RADAU5).
     pub estimate: Vec<f64>,
@@ -97,7 +102,9 @@ impl Tableau {
         let barycentric =
             (0..=s).map(|i| 1.0 / (0..=s).filter(|&j| j != i).map(|j| node(i) - node(j)).product::<f64>()).collect();
         let bubble = if s == 1 { Vec::new() } else { bubble(&c) };
-        Self { c, a, b, a_inverse, gamma, pairs, t, t_inverse, estimate, bubble, barycentric }
+        let d = b.iter().zip(&c).map(|(b, c)| b / c).collect();
+        let mixing = (t.abs() * t_inverse.abs()).column_sum().amax();
+        Self { c, a, b, d, a_inverse, gamma, pairs, t, t_inverse, mixing, estimate, bubble, barycentric }
     }
 
     /// The value at `theta` of the polynomial that vanishes at both ends of a step, has the slope 1 at its beginning and

@@ -2,14 +2,31 @@
 //! shared by a few people.
 
 use super::jobs::{Bounds, Retention};
-use clap::Args;
+use clap::{Args, Command};
+use serde::Serialize;
+use serde_json::Value;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::num::{NonZeroU64, NonZeroUsize};
 use std::thread::available_parallelism;
 use std::time::Duration;
 
+/// A bound in force, told in the words of its flag.
+#[derive(Clone, Debug, Serialize)]
+pub struct Bound {
+    /// The flag that sets it.
+    pub flag: String,
+    /// The environment variable that sets it.
+    pub variable: String,
+    /// Its unit.
+    pub unit: String,
+    /// Its value.
+    pub value: Value,
+    /// What it bounds.
+    pub meaning: String,
+}
+
 /// How the service is bounded.
-#[derive(Args, Clone, Debug)]
+#[derive(Args, Clone, Debug, Serialize)]
 pub struct Options {
     /// Address and port to listen on
     #[arg(long, env = "DVI_LISTEN", value_name = "ADDRESS:PORT", default_value_t = Options::default().listen)]
@@ -90,6 +107,23 @@ impl Options {
     /// The time between the signal to stop and the end of every job.
     pub fn grace(&self) -> Duration {
         Duration::from_secs(self.grace_seconds)
+    }
+
+    /// Every bound in force: the flags whose value is a number.
+    pub fn in_force(&self) -> Vec<Bound> {
+        let values = serde_json::to_value(self).unwrap_or_default();
+        let command = Self::augment_args(Command::new("dvi"));
+        let bound = |flag: &clap::Arg| {
+            let value = values.get(flag.get_id().as_str()).filter(|value| value.is_number())?.clone();
+            Some(Bound {
+                flag: format!("--{}", flag.get_long()?),
+                variable: flag.get_env()?.to_string_lossy().into_owned(),
+                unit: flag.get_value_names()?.first()?.to_lowercase(),
+                value,
+                meaning: flag.get_help()?.to_string(),
+            })
+        };
+        command.get_arguments().filter_map(bound).collect()
     }
 
     /// What concerns jobs.

@@ -1,7 +1,9 @@
 //! The evidence that comes with a trajectory.
 
 use crate::analysis::{Analysis, Certificates};
-use serde::Serialize;
+use crate::contact::energy::Energy;
+use serde::{Serialize, Serializer};
+use std::collections::BTreeMap;
 
 /// What can be said of the problem on an active face of `K`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -16,16 +18,35 @@ pub struct Face {
 }
 
 /// Accepted and rejected steps.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Steps {
     /// Steps that became part of the trajectory.
     pub accepted: u64,
     /// Steps done again, smaller.
     pub rejected: u64,
-    /// Of those, because the error estimate was too large.
-    pub rejected_error: u64,
-    /// Of those, because Newton's method on the stages did not converge.
-    pub rejected_newton: u64,
+    /// Those, by the word for why.
+    pub rejected_for: BTreeMap<&'static str, u64>,
+}
+
+/// How fast the increments of Newton's method shrank, from one to the next, where it took more than one.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Contraction {
+    /// The mean factor.
+    pub mean: f64,
+    /// The largest factor.
+    pub largest: f64,
+}
+
+/// An estimate of the error of the states at the end.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct GlobalError {
+    /// Of each state, in its unit: the value less the exact one.
+    #[serde(serialize_with = "by_name")]
+    pub states: Vec<(String, f64)>,
+    /// The largest, in units of `atol + rtol |x|`.
+    pub largest_scaled: f64,
+    /// The accepted steps of the second run, with which this one was compared.
+    pub reference_steps: u64,
 }
 
 /// What was evaluated, and how often.
@@ -94,6 +115,9 @@ pub struct Diagnostics {
     pub evaluations: Evaluations,
     /// Newton iterations on the stages.
     pub newton_iterations: u64,
+    /// Their rate of convergence; absent where one iteration was always enough.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub newton_contraction: Option<Contraction>,
     /// Variational inequalities solved; absent where there are no variables.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub vi: Option<ViCounts>,
@@ -102,6 +126,12 @@ pub struct Diagnostics {
     /// Signs and products of `z` and `G`, and the differentiation lemmas; absent where no variable has a bound.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub complementarity: Option<Certificates>,
+    /// The balance of energy; absent where the problem has none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub energy: Option<Energy>,
+    /// What the values at the end may be off by; present where it was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub global_error: Option<GlobalError>,
     /// The parts that were built.
     pub built: Vec<&'static str>,
     /// The parts that this problem did not need, each with the reason.
@@ -110,4 +140,8 @@ pub struct Diagnostics {
     pub warnings: Vec<Warning>,
     /// Wall-clock time of the solve, in seconds.
     pub wall_seconds: f64,
+}
+
+fn by_name<S: Serializer>(states: &[(String, f64)], serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(states.iter().map(|(name, error)| (name, error)))
 }

@@ -1,11 +1,15 @@
 //! A differential variational inequality from start to end by Radau IIA: its failures, switches and evidence by name.
 
-use super::run::{Plan, Stepper, run};
-use super::{Diagnostics, Evaluations, Event, EventKind, Face, Failure, Solution, Steps, Tried, ViCounts, Warning};
+use super::run::{Ended, Plan, Stepper, run_part};
+use super::{
+    Contraction, Diagnostics, Evaluations, Event, EventKind, Face, Failure, Solution, Status, Steps, Tried, ViCounts,
+    Warning, global_error,
+};
 use crate::analysis::{Analysis, Uniqueness, analyse_face};
 use crate::problem::{Control, Dvi, Mass, Structure};
-use crate::radau::{Place, Radau, Settings, StageChoice, StepError, Switch, Switches, Variables};
+use crate::radau::{Cause, Place, Radau, Settings, StageChoice, StepError, Switch, Switches, Variables};
 use crate::vi::Attempt;
+use std::ops::Range;
 
 /// The faces that are analysed in one run.
 const MOST_FACES: usize = 16;
@@ -18,8 +22,25 @@ pub fn integrate(
     analysis: &Analysis,
     control: &Control,
 ) -> Solution {
+    let share = if plan.global_error { global_error::SHARE } else { 1.0 };
+    let mut ended = run_to_end(problem, plan, settings, analysis, control, 0.0..share);
+    if plan.global_error && ended.solution.status == Status::Completed {
+        global_error::estimate(problem, plan, settings, analysis, control, &mut ended);
+    }
+    ended.solution
+}
+
+/// One run, which is the given part of all the progress.
+pub(super) fn run_to_end(
+    problem: &mut dyn Dvi,
+    plan: &Plan,
+    settings: &Settings,
+    analysis: &Analysis,
+    control: &Control,
+    part: Range<f64>,
+) -> Ended {
     let diagnostics = describe(problem.structure(), settings, analysis);
-    run(plan, control, diagnostics, || {
+    run_part(plan, control, part, diagnostics, || {
         let failed = |error| failure(plan, &error, plan.start, &plan.initial);
         let radau = Radau::new(problem, settings.clone(), plan.start, &plan.initial, plan.end).map_err(failed)?;
         Ok(Course { radau, plan })
@@ -110,14 +131,14 @@ fn failure(plan: &Plan, error: &StepError, time: f64, state: &[f64]) -> Failure 
             };
             match name {
                 Some(name) => format!(
-                    "the {what} of `{name}` is not finite at t = {t}: a division by zero, a function outside its \
+                    "the {what} of `{name}` is not finite at t = {t:?}: a division by zero, a function outside its \
                      domain, or a number too large"
                 ),
                 None => error.to_string(),
             }
         }
         StepError::EmptySet { variable, t } => format!(
-            "the interval of `{}` is empty from t = {t} on: its lower bound passes its upper bound",
+            "the interval of `{}` is empty from t = {t:?} on: its lower bound passes its upper bound",
             plan.names.get(plan.initial.len() + variable).map_or("?", String::as_str)
         ),
         StepError::InconsistentStart { state, jump } => format!(
@@ -190,13 +211,17 @@ fn count(radau: &mut Radau<'_>, diagnostics: &mut Diagnostics) {
     diagnostics.stages = radau.stages();
     diagnostics.steps = Steps {
         accepted: counts.accepted,
-        rejected: counts.rejected_error + counts.rejected_newton,
-        rejected_error: counts.rejected_error,
-        rejected_newton: counts.rejected_newton,
+        rejected: Cause::ALL.into_iter().map(|cause| counts.rejected(cause)).sum(),
+        rejected_for: Cause::ALL
+            .into_iter()
+            .map(|cause| (cause.name(), counts.rejected(cause)))
+            .filter(|(_, times)| *times > 0)
+            .collect(),
     };
     diagnostics.evaluations =
         Evaluations { rates: work.rates, jacobians: work.jacobians, factorisations: work.factorisations };
     diagnostics.newton_iterations = work.newton;
+    diagnostics.newton_contraction = work.contraction.summary().map(|(mean, largest)| Contraction { mean, largest });
     if let (Some(counts), Some(work)) = (&mut diagnostics.vi, radau.vi_work()) {
         (counts.solver, counts.solves, counts.pivots) = work;
         let tried = |(attempt, times): (Attempt, u64)| Tried {

@@ -1,14 +1,17 @@
 //! What a solve hands back: the trajectory in columns, events, diagnostics, and how it ended.
 
+mod contact;
 mod diagnostics;
 pub mod encodings;
+mod global_error;
 mod integrate;
 pub mod pictures;
 mod rigid_bodies;
 mod run;
 mod trajectory;
 
-pub use diagnostics::{Diagnostics, Evaluations, Face, Steps, Tried, ViCounts, Warning};
+pub use contact::{describe_contact, integrate_contact};
+pub use diagnostics::{Contraction, Diagnostics, Evaluations, Face, GlobalError, Steps, Tried, ViCounts, Warning};
 pub use integrate::{describe, integrate};
 pub use rigid_bodies::{describe_rigid_bodies, step_rigid_bodies};
 pub use run::{Plan, Stepper, run};

@@ -1,31 +1,43 @@
 //! Rigid bodies from start to end by time stepping, their outputs by name.
 
 use super::run::{Plan, Stepper, run};
-use super::{Diagnostics, Event, Failure, Solution, ViCounts};
+use super::{Diagnostics, Event, Failure, Solution, ViCounts, Warning};
 use crate::analysis::Analysis;
+use crate::contact::Settings;
+use crate::contact::energy::Energy;
 use crate::models::rigid_bodies::{Scene, Simulation, StepFailure, between};
 use crate::problem::Control;
 use nalgebra::Isometry3;
 
-/// Steps a scene through the plan with a fixed step `h`, in seconds.
-pub fn step_rigid_bodies(scene: &Scene, plan: &Plan, h: f64, analysis: &Analysis, control: &Control) -> Solution {
-    let diagnostics = describe_rigid_bodies(scene, analysis);
-    run(plan, control, diagnostics, || Course::new(scene, plan, h, control))
+/// Steps a scene through the plan.
+pub fn step_rigid_bodies(
+    scene: &Scene,
+    plan: &Plan,
+    settings: &Settings,
+    analysis: &Analysis,
+    control: &Control,
+) -> Solution {
+    let diagnostics = describe_rigid_bodies(scene, settings, analysis);
+    run(plan, control, diagnostics, || Course::new(scene, plan, settings, control))
 }
 
 /// What is known before the run.
-pub fn describe_rigid_bodies(scene: &Scene, analysis: &Analysis) -> Diagnostics {
+pub fn describe_rigid_bodies(scene: &Scene, settings: &Settings, analysis: &Analysis) -> Diagnostics {
     let mut diagnostics = Diagnostics {
-        method: "time_stepping",
-        built: vec!["time_stepping", "contact law", "islands"],
+        method: "contact",
+        built: vec!["time stepping", "law of impact", "islands"],
         analysis: Some(analysis.clone()),
-        vi: Some(ViCounts { solver: "coulomb", ..ViCounts::default() }),
+        vi: Some(ViCounts::default()),
         ..Diagnostics::default()
     };
     if scene.joints.is_empty() {
         diagnostics.left_out.push("joints: there are none".to_owned());
     } else {
         diagnostics.built.push("joints");
+    }
+    if settings.default_step {
+        let message = format!("no `step` was given: time stepping takes steps of {}", settings.step);
+        diagnostics.warnings.push(Warning { code: "default_step", message });
     }
     diagnostics
 }
@@ -44,13 +56,15 @@ struct Course<'a> {
     /// Where the bodies were then.
     poses: Vec<Isometry3<f64>>,
     states: Vec<f64>,
-    /// Energy taken by normals and by tangents.
-    lost: [f64; 2],
+    energy: Energy,
+    work: ViCounts,
+    /// Steps in which a restitution was cut.
+    limited: u64,
 }
 
 impl<'a> Course<'a> {
-    fn new(scene: &'a Scene, plan: &'a Plan, h: f64, control: &'a Control) -> Result<Self, Failure> {
-        let mut simulation = Simulation::new(scene);
+    fn new(scene: &'a Scene, plan: &'a Plan, settings: &Settings, control: &'a Control) -> Result<Self, Failure> {
+        let mut simulation = Simulation::new(scene, settings);
         if scene.resolve && !simulation.resolve(control) {
             let message = "the bodies overlap at the start, and there is no way found to move them apart".to_owned();
             return Err(Failure { code: "interpenetration", message, time: plan.start, state: plan.initial.clone() });
@@ -61,15 +75,35 @@ impl<'a> Course<'a> {
             simulation,
             plan,
             control,
-            h,
+            h: settings.step,
             steps: 0,
             t: plan.start,
             before: plan.start,
             states: vec![0.0; plan.initial.len()],
-            lost: [0.0; 2],
+            energy: Energy::default(),
+            work: ViCounts::default(),
+            limited: 0,
         };
+        let [kinetic, potential] = course.simulation.energies();
+        course.energy = Energy::new(kinetic, potential);
         course.write_states(plan.start);
         Ok(course)
+    }
+
+    /// Takes the last step into the books.
+    fn book(&mut self) {
+        let report = &self.simulation.report;
+        let [kinetic, potential] = self.simulation.energies();
+        let before = self.energy.kinetic_at_end;
+        self.energy.dissipate(-report.work[1], -report.work[0], before);
+        self.energy.close(kinetic, potential);
+        self.work.solves += report.solves;
+        self.work.pivots += report.iterations;
+        self.work.largest_residual = self.work.largest_residual.max(report.residual);
+        if report.solves > 0 {
+            self.work.solver = report.solver;
+        }
+        self.limited += u64::from(report.is_limited);
     }
 
     /// Writes the states at a time within the last step.
@@ -110,18 +144,20 @@ impl Stepper for Course<'_> {
         (self.before, self.t) = (self.t, next);
         self.steps += 1;
         self.write_states(next);
-        for (lost, work) in self.lost.iter_mut().zip(self.simulation.report.work) {
-            *lost -= work;
-        }
+        self.book();
         stepped.map_err(|failure| {
             let (code, message) = match failure {
                 StepFailure::NotFinite { body } => {
                     let name = &self.scene.bodies[body].name;
                     ("not_finite", format!("the motion of `{name}` is not finite at t = {next}"))
                 }
+                StepFailure::Unsolved { residual } => (
+                    "contact_unsolved",
+                    format!("the law of contact and friction was not solved at t = {next} (residual {residual:e}): a smaller step may help"),
+                ),
                 StepFailure::Joints => ("joints", format!("the joints cannot all hold at t = {next}")),
             };
-            Failure { code, message, time: next, state: Vec::new() }
+            Failure { code, message, time: next, state: self.states.clone() }
         })
     }
 
@@ -137,22 +173,44 @@ impl Stepper for Course<'_> {
         }
         let [kinetic, potential] = self.simulation.energies();
         let report = &self.simulation.report;
-        let [impacts, friction] = self.lost;
-        let values =
-            [kinetic, potential, friction, impacts, report.closed as f64, report.penetration, report.normal_impulse];
+        let Energy { dissipated_by_friction, lost_in_impacts, .. } = self.energy;
+        let values = [
+            kinetic,
+            potential,
+            dissipated_by_friction,
+            lost_in_impacts,
+            report.closed as f64,
+            report.penetration,
+            report.normal_impulse,
+        ];
         of_scene.copy_from_slice(&values);
     }
 
     fn take_events(&mut self, _events: &mut Vec<Event>) {}
 
     fn observe(&mut self, _switched: bool, diagnostics: &mut Diagnostics) {
-        if let Some(vi) = &mut diagnostics.vi {
-            vi.solves += self.simulation.report.islands as u64;
-            vi.largest_residual = vi.largest_residual.max(self.simulation.report.residual);
-        }
+        diagnostics.energy = Some(self.energy);
     }
 
     fn finish(&mut self, diagnostics: &mut Diagnostics) {
         diagnostics.steps.accepted = self.steps;
+        if self.work.largest_residual > UNSATISFACTORY {
+            let message = format!(
+                "the law of contact and friction was solved to a relative residual of {:e} at worst",
+                self.work.largest_residual
+            );
+            diagnostics.warnings.push(Warning { code: "contact_residual", message });
+        }
+        if self.limited > 0 {
+            let message = format!(
+                "in {} steps the whole restitution would have added energy; as much was taken as adds none",
+                self.limited
+            );
+            diagnostics.warnings.push(Warning { code: "restitution_limited", message });
+        }
+        diagnostics.vi = Some(self.work.clone());
     }
 }
+
+/// A residual that the user should know of.
+const UNSATISFACTORY: f64 = 1e-6;

@@ -2,6 +2,7 @@
 
 use super::{Diagnostics, Event, Failure, Field, Solution, Status, Trajectory};
 use crate::problem::{Control, Stop};
+use std::ops::Range;
 use std::time::Instant;
 
 /// What to run and what to keep of it.
@@ -19,6 +20,8 @@ pub struct Plan {
     pub times: Option<Vec<f64>>,
     /// The fields to keep, as indices into `names`.
     pub fields: Vec<usize>,
+    /// Whether the error at the end is to be estimated.
+    pub global_error: bool,
     /// The most steps.
     pub most_steps: u64,
     /// The most numbers in the trajectory.
@@ -58,18 +61,37 @@ pub trait Stepper {
     fn finish(&mut self, diagnostics: &mut Diagnostics);
 }
 
+/// A run, and the states where it ended.
+pub(super) struct Ended {
+    pub solution: Solution,
+    pub x: Vec<f64>,
+}
+
 /// Starts a stepper and drives it to the end; whatever happens, the trajectory so far is in the answer.
 pub fn run<S: Stepper>(
     plan: &Plan,
     control: &Control,
-    mut diagnostics: Diagnostics,
+    diagnostics: Diagnostics,
     start: impl FnOnce() -> Result<S, Failure>,
 ) -> Solution {
+    run_part(plan, control, 0.0..1.0, diagnostics, start).solution
+}
+
+/// The same for a run that is the given part of all the progress.
+pub(super) fn run_part<S: Stepper>(
+    plan: &Plan,
+    control: &Control,
+    part: Range<f64>,
+    mut diagnostics: Diagnostics,
+    start: impl FnOnce() -> Result<S, Failure>,
+) -> Ended {
     let began = Instant::now();
     let mut recorder = Recorder::new(plan);
+    let mut x = plan.initial.clone();
     let (status, error) = match start() {
         Ok(mut stepper) => {
-            let ended = drive(&mut stepper, plan, control, &mut recorder, &mut diagnostics);
+            let ended = drive(&mut stepper, plan, control, part, &mut recorder, &mut diagnostics);
+            x.copy_from_slice(stepper.states());
             stepper.finish(&mut diagnostics);
             ended
         }
@@ -77,13 +99,14 @@ pub fn run<S: Stepper>(
     };
     diagnostics.switches = recorder.trajectory.events.len() as u64;
     diagnostics.wall_seconds = began.elapsed().as_secs_f64();
-    Solution { status, error, trajectory: recorder.trajectory, diagnostics }
+    Ended { solution: Solution { status, error, trajectory: recorder.trajectory, diagnostics }, x }
 }
 
 fn drive(
     stepper: &mut impl Stepper,
     plan: &Plan,
     control: &Control,
+    part: Range<f64>,
     recorder: &mut Recorder<'_>,
     diagnostics: &mut Diagnostics,
 ) -> (Status, Option<Failure>) {
@@ -98,7 +121,8 @@ fn drive(
         }
         let switched = recorder.step(stepper);
         stepper.observe(switched, diagnostics);
-        control.report((stepper.t() - plan.start) / (plan.end - plan.start), stepper.accepted());
+        let done = (stepper.t() - plan.start) / (plan.end - plan.start);
+        control.report(part.start + done * (part.end - part.start), stepper.accepted());
     }
     (Status::Completed, None)
 }
@@ -112,11 +136,11 @@ fn limit(
 ) -> Option<(&'static str, String)> {
     let t = stepper.t();
     match control.poll() {
-        Some(Stop::Cancelled) => return Some(("cancelled", format!("cancelled at t = {t}"))),
+        Some(Stop::Cancelled) => return Some(("cancelled", format!("cancelled at t = {t:?}"))),
         Some(Stop::Deadline) => {
             return Some((
                 "wall_time",
-                format!("the wall time allowed ended at t = {t}; allow more with limits.wall_seconds"),
+                format!("the wall time allowed ended at t = {t:?}; allow more with limits.wall_seconds"),
             ));
         }
         None => {}
@@ -125,14 +149,14 @@ fn limit(
         let most = plan.most_steps;
         return Some((
             "steps",
-            format!("{most} steps were made up to t = {t}; allow more with limits.steps, or loosen rtol"),
+            format!("{most} steps were made up to t = {t:?}; allow more with limits.steps, or loosen rtol"),
         ));
     }
     if recorder.values() > plan.most_values {
         let most = plan.most_values;
         return Some((
             "output",
-            format!("the trajectory holds {most} numbers at t = {t}; ask for fewer times or fields"),
+            format!("the trajectory holds {most} numbers at t = {t:?}; ask for fewer times or fields"),
         ));
     }
     None

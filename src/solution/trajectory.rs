@@ -11,7 +11,7 @@ pub struct Field {
     pub values: Vec<f64>,
 }
 
-/// What happened to a variable at a switch of the active face of `K`.
+/// What happened to a variable at a switch of the active face of `K`, or to a contact.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EventKind {
@@ -19,6 +19,14 @@ pub enum EventKind {
     Activated,
     /// It came to rest on a bound.
     Deactivated,
+    /// A contact closed.
+    Impact,
+    /// A contact opened that had been closed for a while.
+    LiftOff,
+    /// A contact ceased to slip.
+    Stick,
+    /// A contact began to slip.
+    Slip,
 }
 
 /// A switch of the active face.
@@ -28,7 +36,7 @@ pub struct Event {
     pub t: f64,
     /// What.
     pub kind: EventKind,
-    /// The variable that switched.
+    /// The variable or the contact.
     pub of: String,
 }
 

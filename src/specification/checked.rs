@@ -3,14 +3,16 @@
 use super::document::{Document, Limits, Problem, Time};
 use super::error::{Errors, SpecificationError};
 use super::lowering::{Lowering, MOST_UNKNOWNS};
-use super::method::{Method, out_of_range};
+use super::method::{Method, ViSolverName, out_of_range};
 use super::place::Place;
+use super::plan::MOST_STEPS;
 use super::reading::{Reading, read};
 use super::repairs::Repairs;
 use super::stages::Stages;
 use super::wording::abridged;
 use crate::analysis::Analysis;
 use crate::models::{DviModel, Model};
+use crate::problem::ConvexSet;
 
 /// A specification that has passed every check, lowered and ready to be solved any number of times.
 #[derive(Debug)]
@@ -22,6 +24,7 @@ pub struct Specification {
     absolute_tolerances: Vec<f64>,
     output_times: Option<Vec<f64>>,
     output_fields: Vec<usize>,
+    global_error: bool,
     limits: Limits,
     analysis: Analysis,
 }
@@ -62,10 +65,15 @@ impl Specification {
             let names = model.output_names();
             let names: Vec<&str> = names.iter().map(String::as_str).collect();
             let output_fields = output.fields(&names, &place_of_output, &mut found);
-            let analysis = (errors.is_empty() && found.is_empty()).then(|| model.analyse(time.start))?;
             if let Some(model) = model.dvi() {
-                check_index(&analysis, model, &method, &mut found);
+                check_solver(&model.structure().set, method.vi_solver, &place, &mut found);
             }
+            let analysis = (errors.is_empty() && found.is_empty()).then(|| model.analyse(time.start))?;
+            match &model {
+                Model::Dvi(model) => check_index(&analysis, model, &method, &mut found),
+                Model::Mechanical(_) | Model::RigidBodies(_) => {}
+            }
+            method.check_for(&model, &place, &mut found);
             Some(Self {
                 label,
                 model,
@@ -74,6 +82,7 @@ impl Specification {
                 absolute_tolerances,
                 output_times,
                 output_fields,
+                global_error: output.global_error,
                 limits,
                 analysis,
             })
@@ -123,6 +132,11 @@ impl Specification {
         &self.output_fields
     }
 
+    /// Whether the error at the end is to be estimated.
+    pub fn estimates_global_error(&self) -> bool {
+        self.global_error
+    }
+
     /// The wall-clock time the user allows, in seconds.
     pub fn wall_seconds(&self) -> Option<f64> {
         self.limits.wall_seconds
@@ -140,6 +154,7 @@ fn lower(problem: &Problem, start: Option<f64>, errors: &mut Errors) -> Option<M
     let (key, unknowns) = match problem {
         Problem::Dvi(problem) => ("dvi", problem.states.len() + problem.variables.len()),
         Problem::Lcs(problem) => ("lcs", problem.initial.len() + problem.variables()),
+        Problem::Mechanical(problem) => ("mechanical", 2 * problem.coordinates.len()),
         Problem::RigidBodies(problem) => ("rigid_bodies", problem.bodies.len()),
     };
     let place = place.key(key);
@@ -151,6 +166,7 @@ fn lower(problem: &Problem, start: Option<f64>, errors: &mut Errors) -> Option<M
     let (Lowering { errors: found, .. }, model) = match problem {
         Problem::Dvi(problem) => problem.lower(&place, start),
         Problem::Lcs(problem) => problem.lower(&place, start),
+        Problem::Mechanical(problem) => problem.lower(&place, start),
         Problem::RigidBodies(problem) => problem.lower(&place, start),
     };
     errors.append(found);
@@ -172,8 +188,8 @@ fn check_limits(limits: Limits, place: &Place<'_>, errors: &mut Errors) {
     if let Some(seconds) = limits.wall_seconds.filter(|seconds| *seconds <= 0.0) {
         out_of_range(&place.key("wall_seconds"), seconds, "above 0", errors);
     }
-    if let Some(steps) = limits.steps.filter(|steps| !(1..=10_000_000).contains(steps)) {
-        out_of_range(&place.key("steps"), steps as f64, "1 to 10000000", errors);
+    if let Some(steps) = limits.steps.filter(|steps| !(1..=MOST_STEPS).contains(steps)) {
+        out_of_range(&place.key("steps"), steps as f64, &format!("1 to {MOST_STEPS}"), errors);
     }
 }
 
@@ -204,6 +220,16 @@ fn check_index(analysis: &Analysis, model: &DviModel, method: &Method, errors: &
             errors.push(error.expected("`\"stages\": 1` and a fixed `step`, or the inequality posed for velocities"));
         }
         _ => {}
+    }
+}
+
+fn check_solver(set: &ConvexSet, solver: ViSolverName, place: &Place<'_>, errors: &mut Errors) {
+    if set.has_blocks() && !solver.takes_blocks() {
+        let detail = "this solver is one for intervals, and the set binds variables together";
+        errors.push(
+            SpecificationError::new(place.key("vi_solver").to_string(), "unsuitable_solver", detail)
+                .expected("\"auto\", \"semismooth_newton\", \"conic\" or \"block_gauss_seidel\""),
+        );
     }
 }
 

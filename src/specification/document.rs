@@ -2,6 +2,7 @@
 
 use super::dvi::DviProblem;
 use super::lcs::LcsProblem;
+use super::mechanical::MechanicalProblem;
 use super::method::Method;
 use super::output::Output;
 use super::rigid_bodies::RigidBodiesProblem;
@@ -47,6 +48,8 @@ pub enum Problem {
     Dvi(DviProblem),
     /// A linear complementarity system, in matrices.
     Lcs(Box<LcsProblem>),
+    /// A mechanical system with impacts and friction, in generalised coordinates.
+    Mechanical(Box<MechanicalProblem>),
     /// Rigid bodies in space.
     RigidBodies(Box<RigidBodiesProblem>),
 }

@@ -4,6 +4,7 @@ use super::error::SpecificationError;
 use super::expression::Expression;
 use super::lowering::Lowering;
 use super::place::Place;
+use crate::expression::Node;
 use serde::Deserialize;
 use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{Deserializer, MapAccess, SeqAccess, Visitor};
@@ -52,78 +53,87 @@ impl Matrix {
     /// The nonzero entries as `(row, column, value)`, sorted, each place once.
     pub(super) fn entries(
         &self,
-        (rows, columns): (usize, usize),
+        shape: (usize, usize),
         place: &Place<'_>,
         lowering: &mut Lowering,
     ) -> Vec<(usize, usize, f64)> {
-        match self {
-            Matrix::Dense(lines) => dense_entries(lines, (rows, columns), place, lowering),
-            Matrix::Sparse(sparse) => sparse_entries(sparse, (rows, columns), place, lowering),
-        }
+        let mut entries: Vec<(usize, usize, f64)> = Vec::new();
+        self.for_each(shape, place, lowering, |i, j, value, place, lowering| {
+            entries.push((i, j, lowering.constant(value, place).unwrap_or(0.0)));
+        });
+        entries.sort_by_key(|&(i, j, _)| (i, j));
+        entries.dedup_by(|next, kept| {
+            let same = (next.0, next.1) == (kept.0, kept.1);
+            if same {
+                kept.2 += next.2;
+            }
+            same
+        });
+        entries.retain(|&(_, _, value)| value != 0.0);
+        entries
     }
-}
 
-fn dense_entries(
-    lines: &[Vec<Expression>],
-    (rows, columns): (usize, usize),
-    place: &Place<'_>,
-    lowering: &mut Lowering,
-) -> Vec<(usize, usize, f64)> {
-    if lines.len() != rows {
-        wrong_shape(place, format!("expected {rows} rows, got {}", lines.len()), rows, columns, lowering);
+    /// All entries row by row, as expressions that may vary.
+    pub(super) fn nodes(&self, shape: (usize, usize), place: &Place<'_>, lowering: &mut Lowering) -> Vec<Node> {
+        let (rows, columns) = shape;
+        let mut nodes = vec![lowering.graph.constant(0.0); rows * columns];
+        self.for_each(shape, place, lowering, |i, j, value, place, lowering| {
+            if i < rows
+                && j < columns
+                && let Some(node) = lowering.node(value, place)
+            {
+                nodes[i * columns + j] = lowering.graph.add(nodes[i * columns + j], node);
+            }
+        });
+        nodes
     }
-    let mut entries = Vec::new();
-    for (i, line) in lines.iter().enumerate() {
-        let place = place.index(i);
-        if line.len() != columns {
-            let detail = format!("expected {columns} entries in this row, got {}", line.len());
-            wrong_shape(&place, detail, rows, columns, lowering);
-        }
-        for (j, value) in line.iter().enumerate() {
-            let value = lowering.constant(value, &place.index(j)).unwrap_or(0.0);
-            if value != 0.0 {
-                entries.push((i, j, value));
+
+    /// Checks the shape, and hands out what is written at each place.
+    fn for_each(
+        &self,
+        (rows, columns): (usize, usize),
+        place: &Place<'_>,
+        lowering: &mut Lowering,
+        mut visit: impl FnMut(usize, usize, &Expression, &Place<'_>, &mut Lowering),
+    ) {
+        match self {
+            Matrix::Dense(lines) => {
+                if lines.len() != rows {
+                    let detail = format!("expected {rows} rows, got {}", lines.len());
+                    wrong_shape(place, detail, rows, columns, lowering);
+                }
+                for (i, line) in lines.iter().enumerate() {
+                    let place = place.index(i);
+                    if line.len() != columns {
+                        let detail = format!("expected {columns} entries in this row, got {}", line.len());
+                        wrong_shape(&place, detail, rows, columns, lowering);
+                    }
+                    for (j, value) in line.iter().enumerate() {
+                        visit(i, j, value, &place.index(j), lowering);
+                    }
+                }
+            }
+            Matrix::Sparse(sparse) => {
+                let (found_rows, found_columns) = sparse.shape;
+                if sparse.shape != (rows, columns) {
+                    let detail = format!("expected {rows} x {columns}, got {found_rows} x {found_columns}");
+                    wrong_shape(&place.key("shape"), detail, rows, columns, lowering);
+                }
+                let place = place.key("entries");
+                for (k, &(i, j, ref value)) in sparse.entries.iter().enumerate() {
+                    let place = place.index(k);
+                    if i >= found_rows || j >= found_columns {
+                        let detail = format!("({i}, {j}) lies outside a matrix of {found_rows} x {found_columns}");
+                        lowering.errors.push(
+                            SpecificationError::new(place.to_string(), "index_out_of_range", detail)
+                                .expected("rows and columns counted from 0"),
+                        );
+                    }
+                    visit(i, j, value, &place.index(2), lowering);
+                }
             }
         }
     }
-    entries
-}
-
-fn sparse_entries(
-    sparse: &SparseMatrix,
-    (rows, columns): (usize, usize),
-    place: &Place<'_>,
-    lowering: &mut Lowering,
-) -> Vec<(usize, usize, f64)> {
-    let (found_rows, found_columns) = sparse.shape;
-    if sparse.shape != (rows, columns) {
-        let detail = format!("expected {rows} x {columns}, got {found_rows} x {found_columns}");
-        wrong_shape(&place.key("shape"), detail, rows, columns, lowering);
-    }
-    let place = place.key("entries");
-    let mut entries: Vec<(usize, usize, f64)> = Vec::with_capacity(sparse.entries.len());
-    for (k, &(i, j, ref value)) in sparse.entries.iter().enumerate() {
-        let place = place.index(k);
-        if i >= found_rows || j >= found_columns {
-            let detail = format!("({i}, {j}) lies outside a matrix of {found_rows} x {found_columns}");
-            lowering.errors.push(
-                SpecificationError::new(place.to_string(), "index_out_of_range", detail)
-                    .expected("rows and columns counted from 0"),
-            );
-        }
-        let value = lowering.constant(value, &place.index(2)).unwrap_or(0.0);
-        entries.push((i, j, value));
-    }
-    entries.sort_by_key(|&(i, j, _)| (i, j));
-    entries.dedup_by(|next, kept| {
-        let same = (next.0, next.1) == (kept.0, kept.1);
-        if same {
-            kept.2 += next.2;
-        }
-        same
-    });
-    entries.retain(|&(_, _, value)| value != 0.0);
-    entries
 }
 
 fn wrong_shape(place: &Place<'_>, detail: String, rows: usize, columns: usize, lowering: &mut Lowering) {

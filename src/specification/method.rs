@@ -1,9 +1,13 @@
 //! How a problem is solved: stages, tolerances, step sizes, switches, the solver of the stage problems.
 
+use super::choices::choices;
 use super::error::{Errors, SpecificationError};
 use super::place::Place;
+use super::plan::MOST_STEPS;
 use super::stages::Stages;
 use super::tolerance::AbsoluteTolerance;
+use crate::models::Model;
+use crate::radau::MOST_STAGES;
 use serde::Deserialize;
 use utoipa::ToSchema;
 
@@ -46,6 +50,10 @@ pub struct Method {
     /// Natural-map residual below which a variational inequality is solved.
     #[schema(exclusive_minimum = 0.0, maximum = 0.01)]
     pub vi_tolerance: Option<f64>,
+    /// How impacts of mechanical systems are met. Default `time_stepping`.
+    pub impacts: Option<Impacts>,
+    /// How simultaneous impacts of mechanical systems come about. Default `simultaneous`.
+    pub impact_law: Option<ImpactLawName>,
     /// Solve a problem of index three or more, which is refused otherwise: its solutions exist for special data only.
     #[serde(default)]
     pub accept_index_three: bool,
@@ -65,6 +73,8 @@ impl Default for Method {
             switches: Switches::default(),
             vi_solver: ViSolverName::default(),
             vi_tolerance: None,
+            impacts: None,
+            impact_law: None,
             accept_index_three: false,
         }
     }
@@ -74,57 +84,67 @@ fn default_rtol() -> f64 {
     1e-6
 }
 
-/// The families of methods.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum MethodName {
-    /// The one that fits the problem.
-    #[default]
-    Auto,
-    /// Radau IIA with a variational inequality at every stage.
-    Radau,
+choices! {
+    /// The families of methods.
+    MethodName {
+        "auto" Auto: "The one that fits the problem."
+        "radau" Radau: "Radau IIA with a variational inequality at every stage, of order 2s - 1 for s stages."
+        "contact" Contact: "The steppers of mechanical systems with impacts and friction."
+    }
 }
 
-/// What to do where the active set changes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Switches {
-    /// End a step on every change: full order throughout.
-    #[default]
-    Locate,
-    /// Step over them: cheaper a step, of low order where there is one.
-    StepOver,
+choices! {
+    /// How impacts are met.
+    Impacts {
+        "time_stepping" TimeStepping: "Steps of one size go over them: any number of impacts, first order."
+    }
 }
 
-/// The solvers of the variational inequalities at the stages.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum ViSolverName {
-    /// By structure and size.
-    #[default]
-    Auto,
-    /// Lemke's pivoting, with lexicographic ties.
-    Lemke,
-    /// Newton's method on the natural map.
-    SemismoothNewton,
-    /// An interior-point method; where the inequality is symmetric.
-    Conic,
-    /// Sweeps over the blocks of the set.
-    BlockGaussSeidel,
+choices! {
+    /// How impacts at several contacts at once come about.
+    ImpactLawName {
+        "simultaneous" Simultaneous: "All at once: every body takes its share."
+        "sequential" Sequential: "One after the other, as a shock runs through a row of balls."
+    }
 }
 
-/// Steps a fixed step may lead to.
-const MOST_STEPS: f64 = 1e7;
+choices! {
+    /// What to do where the active set changes.
+    Switches {
+        "locate" Locate: "End a step on every change: full order throughout."
+        "step_over" StepOver: "Step over them: cheaper a step, of low order where there is one."
+    }
+}
+
+choices! {
+    /// The solvers of the variational inequalities at the stages.
+    ViSolverName {
+        "auto" Auto: "By structure and size; where one fails, the next."
+        "lemke" Lemke: "Lemke's pivoting, with lexicographic ties."
+        "semismooth_newton" SemismoothNewton: "Newton's method on the natural map."
+        "active_set" ActiveSet: "The primal-dual active set method, sparse; for intervals and a positive diagonal."
+        "conic" Conic: "An interior-point method; where the inequality is symmetric."
+        "block_gauss_seidel" BlockGaussSeidel: "Sweeps over the blocks of the set."
+    }
+}
+
+impl ViSolverName {
+    /// Whether it solves over balls, cones, simplices and polyhedra too.
+    pub(super) fn takes_blocks(self) -> bool {
+        !matches!(self, Self::Lemke | Self::ActiveSet)
+    }
+}
 
 impl Method {
     /// Checks everything but the absolute tolerances, over a horizon of the given length where that is known.
     pub(super) fn check(&self, place: &Place<'_>, horizon: Option<f64>, errors: &mut Errors) {
         if let Stages::Fixed(stages) = self.stages {
             let place = place.key("stages");
-            if !(1..=9).contains(&stages) {
+            if !(1..=MOST_STAGES as u64).contains(&stages) {
                 let detail = format!("{stages} stages are not on offer");
                 errors.push(
-                    SpecificationError::new(place.to_string(), "out_of_range", detail).expected("1 to 9, or \"auto\""),
+                    SpecificationError::new(place.to_string(), "out_of_range", detail)
+                        .expected(format!("1 to {MOST_STAGES}, or \"auto\"")),
                 );
             } else if stages % 2 == 0 && self.step.is_none() {
                 let detail = format!(
@@ -158,11 +178,11 @@ impl Method {
                 let detail = format!("`{key}` has no meaning beside a fixed `step`");
                 errors.report(&place.key(key), "conflict", detail);
             }
-            if let Some(steps) = horizon.map(|horizon| horizon / step).filter(|steps| *steps > MOST_STEPS) {
+            if let Some(steps) = horizon.map(|horizon| horizon / step).filter(|steps| *steps > MOST_STEPS as f64) {
                 let detail = format!("a step of {step} makes {steps:.3e} steps");
                 errors.push(
                     SpecificationError::new(place.key("step").to_string(), "too_many_steps", detail)
-                        .expected("at most 1e7 steps"),
+                        .expected(format!("at most {MOST_STEPS} steps")),
                 );
             }
         }
@@ -177,6 +197,32 @@ impl Method {
         {
             let detail = format!("the first step {first} does not lie between `min_step` and `max_step`");
             errors.report(&place.key("first_step"), "out_of_range", detail);
+        }
+    }
+}
+
+impl Method {
+    /// Checks that the method is one for this model.
+    pub(super) fn check_for(&self, model: &Model, place: &Place<'_>, errors: &mut Errors) {
+        let mut refuse = |key: &str, detail: &str, expected: &str| {
+            let error = SpecificationError::new(place.key(key).to_string(), "conflict", detail);
+            errors.push(error.expected(expected));
+        };
+        match (model, self.name) {
+            (Model::Mechanical(_) | Model::RigidBodies(_), MethodName::Radau) => {
+                refuse("name", "Radau IIA alone knows no impacts", "`auto` or `contact`");
+            }
+            (Model::Dvi(_), MethodName::Contact) => {
+                refuse("name", "this problem has no contacts", "`auto` or `radau`");
+            }
+            _ => {}
+        }
+        if let Model::Dvi(_) = model {
+            for (key, given) in [("impacts", self.impacts.is_some()), ("impact_law", self.impact_law.is_some())] {
+                if given {
+                    refuse(key, "only mechanical systems have impacts", "to be left out");
+                }
+            }
         }
     }
 }

@@ -6,7 +6,9 @@
 //! the affine form of the rates are checked. Choices are tagged from outside, `{"box": {..}}`, so that every value has
 //! an exact place.
 
+mod catalogue;
 mod checked;
+mod choices;
 mod deserializer;
 mod document;
 mod dvi;
@@ -18,6 +20,7 @@ mod lcs;
 mod lowering;
 mod mass;
 mod matrix;
+mod mechanical;
 mod method;
 mod mismatch;
 mod ordered;
@@ -37,6 +40,7 @@ mod times;
 mod tolerance;
 mod wording;
 
+pub use catalogue::{Catalogue, Choice, Coefficients, Limit, catalogue};
 pub use checked::Specification;
 pub use document::{Document, Limits, Problem, Reserved, Time};
 pub use dvi::{DviProblem, State, Variable};
@@ -44,13 +48,13 @@ pub use error::SpecificationError;
 pub use expression::Expression;
 pub use lcs::LcsProblem;
 pub use matrix::{Matrix, SparseMatrix};
-pub use method::{Method, MethodName, Switches, ViSolverName};
+pub use mechanical::{ConeName, Contact, Coordinate, Friction, Interpenetration, Joint, MechanicalProblem};
+pub use method::{ImpactLawName, Impacts, Method, MethodName, Switches, ViSolverName};
 pub use ordered::Ordered;
 pub use output::Output;
 pub use rigid_bodies::{
     AxialJoint, BodyContacts, BodyJoint, BoxShape, CapsuleShape, CylinderShape, FixedJoint, HalfSpaceShape, HullShape,
-    Interpenetration, Material, MaterialPair, MeshShape, PointJoint, RigidBodiesProblem, RigidBody, RigidShape,
-    SphereShape,
+    Material, MaterialPair, MeshShape, PointJoint, RigidBodiesProblem, RigidBody, RigidShape, SphereShape,
 };
 pub use schema::json_schema;
 pub use set::{BallBlock, Block, BoxBlock, PolyhedronBlock};

@@ -20,6 +20,10 @@ pub struct Output {
     pub times: Times,
     /// The states and variables to keep, by name. Default all.
     pub fields: Option<Vec<String>>,
+    /// Estimate the error of the states at the end, by a second, more accurate run: about twice the work.
+    #[serde(default)]
+    #[schema(default = false)]
+    pub global_error: bool,
 }
 
 /// The most output times.

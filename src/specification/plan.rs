@@ -1,20 +1,26 @@
 //! From a checked specification to what the integration is told.
 
 use super::checked::Specification;
-use super::method::{Method, Switches, ViSolverName};
+use super::method::{ImpactLawName, Method, Switches, ViSolverName};
 use super::stages::Stages;
+use crate::contact;
+use crate::models::Model;
 use crate::radau::{self, Settings, StageChoice};
 use crate::solution::Plan;
 use crate::vi::SolverKind;
 
 /// The steps that a run may make unless `limits.steps` says less.
-const MOST_STEPS: u64 = 10_000_000;
+pub(super) const MOST_STEPS: u64 = 10_000_000;
 /// The numbers that a trajectory may hold: 256 MiB of them.
-const MOST_VALUES: usize = 1 << 25;
-/// The steps that time stepping makes where none is given.
-const STEPS: f64 = 10_000.0;
+pub(super) const MOST_VALUES: usize = 1 << 25;
 /// The natural-map residual to reach where none is given, relative to the terms of `G`.
 const VI_TOLERANCE: f64 = 1e-10;
+/// The relative residual of the law of contact where none is given: bodies at rest are not to creep.
+const CONTACT_TOLERANCE: f64 = 1e-12;
+/// The same for bodies in space, whose many redundant contacts leave no more digits.
+const BODIES_TOLERANCE: f64 = 1e-10;
+/// Steps of time stepping over the horizon where no step is given.
+const DEFAULT_STEPS: f64 = 10_000.0;
 
 impl Specification {
     /// What to run and what to keep of it.
@@ -27,20 +33,32 @@ impl Specification {
             end: self.time().end,
             times: self.output_times().map(<[f64]>::to_vec),
             fields: self.output_fields().to_vec(),
+            global_error: self.estimates_global_error(),
             most_steps: self.step_limit().unwrap_or(MOST_STEPS),
             most_values: MOST_VALUES,
         }
     }
 
-    /// The step of time stepping, in seconds.
-    pub fn contact_step(&self) -> f64 {
-        let horizon = self.time().end - self.time().start;
-        self.method().step.unwrap_or(horizon / STEPS).min(horizon)
-    }
-
     /// The choices for Radau IIA.
     pub fn settings(&self) -> Settings {
         settings(self.method(), self.absolute_tolerances())
+    }
+
+    /// The choices for the steppers of contact.
+    pub fn contact_settings(&self) -> contact::Settings {
+        let (method, time) = (self.method(), self.time());
+        contact::Settings {
+            step: method.step.unwrap_or((time.end - time.start) / DEFAULT_STEPS),
+            default_step: method.step.is_none(),
+            impact_law: match method.impact_law.unwrap_or_default() {
+                ImpactLawName::Simultaneous => contact::ImpactLaw::Simultaneous,
+                ImpactLawName::Sequential => contact::ImpactLaw::Sequential,
+            },
+            tolerance: method.vi_tolerance.unwrap_or(match self.model() {
+                Model::RigidBodies(_) => BODIES_TOLERANCE,
+                _ => CONTACT_TOLERANCE,
+            }),
+        }
     }
 }
 
@@ -65,6 +83,7 @@ fn settings(method: &Method, atol: &[f64]) -> Settings {
             ViSolverName::Auto => SolverKind::Auto,
             ViSolverName::Lemke => SolverKind::Lemke,
             ViSolverName::SemismoothNewton => SolverKind::SemismoothNewton,
+            ViSolverName::ActiveSet => SolverKind::ActiveSet,
             ViSolverName::Conic => SolverKind::Conic,
             ViSolverName::BlockGaussSeidel => SolverKind::BlockGaussSeidel,
         },

@@ -3,7 +3,7 @@
 use super::checked::Specification;
 use crate::analysis::Analysis;
 use crate::models::Model;
-use crate::solution::{Warning, describe, describe_rigid_bodies};
+use crate::solution::{Warning, describe, describe_contact, describe_rigid_bodies};
 use serde::Serialize;
 
 /// Sizes, what the theory says, and what a solve would build.
@@ -42,7 +42,8 @@ impl Specification {
         let Sizes { states, variables, moving_bounds, jacobian_nonzeros, constant_jacobian } = Sizes::of(model);
         let described = match model {
             Model::Dvi(model) => describe(model.structure(), &self.settings(), self.analysis()),
-            Model::RigidBodies(scene) => describe_rigid_bodies(scene, self.analysis()),
+            Model::Mechanical(model) => describe_contact(model, &self.contact_settings(), self.analysis()),
+            Model::RigidBodies(scene) => describe_rigid_bodies(scene, &self.contact_settings(), self.analysis()),
         };
         let mut warnings = described.warnings;
         warnings.extend(model.warnings().iter().cloned());
@@ -82,6 +83,16 @@ impl Sizes {
                     moving_bounds: structure.moving.len(),
                     jacobian_nonzeros: structure.pattern.len(),
                     constant_jacobian: structure.constant_jacobian,
+                }
+            }
+            Model::Mechanical(model) => {
+                let structure = model.structure();
+                Self {
+                    states: 2 * structure.coordinates,
+                    variables: structure.rows(),
+                    moving_bounds: 0,
+                    jacobian_nonzeros: 0,
+                    constant_jacobian: structure.constant_mass && structure.constant_forces,
                 }
             }
             Model::RigidBodies(_) => Self {

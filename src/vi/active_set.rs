@@ -17,11 +17,14 @@
 
 mod coarse;
 mod cyclic_reduction;
+mod dense;
 mod grid;
 mod line_search;
 mod operator;
 mod sparse;
 mod tridiagonal;
+
+pub use dense::DenseActiveSet;
 
 use super::{Outcome, Report, TOLERANCE};
 use crate::factorisation::SparseMatrix;
@@ -121,11 +124,6 @@ impl ActiveSet {
 
     fn from_operators(finest: Operator, coarser: Vec<Coarse>) -> Self {
         Self { finest: Level::new(finest), coarser, line_search: None, started: false, pause: 0, next_pause: 1 }
-    }
-
-    /// The name users see in the diagnostics.
-    pub fn name(&self) -> &'static str {
-        "active_set"
     }
 
     /// Solves, from the active set of the last problem or, the first time, from that of `z`; leaves the answer in `z`.

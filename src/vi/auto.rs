@@ -2,13 +2,18 @@
 //!
 //! Over intervals pivoting costs `m^2` a pivot and takes about `m` of them, Newton `m^3 / 3` a step and takes five, or where
 //! the solution is degenerate a hundred. Up to the size where a tableau leaves the cache, pivoting is as fast or faster
-//! and never worse by much. Over blocks Newton comes first, and where there are many small ones Gauss-Seidel; the
+//! and never worse by much. A large sparse matrix with the signs of an obstacle problem has its active set iterated on.
+//! Over blocks Newton comes first, and where there are many small ones Gauss-Seidel; the
 //! interior-point method, a hundred times slower on small problems, settles what both leave open.
 
-use super::{AffineVi, BlockGaussSeidel, Conic, Lemke, Outcome, Report, SemismoothNewton, ViSolver};
+use super::{AffineVi, BlockGaussSeidel, Conic, DenseActiveSet, Lemke, Outcome, Report, SemismoothNewton, ViSolver};
+use nalgebra::DMatrix;
 
 /// Up to this many variables, pivoting comes first.
 const LEMKE_AT_MOST: usize = 500;
+
+/// With at most this many entries a row, as grids have them, a sparse factorisation takes less than one dense pivot.
+const SPARSE: usize = 30;
 
 /// From this many variables on, in blocks of at most so many, sweeps over the blocks come first.
 const SWEEPS_FROM: usize = 300;
@@ -24,6 +29,8 @@ pub enum SolverKind {
     Lemke,
     /// [`SemismoothNewton`].
     SemismoothNewton,
+    /// [`DenseActiveSet`].
+    ActiveSet,
     /// [`Conic`].
     Conic,
     /// [`BlockGaussSeidel`].
@@ -41,7 +48,8 @@ pub struct Attempt {
 
 impl SolverKind {
     /// Every kind, in the order in which they are offered.
-    pub const ALL: [Self; 5] = [Self::Auto, Self::Lemke, Self::SemismoothNewton, Self::Conic, Self::BlockGaussSeidel];
+    pub const ALL: [Self; 6] =
+        [Self::Auto, Self::Lemke, Self::SemismoothNewton, Self::ActiveSet, Self::Conic, Self::BlockGaussSeidel];
 
     /// The kind of this name, if there is one.
     pub fn by_name(name: &str) -> Option<Self> {
@@ -54,6 +62,7 @@ impl SolverKind {
             Self::Auto => "auto",
             Self::Lemke => "lemke",
             Self::SemismoothNewton => "semismooth_newton",
+            Self::ActiveSet => "active_set",
             Self::Conic => "conic",
             Self::BlockGaussSeidel => "block_gauss_seidel",
         }
@@ -65,6 +74,7 @@ impl SolverKind {
             Self::Auto => Box::new(Auto::new(m)),
             Self::Lemke => Box::new(Lemke::new(m)),
             Self::SemismoothNewton => Box::new(SemismoothNewton::new(m)),
+            Self::ActiveSet => Box::new(DenseActiveSet::new()),
             Self::Conic => Box::new(Conic::new()),
             Self::BlockGaussSeidel => Box::new(BlockGaussSeidel::new()),
         }
@@ -111,9 +121,13 @@ impl Auto {
 
 /// The solvers to try, in order.
 fn order(vi: &AffineVi<'_>) -> &'static [SolverKind] {
-    use SolverKind::{BlockGaussSeidel, Conic, Lemke, SemismoothNewton};
+    use SolverKind::{ActiveSet, BlockGaussSeidel, Conic, Lemke, SemismoothNewton};
     if !vi.set.has_blocks() {
-        return if vi.q.len() <= LEMKE_AT_MOST { &[Lemke, SemismoothNewton] } else { &[SemismoothNewton, Lemke] };
+        return match vi.q.len() <= LEMKE_AT_MOST {
+            true => &[Lemke, SemismoothNewton],
+            false if is_sparse_z_matrix(vi.matrix) => &[ActiveSet, SemismoothNewton, Lemke],
+            false => &[SemismoothNewton, Lemke],
+        };
     }
     let small = vi.set.blocks().iter().all(|block| block.members.len() <= SMALL_BLOCK);
     if small && vi.q.len() >= SWEEPS_FROM {
@@ -121,6 +135,14 @@ fn order(vi: &AffineVi<'_>) -> &'static [SolverKind] {
     } else {
         &[SemismoothNewton, Conic, BlockGaussSeidel]
     }
+}
+
+/// Whether the active set method is made for a matrix: few entries, positive on the diagonal and nowhere else.
+fn is_sparse_z_matrix(matrix: &DMatrix<f64>) -> bool {
+    let m = matrix.nrows();
+    let has_the_signs = (0..m).all(|j| matrix.column(j).iter().enumerate().all(|(i, a)| (i == j) == (*a > 0.0)));
+    let entries = matrix.iter().filter(|a| **a != 0.0).count();
+    has_the_signs && entries <= SPARSE * m
 }
 
 /// Whether the second report says more. A ray says more than a limit: it may prove that there is no solution.

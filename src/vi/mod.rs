@@ -24,7 +24,7 @@ mod splitting;
 #[cfg(test)]
 mod tests;
 
-pub use active_set::{ActiveSet, Unsuitable};
+pub use active_set::{ActiveSet, DenseActiveSet, Unsuitable};
 pub use auto::{Attempt, Auto, SolverKind};
 pub use block_gauss_seidel::BlockGaussSeidel;
 pub use conic::Conic;

@@ -6,7 +6,7 @@ use dvi::expression::Graph;
 use dvi::factorisation::{Analysis, SparseLu, SparseMatrix};
 use dvi::models::{Linear, LinearRows};
 use dvi::problem::{ConvexSet, Mass};
-use dvi::radau::{Radau, Settings, StageChoice, Switches, Tableau, Work};
+use dvi::radau::{Cause, Radau, Settings, StageChoice, Switches, Tableau, Work};
 use dvi::vi::SolverKind;
 use faer::sparse::Triplet;
 use nalgebra::Complex;
@@ -71,7 +71,7 @@ fn integrate(problem: &mut Linear, x: &[f64]) -> (Work, u64) {
     let middle = x.len() / 2;
     let exact = (PI * (middle + 1) as f64 * h).sin() * (-rate * END).exp();
     assert!((radau.y()[middle] - exact).abs() < 1e-5, "{} instead of {exact}", radau.y()[middle]);
-    (radau.work(), radau.counts.accepted + radau.counts.rejected_error)
+    (radau.work(), radau.counts.accepted + radau.counts.rejected(Cause::Error))
 }
 
 /// The real and the complex matrix of a step of 1e-3.

@@ -3,6 +3,8 @@
 //! Ten layers of ten by ten spheres of radius 0.1 m start in a loose grid, each a little off its place, and fall between
 //! four walls; friction 0.5, no restitution, steps of 2 ms.
 
+use dvi::contact::law::Cone;
+use dvi::contact::{ImpactLaw, Settings};
 use dvi::models::rigid_bodies::{Body, Collider, Law, Laws, Scene, Shape, Simulation};
 use dvi::problem::Control;
 use nalgebra::{Isometry3, Matrix3, Vector3};
@@ -10,6 +12,8 @@ use std::time::Instant;
 
 const RADIUS: f64 = 0.1;
 const H: f64 = 2e-3;
+const SETTINGS: Settings =
+    Settings { step: H, default_step: false, impact_law: ImpactLaw::Simultaneous, tolerance: 1e-6 };
 
 fn body(shape: Shape, at: Vector3<f64>, mass: f64) -> Body {
     Body {
@@ -47,12 +51,12 @@ fn scene(side: usize) -> Scene {
     }
     let laws = Laws::of_materials(&[Law { friction: 0.5, restitution: 0.0 }]);
     let gravity = Vector3::new(0.0, 0.0, -9.81);
-    Scene { gravity, bodies, laws, joints: Vec::new(), resolve: false, warnings: Vec::new() }
+    Scene { gravity, bodies, laws, cone: Cone::Quadratic, joints: Vec::new(), resolve: false, warnings: Vec::new() }
 }
 
 fn main() {
     let scene = scene(10);
-    let mut simulation = Simulation::new(&scene);
+    let mut simulation = Simulation::new(&scene, &SETTINGS);
     println!("{:>6} {:>9} {:>9} {:>9} {:>9} {:>10}", "t/s", "ms/step", "worst/ms", "contacts", "depth/R", "residual");
     let control = Control::new();
     for tenth in 1..=30 {

@@ -1,7 +1,8 @@
 //! What the service says of itself.
 
-use crate::harness::{Site, instant, one_worker};
+use crate::harness::{Site, count, instant, one_worker};
 use axum::http::StatusCode;
+use dvi::service::Options;
 use dvi::service::http::{EXAMPLES, Kind};
 use std::collections::BTreeSet;
 use std::fs;
@@ -63,4 +64,31 @@ async fn the_published_schema_is_served() {
     let schema = site().get("/schema").await;
     assert_eq!(schema.header("content-type"), "application/schema+json");
     assert_eq!(schema.json(), dvi::specification::json_schema());
+}
+
+#[tokio::test]
+async fn the_methods_are_listed_with_their_conditions_and_the_limits_in_force() {
+    let site = Site::new(Options { queue: count(17), ..one_worker() }, instant());
+    let list = site.get("/methods").await;
+    assert_eq!(list.status, StatusCode::OK);
+    let list = list.json();
+    for (s, method) in list["tableaux"].as_array().unwrap().iter().enumerate() {
+        let (s, conditions) = (s + 1, &method["conditions"]);
+        assert_eq!((&method["stages"], &method["adaptive"]), (&s.into(), &(s % 2 == 1).into()));
+        assert_eq!(conditions["quadrature_order"]["order"], 2 * s - 1);
+        assert_eq!(conditions["stage_order"]["order"], s);
+        for condition in ["algebraic_stability", "positive_diagonal", "stiff_accuracy", "damping"] {
+            assert_eq!(conditions[condition]["holds"], true, "{condition} of {s} stages: {conditions}");
+        }
+        // The diagonal, as it is told, does what it is told for: e_1^T (D A + A^T D) e_1 > 0 at least.
+        let d = conditions["positive_diagonal"]["diagonal"][0].as_f64().unwrap();
+        assert!(d * method["A"][0][0].as_f64().unwrap() > 0.0);
+    }
+    assert_eq!(list["tableaux"].as_array().unwrap().len(), 9);
+    for family in ["problems", "sets", "methods", "switches", "vi_solvers", "limits", "service"] {
+        let members = list[family].as_array().unwrap();
+        assert!(members.len() >= 2 && members.iter().all(|member| member["meaning"].is_string()), "{family}");
+    }
+    let queue = list["service"].as_array().unwrap().iter().find(|bound| bound["flag"] == "--queue").unwrap();
+    assert_eq!((&queue["value"], &queue["variable"]), (&17.into(), &"DVI_QUEUE".into()));
 }

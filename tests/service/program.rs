@@ -100,6 +100,23 @@ fn a_correct_specification_is_said_to_be() {
 }
 
 #[test]
+fn the_methods_are_told_with_a_row_for_every_number_of_stages() {
+    let output = run(&["methods"], "");
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    let told = String::from_utf8(output.stdout).unwrap();
+    let (_, table) = told.split_once("|R(infinity)|\n").unwrap();
+    for (s, row) in (1..=9).zip(table.lines()) {
+        let words: Vec<&str> = row.split_whitespace().take(4).collect();
+        let step = if s % 2 == 1 { "any" } else { "fixed" };
+        assert_eq!(words, [&s.to_string(), step, &(2 * s - 1).to_string(), &s.to_string()]);
+    }
+    assert!(told.contains("  second_order_cone   "), "{told}");
+    let json = run(&["methods", "--format", "json"], "").stdout;
+    let json: serde_json::Value = serde_json::from_slice(&json).unwrap();
+    assert!((json["tableaux"][1]["A"][1][0].as_f64().unwrap() - 0.75).abs() < 1e-15);
+}
+
+#[test]
 fn a_command_line_without_sense_has_its_own_exit_code() {
     assert_eq!(run(&["sovle"], "").status.code(), Some(64));
     assert_eq!(run(&["serve", "--workers", "0"], "").status.code(), Some(64));

@@ -64,6 +64,26 @@ fn a_value_of_another_kind_is_answered_at_its_place() {
     }
 }
 
+/// Numbers whose products and squares overflow or vanish: the analysis of a correct specification ends all the same.
+#[test]
+fn numbers_at_the_limits_of_doubles_are_analysed() {
+    for name in ["reverse_zeno", "diode_bridge", "fluid_queue", "three_regions", "pendulum"] {
+        let path = format!("{}/api/examples/{name}.json", env!("CARGO_MANIFEST_DIR"));
+        let document: Value = serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
+        let mut places = Vec::new();
+        pointers(&document["problem"], "/problem".into(), &mut places);
+        for place in places {
+            for value in [1e308, -1e308, 1e160, 1e-160, 5e-324] {
+                let mut changed = document.clone();
+                if changed.pointer(&place).is_some_and(|value| !value.is_object() && !value.is_array()) {
+                    *changed.pointer_mut(&place).unwrap() = json!(value);
+                    answered(changed.to_string().as_bytes());
+                }
+            }
+        }
+    }
+}
+
 #[test]
 fn a_large_document_with_many_errors_is_answered_in_time() {
     let mut document = linear();

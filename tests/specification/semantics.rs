@@ -148,6 +148,11 @@ fn blocks_that_bind_variables_have_the_right_sizes_and_a_point() {
         Specification::from_json(with(two(), set, json!([block])).to_string().as_bytes()).expect("a valid set");
     }
     let ball = |radius: Value| json!({"ball": {"of": ["z1", "z2"], "radius": radius}});
+    for solver in ["lemke", "active_set"] {
+        let mut document = with(two(), set, json!([ball(json!(1))]));
+        document["method"] = json!({"vi_solver": solver});
+        assert_errors(&document, &[("/method/vi_solver", "unsuitable_solver", "one for intervals")]);
+    }
     refused(ball(json!(-1)), ("ball/radius", "negative_radius", "-1"));
     refused(ball(json!("-x1")), ("ball/radius", "negative_radius", "at the start this radius is -1"));
     refused(ball(json!("z1")), ("ball/radius", "bound_depends_on_variable", ""));

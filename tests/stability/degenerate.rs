@@ -67,3 +67,19 @@ fn anti_friction_runs_on_one_of_its_solutions() {
     let error = distance(&solution, "v", |t| if t < 0.5 { 1.0 - 2.0 * t } else { -4.0 * (t - 0.5) });
     assert!(error < 1e-10, "off by {error:e}");
 }
+
+#[test]
+fn many_stages_rest_where_every_state_is_rounding() {
+    // w' = M z - 1 with the cyclic M from beside its point of rest, z = 1/4: steps too long for the spiral stay there,
+    // and w falls to what the transforms of nine stages leave of it.
+    for (stages, step) in [(7, 0.1), (8, 0.05), (9, 0.1), (9, 0.05)] {
+        let case = Case::until(4.0).state("w1", 0.0, "a + 3*b - 1").state("w2", 1e-6, "b + 3*c - 1");
+        let case = case.state("w3", 0.0, "3*a + c - 1");
+        let case = case.nonnegative("a", "w1").nonnegative("b", "w2").nonnegative("c", "w3");
+        let solution = case.method(json!({"rtol": 1e-8, "stages": stages, "step": step})).solve();
+        for name in ["a", "b", "c"] {
+            let value = last(&solution, name);
+            assert!((value - 0.25).abs() < 1e-12, "{stages} stages of {step}: {name} = {value}");
+        }
+    }
+}

@@ -3,12 +3,15 @@
 
 mod certificates;
 mod circuits;
+mod contact;
 mod friction;
+mod global_error;
 pub mod harness;
 mod nonunique;
 mod pendulum;
 mod queues;
 pub mod reference;
+mod report;
 mod rigid_bodies;
 mod sets;
 mod size;

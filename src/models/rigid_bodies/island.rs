@@ -13,7 +13,8 @@ use super::contact::Contact;
 use super::delassus;
 use super::joint::{Joint, Row};
 use super::motion::Motion;
-use crate::contact::law::{Law, Rows};
+use crate::contact::ImpactLaw;
+use crate::contact::law::{Cone, Contacts, Law, Report, sequential};
 use crate::problem::Control;
 use crate::vi::coulomb::BlockMatrix;
 use nalgebra::Vector3;
@@ -25,7 +26,7 @@ const ITERATIONS: usize = 8;
 const ROUNDING: f64 = 1e-14;
 
 /// The bodies, contacts and joints of an island, copied out so that islands can be solved side by side.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Island {
     /// Which of the moving bodies these are.
     pub bodies: Vec<u32>,
@@ -37,13 +38,32 @@ pub struct Island {
     pub sources: Vec<u32>,
     /// The joints, as places among all.
     pub joints: Vec<u32>,
-    /// The contact law's residual.
-    pub residual: f64,
+    /// The set that friction is taken from.
+    pub cone: Cone,
+    /// How simultaneous impacts come about.
+    pub impact_law: ImpactLaw,
+    /// How the contact law was solved, if there were contacts.
+    pub report: Option<Report>,
     /// Whether the rows of the joints could not be solved.
     pub is_singular: bool,
 }
 
 impl Island {
+    /// Room for an island.
+    pub fn new(cone: Cone, impact_law: ImpactLaw) -> Self {
+        Self {
+            bodies: Vec::new(),
+            moving: Vec::new(),
+            contacts: Vec::new(),
+            sources: Vec::new(),
+            joints: Vec::new(),
+            cone,
+            impact_law,
+            report: None,
+            is_singular: false,
+        }
+    }
+
     /// Empties the island, keeping its memory.
     pub fn clear(&mut self) {
         self.bodies.clear();
@@ -51,7 +71,7 @@ impl Island {
         self.contacts.clear();
         self.sources.clear();
         self.joints.clear();
-        (self.residual, self.is_singular) = (0.0, false);
+        (self.report, self.is_singular) = (None, false);
     }
 
     /// Solves for the impulses and puts them into the velocities. `places` gives the joints' bodies their places here.
@@ -83,15 +103,28 @@ impl Island {
         let moving = &self.moving;
         let of = |body: u32| (moving[body as usize].velocity, moving[body as usize].omega);
         let free = self.contacts.iter().map(|contact| contact.velocity(of) + Vector3::x() * contact.bias);
-        let free: Vec<Vector3<f64>> = free.collect();
-        let before: Vec<Vector3<f64>> = self.contacts.iter().map(|contact| contact.before).collect();
+        let mut free: Vec<Vector3<f64>> = free.collect();
+        let mut before: Vec<Vector3<f64>> = self.contacts.iter().map(|contact| contact.before).collect();
         let gap: Vec<f64> = self.contacts.iter().map(|contact| contact.gap).collect();
-        let friction: Vec<f64> = self.contacts.iter().map(|contact| contact.law.friction).collect();
+        let mu: Vec<f64> = self.contacts.iter().map(|contact| contact.law.friction).collect();
         let restitution: Vec<f64> = self.contacts.iter().map(|contact| contact.law.restitution).collect();
-        let rows =
-            Rows { matrix, free: &free, before: &before, gap: &gap, friction: &friction, restitution: &restitution, h };
+        let cone = vec![self.cone; gap.len()];
+        let mut struck = vec![Vector3::zeros(); gap.len()];
+        let (mu, restitution, cone) = (&mu[..], &restitution[..], &cone[..]);
+        if self.impact_law == ImpactLaw::Sequential {
+            let contacts =
+                Contacts { delassus: matrix, free: &free, before: &before, gap: &gap, mu, restitution, cone, h };
+            struck = sequential(&contacts).0;
+            for k in 0..gap.len() {
+                let change = matrix.row_product(k, &struck);
+                before[k] += change;
+                free[k] += change;
+            }
+        }
+        let contacts = Contacts { delassus: matrix, free: &free, before: &before, gap: &gap, mu, restitution, cone, h };
         let mut r: Vec<Vector3<f64>> = self.contacts.iter().map(|contact| contact.impulse).collect();
-        self.residual = law.impulses(&rows, &mut r, control);
+        self.report = Some(law.impulses(&contacts, &mut r, control));
+        r.iter_mut().zip(&struck).for_each(|(r, struck)| *r += struck);
         for (contact, r) in self.contacts.iter_mut().zip(r) {
             contact.impulse = r;
         }

@@ -2,6 +2,7 @@
 
 use super::collision::{BroadPhase, Collider, ContactPoint, contacts};
 use super::joint::Joint;
+use crate::contact::law::Cone;
 use crate::solution::Warning;
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
@@ -79,6 +80,8 @@ pub struct Scene {
     pub bodies: Vec<Body>,
     /// What holds where they touch.
     pub laws: Laws,
+    /// The set that friction is taken from.
+    pub cone: Cone,
     /// What holds them together.
     pub joints: Vec<Joint>,
     /// Whether bodies that overlap at the start are moved apart.

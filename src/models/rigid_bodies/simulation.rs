@@ -15,8 +15,10 @@ use super::joint::joined;
 use super::motion::Motion;
 use super::scene::Scene;
 use crate::contact::islands::{Islands, solve_apart, threads};
-use crate::contact::law::Law;
+use crate::contact::law::{self, Law};
+use crate::contact::{ImpactLaw, Settings};
 use crate::problem::Control;
+use crate::vi::Outcome;
 use nalgebra::{Isometry3, Vector3};
 use rustc_hash::FxHashMap;
 use std::collections::HashSet;
@@ -45,7 +47,15 @@ pub enum StepFailure {
     },
     /// The joints contradict each other.
     Joints,
+    /// The contact law was not solved.
+    Unsolved {
+        /// What was left of it.
+        residual: f64,
+    },
 }
+
+/// A residual of the contact law above this is no answer.
+const UNSOLVED: f64 = 1e-2;
 
 /// What is to be said of the contacts of a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -58,10 +68,30 @@ pub struct ContactReport {
     pub normal_impulse: f64,
     /// Work done on normals and on tangents, `r . (u+ + u-) / 2`, in joules.
     pub work: [f64; 2],
-    /// The largest residual of the contact law.
-    pub residual: f64,
     /// Islands with contacts or joints.
     pub islands: usize,
+    /// Contact problems solved.
+    pub solves: u64,
+    /// Pivots or iterations in all.
+    pub iterations: u64,
+    /// The solver that answered last.
+    pub solver: &'static str,
+    /// The largest residual of the contact law.
+    pub residual: f64,
+    /// Whether a restitution would have added energy, and was cut.
+    pub is_limited: bool,
+}
+
+impl ContactReport {
+    /// Takes over how one island was solved.
+    fn take(&mut self, law: &law::Report) {
+        self.solves += law.solves;
+        self.iterations += law.iterations;
+        self.solver = law.solver;
+        let residual = if law.outcome == Outcome::Breakdown { f64::INFINITY } else { law.residual };
+        self.residual = self.residual.max(residual);
+        self.is_limited |= law.restitution < 1.0;
+    }
 }
 
 /// A scene in motion.
@@ -84,12 +114,13 @@ pub struct Simulation<'a> {
     kept: FxHashMap<(u32, u32, u32), Vector3<f64>>,
     islands: Islands,
     tasks: Vec<Island>,
+    impact_law: ImpactLaw,
     laws: Vec<Law>,
 }
 
 impl<'a> Simulation<'a> {
     /// The scene at its start.
-    pub fn new(scene: &'a Scene) -> Self {
+    pub fn new(scene: &'a Scene, settings: &Settings) -> Self {
         let mut moving = Vec::new();
         let mut places = Vec::with_capacity(scene.bodies.len());
         for body in &scene.bodies {
@@ -112,7 +143,8 @@ impl<'a> Simulation<'a> {
             kept: FxHashMap::default(),
             islands: Islands::default(),
             tasks: Vec::new(),
-            laws: (0..threads()).map(|_| Law::default()).collect(),
+            impact_law: settings.impact_law,
+            laws: (0..threads()).map(|_| Law::new(settings.tolerance)).collect(),
         }
     }
 
@@ -132,7 +164,7 @@ impl<'a> Simulation<'a> {
     /// If the bodies cannot go on.
     pub fn step(&mut self, h: f64, control: &Control) -> Result<(), StepFailure> {
         self.detect(h);
-        self.report.penetration = self.depth(0.0).max(0.0);
+        self.report = ContactReport { penetration: self.depth(0.0).max(0.0), ..ContactReport::default() };
         for _ in 0..ROUNDS {
             if self.depth(OVERLAP) <= 0.0 {
                 break;
@@ -146,6 +178,9 @@ impl<'a> Simulation<'a> {
         }
         self.remember();
         self.solve(h, control)?;
+        if self.report.residual > UNSOLVED && control.poll().is_none() {
+            return Err(StepFailure::Unsolved { residual: self.report.residual });
+        }
         self.judge();
         for motion in &mut self.moving {
             motion.drift(h);
@@ -228,12 +263,13 @@ impl<'a> Simulation<'a> {
             island.bodies = bodies;
         });
         self.report.islands = tasks.len();
-        self.report.residual = 0.0;
         for island in tasks {
             if island.is_singular {
                 return Err(StepFailure::Joints);
             }
-            self.report.residual = self.report.residual.max(island.residual);
+            if let Some(law) = &island.report {
+                self.report.take(law);
+            }
             for (&body, motion) in island.bodies.iter().zip(&island.moving) {
                 self.moving[body as usize] = *motion;
             }
@@ -257,7 +293,8 @@ impl<'a> Simulation<'a> {
         };
         let links = contacts.iter().map(of_contact).chain(joints.iter().map(of_joint));
         self.islands.group(self.moving.len(), links.clone());
-        self.tasks.resize_with(self.tasks.len().max(self.islands.len()), Island::default);
+        let (cone, impact_law) = (self.scene.cone, self.impact_law);
+        self.tasks.resize_with(self.tasks.len().max(self.islands.len()), || Island::new(cone, impact_law));
         for (k, island) in self.tasks.iter_mut().take(self.islands.len()).enumerate() {
             island.clear();
             for &link in self.islands.links(k) {
@@ -306,7 +343,6 @@ impl<'a> Simulation<'a> {
     fn judge(&mut self) {
         self.kept.clear();
         let (moving, report) = (&self.moving, &mut self.report);
-        (report.closed, report.normal_impulse, report.work) = (0, 0.0, [0.0; 2]);
         for contact in self.contacts.iter().filter(|contact| contact.impulse.x > 0.0) {
             self.kept.insert(contact.key, contact.frame.tr_mul(&contact.impulse));
             let of = |body: u32| (moving[body as usize].velocity, moving[body as usize].omega);

@@ -1,6 +1,7 @@
 //! The equations for the variables of a small system, eliminated to the variables alone.
 
 use super::super::system::System;
+use crate::factorisation::Singular;
 use nalgebra::{DMatrix, DVector, Dyn, LU};
 
 pub(super) struct Dense {
@@ -83,13 +84,11 @@ fn combine(
     derivative: &DMatrix<f64>,
     hidden: &DVector<f64>,
 ) -> Option<(DMatrix<f64>, DVector<f64>)> {
-    let svd = d.clone().svd(true, false);
-    let u = svd.u?;
-    let largest = svd.singular_values.amax();
+    let range = Singular::of(d)?;
+    let rank = range.rank(1e-10);
     let (mut matrix, mut right) = (d.clone(), g.clone());
-    for (row, singular) in svd.singular_values.iter().enumerate() {
-        let left = u.column(row);
-        let (from, value) = if *singular > 1e-10 * largest { (d, g) } else { (derivative, hidden) };
+    for (row, left) in range.u.column_iter().enumerate() {
+        let (from, value) = if row < rank { (d, g) } else { (derivative, hidden) };
         matrix.set_row(row, &left.tr_mul(from).row(0));
         right[row] = left.dot(value);
     }

@@ -28,6 +28,7 @@ pub struct Example {
 /// Every file of `api/examples`.
 pub const EXAMPLES: &[Example] = examples! {
     "bottleneck"
+    "bouncing_ball"
     "coulomb_slope"
     "diode_bridge"
     "diode_bridge_dvi"
@@ -36,6 +37,7 @@ pub const EXAMPLES: &[Example] = examples! {
     "friction_belt"
     "friction_disk"
     "hires"
+    "newton_cradle"
     "pendulum"
     "pollu"
     "rectifier"
@@ -46,6 +48,7 @@ pub const EXAMPLES: &[Example] = examples! {
     "sliding_mode"
     "three_regions"
     "van_der_pol"
+    "woodpecker"
 };
 
 /// An example in the list.

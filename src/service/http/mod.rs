@@ -5,6 +5,7 @@ mod document;
 mod examples;
 mod health;
 mod jobs;
+mod methods;
 mod observe;
 mod path;
 mod preferences;
@@ -56,6 +57,7 @@ pub fn router(shared: Shared) -> Router {
         .route("/jobs/{id}/cancel", post(jobs::cancel_job))
         .route("/examples", get(examples::list_examples))
         .route("/examples/{name}", get(examples::find_example))
+        .route("/methods", get(methods::list_methods))
         .route("/problems", get(problems::list_problems))
         .route("/problems/{slug}", get(problems::find_problem))
         .route("/schema", get(schema::find_schema))
@@ -71,7 +73,7 @@ pub fn router(shared: Shared) -> Router {
 
 async fn nothing_here(uri: Uri) -> Box<Problem> {
     let here = "POST /solve, POST /check, GET /jobs/{id}, GET /jobs/{id}/results, POST /jobs/{id}/cancel, DELETE /jobs/{id}, \
-                GET /examples, GET /problems, GET /schema, GET /healthz, GET /readyz, GET /version";
+                GET /examples, GET /methods, GET /problems, GET /schema, GET /healthz, GET /readyz, GET /version";
     Problem::new(Kind::NotFound, format!("{} names nothing; there are {here}", uri.path()))
 }
 

@@ -2,10 +2,12 @@
 
 use super::vectors::in_range;
 use super::{Expression, Ordered};
+use crate::contact::law::Cone;
 use crate::expression::nearest;
 use crate::models::rigid_bodies::{Law, Laws};
 use crate::specification::error::SpecificationError;
 use crate::specification::lowering::Lowering;
+use crate::specification::mechanical::ConeName;
 use crate::specification::place::Place;
 use crate::specification::wording::{abridged, listed};
 use serde::Deserialize;
@@ -19,6 +21,12 @@ pub struct BodyContacts {
     pub friction: Option<Expression>,
     /// The coefficient of restitution likewise, from 0 to 1. Default 0.
     pub restitution: Option<Expression>,
+    /// The set of friction. Default `quadratic`.
+    #[serde(default)]
+    pub cone: ConeName,
+    /// The corners of a polyhedral cone, from 4 to 64, the first along the x axis as seen on the plane of contact. Default 8.
+    #[schema(minimum = 4, maximum = 64)]
+    pub facets: Option<u64>,
     /// Pairs of materials with coefficients of their own. Of two materials that make no pair, the friction is the
     /// geometric mean and the restitution the lesser.
     #[serde(default)]
@@ -46,6 +54,25 @@ pub struct MaterialPair {
     /// The coefficient of restitution, from 0 to 1.
     pub restitution: Option<Expression>,
 }
+
+impl BodyContacts {
+    /// The set of friction.
+    pub(super) fn cone(&self, place: &Place<'_>, lowering: &mut Lowering) -> Cone {
+        let facets = self.facets.unwrap_or(FACETS);
+        if self.facets.is_some() && (self.cone == ConeName::Quadratic || !(4..=64).contains(&facets)) {
+            let detail = format!("{facets} corners for a {:?} cone", self.cone).to_lowercase();
+            let error = SpecificationError::new(place.key("facets").to_string(), "out_of_range", detail);
+            lowering.errors.push(error.expected("4 to 64 corners, for a polyhedral cone"));
+        }
+        match self.cone {
+            ConeName::Quadratic => Cone::Quadratic,
+            ConeName::Polyhedral => Cone::Polyhedral(facets as usize),
+        }
+    }
+}
+
+/// The corners of a polyhedral cone where none are given.
+const FACETS: u64 = 8;
 
 fn coefficients(
     friction: Option<&Expression>,

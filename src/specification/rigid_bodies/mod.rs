@@ -14,7 +14,6 @@ mod vectors;
 pub use bodies::RigidBody;
 pub use contacts::{BodyContacts, Material, MaterialPair};
 pub use joints::{AxialJoint, BodyJoint, FixedJoint, PointJoint};
-pub use overlaps::Interpenetration;
 pub use shapes::{
     BoxShape, CapsuleShape, CylinderShape, HalfSpaceShape, HullShape, MeshShape, RigidShape, SphereShape,
 };
@@ -22,6 +21,7 @@ pub use shapes::{
 use super::error::SpecificationError;
 use super::expression::Expression;
 use super::lowering::Lowering;
+use super::mechanical::Interpenetration;
 use super::ordered::Ordered;
 use super::place::Place;
 use crate::models::Model;
@@ -75,6 +75,7 @@ impl RigidBodiesProblem {
         }
         let gravity = self.gravity.as_ref().map(|g| vectors::lower(g, &place.key("gravity"), &mut lowering));
         let laws = contacts::lower(&self.contacts, &self.materials, place, &mut lowering);
+        let cone = self.contacts.cone(&place.key("contacts"), &mut lowering);
         let mut warnings = Vec::new();
         let mut names = HashMap::with_capacity(self.bodies.len());
         let mut bodies = Vec::with_capacity(self.bodies.len());
@@ -95,7 +96,7 @@ impl RigidBodiesProblem {
         };
         let joints = joints::lower(&self.joints, &bodies, &names, &place.key("joints"), &mut lowering);
         let resolve = self.interpenetration == Interpenetration::Resolve;
-        let scene = Scene { gravity: gravity.unwrap_or_default(), bodies, laws, joints, resolve, warnings };
+        let scene = Scene { gravity: gravity.unwrap_or_default(), bodies, laws, cone, joints, resolve, warnings };
         if !resolve {
             overlaps::refuse(&scene, &place_of_bodies, &mut lowering.errors);
         }

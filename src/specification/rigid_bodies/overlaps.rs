@@ -1,21 +1,8 @@
-//! Bodies that overlap at the start: refused, each pair by name, or moved apart before the first step.
+//! Bodies that overlap at the start, each pair by name.
 
 use crate::models::rigid_bodies::Scene;
 use crate::specification::error::{Errors, SpecificationError};
 use crate::specification::place::Place;
-use serde::Deserialize;
-use utoipa::ToSchema;
-
-/// What becomes of bodies that overlap at the start by more than a millionth of their size.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, ToSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Interpenetration {
-    /// An error that names them.
-    #[default]
-    Refuse,
-    /// They are moved apart, no more than is needed, before the first step.
-    Resolve,
-}
 
 /// Overlaps in parts of the size of the smaller body that are rounding.
 const ROUNDING: f64 = 1e-6;

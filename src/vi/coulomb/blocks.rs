@@ -72,6 +72,13 @@ impl BlockMatrix {
         &self.blocks[self.diagonal[i]]
     }
 
+    /// The block at `(i, j)`, where one is stored.
+    pub fn block(&self, i: usize, j: usize) -> Option<&Matrix3<f64>> {
+        let range = self.range(i);
+        let place = self.columns[range.clone()].binary_search(&j).ok()?;
+        Some(&self.blocks[range.start + place])
+    }
+
     /// Row `i` of the product with `r`.
     pub fn row_product(&self, i: usize, r: &[Vector3<f64>]) -> Vector3<f64> {
         self.row(i).fold(Vector3::zeros(), |sum, (j, block)| sum + block * r[j])

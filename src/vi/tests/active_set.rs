@@ -69,6 +69,23 @@ fn a_string_lies_on_a_parabola_between_its_tangents_from_the_ends() {
     }
 }
 
+#[test]
+fn a_string_of_a_million_nodes_lies_flat_where_the_exact_one_does() {
+    // -u'' = -1, u >= -1/16, u = 0 at the ends, times h^2: u = x^2/2 - a x down to x = a = sqrt(1/8), then flat.
+    let n = 1_000_000;
+    let h = 1.0 / (n + 1) as f64;
+    let mut solver = ActiveSet::new(&laplacian([1, n], 1.0, 0.0)).expect("an M-matrix");
+    let (u, report) = solve(&mut solver, &vec![h * h; n], &above(vec![-1.0 / 16.0; n]));
+    assert_eq!(report.outcome, Outcome::Solved, "{report:?}");
+    let a = 0.125_f64.sqrt();
+    for (i, u) in u.iter().enumerate() {
+        let x = ((i + 1) as f64 * h).min(1.0 - (i + 1) as f64 * h);
+        let exact = if x < a { x * x / 2.0 - a * x } else { -1.0 / 16.0 };
+        // A rounding of 1e-17 in each of a n equations moves the string by at most (a n)^2 / 8 of it: 2e-7.
+        assert!((u - exact).abs() < 1e-6, "{u} instead of {exact} at {x}");
+    }
+}
+
 /// A membrane over a hemisphere, with the values of the solution in the plane around the square (-2, 2)^2: the largest
 /// error and the radius of contact (Bueler 2021, `PETSc` for partial differential equations, section 12.3).
 fn membrane(nodes: usize) -> (f64, f64) {

@@ -9,8 +9,8 @@ fn auto_names_the_solver_that_answered() {
     let mut auto = Auto::new(3);
     assert_eq!(auto.name(), "auto");
     for (m, name) in [(3, "lemke"), (501, "semismooth_newton"), (5, "lemke")] {
-        let problem = Problem::complementarity(DMatrix::identity(m, m), random.vector(m));
-        problem.solve_exactly(&mut auto);
+        let matrix = DMatrix::identity(m, m) + DMatrix::from_element(m, m, 1.0 / m as f64);
+        Problem::complementarity(matrix, random.vector(m)).solve_exactly(&mut auto);
         assert_eq!(auto.name(), name);
     }
 }
@@ -46,4 +46,28 @@ fn the_story_names_every_solver_that_was_tried() {
     assert_eq!(tried, [SolverKind::SemismoothNewton, SolverKind::Conic, SolverKind::BlockGaussSeidel]);
     assert_eq!(auto.attempts()[1], Attempt { solver: SolverKind::Conic, outcome: Outcome::Ray });
     assert_eq!(auto.name(), "conic");
+}
+
+#[test]
+fn a_large_string_over_an_obstacle_is_solved_by_its_active_set() {
+    // -u'' = -1, u >= -1/16: the string of the exact solution, in 600 differences.
+    let m = 600;
+    let h = 1.0 / (m + 1) as f64;
+    let matrix = DMatrix::from_fn(m, m, |i, j| match i.abs_diff(j) {
+        0 => 2.0 / (h * h),
+        1 => -1.0 / (h * h),
+        _ => 0.0,
+    });
+    let set = ConvexSet::intervals(vec![-1.0 / 16.0; m], vec![INFINITY; m]);
+    let problem = Problem::new(matrix, vec![1.0; m], set);
+    let mut auto = Auto::new(m);
+    let u = problem.solve_exactly(&mut auto);
+    assert_eq!(auto.name(), "active_set");
+    let touching = u.iter().filter(|&&u| u == -1.0 / 16.0).count() as f64 * h;
+    assert!((touching - (1.0 - 2.0 * 0.125_f64.sqrt())).abs() < 3.0 * h, "touches over {touching}");
+    // Again with another load: the analysis serves, the active set moves.
+    let lighter = Problem::new(problem.matrix.clone(), vec![0.6; m], problem.set.clone());
+    let u = lighter.solve_exactly(&mut auto);
+    let touching = u.iter().filter(|&&u| u == -1.0 / 16.0).count() as f64 * h;
+    assert!((touching - (1.0 - 2.0 * (0.125_f64 / 0.6).sqrt())).abs() < 3.0 * h, "touches over {touching}");
 }

@@ -1,5 +1,6 @@
 //! Random families of every size.
 
+use super::super::Auto;
 use super::*;
 
 #[test]
@@ -89,5 +90,20 @@ fn no_monotone_problem_on_a_box_or_of_contact_is_left_unsolved() {
             let set = ConvexSet::intervals(vec![-1.0; m], vec![2.0; m]);
             Problem::new(matrix, random.vector(m), set).solve_by_all();
         }
+    }
+}
+
+#[test]
+fn degenerate_contacts_of_every_size_are_solved() {
+    // Half the rank, and a third of the contacts just touching: q of their rows is what the others leave.
+    let mut random = Random(13);
+    for m in [1, 2, 3, 10, 50, 200, 500] {
+        let j = random.matrix(m, m.div_ceil(2));
+        let z: Vec<f64> = (0..m).map(|i| if i % 3 == 0 { random.number().abs() } else { 0.0 }).collect();
+        let w = &j * j.transpose() * DVector::from_vec(z);
+        let q = (0..m).map(|i| if i % 3 == 2 { random.number().abs() - w[i] } else { -w[i] }).collect();
+        let problem = Problem::complementarity(&j * j.transpose(), q);
+        let answer = problem.solve_exactly(&mut Auto::new(m));
+        assert!(answer.iter().all(|z| *z >= 0.0));
     }
 }

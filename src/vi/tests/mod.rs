@@ -8,6 +8,7 @@ mod degenerate;
 mod families;
 mod nonlinear;
 mod properties;
+mod sizes;
 
 use super::{AffineVi, BlockGaussSeidel, Conic, Lemke, Outcome, Report, SemismoothNewton, ViSolver};
 use crate::problem::{ConvexSet, Polyhedron, Shape, Workspace};

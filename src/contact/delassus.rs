@@ -1,0 +1,151 @@
+//! How velocities respond to impulses, with the joints held:
+//!
+//! ```text
+//! v = v_free + Y r,    Y = H J^T,    H = M^-1 - M^-1 A^T (A M^-1 A^T)^+ A M^-1,    W = J Y
+//! ```
+//!
+//! `A` are the rows of the joints, `J` those of the contacts. The pseudo-inverse leaves redundant joints their freedom: their
+//! impulses are the least ones.
+
+use crate::factorisation::DenseLu;
+use crate::problem::{Constraints, MechanicalStructure};
+use crate::vi::coulomb::BlockMatrix;
+use nalgebra::{DMatrix, Matrix3};
+
+/// Singular values below this fraction of the largest are those of redundant joints.
+const REDUNDANT: f64 = 1e-11;
+
+/// Iterations of the singular value decomposition, far more than it takes.
+const ITERATIONS: usize = 10_000;
+
+/// Factors of `M`, and the responses of one place.
+pub struct Delassus {
+    factors: DenseLu<f64>,
+    /// `M^-1 A^T` in the first columns, `H J^T` in the others.
+    responses: DMatrix<f64>,
+    /// `(A M^-1 A^T)^+`.
+    joints: DMatrix<f64>,
+    /// Factorisations made.
+    pub factorisations: u64,
+}
+
+impl Delassus {
+    /// Room for a system.
+    pub fn new(structure: &MechanicalStructure) -> Self {
+        Self {
+            factors: DenseLu::new(structure.coordinates),
+            responses: DMatrix::zeros(structure.coordinates, structure.rows()),
+            joints: DMatrix::zeros(structure.joints, structure.joints),
+            factorisations: 0,
+        }
+    }
+
+    /// Factorises `M`.
+    pub fn factorise(&mut self, mass: &DMatrix<f64>) {
+        self.factors.entries().copy_from_slice(mass.as_slice());
+        self.factors.factorise();
+        self.factorisations += 1;
+    }
+
+    /// `M^-1 p` in place; false where it is not finite.
+    pub fn solve(&mut self, p: &mut [f64]) -> bool {
+        self.factors.solve(p)
+    }
+
+    /// Computes the responses to all joints; false where they are not finite.
+    pub fn hold_joints(&mut self, constraints: &Constraints) -> bool {
+        let j = self.joints.nrows();
+        if !(0..j).all(|row| self.respond(constraints, row)) {
+            return false;
+        }
+        if j == 0 {
+            return true;
+        }
+        let gram = constraints.transposed.columns(0, j).transpose() * self.responses.columns(0, j);
+        let Some(svd) = gram.try_svd(true, true, f64::EPSILON, ITERATIONS) else { return false };
+        let least = REDUNDANT * svd.singular_values.max();
+        svd.pseudo_inverse(least).map(|inverse| self.joints = inverse).is_ok()
+    }
+
+    /// `M^-1` times the row of `J`, into its column.
+    fn respond(&mut self, constraints: &Constraints, row: usize) -> bool {
+        let n = self.responses.nrows();
+        let column = &mut self.responses.as_mut_slice()[row * n..(row + 1) * n];
+        column.copy_from_slice(constraints.row(row));
+        self.factors.solve(column)
+    }
+
+    /// Computes the response to a row of a contact, with the joints held; false where it is not finite.
+    pub fn hold(&mut self, constraints: &Constraints, row: usize) -> bool {
+        if !self.respond(constraints, row) {
+            return false;
+        }
+        let (n, j) = (self.responses.nrows(), self.joints.nrows());
+        if j > 0 {
+            let (joints, rest) = self.responses.as_mut_slice().split_at_mut(j * n);
+            let column = &mut rest[(row - j) * n..(row - j + 1) * n];
+            let violation: Vec<f64> = (0..j).map(|i| dot(constraints.row(i), column)).collect();
+            add_joint_response(joints, &self.joints, &violation, column);
+        }
+        true
+    }
+
+    /// Makes `v` obey the joints, `A v + b = 0`, by the impulses of the joints; the least in the metric of `M`.
+    pub fn obey_joints(&self, violation: &[f64], v: &mut [f64]) {
+        if !violation.is_empty() {
+            let n = self.responses.nrows();
+            add_joint_response(&self.responses.as_slice()[..violation.len() * n], &self.joints, violation, v);
+        }
+    }
+
+    /// `H` times a row of `J`.
+    pub fn response(&self, row: usize) -> &[f64] {
+        let n = self.responses.nrows();
+        &self.responses.as_slice()[row * n..(row + 1) * n]
+    }
+
+    /// `W` of some contacts in blocks; directions in which one cannot slip have its normal entry on the diagonal.
+    pub fn blocks(
+        &self,
+        structure: &MechanicalStructure,
+        constraints: &Constraints,
+        contacts: &[usize],
+    ) -> Option<BlockMatrix> {
+        let rows = |k: usize| std::iter::once(structure.normal(k)).chain(structure.tangents(k));
+        let mut blocks = Vec::with_capacity(contacts.len() * contacts.len());
+        for (i, &k) in contacts.iter().enumerate() {
+            for (j, &l) in contacts.iter().enumerate() {
+                let mut block = Matrix3::zeros();
+                for (a, row) in rows(k).enumerate() {
+                    for (b, column) in rows(l).enumerate() {
+                        block[(a, b)] = dot(constraints.row(row), self.response(column));
+                    }
+                }
+                if i == j {
+                    let filler = if block[(0, 0)] > 0.0 { block[(0, 0)] } else { 1.0 };
+                    for a in 1 + structure.contacts[k].slips..3 {
+                        block[(a, a)] = filler;
+                    }
+                }
+                if i == j || block != Matrix3::zeros() {
+                    blocks.push((i, j, block));
+                }
+            }
+        }
+        BlockMatrix::from_blocks(contacts.len(), blocks)
+    }
+}
+
+/// `v -= M^-1 A^T (A M^-1 A^T)^+ violation`.
+fn add_joint_response(joints: &[f64], inverse: &DMatrix<f64>, violation: &[f64], v: &mut [f64]) {
+    for (i, response) in joints.chunks_exact(v.len().max(1)).enumerate() {
+        let impulse: f64 = violation.iter().enumerate().map(|(k, violation)| inverse[(i, k)] * violation).sum();
+        for (v, response) in v.iter_mut().zip(response) {
+            *v -= response * impulse;
+        }
+    }
+}
+
+pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}

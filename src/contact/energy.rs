@@ -1,0 +1,76 @@
+//! Where the energy goes. Over a step with `M (v+ - v-) = p + J^T r`, with `p` the impulse of the forces,
+//!
+//! ```text
+//! T+ - T- = <p, v+ + v->/2 + <r, u+ + u->/2
+//! ```
+//!
+//! exactly where `M` is constant, so that `-<r_t, u_t+ + u_t->/2` is what friction dissipates and `-<r_n, u_n+ + u_n->/2`
+//! what impacts cost. With the work of the forces that have no potential the balance of a run is
+//!
+//! ```text
+//! E(t) - E(0) = work - friction - impacts + defect
+//! ```
+//!
+//! and the defect, which an exact solution does not have, measures the discretisation.
+
+use serde::Serialize;
+
+/// The balance of a run, in units of energy.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Energy {
+    /// Kinetic energy at the start.
+    pub kinetic_at_start: f64,
+    /// Potential energy at the start.
+    pub potential_at_start: f64,
+    /// Kinetic energy at the end.
+    pub kinetic_at_end: f64,
+    /// Potential energy at the end.
+    pub potential_at_end: f64,
+    /// Work of the forces that have no potential.
+    pub work_of_forces: f64,
+    /// Dissipated by friction; negative where a moving surface drives.
+    pub dissipated_by_friction: f64,
+    /// Lost in impacts.
+    pub lost_in_impacts: f64,
+    /// What the balance lacks at the end: the change of energy less the work, plus what was dissipated and lost.
+    pub defect: f64,
+    /// The largest defect of the run, in size.
+    pub largest_defect: f64,
+    /// The largest share of its kinetic energy that a step gained through impacts, which should be none.
+    pub largest_gain_in_impacts: f64,
+}
+
+impl Energy {
+    /// A balance that begins with these energies.
+    pub fn new(kinetic: f64, potential: f64) -> Self {
+        Self {
+            kinetic_at_start: kinetic,
+            potential_at_start: potential,
+            kinetic_at_end: kinetic,
+            potential_at_end: potential,
+            ..Self::default()
+        }
+    }
+
+    /// Books what contacts took: by friction, and by impacts, out of this kinetic energy.
+    pub fn dissipate(&mut self, friction: f64, impacts: f64, kinetic: f64) {
+        self.dissipated_by_friction += friction;
+        self.lost_in_impacts += impacts;
+        if kinetic > 0.0 {
+            self.largest_gain_in_impacts = self.largest_gain_in_impacts.max(-impacts / kinetic);
+        }
+    }
+
+    /// Books the work of forces without a potential.
+    pub fn work(&mut self, work: f64) {
+        self.work_of_forces += work;
+    }
+
+    /// Takes over the energies at the end of a step, and closes the balance.
+    pub fn close(&mut self, kinetic: f64, potential: f64) {
+        (self.kinetic_at_end, self.potential_at_end) = (kinetic, potential);
+        let change = (kinetic - self.kinetic_at_start) + (potential - self.potential_at_start);
+        self.defect = change - self.work_of_forces + self.dissipated_by_friction + self.lost_in_impacts;
+        self.largest_defect = self.largest_defect.max(self.defect.abs());
+    }
+}

@@ -1,0 +1,120 @@
+//! The law with polygonal friction, as a linear complementarity problem (Stewart and Trinkle 1996; Anitescu and Potra
+//! 1997, who show that its matrix is copositive and that Lemke's method solves it):
+//!
+//! ```text
+//! 0 <= c_n     _|_  n^T v+ - w              >= 0
+//! 0 <= beta    _|_  lambda 1 + D^T v+       >= 0,    r_t = D beta
+//! 0 <= lambda  _|_  mu c_n - 1^T beta       >= 0
+//! ```
+//!
+//! A contact without friction has `c_n` alone.
+
+use super::{Cone, Contacts, Report};
+use crate::problem::ConvexSet;
+use crate::vi::{AffineVi, Lemke, Outcome, ViSolver};
+use nalgebra::{DMatrix, Vector3};
+
+/// The complementarity problem and its solver.
+#[derive(Debug)]
+pub struct Polyhedral {
+    solver: Lemke,
+    /// For each unknown its contact, and what it is.
+    unknowns: Vec<(usize, Unknown)>,
+    /// The solution of the last problem, from which the next is started.
+    z: Vec<f64>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Unknown {
+    /// `c_n` or a component of `beta`, with the impulse of one unit of it.
+    Impulse(Vector3<f64>),
+    /// `lambda`.
+    Slip,
+}
+
+impl Default for Polyhedral {
+    fn default() -> Self {
+        Self { solver: Lemke::new(0), unknowns: Vec::new(), z: Vec::new() }
+    }
+}
+
+impl Polyhedral {
+    /// Solves for the impulses `r` with `u = W r + q`, `w = 0`.
+    pub fn solve(&mut self, contacts: &Contacts<'_>, q: &[Vector3<f64>], r: &mut [Vector3<f64>], report: &mut Report) {
+        let last = std::mem::take(&mut self.unknowns);
+        for k in 0..r.len() {
+            self.unknowns.push((k, Unknown::Impulse(Vector3::x())));
+            let corners = match contacts.cone[k] {
+                Cone::Polyhedral(corners) => corners,
+                Cone::Quadratic => 2,
+            };
+            if contacts.mu[k] > 0.0 {
+                let corners = (0..corners).map(|i| corner(i, corners));
+                self.unknowns.extend(corners.map(|corner| (k, Unknown::Impulse(corner))));
+                self.unknowns.push((k, Unknown::Slip));
+            }
+        }
+        let m = self.unknowns.len();
+        if last != self.unknowns {
+            self.z.clear();
+            self.z.resize(m, 0.0);
+        }
+        let matrix = DMatrix::from_fn(m, m, |i, j| self.entry(contacts, i, j));
+        let q: Vec<f64> = self
+            .unknowns
+            .iter()
+            .map(|&(k, unknown)| match unknown {
+                Unknown::Impulse(direction) => direction.dot(&q[k]),
+                Unknown::Slip => 0.0,
+            })
+            .collect();
+        let set = ConvexSet::nonnegative(m);
+        let solved = self.solver.solve(&AffineVi { matrix: &matrix, q: &q, set: &set }, &mut self.z);
+        r.fill(Vector3::zeros());
+        for (&(k, unknown), z) in self.unknowns.iter().zip(&self.z) {
+            if let Unknown::Impulse(direction) = unknown {
+                r[k] += direction * *z;
+            }
+        }
+        let size = q.iter().chain(&self.z).fold(f64::MIN_POSITIVE, |most, x| most.max(x.abs()));
+        report.solver = self.solver.name();
+        report.iterations += solved.iterations as u64;
+        report.residual = solved.residual / size;
+        report.outcome = match solved.outcome {
+            Outcome::Limit if report.residual <= super::UNSOLVED => Outcome::Solved,
+            outcome => outcome,
+        };
+    }
+
+    fn entry(&self, contacts: &Contacts<'_>, i: usize, j: usize) -> f64 {
+        let ((k, row), (l, column)) = (self.unknowns[i], self.unknowns[j]);
+        match (row, column) {
+            (Unknown::Impulse(row), Unknown::Impulse(column)) => {
+                contacts.delassus.block(k, l).map_or(0.0, |block| row.dot(&(block * column)))
+            }
+            (Unknown::Impulse(row), Unknown::Slip) if k == l && row.x == 0.0 => 1.0,
+            (Unknown::Slip, Unknown::Impulse(column)) if k == l => {
+                if column.x > 0.0 {
+                    contacts.mu[k]
+                } else {
+                    -1.0
+                }
+            }
+            _ => 0.0,
+        }
+    }
+}
+
+/// Corner `i` of a regular polygon; those on the axes without rounding, so that opposite ones cancel.
+fn corner(i: usize, corners: usize) -> Vector3<f64> {
+    let (quarters, rest) = (4 * i / corners, 4 * i % corners);
+    let angle = std::f64::consts::FRAC_PI_2 * rest as f64 / corners as f64;
+    let (sine, cosine) = angle.sin_cos();
+    let (y, z) = match quarters {
+        0 => (cosine, sine),
+        1 => (-sine, cosine),
+        2 => (-cosine, -sine),
+        _ => (sine, -cosine),
+    };
+    Vector3::new(0.0, y, z)
+}

@@ -1,0 +1,37 @@
+//! Impacts one after the other: of the contacts that are closed and approach, the fastest is struck by Newton's law with
+//! the others left alone, until none approaches. It is what a row of balls does whose shocks run through it one by one
+//! (the cradle), where the simultaneous law gives every ball a share at once. Between two contacts with `e < 1` strikes may
+//! follow each other without end; what is left after a bound is for the simultaneous law.
+
+use super::Contacts;
+use crate::vi::coulomb::solve_contact;
+use nalgebra::Vector3;
+
+/// Strikes for each contact before the rest is left to the simultaneous law.
+const STRIKES: usize = 1000;
+
+/// A velocity this small against those before is none.
+const ROUNDING: f64 = 1e-13;
+
+/// The impulses of the strikes, at the velocities before the step, and how many strikes there were. Friction acts in each
+/// strike by the law of one contact, with a disk.
+pub fn sequential(contacts: &Contacts<'_>) -> (Vec<Vector3<f64>>, usize) {
+    let n = contacts.gap.len();
+    let mut r = vec![Vector3::zeros(); n];
+    let mut u = contacts.before.to_vec();
+    let least = ROUNDING * u.iter().fold(0.0_f64, |most, u| most.max(u.norm()));
+    let mut strikes = 0;
+    while strikes < STRIKES * n {
+        let closed = |k: &usize| u[*k].x < -least && contacts.closes(*k, u[*k].x);
+        let Some(k) = (0..n).filter(closed).min_by(|&a, &b| u[a].x.total_cmp(&u[b].x)) else { break };
+        let q = Vector3::new((1.0 + contacts.restitution[k]) * u[k].x, u[k].y, u[k].z);
+        let Some(strike) = solve_contact(contacts.delassus.diagonal(k), &q, contacts.mu[k]) else { break };
+        r[k] += strike;
+        // W is symmetric up to rounding: its row k is its column k.
+        for (l, block) in contacts.delassus.row(k) {
+            u[l] += block.transpose() * strike;
+        }
+        strikes += 1;
+    }
+    (r, strikes)
+}

@@ -1,0 +1,113 @@
+//! The contacts of a mechanical system that are near enough to act within a step, in contact coordinates.
+
+use super::delassus::Delassus;
+use super::law::{Cone, Contacts};
+use crate::problem::{Constraints, MechanicalStructure};
+use crate::vi::coulomb::BlockMatrix;
+use nalgebra::Vector3;
+
+/// What the law needs of some contacts, but for velocities and gaps.
+pub struct Near {
+    contacts: Vec<usize>,
+    /// `W`.
+    pub delassus: BlockMatrix,
+    /// The coefficients of restitution.
+    pub restitution: Vec<f64>,
+    mu: Vec<f64>,
+    cone: Vec<Cone>,
+    zeros: Vec<Vector3<f64>>,
+    none: Vec<f64>,
+}
+
+impl Near {
+    /// Computes `W`; `None` where it is not finite. Joints must be held already.
+    pub fn new(
+        structure: &MechanicalStructure,
+        constraints: &Constraints,
+        delassus: &mut Delassus,
+        contacts: &[usize],
+    ) -> Option<Self> {
+        for &k in contacts {
+            for row in rows(structure, k) {
+                if !delassus.hold(constraints, row) {
+                    return None;
+                }
+            }
+        }
+        let data = || contacts.iter().map(|&k| &structure.contacts[k]);
+        Some(Self {
+            delassus: delassus.blocks(structure, constraints, contacts)?,
+            restitution: data().map(|contact| contact.restitution).collect(),
+            mu: data().map(|contact| contact.mu).collect(),
+            cone: data()
+                .map(|contact| match (contact.facets, contact.slips) {
+                    (_, 0 | 1) => Cone::Polyhedral(2),
+                    (Some(facets), _) => Cone::Polyhedral(facets),
+                    (None, _) => Cone::Quadratic,
+                })
+                .collect(),
+            zeros: vec![Vector3::zeros(); contacts.len()],
+            none: vec![0.0; contacts.len()],
+            contacts: contacts.to_vec(),
+        })
+    }
+
+    /// For the law, at velocities without impulses `free` and `before`.
+    pub fn contacts<'a>(
+        &'a self,
+        free: &'a [Vector3<f64>],
+        before: &'a [Vector3<f64>],
+        gap: &'a [f64],
+        restitution: &'a [f64],
+        h: f64,
+    ) -> Contacts<'a> {
+        let Self { delassus, mu, cone, .. } = self;
+        Contacts { delassus, free, before, gap, mu, restitution, cone, h }
+    }
+
+    /// For the law without friction, restitution and gaps.
+    pub fn without_friction<'a>(&'a self, free: &'a [Vector3<f64>]) -> Contacts<'a> {
+        let Self { delassus, cone, zeros, none, .. } = self;
+        Contacts { delassus, free, before: zeros, gap: none, mu: none, restitution: none, cone, h: 1.0 }
+    }
+
+    /// `u` of each contact at velocities `v`.
+    pub fn velocities(
+        &self,
+        structure: &MechanicalStructure,
+        constraints: &Constraints,
+        v: &[f64],
+    ) -> Vec<Vector3<f64>> {
+        let velocity = |&k: &usize| {
+            let mut u = Vector3::zeros();
+            for (u, row) in u.iter_mut().zip(rows(structure, k)) {
+                *u = constraints.velocity(row, v);
+            }
+            u
+        };
+        self.contacts.iter().map(velocity).collect()
+    }
+
+    /// A contact whose friction, at these velocities, drives it into what it slides on: `W_nn - mu W_nt u_t / |u_t| < 0`
+    /// (Painleve 1895; Stewart 2000, section 1.4).
+    pub fn painleve(&self, u: &[Vector3<f64>]) -> Option<usize> {
+        (0..u.len()).find(|&i| {
+            let (w, slip) = (self.delassus.diagonal(i), u[i].y.hypot(u[i].z));
+            slip > 0.0 && w[(0, 0)] - self.mu[i] * (w[(0, 1)] * u[i].y + w[(0, 2)] * u[i].z) / slip < 0.0
+        })
+    }
+
+    /// `v += Y r`.
+    pub fn apply(&self, structure: &MechanicalStructure, delassus: &Delassus, r: &[Vector3<f64>], v: &mut [f64]) {
+        for (&k, r) in self.contacts.iter().zip(r) {
+            for (&r, row) in r.iter().zip(rows(structure, k)) {
+                v.iter_mut().zip(delassus.response(row)).for_each(|(v, response)| *v += response * r);
+            }
+        }
+    }
+}
+
+/// The rows of a contact: its normal, then its directions of slip.
+pub(super) fn rows(structure: &MechanicalStructure, k: usize) -> impl Iterator<Item = usize> {
+    std::iter::once(structure.normal(k)).chain(structure.tangents(k))
+}

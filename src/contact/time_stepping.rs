@@ -1,0 +1,132 @@
+//! Time stepping over impacts (Moreau 1988; Stewart and Trinkle 1996): steps of one size, none of which is cut at an
+//! impact, so that any number of them, even infinitely many, costs nothing. First order.
+
+use super::energy::Energy;
+use super::happening::Happening;
+use super::settings::{ContactError, Settings};
+use super::velocity_step::{Forces, State, VelocityStep};
+use crate::problem::{Control, Mechanical};
+use nalgebra::Vector3;
+
+/// A run of steps of one size.
+pub struct TimeStepping<'p> {
+    /// What makes the steps.
+    pub step: VelocityStep<'p>,
+    /// Where it has come to.
+    pub state: State,
+    /// Where the last step began.
+    pub last: State,
+    /// Impulses of each contact since the start.
+    pub impulses: Vec<Vector3<f64>>,
+    /// Their values where the last step began.
+    pub impulses_before: Vec<Vector3<f64>>,
+    /// Where the energy went.
+    pub energy: Energy,
+    /// What happened in the last step.
+    pub happenings: Vec<Happening>,
+    /// Steps made.
+    pub accepted: u64,
+    /// How each contact was after the last step.
+    touching: Vec<Touch>,
+    settings: Settings,
+    start: f64,
+    end: f64,
+}
+
+/// How a contact was in a step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Touch {
+    Open,
+    /// Struck, for this many steps on end.
+    Struck {
+        steps: u64,
+        slips: bool,
+    },
+}
+
+/// A slip below this fraction of the velocities that it is the difference of is none.
+const STUCK: f64 = 1e-10;
+
+impl<'p> TimeStepping<'p> {
+    /// Prepares a run from `state` to `end`.
+    pub fn new(problem: &'p mut dyn Mechanical, settings: Settings, state: State, end: f64) -> Self {
+        let contacts = problem.structure().contacts.len();
+        let energies = problem.energies(state.t, &state.q, &state.v);
+        Self {
+            step: VelocityStep::new(problem, settings.impact_law, settings.tolerance),
+            last: state.clone(),
+            start: state.t,
+            state,
+            impulses: vec![Vector3::zeros(); contacts],
+            impulses_before: vec![Vector3::zeros(); contacts],
+            energy: Energy::new(energies.kinetic, energies.potential),
+            happenings: Vec::new(),
+            accepted: 0,
+            touching: vec![Touch::Open; contacts],
+            settings,
+            end,
+        }
+    }
+
+    /// Whether the end is reached.
+    pub fn is_done(&self) -> bool {
+        self.state.t >= self.end
+    }
+
+    /// Makes one step.
+    ///
+    /// # Errors
+    /// See [`VelocityStep::advance`].
+    pub fn advance(&mut self, control: &Control) -> Result<(), ContactError> {
+        self.last.clone_from(&self.state);
+        self.impulses_before.clone_from(&self.impulses);
+        // From the start, so that rounding does not add up.
+        let next = self.start + (self.accepted + 1) as f64 * self.settings.step;
+        let next = if next + 1e-6 * self.settings.step >= self.end { self.end } else { next };
+        let h = next - self.state.t;
+        let State { t, q, v } = &self.last;
+        let before = self.step.problem.energies(*t, q, v);
+        self.step.advance(&mut self.state, h, Forces::All, control)?;
+        self.state.t = next;
+        self.accepted += 1;
+        for (sum, r) in self.impulses.iter_mut().zip(&self.step.contacted.r) {
+            *sum += r;
+        }
+        let State { t, q, v } = &self.state;
+        let after = self.step.problem.energies(*t, q, v);
+        let (friction, impacts) = (self.step.contacted.friction, self.step.contacted.impacts);
+        self.energy.dissipate(friction, impacts, before.kinetic.max(after.kinetic));
+        self.energy.work(0.5 * h * (before.power + after.power));
+        self.energy.close(after.kinetic, after.potential);
+        self.look();
+        Ok(())
+    }
+
+    /// Notes which contacts were struck, let go, stuck or slipped.
+    fn look(&mut self) {
+        self.happenings.clear();
+        let (t, contacted) = (self.state.t, &self.step.contacted);
+        for (k, touch) in self.touching.iter_mut().enumerate() {
+            let slip = contacted.after[k].y.hypot(contacted.after[k].z);
+            let slips = slip > STUCK * self.step.size_of_slip(k, &self.state.v);
+            let now = match *touch {
+                _ if contacted.r[k].x <= 0.0 => Touch::Open,
+                Touch::Open => Touch::Struck { steps: 1, slips },
+                Touch::Struck { steps, .. } => Touch::Struck { steps: steps + 1, slips },
+            };
+            let happening = match (*touch, now) {
+                (Touch::Open, Touch::Struck { .. }) => Some(Happening::Impact { t, contact: k }),
+                (Touch::Struck { steps, .. }, Touch::Open) if steps > 1 => Some(Happening::LiftOff { t, contact: k }),
+                (Touch::Struck { slips: true, .. }, Touch::Struck { slips: false, .. }) => {
+                    Some(Happening::Stick { t, contact: k })
+                }
+                (Touch::Struck { slips: false, .. }, Touch::Struck { slips: true, .. }) => {
+                    Some(Happening::Slip { t, contact: k })
+                }
+                _ => None,
+            };
+            self.happenings.extend(happening);
+            *touch = now;
+        }
+    }
+}

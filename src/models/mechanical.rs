@@ -1,0 +1,373 @@
+//! A mechanical system in expressions. With `T = v^T M v / 2`, a potential `V` and forces `Q`, Lagrange's equations
+//! `d/dt dT/dv - dT/dq = Q - dV/dq` are
+//!
+//! ```text
+//! M v' = f = Q - dV/dq + dT/dq - (d(M v)/dq) v - (dM/dt) v
+//! ```
+//!
+//! all by exact differentiation; contacts and joints give `J` and `b` by that of gaps and constraints, and `J` and `b` of
+//! slips are read off expressions that are affine in `v`.
+
+use crate::expression::{ExpressionError, Graph, Node, Tape};
+use crate::problem::{Constraints, ContactData, Energies, Mechanical, MechanicalStructure, Sensitivity};
+use nalgebra::DMatrix;
+
+/// The parts of a system with `n` coordinates as nodes of a [`Graph`] whose inputs are `t`, then `q` (n), then `v` (n).
+#[derive(Clone, Debug)]
+pub struct MechanicalRows {
+    /// `M`, row by row, `n n` nodes; symmetric.
+    pub mass: Vec<Node>,
+    /// `V`.
+    pub potential: Node,
+    /// `Q`.
+    pub forces: Vec<Node>,
+    /// `phi` of the joints, in `t` and `q`.
+    pub joints: Vec<Node>,
+    /// The gaps, in `t` and `q`.
+    pub gaps: Vec<Node>,
+    /// The velocities of slip of all contacts, affine in `v`.
+    pub slips: Vec<Node>,
+    /// The contacts.
+    pub contacts: Vec<ContactData>,
+}
+
+/// A row that could not be differentiated.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Underivable {
+    /// `M`, `V` or `Q`.
+    Dynamics(ExpressionError),
+    /// A joint.
+    Joint(usize, ExpressionError),
+    /// A gap.
+    Gap(usize, ExpressionError),
+    /// A slip.
+    Slip(usize, ExpressionError),
+}
+
+/// A system in expressions, with registers of its own.
+#[derive(Clone, Debug)]
+pub struct SymbolicMechanics {
+    structure: MechanicalStructure,
+    mass: Tape,
+    forces: Tape,
+    stiffness: Sparse,
+    values: Tape,
+    drift: Tape,
+    rows: Sparse,
+    energies: Tape,
+    bias: Tape,
+    /// Derivatives of balance, acceleration and velocity, one below the other.
+    sensitivity: Sparse,
+    inputs: Vec<f64>,
+    scratch: Vec<f64>,
+}
+
+/// The places of a matrix that may be nonzero, and the program that fills them.
+#[derive(Clone, Debug)]
+struct Sparse {
+    places: Vec<(usize, usize)>,
+    tape: Tape,
+}
+
+impl Sparse {
+    fn compile(graph: &Graph, entries: Vec<((usize, usize), Node)>) -> Self {
+        let (places, nodes): (Vec<_>, Vec<Node>) =
+            entries.into_iter().filter(|&(_, node)| graph.value(node) != Some(0.0)).unzip();
+        Self { tape: Tape::compile(graph, &nodes), places }
+    }
+}
+
+/// Inputs by number.
+struct Inputs {
+    n: usize,
+}
+
+impl Inputs {
+    fn q(&self, i: usize) -> usize {
+        1 + i
+    }
+
+    fn v(&self, i: usize) -> usize {
+        1 + self.n + i
+    }
+
+    fn a(&self, i: usize) -> usize {
+        1 + 2 * self.n + i
+    }
+
+    fn lambda(&self, row: usize) -> usize {
+        1 + 3 * self.n + row
+    }
+}
+
+/// `d node / d input` for every input below `count`, zeros included.
+fn derivatives(graph: &mut Graph, node: Node, count: usize) -> Result<Vec<Node>, ExpressionError> {
+    let zero = graph.constant(0.0);
+    let mut all = vec![zero; count];
+    for (input, derivative) in graph.gradient(node)? {
+        if let Some(place) = all.get_mut(input) {
+            *place = derivative;
+        }
+    }
+    Ok(all)
+}
+
+/// The derivative of a node along `t' = 1, q' = v`.
+fn along(graph: &mut Graph, derivatives: &[Node], n: usize) -> Node {
+    let mut sum = derivatives[0];
+    for i in 0..n {
+        let v = graph.input(1 + n + i);
+        let term = graph.multiply(derivatives[1 + i], v);
+        sum = graph.add(sum, term);
+    }
+    sum
+}
+
+impl SymbolicMechanics {
+    /// Differentiates and compiles.
+    ///
+    /// # Errors
+    /// The first part whose derivative passes the bounds of `graph`.
+    pub fn new(graph: &mut Graph, rows: &MechanicalRows) -> Result<Self, Underivable> {
+        let n = rows.forces.len();
+        let inputs = Inputs { n };
+        let wide = 1 + 2 * n;
+        let momenta = momenta(graph, &rows.mass, n);
+        let forces = lagrange(graph, rows, &momenta).map_err(Underivable::Dynamics)?;
+        let mut stiffness = Vec::new();
+        for (i, &f) in forces.iter().enumerate() {
+            let by = derivatives(graph, f, wide).map_err(Underivable::Dynamics)?;
+            stiffness.extend((0..2 * n).map(|j| ((i, j), by[1 + j])));
+        }
+
+        // u = J v + b, row by row.
+        let (mut velocities, mut drift, mut jacobian) = (Vec::new(), Vec::new(), Vec::new());
+        let holonomic = rows.joints.iter().map(|&node| (node, true)).chain(rows.gaps.iter().map(|&node| (node, false)));
+        for (row, (node, is_joint)) in holonomic.enumerate() {
+            let refuse = |error| match is_joint {
+                true => Underivable::Joint(row, error),
+                false => Underivable::Gap(row - rows.joints.len(), error),
+            };
+            let by = derivatives(graph, node, wide).map_err(refuse)?;
+            velocities.push(along(graph, &by, n));
+            drift.push(by[0]);
+            jacobian.extend((0..n).map(|j| ((j, row), by[inputs.q(j)])));
+        }
+        for (k, &node) in rows.slips.iter().enumerate() {
+            let row = velocities.len();
+            let by = derivatives(graph, node, wide).map_err(|error| Underivable::Slip(k, error))?;
+            let mut still = node;
+            for j in 0..n {
+                let v = graph.input(inputs.v(j));
+                let term = graph.multiply(by[inputs.v(j)], v);
+                still = graph.subtract(still, term);
+            }
+            velocities.push(node);
+            drift.push(still);
+            jacobian.extend((0..n).map(|j| ((j, row), by[inputs.v(j)])));
+        }
+
+        let lost = Underivable::Dynamics;
+        let mut bias = Vec::new();
+        let mut sensitivity = Vec::new();
+        let rate = |graph: &mut Graph, u: Node| -> Result<(Node, Node, Vec<Node>), ExpressionError> {
+            let by = derivatives(graph, u, wide)?;
+            let gamma = along(graph, &by, n);
+            let mut acceleration = gamma;
+            for j in 0..n {
+                let a = graph.input(inputs.a(j));
+                let term = graph.multiply(by[inputs.v(j)], a);
+                acceleration = graph.add(acceleration, term);
+            }
+            Ok((gamma, acceleration, by))
+        };
+        let mut below = n;
+        let mut later = Vec::new();
+        for &u in &velocities {
+            let (gamma, acceleration, by) = rate(graph, u).map_err(lost)?;
+            bias.push(gamma);
+            let by_state = derivatives(graph, acceleration, wide).map_err(lost)?;
+            sensitivity.extend((0..2 * n).map(|j| ((below, j), by_state[1 + j])));
+            later.extend((0..2 * n).map(|j| ((below + velocities.len(), j), by[1 + j])));
+            below += 1;
+        }
+        sensitivity.extend(later);
+        for i in 0..n {
+            let mut balance = graph.negate(forces[i]);
+            for j in 0..n {
+                let a = graph.input(inputs.a(j));
+                let term = graph.multiply(rows.mass[i * n + j], a);
+                balance = graph.add(balance, term);
+            }
+            for &((j, row), node) in &jacobian {
+                if j == i {
+                    let lambda = graph.input(inputs.lambda(row));
+                    let term = graph.multiply(node, lambda);
+                    balance = graph.subtract(balance, term);
+                }
+            }
+            let by = derivatives(graph, balance, wide).map_err(lost)?;
+            sensitivity.extend((0..2 * n).map(|j| ((i, j), by[1 + j])));
+        }
+
+        let energies = energies(graph, rows, &momenta);
+        let constant = |nodes: &[Node]| nodes.iter().all(|&node| graph.value(node).is_some());
+        let stiffness = Sparse::compile(graph, stiffness);
+        let structure = MechanicalStructure {
+            coordinates: n,
+            joints: rows.joints.len(),
+            contacts: rows.contacts.clone(),
+            constant_mass: constant(&rows.mass),
+            constant_forces: stiffness.places.is_empty(),
+        };
+        let holonomic: Vec<Node> = rows.joints.iter().chain(&rows.gaps).copied().collect();
+        Ok(Self {
+            mass: Tape::compile(graph, &rows.mass),
+            forces: Tape::compile(graph, &forces),
+            stiffness,
+            values: Tape::compile(graph, &holonomic),
+            drift: Tape::compile(graph, &drift),
+            rows: Sparse::compile(graph, jacobian),
+            energies: Tape::compile(graph, &energies),
+            bias: Tape::compile(graph, &bias),
+            sensitivity: Sparse::compile(graph, sensitivity),
+            inputs: vec![0.0; 1 + 3 * n + structure.rows()],
+            scratch: Vec::new(),
+            structure,
+        })
+    }
+
+    fn place(&mut self, t: f64, q: &[f64], v: &[f64]) {
+        let n = self.structure.coordinates;
+        self.inputs[0] = t;
+        self.inputs[1..=n].copy_from_slice(q);
+        self.inputs[1 + n..=2 * n].copy_from_slice(v);
+    }
+
+    /// With velocities zero, where they do not matter.
+    fn place_at_rest(&mut self, t: f64, q: &[f64]) {
+        let n = self.structure.coordinates;
+        self.inputs[0] = t;
+        self.inputs[1..=n].copy_from_slice(q);
+        self.inputs[1 + n..=2 * n].fill(0.0);
+    }
+}
+
+/// `p = M v`.
+fn momenta(graph: &mut Graph, mass: &[Node], n: usize) -> Vec<Node> {
+    (0..n)
+        .map(|i| {
+            (0..n).fold(graph.constant(0.0), |sum, j| {
+                let v = graph.input(1 + n + j);
+                let term = graph.multiply(mass[i * n + j], v);
+                graph.add(sum, term)
+            })
+        })
+        .collect()
+}
+
+/// `T`, `V` and `Q^T v`.
+fn energies(graph: &mut Graph, rows: &MechanicalRows, momenta: &[Node]) -> [Node; 3] {
+    let n = momenta.len();
+    let mut products = [momenta, &rows.forces].map(|factors| {
+        factors.iter().enumerate().fold(graph.constant(0.0), |sum, (i, &factor)| {
+            let v = graph.input(1 + n + i);
+            let term = graph.multiply(factor, v);
+            graph.add(sum, term)
+        })
+    });
+    let half = graph.constant(0.5);
+    products[0] = graph.multiply(half, products[0]);
+    [products[0], rows.potential, products[1]]
+}
+
+/// `f`.
+fn lagrange(graph: &mut Graph, rows: &MechanicalRows, momenta: &[Node]) -> Result<Vec<Node>, ExpressionError> {
+    let n = momenta.len();
+    let [kinetic, potential, _] = energies(graph, rows, momenta);
+    let lagrangian = graph.subtract(kinetic, potential);
+    let slope = derivatives(graph, lagrangian, 1 + n)?;
+    let mut forces = Vec::with_capacity(n);
+    for i in 0..n {
+        let by = derivatives(graph, momenta[i], 1 + n)?;
+        let transport = along(graph, &by, n);
+        let force = graph.add(rows.forces[i], slope[1 + i]);
+        forces.push(graph.subtract(force, transport));
+    }
+    Ok(forces)
+}
+
+impl Mechanical for SymbolicMechanics {
+    fn structure(&self) -> &MechanicalStructure {
+        &self.structure
+    }
+
+    fn mass(&mut self, t: f64, q: &[f64], mass: &mut DMatrix<f64>) {
+        self.place_at_rest(t, q);
+        // Symmetric, so that rows and columns are the same.
+        self.mass.evaluate(&self.inputs, mass.as_mut_slice());
+    }
+
+    fn forces(&mut self, t: f64, q: &[f64], v: &[f64], f: &mut [f64]) {
+        self.place(t, q, v);
+        self.forces.evaluate(&self.inputs, f);
+    }
+
+    fn stiffness(&mut self, t: f64, q: &[f64], v: &[f64], by_q: &mut DMatrix<f64>, by_v: &mut DMatrix<f64>) {
+        self.place(t, q, v);
+        let n = self.structure.coordinates;
+        by_q.fill(0.0);
+        by_v.fill(0.0);
+        self.scratch.resize(self.stiffness.places.len(), 0.0);
+        self.stiffness.tape.evaluate(&self.inputs, &mut self.scratch);
+        for (&(i, j), &value) in self.stiffness.places.iter().zip(&self.scratch) {
+            match j.checked_sub(n) {
+                None => by_q[(i, j)] = value,
+                Some(j) => by_v[(i, j)] = value,
+            }
+        }
+    }
+
+    fn constraints(&mut self, t: f64, q: &[f64], constraints: &mut Constraints) {
+        self.place_at_rest(t, q);
+        self.values.evaluate(&self.inputs, &mut constraints.values);
+        self.drift.evaluate(&self.inputs, &mut constraints.drift);
+        self.scratch.resize(self.rows.places.len(), 0.0);
+        self.rows.tape.evaluate(&self.inputs, &mut self.scratch);
+        for (&place, &value) in self.rows.places.iter().zip(&self.scratch) {
+            constraints.transposed[place] = value;
+        }
+    }
+
+    fn energies(&mut self, t: f64, q: &[f64], v: &[f64]) -> Energies {
+        self.place(t, q, v);
+        let mut values = [0.0; 3];
+        self.energies.evaluate(&self.inputs, &mut values);
+        let [kinetic, potential, power] = values;
+        Energies { kinetic, potential, power }
+    }
+
+    fn bias(&mut self, t: f64, q: &[f64], v: &[f64], gamma: &mut [f64]) {
+        self.place(t, q, v);
+        self.bias.evaluate(&self.inputs, gamma);
+    }
+
+    fn sensitivity(&mut self, t: f64, q: &[f64], v: &[f64], a: &[f64], lambda: &[f64], out: &mut Sensitivity) {
+        self.place(t, q, v);
+        let (n, rows) = (self.structure.coordinates, self.structure.rows());
+        self.inputs[1 + 2 * n..=3 * n].copy_from_slice(a);
+        self.inputs[1 + 3 * n..].copy_from_slice(lambda);
+        out.balance.resize_mut(n, 2 * n, 0.0);
+        out.acceleration.resize_mut(rows, 2 * n, 0.0);
+        out.velocity.resize_mut(rows, 2 * n, 0.0);
+        self.scratch.resize(self.sensitivity.places.len(), 0.0);
+        self.sensitivity.tape.evaluate(&self.inputs, &mut self.scratch);
+        for (&(i, j), &value) in self.sensitivity.places.iter().zip(&self.scratch) {
+            match (i.checked_sub(n), i.checked_sub(n + rows)) {
+                (_, Some(i)) => out.velocity[(i, j)] = value,
+                (Some(i), None) => out.acceleration[(i, j)] = value,
+                (None, None) => out.balance[(i, j)] = value,
+            }
+        }
+    }
+}

@@ -1,0 +1,99 @@
+//! A mechanical system with its names and its start.
+
+use super::SymbolicMechanics;
+use crate::analysis::{Analysis, Uniqueness};
+use crate::problem::{Mechanical, MechanicalStructure};
+use crate::solution::Warning;
+
+/// A mechanical system, to be solved any number of times.
+#[derive(Clone, Debug)]
+pub struct MechanicalModel {
+    /// The names of the coordinates.
+    pub coordinates: Vec<String>,
+    /// The names of the contacts.
+    pub contacts: Vec<String>,
+    /// The names of coordinates and velocities.
+    pub state_names: Vec<String>,
+    /// The names of all outputs: states; of each contact the gap and the impulses since the start; energies.
+    pub output_names: Vec<String>,
+    /// `q` and `v` at the start.
+    pub initial: Vec<f64>,
+    /// What the user should know before it is solved.
+    pub warnings: Vec<Warning>,
+    system: SymbolicMechanics,
+}
+
+/// The energies among the outputs, in their order.
+pub const ENERGIES: [&str; 5] =
+    ["kinetic_energy", "potential_energy", "work_of_forces", "dissipated_by_friction", "lost_in_impacts"];
+
+impl MechanicalModel {
+    /// Gives a system its names.
+    pub fn new(
+        coordinates: &[String],
+        contacts: &[String],
+        initial: Vec<f64>,
+        system: SymbolicMechanics,
+        warnings: Vec<Warning>,
+    ) -> Self {
+        let velocities = coordinates.iter().map(|name| format!("{name}_dot"));
+        let state_names: Vec<String> = coordinates.iter().cloned().chain(velocities).collect();
+        let mut output_names = state_names.clone();
+        for (name, contact) in contacts.iter().zip(&system.structure().contacts) {
+            output_names.extend([format!("{name}_gap"), format!("{name}_impulse")]);
+            match contact.slips {
+                0 => {}
+                1 => output_names.push(format!("{name}_friction")),
+                slips => output_names.extend((1..=slips).map(|i| format!("{name}_friction_{i}"))),
+            }
+        }
+        output_names.extend(ENERGIES.map(String::from));
+        Self {
+            coordinates: coordinates.to_vec(),
+            contacts: contacts.to_vec(),
+            state_names,
+            output_names,
+            initial,
+            warnings,
+            system,
+        }
+    }
+
+    /// An evaluator with registers of its own.
+    pub fn problem(&self) -> Box<dyn Mechanical> {
+        Box::new(self.system.clone())
+    }
+
+    /// Sizes and contacts.
+    pub fn structure(&self) -> &MechanicalStructure {
+        self.system.structure()
+    }
+
+    /// What the theory says of such systems.
+    pub fn analyse(&self) -> Analysis {
+        let structure = self.structure();
+        let rows = structure.rows();
+        let (uniqueness, because) = if rows == 0 {
+            (Uniqueness::Unique, "no contacts and no joints: an ordinary differential equation")
+        } else if structure.contacts.is_empty() {
+            (
+                Uniqueness::Unique,
+                "joints alone: a differential-algebraic equation of index 2 at the level of velocities",
+            )
+        } else if structure.slips() == 0 {
+            (
+                Uniqueness::ExistsNotCertified,
+                "contacts without friction: impulses act on velocities, so the index is 2; solutions exist, and are \
+                 unique for analytic data (Ballard 2000), not for all smooth ones (Schatzman 1978)",
+            )
+        } else {
+            (
+                Uniqueness::ExistsNotCertified,
+                "contacts with friction: impulses act on velocities, so the index is 2; solutions exist at the level of \
+                 velocities (Stewart 1998) and need not be unique (Painleve 1895)",
+            )
+        };
+        let (index, levels) = if rows == 0 { (0, Vec::new()) } else { (2, vec![0, 0, rows]) };
+        Analysis { index: Some(index), levels, uniqueness, because: because.to_owned() }
+    }
+}

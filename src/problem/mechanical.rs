@@ -1,0 +1,150 @@
+//! What a stepper sees of a mechanical system in generalised coordinates `q`, with velocities `v = q'`:
+//!
+//! ```text
+//! M(t,q) v' = f(t,q,v) + J(t,q)^T lambda,    u = J(t,q) v + b(t,q)
+//! ```
+//!
+//! The rows of `J` are those of the joints, whose constraint `phi(t,q)` stays zero (`u = phi'`), then the normals of the
+//! contacts, whose `gap(t,q)` must not be negative (`u_n = gap'`), then the directions of slip. `f` holds all forces, those
+//! of the potential and of `M` itself (Coriolis, centrifugal).
+
+use nalgebra::DMatrix;
+
+/// How a contact resists slip and rebounds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ContactData {
+    /// The coefficient of friction; zero without friction.
+    pub mu: f64,
+    /// The coefficient of restitution, from 0 to 1.
+    pub restitution: f64,
+    /// The first of its directions of slip among those of all contacts.
+    pub first_slip: usize,
+    /// Its directions of slip: none, one or two; none without friction.
+    pub slips: usize,
+    /// The corners of the polygon that friction is taken from; none is the disk.
+    pub facets: Option<usize>,
+}
+
+/// The shape of a mechanical system.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MechanicalStructure {
+    /// `n`, the number of coordinates.
+    pub coordinates: usize,
+    /// The number of joints.
+    pub joints: usize,
+    /// The contacts.
+    pub contacts: Vec<ContactData>,
+    /// Whether `M` is the same everywhere.
+    pub constant_mass: bool,
+    /// Whether `f` depends neither on `q` nor on `v`.
+    pub constant_forces: bool,
+}
+
+impl MechanicalStructure {
+    /// The number of directions of slip.
+    pub fn slips(&self) -> usize {
+        self.contacts.iter().map(|contact| contact.slips).sum()
+    }
+
+    /// The number of rows of `J`.
+    pub fn rows(&self) -> usize {
+        self.joints + self.contacts.len() + self.slips()
+    }
+
+    /// The row of the normal of contact `k`.
+    pub fn normal(&self, k: usize) -> usize {
+        self.joints + k
+    }
+
+    /// The rows of the slip directions of contact `k`.
+    pub fn tangents(&self, k: usize) -> std::ops::Range<usize> {
+        let first = self.joints + self.contacts.len() + self.contacts[k].first_slip;
+        first..first + self.contacts[k].slips
+    }
+}
+
+/// Constraints at one place.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Constraints {
+    /// `phi` of the joints, then the gaps.
+    pub values: Vec<f64>,
+    /// `b`, one a row.
+    pub drift: Vec<f64>,
+    /// `J^T`, a column for each row of `J`.
+    pub transposed: DMatrix<f64>,
+}
+
+impl Constraints {
+    /// Room for the constraints of a system.
+    pub fn new(structure: &MechanicalStructure) -> Self {
+        Self {
+            values: vec![0.0; structure.joints + structure.contacts.len()],
+            drift: vec![0.0; structure.rows()],
+            transposed: DMatrix::zeros(structure.coordinates, structure.rows()),
+        }
+    }
+
+    /// `u_i` at velocities `v`.
+    pub fn velocity(&self, row: usize, v: &[f64]) -> f64 {
+        self.drift[row] + dot(self.row(row), v)
+    }
+
+    /// Row `i` of `J`.
+    pub fn row(&self, row: usize) -> &[f64] {
+        let n = self.transposed.nrows();
+        &self.transposed.as_slice()[row * n..(row + 1) * n]
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// Energies, and the power of the forces that have no potential.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Energies {
+    /// `v^T M v / 2`.
+    pub kinetic: f64,
+    /// The potential.
+    pub potential: f64,
+    /// `Q^T v`.
+    pub power: f64,
+}
+
+/// The sensitivity of accelerations and multipliers: derivatives by `(q, v)`, `2 n` columns.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Sensitivity {
+    /// Of `M a - f - J^T lambda` at fixed `a` and `lambda`, `n` rows.
+    pub balance: DMatrix<f64>,
+    /// Of `u' = J a + gamma` at fixed `a`, a row for each of `J`.
+    pub acceleration: DMatrix<f64>,
+    /// Of `u = J v + b`.
+    pub velocity: DMatrix<f64>,
+}
+
+/// A mechanical system, ready to be evaluated. What is not defined comes out as NaN or an infinity.
+pub trait Mechanical: Send {
+    /// Sizes and contacts.
+    fn structure(&self) -> &MechanicalStructure;
+
+    /// Writes `M`, `n x n`.
+    fn mass(&mut self, t: f64, q: &[f64], mass: &mut DMatrix<f64>);
+
+    /// Writes `f`.
+    fn forces(&mut self, t: f64, q: &[f64], v: &[f64], f: &mut [f64]);
+
+    /// Writes the derivatives of `f` by `q` and `v`.
+    fn stiffness(&mut self, t: f64, q: &[f64], v: &[f64], by_q: &mut DMatrix<f64>, by_v: &mut DMatrix<f64>);
+
+    /// Writes joints, gaps, slips and their directions.
+    fn constraints(&mut self, t: f64, q: &[f64], constraints: &mut Constraints);
+
+    /// Energies and power.
+    fn energies(&mut self, t: f64, q: &[f64], v: &[f64]) -> Energies;
+
+    /// Writes `gamma`, what `u'` is where `v' = 0`, a number for each row of `J`.
+    fn bias(&mut self, t: f64, q: &[f64], v: &[f64], gamma: &mut [f64]);
+
+    /// Writes derivatives at accelerations `a` and multipliers `lambda` of all rows.
+    fn sensitivity(&mut self, t: f64, q: &[f64], v: &[f64], a: &[f64], lambda: &[f64], out: &mut Sensitivity);
+}

@@ -1,0 +1,21 @@
+//! `GET /methods`: what there is to choose from, each method with its checked conditions, and the limits in force.
+
+use super::Shared;
+use crate::service::options::Bound;
+use crate::specification::{Catalogue, catalogue};
+use axum::Json;
+use axum::extract::State;
+use serde::Serialize;
+
+/// The catalogue of solves, and the bounds of the service beside it.
+#[derive(Debug, Serialize)]
+pub struct Methods {
+    #[serde(flatten)]
+    catalogue: &'static Catalogue,
+    service: Vec<Bound>,
+}
+
+/// List what there is to choose from.
+pub async fn list_methods(State(shared): State<Shared>) -> Json<Methods> {
+    Json(Methods { catalogue: catalogue(), service: shared.options.in_force() })
+}

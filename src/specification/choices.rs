@@ -1,0 +1,33 @@
+//! Words that a specification chooses among: the type that is read, the words, and what each means, said once.
+
+/// Declares an enumeration whose first word is the default.
+macro_rules! choices {
+    ($(#[doc = $about:literal])* $name:ident { $($word:tt $variant:ident: $meaning:tt)* }) => {
+        $(#[doc = $about])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Deserialize, utoipa::ToSchema)]
+        pub enum $name { $(#[doc = $meaning] #[serde(rename = $word)] $variant,)* }
+
+        impl $name {
+            /// Every choice, the default first.
+            pub const ALL: &[Self] = &[$(Self::$variant),*];
+
+            /// The word in a specification.
+            pub fn name(self) -> &'static str {
+                match self { $(Self::$variant => $word,)* }
+            }
+
+            /// What it stands for, in a sentence.
+            pub fn meaning(self) -> &'static str {
+                match self { $(Self::$variant => $meaning,)* }
+            }
+        }
+
+        impl Default for $name {
+            fn default() -> Self {
+                Self::ALL[0]
+            }
+        }
+    };
+}
+
+pub(super) use choices;

@@ -1,0 +1,185 @@
+//! A mechanical system in generalised coordinates:
+//!
+//! ```text
+//! d/dt dT/dv - dT/dq = Q - dV/dq + contacts + joints,    T = v^T M(q) v / 2
+//! ```
+//!
+//! `q_dot` is the velocity of the coordinate `q`.
+
+mod contact;
+mod start;
+
+pub use contact::{ConeName, Contact, Friction, Joint};
+
+use super::error::SpecificationError;
+use super::expression::Expression;
+use super::kinks;
+use super::lowering::Lowering;
+use super::matrix::Matrix;
+use super::ordered::Ordered;
+use super::place::Place;
+use crate::expression::Node;
+use crate::models::{MechanicalModel, MechanicalRows, Model, SymbolicMechanics, Underivable};
+use contact::LoweredContacts;
+use serde::Deserialize;
+use utoipa::ToSchema;
+
+/// A mechanical system in generalised coordinates, with contacts and joints.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MechanicalProblem {
+    /// Constants by name; each may be an expression in the others, in no circle.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
+    pub parameters: Ordered<Expression>,
+    /// The coordinates `q` by name, at least one. The velocity of `q` is named `q_dot`.
+    #[schema(value_type = std::collections::BTreeMap<String, Coordinate>)]
+    pub coordinates: Ordered<Coordinate>,
+    /// The mass matrix `M`, square of the number of coordinates; it may depend on them. Symmetric and positive definite.
+    pub mass: Matrix,
+    /// The potential energy, in `t` and the coordinates. Default 0.
+    pub potential: Option<Expression>,
+    /// The generalised forces that have no potential, by coordinate, in `t`, coordinates and velocities.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
+    pub forces: Ordered<Expression>,
+    /// Where bodies can touch.
+    #[serde(default)]
+    pub contacts: Vec<Contact>,
+    /// Constraints that always hold.
+    #[serde(default)]
+    pub joints: Vec<Joint>,
+    /// What to do where a gap is negative at the start, or a joint does not hold there. Default `refuse`.
+    #[serde(default)]
+    pub interpenetration: Interpenetration,
+}
+
+/// A coordinate.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Coordinate {
+    /// Its value at the start, an expression in the parameters.
+    pub initial: Expression,
+    /// Its velocity at the start. Default 0.
+    pub velocity: Option<Expression>,
+}
+
+/// What to do where a gap is negative at the start, or a joint does not hold there.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Interpenetration {
+    /// An error that says by how much.
+    #[default]
+    Refuse,
+    /// Move the coordinates, and the velocities of joints, by the shortest way in the metric of the mass matrix.
+    Resolve,
+}
+
+impl MechanicalProblem {
+    /// Lowers the problem as far as it can be; the model is of use only if no error was found.
+    pub(in crate::specification) fn lower(&self, place: &Place<'_>, start: Option<f64>) -> (Lowering, Option<Model>) {
+        let mut lowering = Lowering::new(start, &self.parameters, place);
+        let n = self.coordinates.len();
+        if n == 0 {
+            let pointer = place.key("coordinates").to_string();
+            let error = SpecificationError::new(pointer, "empty_states", "there are no coordinates");
+            lowering.errors.push(error.expected("at least one coordinate"));
+        }
+        let coordinates: Vec<String> = self.coordinates.names().map(String::from).collect();
+        let velocities: Vec<String> = coordinates.iter().map(|name| format!("{name}_dot")).collect();
+        lowering.bind_unknowns(coordinates.iter().chain(&velocities).map(String::as_str), |i| {
+            place.key("coordinates").key(self.coordinates.name(i % n.max(1))).to_string()
+        });
+        let initial = self.initial(place, &mut lowering);
+        let mass = self.mass.nodes((n, n), &place.key("mass"), &mut lowering);
+        let of_place = |what: &str, node: Node, pointer: &Place<'_>, lowering: &mut Lowering| {
+            if lowering.graph.inputs(node).iter().any(|&input| input > n) {
+                let error = SpecificationError::new(
+                    pointer.to_string(),
+                    "depends_on_velocity",
+                    format!("{what} may not depend on velocities"),
+                );
+                lowering.errors.push(error.expected("an expression in `t` and the coordinates"));
+            }
+        };
+        for (i, &entry) in mass.iter().enumerate() {
+            of_place("the mass matrix", entry, &place.key("mass").index(i / n.max(1)), &mut lowering);
+        }
+        let zero = lowering.graph.constant(0.0);
+        let potential = match &self.potential {
+            Some(potential) => {
+                let place = place.key("potential");
+                let node = lowering.node(potential, &place).unwrap_or(zero);
+                of_place("a potential", node, &place, &mut lowering);
+                node
+            }
+            None => zero,
+        };
+        let forces = self.forces(&coordinates, place, &mut lowering);
+        let states: Vec<String> = coordinates.iter().chain(&velocities).cloned().collect();
+        let mut warnings = Vec::new();
+        for (name, &force) in coordinates.iter().zip(&forces) {
+            warnings.extend(kinks::warnings(&format!("{name}_dot"), force, &states, &lowering.graph));
+        }
+        let LoweredContacts { names, gaps, slips, data, joints } =
+            contact::lower(&self.contacts, &self.joints, n, place, &mut lowering);
+        let rows = MechanicalRows { mass, potential, forces, joints, gaps, slips, contacts: data };
+        let system = match SymbolicMechanics::new(&mut lowering.graph, &rows) {
+            Ok(system) => system,
+            Err(refusal) => {
+                let (pointer, error) = match refusal {
+                    Underivable::Dynamics(error) => (place.to_string(), error),
+                    Underivable::Joint(k, error) => (place.key("joints").index(k).to_string(), error),
+                    Underivable::Gap(k, error) => (place.key("contacts").index(k).key("gap").to_string(), error),
+                    Underivable::Slip(_, error) => (place.key("contacts").to_string(), error),
+                };
+                lowering.errors.push(SpecificationError::new(pointer, error.code, error.message));
+                return (lowering, None);
+            }
+        };
+        let mut model = MechanicalModel::new(&coordinates, &names, initial, system, warnings);
+        self.check_names(&model, place, &mut lowering);
+        if let Some(t) = lowering.start.filter(|_| lowering.errors.is_empty()) {
+            start::settle(&mut model, t, self.interpenetration, place, &mut lowering.errors);
+        }
+        (lowering, Some(Model::Mechanical(Box::new(model))))
+    }
+
+    fn initial(&self, place: &Place<'_>, lowering: &mut Lowering) -> Vec<f64> {
+        let place = place.key("coordinates");
+        let mut values = Vec::with_capacity(2 * self.coordinates.len());
+        for (name, coordinate) in self.coordinates.iter() {
+            values.push(lowering.constant(&coordinate.initial, &place.key(name).key("initial")).unwrap_or(0.0));
+        }
+        for (name, coordinate) in self.coordinates.iter() {
+            let velocity = coordinate.velocity.as_ref();
+            let velocity = velocity.map(|velocity| lowering.constant(velocity, &place.key(name).key("velocity")));
+            values.push(velocity.flatten().unwrap_or(0.0));
+        }
+        values
+    }
+
+    fn forces(&self, coordinates: &[String], place: &Place<'_>, lowering: &mut Lowering) -> Vec<Node> {
+        let place = place.key("forces");
+        let mut forces = vec![lowering.graph.constant(0.0); coordinates.len()];
+        for (name, force) in self.forces.iter() {
+            let place = place.key(name);
+            let node = lowering.node(force, &place);
+            match coordinates.iter().position(|coordinate| coordinate == name) {
+                Some(i) => forces[i] = node.unwrap_or(forces[i]),
+                None => lowering.errors.push(contact::unknown_coordinate(name, coordinates, &place)),
+            }
+        }
+        forces
+    }
+
+    /// The names of outputs must differ: a coordinate may be called as the gap of a contact is.
+    fn check_names(&self, model: &MechanicalModel, place: &Place<'_>, lowering: &mut Lowering) {
+        let mut names: Vec<&String> = model.output_names.iter().collect();
+        names.sort_unstable();
+        for pair in names.windows(2).filter(|pair| pair[0] == pair[1]) {
+            let detail = format!("two outputs would be named `{}`", pair[0]);
+            lowering.errors.report(place, "duplicate_name", detail);
+        }
+    }
+}

@@ -1,0 +1,122 @@
+//! The start of a mechanical system: a mass matrix that is one, gaps and joints with a direction, bodies that do not
+//! overlap.
+
+use super::super::error::{Errors, SpecificationError};
+use super::super::place::Place;
+use super::Interpenetration;
+use crate::contact::{ImpactLaw, State, VelocityStep};
+use crate::models::MechanicalModel;
+use crate::problem::{Constraints, Control};
+use nalgebra::DMatrix;
+
+/// A gap or joint off by less than this, in units of the coordinates, is rounding of what the user wrote.
+const ROUNDING: f64 = 1e-9;
+
+/// Rounds in which a start is moved to where nothing overlaps.
+const ROUNDS: usize = 40;
+
+/// Checks the start, and moves it where that is asked for.
+pub(super) fn settle(
+    model: &mut MechanicalModel,
+    t: f64,
+    interpenetration: Interpenetration,
+    problem: &Place<'_>,
+    errors: &mut Errors,
+) {
+    let mut system = model.problem();
+    let n = system.structure().coordinates;
+    let (q, v) = model.initial.split_at(n);
+    let mut state = State { t, q: q.to_vec(), v: v.to_vec() };
+    let mut mass = DMatrix::zeros(n, n);
+    system.mass(t, &state.q, &mut mass);
+    if !check_mass(&mass, &problem.key("mass"), errors) {
+        return;
+    }
+    let mut f = vec![0.0; n];
+    system.forces(t, &state.q, &state.v, &mut f);
+    if let Some(i) = f.iter().position(|f| !f.is_finite()) {
+        let detail = format!("the force on `{}` is {} at the start", model.coordinates[i], f[i]);
+        let error = SpecificationError::new(problem.to_string(), "outside_domain", detail);
+        errors.push(error.expected("finite forces at the start"));
+    }
+    let structure = system.structure().clone();
+    let mut constraints = Constraints::new(&structure);
+    system.constraints(t, &state.q, &mut constraints);
+    let place = |row: usize| match row.checked_sub(structure.joints) {
+        Some(k) => problem.key("contacts").index(k).key("gap").to_string(),
+        None => problem.key("joints").index(row).key("constraint").to_string(),
+    };
+    for row in 0..structure.joints + structure.contacts.len() {
+        let value = constraints.values[row];
+        let gradient = constraints.row(row);
+        if !value.is_finite() || !gradient.iter().all(|x| x.is_finite()) {
+            let detail = format!("this is {value} at the start, or its gradient is not finite");
+            errors.push(SpecificationError::new(place(row), "outside_domain", detail));
+        } else if gradient.iter().all(|x| *x == 0.0) {
+            let detail = "the gradient is zero at the start: there is no direction to push in";
+            errors.push(SpecificationError::new(place(row), "zero_gradient", detail));
+        }
+    }
+    if !errors.is_empty() {
+        return;
+    }
+    if interpenetration == Interpenetration::Resolve {
+        let mut step = VelocityStep::new(&mut *system, ImpactLaw::Simultaneous, 1e-12);
+        let control = Control::new();
+        let resolved = (0..ROUNDS).any(|_| step.resolve(&mut state, &control).unwrap_or(false));
+        drop(step);
+        if !resolved {
+            let detail = "no way was found to move the start to where nothing overlaps and every joint holds";
+            errors.push(SpecificationError::new(problem.key("coordinates").to_string(), "interpenetration", detail));
+            return;
+        }
+        model.initial = [state.q, state.v].concat();
+        return;
+    }
+    for row in 0..structure.joints + structure.contacts.len() {
+        let value = constraints.values[row];
+        let speed = constraints.velocity(row, &state.v);
+        let detail = match row.checked_sub(structure.joints) {
+            Some(k) if value < -ROUNDING => format!("`{}` overlaps by {} at the start", model.contacts[k], -value),
+            None if value.abs() > ROUNDING => format!("the joint is off by {value} at the start"),
+            None if speed.abs() > ROUNDING => format!("the joint is torn apart at the start, with velocity {speed}"),
+            _ => continue,
+        };
+        let error = SpecificationError::new(place(row), "interpenetration", detail);
+        errors.push(error.expected("a start that obeys it, or `\"interpenetration\": \"resolve\"`"));
+    }
+}
+
+/// Whether the mass matrix is finite, symmetric and positive definite.
+fn check_mass(mass: &DMatrix<f64>, place: &Place<'_>, errors: &mut Errors) -> bool {
+    let size = mass.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
+    let n = mass.nrows();
+    for i in 0..n {
+        for j in 0..n {
+            if !mass[(i, j)].is_finite() {
+                let detail = format!("entry ({i}, {j}) is {} at the start", mass[(i, j)]);
+                errors.push(SpecificationError::new(place.to_string(), "outside_domain", detail));
+                return false;
+            }
+            if (mass[(i, j)] - mass[(j, i)]).abs() > 1e-12 * size {
+                let detail = format!("entries ({i}, {j}) and ({j}, {i}) are {} and {}", mass[(i, j)], mass[(j, i)]);
+                let error = SpecificationError::new(place.to_string(), "mass_not_symmetric", detail);
+                errors.push(error.expected("a symmetric matrix"));
+                return false;
+            }
+        }
+        if mass[(i, i)] <= 0.0 {
+            let detail = format!("entry ({i}, {i}) is {} at the start", mass[(i, i)]);
+            let error = SpecificationError::new(place.to_string(), "mass_not_positive", detail);
+            errors.push(error.expected("a positive definite matrix"));
+            return false;
+        }
+    }
+    if mass.clone().cholesky().is_none() {
+        let detail = "the matrix is not positive definite at the start: some motion has no kinetic energy, or less";
+        let error = SpecificationError::new(place.to_string(), "mass_not_positive", detail);
+        errors.push(error.expected("a positive definite matrix"));
+        return false;
+    }
+    true
+}

@@ -1,0 +1,60 @@
+//! The active set method for a matrix held dense: its zeros are left out, and what was analysed serves for as long as
+//! the matrix stays the same.
+
+use super::super::{AffineVi, Report, ViSolver};
+use super::ActiveSet;
+use crate::factorisation::SparseMatrix;
+use faer::sparse::Triplet;
+use nalgebra::DMatrix;
+
+/// [`ActiveSet`] behind the interface of the other solvers. It allocates when the matrix changes.
+#[derive(Default)]
+pub struct DenseActiveSet {
+    matrix: DMatrix<f64>,
+    /// None where the method is not one for the matrix.
+    solver: Option<ActiveSet>,
+    w: Vec<f64>,
+    terms: Vec<f64>,
+}
+
+impl DenseActiveSet {
+    /// A solver for any problem.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    fn take(&mut self, matrix: &DMatrix<f64>) {
+        if self.matrix == *matrix {
+            return;
+        }
+        self.matrix.clone_from(matrix);
+        let m = matrix.nrows();
+        let entries: Vec<Triplet<usize, usize, f64>> = (0..m * m)
+            .map(|place| Triplet::new(place % m, place / m, matrix[place]))
+            .filter(|entry| entry.val != 0.0)
+            .collect();
+        let sparse = SparseMatrix::try_new_from_triplets(m, m, &entries).ok();
+        self.solver = sparse.and_then(|sparse| ActiveSet::new(&sparse).ok());
+    }
+}
+
+impl ViSolver for DenseActiveSet {
+    fn name(&self) -> &'static str {
+        "active_set"
+    }
+
+    fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64]) -> Report {
+        if vi.set.has_blocks() {
+            return Report::UNSUITABLE;
+        }
+        if !vi.is_sound() {
+            return Report::BREAKDOWN;
+        }
+        self.take(vi.matrix);
+        let Some(solver) = &mut self.solver else { return Report::UNSUITABLE };
+        let report = solver.solve(vi.q, vi.set, z);
+        self.w.resize(z.len(), 0.0);
+        self.terms.resize(z.len(), 0.0);
+        vi.measure(z, &mut self.w, &mut self.terms).report(report.outcome, report.iterations)
+    }
+}

@@ -1,0 +1,28 @@
+//! Mechanical systems with impacts and friction, held to closed forms.
+
+mod friction;
+mod impacts;
+mod scenes;
+
+use crate::systems::harness::solve;
+use dvi::solution::Solution;
+use serde_json::{Value, json};
+
+/// A mechanical problem solved over `[0, end]` with steps of size `h`.
+pub fn stepped(problem: Value, end: f64, h: f64) -> Solution {
+    solve(&json!({"problem": {"mechanical": problem}, "time": {"end": end}, "method": {"step": h}}))
+}
+
+/// A ball that falls from a height of one.
+pub fn ball(restitution: f64) -> Value {
+    json!({"coordinates": {"y": {"initial": 1}}, "mass": [[1]], "potential": "9.81*y",
+           "contacts": [{"name": "floor", "gap": "y", "restitution": restitution}]})
+}
+
+/// A block on a slope, with coordinates along it and away from it.
+pub fn block(theta: f64, mu: f64, velocity: f64) -> Value {
+    json!({"parameters": {"theta": theta, "mu": mu},
+           "coordinates": {"x": {"initial": 0, "velocity": velocity}, "y": {"initial": 0}},
+           "mass": [[2, 0], [0, 2]], "potential": "2*9.81*(y*cos(theta) - x*sin(theta))",
+           "contacts": [{"name": "slope", "gap": "y", "friction": {"coefficient": "mu", "slip": ["x_dot"]}}]})
+}
