@@ -36,8 +36,11 @@ pub struct Energy {
     pub defect: f64,
     /// The largest defect of the run, in size.
     pub largest_defect: f64,
-    /// The largest share of its kinetic energy that a step gained through impacts, which should be none.
+    /// The most energy that a step gained through impacts, which should be none, as a share of the largest kinetic
+    /// energy so far.
     pub largest_gain_in_impacts: f64,
+    #[serde(skip)]
+    largest_kinetic: f64,
 }
 
 impl Energy {
@@ -48,16 +51,18 @@ impl Energy {
             potential_at_start: potential,
             kinetic_at_end: kinetic,
             potential_at_end: potential,
+            largest_kinetic: kinetic,
             ..Self::default()
         }
     }
 
-    /// Books what contacts took: by friction, and by impacts, out of this kinetic energy.
+    /// Books what contacts took in a step with this kinetic energy: by friction, and by impacts.
     pub fn dissipate(&mut self, friction: f64, impacts: f64, kinetic: f64) {
         self.dissipated_by_friction += friction;
         self.lost_in_impacts += impacts;
-        if kinetic > 0.0 {
-            self.largest_gain_in_impacts = self.largest_gain_in_impacts.max(-impacts / kinetic);
+        self.largest_kinetic = self.largest_kinetic.max(kinetic);
+        if self.largest_kinetic > 0.0 {
+            self.largest_gain_in_impacts = self.largest_gain_in_impacts.max(-impacts / self.largest_kinetic);
         }
     }
 

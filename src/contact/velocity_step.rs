@@ -139,7 +139,6 @@ impl<'p> VelocityStep<'p> {
         forces: Forces,
         control: &Control,
     ) -> Result<(), ContactError> {
-        let n = self.structure.coordinates;
         let duration = if let Forces::Impact(_) = forces { 0.0 } else { h };
         self.problem.constraints(state.t + duration, &state.q, &mut self.constraints);
         // The bias of the end, the gaps of the beginning.
@@ -167,9 +166,7 @@ impl<'p> VelocityStep<'p> {
         }
         state.t += duration;
         state.v.copy_from_slice(&v);
-        for i in 0..n {
-            state.q[i] += duration * v[i];
-        }
+        state.q.iter_mut().zip(&v).for_each(|(q, v)| *q += duration * v);
         if duration > 0.0 {
             self.correct(state, control)?;
         }
@@ -311,14 +308,14 @@ impl<'p> VelocityStep<'p> {
     fn touch(
         &mut self,
         state: &State,
-        v: &mut Vec<f64>,
+        v: &mut [f64],
         h: f64,
         forces: Forces,
         control: &Control,
     ) -> Result<(), ContactError> {
         let m = self.structure.contacts.len();
         let start = std::mem::replace(&mut self.contacted, Contacted::none(m)).r;
-        let free = v.clone();
+        let free = v.to_vec();
         let mut near: Vec<usize> = Vec::new();
         loop {
             let closes = |&k: &usize| !near.contains(&k) && self.closes(k, v, h, forces);

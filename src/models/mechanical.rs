@@ -181,19 +181,17 @@ impl SymbolicMechanics {
             }
             Ok((gamma, acceleration, by))
         };
-        let mut below = n;
         let mut later = Vec::new();
-        for &u in &velocities {
+        for (below, &u) in (n..).zip(&velocities) {
             let (gamma, acceleration, by) = rate(graph, u).map_err(lost)?;
             bias.push(gamma);
             let by_state = derivatives(graph, acceleration, wide).map_err(lost)?;
             sensitivity.extend((0..2 * n).map(|j| ((below, j), by_state[1 + j])));
             later.extend((0..2 * n).map(|j| ((below + velocities.len(), j), by[1 + j])));
-            below += 1;
         }
         sensitivity.extend(later);
-        for i in 0..n {
-            let mut balance = graph.negate(forces[i]);
+        for (i, &force) in forces.iter().enumerate() {
+            let mut balance = graph.negate(force);
             for j in 0..n {
                 let a = graph.input(inputs.a(j));
                 let term = graph.multiply(rows.mass[i * n + j], a);

@@ -129,9 +129,9 @@ impl Law {
             self.set_targets(contacts, 1.0);
             self.solve(contacts, r, &mut report, control);
             let mut found = false;
-            for k in 0..r.len() {
-                if !self.closing[k] && r[k].x > 0.0 && contacts.approaches(k) {
-                    (self.closing[k], found) = (true, true);
+            for (k, (closing, r)) in self.closing.iter_mut().zip(&*r).enumerate() {
+                if !*closing && r.x > 0.0 && contacts.approaches(k) {
+                    (*closing, found) = (true, true);
                 }
             }
             if !found || report.outcome != Outcome::Solved {

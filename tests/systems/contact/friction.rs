@@ -23,7 +23,7 @@ fn a_block_slides_to_rest_and_stays_exactly() {
 fn a_block_sticks_just_below_the_angle_of_friction_and_slides_just_above() {
     let mu = 0.5_f64;
     let (h, end) = (1e-2, 100.0);
-    let solution = stepped(block((0.999 * mu.atan()) as f64, mu, 0.0), end, h);
+    let solution = stepped(block(0.999 * mu.atan(), mu, 0.0), end, h);
     let creep = column(&solution, "x_dot").iter().fold(0.0_f64, |most, v| most.max(v.abs()));
     assert!(creep < 1e-12, "the block creeps with {creep:e}");
     let theta = 1.001 * mu.atan();

