@@ -94,6 +94,9 @@ const UNSOLVED: f64 = 1e-6;
 /// Iterations of the slowest solver: a step that is not solved in so many is better told than waited for.
 const MOST_ITERATIONS: usize = 3_000;
 
+/// Above so many contacts in one island a factorisation takes seconds.
+const MOST_FACTORISED: usize = 600;
+
 /// Above so many contacts without friction sweeps and sparse factors cost less than dense pivots.
 const MOST_PIVOTED: usize = 100;
 
@@ -104,7 +107,12 @@ impl Law {
     /// Solvers that reach this relative residual.
     pub fn new(tolerance: f64) -> Self {
         Self {
-            coulomb: Coulomb::new(Limits { tolerance, iterations: MOST_ITERATIONS, ..Limits::default() }),
+            coulomb: Coulomb::new(Limits {
+                tolerance,
+                iterations: MOST_ITERATIONS,
+                factorised: MOST_FACTORISED,
+                ..Limits::default()
+            }),
             polyhedral: Polyhedral::default(),
             target: Vec::new(),
             closing: Vec::new(),

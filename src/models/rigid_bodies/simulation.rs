@@ -55,7 +55,7 @@ pub enum StepFailure {
 }
 
 /// A residual of the contact law above this is no answer.
-const UNSOLVED: f64 = 1e-2;
+const UNSOLVED: f64 = 0.1;
 
 /// What is to be said of the contacts of a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
