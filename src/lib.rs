@@ -43,11 +43,11 @@ pub fn solve(specification: &Specification, control: &Control) -> Solution {
             solution::integrate(&mut *model.problem(), &plan, &settings, analysis, control)
         }
         Model::Mechanical(model) => {
-            let (settings, analysis) = (specification.contact_settings(), specification.analysis());
-            solution::integrate_contact(model, &plan, &settings, analysis, control)
+            let (contact, analysis) = (specification.contact_plan(), specification.analysis());
+            solution::integrate_contact(model, &plan, &contact, analysis, control)
         }
         Model::RigidBodies(scene) => {
-            let (settings, analysis) = (specification.contact_settings(), specification.analysis());
+            let (settings, analysis) = (specification.contact_plan().settings, specification.analysis());
             solution::step_rigid_bodies(scene, &plan, &settings, analysis, control)
         }
     };

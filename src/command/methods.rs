@@ -55,6 +55,8 @@ fn told(catalogue: &Catalogue) -> String {
         ("Sets", &catalogue.sets),
         ("Methods", &catalogue.methods),
         ("Switches", &catalogue.switches),
+        ("Impacts", &catalogue.impacts),
+        ("Laws of impact", &catalogue.impact_laws),
         ("Solvers of variational inequalities", &catalogue.vi_solvers),
     ] {
         list(&mut text, title, choices);

@@ -62,9 +62,7 @@ impl Delassus {
             return true;
         }
         let gram = constraints.transposed.columns(0, j).transpose() * self.responses.columns(0, j);
-        let Some(svd) = gram.try_svd(true, true, f64::EPSILON, ITERATIONS) else { return false };
-        let least = REDUNDANT * svd.singular_values.max();
-        svd.pseudo_inverse(least).map(|inverse| self.joints = inverse).is_ok()
+        pseudo_inverse(gram).map(|inverse| self.joints = inverse).is_some()
     }
 
     /// `M^-1` times the row of `J`, into its column.
@@ -96,6 +94,24 @@ impl Delassus {
             let n = self.responses.nrows();
             add_joint_response(&self.responses.as_slice()[..violation.len() * n], &self.joints, violation, v);
         }
+    }
+
+    /// `x -= M^-1 C^T (C M^-1 C^T)^+ off` for some rows `C` of `J`; false where that is not finite.
+    pub fn remove(&mut self, constraints: &Constraints, rows: &[usize], off: &[f64], x: &mut [f64]) -> bool {
+        if rows.is_empty() {
+            return true;
+        }
+        if !rows.iter().all(|&row| self.respond(constraints, row)) {
+            return false;
+        }
+        let gram =
+            DMatrix::from_fn(rows.len(), rows.len(), |i, j| dot(constraints.row(rows[i]), self.response(rows[j])));
+        let Some(inverse) = pseudo_inverse(gram) else { return false };
+        for (i, &row) in rows.iter().enumerate() {
+            let impulse: f64 = off.iter().enumerate().map(|(k, off)| inverse[(i, k)] * off).sum();
+            x.iter_mut().zip(self.response(row)).for_each(|(x, response)| *x -= response * impulse);
+        }
+        x.iter().all(|x| x.is_finite())
     }
 
     /// `H` times a row of `J`.
@@ -134,6 +150,15 @@ impl Delassus {
         }
         BlockMatrix::from_blocks(contacts.len(), blocks)
     }
+}
+
+fn pseudo_inverse(gram: DMatrix<f64>) -> Option<DMatrix<f64>> {
+    if !gram.iter().all(|x| x.is_finite()) {
+        return None;
+    }
+    let svd = gram.try_svd(true, true, f64::EPSILON, ITERATIONS)?;
+    let least = REDUNDANT * svd.singular_values.max();
+    svd.pseudo_inverse(least).ok()
 }
 
 /// `v -= M^-1 A^T (A M^-1 A^T)^+ violation`.

@@ -5,6 +5,7 @@
 //! - [`law`]: impact and friction of all contacts of one step at once, in contact coordinates. It knows neither `M` nor
 //!   where contacts come from.
 //! - [`energy`]: where the energy of a step goes.
+//! - [`Located`]: smooth motion by Radau IIA from impact to impact, a [`Leg`] for each mode.
 //! - [`islands`]: contacts that share no moving body are solved apart.
 //! - [`VelocityStep`]: one step of a system in generalised coordinates; [`TimeStepping`]: one after the other.
 
@@ -13,12 +14,14 @@ pub mod energy;
 mod happening;
 pub mod islands;
 pub mod law;
+mod locate;
 mod near;
 mod settings;
 mod time_stepping;
 mod velocity_step;
 
 pub use happening::Happening;
+pub use locate::{Flights, Leg, Located};
 pub use settings::{ContactError, ImpactLaw, Settings};
 pub use time_stepping::TimeStepping;
 pub use velocity_step::{Contacted, Forces, State, VelocityStep, Work};

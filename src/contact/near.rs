@@ -88,12 +88,12 @@ impl Near {
         self.contacts.iter().map(velocity).collect()
     }
 
-    /// A contact whose friction, at these velocities, drives it into what it slides on: `W_nn - mu W_nt u_t / |u_t| < 0`
+    /// A contact whose friction, at these velocities where they are more than rounding, drives it into what it slides on: `W_nn - mu W_nt u_t / |u_t| < 0`
     /// (Painleve 1895; Stewart 2000, section 1.4).
-    pub fn painleve(&self, u: &[Vector3<f64>]) -> Option<usize> {
+    pub fn painleve(&self, u: &[Vector3<f64>], rounding: &[f64]) -> Option<usize> {
         (0..u.len()).find(|&i| {
             let (w, slip) = (self.delassus.diagonal(i), u[i].y.hypot(u[i].z));
-            slip > 0.0 && w[(0, 0)] - self.mu[i] * (w[(0, 1)] * u[i].y + w[(0, 2)] * u[i].z) / slip < 0.0
+            slip > rounding[i] && w[(0, 0)] - self.mu[i] * (w[(0, 1)] * u[i].y + w[(0, 2)] * u[i].z) / slip < 0.0
         })
     }
 

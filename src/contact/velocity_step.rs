@@ -54,6 +54,21 @@ pub struct Contacted {
     pub impacts: f64,
 }
 
+/// What the law makes of a contact in a step that is no part of the trajectory.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Probed {
+    /// Its impulse.
+    pub r: Vector3<f64>,
+    /// `u` at the state probed.
+    pub before: Vector3<f64>,
+    /// `u` at the end of the step, without impulses.
+    pub free: Vector3<f64>,
+    /// `u` at its end.
+    pub after: Vector3<f64>,
+    /// What is rounding in slips.
+    pub rounding: f64,
+}
+
 /// Counters of a run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Work {
@@ -101,6 +116,10 @@ pub struct VelocityStep<'p> {
 
 /// Passes that take out of `q` what curvature leaves of the constraints.
 const CORRECTIONS: usize = 6;
+
+/// A slip this small beside its terms, or beside its change within a step, is none.
+const ROUNDING: f64 = 1e-11;
+const SMALL: f64 = 1e-6;
 
 /// A constraint off by this, in units of the coordinates, is left.
 const OFF: f64 = 1e-13;
@@ -173,6 +192,89 @@ impl<'p> VelocityStep<'p> {
         Ok(())
     }
 
+    /// What the law makes of contacts that are closed, without restitution, in a step so short that only directions
+    /// count; the place is that where free motion leads, so that curved ways count too. `None` where friction drives a
+    /// contact into what it slides on.
+    ///
+    /// # Errors
+    /// See [`VelocityStep::advance`].
+    pub fn probe(
+        &mut self,
+        state: &State,
+        h: f64,
+        contacts: &[usize],
+        control: &Control,
+    ) -> Result<Option<Vec<Probed>>, ContactError> {
+        let lost = ContactError::Singular { t: state.t };
+        self.problem.constraints(state.t, &state.q, &mut self.constraints);
+        self.check_constraints(state.t)?;
+        let now = self.constraints.clone();
+        let q = state.q.iter().zip(&state.v).map(|(q, v)| q + h * v).collect();
+        let ahead = State { t: state.t + h, q, v: state.v.clone() };
+        self.problem.constraints(ahead.t, &ahead.q, &mut self.constraints);
+        self.check_constraints(ahead.t)?;
+        self.factorised = None;
+        self.factorise(&ahead, h)?;
+        let mut v = state.v.clone();
+        self.add_forces(&ahead, h, &mut v)?;
+        if !self.delassus.hold_joints(&self.constraints) {
+            return Err(lost);
+        }
+        let violation: Vec<f64> = (0..self.structure.joints).map(|i| self.constraints.velocity(i, &v)).collect();
+        self.delassus.obey_joints(&violation, &mut v);
+        let near = Near::new(&self.structure, &self.constraints, &mut self.delassus, contacts).ok_or(lost)?;
+        self.factorised = None;
+        let before = near.velocities(&self.structure, &now, &state.v);
+        let free = near.velocities(&self.structure, &self.constraints, &v);
+        let rounding = self.rounding_of_slips(contacts, &state.v, &before, &free);
+        if let Some(i) = near.painleve(&before, &rounding) {
+            self.work.painleve.get_or_insert((state.t, contacts[i]));
+            return Ok(None);
+        }
+        let none = vec![0.0; contacts.len()];
+        let mut r = vec![Vector3::zeros(); contacts.len()];
+        let law = near.contacts(&free, &free, &none, &none, h);
+        let report = self.law.impulses(&law, &mut r, control);
+        self.work.count(&report, contacts.len());
+        if report.outcome != Outcome::Solved {
+            return Err(ContactError::Unsolved { t: state.t, contacts: contacts.len(), residual: report.residual });
+        }
+        let probed = |i: usize| Probed {
+            r: r[i],
+            before: before[i],
+            free: free[i],
+            after: law.after(i, &r),
+            rounding: rounding[i],
+        };
+        Ok(Some((0..contacts.len()).map(probed).collect()))
+    }
+
+    /// Puts `q` on the joints and gaps among these rows, and `v` on all of them, by the shortest way in the metric of `M`;
+    /// rows that depend on each other share it.
+    ///
+    /// # Errors
+    /// See [`VelocityStep::advance`].
+    pub fn project(&mut self, state: &mut State, rows: &[usize]) -> Result<(), ContactError> {
+        let lost = ContactError::Singular { t: state.t };
+        let holonomic: Vec<usize> =
+            rows.iter().copied().filter(|&row| row < self.structure.joints + self.structure.contacts.len()).collect();
+        for pass in 0..CORRECTIONS {
+            self.problem.constraints(state.t, &state.q, &mut self.constraints);
+            self.check_constraints(state.t)?;
+            self.factorised = None;
+            self.factorise(state, 0.0)?;
+            let off: Vec<f64> = holonomic.iter().map(|&row| self.constraints.values[row]).collect();
+            if pass + 1 == CORRECTIONS || off.iter().all(|off| off.abs() <= OFF) {
+                break;
+            }
+            if !self.delassus.remove(&self.constraints, &holonomic, &off, &mut state.q) {
+                return Err(lost);
+            }
+        }
+        let off: Vec<f64> = rows.iter().map(|&row| self.constraints.velocity(row, &state.v)).collect();
+        if self.delassus.remove(&self.constraints, rows, &off, &mut state.v) { Ok(()) } else { Err(lost) }
+    }
+
     /// Moves `q` to where no gap is negative and every joint holds, and `v` to where joints are not torn; whether that
     /// is reached.
     ///
@@ -202,6 +304,18 @@ impl<'p> VelocityStep<'p> {
             products.sum::<f64>() + self.constraints.drift[row].abs()
         };
         self.structure.tangents(k).map(terms).reduce(f64::max).unwrap_or(f64::INFINITY)
+    }
+
+    /// Slips that are none: rounding of their terms, and small beside what forces make of them within the step.
+    fn rounding_of_slips(
+        &self,
+        contacts: &[usize],
+        v: &[f64],
+        before: &[Vector3<f64>],
+        free: &[Vector3<f64>],
+    ) -> Vec<f64> {
+        let changes = before.iter().zip(free).map(|(before, free)| SMALL * (free - before).norm());
+        contacts.iter().zip(changes).map(|(&k, change)| change.max(ROUNDING * self.size_of_slip(k, v))).collect()
     }
 
     /// Factorisations made.
@@ -314,6 +428,8 @@ impl<'p> VelocityStep<'p> {
         control: &Control,
     ) -> Result<(), ContactError> {
         let m = self.structure.contacts.len();
+        // Closed contacts have no gap to be divided by a duration.
+        let h = if let Forces::Impact(_) = forces { 1.0 } else { h };
         let start = std::mem::replace(&mut self.contacted, Contacted::none(m)).r;
         let free = v.to_vec();
         let mut near: Vec<usize> = Vec::new();
@@ -344,7 +460,8 @@ impl<'p> VelocityStep<'p> {
                     without[i] += change;
                 }
             }
-            if let Some(i) = scene.painleve(&before) {
+            let rounding = self.rounding_of_slips(&near, &state.v, &before, &without);
+            if let Some(i) = scene.painleve(&before, &rounding) {
                 self.work.painleve.get_or_insert((state.t, near[i]));
             }
             let contacts = scene.contacts(&without, &before, &gap, &restitution, h);

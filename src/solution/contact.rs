@@ -1,42 +1,154 @@
 //! A mechanical system from start to end: its contacts, energies and failures by name.
 
-use super::run::{Plan, Stepper, run};
-use super::{Diagnostics, Evaluations, Event, EventKind, Failure, Solution, Steps, ViCounts, Warning};
+use super::run::{Plan, Run, Stepper, run};
+use super::{Diagnostics, Evaluations, Event, EventKind, Failure, Solution, Status, Steps, ViCounts, Warning};
 use crate::analysis::Analysis;
-use crate::contact::{ContactError, Happening, Settings, State, TimeStepping};
+use crate::contact::energy::Energy;
+use crate::contact::{ContactError, Flights, Happening, Leg, Located, Settings, State, TimeStepping, VelocityStep};
 use crate::models::{ENERGIES, MechanicalModel};
-use crate::problem::{Constraints, Control};
+use crate::problem::{Constraints, Control, Mechanical};
+use crate::radau;
+use nalgebra::Vector3;
 
-/// Integrates a mechanical system over impacts.
+/// How a mechanical system is integrated.
+#[derive(Clone, Debug)]
+pub struct ContactPlan {
+    /// Steps and laws.
+    pub settings: Settings,
+    /// The choices for smooth motion, where impacts are located.
+    pub located: Option<radau::Settings>,
+}
+
+/// Integrates a mechanical system with its impacts.
 pub fn integrate_contact(
     model: &MechanicalModel,
     plan: &Plan,
-    settings: &Settings,
+    contact: &ContactPlan,
     analysis: &Analysis,
     control: &Control,
 ) -> Solution {
     let mut problem = model.problem();
-    let structure = problem.structure().clone();
-    let (q, v) = plan.initial.split_at(structure.coordinates);
+    let (q, v) = plan.initial.split_at(problem.structure().coordinates);
     let state = State { t: plan.start, q: q.to_vec(), v: v.to_vec() };
-    let diagnostics = describe_contact(model, settings, analysis);
-    run(plan, control, diagnostics, || {
-        let stepper = TimeStepping::new(&mut *problem, *settings, state, plan.end);
-        let constraints = Constraints::new(&structure);
-        Ok(Course { stepper, model, control, constraints, states: plan.initial.clone() })
-    })
+    let diagnostics = describe_contact(model, contact, analysis);
+    let mut outputs = Outputs::new(model, control, plan);
+    let ContactPlan { settings, located: Some(radau) } = contact else {
+        return run(plan, control, diagnostics, || {
+            let stepper = TimeStepping::new(&mut *problem, contact.settings, state, plan.end);
+            Ok(Stepped { stepper, outputs })
+        });
+    };
+    let mut run = Run::new(plan, control, 0.0..1.0, diagnostics);
+    let mut located = match Located::new(&mut *problem, settings, radau.clone(), state, plan.end, control) {
+        Ok(located) => located,
+        Err(error) => {
+            let failure = outputs.failure(&error, plan.start);
+            return run.end(Err((Status::Failed, failure))).solution;
+        }
+    };
+    let mut flights = Flights::new(|| model.problem());
+    let ended = loop {
+        let leg = Leg::new(&mut located, &mut flights);
+        let driven = run.drive(&mut Flown { leg, outputs: &mut outputs });
+        if driven.is_err() || located.is_done() {
+            break driven;
+        }
+    };
+    let steps = Steps { accepted: located.accepted, ..Steps::default() };
+    tell(&located.step, model, steps, &mut run.diagnostics);
+    if located.accumulations > 0 {
+        let message = format!(
+            "impacts followed each other ever faster ({} times); the run passed their limit by a step without restitution",
+            located.accumulations
+        );
+        run.diagnostics.warnings.push(Warning { code: "impacts_accumulate", message });
+    }
+    if located.passes > 0 {
+        let message = format!(
+            "in {} steps no smooth motion could go on (a slip that dies out in space, a paradox of friction, or events that \
+             crowd); time stepping did, at first order",
+            located.passes
+        );
+        run.diagnostics.warnings.push(Warning { code: "time_stepping_went_on", message });
+    }
+    run.end(ended).solution
 }
 
-/// A run with the names that its columns go by.
-struct Course<'p> {
-    stepper: TimeStepping<'p>,
+/// What both methods hand out, by name.
+struct Outputs<'p> {
     model: &'p MechanicalModel,
     control: &'p Control,
+    problem: Box<dyn Mechanical>,
     constraints: Constraints,
+    /// `q` and `v` at the time reached.
     states: Vec<f64>,
 }
 
-impl Stepper for Course<'_> {
+impl<'p> Outputs<'p> {
+    fn new(model: &'p MechanicalModel, control: &'p Control, plan: &Plan) -> Self {
+        let constraints = Constraints::new(model.structure());
+        Self { model, control, problem: model.problem(), constraints, states: plan.initial.clone() }
+    }
+
+    fn reach(&mut self, state: &State) {
+        let (q, v) = self.states.split_at_mut(state.q.len());
+        q.copy_from_slice(&state.q);
+        v.copy_from_slice(&state.v);
+    }
+
+    fn failure(&self, error: &ContactError, time: f64) -> Failure {
+        let message = match *error {
+            ContactError::Force { component, t } => format!(
+                "the force on `{}` is not finite at t = {t:?}: a division by zero, a function outside its domain, or a \
+                 number too large",
+                self.model.coordinates[component]
+            ),
+            _ => error.to_string(),
+        };
+        Failure { code: error.code(), message, time, state: self.states.clone() }
+    }
+
+    /// Adds to `q` and `v`, which are there, gaps, impulses and energies.
+    fn write(&mut self, t: f64, impulses: &[Vector3<f64>], energy: &Energy, out: &mut [f64]) {
+        let structure = self.model.structure();
+        let n = structure.coordinates;
+        self.problem.constraints(t, &out[..n], &mut self.constraints);
+        let mut place = 2 * n;
+        for (k, contact) in structure.contacts.iter().enumerate() {
+            out[place] = self.constraints.values[structure.joints + k];
+            out[place + 1..=place + 1 + contact.slips].copy_from_slice(&impulses[k].as_slice()[..=contact.slips]);
+            place += 2 + contact.slips;
+        }
+        let energies = self.problem.energies(t, &out[..n], &out[n..2 * n]);
+        out[place..place + ENERGIES.len()].copy_from_slice(&[
+            energies.kinetic,
+            energies.potential,
+            energy.work_of_forces,
+            energy.dissipated_by_friction,
+            energy.lost_in_impacts,
+        ]);
+    }
+
+    fn events(&self, happenings: &mut Vec<Happening>, events: &mut Vec<Event>) {
+        events.extend(happenings.drain(..).map(|happening| {
+            let (t, kind, contact) = match happening {
+                Happening::Impact { t, contact } => (t, EventKind::Impact, contact),
+                Happening::LiftOff { t, contact } => (t, EventKind::LiftOff, contact),
+                Happening::Stick { t, contact } => (t, EventKind::Stick, contact),
+                Happening::Slip { t, contact } => (t, EventKind::Slip, contact),
+            };
+            Event { t, kind, of: self.model.contacts[contact].clone() }
+        }));
+    }
+}
+
+/// Time stepping, by name.
+struct Stepped<'p> {
+    stepper: TimeStepping<'p>,
+    outputs: Outputs<'p>,
+}
+
+impl Stepper for Stepped<'_> {
     fn t(&self) -> f64 {
         self.stepper.state.t
     }
@@ -50,31 +162,18 @@ impl Stepper for Course<'_> {
     }
 
     fn states(&self) -> &[f64] {
-        &self.states
+        &self.outputs.states
     }
 
     fn step(&mut self) -> Result<(), Failure> {
-        let made = self.stepper.advance(self.control);
-        let State { t, q, v } = &self.stepper.state;
-        let (first, rest) = self.states.split_at_mut(q.len());
-        first.copy_from_slice(q);
-        rest.copy_from_slice(v);
-        made.map_err(|error| {
-            let message = match error {
-                ContactError::Force { component, t } => format!(
-                    "the force on `{}` is not finite at t = {t}: a division by zero, a function outside its domain, or a \
-                     number too large",
-                    self.model.coordinates[component]
-                ),
-                _ => error.to_string(),
-            };
-            Failure { code: error.code(), message, time: *t, state: self.states.clone() }
-        })
+        let made = self.stepper.advance(self.outputs.control);
+        self.outputs.reach(&self.stepper.state);
+        made.map_err(|error| self.outputs.failure(&error, self.stepper.state.t))
     }
 
     /// Within a step velocities are those of its end, as the scheme has it: `q+ = q + h v+`.
     fn outputs(&mut self, t: f64, out: &mut [f64]) {
-        let TimeStepping { state, last, impulses, impulses_before, energy, step, .. } = &mut self.stepper;
+        let TimeStepping { state, last, impulses, impulses_before, energy, .. } = &self.stepper;
         let h = state.t - last.t;
         let part = if h > 0.0 { (t - last.t) / h } else { 1.0 };
         let n = state.q.len();
@@ -82,35 +181,12 @@ impl Stepper for Course<'_> {
             out[i] = if part == 1.0 { state.q[i] } else { last.q[i] + part * (state.q[i] - last.q[i]) };
             out[n + i] = state.v[i];
         }
-        step.problem.constraints(t, &out[..n], &mut self.constraints);
-        let structure = step.problem.structure();
-        let mut place = 2 * n;
-        for (k, contact) in structure.contacts.iter().enumerate() {
-            out[place] = self.constraints.values[structure.joints + k];
-            let given = impulses_before[k] + (impulses[k] - impulses_before[k]) * part;
-            out[place + 1..=place + 1 + contact.slips].copy_from_slice(&given.as_slice()[..=contact.slips]);
-            place += 2 + contact.slips;
-        }
-        let energies = step.problem.energies(t, &out[..n], &state.v);
-        out[place..place + ENERGIES.len()].copy_from_slice(&[
-            energies.kinetic,
-            energies.potential,
-            energy.work_of_forces,
-            energy.dissipated_by_friction,
-            energy.lost_in_impacts,
-        ]);
+        let given: Vec<_> = impulses_before.iter().zip(impulses).map(|(a, b)| a + (b - a) * part).collect();
+        self.outputs.write(t, &given, energy, out);
     }
 
     fn take_events(&mut self, events: &mut Vec<Event>) {
-        events.extend(self.stepper.happenings.drain(..).map(|happening| {
-            let (t, kind, contact) = match happening {
-                Happening::Impact { t, contact } => (t, EventKind::Impact, contact),
-                Happening::LiftOff { t, contact } => (t, EventKind::LiftOff, contact),
-                Happening::Stick { t, contact } => (t, EventKind::Stick, contact),
-                Happening::Slip { t, contact } => (t, EventKind::Slip, contact),
-            };
-            Event { t, kind, of: self.model.contacts[contact].clone() }
-        }));
+        self.outputs.events(&mut self.stepper.happenings, events);
     }
 
     fn observe(&mut self, _: bool, diagnostics: &mut Diagnostics) {
@@ -118,51 +194,102 @@ impl Stepper for Course<'_> {
     }
 
     fn finish(&mut self, diagnostics: &mut Diagnostics) {
-        let work = &self.stepper.step.work;
-        diagnostics.steps = Steps { accepted: self.stepper.accepted, ..Steps::default() };
-        diagnostics.evaluations = Evaluations {
-            rates: work.forces,
-            jacobians: work.jacobians,
-            factorisations: self.stepper.step.factorisations(),
+        let steps = Steps { accepted: self.stepper.accepted, ..Steps::default() };
+        tell(&self.stepper.step, self.outputs.model, steps, diagnostics);
+    }
+}
+
+/// Motion in one mode, by name.
+struct Flown<'l, 'p, 'o> {
+    leg: Leg<'l, 'p>,
+    outputs: &'o mut Outputs<'p>,
+}
+
+impl Stepper for Flown<'_, '_, '_> {
+    fn t(&self) -> f64 {
+        self.leg.located.state.t
+    }
+
+    fn is_done(&self) -> bool {
+        self.leg.is_over()
+    }
+
+    fn accepted(&self) -> u64 {
+        self.leg.located.accepted
+    }
+
+    fn states(&self) -> &[f64] {
+        &self.outputs.states
+    }
+
+    fn step(&mut self) -> Result<(), Failure> {
+        let made = self.leg.advance(self.outputs.control);
+        self.outputs.reach(&self.leg.located.state);
+        made.map_err(|error| self.outputs.failure(&error, self.leg.located.state.t))
+    }
+
+    fn outputs(&mut self, t: f64, out: &mut [f64]) {
+        let n = self.leg.located.state.q.len();
+        let (q, v) = out[..2 * n].split_at_mut(n);
+        let impulses = self.leg.outputs(t, q, v);
+        self.outputs.write(t, &impulses, &self.leg.located.energy, out);
+    }
+
+    fn take_events(&mut self, events: &mut Vec<Event>) {
+        self.outputs.events(&mut self.leg.located.happenings, events);
+    }
+
+    fn observe(&mut self, _: bool, diagnostics: &mut Diagnostics) {
+        diagnostics.energy = Some(self.leg.located.energy);
+    }
+
+    fn finish(&mut self, _: &mut Diagnostics) {}
+}
+
+/// Hands over the counters of a run.
+fn tell(step: &VelocityStep<'_>, model: &MechanicalModel, steps: Steps, diagnostics: &mut Diagnostics) {
+    let work = &step.work;
+    diagnostics.steps = steps;
+    diagnostics.evaluations =
+        Evaluations { rates: work.forces, jacobians: work.jacobians, factorisations: step.factorisations() };
+    if let Some(counts) = &mut diagnostics.vi {
+        *counts = ViCounts {
+            solver: work.solver,
+            solves: work.solves,
+            pivots: work.iterations,
+            largest_residual: work.residual,
+            tried: Vec::new(),
         };
-        if let Some(counts) = &mut diagnostics.vi {
-            *counts = ViCounts {
-                solver: work.solver,
-                solves: work.solves,
-                pivots: work.iterations,
-                largest_residual: work.residual,
-                tried: Vec::new(),
-            };
-        }
-        if let Some((t, contact)) = work.painleve {
-            diagnostics.warnings.push(Warning {
-                code: "painleve",
-                message: format!(
-                    "at t = {t} friction drives `{}` into what it slides on (the paradox of Painleve): forces alone have no \
-                     solution there, or several; impulses, which have one, went on",
-                    self.model.contacts[contact]
-                ),
-            });
-        }
-        if work.limited > 0 {
-            diagnostics.warnings.push(Warning {
-                code: "restitution_limited",
-                message: format!(
-                    "in {} steps the whole restitution would have added energy; as much was taken as adds none",
-                    work.limited
-                ),
-            });
-        }
+    }
+    if let Some((t, contact)) = work.painleve {
+        diagnostics.warnings.push(Warning {
+            code: "painleve",
+            message: format!(
+                "at t = {t:?} friction drives `{}` into what it slides on (the paradox of Painleve): forces alone have no \
+                 solution there, or several; impulses, which have one, went on",
+                model.contacts[contact]
+            ),
+        });
+    }
+    if work.limited > 0 {
+        diagnostics.warnings.push(Warning {
+            code: "restitution_limited",
+            message: format!(
+                "in {} steps the whole restitution would have added energy; as much was taken as adds none",
+                work.limited
+            ),
+        });
     }
 }
 
 /// What is known before the run: what the theory says, what is built, what is left out and why.
-pub fn describe_contact(model: &MechanicalModel, settings: &Settings, analysis: &Analysis) -> Diagnostics {
+pub fn describe_contact(model: &MechanicalModel, contact: &ContactPlan, analysis: &Analysis) -> Diagnostics {
+    let ContactPlan { settings, located } = contact;
     let structure = model.structure();
     let contacts = &structure.contacts;
     let mut diagnostics = Diagnostics {
         method: "contact",
-        built: vec!["time stepping"],
+        built: if located.is_some() { vec!["radau", "location of impacts"] } else { vec!["time stepping"] },
         analysis: Some(analysis.clone()),
         ..Diagnostics::default()
     };
@@ -191,7 +318,7 @@ pub fn describe_contact(model: &MechanicalModel, settings: &Settings, analysis: 
     if structure.joints > 0 {
         diagnostics.built.push("joints");
     }
-    if settings.default_step {
+    if settings.default_step && located.is_none() {
         let message = format!("no `step` was given: time stepping takes {} of them, each {}", 10_000, settings.step);
         diagnostics.warnings.push(Warning { code: "default_step", message });
     }

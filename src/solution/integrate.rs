@@ -42,7 +42,9 @@ pub(super) fn run_to_end(
     let diagnostics = describe(problem.structure(), settings, analysis);
     run_part(plan, control, part, diagnostics, || {
         let failed = |error| failure(plan, &error, plan.start, &plan.initial);
-        let radau = Radau::new(problem, settings.clone(), plan.start, &plan.initial, plan.end).map_err(failed)?;
+        let mut radau = Radau::new(problem, settings.clone(), plan.start, &plan.initial, plan.end).map_err(failed)?;
+        // Where the run begins is no switch.
+        radau.take_switches();
         Ok(Course { radau, plan })
     })
 }

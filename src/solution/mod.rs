@@ -10,7 +10,7 @@ mod rigid_bodies;
 mod run;
 mod trajectory;
 
-pub use contact::{describe_contact, integrate_contact};
+pub use contact::{ContactPlan, describe_contact, integrate_contact};
 pub use diagnostics::{Contraction, Diagnostics, Evaluations, Face, GlobalError, Steps, Tried, ViCounts, Warning};
 pub use integrate::{describe, integrate};
 pub use rigid_bodies::{describe_rigid_bodies, step_rigid_bodies};

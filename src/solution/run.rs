@@ -82,49 +82,76 @@ pub(super) fn run_part<S: Stepper>(
     plan: &Plan,
     control: &Control,
     part: Range<f64>,
-    mut diagnostics: Diagnostics,
+    diagnostics: Diagnostics,
     start: impl FnOnce() -> Result<S, Failure>,
 ) -> Ended {
-    let began = Instant::now();
-    let mut recorder = Recorder::new(plan);
-    let mut x = plan.initial.clone();
-    let (status, error) = match start() {
+    let mut run = Run::new(plan, control, part, diagnostics);
+    match start() {
         Ok(mut stepper) => {
-            let ended = drive(&mut stepper, plan, control, part, &mut recorder, &mut diagnostics);
-            x.copy_from_slice(stepper.states());
-            stepper.finish(&mut diagnostics);
-            ended
+            let ended = run.drive(&mut stepper);
+            stepper.finish(&mut run.diagnostics);
+            run.end(ended)
         }
-        Err(failure) => (Status::Failed, Some(failure)),
-    };
-    diagnostics.switches = recorder.trajectory.events.len() as u64;
-    diagnostics.wall_seconds = began.elapsed().as_secs_f64();
-    Ended { solution: Solution { status, error, trajectory: recorder.trajectory, diagnostics }, x }
+        Err(failure) => run.end(Err((Status::Failed, failure))),
+    }
 }
 
-fn drive(
-    stepper: &mut impl Stepper,
-    plan: &Plan,
-    control: &Control,
+/// A run on its way, through one stepper or several, one after the other.
+pub(super) struct Run<'a> {
+    plan: &'a Plan,
+    control: &'a Control,
     part: Range<f64>,
-    recorder: &mut Recorder<'_>,
-    diagnostics: &mut Diagnostics,
-) -> (Status, Option<Failure>) {
-    recorder.start(stepper);
-    while !stepper.is_done() {
-        if let Some((code, message)) = limit(stepper, plan, control, recorder) {
-            let state = stepper.states().to_vec();
-            return (Status::Stopped, Some(Failure { code, message, time: stepper.t(), state }));
-        }
-        if let Err(failure) = stepper.step() {
-            return (Status::Failed, Some(failure));
-        }
-        let switched = recorder.step(stepper);
-        stepper.observe(switched, diagnostics);
-        let done = (stepper.t() - plan.start) / (plan.end - plan.start);
-        control.report(part.start + done * (part.end - part.start), stepper.accepted());
+    recorder: Recorder<'a>,
+    x: Vec<f64>,
+    began: Instant,
+    started: bool,
+    /// The evidence so far.
+    pub diagnostics: Diagnostics,
+}
+
+impl<'a> Run<'a> {
+    pub fn new(plan: &'a Plan, control: &'a Control, part: Range<f64>, diagnostics: Diagnostics) -> Self {
+        let (recorder, x) = (Recorder::new(plan), plan.initial.clone());
+        Self { plan, control, part, recorder, x, began: Instant::now(), started: false, diagnostics }
     }
-    (Status::Completed, None)
+
+    /// Drives a stepper until it is done; why it did not come so far, if it did not.
+    pub fn drive(&mut self, stepper: &mut impl Stepper) -> Result<(), (Status, Failure)> {
+        let plan = self.plan;
+        if !self.started {
+            self.recorder.start(stepper);
+            self.started = true;
+        }
+        let driven = loop {
+            if stepper.is_done() {
+                break Ok(());
+            }
+            if let Some((code, message)) = limit(stepper, plan, self.control, &self.recorder) {
+                let state = stepper.states().to_vec();
+                break Err((Status::Stopped, Failure { code, message, time: stepper.t(), state }));
+            }
+            if let Err(failure) = stepper.step() {
+                break Err((Status::Failed, failure));
+            }
+            let switched = self.recorder.step(stepper);
+            stepper.observe(switched, &mut self.diagnostics);
+            let done = (stepper.t() - plan.start) / (plan.end - plan.start);
+            self.control.report(self.part.start + done * (self.part.end - self.part.start), stepper.accepted());
+        };
+        self.x.copy_from_slice(stepper.states());
+        driven
+    }
+
+    pub fn end(mut self, ended: Result<(), (Status, Failure)>) -> Ended {
+        let (status, error) = match ended {
+            Ok(()) => (Status::Completed, None),
+            Err((status, failure)) => (status, Some(failure)),
+        };
+        let trajectory = self.recorder.trajectory;
+        self.diagnostics.switches = trajectory.events.len() as u64;
+        self.diagnostics.wall_seconds = self.began.elapsed().as_secs_f64();
+        Ended { solution: Solution { status, error, trajectory, diagnostics: self.diagnostics }, x: self.x }
+    }
 }
 
 /// The limit that the run has reached, if any: its code and message.
@@ -188,7 +215,6 @@ impl<'a> Recorder<'a> {
     }
 
     fn start(&mut self, stepper: &mut impl Stepper) {
-        stepper.take_events(&mut Vec::new());
         match &self.plan.times {
             None => self.sample(stepper, self.plan.start),
             Some(times) => {

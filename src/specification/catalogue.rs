@@ -2,7 +2,7 @@
 //! solve. All of it is read off the types that a specification is read into, and off the tableaux in use.
 
 use super::lowering::MOST_UNKNOWNS;
-use super::method::{MethodName, Switches, ViSolverName};
+use super::method::{ImpactLawName, Impacts, MethodName, Switches, ViSolverName};
 use super::output::MOST_TIMES;
 use super::plan::{MOST_STEPS, MOST_VALUES};
 use super::schema::json_schema;
@@ -22,6 +22,10 @@ pub struct Catalogue {
     pub methods: Vec<Choice>,
     /// What may be done where the active set changes.
     pub switches: Vec<Choice>,
+    /// How impacts are met.
+    pub impacts: Vec<Choice>,
+    /// How impacts at several contacts at once come about.
+    pub impact_laws: Vec<Choice>,
     /// The solvers of the variational inequalities at the stages.
     pub vi_solvers: Vec<Choice>,
     /// The coefficients of Radau IIA, one to the most stages.
@@ -77,6 +81,8 @@ pub fn catalogue() -> &'static Catalogue {
             sets: tagged(&schema, "Block"),
             methods: choices(MethodName::ALL, |choice| (choice.name(), choice.meaning())),
             switches: choices(Switches::ALL, |choice| (choice.name(), choice.meaning())),
+            impacts: choices(Impacts::ALL, |choice| (choice.name(), choice.meaning())),
+            impact_laws: choices(ImpactLawName::ALL, |choice| (choice.name(), choice.meaning())),
             vi_solvers: choices(ViSolverName::ALL, |choice| (choice.name(), choice.meaning())),
             tableaux: (1..=MOST_STAGES).map(coefficients).collect(),
             limits: limits(),

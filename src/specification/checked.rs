@@ -74,6 +74,10 @@ impl Specification {
                 Model::Mechanical(_) | Model::RigidBodies(_) => {}
             }
             method.check_for(&model, &place, &mut found);
+            if output.global_error && model.dvi().is_none() {
+                let detail = "two runs that meet impacts at different times are not compared";
+                found.report(&place_of_output.key("global_error"), "conflict", detail);
+            }
             Some(Self {
                 label,
                 model,

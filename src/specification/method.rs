@@ -50,7 +50,7 @@ pub struct Method {
     /// Natural-map residual below which a variational inequality is solved.
     #[schema(exclusive_minimum = 0.0, maximum = 0.01)]
     pub vi_tolerance: Option<f64>,
-    /// How impacts of mechanical systems are met. Default `time_stepping`.
+    /// How impacts of mechanical systems are met. Default `time_stepping` where a `step` is given, else `locate`.
     pub impacts: Option<Impacts>,
     /// How simultaneous impacts of mechanical systems come about. Default `simultaneous`.
     pub impact_law: Option<ImpactLawName>,
@@ -97,6 +97,7 @@ choices! {
     /// How impacts are met.
     Impacts {
         "time_stepping" TimeStepping: "Steps of one size go over them: any number of impacts, first order."
+        "locate" Locate: "Smooth motion by Radau IIA from impact to impact, each at its time; time stepping where they accumulate."
     }
 }
 
@@ -208,6 +209,13 @@ impl Method {
             let error = SpecificationError::new(place.key(key).to_string(), "conflict", detail);
             errors.push(error.expected(expected));
         };
+        if matches!(model, Model::RigidBodies(_)) && self.impacts == Some(Impacts::Locate) {
+            refuse(
+                "impacts",
+                "bodies in space take impacts as they fall into steps",
+                "`time_stepping`, or to be left out",
+            );
+        }
         match (model, self.name) {
             (Model::Mechanical(_) | Model::RigidBodies(_), MethodName::Radau) => {
                 refuse("name", "Radau IIA alone knows no impacts", "`auto` or `contact`");

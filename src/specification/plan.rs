@@ -1,12 +1,12 @@
 //! From a checked specification to what the integration is told.
 
 use super::checked::Specification;
-use super::method::{ImpactLawName, Method, Switches, ViSolverName};
+use super::method::{ImpactLawName, Impacts, Method, Switches, ViSolverName};
 use super::stages::Stages;
 use crate::contact;
 use crate::models::Model;
 use crate::radau::{self, Settings, StageChoice};
-use crate::solution::Plan;
+use crate::solution::{ContactPlan, Plan};
 use crate::vi::SolverKind;
 
 /// The steps that a run may make unless `limits.steps` says less.
@@ -45,9 +45,9 @@ impl Specification {
     }
 
     /// The choices for the steppers of contact.
-    pub fn contact_settings(&self) -> contact::Settings {
+    pub fn contact_plan(&self) -> ContactPlan {
         let (method, time) = (self.method(), self.time());
-        contact::Settings {
+        let settings = contact::Settings {
             step: method.step.unwrap_or((time.end - time.start) / DEFAULT_STEPS),
             default_step: method.step.is_none(),
             impact_law: match method.impact_law.unwrap_or_default() {
@@ -58,7 +58,10 @@ impl Specification {
                 Model::RigidBodies(_) => BODIES_TOLERANCE,
                 _ => CONTACT_TOLERANCE,
             }),
-        }
+        };
+        let by_step = if method.step.is_some() { Impacts::TimeStepping } else { Impacts::Locate };
+        let located = method.impacts.unwrap_or(by_step) == Impacts::Locate;
+        ContactPlan { settings, located: located.then(|| self.settings()) }
     }
 }
 

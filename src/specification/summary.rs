@@ -42,8 +42,8 @@ impl Specification {
         let Sizes { states, variables, moving_bounds, jacobian_nonzeros, constant_jacobian } = Sizes::of(model);
         let described = match model {
             Model::Dvi(model) => describe(model.structure(), &self.settings(), self.analysis()),
-            Model::Mechanical(model) => describe_contact(model, &self.contact_settings(), self.analysis()),
-            Model::RigidBodies(scene) => describe_rigid_bodies(scene, &self.contact_settings(), self.analysis()),
+            Model::Mechanical(model) => describe_contact(model, &self.contact_plan(), self.analysis()),
+            Model::RigidBodies(scene) => describe_rigid_bodies(scene, &self.contact_plan().settings, self.analysis()),
         };
         let mut warnings = described.warnings;
         warnings.extend(model.warnings().iter().cloned());

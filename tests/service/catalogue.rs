@@ -85,7 +85,9 @@ async fn the_methods_are_listed_with_their_conditions_and_the_limits_in_force() 
         assert!(d * method["A"][0][0].as_f64().unwrap() > 0.0);
     }
     assert_eq!(list["tableaux"].as_array().unwrap().len(), 9);
-    for family in ["problems", "sets", "methods", "switches", "vi_solvers", "limits", "service"] {
+    for family in
+        ["problems", "sets", "methods", "switches", "impacts", "impact_laws", "vi_solvers", "limits", "service"]
+    {
         let members = list[family].as_array().unwrap();
         assert!(members.len() >= 2 && members.iter().all(|member| member["meaning"].is_string()), "{family}");
     }

@@ -6,6 +6,7 @@ mod equations;
 mod examples;
 mod hostile;
 mod index;
+mod mechanical;
 mod rigid_bodies;
 mod schema;
 mod semantics;

@@ -44,6 +44,7 @@ pub const EXAMPLES: &[Example] = examples! {
     "relay"
     "reverse_zeno"
     "robertson"
+    "rocking_block"
     "rolling_ball"
     "sliding_mode"
     "three_regions"

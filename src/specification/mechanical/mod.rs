@@ -75,6 +75,10 @@ pub enum Interpenetration {
     Resolve,
 }
 
+/// All matrices are dense, and their derivatives are expressions.
+const MOST_COORDINATES: usize = 200;
+const MOST_CONSTRAINTS: usize = 400;
+
 impl MechanicalProblem {
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
     pub(in crate::specification) fn lower(&self, place: &Place<'_>, start: Option<f64>) -> (Lowering, Option<Model>) {
@@ -84,6 +88,14 @@ impl MechanicalProblem {
             let pointer = place.key("coordinates").to_string();
             let error = SpecificationError::new(pointer, "empty_states", "there are no coordinates");
             lowering.errors.push(error.expected("at least one coordinate"));
+        }
+        let constraints = self.contacts.len() + self.joints.len();
+        if n > MOST_COORDINATES || constraints > MOST_CONSTRAINTS {
+            let detail = format!("{n} coordinates, {constraints} contacts and joints");
+            let error = SpecificationError::new(place.to_string(), "too_many_unknowns", detail);
+            let most = format!("at most {MOST_COORDINATES} coordinates, and {MOST_CONSTRAINTS} contacts and joints");
+            lowering.errors.push(error.expected(most));
+            return (lowering, None);
         }
         let coordinates: Vec<String> = self.coordinates.names().map(String::from).collect();
         let velocities: Vec<String> = coordinates.iter().map(|name| format!("{name}_dot")).collect();

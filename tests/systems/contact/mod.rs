@@ -2,6 +2,7 @@
 
 mod friction;
 mod impacts;
+mod located;
 mod scenes;
 
 use crate::systems::harness::solve;
@@ -11,6 +12,12 @@ use serde_json::{Value, json};
 /// A mechanical problem solved over `[0, end]` with steps of size `h`.
 pub fn stepped(problem: Value, end: f64, h: f64) -> Solution {
     solve(&json!({"problem": {"mechanical": problem}, "time": {"end": end}, "method": {"step": h}}))
+}
+
+/// The same with impacts located.
+pub fn located(problem: Value, end: f64) -> Solution {
+    solve(&json!({"problem": {"mechanical": problem}, "time": {"end": end},
+                  "method": {"impacts": "locate", "rtol": 1e-10, "atol": 1e-13}}))
 }
 
 /// A ball that falls from a height of one.

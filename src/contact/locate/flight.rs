@@ -1,0 +1,259 @@
+//! Smooth motion in one mode, as an ordinary differential equation: with the held rows `C` of `J`, and `G` their
+//! transposes with the friction of sliding contacts added to their normals (`lambda_t = -mu lambda_n d`),
+//!
+//! ```text
+//! M a = f + G lambda,    C a + gamma = 0
+//! ```
+//!
+//! determine accelerations and multipliers at each `(t, q, v)`: the hidden constraint of index three taken twice
+//! differentiated, so that `lambda` has the accuracy of `q` and `v`. Drift is taken out where a mode begins.
+
+use super::mode::{Status, held};
+use crate::problem::{Constraints, ConvexSet, Dvi, Mass, Mechanical, MechanicalStructure, Sensitivity, Structure};
+use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
+
+/// A pivot below this fraction of the largest is that of rows that depend on each other.
+const DEPENDENT: f64 = 1e-11;
+
+/// Iterations of the singular value decomposition, far more than it takes.
+const ITERATIONS: usize = 10_000;
+
+/// The equations of one mode.
+pub struct Flight {
+    problem: Box<dyn Mechanical>,
+    shape: MechanicalStructure,
+    structure: Structure,
+    mode: Vec<Status>,
+    rows: Vec<usize>,
+    constraints: Constraints,
+    mass: DMatrix<f64>,
+    gamma: Vec<f64>,
+    f: Vec<f64>,
+    sensitivity: Sensitivity,
+    /// `a` and, for every row of `J`, `lambda` at the last evaluation.
+    pub a: Vec<f64>,
+    /// See `a`.
+    pub lambda: Vec<f64>,
+}
+
+/// `M^-1` and `(C M^-1 G)^-1` at one place.
+struct Solved {
+    mass: nalgebra::Cholesky<f64, nalgebra::Dyn>,
+    c: DMatrix<f64>,
+    /// `M^-1 G`.
+    y: DMatrix<f64>,
+    inverse: DMatrix<f64>,
+}
+
+impl Solved {
+    /// `a` and `lambda` of `M a - G lambda = p`, `C a = w`, for several right sides.
+    fn solve(&self, p: &DMatrix<f64>, w: &DMatrix<f64>) -> (DMatrix<f64>, DMatrix<f64>) {
+        let free = self.mass.solve(p);
+        let lambda = &self.inverse * (w - &self.c * &free);
+        (free + &self.y * &lambda, lambda)
+    }
+}
+
+impl Flight {
+    /// The equations of a system, with all contacts open.
+    pub fn new(problem: Box<dyn Mechanical>) -> Self {
+        let shape = problem.structure().clone();
+        let n = shape.coordinates;
+        let identity = (0..n).map(|i| (i, n + i));
+        let dense = (0..n).flat_map(|i| (0..2 * n).map(move |j| (n + i, j)));
+        let structure = Structure {
+            states: 2 * n,
+            variables: 0,
+            mass: Mass::Identity,
+            set: ConvexSet::free(0),
+            moving: Vec::new(),
+            pattern: identity.chain(dense).collect(),
+            constant_jacobian: false,
+        };
+        let mut flight = Self {
+            structure,
+            constraints: Constraints::new(&shape),
+            mass: DMatrix::zeros(n, n),
+            gamma: vec![0.0; shape.rows()],
+            f: vec![0.0; n],
+            sensitivity: Sensitivity::default(),
+            a: vec![0.0; n],
+            lambda: vec![0.0; shape.rows()],
+            mode: Vec::new(),
+            rows: Vec::new(),
+            problem,
+            shape,
+        };
+        let open = vec![Status::Open; flight.shape.contacts.len()];
+        flight.set_mode(&open);
+        flight
+    }
+
+    /// Takes up a mode.
+    pub fn set_mode(&mut self, mode: &[Status]) {
+        self.mode = mode.to_vec();
+        self.rows = held(&self.shape, mode);
+    }
+
+    /// The constraints at the last evaluation.
+    pub fn constraints(&self) -> &Constraints {
+        &self.constraints
+    }
+
+    /// The system.
+    pub fn problem(&mut self) -> &mut dyn Mechanical {
+        &mut *self.problem
+    }
+
+    /// The direction of a slip; that of the mode in a plane.
+    fn direction(&self, k: usize, v: &[f64]) -> Option<Vector2<f64>> {
+        let Status::Slip(direction) = self.mode[k] else { return None };
+        if self.shape.contacts[k].slips < 2 {
+            return Some(direction);
+        }
+        let slip = self.slip(k, v);
+        Some(if slip.norm() > 0.0 { slip.normalize() } else { direction })
+    }
+
+    /// `u_t` of contact `k`.
+    pub fn slip(&self, k: usize, v: &[f64]) -> Vector2<f64> {
+        let mut slip = Vector2::zeros();
+        for (slip, row) in slip.iter_mut().zip(self.shape.tangents(k)) {
+            *slip = self.constraints.velocity(row, v);
+        }
+        slip
+    }
+
+    /// Writes `a` and `lambda` at a place; they are not finite where they do not exist.
+    pub fn settle(&mut self, t: f64, x: &[f64]) {
+        if self.solved(t, x).is_none() {
+            self.a.fill(f64::NAN);
+            self.lambda.fill(f64::NAN);
+        }
+    }
+
+    fn solved(&mut self, t: f64, x: &[f64]) -> Option<Solved> {
+        let n = self.shape.coordinates;
+        let (q, v) = x.split_at(n);
+        self.problem.mass(t, q, &mut self.mass);
+        self.problem.forces(t, q, v, &mut self.f);
+        self.problem.constraints(t, q, &mut self.constraints);
+        if !self.rows.is_empty() {
+            self.problem.bias(t, q, v, &mut self.gamma);
+        }
+        let mass = self.mass.clone().cholesky()?;
+        let transposed = &self.constraints.transposed;
+        let mut g = DMatrix::zeros(n, self.rows.len());
+        for (column, &row) in self.rows.iter().enumerate() {
+            g.set_column(column, &transposed.column(row));
+        }
+        let c = g.transpose();
+        for (column, &row) in self.rows.iter().enumerate() {
+            let k = row.wrapping_sub(self.shape.joints);
+            if k < self.mode.len()
+                && let Some(direction) = self.direction(k, v)
+            {
+                for (tangent, d) in self.shape.tangents(k).zip(direction.iter()) {
+                    let friction = transposed.column(tangent) * (self.shape.contacts[k].mu * d);
+                    let mut column = g.column_mut(column);
+                    column -= friction;
+                }
+            }
+        }
+        let y = mass.solve(&g);
+        let inverse = invert(&c * &y)?;
+        let solved = Solved { mass, c, y, inverse };
+        let bias = DMatrix::from_fn(self.rows.len(), 1, |i, _| -self.gamma[self.rows[i]]);
+        let (a, lambda) = solved.solve(&DMatrix::from_column_slice(n, 1, &self.f), &bias);
+        self.a.copy_from_slice(a.as_slice());
+        self.lambda.fill(0.0);
+        for (&row, lambda) in self.rows.iter().zip(lambda.iter()) {
+            self.lambda[row] = *lambda;
+        }
+        for k in 0..self.mode.len() {
+            if let Some(direction) = self.direction(k, v) {
+                let size = self.shape.contacts[k].mu * self.lambda[self.shape.normal(k)];
+                for (row, d) in self.shape.tangents(k).zip(direction.iter()) {
+                    self.lambda[row] = -size * d;
+                }
+            }
+        }
+        Some(solved)
+    }
+
+    /// What the turning of slips in space adds to the derivative of `M a - f - J^T lambda`.
+    fn add_turning(&self, v: &[f64], balance: &mut DMatrix<f64>) {
+        for k in (0..self.mode.len()).filter(|&k| self.shape.contacts[k].slips == 2) {
+            let Some(d) = self.direction(k, v) else { continue };
+            let speed = self.slip(k, v).norm();
+            if speed == 0.0 {
+                continue;
+            }
+            let size = self.shape.contacts[k].mu * self.lambda[self.shape.normal(k)] / speed;
+            let turning = (Matrix2::identity() - d * d.transpose()) * size;
+            for (i, row) in self.shape.tangents(k).enumerate() {
+                for (j, by) in self.shape.tangents(k).enumerate() {
+                    let push = self.constraints.transposed.column(row) * turning[(i, j)];
+                    *balance += push * self.sensitivity.velocity.row(by);
+                }
+            }
+        }
+    }
+}
+
+/// The inverse, or the pseudo-inverse of a singular matrix.
+fn invert(matrix: DMatrix<f64>) -> Option<DMatrix<f64>> {
+    if matrix.nrows() == 0 {
+        return Some(matrix);
+    }
+    if !matrix.iter().all(|x| x.is_finite()) {
+        return None;
+    }
+    let factors = matrix.clone().full_piv_lu();
+    let pivots: DVector<f64> = factors.u().diagonal().abs();
+    if pivots.min() > DEPENDENT * pivots.max() {
+        return factors.try_inverse();
+    }
+    let svd = matrix.try_svd(true, true, f64::EPSILON, ITERATIONS)?;
+    let least = DEPENDENT * svd.singular_values.max();
+    svd.pseudo_inverse(least).ok()
+}
+
+impl Dvi for Flight {
+    fn structure(&self) -> &Structure {
+        &self.structure
+    }
+
+    fn evaluate(&mut self, t: f64, y: &[f64], values: &mut [f64]) {
+        let n = self.shape.coordinates;
+        self.settle(t, y);
+        values[..n].copy_from_slice(&y[n..]);
+        values[n..].copy_from_slice(&self.a);
+    }
+
+    fn jacobian(&mut self, t: f64, y: &[f64], values: &mut [f64]) {
+        let n = self.shape.coordinates;
+        let (identity, rest) = values.split_at_mut(n);
+        identity.fill(1.0);
+        let Some(solved) = self.solved(t, y) else {
+            rest.fill(f64::NAN);
+            return;
+        };
+        let (q, v) = y.split_at(n);
+        let mut sensitivity = std::mem::take(&mut self.sensitivity);
+        self.problem.sensitivity(t, q, v, &self.a, &self.lambda, &mut sensitivity);
+        self.sensitivity = sensitivity;
+        let mut balance = self.sensitivity.balance.clone();
+        self.add_turning(v, &mut balance);
+        let acceleration = &self.sensitivity.acceleration;
+        let w = DMatrix::from_fn(self.rows.len(), 2 * n, |i, j| -acceleration[(self.rows[i], j)]);
+        let (by_state, _) = solved.solve(&-balance, &w);
+        for i in 0..n {
+            for j in 0..2 * n {
+                rest[i * 2 * n + j] = by_state[(i, j)];
+            }
+        }
+    }
+
+    fn time_derivative(&mut self, _: f64, _: &[f64], _: &mut [f64]) {}
+}

@@ -1,0 +1,371 @@
+//! Motion in one mode, from where it begins to where it ends.
+
+use super::flight::Flight;
+use super::mode::Status;
+use super::monitors::{Ending, Monitor, monitors};
+use super::{CLOSED, Located, PASS};
+use crate::contact::ContactError;
+use crate::problem::{Control, Mechanical};
+use crate::radau::{Radau, Settings, StageChoice};
+use nalgebra::Vector3;
+
+/// Equations of the mode for each of their uses, which overlap.
+pub struct Flights {
+    main: Flight,
+    trial: Flight,
+    cut: Flight,
+    watch: Flight,
+}
+
+impl Flights {
+    /// Four evaluators of one system, each of which `problem` makes.
+    pub fn new(problem: impl Fn() -> Box<dyn Mechanical>) -> Self {
+        let flight = || Flight::new(problem());
+        Self { main: flight(), trial: flight(), cut: flight(), watch: flight() }
+    }
+}
+
+/// Nodes and weights of Gauss and Legendre on `[0, 1]`.
+const NODES: [f64; 5] =
+    [0.046_910_077_030_668_004, 0.230_765_344_947_158_45, 0.5, 0.769_234_655_052_841_5, 0.953_089_922_969_332];
+const WEIGHTS: [f64; 5] = [
+    0.118_463_442_528_094_54,
+    0.239_314_335_249_683_23,
+    0.284_444_444_444_444_44,
+    0.239_314_335_249_683_23,
+    0.118_463_442_528_094_54,
+];
+
+/// Steps that are solved anew to refine the time of an ending.
+const REFINEMENTS: usize = 6;
+
+/// The tolerance on the stages of a step that is cut.
+const CUT_RTOL: f64 = 1e-11;
+
+/// Drift of what is held, in units of the coordinates, that ends a leg.
+const DRIFT: f64 = 0.1 * CLOSED;
+
+/// A run of Radau IIA within one mode.
+pub struct Leg<'l, 'p> {
+    /// What lasts from mode to mode.
+    pub located: &'l mut Located<'p>,
+    mode: Vec<Status>,
+    radau: Option<Radau<'l>>,
+    /// The last step, cut where the mode ended.
+    cut: Option<Radau<'l>>,
+    trial: &'l mut Flight,
+    spare: Option<&'l mut Flight>,
+    watch: &'l mut Flight,
+    over: bool,
+}
+
+/// The violation of a monitor within a step, and how it falls.
+struct Violation {
+    t: f64,
+    index: usize,
+    slope: f64,
+    ending: Ending,
+}
+
+impl<'l, 'p> Leg<'l, 'p> {
+    /// Takes up the mode of a run.
+    pub fn new(located: &'l mut Located<'p>, flights: &'l mut Flights) -> Self {
+        let Flights { main, trial, cut, watch } = flights;
+        let mode = located.mode.clone();
+        let mut radau = None;
+        if let Some(mode) = &mode {
+            for flight in [&mut *main, &mut *trial, &mut *cut, &mut *watch] {
+                flight.set_mode(mode);
+            }
+            let x = [located.state.q.as_slice(), &located.state.v].concat();
+            let remaining = located.end - located.state.t;
+            let first_step = located.h.filter(|h| *h < remaining).or(located.radau.first_step);
+            let settings = Settings { first_step, ..located.radau.clone() };
+            radau = Radau::new(main, settings, located.state.t, &x, located.end).ok();
+        }
+        Self { mode: mode.unwrap_or_default(), radau, cut: None, trial, spare: Some(cut), watch, over: false, located }
+    }
+
+    /// Whether the mode, or the run, is over.
+    pub fn is_over(&self) -> bool {
+        self.over || self.located.is_done()
+    }
+
+    /// Makes one step, with what happens at its end.
+    ///
+    /// # Errors
+    /// See [`VelocityStep::advance`](crate::contact::VelocityStep::advance).
+    pub fn advance(&mut self, control: &Control) -> Result<(), ContactError> {
+        let begin = self.located.state.t;
+        let Some(radau) = &mut self.radau else {
+            self.over = true;
+            return self.located.pass(control);
+        };
+        let x = radau.y().to_vec();
+        if radau.step().is_err() {
+            // Where smooth motion has no continuation there may be one with impulses.
+            (self.over, self.radau) = (true, None);
+            return self.located.pass(control);
+        }
+        let end = radau.t();
+        self.located.begin();
+        self.located.accepted += 1;
+        self.located.h = Some(end - begin);
+        let violation = self.violation(begin, end);
+        let ending = violation.as_ref().map(|violation| violation.ending);
+        let t = match violation {
+            Some(violation) => self.refine(begin, &x, end, violation),
+            None => end,
+        };
+        if t > begin {
+            self.travel(begin, t);
+        }
+        if t - begin > 10.0 * self.located.pass {
+            self.located.pass = PASS * self.located.horizon;
+        }
+        match ending {
+            Some(ending) => {
+                self.over = true;
+                self.located.turn(ending, control)
+            }
+            None if self.drifts() => {
+                self.over = true;
+                self.located.choose(None, control)
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// `x` at a time within the last step, into `x`.
+    fn at(&mut self, t: f64, x: &mut [f64]) {
+        if let Some(radau) = self.cut.as_mut().or(self.radau.as_mut()) {
+            radau.interpolate(t, x);
+        }
+    }
+
+    fn monitors_at(&mut self, t: f64, out: &mut Vec<Monitor>) {
+        let mut x = vec![0.0; 2 * self.located.structure.coordinates];
+        self.at(t, &mut x);
+        monitors(self.watch, &self.located.structure, &self.mode, t, &x, out);
+    }
+
+    /// The earliest ending of the mode on the collocation polynomial of the step.
+    fn violation(&mut self, begin: f64, end: f64) -> Option<Violation> {
+        let (mut left, mut right) = (Vec::new(), Vec::new());
+        let mut t_left = begin;
+        self.monitors_at(begin, &mut left);
+        for theta in NODES.into_iter().chain([1.0]) {
+            let t_right = if theta == 1.0 { end } else { begin + theta * (end - begin) };
+            self.monitors_at(t_right, &mut right);
+            let mut first: Option<Violation> = None;
+            for index in 0..right.len() {
+                let bracket = if right[index].is_violated() && right[index].value < left[index].value {
+                    Some((t_right, right[index]))
+                } else {
+                    self.dip(index, (t_left, left[index]), (t_right, right[index]))
+                };
+                if let Some(bracket) = bracket {
+                    let found = self.root(index, (t_left, left[index]), bracket);
+                    if first.as_ref().is_none_or(|first| found.t < first.t) {
+                        first = Some(found);
+                    }
+                }
+            }
+            if first.is_some() {
+                return first;
+            }
+            std::mem::swap(&mut left, &mut right);
+            t_left = t_right;
+        }
+        None
+    }
+
+    /// Where a gap that falls at the left and rises at the right is negative in between, by the least value of the cubic
+    /// through values and rates.
+    fn dip(&mut self, index: usize, left: (f64, Monitor), right: (f64, Monitor)) -> Option<(f64, Monitor)> {
+        let ((a, left), (b, right)) = (left, right);
+        let (falls, rises) = (left.rate?, right.rate?);
+        if falls >= 0.0 || rises <= 0.0 {
+            return None;
+        }
+        let h = b - a;
+        let (d, slopes) = (right.value - left.value, (h * falls, h * rises));
+        let (c2, c3) = (3.0 * d - 2.0 * slopes.0 - slopes.1, slopes.0 + slopes.1 - 2.0 * d);
+        let root = (c2 * c2 - 3.0 * c3 * slopes.0).max(0.0).sqrt();
+        let theta = -slopes.0 / (c2 + root);
+        if !(theta > 0.0 && theta < 1.0) {
+            return None;
+        }
+        let mut lowest = Vec::new();
+        self.monitors_at(a + theta * h, &mut lowest);
+        lowest[index].is_violated().then(|| (a + theta * h, lowest[index]))
+    }
+
+    /// Where a monitor vanishes between two times, by the method of Illinois.
+    fn root(&mut self, index: usize, left: (f64, Monitor), right: (f64, Monitor)) -> Violation {
+        let ending = right.1.ending;
+        let ((mut a, mut fa), (mut b, mut fb)) = ((left.0, left.1.value), (right.0, right.1.value));
+        let mut slope = (fb - fa) / (b - a);
+        let mut values = Vec::new();
+        let mut kept = 0;
+        // From where a mode begins on its boundary the first way is inwards.
+        let mut part = 0.5;
+        while fa <= 0.0 && left.1.rate.is_none_or(|rate| rate > 0.0) && part > f64::EPSILON {
+            let t = left.0 + part * (right.0 - left.0);
+            self.monitors_at(t, &mut values);
+            if values[index].value > 0.0 {
+                (a, fa) = (t, values[index].value);
+            } else {
+                (b, fb) = (t, values[index].value);
+            }
+            part *= 0.5;
+        }
+        for _ in 0..80 {
+            if fa <= 0.0 || b - a <= 2.0 * f64::EPSILON * b.abs() {
+                break;
+            }
+            let t = (a * fb - b * fa) / (fb - fa);
+            let t = if t > a && t < b { t } else { 0.5 * (a + b) };
+            if t <= a || t >= b {
+                break;
+            }
+            self.monitors_at(t, &mut values);
+            let value = values[index].value;
+            if value <= 0.0 {
+                if t < b {
+                    slope = (fb - value) / (b - t);
+                }
+                (b, fb) = (t, value);
+                fa *= if kept < 0 { 0.5 } else { 1.0 };
+                kept = -1;
+            } else {
+                (a, fa) = (t, value);
+                fb *= if kept > 0 { 0.5 } else { 1.0 };
+                kept = 1;
+            }
+            if value == 0.0 {
+                break;
+            }
+        }
+        let t = if fa <= 0.0 { a } else { b };
+        // A rate that is known is better than a quotient of differences.
+        self.monitors_at(t, &mut values);
+        Violation { t, index, slope: values[index].rate.unwrap_or(slope), ending }
+    }
+
+    /// Solves the step anew up to the ending, until its time does not change. The last of these is kept.
+    fn refine(&mut self, begin: f64, x: &[f64], end: f64, violation: Violation) -> f64 {
+        let Violation { mut t, index, slope, .. } = violation;
+        let stages = self.radau.as_ref().map_or(3, Radau::stages);
+        let settings = &self.located.radau;
+        let tighter = (CUT_RTOL / settings.rtol).min(1.0);
+        let cut = |h: f64| Settings {
+            stages: StageChoice::Fixed(stages),
+            rtol: tighter * settings.rtol,
+            atol: settings.atol.iter().map(|atol| tighter * atol).collect(),
+            step: Some(h),
+            ..settings.clone()
+        };
+        let least = 4.0 * f64::EPSILON * begin.abs().max(f64::MIN_POSITIVE);
+        let mut values = Vec::new();
+        for _ in 0..REFINEMENTS {
+            if t - begin <= least {
+                return begin;
+            }
+            let Ok(mut trial) = Radau::new(&mut *self.trial, cut(t - begin), begin, x, t) else { break };
+            if trial.step().is_err() {
+                break;
+            }
+            monitors(self.watch, &self.located.structure, &self.mode, t, trial.y(), &mut values);
+            let change = values[index].value / slope;
+            let next = (t - change).min(end);
+            if !next.is_finite() || next <= begin || (next - t).abs() <= 2.0 * f64::EPSILON * t.abs() {
+                break;
+            }
+            t = next;
+        }
+        if let Some(flight) = self.spare.take()
+            && let Ok(mut radau) = Radau::new(flight, cut(t - begin), begin, x, t)
+            && radau.step().is_ok()
+        {
+            self.cut = Some(radau);
+        }
+        t
+    }
+
+    /// Takes over the motion from `begin` to `t`, with its work and impulses.
+    fn travel(&mut self, begin: f64, t: f64) {
+        let n = self.located.structure.coordinates;
+        let mut x = vec![0.0; 2 * n];
+        let (impulses, friction, work) = self.integrals(begin, t);
+        self.at(t, &mut x);
+        self.located.impulses.iter_mut().zip(&impulses).for_each(|(sum, r)| *sum += r);
+        let state = &mut self.located.state;
+        state.t = t;
+        state.q.copy_from_slice(&x[..n]);
+        state.v.copy_from_slice(&x[n..]);
+        let energies = self.watch.problem().energies(t, &state.q, &state.v);
+        let energy = &mut self.located.energy;
+        energy.dissipate(friction, 0.0, energies.kinetic);
+        energy.work(work);
+        energy.close(energies.kinetic, energies.potential);
+    }
+
+    /// Impulses of contacts, what friction dissipates and what forces do from `begin` to `t`, by quadrature.
+    fn integrals(&mut self, begin: f64, t: f64) -> (Vec<Vector3<f64>>, f64, f64) {
+        let n = self.located.structure.coordinates;
+        let mut x = vec![0.0; 2 * n];
+        let mut impulses = vec![Vector3::zeros(); self.mode.len()];
+        let (mut friction, mut work) = (0.0, 0.0);
+        for (node, weight) in NODES.into_iter().zip(WEIGHTS) {
+            let (time, weight) = (begin + node * (t - begin), weight * (t - begin));
+            self.at(time, &mut x);
+            self.watch.settle(time, &x);
+            let structure = &self.located.structure;
+            for (k, impulse) in impulses.iter_mut().enumerate().filter(|&(k, _)| self.mode[k].is_closed()) {
+                impulse.x += weight * self.watch.lambda[structure.normal(k)];
+                let slip = self.watch.slip(k, &x[n..]);
+                for (i, row) in structure.tangents(k).enumerate() {
+                    impulse[1 + i] += weight * self.watch.lambda[row];
+                    friction -= weight * self.watch.lambda[row] * slip[i];
+                }
+            }
+            work += weight * self.watch.problem().energies(time, &x[..n], &x[n..]).power;
+        }
+        (impulses, friction, work)
+    }
+
+    /// Coordinates, velocities and impulses at a time within the last step.
+    pub fn outputs(&mut self, t: f64, q: &mut [f64], v: &mut [f64]) -> Vec<Vector3<f64>> {
+        let Located { state, last, .. } = &*self.located;
+        if t >= state.t {
+            q.copy_from_slice(&state.q);
+            v.copy_from_slice(&state.v);
+            return self.located.impulses.clone();
+        }
+        let begin = last.t;
+        if self.radau.is_none() {
+            let part = (t - begin) / (state.t - begin);
+            q.iter_mut().zip(last.q.iter().zip(&state.q)).for_each(|(out, (a, b))| *out = a + part * (b - a));
+            v.copy_from_slice(&state.v);
+            let impulses = self.located.impulses_before.iter().zip(&self.located.impulses);
+            return impulses.map(|(a, b)| a + (b - a) * part).collect();
+        }
+        let mut x = vec![0.0; 2 * q.len()];
+        self.at(t, &mut x);
+        q.copy_from_slice(&x[..q.len()]);
+        v.copy_from_slice(&x[q.len()..]);
+        let (mut impulses, ..) = self.integrals(begin, t);
+        impulses.iter_mut().zip(&self.located.impulses_before).for_each(|(r, before)| *r += before);
+        impulses
+    }
+
+    /// Whether what the mode holds has moved away from zero.
+    fn drifts(&mut self) -> bool {
+        self.located.look();
+        let structure = &self.located.structure;
+        let values = &self.located.constraints.values;
+        let closed = (0..self.mode.len()).filter(|&k| self.mode[k].is_closed()).map(|k| structure.joints + k);
+        (0..structure.joints).chain(closed).any(|row| values[row].abs() > DRIFT)
+    }
+}

@@ -1,0 +1,304 @@
+//! Impacts located: smooth motion by Radau IIA, a [mode](Status) at a time, cut where the mode ends.
+//!
+//! - A mode ends where a gap closes, a contact pulls, sticks no more or ceases to slip. The time is found on the
+//!   collocation polynomial and refined by solving the step anew up to it, so that it has the order of the method.
+//! - Where contacts approach each other, the law of impact acts at once.
+//! - The next mode is read off a step at the level of velocities, so short that only directions count, with the same law:
+//!   no mode is guessed, and where forces alone have no solution (Painleve 1895) or have too many, impulses decide.
+//! - Where impacts accumulate (Zeno), or no mode goes on, steps of time stepping do, until one does again.
+
+mod flight;
+mod leg;
+mod mode;
+mod monitors;
+
+pub use leg::{Flights, Leg};
+pub use mode::Status;
+
+use super::energy::Energy;
+use super::happening::Happening;
+use super::settings::{ContactError, Settings};
+use super::velocity_step::{Forces, Probed, State, VelocityStep};
+use crate::problem::{Constraints, Control, Mechanical, MechanicalStructure};
+use crate::radau;
+use mode::held;
+use monitors::Ending;
+use nalgebra::{Vector2, Vector3};
+
+/// Gaps below this, in units of the coordinates, are closed at an event.
+const CLOSED: f64 = 1e-10;
+
+/// Velocities below this fraction of their terms are rounding.
+const ROUNDING: f64 = 1e-11;
+
+/// A slip that friction leaves below this fraction of what it would be without is none.
+const HELD: f64 = 1e-7;
+
+/// The probe for a mode, as a fraction of the horizon.
+const PROBE: f64 = 1e-7;
+
+/// Impacts of one contact that follow each other in less than this fraction of the horizon accumulate.
+const ZENO: f64 = 1e-11;
+
+/// The first step over what cannot be located, as a fraction of the horizon; and what it grows by where that is not enough.
+const PASS: f64 = 1e-9;
+const GROWTH: f64 = 4.0;
+const LONGEST_PASS: f64 = 1e-4;
+
+/// Events at one time after which time stepping goes on.
+const STALLS: usize = 8;
+
+/// A run with located impacts: what lasts from mode to mode.
+pub struct Located<'p> {
+    /// Steps at the level of velocities.
+    pub step: VelocityStep<'p>,
+    /// Where it has come to.
+    pub state: State,
+    /// Where the last step began.
+    pub last: State,
+    /// Impulses of each contact since the start.
+    pub impulses: Vec<Vector3<f64>>,
+    /// Their values where the last step began.
+    pub impulses_before: Vec<Vector3<f64>>,
+    /// Where the energy went.
+    pub energy: Energy,
+    /// What happened in the last step.
+    pub happenings: Vec<Happening>,
+    /// Steps made.
+    pub accepted: u64,
+    /// Steps made by time stepping.
+    pub passes: u64,
+    /// Times at which impacts accumulated.
+    pub accumulations: u64,
+    /// What each contact does; `None` where time stepping is to go on.
+    mode: Option<Vec<Status>>,
+    structure: MechanicalStructure,
+    constraints: Constraints,
+    last_impact: Vec<f64>,
+    radau: radau::Settings,
+    /// The last step of Radau IIA, for the next mode to begin with.
+    h: Option<f64>,
+    pass: f64,
+    stalls: usize,
+    horizon: f64,
+    end: f64,
+}
+
+impl<'p> Located<'p> {
+    /// Prepares a run from `state` to `end`: strikes what approaches, and finds the first mode.
+    ///
+    /// # Errors
+    /// See [`VelocityStep::advance`].
+    pub fn new(
+        problem: &'p mut dyn Mechanical,
+        settings: &Settings,
+        radau: radau::Settings,
+        state: State,
+        end: f64,
+        control: &Control,
+    ) -> Result<Self, ContactError> {
+        let structure = problem.structure().clone();
+        let contacts = structure.contacts.len();
+        let energies = problem.energies(state.t, &state.q, &state.v);
+        let horizon = end - state.t;
+        let mut located = Self {
+            step: VelocityStep::new(problem, settings.impact_law, settings.tolerance),
+            last: state.clone(),
+            state,
+            impulses: vec![Vector3::zeros(); contacts],
+            impulses_before: vec![Vector3::zeros(); contacts],
+            energy: Energy::new(energies.kinetic, energies.potential),
+            happenings: Vec::new(),
+            accepted: 0,
+            passes: 0,
+            accumulations: 0,
+            mode: None,
+            constraints: Constraints::new(&structure),
+            structure,
+            last_impact: vec![f64::NEG_INFINITY; contacts],
+            radau,
+            h: None,
+            pass: PASS * horizon,
+            stalls: 0,
+            horizon,
+            end,
+        };
+        located.strike(control)?;
+        located.choose(None, control)?;
+        Ok(located)
+    }
+
+    /// Whether the end is reached.
+    pub fn is_done(&self) -> bool {
+        self.state.t >= self.end
+    }
+
+    /// Goes on after the end of a mode.
+    fn turn(&mut self, ending: Ending, control: &Control) -> Result<(), ContactError> {
+        self.stalls = if self.state.t > self.last.t { 0 } else { self.stalls + 1 };
+        let before = self.mode.take().unwrap_or_default();
+        let t = self.state.t;
+        if self.stalls > STALLS {
+            return Ok(());
+        }
+        // What was held has drifted by the tolerance, which is not to pass for a slip.
+        let mut kept = before.clone();
+        if let Ending::Stops(k) = ending {
+            kept[k] = Status::Stick;
+        }
+        self.step.project(&mut self.state, &held(&self.structure, &kept))?;
+        match ending {
+            Ending::Closes(k) => {
+                let accumulate = (ZENO * self.horizon).max(1e3 * f64::EPSILON * t.abs());
+                if t - self.last_impact[k] < accumulate {
+                    self.accumulations += 1;
+                    self.velocity_step(accumulate, Forces::Inelastic, control)?;
+                } else {
+                    self.strike(control)?;
+                }
+            }
+            Ending::LetsGo(k) => self.happenings.push(Happening::LiftOff { t, contact: k }),
+            Ending::Breaks(k, _) => self.happenings.push(Happening::Slip { t, contact: k }),
+            Ending::Stops(_) => {}
+        }
+        self.choose(Some(ending), control)?;
+        if let (Ending::Stops(k), Some(mode)) = (ending, &self.mode)
+            && mode[k] == Status::Stick
+            && before.get(k) != Some(&Status::Stick)
+        {
+            self.happenings.push(Happening::Stick { t, contact: k });
+        }
+        Ok(())
+    }
+
+    /// The law of impact for all contacts that are closed, if any of them approaches.
+    fn strike(&mut self, control: &Control) -> Result<(), ContactError> {
+        self.look();
+        let State { t, v, .. } = &self.state;
+        let approaching: Vec<usize> =
+            (0..self.structure.contacts.len()).filter(|&k| self.is_closed(k) && self.normal(k, v) < 0.0).collect();
+        if approaching.iter().all(|&k| -self.normal(k, v) <= self.rounding(k, v)) {
+            return Ok(());
+        }
+        let t = *t;
+        self.velocity_step(0.0, Forces::Impact(CLOSED), control)?;
+        for k in approaching {
+            if self.step.contacted.r[k].x > 0.0 {
+                self.last_impact[k] = t;
+                self.happenings.push(Happening::Impact { t, contact: k });
+            }
+        }
+        Ok(())
+    }
+
+    /// A step at the level of velocities that is part of the trajectory.
+    fn velocity_step(&mut self, h: f64, forces: Forces, control: &Control) -> Result<(), ContactError> {
+        let h = h.min(self.end - self.state.t);
+        let State { t, q, v } = &self.state;
+        let before = self.step.problem.energies(*t, q, v);
+        self.step.advance(&mut self.state, h, forces, control)?;
+        let State { t, q, v } = &self.state;
+        let after = self.step.problem.energies(*t, q, v);
+        self.impulses.iter_mut().zip(&self.step.contacted.r).for_each(|(sum, r)| *sum += r);
+        let (friction, impacts) = (self.step.contacted.friction, self.step.contacted.impacts);
+        self.energy.dissipate(friction, impacts, before.kinetic.max(after.kinetic));
+        let duration = if let Forces::Impact(_) = forces { 0.0 } else { h };
+        self.energy.work(0.5 * duration * (before.power + after.power));
+        self.energy.close(after.kinetic, after.potential);
+        Ok(())
+    }
+
+    /// One step of time stepping where no mode is known, and a look for one.
+    fn pass(&mut self, control: &Control) -> Result<(), ContactError> {
+        self.begin();
+        let h = self.pass.max(16.0 * f64::EPSILON * self.state.t.abs());
+        self.pass = (GROWTH * self.pass).min(LONGEST_PASS * self.horizon);
+        self.velocity_step(h, Forces::All, control)?;
+        if self.end - self.state.t <= 4.0 * f64::EPSILON * self.end.abs() {
+            self.state.t = self.end;
+        }
+        self.accepted += 1;
+        self.passes += 1;
+        self.stalls = 0;
+        self.choose(None, control)
+    }
+
+    /// Notes where a step begins.
+    fn begin(&mut self) {
+        self.last.clone_from(&self.state);
+        self.impulses_before.clone_from(&self.impulses);
+    }
+
+    fn look(&mut self) {
+        self.step.problem.constraints(self.state.t, &self.state.q, &mut self.constraints);
+    }
+
+    fn is_closed(&self, k: usize) -> bool {
+        self.constraints.values[self.structure.joints + k] <= CLOSED
+    }
+
+    fn normal(&self, k: usize, v: &[f64]) -> f64 {
+        self.constraints.velocity(self.structure.normal(k), v)
+    }
+
+    /// What is rounding in the normal velocity of a contact.
+    fn rounding(&self, k: usize, v: &[f64]) -> f64 {
+        let row = self.structure.normal(k);
+        let terms: f64 = self.constraints.row(row).iter().zip(v).map(|(j, v)| (j * v).abs()).sum();
+        ROUNDING * (terms + self.constraints.drift[row].abs())
+    }
+
+    /// Finds the mode in which motion goes on, and puts `q` and `v` exactly on what it holds.
+    fn choose(&mut self, ending: Option<Ending>, control: &Control) -> Result<(), ContactError> {
+        self.mode = None;
+        self.look();
+        let contacts = self.structure.contacts.len();
+        let v = &self.state.v;
+        let candidates: Vec<usize> = (0..contacts)
+            .filter(|&k| ending != Some(Ending::LetsGo(k)))
+            .filter(|&k| self.is_closed(k) && self.normal(k, v) <= self.rounding(k, v))
+            .collect();
+        let mut mode = vec![Status::Open; contacts];
+        if !candidates.is_empty() {
+            let probed = match self.step.probe(&self.state, PROBE * self.horizon, &candidates, control) {
+                Ok(Some(probed)) => probed,
+                // Friction that drives a contact into what it slides on, or a law without a solution at this scale.
+                Ok(None) | Err(ContactError::Unsolved { .. }) => return Ok(()),
+                Err(error) => return Err(error),
+            };
+            let largest = probed.iter().fold(0.0_f64, |most, probed| most.max(probed.r.x));
+            for (&k, probed) in candidates.iter().zip(&probed) {
+                if probed.r.x > ROUNDING * largest {
+                    mode[k] = self.status(k, probed, ending);
+                }
+            }
+        }
+        let rows = held(&self.structure, &mode);
+        if !rows.is_empty() {
+            self.step.project(&mut self.state, &rows)?;
+        }
+        self.mode = Some(mode);
+        Ok(())
+    }
+
+    fn status(&self, k: usize, probed: &Probed, ending: Option<Ending>) -> Status {
+        if self.structure.contacts[k].slips == 0 {
+            return Status::Smooth;
+        }
+        if let Some(Ending::Breaks(contact, direction)) = ending
+            && contact == k
+        {
+            return Status::Slip(direction);
+        }
+        let tangent = |u: &Vector3<f64>| Vector2::new(u.y, u.z);
+        let (before, after, free) = (tangent(&probed.before), tangent(&probed.after), tangent(&probed.free));
+        let stopped = matches!(ending, Some(Ending::Stops(contact)) if contact == k);
+        if before.norm() > probed.rounding && !stopped {
+            Status::Slip(before.normalize())
+        } else if after.norm() <= HELD * (free - before).norm() {
+            Status::Stick
+        } else {
+            Status::Slip(after.normalize())
+        }
+    }
+}

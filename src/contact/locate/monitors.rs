@@ -1,0 +1,91 @@
+//! What must stay positive while a mode lasts, along the solution.
+
+use super::flight::Flight;
+use super::mode::Status;
+use crate::problem::MechanicalStructure;
+use nalgebra::Vector2;
+
+/// Why a mode ends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Ending {
+    /// The gap of an open contact closes.
+    Closes(usize),
+    /// A closed contact pulls.
+    LetsGo(usize),
+    /// A contact that sticks needs more friction than there is; it then slips in this direction.
+    Breaks(usize, Vector2<f64>),
+    /// A slip stops.
+    Stops(usize),
+}
+
+/// The value of a monitor, and below what it is violated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Monitor {
+    /// Positive while the mode lasts.
+    pub value: f64,
+    /// What is rounding.
+    pub noise: f64,
+    /// The rate of change, where it is known.
+    pub rate: Option<f64>,
+    /// What it tells.
+    pub ending: Ending,
+}
+
+impl Monitor {
+    /// Whether the mode is over.
+    pub fn is_violated(&self) -> bool {
+        self.value < -self.noise
+    }
+}
+
+/// Rounding of gaps and velocities against their terms, and of multipliers against the largest.
+const ROUNDING: f64 = 1e-13;
+const ROUNDING_OF_FORCES: f64 = 1e-9;
+
+/// The monitors of a mode at a place; always the same number in the same order.
+pub fn monitors(
+    flight: &mut Flight,
+    structure: &MechanicalStructure,
+    mode: &[Status],
+    t: f64,
+    x: &[f64],
+    out: &mut Vec<Monitor>,
+) {
+    flight.settle(t, x);
+    let (q, v) = x.split_at(structure.coordinates);
+    out.clear();
+    let constraints = flight.constraints();
+    let forces = (0..mode.len()).fold(0.0_f64, |most, k| most.max(flight.lambda[structure.normal(k)].abs()));
+    let terms = |row: usize, x: &[f64]| -> f64 { constraints.row(row).iter().zip(x).map(|(j, x)| (j * x).abs()).sum() };
+    for (k, status) in mode.iter().enumerate() {
+        let row = structure.normal(k);
+        let force = flight.lambda[row];
+        let noise = ROUNDING_OF_FORCES * forces;
+        if *status == Status::Open {
+            let value = constraints.values[structure.joints + k];
+            let noise = ROUNDING * terms(row, q).max(f64::MIN_POSITIVE);
+            let rate = Some(constraints.velocity(row, v));
+            out.push(Monitor { value, noise, rate, ending: Ending::Closes(k) });
+            continue;
+        }
+        out.push(Monitor { value: force, noise, rate: None, ending: Ending::LetsGo(k) });
+        match *status {
+            Status::Stick => {
+                let mut friction = Vector2::zeros();
+                for (friction, row) in friction.iter_mut().zip(structure.tangents(k)) {
+                    *friction = flight.lambda[row];
+                }
+                let value = structure.contacts[k].mu * force - friction.norm();
+                let away = if friction.norm() > 0.0 { -friction.normalize() } else { Vector2::x() };
+                out.push(Monitor { value, noise, rate: None, ending: Ending::Breaks(k, away) });
+            }
+            Status::Slip(direction) => {
+                let value = flight.slip(k, v).dot(&direction);
+                let size =
+                    structure.tangents(k).map(|row| terms(row, v) + constraints.drift[row].abs()).fold(0.0, f64::max);
+                out.push(Monitor { value, noise: ROUNDING * size, rate: None, ending: Ending::Stops(k) });
+            }
+            Status::Open | Status::Smooth => {}
+        }
+    }
+}
