@@ -46,6 +46,10 @@ pub fn solve(specification: &Specification, control: &Control) -> Solution {
             let (contact, analysis) = (specification.contact_plan(), specification.analysis());
             solution::integrate_contact(model, &plan, &contact, analysis, control)
         }
+        Model::RigidBodies(scene) => {
+            let (settings, analysis) = (specification.contact_plan().settings, specification.analysis());
+            solution::step_rigid_bodies(scene, &plan, &settings, analysis, control)
+        }
     };
     solution.diagnostics.warnings.extend(model.warnings().iter().cloned());
     solution

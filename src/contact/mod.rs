@@ -6,11 +6,13 @@
 //!   where contacts come from.
 //! - [`energy`]: where the energy of a step goes.
 //! - [`Located`]: smooth motion by Radau IIA from impact to impact, a [`Leg`] for each mode.
+//! - [`islands`]: contacts that share no moving body are solved apart.
 //! - [`VelocityStep`]: one step of a system in generalised coordinates; [`TimeStepping`]: one after the other.
 
 mod delassus;
 pub mod energy;
 mod happening;
+pub mod islands;
 pub mod law;
 mod locate;
 mod near;

@@ -5,6 +5,7 @@ mod linear;
 mod mechanical;
 mod mechanical_model;
 mod model;
+pub mod rigid_bodies;
 mod symbolic;
 
 pub use linear::{Linear, LinearRows};

@@ -1,5 +1,6 @@
 //! Problems with their names and their start, to be solved any number of times.
 
+use super::rigid_bodies::Scene;
 use super::{Linear, MechanicalModel, Symbolic};
 use crate::analysis::{Analysis, analyse};
 use crate::problem::{Dvi, Structure};
@@ -12,14 +13,17 @@ pub enum Model {
     Dvi(Box<DviModel>),
     /// A mechanical system, for the steppers of contact.
     Mechanical(Box<MechanicalModel>),
+    /// Rigid bodies in space, for time stepping.
+    RigidBodies(Scene),
 }
 
 impl Model {
     /// The names of the states.
-    pub fn state_names(&self) -> &[String] {
+    pub fn state_names(&self) -> Vec<String> {
         match self {
-            Self::Dvi(model) => &model.state_names,
-            Self::Mechanical(model) => &model.state_names,
+            Self::Dvi(model) => model.state_names.clone(),
+            Self::Mechanical(model) => model.state_names.clone(),
+            Self::RigidBodies(scene) => scene.state_names(),
         }
     }
 
@@ -28,14 +32,16 @@ impl Model {
         match self {
             Self::Dvi(model) => model.state_names.iter().chain(&model.variable_names).cloned().collect(),
             Self::Mechanical(model) => model.output_names.clone(),
+            Self::RigidBodies(scene) => scene.output_names(),
         }
     }
 
     /// The states at the start.
-    pub fn initial(&self) -> &[f64] {
+    pub fn initial(&self) -> Vec<f64> {
         match self {
-            Self::Dvi(model) => &model.initial,
-            Self::Mechanical(model) => &model.initial,
+            Self::Dvi(model) => model.initial.clone(),
+            Self::Mechanical(model) => model.initial.clone(),
+            Self::RigidBodies(scene) => scene.initial(),
         }
     }
 
@@ -44,6 +50,7 @@ impl Model {
         match self {
             Self::Dvi(model) => &model.warnings,
             Self::Mechanical(model) => &model.warnings,
+            Self::RigidBodies(scene) => &scene.warnings,
         }
     }
 
@@ -52,6 +59,7 @@ impl Model {
         match self {
             Self::Dvi(model) => model.analyse(t),
             Self::Mechanical(model) => model.analyse(),
+            Self::RigidBodies(scene) => scene.analyse(),
         }
     }
 
@@ -60,6 +68,7 @@ impl Model {
         match self {
             Self::Dvi(model) => Some(model),
             Self::Mechanical(_) => None,
+            Self::RigidBodies(_) => None,
         }
     }
 }

@@ -6,12 +6,14 @@ pub mod encodings;
 mod global_error;
 mod integrate;
 pub mod pictures;
+mod rigid_bodies;
 mod run;
 mod trajectory;
 
 pub use contact::{ContactPlan, describe_contact, integrate_contact};
 pub use diagnostics::{Contraction, Diagnostics, Evaluations, Face, GlobalError, Steps, Tried, ViCounts, Warning};
 pub use integrate::{describe, integrate};
+pub use rigid_bodies::{describe_rigid_bodies, step_rigid_bodies};
 pub use run::{Plan, Stepper, run};
 pub use trajectory::{Event, EventKind, Field, Trajectory};
 

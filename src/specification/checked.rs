@@ -61,7 +61,7 @@ impl Specification {
         check_limits(limits, &root.key("limits"), &mut found);
         check_label(label.as_deref(), &root.key("label"), &mut found);
         let specification = model.and_then(|model| {
-            let absolute_tolerances = method.absolute_tolerances(model.state_names(), &place, &mut found);
+            let absolute_tolerances = method.absolute_tolerances(&model.state_names(), &place, &mut found);
             let names = model.output_names();
             let names: Vec<&str> = names.iter().map(String::as_str).collect();
             let output_fields = output.fields(&names, &place_of_output, &mut found);
@@ -71,7 +71,7 @@ impl Specification {
             let analysis = (errors.is_empty() && found.is_empty()).then(|| model.analyse(time.start))?;
             match &model {
                 Model::Dvi(model) => check_index(&analysis, model, &method, &mut found),
-                Model::Mechanical(_) => {}
+                Model::Mechanical(_) | Model::RigidBodies(_) => {}
             }
             method.check_for(&model, &place, &mut found);
             if output.global_error && model.dvi().is_none() {
@@ -159,6 +159,7 @@ fn lower(problem: &Problem, start: Option<f64>, errors: &mut Errors) -> Option<M
         Problem::Dvi(problem) => ("dvi", problem.states.len() + problem.variables.len()),
         Problem::Lcs(problem) => ("lcs", problem.initial.len() + problem.variables()),
         Problem::Mechanical(problem) => ("mechanical", 2 * problem.coordinates.len()),
+        Problem::RigidBodies(problem) => ("rigid_bodies", problem.bodies.len()),
     };
     let place = place.key(key);
     if unknowns > MOST_UNKNOWNS {
@@ -170,6 +171,7 @@ fn lower(problem: &Problem, start: Option<f64>, errors: &mut Errors) -> Option<M
         Problem::Dvi(problem) => problem.lower(&place, start),
         Problem::Lcs(problem) => problem.lower(&place, start),
         Problem::Mechanical(problem) => problem.lower(&place, start),
+        Problem::RigidBodies(problem) => problem.lower(&place, start),
     };
     errors.append(found);
     model

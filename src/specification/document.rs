@@ -5,6 +5,7 @@ use super::lcs::LcsProblem;
 use super::mechanical::MechanicalProblem;
 use super::method::Method;
 use super::output::Output;
+use super::rigid_bodies::RigidBodiesProblem;
 use serde::Deserialize;
 use serde::de::{Deserializer, Error, Visitor};
 use std::fmt;
@@ -49,6 +50,8 @@ pub enum Problem {
     Lcs(Box<LcsProblem>),
     /// A mechanical system with impacts and friction, in generalised coordinates.
     Mechanical(Box<MechanicalProblem>),
+    /// Rigid bodies in space.
+    RigidBodies(Box<RigidBodiesProblem>),
 }
 
 /// The time horizon, in seconds unless the model says otherwise.

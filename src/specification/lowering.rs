@@ -60,6 +60,12 @@ impl Lowering {
         }
     }
 
+    /// Keeps a name for something that no expression can refer to.
+    pub(super) fn keep_name(&mut self, name: &str, place: &Place<'_>) {
+        let nothing = self.graph.constant(0.0);
+        self.bind(name, nothing, place);
+    }
+
     fn bind(&mut self, name: &str, node: Node, place: &Place<'_>) -> bool {
         self.bind_at(name, node, || place.to_string())
     }

@@ -209,8 +209,15 @@ impl Method {
             let error = SpecificationError::new(place.key(key).to_string(), "conflict", detail);
             errors.push(error.expected(expected));
         };
+        if matches!(model, Model::RigidBodies(_)) && self.impacts == Some(Impacts::Locate) {
+            refuse(
+                "impacts",
+                "bodies in space take impacts as they fall into steps",
+                "`time_stepping`, or to be left out",
+            );
+        }
         match (model, self.name) {
-            (Model::Mechanical(_), MethodName::Radau) => {
+            (Model::Mechanical(_) | Model::RigidBodies(_), MethodName::Radau) => {
                 refuse("name", "Radau IIA alone knows no impacts", "`auto` or `contact`");
             }
             (Model::Dvi(_), MethodName::Contact) => {

@@ -30,6 +30,7 @@ mod place;
 mod plan;
 mod reading;
 mod repairs;
+mod rigid_bodies;
 mod schema;
 mod set;
 mod stages;
@@ -51,6 +52,10 @@ pub use mechanical::{ConeName, Contact, Coordinate, Friction, Interpenetration, 
 pub use method::{ImpactLawName, Impacts, Method, MethodName, Switches, ViSolverName};
 pub use ordered::Ordered;
 pub use output::Output;
+pub use rigid_bodies::{
+    AxialJoint, BodyContacts, BodyJoint, BoxShape, CapsuleShape, CylinderShape, FixedJoint, HalfSpaceShape, HullShape,
+    Material, MaterialPair, MeshShape, PointJoint, RigidBodiesProblem, RigidBody, RigidShape, SphereShape,
+};
 pub use schema::json_schema;
 pub use set::{BallBlock, Block, BoxBlock, PolyhedronBlock};
 pub use stages::Stages;

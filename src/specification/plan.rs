@@ -4,6 +4,7 @@ use super::checked::Specification;
 use super::method::{ImpactLawName, Impacts, Switches, ViSolverName};
 use super::stages::Stages;
 use crate::contact;
+use crate::models::Model;
 use crate::radau::{self, Settings, StageChoice};
 use crate::solution::{ContactPlan, Plan};
 use crate::vi::SolverKind;
@@ -16,6 +17,8 @@ pub(super) const MOST_VALUES: usize = 1 << 25;
 const VI_TOLERANCE: f64 = 1e-10;
 /// The relative residual of the law of contact where none is given: bodies at rest are not to creep.
 const CONTACT_TOLERANCE: f64 = 1e-12;
+/// The same for bodies in space, whose many redundant contacts leave no more digits.
+const BODIES_TOLERANCE: f64 = 1e-10;
 /// Steps of time stepping over the horizon where no step is given.
 const DEFAULT_STEPS: f64 = 10_000.0;
 
@@ -25,7 +28,7 @@ impl Specification {
         let model = self.model();
         Plan {
             names: model.output_names(),
-            initial: model.initial().to_vec(),
+            initial: model.initial(),
             start: self.time().start,
             end: self.time().end,
             times: self.output_times().map(<[f64]>::to_vec),
@@ -79,7 +82,10 @@ impl Specification {
                 ImpactLawName::Simultaneous => contact::ImpactLaw::Simultaneous,
                 ImpactLawName::Sequential => contact::ImpactLaw::Sequential,
             },
-            tolerance: method.vi_tolerance.unwrap_or(CONTACT_TOLERANCE),
+            tolerance: method.vi_tolerance.unwrap_or(match self.model() {
+                Model::RigidBodies(_) => BODIES_TOLERANCE,
+                _ => CONTACT_TOLERANCE,
+            }),
         };
         let by_step = if method.step.is_some() { Impacts::TimeStepping } else { Impacts::Locate };
         let located = method.impacts.unwrap_or(by_step) == Impacts::Locate;

@@ -3,7 +3,7 @@
 use super::checked::Specification;
 use crate::analysis::Analysis;
 use crate::models::Model;
-use crate::solution::{Warning, describe, describe_contact};
+use crate::solution::{Warning, describe, describe_contact, describe_rigid_bodies};
 use serde::Serialize;
 
 /// Sizes, what the theory says, and what a solve would build.
@@ -43,6 +43,7 @@ impl Specification {
         let described = match model {
             Model::Dvi(model) => describe(model.structure(), &self.settings(), self.analysis()),
             Model::Mechanical(model) => describe_contact(model, &self.contact_plan(), self.analysis()),
+            Model::RigidBodies(scene) => describe_rigid_bodies(scene, &self.contact_plan().settings, self.analysis()),
         };
         let mut warnings = described.warnings;
         warnings.extend(model.warnings().iter().cloned());
@@ -94,6 +95,13 @@ impl Sizes {
                     constant_jacobian: structure.constant_mass && structure.constant_forces,
                 }
             }
+            Model::RigidBodies(_) => Self {
+                states: model.state_names().len(),
+                variables: 0,
+                moving_bounds: 0,
+                jacobian_nonzeros: 0,
+                constant_jacobian: false,
+            },
         }
     }
 }

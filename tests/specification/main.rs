@@ -7,6 +7,7 @@ mod examples;
 mod hostile;
 mod index;
 mod mechanical;
+mod rigid_bodies;
 mod schema;
 mod semantics;
 mod structure;

@@ -12,6 +12,7 @@ mod pendulum;
 mod queues;
 pub mod reference;
 mod report;
+mod rigid_bodies;
 mod sets;
 mod size;
 mod sliding;

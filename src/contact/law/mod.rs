@@ -91,6 +91,15 @@ pub struct Law {
 /// A residual above this is no solution.
 const UNSOLVED: f64 = 1e-6;
 
+/// Iterations of the slowest solver: a step that is not solved in so many is better told than waited for.
+const MOST_ITERATIONS: usize = 3_000;
+
+/// Above so many contacts in one island a factorisation takes seconds.
+const MOST_FACTORISED: usize = 600;
+
+/// Above so many contacts without friction sweeps and sparse factors cost less than dense pivots.
+const MOST_PIVOTED: usize = 100;
+
 /// Energy below this fraction of `sum |r| |u|` is rounding.
 const ROUNDING: f64 = 1e-13;
 
@@ -98,7 +107,12 @@ impl Law {
     /// Solvers that reach this relative residual.
     pub fn new(tolerance: f64) -> Self {
         Self {
-            coulomb: Coulomb::new(Limits { tolerance, ..Limits::default() }),
+            coulomb: Coulomb::new(Limits {
+                tolerance,
+                iterations: MOST_ITERATIONS,
+                factorised: MOST_FACTORISED,
+                ..Limits::default()
+            }),
             polyhedral: Polyhedral::default(),
             target: Vec::new(),
             closing: Vec::new(),
@@ -154,7 +168,9 @@ impl Law {
         let q: Vec<Vector3<f64>> = shifted.map(|(u, w)| Vector3::new(u.x - w, u.y, u.z)).collect();
         report.solves += 1;
         let round = |k: usize| contacts.mu[k] > 0.0 && contacts.cone[k] == Cone::Quadratic;
-        if !(0..r.len()).any(round) {
+        let faceted = |k: usize| contacts.mu[k] > 0.0 && contacts.cone[k] != Cone::Quadratic;
+        let pivots = r.len() <= MOST_PIVOTED || (0..r.len()).any(faceted);
+        if pivots && !(0..r.len()).any(round) {
             self.polyhedral.solve(contacts, &q, r, report, control);
         } else if let Ok(problem) = CoulombProblem::new(contacts.delassus.clone(), q, contacts.mu.to_vec()) {
             let solved = self.coulomb.solve(&problem, r, control);

@@ -45,6 +45,7 @@ pub const EXAMPLES: &[Example] = examples! {
     "reverse_zeno"
     "robertson"
     "rocking_block"
+    "rolling_ball"
     "sliding_mode"
     "three_regions"
     "van_der_pol"

@@ -40,6 +40,12 @@ pub fn solve_contact(matrix: &Matrix3<f64>, q: &Vector3<f64>, mu: f64) -> Option
     if mu == 0.0 {
         return Some(Vector3::new(-q.x / w_nn, 0.0, 0.0));
     }
+    if let Some(w_tt) = decoupled(matrix) {
+        let normal = -q.x / w_nn;
+        let stick = -tangent(q) / w_tt;
+        let (size, radius) = (stick.norm(), mu * normal);
+        return Some(join(normal, if size <= radius { stick } else { stick * (radius / size) }));
+    }
     let slip = Slip::new(matrix, q, w_nn);
     let least = if slip.schur.determinant() > SINGULAR * slip.trace * slip.trace { 0.0 } else { SINGULAR * slip.trace };
     let (stick, _) = slip.impulse(least)?;
@@ -48,6 +54,25 @@ pub fn solve_contact(matrix: &Matrix3<f64>, q: &Vector3<f64>, mu: f64) -> Option
     }
     slip.root(mu, least)
 }
+
+/// `W_tt` of a contact whose normal and tangents do not act on each other, and whose tangents are alike, as those of
+/// spheres: stick and slip have closed forms.
+fn decoupled(matrix: &Matrix3<f64>) -> Option<f64> {
+    let w_tt = 0.5 * (matrix[(1, 1)] + matrix[(2, 2)]);
+    let rest = [
+        matrix[(0, 1)],
+        matrix[(0, 2)],
+        matrix[(1, 0)],
+        matrix[(2, 0)],
+        matrix[(1, 2)],
+        matrix[(2, 1)],
+        matrix[(1, 1)] - matrix[(2, 2)],
+    ];
+    rest.iter().all(|x| x.abs() <= DECOUPLED * w_tt).then_some(w_tt)
+}
+
+/// Couplings that are rounding.
+const DECOUPLED: f64 = 1e-14;
 
 /// The impulses that slip by `u_t = -s r_t`, for every `s`.
 struct Slip {

@@ -13,6 +13,7 @@
 
 mod admm;
 mod alart_curnier;
+mod anderson;
 mod blocks;
 mod cone;
 mod evidence;

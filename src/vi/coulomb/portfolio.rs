@@ -6,9 +6,13 @@
 //! 4. Where Newton stalls, ADMM for a while, then Newton from there, and so on with ever longer runs. ADMM keeps its own
 //!    state, so that nothing is lost when Newton fails again.
 //!
+//! 5. Instead of all that, where contacts are too many to be factorised: sweeps with Anderson's acceleration, as many as
+//!    are allowed.
+//!
 //! No method is trusted to say that it has succeeded: the residual is computed anew from the problem.
 
 use super::admm::Admm;
+use super::anderson::Anderson;
 use super::gauss_seidel;
 use super::newton::ProximalNewton;
 use super::scaling::{Residual, Scaling};
@@ -36,11 +40,22 @@ pub struct Limits {
     pub factorisations: usize,
     /// ADMM iterations in all. Default 30,000; a problem without a solution costs all of them.
     pub iterations: usize,
+    /// Contacts above which nothing is factorised. Default no number.
+    pub factorised: usize,
+    /// Accelerated sweeps above that number. Default 300.
+    pub accelerated: usize,
 }
 
 impl Default for Limits {
     fn default() -> Self {
-        Self { tolerance: 1e-10, sweeps: 100, factorisations: 40, iterations: 30_000 }
+        Self {
+            tolerance: 1e-10,
+            sweeps: 100,
+            factorisations: 40,
+            iterations: 30_000,
+            factorised: usize::MAX,
+            accelerated: 300,
+        }
     }
 }
 
@@ -117,6 +132,7 @@ pub struct Coulomb {
     /// Scaled impulses: the best so far, and those of the method at work.
     best: Vec<Vector3<f64>>,
     work: Vec<Vector3<f64>>,
+    acceleration: Anderson,
     residual: Residual,
     attempts: Vec<Attempt>,
 }
@@ -144,8 +160,12 @@ impl Coulomb {
             self.best.clear();
             self.best.extend(self.scaling.scale(r));
             self.residual = self.scaling.residual(&self.best);
-            self.sweep(control);
-            self.alternate(control);
+            if self.best.len() > self.limits.factorised {
+                self.accelerate(control);
+            } else {
+                self.sweep(control);
+                self.alternate(control);
+            }
             for (r, best) in r.iter_mut().zip(self.scaling.unscale(&self.best)) {
                 *r = best;
             }
@@ -201,6 +221,28 @@ impl Coulomb {
             if found.strict.is_nan() || digits_to_go > digits_a_sweep * self.limits.sweeps as f64 {
                 break;
             }
+        }
+        if sweeps > 0 {
+            self.record(Method::GaussSeidel, sweeps, before, found);
+        }
+    }
+
+    /// Sweeps with Anderson's acceleration.
+    fn accelerate(&mut self, control: &Control) {
+        let before = self.residual;
+        let mut found = before;
+        let mut x = self.best.clone();
+        let mut sweeps = 0;
+        self.work.clone_from(&self.best);
+        self.acceleration.clear();
+        while !self.is_over(control) && found.strict > self.limits.tolerance && sweeps < self.limits.accelerated {
+            for _ in 0..SWEEPS_AT_ONCE {
+                self.work.copy_from_slice(&x);
+                gauss_seidel::sweep(&self.scaling.problem, &mut self.work, 1.0);
+                self.acceleration.advance(&mut x, &self.work);
+            }
+            sweeps += SWEEPS_AT_ONCE;
+            found = self.scaling.residual(&self.work);
         }
         if sweeps > 0 {
             self.record(Method::GaussSeidel, sweeps, before, found);

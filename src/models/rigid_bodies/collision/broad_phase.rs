@@ -1,0 +1,64 @@
+//! Which bodies may touch: pairs of bounding boxes that overlap, by sweeping along one axis.
+//!
+//! The boxes are kept in the order of the last step, in which few have changed places, so that sorting is linear; the axis
+//! is the one along which the centres spread most.
+
+use nalgebra::Vector3;
+
+/// The sweep, with its order kept between steps.
+#[derive(Clone, Debug, Default)]
+pub struct BroadPhase {
+    order: Vec<u32>,
+    axis: usize,
+    boxes: Vec<Bounds>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Bounds {
+    body: u32,
+    lower: Vector3<f64>,
+    upper: Vector3<f64>,
+}
+
+impl BroadPhase {
+    /// Writes the pairs `(i, j)`, `i < j`, whose boxes overlap, in a fixed order; `bounds(i)` is the least and the greatest
+    /// corner of body `i`, and pairs of which neither moves are left out.
+    pub fn pairs(
+        &mut self,
+        bodies: usize,
+        bounds: impl Fn(usize) -> (Vector3<f64>, Vector3<f64>),
+        moves: impl Fn(usize) -> bool,
+        pairs: &mut Vec<(u32, u32)>,
+    ) {
+        if self.order.len() != bodies {
+            self.order = (0..bodies as u32).collect();
+        }
+        self.boxes.clear();
+        let (mut sum, mut squares) = (Vector3::zeros(), Vector3::zeros());
+        for &body in &self.order {
+            let (lower, upper) = bounds(body as usize);
+            self.boxes.push(Bounds { body, lower, upper });
+            if moves(body as usize) {
+                let centre = 0.5 * (lower + upper);
+                sum += centre;
+                squares += centre.component_mul(&centre);
+            }
+        }
+        let spread = squares - sum.component_mul(&sum) / bodies.max(1) as f64;
+        self.axis = spread.imax();
+        let axis = self.axis;
+        self.boxes.sort_by(|a, b| a.lower[axis].total_cmp(&b.lower[axis]).then(a.body.cmp(&b.body)));
+        self.order.clear();
+        self.order.extend(self.boxes.iter().map(|bounds| bounds.body));
+        pairs.clear();
+        for (k, a) in self.boxes.iter().enumerate() {
+            for b in self.boxes[k + 1..].iter().take_while(|b| b.lower[axis] <= a.upper[axis]) {
+                let overlap = (0..3).all(|i| a.lower[i] <= b.upper[i] && b.lower[i] <= a.upper[i]);
+                if overlap && (moves(a.body as usize) || moves(b.body as usize)) {
+                    pairs.push((a.body.min(b.body), a.body.max(b.body)));
+                }
+            }
+        }
+        pairs.sort_unstable();
+    }
+}

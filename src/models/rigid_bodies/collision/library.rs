@@ -1,0 +1,55 @@
+//! Pairs without a closed form, by the collision library. Manifolds are made anew each time: kept ones are updated by the
+//! library within tolerances that are too coarse here.
+
+use super::{Collider, ContactPoint};
+use crate::models::rigid_bodies::shape::Shape;
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use parry3d_f64::math::{Pose, Rot3, Vector};
+use parry3d_f64::query::{ContactManifold, DefaultQueryDispatcher, PersistentQueryDispatcher};
+use std::f64::consts::FRAC_PI_2;
+
+pub(super) fn contacts(
+    (first, at_first): (&Collider, &Isometry3<f64>),
+    (second, at_second): (&Collider, &Isometry3<f64>),
+    margin: f64,
+    points: &mut Vec<ContactPoint>,
+) {
+    let (Some(a), Some(b)) = (&first.library, &second.library) else { return };
+    let (at_a, at_b) = (turned(&first.shape, at_first), turned(&second.shape, at_second));
+    let relative = library_pose(&(at_a.inverse() * at_b));
+    let mut manifolds: Vec<ContactManifold<(), ()>> = Vec::new();
+    let found = DefaultQueryDispatcher.contact_manifolds(&relative, &**a, &**b, margin, &mut manifolds, &mut None);
+    if found.is_err() {
+        return;
+    }
+    for (m, manifold) in manifolds.iter().enumerate() {
+        let normal = at_a.rotation * vector(manifold.local_n1);
+        for (k, contact) in manifold.points.iter().enumerate().filter(|(_, contact)| contact.dist <= margin) {
+            let surface = at_a.rotation * vector(contact.local_p1) + at_a.translation.vector;
+            let position = surface + normal * (0.5 * contact.dist);
+            // A manifold is of one face of a mesh, or the only one.
+            points.push(ContactPoint { position, normal, gap: contact.dist, id: (m << 8 | k) as u32 });
+        }
+    }
+}
+
+/// The pose of the library's shape: its cylinders stand on y, ours on z.
+fn turned(shape: &Shape, at: &Isometry3<f64>) -> Isometry3<f64> {
+    match shape {
+        Shape::Cylinder { .. } => {
+            let turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), FRAC_PI_2);
+            Isometry3::from_parts(at.translation, at.rotation * turn)
+        }
+        _ => *at,
+    }
+}
+
+/// A pose in the terms of the library.
+pub(in super::super) fn library_pose(at: &Isometry3<f64>) -> Pose {
+    let (t, q) = (at.translation.vector, at.rotation);
+    Pose::from_parts(Vector::new(t.x, t.y, t.z), Rot3::from_xyzw(q.i, q.j, q.k, q.w))
+}
+
+fn vector(v: Vector) -> Vector3<f64> {
+    Vector3::new(v.x, v.y, v.z)
+}

@@ -1,0 +1,200 @@
+//! Two convex polyhedra, by separating axes.
+//!
+//! The axis of greatest separation is a face normal of one, or the cross product of two edges whose arcs on the unit
+//! sphere of normals cross (Gregorius 2013, *The separating axis test between convex polyhedra*). For a face axis the
+//! opposing face of the other is clipped against the sides of the first (Sutherland and Hodgman 1974), which gives the
+//! corners of the patch in which they touch; for an edge axis there is one point. A face is preferred to an edge pair
+//! that separates no better than by rounding, so that resting contacts keep their patch.
+
+use super::ContactPoint;
+use crate::models::rigid_bodies::polyhedron::{Face, Polyhedron};
+use nalgebra::{Isometry3, Vector3};
+
+/// What counts as rounding against the size of the bodies.
+const ROUNDING: f64 = 1e-10;
+
+/// Adds the points of contact; false where the bodies are near but their nearest features are neither a face nor two
+/// edges that cross.
+pub(super) fn contacts(
+    (a, at_a): (&Polyhedron, &Isometry3<f64>),
+    (b, at_b): (&Polyhedron, &Isometry3<f64>),
+    margin: f64,
+    points: &mut Vec<ContactPoint>,
+) -> bool {
+    let b_in_a = at_a.inverse() * at_b;
+    let a_in_b = b_in_a.inverse();
+    let (by_a, face_a) = best_face(a, b, &b_in_a);
+    let (by_b, face_b) = best_face(b, a, &a_in_b);
+    if by_a > margin || by_b > margin {
+        return true;
+    }
+    let size = a.vertices.iter().chain(&b.vertices).map(|v| v.amax()).fold(0.0, f64::max);
+    let face = by_a.max(by_b);
+    if let Some(edges) = best_edges(a, b, &b_in_a) {
+        if edges.separation > margin {
+            return true;
+        }
+        if edges.separation > face + ROUNDING * size {
+            return edges.point(a, b, (at_a, &b_in_a), margin, points);
+        }
+    }
+    let start = points.len();
+    if by_a >= by_b - ROUNDING * size {
+        clip((a, face_a, at_a), (b, at_b), margin, points);
+    } else {
+        clip((b, face_b, at_b), (a, at_a), margin, points);
+        for point in &mut points[start..] {
+            *point = ContactPoint { id: point.id | OTHER_FACE, ..point.flipped() };
+        }
+    }
+    points.len() > start
+}
+
+/// Marks the points that lie on a face of the second body.
+const OTHER_FACE: u32 = 1 << 31;
+
+/// The face of `a` over which `b` lies highest, and how high; `b_in_a` is the pose of `b` in the frame of `a`.
+fn best_face(a: &Polyhedron, b: &Polyhedron, b_in_a: &Isometry3<f64>) -> (f64, usize) {
+    let mut best = (f64::NEG_INFINITY, 0);
+    for (k, face) in a.faces.iter().enumerate() {
+        let down = b_in_a.rotation.inverse() * -face.normal;
+        let lowest = b_in_a.rotation * b.support(&down) + b_in_a.translation.vector;
+        let height = face.normal.dot(&lowest) - face.offset;
+        if height > best.0 {
+            best = (height, k);
+        }
+    }
+    best
+}
+
+/// Two edges, in the frame of the first body, with the axis that they span.
+struct EdgePair {
+    separation: f64,
+    axis: Vector3<f64>,
+    edges: (usize, usize),
+}
+
+/// The pair of edges of greatest separation among those that make a face of the Minkowski difference.
+fn best_edges(a: &Polyhedron, b: &Polyhedron, b_in_a: &Isometry3<f64>) -> Option<EdgePair> {
+    let mut best: Option<EdgePair> = None;
+    for (j, edge_b) in b.edges.iter().enumerate() {
+        let [p, q] = edge_b.vertices.map(|v| b_in_a.rotation * b.vertices[v] + b_in_a.translation.vector);
+        let [n1, n2] = edge_b.faces.map(|f| -(b_in_a.rotation * b.faces[f].normal));
+        let (along_b, arc_b) = (q - p, n2.cross(&n1));
+        for (i, edge_a) in a.edges.iter().enumerate() {
+            let [m1, m2] = edge_a.faces.map(|f| a.faces[f].normal);
+            let arc_a = m2.cross(&m1);
+            let (c1, c2, d1, d2) = (n1.dot(&arc_a), n2.dot(&arc_a), m1.dot(&arc_b), m2.dot(&arc_b));
+            // Arcs cross if each has its ends on both sides of the other and both lie on one half of the sphere.
+            if c1 * c2 >= 0.0 || d1 * d2 >= 0.0 || c1 * d2 <= 0.0 {
+                continue;
+            }
+            let [r, s] = edge_a.vertices.map(|v| a.vertices[v]);
+            let Some(axis) = along_b.cross(&(s - r)).try_normalize(ROUNDING * along_b.norm() * (s - r).norm()) else {
+                continue;
+            };
+            let axis = if axis.dot(&(m1 + m2)) < 0.0 { -axis } else { axis };
+            let separation = axis.dot(&(p - r));
+            if best.as_ref().is_none_or(|best| separation > best.separation) {
+                best = Some(EdgePair { separation, axis, edges: (i, j) });
+            }
+        }
+    }
+    best
+}
+
+impl EdgePair {
+    /// Adds the point where the edges come nearest; false if that is past an end.
+    fn point(
+        &self,
+        a: &Polyhedron,
+        b: &Polyhedron,
+        (at_a, b_in_a): (&Isometry3<f64>, &Isometry3<f64>),
+        margin: f64,
+        points: &mut Vec<ContactPoint>,
+    ) -> bool {
+        let (i, j) = self.edges;
+        let [r, s] = a.edges[i].vertices.map(|v| a.vertices[v]);
+        let [p, q] = b.edges[j].vertices.map(|v| b_in_a.rotation * b.vertices[v] + b_in_a.translation.vector);
+        let (along_a, along_b, between) = (s - r, q - p, p - r);
+        let (aa, ab, bb) = (along_a.norm_squared(), along_a.dot(&along_b), along_b.norm_squared());
+        let determinant = aa * bb - ab * ab;
+        let x = (along_a.dot(&between) * bb - along_b.dot(&between) * ab) / determinant;
+        let y = (along_a.dot(&between) * ab - along_b.dot(&between) * aa) / determinant;
+        if !((0.0..=1.0).contains(&x) && (0.0..=1.0).contains(&y)) {
+            return false;
+        }
+        if self.separation <= margin {
+            let middle = 0.5 * (r + along_a * x + p + along_b * y);
+            points.push(ContactPoint {
+                position: at_a.rotation * middle + at_a.translation.vector,
+                normal: at_a.rotation * self.axis,
+                gap: self.separation,
+                id: 1 << 30 | (i as u32) << 15 | j as u32,
+            });
+        }
+        true
+    }
+}
+
+/// A corner of the clipped face, with what made it.
+#[derive(Clone, Copy)]
+struct Corner {
+    at: Vector3<f64>,
+    id: u32,
+}
+
+/// Clips the face of `b` that most opposes a face of `a` against the sides of that, and adds the corners that are left.
+fn clip(
+    (a, face, at_a): (&Polyhedron, usize, &Isometry3<f64>),
+    (b, at_b): (&Polyhedron, &Isometry3<f64>),
+    margin: f64,
+    points: &mut Vec<ContactPoint>,
+) {
+    let reference = &a.faces[face];
+    let normal = at_a.rotation * reference.normal;
+    let in_b = at_b.rotation.inverse() * normal;
+    let opposing = |face: &&Face| face.normal.dot(&in_b);
+    let Some(incident) = b.faces.iter().min_by(|f, g| opposing(f).total_cmp(&opposing(g))) else { return };
+    let mut polygon: Vec<Corner> = incident
+        .vertices
+        .iter()
+        .map(|&v| Corner { at: at_b.rotation * b.vertices[v] + at_b.translation.vector, id: v as u32 })
+        .collect();
+    let corner = |k: usize| {
+        let vertices = &reference.vertices;
+        at_a.rotation * a.vertices[vertices[k % vertices.len()]] + at_a.translation.vector
+    };
+    for side in 0..reference.vertices.len() {
+        let (from, to) = (corner(side), corner(side + 1));
+        let outward = (to - from).cross(&normal).normalize();
+        let tolerance = ROUNDING * (to - from).norm();
+        polygon = cut(&polygon, |p| outward.dot(&(p - from)), tolerance, side as u32);
+    }
+    let origin = corner(0);
+    for Corner { at, id } in polygon {
+        let gap = normal.dot(&(at - origin));
+        if gap <= margin {
+            points.push(ContactPoint { position: at - normal * (0.5 * gap), normal, gap, id });
+        }
+    }
+}
+
+/// The part of a polygon where `height` is not positive, or no more than rounding.
+fn cut(polygon: &[Corner], height: impl Fn(&Vector3<f64>) -> f64, rounding: f64, side: u32) -> Vec<Corner> {
+    let mut kept = Vec::with_capacity(polygon.len() + 1);
+    for (k, corner) in polygon.iter().enumerate() {
+        let next = &polygon[(k + 1) % polygon.len()];
+        let (here, there) = (height(&corner.at), height(&next.at));
+        if here <= rounding {
+            kept.push(*corner);
+        }
+        if (here <= rounding) != (there <= rounding) {
+            let at = corner.at + (next.at - corner.at) * (here / (here - there)).clamp(0.0, 1.0);
+            // Of the edge that was cut, one end is named whichever way it is gone along.
+            let end = if here <= rounding { next.id } else { corner.id };
+            kept.push(Corner { at, id: (end.wrapping_mul(31) ^ (side + 1) << 12) & 0x3fff_ffff });
+        }
+    }
+    kept
+}

@@ -1,0 +1,99 @@
+//! Spheres and capsules: a ball around the nearest point of a core. The distance of the cores is positive while only the
+//! rounding overlaps, so that the normal has all its digits in contact.
+
+use super::ContactPoint;
+use crate::models::rigid_bodies::shape::Shape;
+use nalgebra::{Isometry3, Vector3};
+
+/// A sphere against any convex shape but a half space.
+pub(super) fn sphere(
+    (radius, at_sphere): (f64, &Isometry3<f64>),
+    (shape, at): (&Shape, &Isometry3<f64>),
+    margin: f64,
+    points: &mut Vec<ContactPoint>,
+) {
+    let local = at.rotation.inverse() * (at_sphere.translation.vector - at.translation.vector);
+    let Some((surface, outward, distance)) = nearest(shape, &local) else { return };
+    let gap = distance - radius;
+    if gap <= margin {
+        let normal = -(at.rotation * outward);
+        let position = at.rotation * surface + at.translation.vector - normal * (0.5 * gap);
+        points.push(ContactPoint { position, normal, gap, id: 0 });
+    }
+}
+
+/// The nearest point of a surface to `p` in its own frame, the outward normal there, and the signed distance.
+fn nearest(shape: &Shape, p: &Vector3<f64>) -> Option<(Vector3<f64>, Vector3<f64>, f64)> {
+    let rounded = |core: Vector3<f64>, radius: f64| {
+        let outward = direction(&(p - core));
+        (core + outward * radius, outward, (p - core).norm() - radius)
+    };
+    match shape {
+        Shape::Sphere { radius } => Some(rounded(Vector3::zeros(), *radius)),
+        Shape::Capsule { radius, half_height } => {
+            Some(rounded(Vector3::z() * p.z.clamp(-half_height, *half_height), *radius))
+        }
+        Shape::Cylinder { radius, half_height } => Some(nearest_on_cylinder(*radius, *half_height, p)),
+        Shape::Polyhedron(polyhedron) => Some(polyhedron.nearest(p)),
+        Shape::HalfSpace { .. } | Shape::Mesh(_) => None,
+    }
+}
+
+fn nearest_on_cylinder(radius: f64, half_height: f64, p: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>, f64) {
+    let rho = p.x.hypot(p.y);
+    let radial = if rho > 0.0 { Vector3::new(p.x / rho, p.y / rho, 0.0) } else { Vector3::x() };
+    let axial = Vector3::z() * if p.z < 0.0 { -1.0 } else { 1.0 };
+    let (out, over) = (rho - radius, p.z.abs() - half_height);
+    if out > 0.0 && over > 0.0 {
+        let distance = out.hypot(over);
+        return (radial * radius + axial * half_height, (radial * out + axial * over) / distance, distance);
+    }
+    if over > out { (p - axial * over, axial, over) } else { (p - radial * out, radial, out) }
+}
+
+/// Two capsules: the nearest points of their segments, and where the segments are parallel the ends of the overlap.
+pub(super) fn capsules(
+    (first, at_first): (&Shape, &Isometry3<f64>),
+    (second, at_second): (&Shape, &Isometry3<f64>),
+    margin: f64,
+    points: &mut Vec<ContactPoint>,
+) {
+    let (Shape::Capsule { radius: r1, half_height: l1 }, Shape::Capsule { radius: r2, half_height: l2 }) =
+        (first, second)
+    else {
+        return;
+    };
+    let (d1, d2) = (at_first.rotation * Vector3::z(), at_second.rotation * Vector3::z());
+    let (c1, c2) = (at_first.translation.vector, at_second.translation.vector);
+    let mut touch = |s: f64, id: u32| {
+        let p = c1 + d1 * s;
+        let q = c2 + d2 * d2.dot(&(p - c2)).clamp(-l2, *l2);
+        let p = c1 + d1 * d1.dot(&(q - c1)).clamp(-l1, *l1);
+        let gap = (q - p).norm() - r1 - r2;
+        if gap <= margin {
+            let normal = direction(&(q - p));
+            points.push(ContactPoint { position: p + normal * (r1 + 0.5 * gap), normal, gap, id });
+        }
+    };
+    let (along, between) = (d1.dot(&d2), c2 - c1);
+    let sine = 1.0 - along * along;
+    if sine > PARALLEL {
+        // Stationary point of the distance of the two lines.
+        touch(((d1.dot(&between) - along * d2.dot(&between)) / sine).clamp(-l1, *l1), 0);
+        return;
+    }
+    let (middle, half) = (d1.dot(&between), l2 * along.abs());
+    let (lower, upper) = ((middle - half).clamp(-l1, *l1), (middle + half).clamp(-l1, *l1));
+    touch(lower, 1);
+    if upper > lower {
+        touch(upper, 2);
+    }
+}
+
+/// The squared sine below which two segments count as parallel: a hundredth of a degree, less than a barrel dents.
+const PARALLEL: f64 = 3e-8;
+
+/// The direction of a vector; of a zero vector any.
+fn direction(v: &Vector3<f64>) -> Vector3<f64> {
+    v.try_normalize(0.0).unwrap_or_else(Vector3::z)
+}

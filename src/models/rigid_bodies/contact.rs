@@ -1,0 +1,106 @@
+//! One contact between two bodies: its frame, its levers, and the velocity of the second body against the first there,
+//!
+//! ```text
+//! u = E (v_2 + w_2 x r_2 - v_1 - w_1 x r_1),    E = [n t_1 t_2]^T
+//! ```
+
+use super::collision::ContactPoint;
+use super::motion::Motion;
+use super::scene::Law;
+use nalgebra::{Matrix3, Vector3};
+
+/// A contact as a step sees it.
+#[derive(Clone, Copy, Debug)]
+pub struct Contact {
+    /// Places among the moving bodies; none for a body that does not move.
+    pub bodies: [Option<u32>; 2],
+    /// `E`: the normal from the first body to the second, and two tangents.
+    pub frame: Matrix3<f64>,
+    /// From the centres of mass to the point.
+    pub arms: [Vector3<f64>; 2],
+    /// The distance of the surfaces.
+    pub gap: f64,
+    /// Friction and restitution.
+    pub law: Law,
+    /// Which point of which bodies this is.
+    pub key: (u32, u32, u32),
+    /// The impulse, normal and tangents: at first that of the last step.
+    pub impulse: Vector3<f64>,
+    /// `u` at the end of the last step, before forces.
+    pub before: Vector3<f64>,
+    /// Added to the normal velocity without impulses.
+    pub bias: f64,
+}
+
+impl Contact {
+    /// The contact at a point.
+    pub fn new(point: &ContactPoint, bodies: [Option<u32>; 2], moving: &[Motion], law: Law, pair: (u32, u32)) -> Self {
+        let arm = |body: Option<u32>| {
+            body.map_or_else(Vector3::zeros, |body| point.position - moving[body as usize].pose.translation.vector)
+        };
+        let mut contact = Self {
+            bodies,
+            frame: frame(&point.normal),
+            arms: bodies.map(arm),
+            gap: point.gap,
+            law,
+            key: (pair.0, pair.1, point.id),
+            impulse: Vector3::zeros(),
+            before: Vector3::zeros(),
+            bias: 0.0,
+        };
+        contact.before = contact.velocity(|body| (moving[body as usize].velocity, moving[body as usize].omega));
+        contact
+    }
+
+    /// `u`, for velocities `(v, w)` by body.
+    pub fn velocity(&self, of: impl Fn(u32) -> (Vector3<f64>, Vector3<f64>)) -> Vector3<f64> {
+        let at = |side: usize| {
+            self.bodies[side].map_or_else(Vector3::zeros, |body| {
+                let (v, w) = of(body);
+                v + w.cross(&self.arms[side])
+            })
+        };
+        self.frame * (at(1) - at(0))
+    }
+
+    /// The frictionless contact at which velocities are displacements, and an overlap is a velocity that closes it.
+    pub fn of_displacements(self) -> Self {
+        Self { gap: self.gap.max(0.0), bias: self.gap.min(0.0), law: Law::default(), before: Vector3::zeros(), ..self }
+    }
+
+    /// `J^T r` for one side: impulse and angular impulse on that body.
+    pub fn wrench(&self, side: usize, r: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
+        let impulse = self.frame.tr_mul(r) * if side == 0 { -1.0 } else { 1.0 };
+        (impulse, self.arms[side].cross(&impulse))
+    }
+
+    /// `J` for the angular velocity of one side: `u = +-(E v + A w)`, `A = -E [r]x`.
+    pub fn angular(&self, side: usize) -> Matrix3<f64> {
+        -self.frame * self.arms[side].cross_matrix()
+    }
+}
+
+/// Normal and tangents as rows. The first tangent is the x axis as seen along the normal, or the y axis where that is
+/// nearly the normal, so that the frame changes smoothly while a body turns and means something to who chose the axes.
+pub(super) fn frame(normal: &Vector3<f64>) -> Matrix3<f64> {
+    let along = if normal.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
+    let first = (along - normal * normal.dot(&along)).normalize();
+    let second = normal.cross(&first);
+    Matrix3::from_rows(&[normal.transpose(), first.transpose(), second.transpose()])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_frame_is_a_rotation_whose_first_tangent_follows_the_x_axis() {
+        for normal in [Vector3::z(), -Vector3::z(), Vector3::x(), Vector3::new(0.6, 0.0, 0.8)] {
+            let e = frame(&normal);
+            assert!((e * e.transpose() - Matrix3::identity()).amax() < 1e-15);
+            assert!((e.determinant() - 1.0).abs() < 1e-15);
+        }
+        assert_eq!(frame(&Vector3::z()).row(1).transpose(), Vector3::x());
+    }
+}

@@ -1,0 +1,66 @@
+//! The Delassus operator of the contacts of an island: `W = J M^-1 J^T`, assembled body by body. Two contacts on one body
+//! with mass `m` and inverse inertia `I^-1` couple by
+//!
+//! ```text
+//! W_ij = s_i s_j (E_i E_j^T / m + A_i I^-1 A_j^T),    s = -1 on the first side, +1 on the second
+//! ```
+
+use super::contact::Contact;
+use super::motion::Motion;
+use crate::vi::coulomb::BlockMatrix;
+use nalgebra::Matrix3;
+
+/// A contact as one of its bodies feels it.
+struct Touch {
+    body: u32,
+    contact: u32,
+    /// `s E`.
+    linear: Matrix3<f64>,
+    /// `s A`.
+    angular: Matrix3<f64>,
+}
+
+/// `W`, as the blocks of a sparse matrix; a pair of contacts that share two bodies has two.
+pub fn blocks(contacts: &[Contact], moving: &[Motion]) -> Vec<(usize, usize, Matrix3<f64>)> {
+    let mut touches: Vec<Touch> = Vec::with_capacity(2 * contacts.len());
+    for (k, contact) in contacts.iter().enumerate() {
+        for (side, sign) in [(0, -1.0), (1, 1.0)] {
+            if let Some(body) = contact.bodies[side] {
+                touches.push(Touch {
+                    body,
+                    contact: k as u32,
+                    linear: contact.frame * sign,
+                    angular: contact.angular(side) * sign,
+                });
+            }
+        }
+    }
+    touches.sort_by_key(|touch| (touch.body, touch.contact));
+    let mut on_body = vec![0..0; moving.len()];
+    let mut start = 0;
+    for group in touches.chunk_by(|a, b| a.body == b.body) {
+        on_body[group[0].body as usize] = start..start + group.len();
+        start += group.len();
+    }
+    let mut blocks = Vec::with_capacity(8 * contacts.len());
+    // Row by row, so that the matrix finds its entries in order but for the two bodies of each row.
+    for (i, contact) in contacts.iter().enumerate() {
+        let row = blocks.len();
+        for (side, sign) in [(0, -1.0), (1, 1.0)] {
+            let Some(place) = contact.bodies[side] else { continue };
+            let body = &moving[place as usize];
+            let (linear, angular) = (contact.frame * (sign / body.mass), contact.angular(side) * body.mobility * sign);
+            for b in &touches[on_body[place as usize].clone()] {
+                let block = linear * b.linear.transpose() + angular * b.angular.transpose();
+                blocks.push((i, b.contact as usize, block));
+            }
+        }
+        blocks[row..].sort_by_key(|&(_, j, _)| j);
+    }
+    blocks
+}
+
+/// `W` where there are no joints.
+pub fn matrix(contacts: &[Contact], moving: &[Motion]) -> BlockMatrix {
+    BlockMatrix::from_blocks(contacts.len(), blocks(contacts, moving)).unwrap_or_default()
+}

@@ -1,0 +1,127 @@
+//! Joints: equations `c(q) = 0` between two bodies or one and the world, with anchors and axes fixed in each.
+//!
+//! | joint | equations |
+//! |---|---|
+//! | ball | the anchors coincide |
+//! | hinge | and the axes are parallel: `t_1 . a = t_2 . a = 0` with `t_1, t_2` across the axis in one body, `a` the axis in the other |
+//! | slider | the relative rotation is none, and the anchors differ along the axis only |
+//! | fixed | neither rotation nor difference of anchors |
+//!
+//! The derivative of `c` along a motion is `G v`, row by row a wrench on each body.
+
+use super::scene::Body;
+use nalgebra::{Isometry3, Unit, UnitQuaternion, Vector3};
+use std::collections::HashSet;
+
+/// What a joint leaves free.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum JointKind {
+    /// Three rotations.
+    Ball,
+    /// One rotation.
+    Hinge,
+    /// One translation.
+    Slider,
+    /// Nothing.
+    Fixed,
+}
+
+/// A joint between a moving body and another or the world.
+#[derive(Clone, Debug)]
+pub struct Joint {
+    kind: JointKind,
+    /// The bodies; none is the world.
+    pub bodies: (usize, Option<usize>),
+    /// The anchor, in the frames of the bodies or the world.
+    anchors: [Vector3<f64>; 2],
+    /// The axis likewise.
+    axes: [Vector3<f64>; 2],
+    /// Two directions across the axis, in the frame of the second.
+    across: [Vector3<f64>; 2],
+    /// The orientation of the first in the frame of the second.
+    turn: UnitQuaternion<f64>,
+}
+
+/// One equation: its value, and the derivative by the velocity and the angular velocity of each body.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Row {
+    /// `c`.
+    pub value: f64,
+    /// By the velocity of the first body; by that of the second it is the opposite.
+    pub force: Vector3<f64>,
+    /// By the angular velocities.
+    pub torques: [Vector3<f64>; 2],
+}
+
+impl Joint {
+    /// A joint at a point and along an axis of the world, as the bodies are at the start.
+    pub fn new(
+        kind: JointKind,
+        bodies: (usize, Option<usize>),
+        all: &[Body],
+        at: Vector3<f64>,
+        axis: Unit<Vector3<f64>>,
+    ) -> Self {
+        let poses = [all[bodies.0].pose, bodies.1.map_or(Isometry3::identity(), |b| all[b].pose)];
+        let anchors = poses.map(|pose| pose.rotation.inverse() * (at - pose.translation.vector));
+        let axes = poses.map(|pose| pose.rotation.inverse() * axis.into_inner());
+        let least = Vector3::ith(axes[1].iamin(), 1.0);
+        let t = axes[1].cross(&least).normalize();
+        let turn = poses[1].rotation.inverse() * poses[0].rotation;
+        Self { kind, bodies, anchors, axes, across: [t, axes[1].cross(&t)], turn }
+    }
+
+    /// The places of its bodies, as `places` gives them; none for the world.
+    pub fn places(&self, places: &impl Fn(usize) -> Option<u32>) -> [Option<u32>; 2] {
+        [places(self.bodies.0), self.bodies.1.and_then(places)]
+    }
+
+    /// The equations at these poses.
+    pub fn rows(&self, poses: [&Isometry3<f64>; 2], rows: &mut Vec<Row>) {
+        let [p, q] = poses;
+        let arms = [p.rotation * self.anchors[0], q.rotation * self.anchors[1]];
+        let apart = p.translation.vector + arms[0] - q.translation.vector - arms[1];
+        // d/dt (e . apart) for a direction e that turns with the second body.
+        let mut point = |e: Vector3<f64>, turns: bool| {
+            let lever = if turns { arms[1] + apart } else { arms[1] };
+            rows.push(Row { value: e.dot(&apart), force: e, torques: [arms[0].cross(&e), -lever.cross(&e)] });
+        };
+        match self.kind {
+            JointKind::Ball | JointKind::Hinge | JointKind::Fixed => {
+                for e in [Vector3::x(), Vector3::y(), Vector3::z()] {
+                    point(e, false);
+                }
+            }
+            JointKind::Slider => {
+                for e in self.across {
+                    point(q.rotation * e, true);
+                }
+            }
+        }
+        match self.kind {
+            JointKind::Ball => {}
+            JointKind::Hinge => {
+                let axis = p.rotation * self.axes[0];
+                for t in self.across {
+                    let t = q.rotation * t;
+                    // d/dt (t . a) = (w_1 - w_2) . (a x t).
+                    let torque = axis.cross(&t);
+                    rows.push(Row { value: t.dot(&axis), force: Vector3::zeros(), torques: [torque, -torque] });
+                }
+            }
+            JointKind::Slider | JointKind::Fixed => {
+                // The rotation vector of what the first has turned more than the second, in the world.
+                let excess = (p.rotation * (q.rotation * self.turn).inverse()).scaled_axis();
+                for e in [Vector3::x(), Vector3::y(), Vector3::z()] {
+                    rows.push(Row { value: e.dot(&excess), force: Vector3::zeros(), torques: [e, -e] });
+                }
+            }
+        }
+    }
+}
+
+/// The pairs of bodies that a joint holds together, the lesser first.
+pub fn joined(joints: &[Joint]) -> HashSet<(u32, u32)> {
+    let pair = |joint: &Joint| joint.bodies.1.map(|b| (joint.bodies.0.min(b) as u32, joint.bodies.0.max(b) as u32));
+    joints.iter().filter_map(pair).collect()
+}

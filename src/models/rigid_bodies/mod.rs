@@ -1,0 +1,29 @@
+//! Rigid bodies in space: spheres to convex hulls that touch, slide, roll and hang on joints.
+//!
+//! A [`Scene`] is what a user describes; a [`Simulation`] steps it. Positions and orientations move on the group, contacts
+//! obey Coulomb's law itself, and joints are eliminated exactly.
+
+pub mod collision;
+mod constraints;
+mod contact;
+mod delassus;
+mod island;
+mod joint;
+mod motion;
+mod outputs;
+mod polyhedron;
+mod rotation;
+mod scene;
+mod shape;
+mod simulation;
+#[cfg(test)]
+mod tests;
+
+pub use collision::Collider;
+pub use joint::{Joint, JointKind};
+pub use motion::Motion;
+pub use outputs::{OF_SCENE, between};
+pub use polyhedron::Polyhedron;
+pub use scene::{Body, Law, Laws, Overlap, Scene};
+pub use shape::Shape;
+pub use simulation::{ContactReport, Simulation, StepFailure};

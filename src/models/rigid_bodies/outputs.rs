@@ -1,0 +1,73 @@
+//! The numbers that a scene puts out, by name.
+//!
+//! Of a body that moves: `x y z` the origin of its frame, `qw qx qy qz` its orientation, `vx vy vz` the velocity of that
+//! origin, `wx wy wz` its angular velocity, all in the world. Then the energies and the contacts of the whole scene.
+
+use super::motion::Motion;
+use super::scene::{Body, Scene};
+use crate::analysis::{Analysis, Uniqueness};
+use nalgebra::{Isometry3, Vector3};
+
+/// What is told of a body.
+const OF_BODY: [&str; 13] = ["x", "y", "z", "qw", "qx", "qy", "qz", "vx", "vy", "vz", "wx", "wy", "wz"];
+
+/// What is told of the scene.
+pub const OF_SCENE: [&str; 7] = [
+    "kinetic_energy",
+    "potential_energy",
+    "dissipated_by_friction",
+    "lost_in_impacts",
+    "contacts",
+    "penetration",
+    "normal_impulse",
+];
+
+impl Scene {
+    /// The names of the states of the bodies that move.
+    pub fn state_names(&self) -> Vec<String> {
+        let moving = self.bodies.iter().filter(|body| !body.fixed);
+        moving.flat_map(|body| OF_BODY.map(|key| format!("{}.{key}", body.name))).collect()
+    }
+
+    /// The names of all outputs.
+    pub fn output_names(&self) -> Vec<String> {
+        self.state_names().into_iter().chain(OF_SCENE.map(str::to_owned)).collect()
+    }
+
+    /// The states at the start.
+    pub fn initial(&self) -> Vec<f64> {
+        let moving = self.bodies.iter().filter(|body| !body.fixed);
+        moving.flat_map(|body| state(body, &body.pose, &body.velocity, &body.omega)).collect()
+    }
+
+    /// What the theory says.
+    pub fn analyse(&self) -> Analysis {
+        let because = "unilateral constraints on positions: velocities jump in impacts. A solution exists for the velocities \
+                       and impulses (Monteiro Marques 1993, Stewart 1998); with friction it need not be unique";
+        Analysis {
+            index: Some(2),
+            levels: Vec::new(),
+            uniqueness: Uniqueness::ExistsNotCertified,
+            because: because.to_owned(),
+        }
+    }
+}
+
+/// The thirteen numbers of a body with its centre of mass at a pose.
+pub fn state(body: &Body, pose: &Isometry3<f64>, velocity: &Vector3<f64>, omega: &Vector3<f64>) -> [f64; 13] {
+    let offset = pose.rotation * body.centre;
+    let (x, v) = (pose.translation.vector - offset, velocity - omega.cross(&offset));
+    let q = pose.rotation.quaternion();
+    [x.x, x.y, x.z, q.w, q.i, q.j, q.k, v.x, v.y, v.z, omega.x, omega.y, omega.z]
+}
+
+/// The numbers of a body between two poses, a fraction of the way.
+pub fn between(body: &Body, from: &Isometry3<f64>, to: &Motion, fraction: f64) -> [f64; 13] {
+    if fraction >= 1.0 {
+        return state(body, &to.pose, &to.velocity, &to.omega);
+    }
+    let at = from.translation.vector.lerp(&to.pose.translation.vector, fraction);
+    let turn = (from.rotation.inverse() * to.pose.rotation).scaled_axis() * fraction;
+    let rotation = from.rotation * nalgebra::UnitQuaternion::from_scaled_axis(turn);
+    state(body, &Isometry3::from_parts(at.into(), rotation), &to.velocity, &to.omega)
+}

@@ -1,0 +1,147 @@
+//! The shapes of bodies, in the frame of the body, with the origin at the centre of mass of a body that moves.
+//!
+//! Volume, centre and second moment `S = int x x^T dV` are closed forms; the inertia about the origin at density `rho` is
+//! `rho (tr(S) I - S)`.
+
+use super::polyhedron::Polyhedron;
+use nalgebra::{Isometry3, Matrix3, Vector3};
+use parry3d_f64::shape::{Capsule, ConvexPolyhedron, Cylinder, SharedShape, TriMesh};
+use std::f64::consts::PI;
+
+/// A shape. Lengths in metres.
+#[derive(Clone, Debug)]
+pub enum Shape {
+    /// A ball about the origin.
+    Sphere {
+        /// Its radius.
+        radius: f64,
+    },
+    /// The points within `radius` of the segment from `-half_height` to `half_height` on the z axis.
+    Capsule {
+        /// Of the caps and of the barrel.
+        radius: f64,
+        /// Half of the distance of the centres of the caps.
+        half_height: f64,
+    },
+    /// A circular cylinder about the z axis.
+    Cylinder {
+        /// Of its base.
+        radius: f64,
+        /// Half of its height.
+        half_height: f64,
+    },
+    /// A box or a convex hull.
+    Polyhedron(Polyhedron),
+    /// All points with `normal . x <= 0`.
+    HalfSpace {
+        /// Outward unit normal.
+        normal: Vector3<f64>,
+    },
+    /// A surface of triangles.
+    Mesh(SharedShape),
+}
+
+impl Shape {
+    /// The name that users know.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Sphere { .. } => "sphere",
+            Self::Capsule { .. } => "capsule",
+            Self::Cylinder { .. } => "cylinder",
+            Self::Polyhedron(_) => "polyhedron",
+            Self::HalfSpace { .. } => "half_space",
+            Self::Mesh(_) => "triangle_mesh",
+        }
+    }
+
+    /// Volume, centre and `S` about the origin; `None` for what has no volume.
+    pub fn moments(&self) -> Option<(f64, Vector3<f64>, Matrix3<f64>)> {
+        let (volume, radial, axial) = match self {
+            Self::Sphere { radius } => {
+                let volume = 4.0 / 3.0 * PI * radius.powi(3);
+                (volume, volume * radius * radius / 5.0, volume * radius * radius / 5.0)
+            }
+            Self::Cylinder { radius, half_height } => {
+                let volume = PI * radius * radius * 2.0 * half_height;
+                (volume, volume * radius * radius / 4.0, volume * half_height * half_height / 3.0)
+            }
+            Self::Capsule { radius, half_height } => {
+                let (r, l) = (*radius, *half_height);
+                let (barrel, caps) = (PI * r * r * 2.0 * l, 4.0 / 3.0 * PI * r.powi(3));
+                // Of a half ball, the mean height over its base is 3 r / 8.
+                let axial = barrel * l * l / 3.0 + caps * (r * r / 5.0 + l * l + 2.0 * l * 3.0 / 8.0 * r);
+                (barrel + caps, barrel * r * r / 4.0 + caps * r * r / 5.0, axial)
+            }
+            Self::Polyhedron(polyhedron) => {
+                return Some((polyhedron.volume(), polyhedron.centre(), polyhedron.second_moment()));
+            }
+            Self::HalfSpace { .. } | Self::Mesh(_) => return None,
+        };
+        Some((volume, Vector3::zeros(), Matrix3::from_diagonal(&Vector3::new(radial, radial, axial))))
+    }
+
+    /// The largest distance of its points from the origin; infinite for a half space.
+    pub fn reach(&self) -> f64 {
+        match self {
+            Self::Sphere { radius } => *radius,
+            Self::Capsule { radius, half_height } => radius + half_height,
+            Self::Cylinder { radius, half_height } => radius.hypot(*half_height),
+            Self::Polyhedron(polyhedron) => polyhedron.vertices.iter().map(|v| v.norm()).fold(0.0, f64::max),
+            Self::HalfSpace { .. } => f64::INFINITY,
+            Self::Mesh(mesh) => mesh.compute_local_bounding_sphere().radius(),
+        }
+    }
+
+    /// The least and the greatest corner of its bounding box in the world.
+    pub fn bounds(&self, pose: &Isometry3<f64>) -> (Vector3<f64>, Vector3<f64>) {
+        let at = pose.translation.vector;
+        let axis = pose.rotation * Vector3::z();
+        let half = match self {
+            Self::Sphere { radius } => Vector3::repeat(*radius),
+            Self::Capsule { radius, half_height } => axis.abs() * *half_height + Vector3::repeat(*radius),
+            Self::Cylinder { radius, half_height } => {
+                axis.abs() * *half_height + axis.map(|a| radius * (1.0 - a * a).max(0.0).sqrt())
+            }
+            Self::Polyhedron(polyhedron) => {
+                let mut corners = polyhedron.vertices.iter().map(|v| pose.rotation * v + at);
+                let first = corners.next().unwrap_or(at);
+                return corners.fold((first, first), |(lower, upper), v| (lower.inf(&v), upper.sup(&v)));
+            }
+            Self::HalfSpace { .. } => Vector3::repeat(f64::INFINITY),
+            Self::Mesh(mesh) => {
+                let aabb = mesh.compute_aabb(&super::collision::library_pose(pose));
+                let vector = |v: parry3d_f64::math::Vector| Vector3::new(v.x, v.y, v.z);
+                return (vector(aabb.mins), vector(aabb.maxs));
+            }
+        };
+        (at - half, at + half)
+    }
+
+    /// A mesh of triangles with indices into the vertices; `None` if it is no oriented surface.
+    pub fn mesh(vertices: &[Vector3<f64>], triangles: Vec<[u32; 3]>) -> Option<Self> {
+        let points = vertices.iter().map(|v| parry3d_f64::math::Vector::new(v.x, v.y, v.z)).collect();
+        let flags = parry3d_f64::shape::TriMeshFlags::FIX_INTERNAL_EDGES;
+        let mesh = TriMesh::with_flags(points, triangles, flags).ok()?;
+        Some(Self::Mesh(SharedShape::new(mesh)))
+    }
+
+    /// The shape as the collision library knows it; `None` for a half space, which has closed forms for all others.
+    pub fn library(&self) -> Option<SharedShape> {
+        use parry3d_f64::math::Vector;
+        match self {
+            Self::Sphere { radius } => Some(SharedShape::ball(*radius)),
+            Self::Capsule { radius, half_height } => {
+                let end = Vector::new(0.0, 0.0, *half_height);
+                Some(SharedShape::new(Capsule::new(-end, end, *radius)))
+            }
+            // The library's axis is y: `library_turn` turns it.
+            Self::Cylinder { radius, half_height } => Some(SharedShape::new(Cylinder::new(*half_height, *radius))),
+            Self::Polyhedron(polyhedron) => {
+                let points: Vec<Vector> = polyhedron.vertices.iter().map(|v| Vector::new(v.x, v.y, v.z)).collect();
+                ConvexPolyhedron::from_convex_hull(&points).map(SharedShape::new)
+            }
+            Self::HalfSpace { .. } => None,
+            Self::Mesh(mesh) => Some(mesh.clone()),
+        }
+    }
+}

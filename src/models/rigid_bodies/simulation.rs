@@ -1,0 +1,372 @@
+//! Steps of a scene: find the contacts, let forces act, solve each island, move.
+//!
+//! ```text
+//! v_free = v + h g,    v+ = v_free + M^-1 (J^T r + G^T lambda),    q+ = q (+) h v+
+//! ```
+//!
+//! The contacts are those of the start of the step, with their gaps: an open one closes no further than to touch
+//! (Stewart and Trinkle 1996). What curvature makes bodies overlap at the end is moved apart at the start of the next
+//! step, without a velocity.
+
+use super::collision::{BroadPhase, ContactPoint, contacts};
+use super::contact::Contact;
+use super::island::Island;
+use super::joint::joined;
+use super::motion::Motion;
+use super::scene::Scene;
+use crate::contact::islands::{Islands, solve_apart, threads};
+use crate::contact::law::{self, Law};
+use crate::contact::{ImpactLaw, Settings};
+use crate::problem::Control;
+use crate::vi::Outcome;
+use nalgebra::{Isometry3, Vector3};
+use rustc_hash::FxHashMap;
+use std::collections::HashSet;
+
+/// Points within this part of a body's size are contacts, however slow the body: where one contact pushes a body, another
+/// that is near must know of it.
+const NEAR: f64 = 0.01;
+
+/// Contacts of the islands but the largest that are worth another thread.
+const WORTH_A_THREAD: usize = 200;
+
+/// Overlaps that are left alone, in parts of the smaller body's size.
+const OVERLAP: f64 = 5e-7;
+
+/// Rounds of moving bodies apart within a step, and at the start where they may lie in each other.
+const ROUNDS: usize = 3;
+const ROUNDS_AT_START: usize = 100;
+
+/// What became of a step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum StepFailure {
+    /// A body's motion is no longer finite.
+    NotFinite {
+        /// Its place in the scene.
+        body: usize,
+    },
+    /// The joints contradict each other.
+    Joints,
+    /// The contact law was not solved.
+    Unsolved {
+        /// What was left of it.
+        residual: f64,
+    },
+}
+
+/// A residual of the contact law above this is no answer.
+const UNSOLVED: f64 = 0.1;
+
+/// What is to be said of the contacts of a step.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ContactReport {
+    /// Contacts that carried an impulse.
+    pub closed: usize,
+    /// The deepest overlap at the start of the step, in metres.
+    pub penetration: f64,
+    /// The sum of the normal impulses, in newton seconds.
+    pub normal_impulse: f64,
+    /// Work done on normals and on tangents, `r . (u+ + u-) / 2`, in joules.
+    pub work: [f64; 2],
+    /// Islands with contacts or joints.
+    pub islands: usize,
+    /// Contact problems solved.
+    pub solves: u64,
+    /// Pivots or iterations in all.
+    pub iterations: u64,
+    /// The solver that answered last.
+    pub solver: &'static str,
+    /// The largest residual of the contact law.
+    pub residual: f64,
+    /// Whether a restitution would have added energy, and was cut.
+    pub is_limited: bool,
+}
+
+impl ContactReport {
+    /// Takes over how one island was solved.
+    fn take(&mut self, law: &law::Report) {
+        self.solves += law.solves;
+        self.iterations += law.iterations;
+        self.solver = law.solver;
+        let residual = if law.outcome == Outcome::Breakdown { f64::INFINITY } else { law.residual };
+        self.residual = self.residual.max(residual);
+        self.is_limited |= law.restitution < 1.0;
+    }
+}
+
+/// A scene in motion.
+#[derive(Debug)]
+pub struct Simulation<'a> {
+    scene: &'a Scene,
+    /// The bodies that move.
+    pub moving: Vec<Motion>,
+    /// The places of the scene's bodies among them.
+    places: Vec<Option<u32>>,
+    /// The contacts of the step.
+    pub contacts: Vec<Contact>,
+    /// What the last step said.
+    pub report: ContactReport,
+    joined: HashSet<(u32, u32)>,
+    broad_phase: BroadPhase,
+    pairs: Vec<(u32, u32)>,
+    points: Vec<ContactPoint>,
+    /// Impulses of the last step, in the world, by contact.
+    kept: FxHashMap<(u32, u32, u32), Vector3<f64>>,
+    islands: Islands,
+    tasks: Vec<Island>,
+    impact_law: ImpactLaw,
+    laws: Vec<Law>,
+}
+
+impl<'a> Simulation<'a> {
+    /// The scene at its start.
+    pub fn new(scene: &'a Scene, settings: &Settings) -> Self {
+        let mut moving = Vec::new();
+        let mut places = Vec::with_capacity(scene.bodies.len());
+        for body in &scene.bodies {
+            let motion = if body.fixed { None } else { Motion::new(body) };
+            places.push(motion.map(|motion| {
+                moving.push(motion);
+                moving.len() as u32 - 1
+            }));
+        }
+        Self {
+            scene,
+            moving,
+            places,
+            contacts: Vec::new(),
+            report: ContactReport::default(),
+            joined: joined(&scene.joints),
+            broad_phase: BroadPhase::default(),
+            pairs: Vec::new(),
+            points: Vec::new(),
+            kept: FxHashMap::default(),
+            islands: Islands::default(),
+            tasks: Vec::new(),
+            impact_law: settings.impact_law,
+            laws: (0..threads()).map(|_| Law::new(settings.tolerance)).collect(),
+        }
+    }
+
+    /// The pose of a body of the scene.
+    pub fn pose(&self, body: usize) -> &Isometry3<f64> {
+        self.places[body].map_or(&self.scene.bodies[body].pose, |place| &self.moving[place as usize].pose)
+    }
+
+    /// The motion of a body of the scene; none if it is fixed.
+    pub fn motion(&self, body: usize) -> Option<&Motion> {
+        self.places[body].map(|place| &self.moving[place as usize])
+    }
+
+    /// Makes a step of length `h`.
+    ///
+    /// # Errors
+    /// If the bodies cannot go on.
+    pub fn step(&mut self, h: f64, control: &Control) -> Result<(), StepFailure> {
+        self.detect(h);
+        self.report = ContactReport { penetration: self.depth(0.0).max(0.0), ..ContactReport::default() };
+        for _ in 0..ROUNDS {
+            if self.depth(OVERLAP) <= 0.0 {
+                break;
+            }
+            self.separate(control)?;
+            self.detect(h);
+        }
+        let kick = self.scene.gravity * h;
+        for motion in &mut self.moving {
+            motion.velocity += kick;
+        }
+        self.remember();
+        self.solve(h, control)?;
+        if self.report.residual > UNSOLVED && control.poll().is_none() {
+            return Err(StepFailure::Unsolved { residual: self.report.residual });
+        }
+        self.judge();
+        for motion in &mut self.moving {
+            motion.drift(h);
+        }
+        self.check()
+    }
+
+    /// Moves bodies apart that overlap; false if that did not do.
+    pub fn resolve(&mut self, control: &Control) -> bool {
+        for _ in 0..ROUNDS_AT_START {
+            self.detect(0.0);
+            if self.depth(OVERLAP) <= 0.0 {
+                return true;
+            }
+            if control.poll().is_some() || self.separate(control).is_err() {
+                return false;
+            }
+        }
+        false
+    }
+
+    /// Finds the contacts that may close within `h`.
+    fn detect(&mut self, h: f64) {
+        let (scene, moving, places) = (self.scene, &self.moving, &self.places);
+        let fall = scene.gravity.norm() * h;
+        let margin = |body: usize| {
+            places[body].map_or(0.0, |place| {
+                let motion = &moving[place as usize];
+                let reach = scene.bodies[body].collider.shape.reach();
+                h * (motion.velocity.norm() + fall + motion.omega.norm() * reach) + NEAR * reach
+            })
+        };
+        let pose = |body: usize| places[body].map_or(&scene.bodies[body].pose, |place| &moving[place as usize].pose);
+        let bounds = |body: usize| {
+            let (lower, upper) = scene.bodies[body].collider.shape.bounds(pose(body));
+            let margin = Vector3::repeat(margin(body));
+            (lower - margin, upper + margin)
+        };
+        self.broad_phase.pairs(scene.bodies.len(), bounds, |body| places[body].is_some(), &mut self.pairs);
+        self.contacts.clear();
+        for &(a, b) in &self.pairs {
+            if self.joined.contains(&(a, b)) {
+                continue;
+            }
+            let [i, j] = [a as usize, b as usize];
+            let [first, second] = [i, j].map(|body| (&scene.bodies[body].collider, pose(body)));
+            self.points.clear();
+            contacts(first, second, margin(i) + margin(j), &mut self.points);
+            let law = scene.laws.of(scene.bodies[i].material, scene.bodies[j].material);
+            let new = |point| Contact::new(point, [places[i], places[j]], moving, law, (a, b));
+            self.contacts.extend(self.points.iter().map(new));
+        }
+    }
+
+    /// The deepest overlap beyond `fraction` of the smaller body.
+    fn depth(&self, fraction: f64) -> f64 {
+        let reach = |body: u32| self.scene.bodies[body as usize].collider.shape.reach();
+        let excess = |contact: &Contact| -contact.gap - fraction * reach(contact.key.0).min(reach(contact.key.1));
+        self.contacts.iter().map(excess).fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// Gives each contact the impulse that it had in the last step.
+    fn remember(&mut self) {
+        for contact in &mut self.contacts {
+            if let Some(impulse) = self.kept.get(&contact.key) {
+                contact.impulse = contact.frame * impulse;
+            }
+        }
+    }
+
+    /// Solves every island, from the velocities and the contacts as they stand.
+    fn solve(&mut self, h: f64, control: &Control) -> Result<(), StepFailure> {
+        self.part();
+        let (joints, places, tasks) = (&self.scene.joints, &self.places, &mut self.tasks[..self.islands.len()]);
+        let weight = |island: &Island| island.contacts.len() + 2 * island.joints.len();
+        solve_apart(tasks, &mut self.laws, weight, WORTH_A_THREAD, |island, law| {
+            let bodies = std::mem::take(&mut island.bodies);
+            let place = |body: usize| places[body].and_then(|body| bodies.binary_search(&body).ok()).map(|k| k as u32);
+            island.solve(h, joints, place, law, control);
+            island.bodies = bodies;
+        });
+        self.report.islands = tasks.len();
+        for island in tasks {
+            if island.is_singular {
+                return Err(StepFailure::Joints);
+            }
+            if let Some(law) = &island.report {
+                self.report.take(law);
+            }
+            for (&body, motion) in island.bodies.iter().zip(&island.moving) {
+                self.moving[body as usize] = *motion;
+            }
+            for (&source, contact) in island.sources.iter().zip(&island.contacts) {
+                self.contacts[source as usize].impulse = contact.impulse;
+            }
+        }
+        Ok(())
+    }
+
+    /// Parts contacts and joints into islands, and copies out what belongs to each.
+    fn part(&mut self) {
+        let (contacts, joints, places) = (&self.contacts, &self.scene.joints, &self.places);
+        let of_contact = |contact: &Contact| match contact.bodies {
+            [Some(a), b] => (a as usize, b.map(|b| b as usize)),
+            [None, b] => (b.unwrap_or(0) as usize, None),
+        };
+        let of_joint = |joint: &super::joint::Joint| {
+            let [a, b] = joint.places(&|body| places[body]);
+            (a.unwrap_or(0) as usize, b.map(|b| b as usize))
+        };
+        let links = contacts.iter().map(of_contact).chain(joints.iter().map(of_joint));
+        self.islands.group(self.moving.len(), links.clone());
+        let (cone, impact_law) = (self.scene.cone, self.impact_law);
+        self.tasks.resize_with(self.tasks.len().max(self.islands.len()), || Island::new(cone, impact_law));
+        for (k, island) in self.tasks.iter_mut().take(self.islands.len()).enumerate() {
+            island.clear();
+            for &link in self.islands.links(k) {
+                let link = link as usize;
+                let bodies = if let Some(contact) = contacts.get(link) {
+                    island.contacts.push(*contact);
+                    island.sources.push(link as u32);
+                    contact.bodies
+                } else {
+                    island.joints.push((link - contacts.len()) as u32);
+                    joints[link - contacts.len()].places(&|body| places[body])
+                };
+                island.bodies.extend(bodies.into_iter().flatten());
+            }
+            island.bodies.sort_unstable();
+            island.bodies.dedup();
+            island.moving.extend(island.bodies.iter().map(|&body| self.moving[body as usize]));
+            for contact in &mut island.contacts {
+                contact.bodies = contact.bodies.map(|body| {
+                    body.and_then(|body| island.bodies.binary_search(&body).ok()).map(|place| place as u32)
+                });
+            }
+        }
+    }
+
+    /// Moves overlapping bodies apart, by the least displacement in the norm of the masses that opens every gap: the
+    /// contact problem without friction whose velocities are displacements and whose free velocities are gaps.
+    fn separate(&mut self, control: &Control) -> Result<(), StepFailure> {
+        let kept: Vec<(Vector3<f64>, Vector3<f64>)> = self.moving.iter().map(|m| (m.velocity, m.omega)).collect();
+        for motion in &mut self.moving {
+            (motion.velocity, motion.omega) = Default::default();
+        }
+        for contact in &mut self.contacts {
+            *contact = contact.of_displacements();
+        }
+        let solved = self.solve(1.0, control);
+        for (motion, (velocity, omega)) in self.moving.iter_mut().zip(kept) {
+            let (by, rotation) = (motion.velocity, motion.omega);
+            (motion.velocity, motion.omega) = (velocity, omega);
+            motion.displace(&by, &rotation);
+        }
+        solved
+    }
+
+    /// Keeps the impulses, and says what the contacts did.
+    fn judge(&mut self) {
+        self.kept.clear();
+        let (moving, report) = (&self.moving, &mut self.report);
+        for contact in self.contacts.iter().filter(|contact| contact.impulse.x > 0.0) {
+            self.kept.insert(contact.key, contact.frame.tr_mul(&contact.impulse));
+            let of = |body: u32| (moving[body as usize].velocity, moving[body as usize].omega);
+            let mean = 0.5 * (contact.velocity(of) + contact.before);
+            let powers = contact.impulse.component_mul(&mean);
+            report.closed += 1;
+            report.normal_impulse += contact.impulse.x;
+            report.work[0] += powers.x;
+            report.work[1] += powers.y + powers.z;
+        }
+    }
+
+    fn check(&self) -> Result<(), StepFailure> {
+        let lost = |place: &Option<u32>| place.is_some_and(|place| !self.moving[place as usize].is_finite());
+        match self.places.iter().position(lost) {
+            Some(body) => Err(StepFailure::NotFinite { body }),
+            None => Ok(()),
+        }
+    }
+
+    /// Kinetic and potential energy, the latter zero at the origin.
+    pub fn energies(&self) -> [f64; 2] {
+        let kinetic = self.moving.iter().map(Motion::kinetic_energy).sum();
+        let height = |motion: &Motion| motion.mass * self.scene.gravity.dot(&motion.pose.translation.vector);
+        [kinetic, -self.moving.iter().map(height).sum::<f64>()]
+    }
+}

@@ -1,0 +1,216 @@
+//! Rigid bodies from start to end by time stepping, their outputs by name.
+
+use super::run::{Plan, Stepper, run};
+use super::{Diagnostics, Event, Failure, Solution, ViCounts, Warning};
+use crate::analysis::Analysis;
+use crate::contact::Settings;
+use crate::contact::energy::Energy;
+use crate::models::rigid_bodies::{Scene, Simulation, StepFailure, between};
+use crate::problem::Control;
+use nalgebra::Isometry3;
+
+/// Steps a scene through the plan.
+pub fn step_rigid_bodies(
+    scene: &Scene,
+    plan: &Plan,
+    settings: &Settings,
+    analysis: &Analysis,
+    control: &Control,
+) -> Solution {
+    let diagnostics = describe_rigid_bodies(scene, settings, analysis);
+    run(plan, control, diagnostics, || Course::new(scene, plan, settings, control))
+}
+
+/// What is known before the run.
+pub fn describe_rigid_bodies(scene: &Scene, settings: &Settings, analysis: &Analysis) -> Diagnostics {
+    let mut diagnostics = Diagnostics {
+        method: "contact",
+        built: vec!["time stepping", "law of impact", "islands"],
+        analysis: Some(analysis.clone()),
+        vi: Some(ViCounts::default()),
+        ..Diagnostics::default()
+    };
+    if scene.joints.is_empty() {
+        diagnostics.left_out.push("joints: there are none".to_owned());
+    } else {
+        diagnostics.built.push("joints");
+    }
+    if settings.default_step {
+        let message = format!("no `step` was given: time stepping takes steps of {}", settings.step);
+        diagnostics.warnings.push(Warning { code: "default_step", message });
+    }
+    diagnostics
+}
+
+/// A run with the names that its columns go by.
+struct Course<'a> {
+    scene: &'a Scene,
+    simulation: Simulation<'a>,
+    plan: &'a Plan,
+    control: &'a Control,
+    h: f64,
+    steps: u64,
+    /// The time reached, and that of the step before.
+    t: f64,
+    before: f64,
+    /// Where the bodies were then.
+    poses: Vec<Isometry3<f64>>,
+    states: Vec<f64>,
+    energy: Energy,
+    work: ViCounts,
+    /// Steps in which a restitution was cut.
+    limited: u64,
+}
+
+impl<'a> Course<'a> {
+    fn new(scene: &'a Scene, plan: &'a Plan, settings: &Settings, control: &'a Control) -> Result<Self, Failure> {
+        let mut simulation = Simulation::new(scene, settings);
+        if scene.resolve && !simulation.resolve(control) {
+            let message = "the bodies overlap at the start, and there is no way found to move them apart".to_owned();
+            return Err(Failure { code: "interpenetration", message, time: plan.start, state: plan.initial.clone() });
+        }
+        let mut course = Self {
+            scene,
+            poses: simulation.moving.iter().map(|motion| motion.pose).collect(),
+            simulation,
+            plan,
+            control,
+            h: settings.step,
+            steps: 0,
+            t: plan.start,
+            before: plan.start,
+            states: vec![0.0; plan.initial.len()],
+            energy: Energy::default(),
+            work: ViCounts::default(),
+            limited: 0,
+        };
+        let [kinetic, potential] = course.simulation.energies();
+        course.energy = Energy::new(kinetic, potential);
+        course.write_states(plan.start);
+        Ok(course)
+    }
+
+    /// Takes the last step into the books.
+    fn book(&mut self) {
+        let report = &self.simulation.report;
+        let [kinetic, potential] = self.simulation.energies();
+        let before = self.energy.kinetic_at_end;
+        self.energy.dissipate(-report.work[1], -report.work[0], before);
+        self.energy.close(kinetic, potential);
+        self.work.solves += report.solves;
+        self.work.pivots += report.iterations;
+        self.work.largest_residual = self.work.largest_residual.max(report.residual);
+        if report.solves > 0 {
+            self.work.solver = report.solver;
+        }
+        self.limited += u64::from(report.is_limited);
+    }
+
+    /// Writes the states at a time within the last step.
+    fn write_states(&mut self, t: f64) {
+        let fraction = if self.t > self.before { (t - self.before) / (self.t - self.before) } else { 1.0 };
+        let moving = self.scene.bodies.iter().filter(|body| !body.fixed);
+        let parts = moving.zip(&self.poses).zip(&self.simulation.moving).zip(self.states.chunks_exact_mut(13));
+        for (((body, from), to), out) in parts {
+            out.copy_from_slice(&between(body, from, to, fraction));
+        }
+    }
+}
+
+impl Stepper for Course<'_> {
+    fn t(&self) -> f64 {
+        self.t
+    }
+
+    fn is_done(&self) -> bool {
+        self.t >= self.plan.end
+    }
+
+    fn accepted(&self) -> u64 {
+        self.steps
+    }
+
+    fn states(&self) -> &[f64] {
+        &self.states
+    }
+
+    fn step(&mut self) -> Result<(), Failure> {
+        // A last step within rounding of the end is none.
+        let next = self.plan.start + (self.steps + 1) as f64 * self.h;
+        let next = if next >= self.plan.end - 1e-9 * self.h { self.plan.end } else { next };
+        self.poses.clear();
+        self.poses.extend(self.simulation.moving.iter().map(|motion| motion.pose));
+        let stepped = self.simulation.step(next - self.t, self.control);
+        (self.before, self.t) = (self.t, next);
+        self.steps += 1;
+        self.write_states(next);
+        self.book();
+        stepped.map_err(|failure| {
+            let (code, message) = match failure {
+                StepFailure::NotFinite { body } => {
+                    let name = &self.scene.bodies[body].name;
+                    ("not_finite", format!("the motion of `{name}` is not finite at t = {next}"))
+                }
+                StepFailure::Unsolved { residual } => (
+                    "contact_unsolved",
+                    format!("the law of contact and friction was not solved at t = {next} (residual {residual:e}): a smaller step may help"),
+                ),
+                StepFailure::Joints => ("joints", format!("the joints cannot all hold at t = {next}")),
+            };
+            Failure { code, message, time: next, state: self.states.clone() }
+        })
+    }
+
+    fn outputs(&mut self, t: f64, out: &mut [f64]) {
+        let end = self.t;
+        if t < end {
+            self.write_states(t);
+        }
+        let (states, of_scene) = out.split_at_mut(self.states.len());
+        states.copy_from_slice(&self.states);
+        if t < end {
+            self.write_states(end);
+        }
+        let [kinetic, potential] = self.simulation.energies();
+        let report = &self.simulation.report;
+        let Energy { dissipated_by_friction, lost_in_impacts, .. } = self.energy;
+        let values = [
+            kinetic,
+            potential,
+            dissipated_by_friction,
+            lost_in_impacts,
+            report.closed as f64,
+            report.penetration,
+            report.normal_impulse,
+        ];
+        of_scene.copy_from_slice(&values);
+    }
+
+    fn take_events(&mut self, _events: &mut Vec<Event>) {}
+
+    fn observe(&mut self, _switched: bool, diagnostics: &mut Diagnostics) {
+        diagnostics.energy = Some(self.energy);
+    }
+
+    fn finish(&mut self, diagnostics: &mut Diagnostics) {
+        diagnostics.steps.accepted = self.steps;
+        if self.work.largest_residual > UNSATISFACTORY {
+            let message = format!(
+                "the law of contact and friction was solved to a relative residual of {:e} at worst",
+                self.work.largest_residual
+            );
+            diagnostics.warnings.push(Warning { code: "contact_residual", message });
+        }
+        if self.limited > 0 {
+            let message = format!(
+                "in {} steps the whole restitution would have added energy; as much was taken as adds none",
+                self.limited
+            );
+            diagnostics.warnings.push(Warning { code: "restitution_limited", message });
+        }
+        diagnostics.vi = Some(self.work.clone());
+    }
+}
+
+/// A residual that the user should know of.
+const UNSATISFACTORY: f64 = 1e-6;

@@ -1,0 +1,133 @@
+//! What holds where bodies touch: friction and restitution, by pairs of materials.
+
+use super::vectors::in_range;
+use super::{Expression, Ordered};
+use crate::contact::law::Cone;
+use crate::expression::nearest;
+use crate::models::rigid_bodies::{Law, Laws};
+use crate::specification::error::SpecificationError;
+use crate::specification::lowering::Lowering;
+use crate::specification::mechanical::ConeName;
+use crate::specification::place::Place;
+use crate::specification::wording::{abridged, listed};
+use serde::Deserialize;
+use utoipa::ToSchema;
+
+/// What holds where bodies touch.
+#[derive(Clone, Debug, Default, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BodyContacts {
+    /// The coefficient of friction of bodies without a material, or with one that names none. Default 0.
+    pub friction: Option<Expression>,
+    /// The coefficient of restitution likewise, from 0 to 1. Default 0.
+    pub restitution: Option<Expression>,
+    /// The set of friction. Default `quadratic`.
+    #[serde(default)]
+    pub cone: ConeName,
+    /// The corners of a polyhedral cone, from 4 to 64, the first along the x axis as seen on the plane of contact. Default 8.
+    #[schema(minimum = 4, maximum = 64)]
+    pub facets: Option<u64>,
+    /// Pairs of materials with coefficients of their own. Of two materials that make no pair, the friction is the
+    /// geometric mean and the restitution the lesser.
+    #[serde(default)]
+    pub pairs: Vec<MaterialPair>,
+}
+
+/// A material.
+#[derive(Clone, Debug, Default, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Material {
+    /// The coefficient of friction, not below 0. Default that of `contacts`.
+    pub friction: Option<Expression>,
+    /// The coefficient of restitution, from 0 to 1. Default that of `contacts`.
+    pub restitution: Option<Expression>,
+}
+
+/// Two materials, or twice the same, with coefficients of their own.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MaterialPair {
+    /// Their names.
+    pub materials: [String; 2],
+    /// The coefficient of friction, not below 0.
+    pub friction: Option<Expression>,
+    /// The coefficient of restitution, from 0 to 1.
+    pub restitution: Option<Expression>,
+}
+
+impl BodyContacts {
+    /// The set of friction.
+    pub(super) fn cone(&self, place: &Place<'_>, lowering: &mut Lowering) -> Cone {
+        let facets = self.facets.unwrap_or(FACETS);
+        if self.facets.is_some() && (self.cone == ConeName::Quadratic || !(4..=64).contains(&facets)) {
+            let detail = format!("{facets} corners for a {:?} cone", self.cone).to_lowercase();
+            let error = SpecificationError::new(place.key("facets").to_string(), "out_of_range", detail);
+            lowering.errors.push(error.expected("4 to 64 corners, for a polyhedral cone"));
+        }
+        match self.cone {
+            ConeName::Quadratic => Cone::Quadratic,
+            ConeName::Polyhedral => Cone::Polyhedral(facets as usize),
+        }
+    }
+}
+
+/// The corners of a polyhedral cone where none are given.
+const FACETS: u64 = 8;
+
+fn coefficients(
+    friction: Option<&Expression>,
+    restitution: Option<&Expression>,
+    default: Law,
+    place: &Place<'_>,
+    lowering: &mut Lowering,
+) -> Law {
+    let mut read = |value: Option<&Expression>, what: &str, range: (fn(f64) -> bool, &str), default: f64| {
+        value.and_then(|value| in_range(value, what, range, &place.key(what), lowering)).unwrap_or(default)
+    };
+    let friction = read(friction, "friction", (|mu| mu >= 0.0, "not below 0"), default.friction);
+    let restitution =
+        read(restitution, "restitution", (|e| (0.0..=1.0).contains(&e), "from 0 to 1"), default.restitution);
+    Law { friction, restitution }
+}
+
+/// The law of every pair of materials; the last material is that of bodies without one.
+pub(super) fn lower(
+    contacts: &BodyContacts,
+    materials: &Ordered<Material>,
+    problem: &Place<'_>,
+    lowering: &mut Lowering,
+) -> Laws {
+    let place = problem.key("contacts");
+    let given = (contacts.friction.as_ref(), contacts.restitution.as_ref());
+    let default = coefficients(given.0, given.1, Law::default(), &place, lowering);
+    let place_of_materials = problem.key("materials");
+    let mut single: Vec<Law> = materials
+        .iter()
+        .map(|(name, material)| {
+            let given = (material.friction.as_ref(), material.restitution.as_ref());
+            coefficients(given.0, given.1, default, &place_of_materials.key(name), lowering)
+        })
+        .collect();
+    single.push(default);
+    let mut laws = Laws::of_materials(&single);
+    for (k, pair) in contacts.pairs.iter().enumerate() {
+        let place = place.key("pairs");
+        let place = place.index(k);
+        let mut find = |i: usize| {
+            let name = &pair.materials[i];
+            let found = materials.names().position(|known| known == name);
+            if found.is_none() {
+                let detail = format!("`{}` is no material", abridged(name));
+                let error =
+                    SpecificationError::new(place.key("materials").index(i).to_string(), "unknown_name", detail);
+                let nearest = nearest(name, materials.names());
+                lowering.errors.push(error.expected(listed(materials.names())).did_you_mean(nearest));
+            }
+            found
+        };
+        let (Some(a), Some(b)) = (find(0), find(1)) else { continue };
+        let given = (pair.friction.as_ref(), pair.restitution.as_ref());
+        laws.set(a, b, coefficients(given.0, given.1, laws.of(a, b), &place, lowering));
+    }
+    laws
+}

@@ -1,0 +1,134 @@
+//! Joints, placed in the world as it is at the start.
+
+use super::vectors::{self, Vector};
+use crate::expression::nearest;
+use crate::models::rigid_bodies::{self, Body, JointKind};
+use crate::specification::error::SpecificationError;
+use crate::specification::expression::Expression;
+use crate::specification::lowering::Lowering;
+use crate::specification::place::Place;
+use crate::specification::wording::{abridged, listed};
+use nalgebra::{Unit, Vector3};
+use serde::Deserialize;
+use std::collections::HashMap;
+use utoipa::ToSchema;
+
+/// What holds two bodies together, or one to the world. Bodies on a common joint do not touch each other.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum BodyJoint {
+    /// A common point: three rotations are free.
+    Ball(PointJoint),
+    /// A common point and axis: one rotation is free.
+    Hinge(AxialJoint),
+    /// A common axis along which they slide: one translation is free.
+    Slider(AxialJoint),
+    /// Nothing is free.
+    Fixed(FixedJoint),
+}
+
+/// A common point.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PointJoint {
+    /// The names of two bodies, or of one that is joined to the world.
+    pub bodies: Vec<String>,
+    /// The point, in the world at the start.
+    #[schema(value_type = [Expression; 3])]
+    pub at: Vector,
+}
+
+/// A common axis.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct AxialJoint {
+    /// The names of two bodies, or of one that is joined to the world.
+    pub bodies: Vec<String>,
+    /// A point of the axis, in the world at the start.
+    #[schema(value_type = [Expression; 3])]
+    pub at: Vector,
+    /// The direction of the axis, in the world at the start.
+    #[schema(value_type = [Expression; 3])]
+    pub axis: Vector,
+}
+
+/// Bodies that move as one.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct FixedJoint {
+    /// The names of two bodies, or of one that is joined to the world.
+    pub bodies: Vec<String>,
+}
+
+/// The joints of which everything is known.
+pub(super) fn lower(
+    joints: &[BodyJoint],
+    bodies: &[Body],
+    names: &HashMap<String, usize>,
+    place: &Place<'_>,
+    lowering: &mut Lowering,
+) -> Vec<rigid_bodies::Joint> {
+    let mut lowered = Vec::with_capacity(joints.len());
+    for (k, joint) in joints.iter().enumerate() {
+        let place = place.index(k);
+        let (key, bodies_of, at, axis, kind) = match joint {
+            BodyJoint::Ball(PointJoint { bodies, at }) => ("ball", bodies, Some(at), None, JointKind::Ball),
+            BodyJoint::Hinge(AxialJoint { bodies, at, axis }) => {
+                ("hinge", bodies, Some(at), Some(axis), JointKind::Hinge)
+            }
+            BodyJoint::Slider(AxialJoint { bodies, at, axis }) => {
+                ("slider", bodies, Some(at), Some(axis), JointKind::Slider)
+            }
+            BodyJoint::Fixed(FixedJoint { bodies }) => ("fixed", bodies, None, None, JointKind::Fixed),
+        };
+        let place = place.key(key);
+        let at = at.map(|at| vectors::lower(at, &place.key("at"), lowering));
+        let axis =
+            axis.map_or(Vector3::z_axis(), |axis: &Vector| vectors::direction(axis, &place.key("axis"), lowering));
+        if let Some(pair) = pair(bodies_of, bodies, names, &place.key("bodies"), lowering) {
+            let at = at.unwrap_or_else(|| bodies[pair.0].pose.translation.vector);
+            let axis: Unit<Vector3<f64>> = axis;
+            lowered.push(rigid_bodies::Joint::new(kind, pair, bodies, at, axis));
+        }
+    }
+    lowered
+}
+
+/// The bodies of a joint, the first of which moves.
+fn pair(
+    given: &[String],
+    bodies: &[Body],
+    names: &HashMap<String, usize>,
+    place: &Place<'_>,
+    lowering: &mut Lowering,
+) -> Option<(usize, Option<usize>)> {
+    if given.is_empty() || given.len() > 2 {
+        let detail = format!("{} bodies are named", given.len());
+        let error = SpecificationError::new(place.to_string(), "wrong_count", detail);
+        lowering.errors.push(error.expected("one body, joined to the world, or two"));
+        return None;
+    }
+    let mut found = Vec::with_capacity(2);
+    for (i, name) in given.iter().enumerate() {
+        match names.get(name) {
+            Some(&body) => found.push(body),
+            None => {
+                let known = || bodies.iter().map(|body| body.name.as_str());
+                let detail = format!("`{}` is no body", abridged(name));
+                let error = SpecificationError::new(place.index(i).to_string(), "unknown_name", detail);
+                lowering.errors.push(error.expected(listed(known())).did_you_mean(nearest(name, known())));
+                return None;
+            }
+        }
+    }
+    let moving: Vec<usize> = found.iter().copied().filter(|&body| !bodies[body].fixed).collect();
+    let detail = match (&moving[..], &found[..]) {
+        ([a, b], _) if a != b => return Some((*a, Some(*b))),
+        ([a], _) => return Some((*a, None)),
+        ([], _) => "none of these bodies moves",
+        _ => "a body cannot be joined to itself",
+    };
+    let error = SpecificationError::new(place.to_string(), "nothing_to_join", detail);
+    lowering.errors.push(error.expected("a body that moves, and another or the world"));
+    None
+}

@@ -1,0 +1,105 @@
+//! Rigid bodies in space: shapes, masses, where they start, what holds when they touch, joints.
+//!
+//! ```text
+//! M (v+ - v) = h f + J^T r,    u = J v,    r_k in the friction cone of contact k, by Coulomb's law;    q+ = q (+) h v+
+//! ```
+
+mod bodies;
+mod contacts;
+mod joints;
+mod overlaps;
+mod shapes;
+mod vectors;
+
+pub use bodies::RigidBody;
+pub use contacts::{BodyContacts, Material, MaterialPair};
+pub use joints::{AxialJoint, BodyJoint, FixedJoint, PointJoint};
+pub use shapes::{
+    BoxShape, CapsuleShape, CylinderShape, HalfSpaceShape, HullShape, MeshShape, RigidShape, SphereShape,
+};
+
+use super::error::SpecificationError;
+use super::expression::Expression;
+use super::lowering::Lowering;
+use super::mechanical::Interpenetration;
+use super::ordered::Ordered;
+use super::place::Place;
+use crate::models::Model;
+use crate::models::rigid_bodies::Scene;
+use serde::Deserialize;
+use std::collections::HashMap;
+use utoipa::ToSchema;
+use vectors::Vector;
+
+/// The most bodies of one scene.
+const MOST_BODIES: usize = 100_000;
+
+/// Rigid bodies that touch, slide, roll, collide and hang on joints. SI units; the z axis of a shape is its own axis.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RigidBodiesProblem {
+    /// Constants by name; each may be an expression in the others, in no circle.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
+    pub parameters: Ordered<Expression>,
+    /// Default `[0, 0, 0]`.
+    #[schema(value_type = Option<[Expression; 3]>)]
+    pub gravity: Option<Vector>,
+    /// Materials by name.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, Material>)]
+    pub materials: Ordered<Material>,
+    /// The bodies, at least one of which moves; at most 100,000.
+    pub bodies: Vec<RigidBody>,
+    /// What holds where bodies touch.
+    #[serde(default)]
+    pub contacts: BodyContacts,
+    /// What holds bodies together.
+    #[serde(default)]
+    pub joints: Vec<BodyJoint>,
+    /// What to do with bodies that overlap at the start. Default `refuse`.
+    #[serde(default)]
+    pub interpenetration: Interpenetration,
+}
+
+impl RigidBodiesProblem {
+    /// Lowers the problem as far as it can be; the model is of use only if no error was found.
+    pub(super) fn lower(&self, place: &Place<'_>, start: Option<f64>) -> (Lowering, Option<Model>) {
+        let mut lowering = Lowering::new(start, &self.parameters, place);
+        let place_of_bodies = place.key("bodies");
+        if self.bodies.len() > MOST_BODIES {
+            let detail = format!("{} bodies", self.bodies.len());
+            let error = SpecificationError::new(place_of_bodies.to_string(), "too_many_bodies", detail);
+            lowering.errors.push(error.expected(format!("at most {MOST_BODIES} bodies")));
+            return (lowering, None);
+        }
+        let gravity = self.gravity.as_ref().map(|g| vectors::lower(g, &place.key("gravity"), &mut lowering));
+        let laws = contacts::lower(&self.contacts, &self.materials, place, &mut lowering);
+        let cone = self.contacts.cone(&place.key("contacts"), &mut lowering);
+        let mut warnings = Vec::new();
+        let mut names = HashMap::with_capacity(self.bodies.len());
+        let mut bodies = Vec::with_capacity(self.bodies.len());
+        for (k, body) in self.bodies.iter().enumerate() {
+            let place = place_of_bodies.index(k);
+            let name = body.name(k);
+            lowering.keep_name(&name, &place.key("name"));
+            names.insert(name.clone(), k);
+            bodies.push(body.lower(name, &self.materials, &place, &mut warnings, &mut lowering));
+        }
+        if self.bodies.iter().all(|body| body.fixed) {
+            let detail = "no body moves";
+            let error = SpecificationError::new(place_of_bodies.to_string(), "nothing_moves", detail);
+            lowering.errors.push(error.expected("at least one body that is not `\"fixed\": true`"));
+        }
+        let Some(bodies) = bodies.into_iter().collect::<Option<Vec<_>>>().filter(|_| lowering.errors.is_empty()) else {
+            return (lowering, None);
+        };
+        let joints = joints::lower(&self.joints, &bodies, &names, &place.key("joints"), &mut lowering);
+        let resolve = self.interpenetration == Interpenetration::Resolve;
+        let scene = Scene { gravity: gravity.unwrap_or_default(), bodies, laws, cone, joints, resolve, warnings };
+        if !resolve {
+            overlaps::refuse(&scene, &place_of_bodies, &mut lowering.errors);
+        }
+        (lowering, Some(Model::RigidBodies(scene)))
+    }
+}

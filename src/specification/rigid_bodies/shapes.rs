@@ -1,0 +1,197 @@
+//! The shapes that a user may give a body.
+
+use super::vectors::{self, Vector};
+use crate::models::rigid_bodies::{Polyhedron, Shape};
+use crate::specification::error::SpecificationError;
+use crate::specification::expression::Expression;
+use crate::specification::lowering::Lowering;
+use crate::specification::place::Place;
+use nalgebra::Vector3;
+use serde::Deserialize;
+use utoipa::ToSchema;
+
+/// The shape of a body, in the frame of the body. Lengths in metres.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum RigidShape {
+    /// A ball.
+    Sphere(SphereShape),
+    /// A box.
+    Box(BoxShape),
+    /// A cylinder along z with a half ball on either end.
+    Capsule(CapsuleShape),
+    /// A circular cylinder along z.
+    Cylinder(CylinderShape),
+    /// The convex hull of points.
+    ConvexHull(HullShape),
+    /// All that lies below a plane; for fixed bodies.
+    HalfSpace(HalfSpaceShape),
+    /// A surface of triangles; for fixed bodies.
+    TriangleMesh(MeshShape),
+}
+
+/// A ball about the position of the body.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SphereShape {
+    /// Above 0.
+    pub radius: Expression,
+}
+
+/// A box about the position of the body.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BoxShape {
+    /// The lengths of its sides along x, y and z, above 0.
+    #[schema(value_type = [Expression; 3])]
+    pub size: Vector,
+}
+
+/// A capsule about the position of the body.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CapsuleShape {
+    /// Above 0.
+    pub radius: Expression,
+    /// The length of the straight part, above 0; with the caps it is longer by twice the radius.
+    pub length: Expression,
+}
+
+/// A cylinder about the position of the body.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CylinderShape {
+    /// Above 0.
+    pub radius: Expression,
+    /// Above 0.
+    pub length: Expression,
+}
+
+/// The convex hull of points. Its centre of mass need not be the origin of the frame in which they are given.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct HullShape {
+    /// At least four, not in one plane; at most 1,000.
+    #[schema(value_type = Vec<[Expression; 3]>)]
+    pub points: Vec<Vector>,
+}
+
+/// All points `x` with `normal . x <= 0`, in the frame of the body.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct HalfSpaceShape {
+    /// Out of the ground.
+    #[schema(value_type = [Expression; 3])]
+    pub normal: Vector,
+}
+
+/// A surface of triangles.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MeshShape {
+    /// The corners.
+    #[schema(value_type = Vec<[Expression; 3]>)]
+    pub vertices: Vec<Vector>,
+    /// Three corners each, counted from 0, counter-clockwise from outside.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+/// The most points of a hull: each costs time at every contact.
+const MOST_POINTS: usize = 1_000;
+
+impl RigidShape {
+    /// The shape, if it is one.
+    pub(super) fn lower(&self, place: &Place<'_>, lowering: &mut Lowering) -> Option<Shape> {
+        let length = |value: &Expression, place: &Place<'_>, key: &str, lowering: &mut Lowering| {
+            vectors::positive(value, key, &place.key(key), lowering)
+        };
+        match self {
+            Self::Sphere(sphere) => {
+                let place = place.key("sphere");
+                Some(Shape::Sphere { radius: length(&sphere.radius, &place, "radius", lowering) })
+            }
+            Self::Capsule(CapsuleShape { radius, length: long }) => {
+                let place = place.key("capsule");
+                let radius = length(radius, &place, "radius", lowering);
+                Some(Shape::Capsule { radius, half_height: 0.5 * length(long, &place, "length", lowering) })
+            }
+            Self::Cylinder(CylinderShape { radius, length: long }) => {
+                let place = place.key("cylinder");
+                let radius = length(radius, &place, "radius", lowering);
+                Some(Shape::Cylinder { radius, half_height: 0.5 * length(long, &place, "length", lowering) })
+            }
+            Self::Box(cuboid) => {
+                let (place, size) = (place.key("box"), &cuboid.size);
+                let place = place.key("size");
+                let side =
+                    |i: usize, lowering: &mut Lowering| vectors::positive(&size[i], "side", &place.index(i), lowering);
+                let half = Vector3::new(side(0, lowering), side(1, lowering), side(2, lowering)) * 0.5;
+                Some(Shape::Polyhedron(Polyhedron::cuboid(half)))
+            }
+            Self::ConvexHull(hull) => hull.lower(&place.key("convex_hull").key("points"), lowering),
+            Self::HalfSpace(HalfSpaceShape { normal }) => {
+                let normal = vectors::direction(normal, &place.key("half_space").key("normal"), lowering);
+                Some(Shape::HalfSpace { normal: normal.into_inner() })
+            }
+            Self::TriangleMesh(mesh) => mesh.lower(&place.key("triangle_mesh"), lowering),
+        }
+    }
+}
+
+impl HullShape {
+    fn lower(&self, place: &Place<'_>, lowering: &mut Lowering) -> Option<Shape> {
+        if self.points.len() > MOST_POINTS {
+            let detail = format!("{} points", self.points.len());
+            let error = SpecificationError::new(place.to_string(), "too_many_points", detail);
+            lowering.errors.push(error.expected(format!("at most {MOST_POINTS} points")));
+            return None;
+        }
+        let points = corners(&self.points, place, lowering);
+        let hull = Polyhedron::hull(&points).map(Shape::Polyhedron);
+        if hull.is_none() && lowering.errors.is_empty() {
+            let detail = format!("the hull of these {} points has no volume, or is too thin to tell", points.len());
+            let error = SpecificationError::new(place.to_string(), "degenerate_hull", detail);
+            lowering.errors.push(error.expected("at least four points, not in one plane"));
+        }
+        hull
+    }
+}
+
+impl MeshShape {
+    fn lower(&self, place: &Place<'_>, lowering: &mut Lowering) -> Option<Shape> {
+        let vertices = corners(&self.vertices, &place.key("vertices"), lowering);
+        let place = place.key("triangles");
+        let report = |place: &Place<'_>, detail: String, expected: &str, lowering: &mut Lowering| {
+            let error = SpecificationError::new(place.to_string(), "degenerate_mesh", detail);
+            lowering.errors.push(error.expected(expected));
+        };
+        for (k, triangle) in self.triangles.iter().enumerate() {
+            let at = |i: usize| vertices.get(triangle[i] as usize);
+            let (Some(a), Some(b), Some(c)) = (at(0), at(1), at(2)) else {
+                let detail = format!("there are {} vertices, and this triangle asks for {triangle:?}", vertices.len());
+                report(&place.index(k), detail, "indices of vertices, counted from 0", lowering);
+                continue;
+            };
+            let (ab, ac) = (b - a, c - a);
+            if ab.cross(&ac).norm() <= 1e-12 * ab.norm_squared().max(ac.norm_squared()) {
+                report(&place.index(k), "this triangle has no area".into(), "three corners not in line", lowering);
+            }
+        }
+        if self.triangles.is_empty() {
+            report(&place, "there are no triangles".into(), "at least one triangle", lowering);
+        }
+        if !lowering.errors.is_empty() {
+            return None;
+        }
+        let mesh = Shape::mesh(&vertices, self.triangles.clone());
+        if mesh.is_none() {
+            let detail = "these triangles make no surface".to_owned();
+            report(&place, detail, "neighbours that go along their common edge in opposite directions", lowering);
+        }
+        mesh
+    }
+}
+
+fn corners(points: &[Vector], place: &Place<'_>, lowering: &mut Lowering) -> Vec<Vector3<f64>> {
+    points.iter().enumerate().map(|(k, point)| vectors::lower(point, &place.index(k), lowering)).collect()
+}

@@ -1,0 +1,50 @@
+//! Vectors of three constants, and what is asked of numbers.
+
+use crate::specification::error::SpecificationError;
+use crate::specification::expression::Expression;
+use crate::specification::lowering::Lowering;
+use crate::specification::place::Place;
+use nalgebra::{Unit, Vector3};
+
+/// Three constant expressions.
+pub type Vector = [Expression; 3];
+
+/// The value; zero where a component has none, which is reported.
+pub(super) fn lower(vector: &Vector, place: &Place<'_>, lowering: &mut Lowering) -> Vector3<f64> {
+    Vector3::from_fn(|i, _| lowering.constant(&vector[i], &place.index(i)).unwrap_or(0.0))
+}
+
+/// A direction; a vector of no length is reported.
+pub(super) fn direction(vector: &Vector, place: &Place<'_>, lowering: &mut Lowering) -> Unit<Vector3<f64>> {
+    let before = lowering.errors.is_empty();
+    let value = lower(vector, place, lowering);
+    Unit::try_new(value, 0.0).unwrap_or_else(|| {
+        if before {
+            let error = SpecificationError::new(place.to_string(), "zero_direction", "this vector has no direction");
+            lowering.errors.push(error.expected("a vector other than zero"));
+        }
+        Vector3::z_axis()
+    })
+}
+
+/// A number above zero; anything else is reported and gives one.
+pub(super) fn positive(value: &Expression, what: &str, place: &Place<'_>, lowering: &mut Lowering) -> f64 {
+    in_range(value, what, (|x| x > 0.0, "above 0"), place, lowering).unwrap_or(1.0)
+}
+
+/// A number in a range; anything else is reported.
+pub(super) fn in_range(
+    value: &Expression,
+    what: &str,
+    (belongs, range): (fn(f64) -> bool, &str),
+    place: &Place<'_>,
+    lowering: &mut Lowering,
+) -> Option<f64> {
+    let value = lowering.constant(value, place)?;
+    if belongs(value) {
+        return Some(value);
+    }
+    let error = SpecificationError::new(place.to_string(), "out_of_range", format!("the {what} is {value}"));
+    lowering.errors.push(error.expected(format!("a {what} {range}")));
+    None
+}

@@ -1,0 +1,28 @@
+//! Rigid bodies in space, from specification to trajectory, each against a closed form.
+
+mod arches;
+mod free;
+mod friction;
+mod impacts;
+mod joints;
+mod stacks;
+
+use serde_json::{Value, json};
+
+/// A specification of bodies on a half space `z <= 0`, under gravity 9.81 m/s^2.
+fn on_the_ground(bodies: &[Value], contacts: &Value, end: f64, step: f64) -> Value {
+    let mut all = vec![json!({"name": "ground", "shape": {"half_space": {"normal": [0, 0, 1]}}, "fixed": true})];
+    all.extend_from_slice(bodies);
+    json!({
+        "problem": {"rigid_bodies": {"gravity": [0, 0, -9.81], "bodies": all, "contacts": contacts}},
+        "time": {"end": end},
+        "method": {"step": step},
+        "output": {"times": {"count": 101}},
+    })
+}
+
+/// The same without gravity.
+fn weightless(mut specification: Value) -> Value {
+    specification["problem"]["rigid_bodies"]["gravity"] = json!([0, 0, 0]);
+    specification
+}

@@ -1,0 +1,39 @@
+//! Stacks of boxes.
+
+use super::on_the_ground;
+use crate::systems::harness::{column, solve};
+use serde_json::{Value, json};
+
+#[test]
+fn a_stack_of_ten_boxes_carries_a_top_a_million_times_as_heavy() {
+    for load in [1.0, 1e3, 1e6] {
+        let cube = |k: usize| {
+            json!({"name": format!("b{k}"), "shape": {"box": {"size": [1, 1, 1]}},
+                "mass": if k == 9 { load } else { 1.0 }, "position": [0, 0, 0.5 + k as f64]})
+        };
+        let bodies: Vec<Value> = (0..10).map(cube).collect();
+        let solution = solve(&on_the_ground(&bodies, &json!({"friction": 0.6}), 2.0, 1e-3));
+        for k in 0..10 {
+            let worst = |axis: &str, from: f64| {
+                let values = column(&solution, &format!("b{k}.{axis}"));
+                values.iter().map(|value| (value - from).abs()).fold(0.0, f64::max)
+            };
+            assert!(worst("z", 0.5 + k as f64) < 1e-6, "load {load}, box {k}: {:e}", worst("z", 0.5 + k as f64));
+            assert!(worst("x", 0.0).max(worst("y", 0.0)) < 1e-8, "load {load}, box {k}: {:e}", worst("x", 0.0));
+        }
+        assert!(column(&solution, "penetration").iter().all(|depth| *depth < 1e-6));
+    }
+}
+
+#[test]
+fn a_box_that_lands_askew_on_another_comes_to_lie_flat() {
+    let lower = json!({"name": "lower", "shape": {"box": {"size": [2, 2, 1]}}, "mass": 4, "position": [0, 0, 0.5]});
+    let upper = json!({"name": "upper", "shape": {"box": {"size": [1, 1, 1]}}, "mass": 1, "position": [0.1, 0.05, 1.8],
+        "orientation": [1, 0.05, 0.08, 0.3]});
+    let solution = solve(&on_the_ground(&[lower, upper], &json!({"friction": 0.5}), 3.0, 1e-3));
+    let at_end = |name: &str| column(&solution, name)[100];
+    assert!((at_end("upper.z") - 1.5).abs() < 1e-6, "{}", at_end("upper.z"));
+    assert!(at_end("kinetic_energy") < 1e-12);
+    // Flat: of the quaternion only the turn about z is left.
+    assert!(at_end("upper.qx").hypot(at_end("upper.qy")) < 1e-6);
+}
