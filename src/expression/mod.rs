@@ -11,6 +11,7 @@
 //! Conventions at kinks: `abs'(0) = 1`, `sign(0) = 0`, `heaviside(0) = 1`, and where the arguments of `min` or `max`
 //! are equal one of them gives the derivative. NaN passes through every function.
 
+mod breaks;
 mod caret;
 mod derivative;
 mod error;
@@ -26,6 +27,7 @@ mod tape;
 #[cfg(test)]
 mod tests;
 
+pub use breaks::Breaks;
 pub use error::ExpressionError;
 pub use graph::{Graph, Node};
 pub(crate) use scope::nearest;

@@ -7,7 +7,7 @@
 //! The matrices are stored as one, `[A B; C D]`, by its nonzeros, which are its Jacobian. The forcing `(a, g)` and the
 //! moving bounds of `K`, if there are any, are expressions.
 
-use crate::expression::{ExpressionError, Graph, Node, Tape};
+use crate::expression::{Breaks, ExpressionError, Graph, Node, Tape};
 use crate::problem::{ConvexSet, Dvi, Mass, MovingBound, Structure};
 
 /// The parts of a linear system with `n` states and `m` variables.
@@ -37,6 +37,7 @@ pub struct Linear {
     forcing: Tape,
     bound_derivatives: Tape,
     time_derivatives: Tape,
+    breaks: Breaks,
     inputs: Vec<f64>,
 }
 
@@ -87,6 +88,7 @@ impl Linear {
             forcing: Tape::compile(graph, &outputs),
             bound_derivatives: Tape::compile(graph, &derivatives),
             time_derivatives: Tape::compile(graph, &by_time),
+            breaks: Breaks::new(graph, &outputs),
             inputs: vec![0.0; 1 + n + m],
         })
     }
@@ -130,5 +132,9 @@ impl Dvi for Linear {
     fn time_derivative(&mut self, t: f64, y: &[f64], values: &mut [f64]) {
         self.set_inputs(t, y);
         self.time_derivatives.evaluate(&self.inputs, values);
+    }
+
+    fn breaks(&mut self, t: f64) -> &[f64] {
+        self.breaks.at(t)
     }
 }

@@ -6,7 +6,7 @@
 //!
 //! with `F` affine in `z`. Values, Jacobian and time derivatives are one [`Tape`] each; derivatives are exact.
 
-use crate::expression::{ExpressionError, Graph, Node, Tape};
+use crate::expression::{Breaks, ExpressionError, Graph, Node, Tape};
 use crate::problem::{ConvexSet, Dvi, Mass, MovingBound, Structure};
 
 /// The rows of a problem as nodes of a [`Graph`] whose inputs are `t`, then `x` (n), then `z` (m).
@@ -52,6 +52,7 @@ pub struct Symbolic {
     values: Tape,
     derivatives: Tape,
     time_derivatives: Tape,
+    breaks: Breaks,
     inputs: Vec<f64>,
 }
 
@@ -114,6 +115,7 @@ impl Symbolic {
             values: Tape::compile(graph, &outputs),
             derivatives: Tape::compile(graph, &derivatives),
             time_derivatives: Tape::compile(graph, &by_time),
+            breaks: Breaks::new(graph, &outputs),
             inputs: vec![0.0; 1 + n + m],
         })
     }
@@ -142,5 +144,9 @@ impl Dvi for Symbolic {
     fn time_derivative(&mut self, t: f64, y: &[f64], values: &mut [f64]) {
         self.set_inputs(t, y);
         self.time_derivatives.evaluate(&self.inputs, values);
+    }
+
+    fn breaks(&mut self, t: f64) -> &[f64] {
+        self.breaks.at(t)
     }
 }

@@ -105,4 +105,9 @@ pub trait Dvi: Send {
 
     /// Writes the partial derivatives of `G` (m) by `t` at `(t, y)`.
     fn time_derivative(&mut self, t: f64, y: &[f64], values: &mut [f64]);
+
+    /// The quantities, at `t`, at whose changes of sign a row has a kink or a jump whatever `y` is; as many at any time.
+    fn breaks(&mut self, _t: f64) -> &[f64] {
+        &[]
+    }
 }

@@ -9,6 +9,7 @@
 //! the active face of `K` and its switches, and nothing else.
 
 mod blocks;
+mod breaks;
 mod conditions;
 mod consistent;
 mod crossings;

@@ -6,6 +6,7 @@ mod report;
 
 pub use report::Variables;
 
+use super::breaks::Breaks;
 use super::consistent::Consistent;
 use super::dense_output::Step;
 use super::error_control::{Controller, Rescaled};
@@ -62,14 +63,15 @@ pub struct Radau<'p> {
     controller: Controller,
     pub(super) t: f64,
     /// What rounding took from `t`.
-    lag: f64,
+    pub(super) lag: f64,
     pub(super) y: Vec<f64>,
     end: f64,
     pub(super) h: f64,
     pub(super) last: Step,
     last_method: usize,
     pub(super) continues: bool,
-    pub(super) jumped: bool,
+    pub(super) jumped: Option<f64>,
+    pub(super) breaks: Breaks,
     estimate: Vec<f64>,
     embedded: Vec<f64>,
     shifted: Vec<f64>,
@@ -163,7 +165,8 @@ impl<'p> Radau<'p> {
             last: Step::default(),
             last_method: 0,
             continues: false,
-            jumped: false,
+            jumped: None,
+            breaks: Breaks::new(t),
             counts: Counts::default(),
         };
         radau.check_finite()?;
@@ -195,6 +198,14 @@ impl<'p> Radau<'p> {
             } else if self.t + (h + self.lag) == self.t {
                 return Err(StepError::StepTooSmall { t: self.t, h, cause: Cause::Error });
             }
+            let wished = h;
+            h = self.up_to_break(h);
+            if let Some(after) = self.breaks.after
+                && h <= 0.0
+            {
+                self.pass_break(after)?;
+                continue;
+            }
             let outcome = self.attempt(h)?;
             let (reached, iterations, coupled) = match outcome {
                 Attempt::Solved { h, iterations, coupled } => (h, iterations, coupled),
@@ -209,7 +220,7 @@ impl<'p> Radau<'p> {
             };
             if self.settings.step.is_some() {
                 self.accept(reached, coupled);
-                return Ok(());
+                return self.end_step(reached < h);
             }
             let error = self.error(reached, coupled);
             let (s, most) = (self.tableau().stages(), self.control.most);
@@ -219,11 +230,12 @@ impl<'p> Radau<'p> {
                 if !coupled && self.contraction.theta <= THETA && (1.0..=1.2).contains(&(new / reached)) {
                     new = reached;
                 }
-                // A step cut short by a switch says nothing against the size that was tried.
-                self.h = if self.switching.ends_at_switch() { h } else { new };
+                // A step cut short by a switch or a break says nothing against the size that was wished for.
+                let is_cut = self.switching.ends_at_switch() || self.breaks.after.is_some();
+                self.h = if is_cut { wished } else { new };
                 self.accept(reached, coupled);
                 self.change_order();
-                return Ok(());
+                return self.end_step(reached < h);
             }
             self.switching.abandon();
             if coupled {
@@ -233,6 +245,14 @@ impl<'p> Radau<'p> {
             self.shrink(reached, Cause::Error, |controller| {
                 controller.reject(s, reached, error.min(1e10), iterations, most, first)
             })?;
+        }
+    }
+
+    /// After a step, which may be `shorter` than was tried: goes on behind the break before which it ends.
+    fn end_step(&mut self, shorter: bool) -> Result<(), StepError> {
+        match self.breaks.after {
+            Some(after) if !shorter => self.pass_break(after),
+            _ => Ok(()),
         }
     }
 
@@ -368,6 +388,7 @@ impl<'p> Radau<'p> {
         }
         if self.settings.step.is_some() {
             self.check_evaluation()?;
+            self.check_contradiction(cause)?;
             return Err(StepError::NewtonFailed { t: self.t, h });
         }
         let min_step = self.settings.min_step;
@@ -376,8 +397,17 @@ impl<'p> Radau<'p> {
         if self.h < least || !self.h.is_finite() {
             // What the last, shortest attempt met says more than that it failed.
             self.check_evaluation()?;
+            self.check_contradiction(cause)?;
             return Err(StepError::StepTooSmall { t: self.t, h: self.h, cause });
         }
         Ok(())
+    }
+
+    /// Whether the last variational inequality has no solution for a reason that can be named.
+    fn check_contradiction(&self, cause: Cause) -> Result<(), StepError> {
+        match self.stage_vi.as_ref().and_then(|vi| vi.contradiction).filter(|_| cause == Cause::Unsolved) {
+            Some(variable) => Err(StepError::NoSolution { t: self.t, variable }),
+            None => Ok(()),
+        }
     }
 }

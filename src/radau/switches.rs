@@ -94,7 +94,7 @@ impl Switching {
     }
 
     /// Records what differs from the remembered face, and what turned round on it; whether anything did.
-    fn record(&mut self, t: f64, set: &ConvexSet, face: &ActiveFace, turned: &[usize]) -> bool {
+    pub(super) fn record(&mut self, t: f64, set: &ConvexSet, face: &ActiveFace, turned: &[usize]) -> bool {
         let mut changed = false;
         for (variable, (&from, &to)) in self.before.places.iter().zip(&face.places).enumerate() {
             if from != to || self.before.exchanges(face, set, variable) || turned.contains(&variable) {

@@ -68,7 +68,7 @@ pub(super) fn run_to_end(problem: &mut dyn Dvi, plan: &Plan, control: &Control, 
         Ok(mut radau) => {
             let ended = run(&mut radau, plan, control, part, &mut recorder, &mut diagnostics);
             x.copy_from_slice(&radau.y()[..plan.initial.len()]);
-            count(&mut radau, &mut diagnostics);
+            count(&mut radau, plan, &mut diagnostics);
             ended
         }
         Err(error) => end(control, plan.start, &plan.initial, || failure(plan, &error, plan.start, &plan.initial)),
@@ -193,6 +193,12 @@ fn failure(plan: &Plan, error: &StepError, time: f64, state: &[f64]) -> Failure 
             "the interval of `{}` is empty from t = {t:?} on: its lower bound passes its upper bound",
             plan.names.get(plan.initial.len() + variable).map_or("?", String::as_str)
         ),
+        StepError::NoSolution { variable, t } => format!(
+            "the variational inequality has no solution at t = {t:?}: the inequality of `{}` fails whatever the variables are. \
+             Raising a variable should raise its inequality, at once or in time: look at its sign, and whether the start \
+             satisfies it",
+            plan.names.get(plan.initial.len() + variable).map_or("?", String::as_str)
+        ),
         StepError::InconsistentStart { state, jump } => format!(
             "the start is inconsistent: the constraints ask for a jump of `{}` by {jump:e}",
             plan.names.get(state).map_or("?", String::as_str)
@@ -249,7 +255,7 @@ pub fn describe(structure: &Structure, plan: &Plan) -> Diagnostics {
 }
 
 /// Takes over the counters of a run.
-fn count(radau: &mut Radau<'_>, diagnostics: &mut Diagnostics) {
+fn count(radau: &mut Radau<'_>, plan: &Plan, diagnostics: &mut Diagnostics) {
     let (counts, work) = (radau.counts, radau.work());
     diagnostics.stages = radau.stages();
     diagnostics.steps = Steps {
@@ -274,12 +280,13 @@ fn count(radau: &mut Radau<'_>, diagnostics: &mut Diagnostics) {
         };
         counts.tried = radau.vi_failures().map(tried).collect();
     }
-    if radau.jumped() {
+    if let Some(t) = radau.jumped() {
         diagnostics.warnings.push(Warning {
-            code: "initial_jump",
-            message: "the initial state is outside what the inequalities allow; it jumped at once, by the impulse \
-                      x+ = x + B p with p in K complementary to G(x+)"
-                .to_owned(),
+            code: if t == plan.start { "initial_jump" } else { "jump" },
+            message: format!(
+                "the state at t = {t:?} is outside what the inequalities allow; it jumped at once, by the impulse x+ = x + B p \
+                 with p in K complementary to G(x+)"
+            ),
         });
     }
     if radau.accumulations() > 0 {

@@ -3,6 +3,7 @@
 
 mod bounds;
 mod breakdown;
+mod breaks;
 mod degenerate;
 mod harness;
 mod outputs;

@@ -35,8 +35,8 @@ impl Radau<'_> {
         self.t >= self.end
     }
 
-    /// Whether the states jumped at the start, because the constraints did not allow it.
-    pub fn jumped(&self) -> bool {
+    /// When the states first jumped, because the constraints did not allow them: at the start, or at a break of the rows.
+    pub fn jumped(&self) -> Option<f64> {
         self.jumped
     }
 
