@@ -187,7 +187,10 @@ impl Local {
 
     fn load(&mut self, vi: &AffineVi<'_>, shape: &Shape) {
         let k = self.members.len();
-        if self.set.blocks().first().is_none_or(|block| block.shape != *shape) {
+        let known = self.set.blocks().first().map(|block| &block.shape);
+        if let (Some(Shape::Ball { .. }), &Shape::Ball { radius }) = (known, shape) {
+            self.set.set_radius(0, radius);
+        } else if known != Some(shape) {
             self.set = ConvexSet::free(k);
             self.set.bind((0..k).collect(), shape.clone());
         }
