@@ -7,11 +7,13 @@
 //!
 //! each local problem exactly (Cryer 1971 for intervals; Jourdan, Alart and Jean 1998, *A Gauss-Seidel like algorithm to
 //! solve frictional contact problems*, for blocks). It converges for symmetric positive definite `A` and `0 < omega < 2`,
-//! and for many matrices besides, linearly.
+//! linearly. For a positive definite `A` that is not symmetric it converges for small `omega` and may diverge for one: the
+//! matrix of Radau IIA with three stages multiplies the error by 1.33 a sweep at `omega = 1`, and by 0.32 at 0.86. So
+//! `omega` grows while the residual falls, shrinks where it rises, and stays below what has failed.
 
 use super::gauge::Gauge;
 use super::semismooth_newton::BlockNewton;
-use super::{AffineVi, EXACT, Outcome, Report, ViSolver};
+use super::{AffineVi, EXACT, Outcome, Report, TOLERANCE, ViSolver};
 use crate::problem::{Block, Control, ConvexSet, Shape, Workspace};
 use nalgebra::DMatrix;
 
@@ -24,9 +26,13 @@ const STRIDE: usize = 5;
 /// Sweeps between two looks that lower the residual to this fraction converge fast.
 const FAST: f64 = 0.1;
 
-/// `omega` grows by this much while the residual falls, up to the largest, and is one again where it does not fall.
+/// `omega` grows by this much while the residual falls, up to the largest; a rise lowers both to this fraction.
 const GROWTH: f64 = 0.02;
 const LARGEST: f64 = 1.6;
+const SHRINKAGE: f64 = 0.8;
+
+/// Sweeps by whose progress it is foreseen whether those that are left will do.
+const WINDOW: usize = 200;
 
 /// Block Gauss-Seidel; see the module. It grows to the problems that it meets.
 #[derive(Debug, Default)]
@@ -75,7 +81,8 @@ impl ViSolver for BlockGaussSeidel {
         self.load(vi, z);
         let mut best = self.gauge.measure(vi, &self.z);
         z.copy_from_slice(&self.z);
-        let (mut omega, mut last) = (1.0, f64::INFINITY);
+        let (mut omega, mut largest, mut last) = (1.0, LARGEST, f64::INFINITY);
+        let (mut least, mut least_before) = (best.relative(), best.relative());
         let mut sweeps = 0;
         let mut converging = true;
         let mut failure = Outcome::Limit;
@@ -95,12 +102,23 @@ impl ViSolver for BlockGaussSeidel {
             }
             // The products that the sweeps keep up to date gather rounding errors.
             self.w.copy_from_slice(&self.gauge.w);
-            omega = if found.componentwise < last { LARGEST.min(omega + GROWTH) } else { 1.0 };
+            if found.componentwise >= last {
+                largest = SHRINKAGE * omega;
+            }
+            omega = largest.min(omega + GROWTH);
             last = found.componentwise;
             converging = found.componentwise <= FAST * best.componentwise;
             if found.componentwise < best.componentwise {
                 z.copy_from_slice(&self.z);
                 best = found;
+            }
+            least = least.min(found.relative());
+            if sweeps.is_multiple_of(WINDOW) {
+                let windows_left = ((SWEEPS - sweeps) / WINDOW) as f64;
+                if (least / TOLERANCE).ln() > (least_before / least).ln() * windows_left {
+                    break;
+                }
+                least_before = least;
             }
         }
         if best.residual.is_nan() {
@@ -169,7 +187,10 @@ impl Local {
 
     fn load(&mut self, vi: &AffineVi<'_>, shape: &Shape) {
         let k = self.members.len();
-        if self.set.blocks().first().is_none_or(|block| block.shape != *shape) {
+        let known = self.set.blocks().first().map(|block| &block.shape);
+        if let (Some(Shape::Ball { .. }), &Shape::Ball { radius }) = (known, shape) {
+            self.set.set_radius(0, radius);
+        } else if known != Some(shape) {
             self.set = ConvexSet::free(k);
             self.set.bind((0..k).collect(), shape.clone());
         }

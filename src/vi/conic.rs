@@ -12,8 +12,9 @@
 //! min <z, A z> + <q, z> + <b, y>    over B z + s = b,  A z + B^T y + q = 0,  s in C,  y in C*
 //! ```
 //!
-//! The program is built once for a set; later problems overwrite its data in place. An interior point lies near the face
-//! of the answer and not on it, so Newton's method on the natural map starts from it and says how good it is.
+//! The program is built once for the form of a set; later problems overwrite its numbers in place, without an allocation
+//! of ours (Clarabel's linear solver has its own). An interior point lies near the face of the answer and not on it, so
+//! Newton's method on the natural map starts from it and says how good it is.
 
 use super::{AffineVi, Outcome, Report, SemismoothNewton, ViSolver};
 use crate::problem::{Block, Control, ConvexSet, Shape};
@@ -38,12 +39,19 @@ pub struct Conic {
     start: Vec<f64>,
 }
 
-/// A program for one set.
+/// A program for sets of one form.
 struct Built {
     solver: DefaultSolver<f64>,
+    /// The set that the program was built for, and the last `A`.
     set: ConvexSet,
     matrix: DMatrix<f64>,
     is_symmetric: bool,
+    constraints: Constraints,
+    /// The numbers of the program: of the objective, of its linear part, of the equations and of their right side.
+    objective: CscMatrix<f64>,
+    linear: Vec<f64>,
+    equations: CscMatrix<f64>,
+    right: Vec<f64>,
 }
 
 impl Conic {
@@ -108,34 +116,45 @@ impl Built {
             tol_feas: ACCURACY,
             ..DefaultSettings::default()
         };
-        let solver = DefaultSolver::new(
-            &objective(vi, is_symmetric, constraints.b.len()),
-            &linear_part(vi, is_symmetric, &constraints),
-            &constraints.matrix(vi, is_symmetric),
-            &constraints.right(vi, is_symmetric),
-            &constraints.cones(vi, is_symmetric),
-            settings,
-        );
-        Some(Self { solver: solver.ok()?, set: vi.set.clone(), matrix: vi.matrix.clone(), is_symmetric })
+        let objective = objective(vi, is_symmetric, constraints.b.len());
+        let equations = constraints.matrix(vi, is_symmetric);
+        let (mut linear, mut right) = (Vec::new(), Vec::new());
+        constraints.linear(vi, is_symmetric, &mut linear);
+        constraints.right(vi, is_symmetric, &mut right);
+        let cones = constraints.cones(vi, is_symmetric);
+        let solver = DefaultSolver::new(&objective, &linear, &equations, &right, &cones, settings).ok()?;
+        let (set, matrix) = (vi.set.clone(), vi.matrix.clone());
+        Some(Self { solver, set, matrix, is_symmetric, constraints, objective, linear, equations, right })
     }
 
     /// Overwrites the data. False if the problem has another form, so that a new program is needed.
     fn update(&mut self, vi: &AffineVi<'_>) -> bool {
-        if !have_one_form(&self.set, vi.set) || self.is_symmetric != is_symmetric(vi) {
+        let is_symmetric = self.is_symmetric;
+        if !have_one_form(&self.set, vi.set) || is_symmetric != self::is_symmetric(vi) {
             return false;
         }
-        let constraints = Constraints::of(vi.set);
-        self.set.clone_from(vi.set);
+        self.constraints.fit(vi.set);
         if self.matrix != *vi.matrix {
             self.matrix.copy_from(vi.matrix);
-            let objective = objective(vi, self.is_symmetric, constraints.b.len());
-            let matrix = constraints.matrix(vi, self.is_symmetric);
-            if self.solver.update_P(&objective).is_err() || self.solver.update_A(&matrix).is_err() {
+            write_objective(vi, is_symmetric, &mut self.objective.nzval);
+            if self.solver.update_P(&self.objective.nzval).is_err() {
                 return false;
             }
+            if !is_symmetric {
+                let m = vi.q.len();
+                // `A` is what a column of `z` ends with.
+                for (j, column) in vi.matrix.as_slice().chunks_exact(m).enumerate() {
+                    let end = self.equations.colptr[j + 1];
+                    self.equations.nzval[end - m..end].copy_from_slice(column);
+                }
+                if self.solver.update_A(&self.equations.nzval).is_err() {
+                    return false;
+                }
+            }
         }
-        self.solver.update_q(&linear_part(vi, self.is_symmetric, &constraints)).is_ok()
-            && self.solver.update_b(&constraints.right(vi, self.is_symmetric)).is_ok()
+        self.constraints.linear(vi, is_symmetric, &mut self.linear);
+        self.constraints.right(vi, is_symmetric, &mut self.right);
+        self.solver.update_q(&self.linear).is_ok() && self.solver.update_b(&self.right).is_ok()
     }
 }
 
@@ -148,17 +167,19 @@ fn is_symmetric(vi: &AffineVi<'_>) -> bool {
 /// `A`, or `A + A^T` and as many zeros as there are `y`; the upper triangle.
 fn objective(vi: &AffineVi<'_>, is_symmetric: bool, rows: usize) -> CscMatrix<f64> {
     let m = vi.q.len();
-    let entry = |i: usize, j: usize| vi.matrix[(i, j)] + if is_symmetric { 0.0 } else { vi.matrix[(j, i)] };
     let size = if is_symmetric { m } else { m + rows };
     let starts = (0..=size).map(|j| j.min(m) * (j.min(m) + 1) / 2).collect();
     let places = (0..m).flat_map(|j| 0..=j).collect();
-    let values = (0..m).flat_map(|j| (0..=j).map(move |i| (i, j))).map(|(i, j)| entry(i, j)).collect();
+    let mut values = vec![0.0; m * (m + 1) / 2];
+    write_objective(vi, is_symmetric, &mut values);
     CscMatrix::new(size, size, starts, places, values)
 }
 
-fn linear_part(vi: &AffineVi<'_>, is_symmetric: bool, constraints: &Constraints) -> Vec<f64> {
-    let b = if is_symmetric { &[] } else { constraints.b.as_slice() };
-    [vi.q, b].concat()
+fn write_objective(vi: &AffineVi<'_>, is_symmetric: bool, values: &mut [f64]) {
+    let places = (0..vi.q.len()).flat_map(|j| (0..=j).map(move |i| (i, j)));
+    for (value, (i, j)) in values.iter_mut().zip(places) {
+        *value = vi.matrix[(i, j)] + if is_symmetric { 0.0 } else { vi.matrix[(j, i)] };
+    }
 }
 
 /// Whether two sets differ in the numbers of `b` alone.
@@ -186,23 +207,30 @@ struct Constraints {
 impl Constraints {
     fn of(set: &ConvexSet) -> Self {
         let mut constraints = Self::default();
+        constraints.fit(set);
+        constraints
+    }
+
+    fn fit(&mut self, set: &ConvexSet) {
+        self.rows.clear();
+        self.b.clear();
+        self.cones.clear();
         for (i, (&lower, &upper)) in set.lower.iter().zip(&set.upper).enumerate() {
             if lower == upper {
-                constraints.row([(i, 1.0)], upper);
-                constraints.cones.push(ZeroConeT(1));
+                self.row([(i, 1.0)], upper);
+                self.cones.push(ZeroConeT(1));
                 continue;
             }
             for (end, sign) in [(lower, -1.0), (upper, 1.0)] {
                 if end.is_finite() {
-                    constraints.row([(i, sign)], sign * end);
-                    constraints.cones.push(NonnegativeConeT(1));
+                    self.row([(i, sign)], sign * end);
+                    self.cones.push(NonnegativeConeT(1));
                 }
             }
         }
         for Block { members, shape } in set.blocks() {
-            constraints.block(members, shape);
+            self.block(members, shape);
         }
-        constraints
     }
 
     fn block(&mut self, members: &[usize], shape: &Shape) {
@@ -245,9 +273,8 @@ impl Constraints {
         if !is_symmetric {
             entries.extend((0..m * m).map(|at| (r + at / m, at % m, vi.matrix[(at / m, at % m)])));
             entries.extend(self.rows.iter().map(|&(row, column, value)| (r + column, m + row, value)));
-            let signed = self.signed();
-            entries.extend(signed.iter().enumerate().map(|(at, &row)| (r + m + at, m + row, -1.0)));
-            (height, width) = (r + m + signed.len(), m + r);
+            entries.extend(self.signed().enumerate().map(|(at, row)| (r + m + at, m + row, -1.0)));
+            (height, width) = (r + m + self.signed().count(), m + r);
         }
         let rows = entries.iter().map(|entry| entry.0).collect();
         let columns = entries.iter().map(|entry| entry.1).collect();
@@ -255,29 +282,37 @@ impl Constraints {
     }
 
     /// The rows that are no equations: the multiplier of an equation may have any sign.
-    fn signed(&self) -> Vec<usize> {
+    fn signed(&self) -> impl Iterator<Item = usize> {
         let mut start = 0;
-        let mut signed = Vec::with_capacity(self.b.len());
-        for cone in &self.cones {
-            let (rows, equation) = match cone {
-                ZeroConeT(rows) => (*rows, true),
-                NonnegativeConeT(rows) | SecondOrderConeT(rows) => (*rows, false),
-                _ => continue,
+        self.cones.iter().flat_map(move |cone| {
+            let first = start;
+            let (rows, skipped) = match cone {
+                ZeroConeT(rows) => (*rows, *rows),
+                NonnegativeConeT(rows) | SecondOrderConeT(rows) => (*rows, 0),
+                _ => (0, 0),
             };
-            signed.extend((start..start + rows).filter(|_| !equation));
             start += rows;
+            first + skipped..start
+        })
+    }
+
+    /// `q`, or `(q, b)`.
+    fn linear(&self, vi: &AffineVi<'_>, is_symmetric: bool, linear: &mut Vec<f64>) {
+        linear.clear();
+        linear.extend_from_slice(vi.q);
+        if !is_symmetric {
+            linear.extend_from_slice(&self.b);
         }
-        signed
     }
 
     /// `b`, or `(b, -q, 0)`.
-    fn right(&self, vi: &AffineVi<'_>, is_symmetric: bool) -> Vec<f64> {
-        let mut right = self.b.clone();
+    fn right(&self, vi: &AffineVi<'_>, is_symmetric: bool, right: &mut Vec<f64>) {
+        right.clear();
+        right.extend_from_slice(&self.b);
         if !is_symmetric {
             right.extend(vi.q.iter().map(|q| -q));
-            right.resize(right.len() + self.signed().len(), 0.0);
+            right.resize(right.len() + self.signed().count(), 0.0);
         }
-        right
     }
 
     /// `C`, or `C x {0} x C*`.

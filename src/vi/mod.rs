@@ -86,8 +86,13 @@ impl Accuracy {
         blockwise: f64::NAN,
     };
 
+    /// The larger of the residual over the intervals against their terms, and that of the worst block.
+    fn relative(&self) -> f64 {
+        if self.intervals == 0.0 { self.blockwise } else { self.blockwise.max(self.intervals / self.magnitude) }
+    }
+
     fn is_solved(&self) -> bool {
-        self.intervals <= TOLERANCE * self.magnitude && self.blockwise <= TOLERANCE
+        self.relative() <= TOLERANCE
     }
 
     /// False also if this is NaN.

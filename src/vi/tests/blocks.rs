@@ -150,6 +150,63 @@ fn data_are_updated_in_place_between_conic_solves() {
     }
 }
 
+/// `A (x) I` with the coefficients of Radau IIA with three stages (Hairer and Wanner 1996, table IV.5.6), and a disk a
+/// stage.
+fn stages(radius: f64) -> (DMatrix<f64>, ConvexSet) {
+    let r = 6.0_f64.sqrt();
+    let a = [
+        [(88.0 - 7.0 * r) / 360.0, (296.0 - 169.0 * r) / 1800.0, (-2.0 + 3.0 * r) / 225.0],
+        [(296.0 + 169.0 * r) / 1800.0, (88.0 + 7.0 * r) / 360.0, (-2.0 - 3.0 * r) / 225.0],
+        [(16.0 - r) / 36.0, (16.0 + r) / 36.0, 1.0 / 9.0],
+    ];
+    let mut set = ConvexSet::free(6);
+    (0..3).for_each(|i| set.bind(vec![2 * i, 2 * i + 1], Shape::Ball { radius }));
+    (DMatrix::from_fn(6, 6, |i, j| if i % 2 == j % 2 { a[i / 2][j / 2] } else { 0.0 }), set)
+}
+
+#[test]
+fn sweeps_converge_on_coupled_stages_where_unrelaxed_ones_diverge() {
+    // w = 0 inside the disks, where a sweep multiplies the error by 1.33; and w = -z on one of them.
+    let inside = [0.5, -0.25, -0.125, 0.5, 0.25, 0.75];
+    let on_one = [0.5, -0.25, -0.125, 0.5, 0.6, 0.8];
+    for (exact, slope) in [(inside, 0.0), (on_one, 1.0)] {
+        let (matrix, set) = stages(1.0);
+        let w = DVector::from_fn(6, |i, _| if i >= 4 { -slope * exact[i] } else { 0.0 });
+        let q = w - &matrix * DVector::from_column_slice(&exact);
+        let problem = Problem::new(matrix, q.as_slice().to_vec(), set);
+        let mut z = vec![0.0; 6];
+        let report = problem.solve(&mut BlockGaussSeidel::new(), &mut z);
+        assert_eq!(report.outcome, Outcome::Solved, "{report:?}");
+        assert!(largest_difference(&z, &exact) < 1e-9, "{z:?}");
+        assert!(report.iterations <= 100, "{report:?}");
+    }
+}
+
+#[test]
+fn sweeps_without_prospect_end_early_and_say_so() {
+    // Forces that push into cones for ever: no solution, whatever the coupling of the blocks.
+    let mut set = ConvexSet::free(6);
+    (0..2).for_each(|i| set.bind((3 * i..3 * i + 3).collect(), Shape::SecondOrderCone));
+    let matrix = DMatrix::from_diagonal(&DVector::from_column_slice(&[0.0, 1.0, 1.0, 0.0, 1.0, 1.0]));
+    let problem = Problem::new(matrix, vec![-1.0, 0.0, 0.0, -1.0, 0.0, 0.0], set);
+    let report = problem.solve(&mut BlockGaussSeidel::new(), &mut [0.0; 6]);
+    assert_eq!(report.outcome, Outcome::Limit, "{report:?}");
+    assert!(report.iterations <= 400, "{report:?}");
+}
+
+#[test]
+fn numbers_are_overwritten_in_a_nonsymmetric_conic_program() {
+    let mut random = Random(24);
+    let mut conic = Conic::new();
+    let set = random.blocks(12);
+    for _ in 0..10 {
+        let s = random.matrix(12, 12);
+        let problem = Problem::new(random.positive_definite(12) + &s - s.transpose(), random.vector(12), set.clone());
+        let z = solve(&problem, &mut conic);
+        assert!(largest_difference(&z, &solve(&problem, &mut Conic::new())) < 1e-8);
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..Default::default() })]
 
