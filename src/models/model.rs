@@ -3,7 +3,7 @@
 use super::{Linear, Symbolic};
 use crate::analysis::{Analysis, analyse};
 use crate::problem::{Dvi, Structure};
-use crate::solution::Warning;
+use crate::solution::{Outputs, Warning};
 
 /// The equations of a model.
 #[derive(Clone, Debug)]
@@ -21,6 +21,8 @@ pub struct Model {
     pub state_names: Vec<String>,
     /// The names of the `m` variables.
     pub variable_names: Vec<String>,
+    /// What is told beside them.
+    pub outputs: Outputs,
     /// The states at the start, `n` finite values.
     pub initial: Vec<f64>,
     /// The equations.
@@ -36,6 +38,11 @@ impl Model {
             Equations::Symbolic(equations) => Box::new(equations.clone()),
             Equations::Linear(equations) => Box::new(equations.clone()),
         }
+    }
+
+    /// The names of all that is told: states, variables, outputs.
+    pub fn names(&self) -> impl Iterator<Item = &String> {
+        self.state_names.iter().chain(&self.variable_names).chain(&self.outputs.names)
     }
 
     /// Sizes, set and sparsity.

@@ -1,8 +1,8 @@
 //! Runs a stepper from start to end: outputs, limits, events, evidence. Written once, outside the methods.
 
 use super::{
-    Contraction, Diagnostics, Evaluations, Event, EventKind, Face, Failure, Field, Solution, Status, Steps, Trajectory,
-    Tried, ViCounts, Warning, global_error,
+    Contraction, Diagnostics, Evaluations, Event, EventKind, Face, Failure, Field, Outputs, Solution, Status, Steps,
+    Trajectory, Tried, ViCounts, Warning, global_error,
 };
 use crate::analysis::{Analysis, Uniqueness, analyse_face};
 use crate::problem::{Control, Dvi, Mass, Stop, Structure};
@@ -17,8 +17,10 @@ const MOST_FACES: usize = 16;
 /// What to run and what to keep of it.
 #[derive(Clone, Debug)]
 pub struct Plan {
-    /// The names of the states, then of the variables.
+    /// The names of the states, then of the variables, then of the outputs.
     pub names: Vec<String>,
+    /// What is told beside states and variables.
+    pub outputs: Outputs,
     /// The initial states.
     pub initial: Vec<f64>,
     /// The time to start from.
@@ -301,7 +303,9 @@ struct Recorder<'a> {
     trajectory: Trajectory,
     /// The next of the times asked for.
     next: usize,
+    /// Whatever can be told at one time.
     y: Vec<f64>,
+    outputs: Outputs,
 }
 
 impl<'a> Recorder<'a> {
@@ -313,7 +317,7 @@ impl<'a> Recorder<'a> {
             .map(|&index| Field { name: plan.names[index].clone(), values: Vec::with_capacity(capacity) })
             .collect();
         let trajectory = Trajectory { t: Vec::with_capacity(capacity), fields, events: Vec::new() };
-        Self { plan, trajectory, next: 0, y: vec![0.0; plan.names.len()] }
+        Self { plan, trajectory, next: 0, y: vec![0.0; plan.names.len()], outputs: plan.outputs.clone() }
     }
 
     fn values(&self) -> usize {
@@ -357,7 +361,9 @@ impl<'a> Recorder<'a> {
     }
 
     fn sample(&mut self, radau: &mut Radau<'_>, t: f64) {
-        radau.interpolate(t, &mut self.y);
+        let unknowns = self.y.len() - self.outputs.names.len();
+        radau.interpolate(t, &mut self.y[..unknowns]);
+        self.outputs.append(t, &mut self.y);
         self.trajectory.t.push(t);
         for (field, &index) in self.trajectory.fields.iter_mut().zip(&self.plan.fields) {
             field.values.push(self.y[index]);

@@ -4,11 +4,13 @@ mod diagnostics;
 pub mod encodings;
 mod global_error;
 mod integrate;
+mod outputs;
 pub mod pictures;
 mod trajectory;
 
 pub use diagnostics::{Contraction, Diagnostics, Evaluations, Face, GlobalError, Steps, Tried, ViCounts, Warning};
 pub use integrate::{Plan, describe, integrate};
+pub use outputs::Outputs;
 pub use trajectory::{Event, EventKind, Field, Trajectory};
 
 use serde::Serialize;

@@ -62,7 +62,7 @@ impl Specification {
         check_label(label.as_deref(), &root.key("label"), &mut found);
         let specification = model.and_then(|model| {
             let absolute_tolerances = method.absolute_tolerances(&model.state_names, &place, &mut found);
-            let names: Vec<&str> = model.state_names.iter().chain(&model.variable_names).map(String::as_str).collect();
+            let names: Vec<&str> = model.names().map(String::as_str).collect();
             let output_fields = output.fields(&names, &place_of_output, &mut found);
             check_solver(&model.structure().set, method.vi_solver, &place, &mut found);
             let analysis = (errors.is_empty() && found.is_empty()).then(|| model.analyse(time.start))?;
@@ -147,6 +147,7 @@ fn lower(problem: &Problem, start: Option<f64>, errors: &mut Errors) -> Option<M
     let (key, unknowns) = match problem {
         Problem::Dvi(problem) => ("dvi", problem.states.len() + problem.variables.len()),
         Problem::Lcs(problem) => ("lcs", problem.initial.len() + problem.variables()),
+        Problem::Filippov(problem) => ("filippov", problem.states.len() + problem.variables()),
     };
     let place = place.key(key);
     if unknowns > MOST_UNKNOWNS {
@@ -157,6 +158,7 @@ fn lower(problem: &Problem, start: Option<f64>, errors: &mut Errors) -> Option<M
     let (Lowering { errors: found, .. }, model) = match problem {
         Problem::Dvi(problem) => problem.lower(&place, start),
         Problem::Lcs(problem) => problem.lower(&place, start),
+        Problem::Filippov(problem) => problem.lower(&place, start),
     };
     errors.append(found);
     model

@@ -1,6 +1,7 @@
 //! The document as a whole: what a user posts, before it is checked.
 
 use super::dvi::DviProblem;
+use super::filippov::FilippovProblem;
 use super::lcs::LcsProblem;
 use super::method::Method;
 use super::output::Output;
@@ -46,6 +47,8 @@ pub enum Problem {
     Dvi(DviProblem),
     /// A linear complementarity system, in matrices.
     Lcs(Box<LcsProblem>),
+    /// A Filippov system: rates that jump between regions, and slide on their borders.
+    Filippov(FilippovProblem),
 }
 
 /// The time horizon, in seconds unless the model says otherwise.

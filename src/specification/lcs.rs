@@ -15,6 +15,7 @@ use super::set::{self, Block};
 use super::start;
 use crate::expression::Node;
 use crate::models::{Equations, Linear, LinearRows, Model};
+use crate::solution::Outputs;
 use serde::Deserialize;
 use utoipa::ToSchema;
 
@@ -103,7 +104,14 @@ impl LcsProblem {
                 return (lowering, None);
             }
         };
-        let model = Model { state_names, variable_names, initial, equations, warnings: Vec::new() };
+        let model = Model {
+            state_names,
+            variable_names,
+            outputs: Outputs::default(),
+            initial,
+            equations,
+            warnings: Vec::new(),
+        };
         if let Some(t) = lowering.start.filter(|_| lowering.errors.is_empty()) {
             let pointer = |row: usize| match (row.checked_sub(n), row.checked_sub(n + m)) {
                 (_, Some(bound)) => pointers[bound].clone(),

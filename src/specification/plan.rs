@@ -19,7 +19,8 @@ impl Specification {
     pub fn plan(&self) -> Plan {
         let model = self.model();
         Plan {
-            names: model.state_names.iter().chain(&model.variable_names).cloned().collect(),
+            names: model.names().cloned().collect(),
+            outputs: model.outputs.clone(),
             initial: model.initial.clone(),
             start: self.time().start,
             end: self.time().end,

@@ -4,6 +4,7 @@
 mod documents;
 mod equations;
 mod examples;
+mod filippov;
 mod hostile;
 mod index;
 mod schema;

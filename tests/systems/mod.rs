@@ -3,6 +3,7 @@
 
 mod certificates;
 mod circuits;
+mod filippov;
 mod friction;
 mod global_error;
 pub mod harness;

@@ -43,6 +43,7 @@ pub const EXAMPLES: &[Example] = examples! {
     "reverse_zeno"
     "robertson"
     "sliding_mode"
+    "switching_circle"
     "three_regions"
     "van_der_pol"
 };
