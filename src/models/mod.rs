@@ -1,6 +1,7 @@
 //! What the types of specification lower to: equations that make a [`Dvi`](crate::problem::Dvi) as often as one is
 //! needed, with the names that their columns go by.
 
+pub mod circuit;
 pub mod filippov;
 mod linear;
 mod model;

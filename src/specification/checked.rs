@@ -148,6 +148,7 @@ fn lower(problem: &Problem, start: Option<f64>, errors: &mut Errors) -> Option<M
         Problem::Dvi(problem) => ("dvi", problem.states.len() + problem.variables.len()),
         Problem::Lcs(problem) => ("lcs", problem.initial.len() + problem.variables()),
         Problem::Filippov(problem) => ("filippov", problem.states.len() + problem.variables()),
+        Problem::Circuit(problem) => ("circuit", problem.components.as_ref().map_or(0, Vec::len)),
     };
     let place = place.key(key);
     if unknowns > MOST_UNKNOWNS {
@@ -159,6 +160,7 @@ fn lower(problem: &Problem, start: Option<f64>, errors: &mut Errors) -> Option<M
         Problem::Dvi(problem) => problem.lower(&place, start),
         Problem::Lcs(problem) => problem.lower(&place, start),
         Problem::Filippov(problem) => problem.lower(&place, start),
+        Problem::Circuit(problem) => problem.lower(&place, start),
     };
     errors.append(found);
     model

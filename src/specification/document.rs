@@ -1,5 +1,6 @@
 //! The document as a whole: what a user posts, before it is checked.
 
+use super::circuit::CircuitProblem;
 use super::dvi::DviProblem;
 use super::filippov::FilippovProblem;
 use super::lcs::LcsProblem;
@@ -49,6 +50,8 @@ pub enum Problem {
     Lcs(Box<LcsProblem>),
     /// A Filippov system: rates that jump between regions, and slide on their borders.
     Filippov(FilippovProblem),
+    /// An electrical circuit with ideal diodes and switches, in components or as a netlist.
+    Circuit(CircuitProblem),
 }
 
 /// The time horizon, in seconds unless the model says otherwise.

@@ -9,6 +9,7 @@
 mod catalogue;
 mod checked;
 mod choices;
+mod circuit;
 mod deserializer;
 mod document;
 mod dvi;
@@ -41,6 +42,9 @@ mod wording;
 
 pub use catalogue::{Catalogue, Choice, Coefficients, Limit, catalogue};
 pub use checked::Specification;
+pub use circuit::{
+    Capacitor, CircuitProblem, Component, CurrentSource, Diode, Inductor, Resistor, Switch, VoltageSource, Zener,
+};
 pub use document::{Document, Limits, Problem, Reserved, Time};
 pub use dvi::{DviProblem, State, Variable};
 pub use error::SpecificationError;

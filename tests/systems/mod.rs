@@ -7,6 +7,7 @@ mod filippov;
 mod friction;
 mod global_error;
 pub mod harness;
+mod netlists;
 mod nonunique;
 mod pendulum;
 mod queues;

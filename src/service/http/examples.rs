@@ -28,10 +28,12 @@ pub struct Example {
 /// Every file of `api/examples`.
 pub const EXAMPLES: &[Example] = examples! {
     "bottleneck"
+    "buck_converter"
     "coulomb_slope"
     "diode_bridge"
     "diode_bridge_dvi"
     "diode_bridge_filter"
+    "diode_bridge_netlist"
     "fluid_queue"
     "friction_belt"
     "friction_disk"
