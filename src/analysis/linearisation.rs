@@ -8,7 +8,7 @@
 //! to zero their inequalities: then every algebraic unknown is a variable.
 
 use crate::factorisation::Singular;
-use crate::problem::{Dvi, FaceEquations, Mass, Structure};
+use crate::problem::{Dvi, FaceEquations, Mass, Shape, Structure};
 use nalgebra::DMatrix;
 
 /// The matrices at a point, and which variables are free.
@@ -37,11 +37,18 @@ pub(super) const RANK: f64 = 1e-11;
 
 impl Linearisation {
     /// The matrices at `(t, y)` for the variables that are `kept`, the others being known; `None` if a derivative is not
-    /// finite.
+    /// finite. The sum over a simplex is given, so that its first member follows from the others.
     pub fn at(problem: &mut dyn Dvi, t: f64, y: &[f64], kept: impl Fn(usize) -> bool) -> Option<Self> {
         let structure = problem.structure().clone();
-        let variables: Vec<usize> = (0..structure.variables).filter(|&k| kept(k)).collect();
-        let basis = selection(&structure, &variables);
+        let simplices = || structure.set.blocks().iter().filter(|block| block.shape == Shape::Simplex);
+        let firsts: Vec<usize> = simplices().map(|block| block.members[0]).collect();
+        let variables: Vec<usize> = (0..structure.variables).filter(|&k| kept(k) && !firsts.contains(&k)).collect();
+        let mut basis = selection(&structure, &variables);
+        for block in simplices() {
+            for (column, _) in (structure.states..).zip(&variables).filter(|(_, k)| block.members.contains(k)) {
+                basis[(structure.states + block.members[0], column)] = -1.0;
+            }
+        }
         let jacobian = basis.tr_mul(&jacobian_of(problem, t, y)?) * basis;
         let moves = |k: usize| structure.moving.iter().any(|moving| moving.variable == k);
         let set = &structure.set;

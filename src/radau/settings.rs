@@ -111,14 +111,25 @@ pub enum StepError {
         /// When.
         t: f64,
     },
-    /// The VI at the start has no solution that the solver could find.
+    /// The VI at the start, or behind a break, has no solution that the solver could find.
     #[error(
-        "the variational inequality at the start t = {t:?} has no solution, or none was found; raising a variable should \
-         raise its inequality, at once or in time: look at its sign, and whether the start satisfies it"
+        "the variational inequality at t = {t:?} has no solution, or none was found; raising a variable should raise its \
+         inequality, at once or in time: look at its sign, and whether the start satisfies it"
     )]
     NoStart {
         /// When.
         t: f64,
+    },
+    /// Whatever the variables are, one inequality fails: the VI has no solution.
+    #[error(
+        "the variational inequality has no solution at t = {t:?}: the inequality of variable {variable} (counted from 0) \
+         fails whatever the variables are"
+    )]
+    NoSolution {
+        /// When.
+        t: f64,
+        /// The variable.
+        variable: usize,
     },
 }
 
@@ -134,6 +145,7 @@ impl StepError {
             Self::TooLarge { .. } => "too_large",
             Self::Interrupted { .. } => "interrupted",
             Self::NoStart { .. } => "no_solution_at_start",
+            Self::NoSolution { .. } => "no_solution",
         }
     }
 }

@@ -52,6 +52,8 @@ pub struct StageVi {
     factors: Factors,
     real: Vec<f64>,
     complex: Vec<Complex<f64>>,
+    /// The variable whose inequality alone showed that the last problem that was not solved has no solution.
+    pub contradiction: Option<usize>,
     /// Affine problems solved.
     pub solves: u64,
     /// Their pivots or iterations.
@@ -92,6 +94,7 @@ impl StageVi {
             factors: Factors::new(system),
             real: vec![0.0; unknowns],
             complex: vec![Complex::new(0.0, 0.0); unknowns],
+            contradiction: None,
             solves: 0,
             pivots: 0,
             failures: Vec::new(),
@@ -276,7 +279,11 @@ impl StageVi {
                 None => self.failures.push((attempt, 1)),
             }
         }
-        if report.outcome == Outcome::Solved { Ok(()) } else { Err(Cause::Unsolved) }
+        if report.outcome == Outcome::Solved {
+            return Ok(());
+        }
+        self.contradiction = vi.contradiction().map(|row| system.bounded[row % count]);
+        Err(Cause::Unsolved)
     }
 
     /// Whether the VI holds at every stage to the tolerance, from the last evaluation. The transforms mix the stages, so

@@ -51,7 +51,7 @@ impl Radau<'_> {
             consistent.solve(&mut self.system, &self.control, self.t, &mut self.y);
         }
         if !self.probe(INSTANT * self.h, false) {
-            return Err(StepError::NoStart { t: self.t });
+            return Err(self.no_start());
         }
         let jumps = self.switching.probe.stages.z[..n].iter().zip(&self.control.weight).map(|(z, w)| (z * w).abs());
         let worst = jumps.enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
@@ -67,7 +67,14 @@ impl Radau<'_> {
             }
             self.jumped.get_or_insert(self.t);
         }
-        if self.choose_face(self.h) { Ok(()) } else { Err(StepError::NoStart { t: self.t }) }
+        if self.choose_face(self.h) { Ok(()) } else { Err(self.no_start()) }
+    }
+
+    fn no_start(&self) -> StepError {
+        match self.switching.probe.vi.as_ref().and_then(|vi| vi.contradiction) {
+            Some(variable) => StepError::NoSolution { t: self.t, variable },
+            None => StepError::NoStart { t: self.t },
+        }
     }
 
     /// The face and the variables at `(t, y)`, where steps are about `h` long; the states stay. False if no solution

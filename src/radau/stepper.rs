@@ -388,6 +388,7 @@ impl<'p> Radau<'p> {
         }
         if self.settings.step.is_some() {
             self.check_evaluation()?;
+            self.check_contradiction(cause)?;
             return Err(StepError::NewtonFailed { t: self.t, h });
         }
         let min_step = self.settings.min_step;
@@ -396,8 +397,17 @@ impl<'p> Radau<'p> {
         if self.h < least || !self.h.is_finite() {
             // What the last, shortest attempt met says more than that it failed.
             self.check_evaluation()?;
+            self.check_contradiction(cause)?;
             return Err(StepError::StepTooSmall { t: self.t, h: self.h, cause });
         }
         Ok(())
+    }
+
+    /// Whether the last variational inequality has no solution for a reason that can be named.
+    fn check_contradiction(&self, cause: Cause) -> Result<(), StepError> {
+        match self.stage_vi.as_ref().and_then(|vi| vi.contradiction).filter(|_| cause == Cause::Unsolved) {
+            Some(variable) => Err(StepError::NoSolution { t: self.t, variable }),
+            None => Ok(()),
+        }
     }
 }

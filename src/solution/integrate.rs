@@ -195,6 +195,12 @@ fn failure(plan: &Plan, error: &StepError, time: f64, state: &[f64]) -> Failure 
             "the interval of `{}` is empty from t = {t:?} on: its lower bound passes its upper bound",
             plan.names.get(plan.initial.len() + variable).map_or("?", String::as_str)
         ),
+        StepError::NoSolution { variable, t } => format!(
+            "the variational inequality has no solution at t = {t:?}: the inequality of `{}` fails whatever the variables are. \
+             Raising a variable should raise its inequality, at once or in time: look at its sign, and whether the start \
+             satisfies it",
+            plan.names.get(plan.initial.len() + variable).map_or("?", String::as_str)
+        ),
         StepError::InconsistentStart { state, jump } => format!(
             "the start is inconsistent: the constraints ask for a jump of `{}` by {jump:e}",
             plan.names.get(state).map_or("?", String::as_str)

@@ -11,6 +11,7 @@ mod active_set;
 mod auto;
 mod block_gauss_seidel;
 mod conic;
+mod contradiction;
 pub mod coulomb;
 mod elimination;
 mod equilibration;

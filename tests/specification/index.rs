@@ -60,3 +60,13 @@ fn index_three_is_refused_unless_accepted() {
     document["method"] = json!({"accept_index_three": true});
     assert!(Specification::from_json(document.to_string().as_bytes()).is_ok());
 }
+
+#[test]
+fn a_simplex_is_analysed_on_the_plane_it_lies_in() {
+    // Three regions with unit velocities at 120 degrees: along e_2 - e_1 and e_3 - e_1 CB is [[3, 3/2], [3/2, 3]].
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/api/examples/three_regions.json");
+    let specification = Specification::from_json(&std::fs::read(path).unwrap()).unwrap();
+    let analysis = specification.analysis();
+    assert_eq!((analysis.index, analysis.levels.as_slice()), (Some(1), &[0, 2][..]));
+    assert!(analysis.because.contains("least eigenvalue 1.500e0"), "{}", analysis.because);
+}

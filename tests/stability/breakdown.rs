@@ -74,11 +74,13 @@ fn an_inequality_that_nothing_can_keep_ends_at_its_time() {
     // z pushes x down, or not at all, where x >= 0 asks for a push up: no solution after t = 1.
     for rate in ["-1 - z", "-1"] {
         let case = Case::until(3.0).state("x", 1.0, rate).nonnegative("z", "x");
-        let (solution, _) = failure(&case, 1.0);
+        let (solution, failed) = failure(&case, 1.0);
         assert!(last(&solution, "x").abs() < 1e-9);
+        assert_eq!(failed.code, "no_solution");
+        assert!(failed.message.contains("the inequality of `z` fails"), "{}", failed.message);
     }
     let solution = Case::until(3.0).state("x", -1.0, "-1").nonnegative("z", "x").run();
-    assert_eq!(solution.error.expect("a failure").code, "no_solution_at_start");
+    assert_eq!(solution.error.expect("a failure").code, "no_solution");
 }
 
 #[test]

@@ -16,7 +16,7 @@ use tokio::task::spawn_blocking;
 use tokio::time::timeout;
 
 /// A document up to this size is read where its connection is served: that takes less time than moving it.
-const SMALL: usize = 16 << 10;
+const SMALL: usize = 4 << 10;
 
 /// The bytes of the body.
 pub struct Document(Vec<u8>);

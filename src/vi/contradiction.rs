@@ -1,0 +1,52 @@
+//! A proof that there is no solution which one row gives: `w_i < 0` for every `z` in `K` though `z_i` has no upper bound
+//! to rest on, or `w_i > 0` though it has no lower one.
+
+use super::AffineVi;
+use crate::problem::Workspace;
+
+/// Beyond rounding, beside `|q_i|`.
+const MARGIN: f64 = 1e-10;
+
+impl AffineVi<'_> {
+    /// The first variable whose row proves that there is no solution, if one does.
+    pub fn contradiction(&self) -> Option<usize> {
+        let mut work = Workspace::default();
+        let mut row = vec![0.0; self.q.len()];
+        (0..self.q.len()).filter(|&i| self.set.block_of(i).is_none()).find(|&i| {
+            let mut largest = |sign: f64| {
+                row.iter_mut().zip(self.matrix.row(i).iter()).for_each(|(d, a)| *d = sign * a);
+                self.set.support(&row, &mut work) + sign * self.q[i]
+            };
+            let margin = -MARGIN * self.q[i].abs();
+            (self.set.upper[i] == f64::INFINITY && largest(1.0) < margin)
+                || (self.set.lower[i] == f64::NEG_INFINITY && largest(-1.0) < margin)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::problem::ConvexSet;
+    use nalgebra::DMatrix;
+
+    fn found(matrix: &[f64], q: &[f64], set: &ConvexSet) -> Option<usize> {
+        let matrix = DMatrix::from_row_slice(q.len(), q.len(), matrix);
+        AffineVi { matrix: &matrix, q, set }.contradiction()
+    }
+
+    #[test]
+    fn a_push_that_only_presses_harder_is_named() {
+        let orthant = ConvexSet::nonnegative(2);
+        // w2 = -z1 - z2 - 1 is negative whatever is pushed; with a push that helps it is not known to be.
+        assert_eq!(found(&[1.0, 0.0, -1.0, -1.0], &[1.0, -1.0], &orthant), Some(1));
+        assert_eq!(found(&[1.0, 0.0, 1e-9, -1.0], &[1.0, -1.0], &orthant), None);
+        // A bounded variable may rest on its bound.
+        let boxed = ConvexSet::intervals(vec![0.0; 2], vec![f64::INFINITY, 3.0]);
+        assert_eq!(found(&[1.0, 0.0, -1.0, -1.0], &[1.0, -1.0], &boxed), None);
+        // The other way round, from below.
+        let below = ConvexSet::intervals(vec![f64::NEG_INFINITY], vec![0.0]);
+        assert_eq!(found(&[-1.0], &[2.0], &below), Some(0));
+        assert_eq!(found(&[1.0], &[2.0], &below), None);
+    }
+}
