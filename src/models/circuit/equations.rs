@@ -5,8 +5,9 @@
 //! ```
 //!
 //! 1. What is given: the voltage of each tree element, and the current of each link, but for resistors.
-//! 2. The voltages `v` of tree resistors, with `Y` the conductances and `F` the loops of links:
-//!    `(Y_t + F^T Y_l F) v = -F^T Y_l v_given - F^T i_given`, positive definite.
+//! 2. The potentials `u` of the islands of nodes that the tree without resistors makes, each against the first of those
+//!    that resistors connect it with: `v = B^T u + v_given`, `B Y v = i_given` with `B` the incidence of resistors and
+//!    `Y` their conductances. `B Y B^T` is positive definite, and as sparse as the circuit.
 //! 3. The charges of capacitors and the fluxes of inductors: `M x' = ..`, where capacitors that are links and inductors
 //!    that are in the tree are added to those of their loops and cut sets. `M` is positive definite too.
 //! 4. The other of voltage and current of every element, by Kirchhoff's laws; for the diodes, that is `G`.
@@ -14,6 +15,10 @@
 use super::form::Form;
 use super::solve::solve;
 use super::{Columns, Element, Fault, Law, NormalTree, Port};
+use std::cell::Cell;
+
+/// The most terms that are added on the way, and that the solution of one system may have.
+pub(super) const MOST_TERMS: usize = 2_000_000;
 
 /// The equations of a circuit, as forms over its columns.
 #[derive(Clone, Debug)]
@@ -26,18 +31,23 @@ pub struct Equations {
     pub voltages: Vec<Form>,
     /// The current of every element.
     pub currents: Vec<Form>,
+    /// The voltage of every node.
+    pub nodes: Vec<Form>,
 }
 
 impl Equations {
     /// The equations of `elements` on their tree.
     ///
     /// # Errors
-    /// [`Fault::Singular`] where rounding makes a matrix indefinite that is positive definite.
+    /// [`Fault::Singular`] where rounding makes a matrix indefinite that is positive definite, and
+    /// [`Fault::TooIntertwined`] where the forms grow past all bounds.
     pub fn new(elements: &[Element], tree: &NormalTree, columns: &Columns) -> Result<Self, Fault> {
-        let mut assembly = Assembly::given(elements, tree, columns);
+        let mut assembly = Assembly::given(elements, tree, columns)?;
         assembly.resistors()?;
         let rates = assembly.storage()?;
-        let Assembly { voltages, currents, .. } = assembly.rest(&rates);
+        let assembly = assembly.rest(&rates)?;
+        let nodes = assembly.nodes()?;
+        let Assembly { voltages, currents, .. } = assembly;
         let slack = |sign: f64, v: &Form, bound: f64| {
             let mut slack = v.times(sign);
             slack.add_term(columns.one(), bound);
@@ -55,7 +65,7 @@ impl Equations {
             }
         });
         let inequality = inequality.collect();
-        Ok(Self { rates, inequality, voltages, currents })
+        Ok(Self { rates, inequality, voltages, currents, nodes })
     }
 }
 
@@ -66,10 +76,12 @@ struct Assembly<'a> {
     columns: &'a Columns,
     voltages: Vec<Form>,
     currents: Vec<Form>,
+    terms_left: Cell<usize>,
 }
 
 impl<'a> Assembly<'a> {
-    fn given(elements: &'a [Element], tree: &'a NormalTree, columns: &'a Columns) -> Self {
+    /// Step 1.
+    fn given(elements: &'a [Element], tree: &'a NormalTree, columns: &'a Columns) -> Result<Self, Fault> {
         let mut voltages = vec![Form::default(); elements.len()];
         let mut currents = voltages.clone();
         for (x, &k) in columns.states.iter().enumerate() {
@@ -97,64 +109,80 @@ impl<'a> Assembly<'a> {
                 _ => {}
             }
         }
-        let mut assembly = Self { elements, tree, columns, voltages, currents };
+        let terms_left = Cell::new(MOST_TERMS);
+        let mut assembly = Self { elements, tree, columns, voltages, currents, terms_left };
         for (k, element) in elements.iter().enumerate() {
             match (&element.law, tree.contains[k]) {
-                (Law::Capacitor(..), false) => assembly.voltages[k] = assembly.loop_voltage(k),
-                (Law::Inductor(..), true) => assembly.currents[k] = assembly.cut_current(k),
+                (Law::Capacitor(..), false) => assembly.voltages[k] = assembly.loop_voltage(k)?,
+                (Law::Inductor(..), true) => assembly.currents[k] = assembly.cut_current(k)?,
                 _ => {}
             }
         }
-        assembly
+        Ok(assembly)
     }
 
     /// `v_l` as the sum over what is known of its loop.
-    fn loop_voltage(&self, l: usize) -> Form {
-        let mut sum = Form::default();
-        self.tree.loops[l].iter().for_each(|&(t, sign)| sum.add(&self.voltages[t], sign));
-        sum
+    fn loop_voltage(&self, l: usize) -> Result<Form, Fault> {
+        self.sum(&self.tree.loops[l], &self.voltages, 1.0)
     }
 
     /// `i_t` as the sum over what is known of its cut set.
-    fn cut_current(&self, t: usize) -> Form {
+    fn cut_current(&self, t: usize) -> Result<Form, Fault> {
+        self.sum(&self.tree.cuts[t], &self.currents, -1.0)
+    }
+
+    fn sum(&self, entries: &[(usize, f64)], forms: &[Form], factor: f64) -> Result<Form, Fault> {
+        self.spend(entries.iter().map(|&(k, _)| forms[k].len()).sum())?;
         let mut sum = Form::default();
-        self.tree.cuts[t].iter().for_each(|&(l, sign)| sum.add(&self.currents[l], -sign));
-        sum
+        entries.iter().for_each(|&(k, sign)| sum.add(&forms[k], factor * sign));
+        Ok(sum)
+    }
+
+    /// Counts terms that are added, until there are too many.
+    fn spend(&self, terms: usize) -> Result<(), Fault> {
+        let left = self.terms_left.get().checked_sub(terms).ok_or(Fault::TooIntertwined(MOST_TERMS))?;
+        self.terms_left.set(left);
+        Ok(())
     }
 
     /// Step 2: the voltages and currents of all resistors.
     fn resistors(&mut self) -> Result<(), Fault> {
-        let conductances: Vec<Option<f64>> = self
-            .elements
+        let (tree, elements) = (self.tree, self.elements);
+        let resistors: Vec<(usize, f64)> = elements
             .iter()
-            .map(|element| if let Law::Resistor(ohms) = element.law { Some(1.0 / ohms) } else { None })
+            .enumerate()
+            .filter_map(|(k, element)| if let Law::Resistor(ohms) = element.law { Some((k, 1.0 / ohms)) } else { None })
             .collect();
-        let of = |inside: bool| -> Vec<usize> {
-            (0..conductances.len()).filter(|&k| conductances[k].is_some() && self.tree.contains[k] == inside).collect()
+        let mut row_of = vec![None; elements.len()];
+        let branches = resistors.iter().filter(|&&(k, _)| tree.contains[k]);
+        let count = branches.enumerate().map(|(row, &(t, _))| row_of[t] = Some(row)).count();
+        let islands = tree.islands(elements);
+        let ends = |k: usize| {
+            let (a, b) = elements[k].nodes;
+            [(islands[a], 1.0), (islands[b], -1.0)]
+                .into_iter()
+                .filter_map(|(island, sign)| Some((row_of[island?]?, sign)))
         };
-        let (branches, links) = (of(true), of(false));
-        let y = |k: usize| conductances[k].unwrap_or(0.0);
-        let mut row_of = vec![usize::MAX; conductances.len()];
-        branches.iter().enumerate().for_each(|(row, &t)| row_of[t] = row);
-        let mut matrix: Vec<_> = branches.iter().enumerate().map(|(row, &t)| (row, row, y(t))).collect();
-        // The currents of the links that are known, and of the resistors what their known voltages drive.
-        let mut right: Vec<Form> = branches.iter().map(|&t| self.cut_current(t)).collect();
-        for &l in &links {
-            let known = self.loop_voltage(l);
-            let inside: Vec<_> = self.tree.loops[l].iter().filter(|&&(t, _)| conductances[t].is_some()).collect();
-            for &&(t, sign) in &inside {
-                right[row_of[t]].add(&known, -sign * y(l));
-                matrix.extend(inside.iter().map(|&&(u, other)| (row_of[t], row_of[u], sign * other * y(l))));
+        let mut matrix = Vec::new();
+        let mut right = vec![Form::default(); count];
+        let mut known = Vec::with_capacity(resistors.len());
+        for &(k, y) in &resistors {
+            let (v, i) = match tree.contains[k] {
+                true => (Form::default(), self.cut_current(k)?),
+                false => (self.loop_voltage(k)?, Form::default()),
+            };
+            for (row, sign) in ends(k) {
+                right[row].add(&i, sign);
+                right[row].add(&v, -sign * y);
+                matrix.extend(ends(k).map(|(column, other)| (row, column, sign * other * y)));
             }
+            known.push(v);
         }
-        for (&t, v) in branches.iter().zip(solve(&matrix, right).ok_or(Fault::Singular)?) {
-            self.currents[t] = v.times(y(t));
-            self.voltages[t] = v;
-        }
-        for l in links {
-            let v = self.loop_voltage(l);
-            self.currents[l] = v.times(y(l));
-            self.voltages[l] = v;
+        let potentials = solve(&matrix, right)?;
+        for (&(k, y), mut v) in resistors.iter().zip(known) {
+            ends(k).for_each(|(row, sign)| v.add(&potentials[row], sign));
+            self.currents[k] = v.times(y);
+            self.voltages[k] = v;
         }
         Ok(())
     }
@@ -168,8 +196,12 @@ impl<'a> Assembly<'a> {
         let mut right: Vec<Form> = states
             .iter()
             .map(|&k| if self.tree.contains[k] { self.cut_current(k) } else { self.loop_voltage(k) })
-            .collect();
+            .collect::<Result<_, _>>()?;
         for k in 0..self.elements.len() {
+            let left = MOST_TERMS.saturating_sub(matrix.len());
+            if self.dependent(k).len().pow(2) > left {
+                return Err(Fault::TooIntertwined(MOST_TERMS));
+            }
             for &(of, sign) in self.dependent(k) {
                 let Some(&row) = row_of.get(of).filter(|&&row| row < states.len()) else { continue };
                 for &(other, factor) in self.dependent(k) {
@@ -181,7 +213,7 @@ impl<'a> Assembly<'a> {
                 }
             }
         }
-        solve(&matrix, right).ok_or(Fault::Singular)
+        solve(&matrix, right)
     }
 
     /// Of a capacitor that is a link, its loop; of an inductor in the tree, its cut set; nothing of others.
@@ -202,14 +234,17 @@ impl<'a> Assembly<'a> {
     }
 
     /// Step 4, once `x'` is known.
-    fn rest(mut self, rates: &[Form]) -> Self {
+    fn rest(mut self, rates: &[Form]) -> Result<Self, Fault> {
         let mut rate_of = vec![None; self.elements.len()];
         self.columns.states.iter().zip(rates).for_each(|(&k, rate)| rate_of[k] = Some(rate));
         for k in 0..self.elements.len() {
             let mut rate = Form::default();
             for &(of, sign) in self.dependent(k) {
                 match rate_of[of] {
-                    Some(other) => rate.add(other, sign),
+                    Some(other) => {
+                        self.spend(other.len())?;
+                        rate.add(other, sign);
+                    }
                     None => rate.add_term(self.columns.derivative(of), sign),
                 }
             }
@@ -222,10 +257,22 @@ impl<'a> Assembly<'a> {
         for k in 0..self.elements.len() {
             match (&self.elements[k].law, self.tree.contains[k]) {
                 (Law::Resistor(_), _) | (Law::Capacitor(..), false) | (Law::Inductor(..), true) => {}
-                (_, true) => self.currents[k] = self.cut_current(k),
-                (_, false) => self.voltages[k] = self.loop_voltage(k),
+                (_, true) => self.currents[k] = self.cut_current(k)?,
+                (_, false) => self.voltages[k] = self.loop_voltage(k)?,
             }
         }
-        self
+        Ok(self)
+    }
+
+    /// The voltages of nodes, along the tree.
+    fn nodes(&self) -> Result<Vec<Form>, Fault> {
+        let mut nodes = vec![Form::default(); self.tree.nodes()];
+        for (node, element, sign, to) in self.tree.outwards() {
+            let mut voltage = nodes[to].clone();
+            voltage.add(&self.voltages[element], sign);
+            self.spend(voltage.len())?;
+            nodes[node] = voltage;
+        }
+        Ok(nodes)
     }
 }

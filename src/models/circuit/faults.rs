@@ -11,7 +11,7 @@ pub enum Fault {
     SwitchLoop(Vec<usize>),
     /// Current sources that are all that connects two parts.
     SourceCutSet(Vec<usize>),
-    /// More entries of the loop matrix than this.
+    /// The loops, or what depends on what, have more entries than this.
     TooIntertwined(usize),
     /// A source that jumps, in a loop with capacitors alone or in a cut set with inductors alone: the current of the
     /// former, the voltage of the latter is an impulse.

@@ -37,6 +37,16 @@ impl Form {
         self.0.get(&k).copied().unwrap_or(0.0)
     }
 
+    /// The number of terms.
+    pub fn len(&self) -> usize {
+        self.0.len()
+    }
+
+    /// Whether it is zero.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
     /// The terms `(k, c_k)` by `k`.
     pub fn terms(&self) -> impl Iterator<Item = (usize, f64)> {
         self.0.iter().map(|(&k, &c)| (k, c))

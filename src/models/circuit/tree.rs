@@ -10,7 +10,7 @@
 use super::{Element, Fault, Law};
 
 /// The most entries of `F`.
-const MOST_ENTRIES: usize = 4_000_000;
+const MOST_ENTRIES: usize = 2_000_000;
 
 /// A normal tree and its loops.
 #[derive(Clone, Debug)]
@@ -61,9 +61,32 @@ impl NormalTree {
         if faults.is_empty() { Ok(tree) } else { Err(faults) }
     }
 
-    /// The voltage of a node as a sum over the tree.
-    pub fn node(&self, node: usize) -> Vec<(usize, f64)> {
-        self.between((node, 0))
+    /// The number of nodes.
+    pub fn nodes(&self) -> usize {
+        self.parents.len()
+    }
+
+    /// The nodes but ground as `(node, t, sign, towards)`: its voltage is `sign v_t` above that of the node towards ground,
+    /// which comes before it.
+    pub fn outwards(&self) -> impl Iterator<Item = (usize, usize, f64, usize)> {
+        let mut steps: Vec<(usize, Step)> =
+            self.parents.iter().enumerate().filter_map(|(node, step)| Some((node, (*step)?))).collect();
+        steps.sort_by_key(|(_, step)| step.depth);
+        steps.into_iter().map(|(node, step)| (node, step.element, step.sign, step.to))
+    }
+
+    /// The island of each node, in a tree without its resistors, inductors and current sources: the resistor that leads
+    /// into it, or none if it is the first of those that resistors connect.
+    pub fn islands(&self, elements: &[Element]) -> Vec<Option<usize>> {
+        let mut islands = vec![None; self.nodes()];
+        for (node, element, _, to) in self.outwards() {
+            islands[node] = match elements[element].law {
+                Law::Resistor(_) => Some(element),
+                Law::Inductor(..) | Law::CurrentSource(_) => None,
+                _ => islands[to],
+            };
+        }
+        islands
     }
 
     /// The voltage between two nodes as a sum over the tree.
@@ -94,7 +117,7 @@ impl NormalTree {
     }
 }
 
-/// Kruskal's algorithm: elements in the order of their rank, each where it closes no loop.
+/// Kruskal's algorithm (1956): elements in the order of their rank, each where it closes no loop.
 fn spanning_tree(elements: &[Element], nodes: usize) -> Vec<bool> {
     fn root(leader: &mut [usize], mut node: usize) -> usize {
         while leader[node] != node {
@@ -104,7 +127,8 @@ fn spanning_tree(elements: &[Element], nodes: usize) -> Vec<bool> {
         node
     }
     let mut order: Vec<usize> = (0..elements.len()).collect();
-    order.sort_by_key(|&k| elements[k].law.rank());
+    // At ground first: the loops are shorter.
+    order.sort_by_key(|&k| (elements[k].law.rank(), elements[k].nodes.0 != 0 && elements[k].nodes.1 != 0));
     let mut leader: Vec<usize> = (0..nodes).collect();
     let mut contains = vec![false; elements.len()];
     for k in order {

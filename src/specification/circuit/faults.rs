@@ -52,9 +52,9 @@ impl Names<'_> {
             Fault::TooIntertwined(most) => SpecificationError::new(
                 self.whole.clone(),
                 "too_intertwined",
-                format!("the loops of the circuit have more than {most} members in all"),
+                format!("the components depend on each other in more than {most} ways"),
             )
-            .expected("fewer components in a row"),
+            .expected("fewer components, or fewer of them in one loop"),
             &Fault::Impulse { source, element } => {
                 let (source_name, name) = (self.quoted(source), self.quoted(element));
                 let detail = format!(

@@ -2,7 +2,7 @@
 
 use super::faults::Names;
 use crate::expression::Node;
-use crate::models::circuit::{Columns, Element, Equations as Forms, Fault, Form, Law, NormalTree, Port, System};
+use crate::models::circuit::{Columns, Element, Equations as Forms, Fault, Law, NormalTree, Port, System};
 use crate::models::{Equations, Linear, Model};
 use crate::solution::Outputs;
 use crate::specification::error::SpecificationError;
@@ -48,7 +48,7 @@ pub(super) fn model(
     }
     let state_names: Vec<String> = columns.states.iter().map(|&k| names.of_state(&elements[k], k)).collect();
     let variable_names: Vec<String> = columns.ports.iter().map(|&port| names.of_port(elements, port)).collect();
-    let outputs = outputs(elements, &tree, &forms, &system, names, lowering, &[&state_names, &variable_names]);
+    let outputs = outputs(elements, &forms, &system, names, lowering, &[&state_names, &variable_names]);
     let rows = system.rows(&mut lowering.graph, &forms);
     let equations = Linear::new(&mut lowering.graph, rows)
         .map_err(|(_, error)| vec![SpecificationError::new(names.whole.clone(), error.code, error.message)])?;
@@ -63,7 +63,6 @@ pub(super) fn model(
 /// Node voltages, currents, and the voltages of diodes and switches, but for what is a state or a variable.
 fn outputs(
     elements: &[Element],
-    tree: &NormalTree,
     forms: &Forms,
     system: &System<'_>,
     names: &Names<'_>,
@@ -72,10 +71,8 @@ fn outputs(
 ) -> Outputs {
     let graph = &mut lowering.graph;
     let mut named: Vec<(String, Node)> = Vec::new();
-    for (node, name) in names.nodes.iter().enumerate().skip(1) {
-        let mut voltage = Form::default();
-        tree.node(node).into_iter().for_each(|(t, sign)| voltage.add(&forms.voltages[t], sign));
-        named.push((format!("v({name})"), system.output(graph, &voltage)));
+    for (voltage, name) in forms.nodes.iter().zip(&names.nodes).skip(1) {
+        named.push((format!("v({name})"), system.output(graph, voltage)));
     }
     for (k, name) in names.components.iter().enumerate() {
         if matches!(elements[k].law, Law::Diode { .. } | Law::Zener { .. } | Law::Switch { .. }) {
