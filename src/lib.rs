@@ -40,7 +40,7 @@ pub fn solve(specification: &Specification, control: &Control) -> Solution {
     let mut solution = match model {
         Model::Dvi(model) => {
             let (settings, analysis) = (specification.settings(), specification.analysis());
-            solution::integrate(&mut *model.problem(), &plan, &settings, analysis, control)
+            solution::integrate(model, &plan, &settings, analysis, control)
         }
         Model::Mechanical(model) => {
             let (contact, analysis) = (specification.contact_plan(), specification.analysis());

@@ -136,6 +136,11 @@ impl Graph {
         }
     }
 
+    /// 1 where `a >= 0`, else 0
+    pub fn heaviside(&mut self, a: Node) -> Node {
+        self.unary(Operator::Heaviside, a)
+    }
+
     /// A product or a quotient, its sign taken out so that `-k x` and `k x` share their work.
     fn signed(&mut self, operator: Operator, a: Node, b: Node) -> Node {
         let (minus_a, a) = self.without_sign(a);

@@ -28,8 +28,8 @@ enum Block {
     Lanes(Lanes),
 }
 
-/// A compiled program of several outputs. It owns its registers: evaluation does not allocate.
-#[derive(Clone, Debug)]
+/// A compiled program of several outputs. It owns its registers: evaluation does not allocate. The default has none.
+#[derive(Clone, Debug, Default)]
 pub struct Tape {
     blocks: Vec<Block>,
     /// The inputs, the constants, then one for each instruction.

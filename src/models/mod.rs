@@ -1,10 +1,13 @@
 //! What the types of specification lower to: equations that can be handed out as often as they are needed, with the
 //! names that their columns go by.
 
+pub mod circuit;
+pub mod filippov;
 mod linear;
 mod mechanical;
 mod mechanical_model;
 mod model;
+mod outputs;
 pub mod rigid_bodies;
 mod symbolic;
 
@@ -12,4 +15,5 @@ pub use linear::{Linear, LinearRows};
 pub use mechanical::{MechanicalRows, SymbolicMechanics, Underivable};
 pub use mechanical_model::{ENERGIES, MechanicalModel};
 pub use model::{DviModel, Equations, Model};
+pub use outputs::Outputs;
 pub use symbolic::{Refusal, Rows, Symbolic};

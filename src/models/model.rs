@@ -1,7 +1,7 @@
 //! Problems with their names and their start, to be solved any number of times.
 
 use super::rigid_bodies::Scene;
-use super::{Linear, MechanicalModel, Symbolic};
+use super::{Linear, MechanicalModel, Outputs, Symbolic};
 use crate::analysis::{Analysis, analyse};
 use crate::problem::{Dvi, Structure};
 use crate::solution::Warning;
@@ -30,7 +30,7 @@ impl Model {
     /// The names of all outputs, those of the states first.
     pub fn output_names(&self) -> Vec<String> {
         match self {
-            Self::Dvi(model) => model.state_names.iter().chain(&model.variable_names).cloned().collect(),
+            Self::Dvi(model) => model.names().cloned().collect(),
             Self::Mechanical(model) => model.output_names.clone(),
             Self::RigidBodies(scene) => scene.output_names(),
         }
@@ -89,6 +89,8 @@ pub struct DviModel {
     pub state_names: Vec<String>,
     /// The names of the `m` variables.
     pub variable_names: Vec<String>,
+    /// What is told beside them.
+    pub outputs: Outputs,
     /// The states at the start, `n` finite values.
     pub initial: Vec<f64>,
     /// The equations.
@@ -104,6 +106,11 @@ impl DviModel {
             Equations::Symbolic(equations) => Box::new(equations.clone()),
             Equations::Linear(equations) => Box::new(equations.clone()),
         }
+    }
+
+    /// The names of all that is told: states, variables, outputs.
+    pub fn names(&self) -> impl Iterator<Item = &String> {
+        self.state_names.iter().chain(&self.variable_names).chain(&self.outputs.names)
     }
 
     /// Sizes, set and sparsity.

@@ -18,13 +18,17 @@ pub struct NewtonControl {
     pub vi_tolerance: f64,
 }
 
+/// Down a chain of states at rest the terms of a short step shrink until they are subnormal, and have lost their
+/// relative accuracy.
+pub const UNDERFLOW: f64 = f64::MIN_POSITIVE;
+
 impl NewtonControl {
     /// The size below which `G_k` at `y` is noise: the tolerance of the VI, or what an error of the states that Newton's
     /// method lets pass makes of it.
     pub fn noise_of_g(&self, system: &System<'_>, k: usize, y: &[f64]) -> f64 {
         let terms = system.terms(k, |j| self.size[j].max(y[j].abs()));
         let passed = system.terms(k, |j| if j < system.states { self.kappa / self.weight[j] } else { 0.0 });
-        (self.vi_tolerance * terms).max(passed)
+        (self.vi_tolerance * terms).max(passed).max(UNDERFLOW)
     }
 
     /// The size below which a distance of variable `k` at `y` from a bound is noise, likewise.

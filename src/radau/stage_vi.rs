@@ -13,7 +13,7 @@
 use super::face::{ActiveFace, Place, place};
 use super::factors::Factors;
 use super::layout::check_memory;
-use super::newton_control::NewtonControl;
+use super::newton_control::{NewtonControl, UNDERFLOW};
 use super::settings::{Cause, StepError};
 use super::stages::Stages;
 use super::system::System;
@@ -311,7 +311,7 @@ impl StageVi {
         let in_interval = |&(_, k): &(usize, &usize)| system.set.block_of(*k).is_none();
         let intervals = system.bounded.iter().enumerate().filter(in_interval).all(|(a, &k)| {
             let noise_g = control.noise_of_g(system, k, &self.largest);
-            let noise_z = control.vi_tolerance * self.largest[n + k];
+            let noise_z = (control.vi_tolerance * self.largest[n + k]).max(UNDERFLOW);
             (a..self.z.len()).step_by(count).all(|at| {
                 let (z, g) = (self.z[at], self.g[at]);
                 let (lower, upper) = (self.set.lower[at], self.set.upper[at]);

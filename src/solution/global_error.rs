@@ -10,7 +10,8 @@ use super::integrate::run_to_end;
 use super::run::Ended;
 use super::{GlobalError, Plan, Status, Warning};
 use crate::analysis::Analysis;
-use crate::problem::{Control, Dvi};
+use crate::models::DviModel;
+use crate::problem::Control;
 use crate::radau::{Settings, StageChoice};
 
 /// What the tolerances of the second run are multiplied by; below the least there is only rounding.
@@ -23,7 +24,7 @@ pub const SHARE: f64 = 0.5;
 /// Runs again, for the rest of the progress, and takes the estimate into the diagnostics of a first run; or a warning
 /// where the second does not reach the end.
 pub fn estimate(
-    problem: &mut dyn Dvi,
+    model: &DviModel,
     plan: &Plan,
     settings: &Settings,
     analysis: &Analysis,
@@ -33,7 +34,7 @@ pub fn estimate(
     let (tighter, factor) = more_accurate(settings);
     let n = plan.initial.len();
     let reference = Plan { times: Some(vec![plan.end]), fields: Vec::new(), ..plan.clone() };
-    let second = run_to_end(problem, &reference, &tighter, analysis, control, SHARE..1.0);
+    let second = run_to_end(model, &reference, &tighter, analysis, control, SHARE..1.0);
     let diagnostics = &mut first.solution.diagnostics;
     diagnostics.wall_seconds += second.solution.diagnostics.wall_seconds;
     if second.solution.status != Status::Completed {

@@ -6,7 +6,8 @@ use super::{
     Warning, global_error,
 };
 use crate::analysis::{Analysis, Uniqueness, analyse_face};
-use crate::problem::{Control, Dvi, Mass, Structure};
+use crate::models::{DviModel, Outputs};
+use crate::problem::{Control, Mass, Structure};
 use crate::radau::{Cause, Place, Radau, Settings, StageChoice, StepError, Switch, Switches, Variables};
 use crate::vi::Attempt;
 use std::ops::Range;
@@ -16,37 +17,38 @@ const MOST_FACES: usize = 16;
 
 /// Integrates a differential variational inequality by Radau IIA.
 pub fn integrate(
-    problem: &mut dyn Dvi,
+    model: &DviModel,
     plan: &Plan,
     settings: &Settings,
     analysis: &Analysis,
     control: &Control,
 ) -> Solution {
     let share = if plan.global_error { global_error::SHARE } else { 1.0 };
-    let mut ended = run_to_end(problem, plan, settings, analysis, control, 0.0..share);
+    let mut ended = run_to_end(model, plan, settings, analysis, control, 0.0..share);
     if plan.global_error && ended.solution.status == Status::Completed {
-        global_error::estimate(problem, plan, settings, analysis, control, &mut ended);
+        global_error::estimate(model, plan, settings, analysis, control, &mut ended);
     }
     ended.solution
 }
 
 /// One run, which is the given part of all the progress.
 pub(super) fn run_to_end(
-    problem: &mut dyn Dvi,
+    model: &DviModel,
     plan: &Plan,
     settings: &Settings,
     analysis: &Analysis,
     control: &Control,
     part: Range<f64>,
 ) -> Ended {
-    let diagnostics = describe(problem.structure(), settings, analysis);
+    let diagnostics = describe(model.structure(), settings, analysis);
+    let mut problem = model.problem();
     run_part(plan, control, part, diagnostics, || {
         let failed = |error| failure(plan, &error, plan.start, &plan.initial);
-        let mut radau =
-            Radau::new(problem, settings.clone(), plan.start, &plan.initial, plan.end, control).map_err(failed)?;
+        let mut radau = Radau::new(&mut *problem, settings.clone(), plan.start, &plan.initial, plan.end, control)
+            .map_err(failed)?;
         // Where the run begins is no switch.
         radau.take_switches();
-        Ok(Course { radau, plan })
+        Ok(Course { radau, plan, outputs: model.outputs.clone() })
     })
 }
 
@@ -54,6 +56,7 @@ pub(super) fn run_to_end(
 struct Course<'p> {
     radau: Radau<'p>,
     plan: &'p Plan,
+    outputs: Outputs,
 }
 
 impl Stepper for Course<'_> {
@@ -78,7 +81,9 @@ impl Stepper for Course<'_> {
     }
 
     fn outputs(&mut self, t: f64, out: &mut [f64]) {
-        self.radau.interpolate(t, out);
+        let unknowns = out.len() - self.outputs.names.len();
+        self.radau.interpolate(t, &mut out[..unknowns]);
+        self.outputs.append(t, out);
     }
 
     fn take_events(&mut self, events: &mut Vec<Event>) {

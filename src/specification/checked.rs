@@ -160,6 +160,8 @@ fn lower(problem: &Problem, start: Option<f64>, errors: &mut Errors) -> Option<M
         Problem::Lcs(problem) => ("lcs", problem.initial.len() + problem.variables()),
         Problem::Mechanical(problem) => ("mechanical", 2 * problem.coordinates.len()),
         Problem::RigidBodies(problem) => ("rigid_bodies", problem.bodies.len()),
+        Problem::Filippov(problem) => ("filippov", problem.states.len() + problem.variables()),
+        Problem::Circuit(problem) => ("circuit", problem.components.as_ref().map_or(0, Vec::len)),
     };
     let place = place.key(key);
     if unknowns > MOST_UNKNOWNS {
@@ -172,6 +174,8 @@ fn lower(problem: &Problem, start: Option<f64>, errors: &mut Errors) -> Option<M
         Problem::Lcs(problem) => problem.lower(&place, start),
         Problem::Mechanical(problem) => problem.lower(&place, start),
         Problem::RigidBodies(problem) => problem.lower(&place, start),
+        Problem::Filippov(problem) => problem.lower(&place, start),
+        Problem::Circuit(problem) => problem.lower(&place, start),
     };
     errors.append(found);
     model

@@ -1,6 +1,8 @@
 //! The document as a whole: what a user posts, before it is checked.
 
+use super::circuit::CircuitProblem;
 use super::dvi::DviProblem;
+use super::filippov::FilippovProblem;
 use super::lcs::LcsProblem;
 use super::mechanical::MechanicalProblem;
 use super::method::Method;
@@ -52,6 +54,10 @@ pub enum Problem {
     Mechanical(Box<MechanicalProblem>),
     /// Rigid bodies in space.
     RigidBodies(Box<RigidBodiesProblem>),
+    /// A Filippov system: rates that jump between regions, and slide on their borders.
+    Filippov(FilippovProblem),
+    /// An electrical circuit with ideal diodes and switches, in components or as a netlist.
+    Circuit(CircuitProblem),
 }
 
 /// The time horizon, in seconds unless the model says otherwise.

@@ -19,7 +19,7 @@ use super::set::{self, Block, LoweredSet};
 use super::start;
 use super::wording::abridged;
 use crate::expression::Node;
-use crate::models::{DviModel, Equations, Model, Refusal, Rows, Symbolic};
+use crate::models::{DviModel, Equations, Model, Outputs, Refusal, Rows, Symbolic};
 use serde::Deserialize;
 use utoipa::ToSchema;
 
@@ -110,7 +110,7 @@ impl DviProblem {
                 return (lowering, None);
             }
         };
-        let model = DviModel { state_names, variable_names, initial, equations, warnings };
+        let model = DviModel { state_names, variable_names, outputs: Outputs::default(), initial, equations, warnings };
         if let Some(t) = lowering.start.filter(|_| lowering.errors.is_empty()) {
             start::check(&model, t, row_pointer, &mut lowering.errors);
         }
@@ -148,7 +148,7 @@ impl DviProblem {
     }
 }
 
-fn refused(
+pub(super) fn refused(
     refusal: Refusal,
     states: &[String],
     variables: &[String],

@@ -15,6 +15,12 @@ pub enum Expression {
     Text(String),
 }
 
+impl From<f64> for Expression {
+    fn from(value: f64) -> Self {
+        Self::Number(value)
+    }
+}
+
 const DESCRIPTION: &str = "A number, or a string in infix notation: `+ - * / ^`, parentheses, the names in scope, `t`, \
     `pi`, and `sin cos tan asin acos atan atan2 sinh cosh tanh exp ln log10 sqrt cbrt abs sign min max heaviside pow`. \
     At most 64 KiB long and 200 levels deep.";

@@ -14,7 +14,7 @@ use super::place::Place;
 use super::set::{self, Block};
 use super::start;
 use crate::expression::Node;
-use crate::models::{DviModel, Equations, Linear, LinearRows, Model};
+use crate::models::{DviModel, Equations, Linear, LinearRows, Model, Outputs};
 use serde::Deserialize;
 use utoipa::ToSchema;
 
@@ -103,7 +103,14 @@ impl LcsProblem {
                 return (lowering, None);
             }
         };
-        let model = DviModel { state_names, variable_names, initial, equations, warnings: Vec::new() };
+        let model = DviModel {
+            state_names,
+            variable_names,
+            outputs: Outputs::default(),
+            initial,
+            equations,
+            warnings: Vec::new(),
+        };
         if let Some(t) = lowering.start.filter(|_| lowering.errors.is_empty()) {
             let pointer = |row: usize| match (row.checked_sub(n), row.checked_sub(n + m)) {
                 (_, Some(bound)) => pointers[bound].clone(),

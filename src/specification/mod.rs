@@ -9,11 +9,13 @@
 mod catalogue;
 mod checked;
 mod choices;
+mod circuit;
 mod deserializer;
 mod document;
 mod dvi;
 mod error;
 mod expression;
+mod filippov;
 mod json;
 mod kinks;
 mod lcs;
@@ -42,10 +44,14 @@ mod wording;
 
 pub use catalogue::{Catalogue, Choice, Coefficients, Limit, catalogue};
 pub use checked::Specification;
+pub use circuit::{
+    Capacitor, CircuitProblem, Component, CurrentSource, Diode, Inductor, Resistor, Switch, VoltageSource, Zener,
+};
 pub use document::{Document, Limits, Problem, Reserved, Time};
 pub use dvi::{DviProblem, State, Variable};
 pub use error::SpecificationError;
 pub use expression::Expression;
+pub use filippov::{FilippovProblem, FilippovRegion, FilippovState};
 pub use lcs::LcsProblem;
 pub use matrix::{Matrix, SparseMatrix};
 pub use mechanical::{ConeName, Contact, Coordinate, Friction, Interpenetration, Joint, MechanicalProblem};

@@ -1,9 +1,11 @@
 //! A specification as a whole: the examples pass, every bad document is told exactly what is wrong with it, and the
 //! published schema is that of the types.
 
+mod circuits;
 mod documents;
 mod equations;
 mod examples;
+mod filippov;
 mod hostile;
 mod index;
 mod mechanical;

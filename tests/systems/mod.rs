@@ -4,9 +4,11 @@
 mod certificates;
 mod circuits;
 mod contact;
+mod filippov;
 mod friction;
 mod global_error;
 pub mod harness;
+mod netlists;
 mod nonunique;
 mod pendulum;
 mod queues;

@@ -1,0 +1,278 @@
+//! The equations of a circuit on its normal tree. Everything is a linear form over
+//!
+//! ```text
+//! q = (x, z, e, e'),    x = (tree capacitor voltages, link inductor currents),    z: diodes,    e: sources
+//! ```
+//!
+//! 1. What is given: the voltage of each tree element, and the current of each link, but for resistors.
+//! 2. The potentials `u` of the islands of nodes that the tree without resistors makes, each against the first of those
+//!    that resistors connect it with: `v = B^T u + v_given`, `B Y v = i_given` with `B` the incidence of resistors and
+//!    `Y` their conductances. `B Y B^T` is positive definite, and as sparse as the circuit.
+//! 3. The charges of capacitors and the fluxes of inductors: `M x' = ..`, where capacitors that are links and inductors
+//!    that are in the tree are added to those of their loops and cut sets. `M` is positive definite too.
+//! 4. The other of voltage and current of every element, by Kirchhoff's laws; for the diodes, that is `G`.
+
+use super::form::Form;
+use super::solve::solve;
+use super::{Columns, Element, Fault, Law, NormalTree, Port};
+use std::cell::Cell;
+
+/// The most terms that are added on the way, and that the solution of one system may have.
+pub(super) const MOST_TERMS: usize = 2_000_000;
+
+/// The equations of a circuit, as forms over its columns.
+#[derive(Clone, Debug)]
+pub struct Equations {
+    /// `x'`, one a state.
+    pub rates: Vec<Form>,
+    /// `G`, one a variable.
+    pub inequality: Vec<Form>,
+    /// The voltage of every element.
+    pub voltages: Vec<Form>,
+    /// The current of every element.
+    pub currents: Vec<Form>,
+    /// The voltage of every node.
+    pub nodes: Vec<Form>,
+}
+
+impl Equations {
+    /// The equations of `elements` on their tree.
+    ///
+    /// # Errors
+    /// [`Fault::Singular`] where rounding makes a matrix indefinite that is positive definite, and
+    /// [`Fault::TooIntertwined`] where the forms grow past all bounds.
+    pub fn new(elements: &[Element], tree: &NormalTree, columns: &Columns) -> Result<Self, Fault> {
+        let mut assembly = Assembly::given(elements, tree, columns)?;
+        assembly.resistors()?;
+        let rates = assembly.storage()?;
+        let assembly = assembly.rest(&rates)?;
+        let nodes = assembly.nodes()?;
+        let Assembly { voltages, currents, .. } = assembly;
+        let slack = |sign: f64, v: &Form, bound: f64| {
+            let mut slack = v.times(sign);
+            slack.add_term(columns.one(), bound);
+            slack
+        };
+        let inequality = columns.ports.iter().map(|&port| {
+            let k = port.element();
+            match (port, &elements[k].law) {
+                (Port::Voltage(_), _) => currents[k].times(-1.0),
+                (Port::Conducting(_), Law::Diode { forward } | Law::Zener { forward, .. }) => {
+                    slack(-1.0, &voltages[k], *forward)
+                }
+                (Port::BreakingDown(_), Law::Zener { breakdown, .. }) => slack(1.0, &voltages[k], *breakdown),
+                _ => currents[k].clone(),
+            }
+        });
+        let inequality = inequality.collect();
+        Ok(Self { rates, inequality, voltages, currents, nodes })
+    }
+}
+
+/// Voltages and currents, as far as they are known; an element that is not yet known has an empty form.
+struct Assembly<'a> {
+    elements: &'a [Element],
+    tree: &'a NormalTree,
+    columns: &'a Columns,
+    voltages: Vec<Form>,
+    currents: Vec<Form>,
+    terms_left: Cell<usize>,
+}
+
+impl<'a> Assembly<'a> {
+    /// Step 1.
+    fn given(elements: &'a [Element], tree: &'a NormalTree, columns: &'a Columns) -> Result<Self, Fault> {
+        let mut voltages = vec![Form::default(); elements.len()];
+        let mut currents = voltages.clone();
+        for (x, &k) in columns.states.iter().enumerate() {
+            let of = if tree.contains[k] { &mut voltages } else { &mut currents };
+            of[k].add_term(x, 1.0);
+        }
+        for (z, &port) in columns.ports.iter().enumerate() {
+            let (k, z) = (port.element(), columns.variable(z));
+            match port {
+                Port::Blocking(_) => {
+                    voltages[k].add_term(z, -1.0);
+                    if let Law::Diode { forward } = elements[k].law {
+                        voltages[k].add_term(columns.one(), forward);
+                    }
+                }
+                Port::Conducting(_) => currents[k].add_term(z, 1.0),
+                Port::BreakingDown(_) => currents[k].add_term(z, -1.0),
+                Port::Voltage(_) => voltages[k].add_term(z, 1.0),
+            }
+        }
+        for (k, element) in elements.iter().enumerate() {
+            match element.law {
+                Law::VoltageSource(_) => voltages[k].add_term(columns.source(k), 1.0),
+                Law::CurrentSource(_) => currents[k].add_term(columns.source(k), 1.0),
+                _ => {}
+            }
+        }
+        let terms_left = Cell::new(MOST_TERMS);
+        let mut assembly = Self { elements, tree, columns, voltages, currents, terms_left };
+        for (k, element) in elements.iter().enumerate() {
+            match (&element.law, tree.contains[k]) {
+                (Law::Capacitor(..), false) => assembly.voltages[k] = assembly.loop_voltage(k)?,
+                (Law::Inductor(..), true) => assembly.currents[k] = assembly.cut_current(k)?,
+                _ => {}
+            }
+        }
+        Ok(assembly)
+    }
+
+    /// `v_l` as the sum over what is known of its loop.
+    fn loop_voltage(&self, l: usize) -> Result<Form, Fault> {
+        self.sum(&self.tree.loops[l], &self.voltages, 1.0)
+    }
+
+    /// `i_t` as the sum over what is known of its cut set.
+    fn cut_current(&self, t: usize) -> Result<Form, Fault> {
+        self.sum(&self.tree.cuts[t], &self.currents, -1.0)
+    }
+
+    fn sum(&self, entries: &[(usize, f64)], forms: &[Form], factor: f64) -> Result<Form, Fault> {
+        self.spend(entries.iter().map(|&(k, _)| forms[k].len()).sum())?;
+        let mut sum = Form::default();
+        entries.iter().for_each(|&(k, sign)| sum.add(&forms[k], factor * sign));
+        Ok(sum)
+    }
+
+    /// Counts terms that are added, until there are too many.
+    fn spend(&self, terms: usize) -> Result<(), Fault> {
+        let left = self.terms_left.get().checked_sub(terms).ok_or(Fault::TooIntertwined(MOST_TERMS))?;
+        self.terms_left.set(left);
+        Ok(())
+    }
+
+    /// Step 2: the voltages and currents of all resistors.
+    fn resistors(&mut self) -> Result<(), Fault> {
+        let (tree, elements) = (self.tree, self.elements);
+        let resistors: Vec<(usize, f64)> = elements
+            .iter()
+            .enumerate()
+            .filter_map(|(k, element)| if let Law::Resistor(ohms) = element.law { Some((k, 1.0 / ohms)) } else { None })
+            .collect();
+        let mut row_of = vec![None; elements.len()];
+        let branches = resistors.iter().filter(|&&(k, _)| tree.contains[k]);
+        let count = branches.enumerate().map(|(row, &(t, _))| row_of[t] = Some(row)).count();
+        let islands = tree.islands(elements);
+        let ends = |k: usize| {
+            let (a, b) = elements[k].nodes;
+            [(islands[a], 1.0), (islands[b], -1.0)]
+                .into_iter()
+                .filter_map(|(island, sign)| Some((row_of[island?]?, sign)))
+        };
+        let mut matrix = Vec::new();
+        let mut right = vec![Form::default(); count];
+        let mut known = Vec::with_capacity(resistors.len());
+        for &(k, y) in &resistors {
+            let (v, i) = match tree.contains[k] {
+                true => (Form::default(), self.cut_current(k)?),
+                false => (self.loop_voltage(k)?, Form::default()),
+            };
+            for (row, sign) in ends(k) {
+                right[row].add(&i, sign);
+                right[row].add(&v, -sign * y);
+                matrix.extend(ends(k).map(|(column, other)| (row, column, sign * other * y)));
+            }
+            known.push(v);
+        }
+        let potentials = solve(&matrix, right)?;
+        for (&(k, y), mut v) in resistors.iter().zip(known) {
+            ends(k).for_each(|(row, sign)| v.add(&potentials[row], sign));
+            self.currents[k] = v.times(y);
+            self.voltages[k] = v;
+        }
+        Ok(())
+    }
+
+    /// Step 3: `x'`.
+    fn storage(&self) -> Result<Vec<Form>, Fault> {
+        let states = &self.columns.states;
+        let mut row_of = vec![usize::MAX; self.elements.len()];
+        states.iter().enumerate().for_each(|(row, &k)| row_of[k] = row);
+        let mut matrix: Vec<_> = states.iter().enumerate().map(|(x, &k)| (x, x, self.size(k))).collect();
+        let mut right: Vec<Form> = states
+            .iter()
+            .map(|&k| if self.tree.contains[k] { self.cut_current(k) } else { self.loop_voltage(k) })
+            .collect::<Result<_, _>>()?;
+        for k in 0..self.elements.len() {
+            let left = MOST_TERMS.saturating_sub(matrix.len());
+            if self.dependent(k).len().pow(2) > left {
+                return Err(Fault::TooIntertwined(MOST_TERMS));
+            }
+            for &(of, sign) in self.dependent(k) {
+                let Some(&row) = row_of.get(of).filter(|&&row| row < states.len()) else { continue };
+                for &(other, factor) in self.dependent(k) {
+                    let coefficient = sign * factor * self.size(k);
+                    match row_of[other] {
+                        column if column < states.len() => matrix.push((row, column, coefficient)),
+                        _ => right[row].add_term(self.columns.derivative(other), -coefficient),
+                    }
+                }
+            }
+        }
+        solve(&matrix, right)
+    }
+
+    /// Of a capacitor that is a link, its loop; of an inductor in the tree, its cut set; nothing of others.
+    fn dependent(&self, k: usize) -> &'a [(usize, f64)] {
+        match (&self.elements[k].law, self.tree.contains[k]) {
+            (Law::Capacitor(..), false) => &self.tree.loops[k],
+            (Law::Inductor(..), true) => &self.tree.cuts[k],
+            _ => &[],
+        }
+    }
+
+    /// Farads or henries.
+    fn size(&self, k: usize) -> f64 {
+        match self.elements[k].law {
+            Law::Capacitor(size, _) | Law::Inductor(size, _) => size,
+            _ => 0.0,
+        }
+    }
+
+    /// Step 4, once `x'` is known.
+    fn rest(mut self, rates: &[Form]) -> Result<Self, Fault> {
+        let mut rate_of = vec![None; self.elements.len()];
+        self.columns.states.iter().zip(rates).for_each(|(&k, rate)| rate_of[k] = Some(rate));
+        for k in 0..self.elements.len() {
+            let mut rate = Form::default();
+            for &(of, sign) in self.dependent(k) {
+                match rate_of[of] {
+                    Some(other) => {
+                        self.spend(other.len())?;
+                        rate.add(other, sign);
+                    }
+                    None => rate.add_term(self.columns.derivative(of), sign),
+                }
+            }
+            match (&self.elements[k].law, self.tree.contains[k]) {
+                (&Law::Capacitor(farads, _), false) => self.currents[k] = rate.times(farads),
+                (&Law::Inductor(henries, _), true) => self.voltages[k] = rate.times(-henries),
+                _ => {}
+            }
+        }
+        for k in 0..self.elements.len() {
+            match (&self.elements[k].law, self.tree.contains[k]) {
+                (Law::Resistor(_), _) | (Law::Capacitor(..), false) | (Law::Inductor(..), true) => {}
+                (_, true) => self.currents[k] = self.cut_current(k)?,
+                (_, false) => self.voltages[k] = self.loop_voltage(k)?,
+            }
+        }
+        Ok(self)
+    }
+
+    /// The voltages of nodes, along the tree.
+    fn nodes(&self) -> Result<Vec<Form>, Fault> {
+        let mut nodes = vec![Form::default(); self.tree.nodes()];
+        for (node, element, sign, to) in self.tree.outwards() {
+            let mut voltage = nodes[to].clone();
+            voltage.add(&self.voltages[element], sign);
+            self.spend(voltage.len())?;
+            nodes[node] = voltage;
+        }
+        Ok(nodes)
+    }
+}

@@ -1,0 +1,163 @@
+//! The forms of a circuit as a linear complementarity system, and as outputs.
+
+use super::{Column, Columns, Element, Equations, Fault, Form, Law, Port};
+use crate::expression::{ExpressionError, Graph, Node, Tape};
+use crate::models::LinearRows;
+use crate::problem::{ConvexSet, Mass, MovingBound, Side};
+
+/// Turns forms into nodes of a graph, whose inputs are `t`, then `x`, then `z`.
+pub struct System<'a> {
+    elements: &'a [Element],
+    columns: &'a Columns,
+    /// The derivatives of sources by time, where they are wanted.
+    derivatives: Vec<Option<Node>>,
+}
+
+impl<'a> System<'a> {
+    /// Prepares the sources.
+    ///
+    /// # Errors
+    /// The element whose source cannot be differentiated within the bounds of `graph`.
+    pub fn new(
+        graph: &mut Graph,
+        elements: &'a [Element],
+        columns: &'a Columns,
+        equations: &Equations,
+    ) -> Result<Self, (usize, ExpressionError)> {
+        let mut derivatives = vec![None; elements.len()];
+        let forms = equations.rates.iter().chain(&equations.voltages).chain(&equations.currents);
+        for (column, _) in forms.flat_map(Form::terms) {
+            let Column::Derivative(k) = columns.at(column) else { continue };
+            let (None, Some(source)) = (derivatives[k], source(&elements[k])) else { continue };
+            let gradient = graph.gradient(source).map_err(|error| (k, error))?;
+            let zero = graph.constant(0.0);
+            derivatives[k] = Some(gradient.first().map_or(zero, |&(_, derivative)| derivative));
+        }
+        Ok(Self { elements, columns, derivatives })
+    }
+
+    /// Impulses: a source that jumps, and what answers to its derivative.
+    pub fn impulses(&self, graph: &Graph, equations: &Equations) -> Vec<Fault> {
+        let jumps: Vec<bool> = self.elements.iter().map(|element| has_jump(graph, element)).collect();
+        let mut faults = Vec::new();
+        for (element, (v, i)) in equations.voltages.iter().zip(&equations.currents).enumerate() {
+            let form = match self.elements[element].law {
+                Law::Capacitor(..) => i,
+                Law::Inductor(..) => v,
+                _ => continue,
+            };
+            faults.extend(form.terms().filter_map(|(column, _)| match self.columns.at(column) {
+                Column::Derivative(source) if jumps[source] => Some(Fault::Impulse { source, element }),
+                _ => None,
+            }));
+        }
+        faults
+    }
+
+    /// The equations as a linear complementarity system.
+    pub fn rows(&self, graph: &mut Graph, equations: &Equations) -> LinearRows {
+        let mut matrix = Vec::new();
+        for (row, form) in equations.rates.iter().chain(&equations.inequality).enumerate() {
+            matrix.extend(form.terms().filter_map(|(column, c)| match self.columns.at(column) {
+                Column::Unknown(column) => Some((row, column, c)),
+                _ => None,
+            }));
+        }
+        let mut forcing = |forms: &[Form]| forms.iter().map(|form| self.node(graph, form, false)).collect();
+        let (state_forcing, inequality_forcing) = (forcing(&equations.rates), forcing(&equations.inequality));
+        let mut set = ConvexSet::free(self.columns.ports.len());
+        let mut moving = Vec::new();
+        for (variable, &port) in self.columns.ports.iter().enumerate() {
+            match (port, &self.elements[port.element()].law) {
+                (Port::Voltage(_), &Law::Zener { forward, breakdown }) => {
+                    (set.lower[variable], set.upper[variable]) = (-breakdown, forward);
+                }
+                (Port::Voltage(_), &Law::Switch { closed, withstand }) => {
+                    let upper = open_voltage(graph, closed, withstand);
+                    let lower = graph.negate(upper);
+                    for (side, node) in [(Side::Lower, lower), (Side::Upper, upper)] {
+                        let bound = MovingBound { variable, side };
+                        match graph.value(node) {
+                            Some(value) => bound.place(value, &mut set),
+                            None => moving.push((bound, node)),
+                        }
+                    }
+                }
+                _ => set.lower[variable] = 0.0,
+            }
+        }
+        LinearRows { mass: Mass::Identity, matrix, state_forcing, inequality_forcing, set, moving }
+    }
+
+    /// A form as a function of `(t, x, z)`.
+    pub fn output(&self, graph: &mut Graph, form: &Form) -> Node {
+        self.node(graph, form, true)
+    }
+
+    /// The sum of a form, of its sources alone or of all of it.
+    fn node(&self, graph: &mut Graph, form: &Form, with_unknowns: bool) -> Node {
+        let mut sum = graph.constant(0.0);
+        for (column, c) in form.terms() {
+            let factor = match self.columns.at(column) {
+                Column::Unknown(place) => with_unknowns.then(|| graph.input(1 + place)),
+                Column::One => Some(graph.constant(1.0)),
+                Column::Source(k) => source(&self.elements[k]),
+                Column::Derivative(k) => self.derivatives[k],
+            };
+            if let Some(factor) = factor {
+                let c = graph.constant(c);
+                let term = graph.multiply(factor, c);
+                sum = graph.add(sum, term);
+            }
+        }
+        sum
+    }
+
+    /// The starts that are given and contradict what follows from those of the states at time `t`.
+    pub fn contradictions(&self, graph: &mut Graph, equations: &Equations, t: f64, x: &[f64]) -> Vec<Fault> {
+        let given: Vec<(usize, f64)> = (0..self.elements.len())
+            .filter_map(|k| match self.elements[k].law {
+                Law::Capacitor(_, given) | Law::Inductor(_, given) => given.map(|given| (k, given)),
+                _ => None,
+            })
+            .collect();
+        let mut implied = |k: usize| match self.elements[k].law {
+            Law::Capacitor(..) => self.output(graph, &equations.voltages[k]),
+            _ => self.output(graph, &equations.currents[k]),
+        };
+        let nodes: Vec<Node> = given.iter().map(|&(k, _)| implied(k)).collect();
+        let mut point = vec![t];
+        point.extend(x);
+        let mut values = vec![0.0; nodes.len()];
+        Tape::compile(graph, &nodes).evaluate(&point, &mut values);
+        // Starts are typed by people: what they round is not to be held against them.
+        const ROUNDING: f64 = 1e-9;
+        let pairs = given.into_iter().zip(values);
+        pairs
+            .filter(|((_, given), implied)| (given - implied).abs() > ROUNDING * given.abs().max(implied.abs()))
+            .map(|((element, given), implied)| Fault::InconsistentStart { element, given, implied })
+            .collect()
+    }
+}
+
+/// The value of a source.
+fn source(element: &Element) -> Option<Node> {
+    match element.law {
+        Law::VoltageSource(node) | Law::CurrentSource(node) => Some(node),
+        _ => None,
+    }
+}
+
+fn has_jump(graph: &Graph, element: &Element) -> bool {
+    let kinks = source(element).map(|node| graph.kinks(node)).unwrap_or_default();
+    kinks.iter().any(|(function, _)| matches!(*function, "heaviside" | "sign"))
+}
+
+/// The most that a switch holds: nothing where it is closed.
+fn open_voltage(graph: &mut Graph, closed: Node, withstand: f64) -> Node {
+    let is_closed = graph.heaviside(closed);
+    let one = graph.constant(1.0);
+    let is_open = graph.subtract(one, is_closed);
+    let withstand = graph.constant(withstand);
+    graph.multiply(is_open, withstand)
+}

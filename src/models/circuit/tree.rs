@@ -1,0 +1,194 @@
+//! The normal tree of a circuit: a spanning tree with as many voltage sources, then capacitors, switches and diodes as
+//! can be, and as few inductors and current sources.
+//!
+//! Every element outside it, a link `l`, closes one loop with it, and Kirchhoff's laws are
+//!
+//! ```text
+//! v_l = sum_t F_lt v_t,    i_t = -sum_l F_lt i_l
+//! ```
+
+use super::{Element, Fault, Law};
+
+/// The most entries of `F`.
+const MOST_ENTRIES: usize = 2_000_000;
+
+/// A normal tree and its loops.
+#[derive(Clone, Debug)]
+pub struct NormalTree {
+    /// Whether an element is in the tree.
+    pub contains: Vec<bool>,
+    /// `F`: the tree elements `(t, F_lt)` of the loop that a link closes; none for an element of the tree.
+    pub loops: Vec<Vec<(usize, f64)>>,
+    /// The transpose of `F`: the links `(l, F_lt)` in whose loops an element of the tree is.
+    pub cuts: Vec<Vec<(usize, f64)>>,
+    /// The element that leads from each node towards ground, and the sign of its voltage in that of the node.
+    parents: Vec<Option<Step>>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Step {
+    element: usize,
+    sign: f64,
+    to: usize,
+    depth: usize,
+}
+
+impl NormalTree {
+    /// The tree of elements over nodes `0..nodes`.
+    ///
+    /// # Errors
+    /// The nodes that nothing connects to ground; or elements that no tree can be normal with.
+    pub fn new(elements: &[Element], nodes: usize) -> Result<Self, Vec<Fault>> {
+        let contains = spanning_tree(elements, nodes);
+        let parents = parents(elements, &contains, nodes);
+        let floating: Vec<usize> = (1..nodes).filter(|&node| parents[node].is_none()).collect();
+        if !floating.is_empty() {
+            return Err(vec![Fault::Floating(floating)]);
+        }
+        let mut tree =
+            Self { contains, loops: vec![Vec::new(); elements.len()], cuts: vec![Vec::new(); elements.len()], parents };
+        let mut entries = 0;
+        for (l, element) in elements.iter().enumerate().filter(|&(l, _)| !tree.contains[l]).collect::<Vec<_>>() {
+            let path = tree.between(element.nodes);
+            entries += path.len();
+            if entries > MOST_ENTRIES {
+                return Err(vec![Fault::TooIntertwined(MOST_ENTRIES)]);
+            }
+            path.iter().for_each(|&(t, sign)| tree.cuts[t].push((l, sign)));
+            tree.loops[l] = path;
+        }
+        let faults: Vec<Fault> = (0..elements.len()).filter_map(|k| tree.fault(elements, k)).collect();
+        if faults.is_empty() { Ok(tree) } else { Err(faults) }
+    }
+
+    /// The number of nodes.
+    pub fn nodes(&self) -> usize {
+        self.parents.len()
+    }
+
+    /// The nodes but ground as `(node, t, sign, towards)`: its voltage is `sign v_t` above that of the node towards ground,
+    /// which comes before it.
+    pub fn outwards(&self) -> impl Iterator<Item = (usize, usize, f64, usize)> {
+        let mut steps: Vec<(usize, Step)> =
+            self.parents.iter().enumerate().filter_map(|(node, step)| Some((node, (*step)?))).collect();
+        steps.sort_by_key(|(_, step)| step.depth);
+        steps.into_iter().map(|(node, step)| (node, step.element, step.sign, step.to))
+    }
+
+    /// The island of each node, in a tree without its resistors, inductors and current sources: the resistor that leads
+    /// into it, or none if it is the first of those that resistors connect.
+    pub fn islands(&self, elements: &[Element]) -> Vec<Option<usize>> {
+        let mut islands = vec![None; self.nodes()];
+        for (node, element, _, to) in self.outwards() {
+            islands[node] = match elements[element].law {
+                Law::Resistor(_) => Some(element),
+                Law::Inductor(..) | Law::CurrentSource(_) => None,
+                _ => islands[to],
+            };
+        }
+        islands
+    }
+
+    /// The voltage between two nodes as a sum over the tree.
+    fn between(&self, (mut a, mut b): (usize, usize)) -> Vec<(usize, f64)> {
+        let depth = |node: usize| self.parents[node].map_or(0, |step| step.depth);
+        let mut path = Vec::new();
+        while a != b {
+            let (from, sign) = if depth(a) >= depth(b) { (&mut a, 1.0) } else { (&mut b, -1.0) };
+            let Some(step) = self.parents[*from] else { break };
+            path.push((step.element, sign * step.sign));
+            *from = step.to;
+        }
+        path
+    }
+
+    fn fault(&self, elements: &[Element], k: usize) -> Option<Fault> {
+        let with = |others: &[(usize, f64)]| {
+            let mut all: Vec<usize> = others.iter().map(|&(other, _)| other).chain([k]).collect();
+            all.sort_unstable();
+            all
+        };
+        match (&elements[k].law, self.contains[k]) {
+            (Law::VoltageSource(_), false) => Some(Fault::SourceLoop(with(&self.loops[k]))),
+            (Law::Switch { .. }, false) => Some(Fault::SwitchLoop(with(&self.loops[k]))),
+            (Law::CurrentSource(_), true) => Some(Fault::SourceCutSet(with(&self.cuts[k]))),
+            _ => None,
+        }
+    }
+}
+
+/// Kruskal's algorithm (1956): elements in the order of their rank, each where it closes no loop.
+fn spanning_tree(elements: &[Element], nodes: usize) -> Vec<bool> {
+    fn root(leader: &mut [usize], mut node: usize) -> usize {
+        while leader[node] != node {
+            leader[node] = leader[leader[node]];
+            node = leader[node];
+        }
+        node
+    }
+    let mut order: Vec<usize> = (0..elements.len()).collect();
+    // At ground first: the loops are shorter.
+    order.sort_by_key(|&k| (elements[k].law.rank(), elements[k].nodes.0 != 0 && elements[k].nodes.1 != 0));
+    let mut leader: Vec<usize> = (0..nodes).collect();
+    let mut contains = vec![false; elements.len()];
+    for k in order {
+        let (a, b) = elements[k].nodes;
+        let (a, b) = (root(&mut leader, a), root(&mut leader, b));
+        contains[k] = a != b;
+        leader[a] = b;
+    }
+    contains
+}
+
+/// The step from each node towards ground, breadth first.
+fn parents(elements: &[Element], contains: &[bool], nodes: usize) -> Vec<Option<Step>> {
+    let mut branches = vec![Vec::new(); nodes];
+    for (element, &Element { nodes: (a, b), .. }) in elements.iter().enumerate().filter(|&(k, _)| contains[k]) {
+        // Ground itself has no step.
+        branches[a].push((b, Step { element, sign: -1.0, to: a, depth: 0 }));
+        branches[b].push((a, Step { element, sign: 1.0, to: b, depth: 0 }));
+    }
+    let mut parents: Vec<Option<Step>> = vec![None; nodes];
+    let mut open = vec![0];
+    let mut depth = 0;
+    while !open.is_empty() {
+        depth += 1;
+        let mut next = Vec::new();
+        for at in open {
+            for &(node, step) in &branches[at] {
+                if node != 0 && parents[node].is_none() {
+                    parents[node] = Some(Step { depth, ..step });
+                    next.push(node);
+                }
+            }
+        }
+        open = next;
+    }
+    parents
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn resistor(a: usize, b: usize) -> Element {
+        Element { nodes: (a, b), law: Law::Resistor(1.0) }
+    }
+
+    #[test]
+    fn a_loop_is_written_in_the_directions_of_its_elements() {
+        let diode = |a, b| Element { nodes: (a, b), law: Law::Diode { forward: 0.0 } };
+        // Diodes 1 -> 0 and 1 -> 2 are the tree; the resistor from 2 to 0 has v = -v(1 -> 2) + v(1 -> 0).
+        let tree = NormalTree::new(&[diode(1, 0), diode(1, 2), resistor(2, 0)], 3).expect("a tree");
+        let mut path = tree.loops[2].clone();
+        path.sort_by_key(|&(t, _)| t);
+        assert_eq!((tree.contains, path), (vec![true, true, false], vec![(0, 1.0), (1, -1.0)]));
+        assert_eq!((&tree.cuts[0], &tree.cuts[1]), (&vec![(2, 1.0)], &vec![(2, -1.0)]));
+    }
+
+    #[test]
+    fn nodes_without_a_way_to_ground_are_told() {
+        let faults = NormalTree::new(&[resistor(0, 1), resistor(2, 3)], 4).expect_err("a floating part");
+        assert_eq!(faults, [Fault::Floating(vec![2, 3])]);
+    }
+}

@@ -1,0 +1,130 @@
+//! Filippov systems: `x' = f_i(t,x)` in region `i`, and on the borders a convex combination of the regions that meet.
+//!
+//! Two regions, of a surface `h = 0` (Filippov 1988, *Differential Equations with Discontinuous Righthand Sides*, section 4):
+//!
+//! ```text
+//! x' = (1 - z) f+ + z f-,    z in [0, 1],    0 <= h (z~ - z)  for all z~ in [0, 1]
+//! ```
+//!
+//! Many regions, each where its indicator is the least (Stewart 1990, A high accuracy method for solving ODEs with
+//! discontinuous right-hand side):
+//!
+//! ```text
+//! x' = sum_i z_i f_i,    z in the simplex,    0 <= <g, z~ - z>  for all z~ in the simplex
+//! ```
+
+use super::Rows;
+use crate::expression::{ExpressionError, Graph, Node, Tape};
+use crate::problem::{ConvexSet, Mass, Shape};
+
+/// A region, in nodes whose inputs are `t`, then `x`.
+#[derive(Clone, Debug)]
+pub struct Region {
+    /// `g_i`, least where the region is.
+    pub indicator: Node,
+    /// `f_i`, one a state.
+    pub rates: Vec<Node>,
+}
+
+/// The rows of two regions: `plus` where `surface` is positive, `minus` where it is negative.
+pub fn two_regions(graph: &mut Graph, surface: Node, plus: &[Node], minus: &[Node]) -> Rows {
+    let z = graph.input(1 + plus.len());
+    let mut rate = |(&plus, &minus)| {
+        let difference = graph.subtract(minus, plus);
+        let share = graph.multiply(z, difference);
+        graph.add(plus, share)
+    };
+    let rates = plus.iter().zip(minus).map(&mut rate).collect();
+    let mut set = ConvexSet::free(1);
+    (set.lower[0], set.upper[0]) = (0.0, 1.0);
+    Rows { mass: Mass::Identity, rates, inequality: vec![surface], set, moving: Vec::new() }
+}
+
+/// The rows of `regions`, at least one, over `n` states.
+pub fn many_regions(graph: &mut Graph, n: usize, regions: &[Region]) -> Rows {
+    let mut rates = vec![graph.constant(0.0); n];
+    for (i, region) in regions.iter().enumerate() {
+        let z = graph.input(1 + n + i);
+        for (sum, &rate) in rates.iter_mut().zip(&region.rates) {
+            let share = graph.multiply(z, rate);
+            *sum = graph.add(*sum, share);
+        }
+    }
+    let mut set = ConvexSet::free(regions.len());
+    set.bind((0..regions.len()).collect(), Shape::Simplex);
+    let inequality = regions.iter().map(|region| region.indicator).collect();
+    Rows { mass: Mass::Identity, rates, inequality, set, moving: Vec::new() }
+}
+
+/// The regions into which solutions leave from `x` at once: those that meet there, and whose own rate takes each of the
+/// others' indicators above theirs. Where there are two or more, sliding is repulsive and solutions are not unique.
+///
+/// # Errors
+/// An indicator whose derivative passes the bounds of `graph`.
+pub fn departures(graph: &mut Graph, regions: &[Region], t: f64, x: &[f64]) -> Result<Vec<usize>, ExpressionError> {
+    let mut point = vec![t];
+    point.extend(x);
+    let mut nodes: Vec<Node> = Vec::new();
+    let mut gradients = Vec::new();
+    for region in regions {
+        let gradient = graph.gradient(region.indicator)?;
+        nodes.push(region.indicator);
+        nodes.extend(gradient.iter().map(|&(_, derivative)| derivative));
+        gradients.push(gradient);
+    }
+    nodes.extend(regions.iter().flat_map(|region| &region.rates));
+    let mut values = vec![0.0; nodes.len()];
+    Tape::compile(graph, &nodes).evaluate(&point, &mut values);
+
+    let (mut indicators, mut normals, mut sizes) = (Vec::new(), Vec::new(), Vec::new());
+    let mut rest = values.as_slice();
+    for gradient in &gradients {
+        let (own, after) = rest.split_at(1 + gradient.len());
+        let mut normal = vec![0.0; point.len()];
+        gradient.iter().zip(&own[1..]).for_each(|(&(input, _), &value)| normal[input] = value);
+        sizes.push(normal.iter().zip(&point).map(|(d, x)| (d * x).abs()).sum::<f64>());
+        indicators.push(own[0]);
+        normals.push(normal);
+        rest = after;
+    }
+    // The change of every indicator in time when the rate of region i acts.
+    let along = |i: usize, normal: &[f64]| {
+        let rates = &rest[i * x.len()..(i + 1) * x.len()];
+        normal[0] + normal[1..].iter().zip(rates).map(|(d, f)| d * f).sum::<f64>()
+    };
+    // An indicator is known to the rounding of its terms only.
+    const ROUNDING: f64 = 1e-12;
+    let least = indicators.iter().copied().fold(f64::INFINITY, f64::min);
+    let meets = |i: usize| indicators[i] - least <= ROUNDING * sizes[i];
+    let met: Vec<usize> = (0..regions.len()).filter(|&i| meets(i)).collect();
+    let leaves = |i: usize| {
+        let own = along(i, &normals[i]);
+        met.iter().all(|&j| j == i || along(i, &normals[j]) > own)
+    };
+    Ok(met.iter().copied().filter(|&i| leaves(i)).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::expression::Scope;
+
+    /// Two regions on either side of `x = 0`, with their velocities across it.
+    fn departures_from(x: f64, plus: &str, minus: &str) -> usize {
+        let (mut graph, mut scope) = (Graph::new(), Scope::new());
+        let input = graph.input(1);
+        scope.bind("x", input).expect("a new name");
+        let mut node = |text: &str| graph.parse(text, &scope).expect("an expression");
+        let regions = [("-x", plus), ("x", minus)]
+            .map(|(indicator, rate)| Region { indicator: node(indicator), rates: vec![node(rate)] });
+        departures(&mut graph, &regions, 0.0, &[x]).expect("derivatives").len()
+    }
+
+    #[test]
+    fn only_a_surface_that_repels_is_left_in_two_ways() {
+        assert_eq!(departures_from(0.0, "1", "-1"), 2);
+        assert_eq!(departures_from(0.0, "-1", "1"), 0);
+        assert_eq!(departures_from(0.0, "1 + x", "2"), 1);
+        assert_eq!(departures_from(1e-3, "1", "-1"), 1);
+    }
+}

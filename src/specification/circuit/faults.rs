@@ -1,0 +1,109 @@
+//! What is wrong with a circuit, in the words of its components.
+
+use crate::models::circuit::Fault;
+use crate::specification::error::SpecificationError;
+use crate::specification::wording::abridged;
+
+/// The names in a circuit, and where its components stand.
+pub(super) struct Names<'a> {
+    pub components: Vec<&'a str>,
+    pub nodes: Vec<&'a str>,
+    /// The pointer to a component.
+    pub pointer: &'a dyn Fn(usize) -> String,
+    /// The pointer to all of them.
+    pub whole: String,
+}
+
+impl Names<'_> {
+    /// The error that tells a fault.
+    pub fn error(&self, fault: &Fault) -> SpecificationError {
+        let first = |elements: &[usize]| elements.first().map_or_else(|| self.whole.clone(), |&k| (self.pointer)(k));
+        match fault {
+            Fault::Floating(nodes) => {
+                let nodes = list(nodes.iter().map(|&node| self.nodes[node]));
+                SpecificationError::new(
+                    self.whole.clone(),
+                    "floating_node",
+                    format!("nothing connects {nodes} to ground: only differences of voltages are determined there"),
+                )
+                .expected("a component from each part of the circuit to the node `0`")
+            }
+            Fault::SourceLoop(elements) => {
+                let detail = format!("{} form a loop of voltage sources alone", self.list(elements));
+                SpecificationError::new(first(elements), "source_loop", detail)
+                    .expected("a resistor in the loop: without it the current is not determined")
+            }
+            Fault::SwitchLoop(elements) => {
+                let detail = format!(
+                    "{} form a loop of voltage sources, capacitors and switches alone: a short circuit when it closes",
+                    self.list(elements)
+                );
+                SpecificationError::new(first(elements), "switch_loop", detail)
+                    .expected("a resistor in the loop, such as that of a closed switch")
+            }
+            Fault::SourceCutSet(elements) => {
+                let detail = format!(
+                    "{} are current sources that alone connect two parts of the circuit: a cut set",
+                    self.list(elements)
+                );
+                SpecificationError::new(first(elements), "source_cut_set", detail)
+                    .expected("a resistor across one of them: without it the voltage is not determined")
+            }
+            Fault::TooIntertwined(most) => SpecificationError::new(
+                self.whole.clone(),
+                "too_intertwined",
+                format!("the components depend on each other in more than {most} ways"),
+            )
+            .expected("fewer components, or fewer of them in one loop"),
+            &Fault::Impulse { source, element } => {
+                let (source_name, name) = (self.quoted(source), self.quoted(element));
+                let detail = format!(
+                    "{source_name} jumps, and {name} answers to its derivative: an impulse (they share a loop of capacitors \
+                     and voltage sources, or a cut set of inductors and current sources)"
+                );
+                SpecificationError::new((self.pointer)(source), "impulse", detail)
+                    .expected("a source that rises in a time of its own, or a resistor between them")
+            }
+            &Fault::InconsistentStart { element, given, implied } => {
+                let detail = format!(
+                    "{} starts from {given}, but the other components leave only {implied}: off by {:e}",
+                    self.quoted(element),
+                    given - implied
+                );
+                SpecificationError::new((self.pointer)(element), "inconsistent_start", detail)
+                    .expected("a start that Kirchhoff's laws allow, or none: it follows from the others")
+            }
+            Fault::Static => SpecificationError::new(
+                self.whole.clone(),
+                "static_circuit",
+                "there is no capacitor and no inductor, so nothing changes but as the sources do",
+            )
+            .expected("a capacitor or an inductor"),
+            Fault::Singular => SpecificationError::new(
+                self.whole.clone(),
+                "singular_circuit",
+                "the values of the components are too far apart for the equations to be solved",
+            ),
+        }
+    }
+
+    fn quoted(&self, k: usize) -> String {
+        format!("`{}`", abridged(self.components[k]))
+    }
+
+    fn list(&self, elements: &[usize]) -> String {
+        list(elements.iter().map(|&k| self.components[k]))
+    }
+}
+
+/// Names in a row, until there are too many.
+fn list<'a>(names: impl Iterator<Item = &'a str>) -> String {
+    const SHOWN: usize = 12;
+    let mut names = names.map(|name| format!("`{}`", abridged(name)));
+    let mut list: Vec<String> = names.by_ref().take(SHOWN).collect();
+    let more = names.count();
+    if more > 0 {
+        list.push(format!("{more} more"));
+    }
+    list.join(", ")
+}

@@ -1,0 +1,40 @@
+//! The electrical circuit: a list of components, or a netlist that is read into one. The equations are those of
+//! [`models::circuit`](crate::models::circuit).
+
+mod components;
+mod faults;
+mod lowering;
+mod model;
+mod netlist;
+
+pub use components::{Capacitor, Component, CurrentSource, Diode, Inductor, Resistor, Switch, VoltageSource, Zener};
+
+use super::expression::Expression;
+use super::ordered::Ordered;
+use serde::Deserialize;
+use utoipa::ToSchema;
+
+/// The most components.
+const MOST_COMPONENTS: usize = 10_000;
+
+/// Components between nodes; the node `0` is ground. Either `components` or `netlist`.
+///
+/// Outputs are the node voltages `v(node)`, the currents `i(name)` from the first node of a component through it to the
+/// second, and the voltages `v(name)` of diodes, zeners and switches. States are `v(C1)` of capacitors and `i(L1)` of
+/// inductors. The variables of a diode are either its current `i(D1)` or what it blocks, `forward_volts - v`, as
+/// `v_blocked(D1)`.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CircuitProblem {
+    /// Constants by name; each may be an expression in the others, in no circle.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
+    pub parameters: Ordered<Expression>,
+    /// At most 10000 components.
+    pub components: Option<Vec<Component>>,
+    /// A netlist as SPICE reads it, at most 64 KiB: lines of `R`, `C`, `L`, `V`, `I` and `D` (ideal), sources `DC`, `SIN`,
+    /// `PULSE` and `PWL`, values with suffixes as in `4.7k` or `100n`, `IC=` of capacitors and inductors, comments after
+    /// `*` and `;`, continuations after `+`.
+    #[schema(max_length = 65536)]
+    pub netlist: Option<String>,
+}

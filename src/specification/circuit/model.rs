@@ -1,0 +1,104 @@
+//! The model that the equations of a circuit make, with its names and outputs.
+
+use super::faults::Names;
+use crate::expression::Node;
+use crate::models::circuit::{Columns, Element, Equations as Forms, Fault, Law, NormalTree, Port, System};
+use crate::models::{DviModel, Equations, Linear, Model, Outputs};
+use crate::specification::error::SpecificationError;
+use crate::specification::lowering::Lowering;
+use crate::specification::start;
+
+/// The model of a circuit whose components are right each by itself.
+///
+/// # Errors
+/// What is wrong with the circuit as a whole.
+pub(super) fn model(
+    elements: &[Element],
+    names: &Names<'_>,
+    lowering: &mut Lowering,
+) -> Result<Model, Vec<SpecificationError>> {
+    let told = |faults: Vec<Fault>| -> Vec<SpecificationError> { faults.iter().map(|f| names.error(f)).collect() };
+    let tree = NormalTree::new(elements, names.nodes.len()).map_err(told)?;
+    let columns = Columns::new(elements, &tree);
+    if columns.states.is_empty() {
+        return Err(told(vec![Fault::Static]));
+    }
+    let forms = Forms::new(elements, &tree, &columns).map_err(|fault| told(vec![fault]))?;
+    let graph = &mut lowering.graph;
+    let system = System::new(graph, elements, &columns, &forms)
+        .map_err(|(k, error)| vec![SpecificationError::new((names.pointer)(k), error.code, error.message)])?;
+    let impulses = system.impulses(graph, &forms);
+    if !impulses.is_empty() {
+        return Err(told(impulses));
+    }
+    let initial: Vec<f64> = columns
+        .states
+        .iter()
+        .map(|&k| match elements[k].law {
+            Law::Capacitor(_, given) | Law::Inductor(_, given) => given.unwrap_or(0.0),
+            _ => 0.0,
+        })
+        .collect();
+    if let Some(t) = lowering.start {
+        let contradictions = system.contradictions(graph, &forms, t, &initial);
+        if !contradictions.is_empty() {
+            return Err(told(contradictions));
+        }
+    }
+    let state_names: Vec<String> = columns.states.iter().map(|&k| names.of_state(&elements[k], k)).collect();
+    let variable_names: Vec<String> = columns.ports.iter().map(|&port| names.of_port(elements, port)).collect();
+    let outputs = outputs(elements, &forms, &system, names, lowering, &[&state_names, &variable_names]);
+    let rows = system.rows(&mut lowering.graph, &forms);
+    let equations = Linear::new(&mut lowering.graph, rows)
+        .map_err(|(_, error)| vec![SpecificationError::new(names.whole.clone(), error.code, error.message)])?;
+    let equations = Equations::Linear(equations);
+    let model = DviModel { state_names, variable_names, outputs, initial, equations, warnings: Vec::new() };
+    if let Some(t) = lowering.start {
+        start::check(&model, t, |_| names.whole.clone(), &mut lowering.errors);
+    }
+    Ok(Model::Dvi(Box::new(model)))
+}
+
+/// Node voltages, currents, and the voltages of diodes and switches, but for what is a state or a variable.
+fn outputs(
+    elements: &[Element],
+    forms: &Forms,
+    system: &System<'_>,
+    names: &Names<'_>,
+    lowering: &mut Lowering,
+    taken: &[&[String]; 2],
+) -> Outputs {
+    let graph = &mut lowering.graph;
+    let mut named: Vec<(String, Node)> = Vec::new();
+    for (voltage, name) in forms.nodes.iter().zip(&names.nodes).skip(1) {
+        named.push((format!("v({name})"), system.output(graph, voltage)));
+    }
+    for (k, name) in names.components.iter().enumerate() {
+        if matches!(elements[k].law, Law::Diode { .. } | Law::Zener { .. } | Law::Switch { .. }) {
+            named.push((format!("v({name})"), system.output(graph, &forms.voltages[k])));
+        }
+        named.push((format!("i({name})"), system.output(graph, &forms.currents[k])));
+    }
+    let taken: std::collections::HashSet<&String> = taken.iter().copied().flatten().collect();
+    named.retain(|(name, _)| !taken.contains(name));
+    let (output_names, nodes): (Vec<String>, Vec<Node>) = named.into_iter().unzip();
+    Outputs::new(graph, output_names, &nodes, taken.len())
+}
+
+impl Names<'_> {
+    fn of_state(&self, element: &Element, k: usize) -> String {
+        let quantity = if matches!(element.law, Law::Inductor(..)) { "i" } else { "v" };
+        format!("{quantity}({})", self.components[k])
+    }
+
+    fn of_port(&self, elements: &[Element], port: Port) -> String {
+        let quantity = match (port, &elements[port.element()].law) {
+            (Port::Blocking(_), _) => "v_blocked",
+            (Port::Conducting(_), Law::Zener { .. }) => "i_forward",
+            (Port::Conducting(_), _) => "i",
+            (Port::BreakingDown(_), _) => "i_backward",
+            (Port::Voltage(_), _) => "v",
+        };
+        format!("{quantity}({})", self.components[port.element()])
+    }
+}

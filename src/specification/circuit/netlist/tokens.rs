@@ -1,0 +1,95 @@
+//! The words of a netlist. Blanks, commas and parentheses part them; `=` is a word of its own. A line that begins with
+//! `*` is a comment, as is what stands after `;`; one that begins with `+` goes on with the line before.
+
+use crate::specification::wording::abridged;
+use std::ops::Range;
+use winnow::combinator::{alt, preceded, repeat};
+use winnow::prelude::*;
+use winnow::stream::LocatingSlice;
+use winnow::token::take_while;
+
+/// A word, and where it stands.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Token<'a> {
+    pub text: &'a str,
+    /// Counted from 1.
+    pub line: usize,
+    /// Counted from 1, in characters.
+    pub column: usize,
+}
+
+impl<'a> Token<'a> {
+    /// Whether it begins as a number does.
+    pub fn is_like_a_number(self) -> bool {
+        self.text.starts_with(|c: char| c.is_ascii_digit() || "+-.".contains(c))
+    }
+
+    /// As it can stand in a message.
+    pub fn shown(self) -> String {
+        abridged(self.text)
+    }
+}
+
+/// The words of a line and of those that go on with it.
+#[derive(Clone, Debug)]
+pub(super) struct Statement<'a> {
+    pub tokens: Vec<Token<'a>>,
+}
+
+/// The lines of a netlist that say something, in order.
+pub(super) fn statements(text: &str) -> Vec<Statement<'_>> {
+    let mut statements: Vec<Statement<'_>> = Vec::new();
+    for (number, line) in text.lines().enumerate() {
+        let indent = line.len() - line.trim_start().len();
+        let (goes_on, offset) = match line.as_bytes().get(indent) {
+            None | Some(b'*') => continue,
+            Some(b'+') => (true, indent + 1),
+            Some(_) => (false, 0),
+        };
+        let code = line[offset..].split(';').next().unwrap_or_default();
+        let tokens: Vec<Token<'_>> = words(code)
+            .into_iter()
+            .map(|(text, place)| {
+                let column = line[..offset + place.start].chars().count() + 1;
+                Token { text, line: number + 1, column }
+            })
+            .collect();
+        match statements.last_mut() {
+            Some(last) if goes_on => last.tokens.extend(tokens),
+            _ if tokens.is_empty() => {}
+            _ => statements.push(Statement { tokens }),
+        }
+    }
+    statements
+}
+
+/// The words of a text, and which bytes they are.
+fn words(text: &str) -> Vec<(&str, Range<usize>)> {
+    fn is_blank(c: char) -> bool {
+        c.is_whitespace() || "(),".contains(c)
+    }
+    let word = alt(("=", take_while(1.., |c: char| !is_blank(c) && c != '=')));
+    let blanks = || take_while::<_, LocatingSlice<&str>, winnow::error::EmptyError>(0.., is_blank);
+    let mut all = repeat(0.., preceded(blanks(), word.with_span()));
+    // Whatever is not blank is a word, so that only blanks are left.
+    all.parse_next(&mut LocatingSlice::new(text)).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_go_on_and_comments_say_nothing() {
+        let text = "* title\nV1 in 0 PULSE(0,5\n\n+ 1m) ; as the source\n; nothing\nC1 a 0 1u IC=5";
+        let words: Vec<Vec<(&str, usize, usize)>> = statements(text)
+            .into_iter()
+            .map(|statement| statement.tokens.iter().map(|t| (t.text, t.line, t.column)).collect())
+            .collect();
+        let first =
+            vec![("V1", 2, 1), ("in", 2, 4), ("0", 2, 7), ("PULSE", 2, 9), ("0", 2, 15), ("5", 2, 17), ("1m", 4, 3)];
+        let second =
+            vec![("C1", 6, 1), ("a", 6, 4), ("0", 6, 6), ("1u", 6, 8), ("IC", 6, 11), ("=", 6, 13), ("5", 6, 14)];
+        assert_eq!(words, [first, second]);
+    }
+}

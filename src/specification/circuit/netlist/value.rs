@@ -1,0 +1,86 @@
+//! Numbers with a suffix for their scale, as `4.7k`, `10u` or `1Meg`. What letters follow is a unit, and says nothing:
+//! `10uF`, `50Hz`. In either case `m` is a thousandth and `meg` a million; so `1F` is a femtofarad, as in SPICE.
+
+use super::NetlistError;
+use super::tokens::Token;
+use winnow::ascii::float;
+use winnow::error::EmptyError;
+use winnow::prelude::*;
+use winnow::token::take_while;
+
+/// Suffixes and their scales; of two that fit, the first.
+const SCALES: [(&str, f64); 11] = [
+    ("meg", 1e6),
+    ("t", 1e12),
+    ("g", 1e9),
+    ("k", 1e3),
+    ("m", 1e-3),
+    ("u", 1e-6),
+    ("\u{b5}", 1e-6),
+    ("\u{3bc}", 1e-6),
+    ("n", 1e-9),
+    ("p", 1e-12),
+    ("f", 1e-15),
+];
+
+/// The number that a word is.
+pub(super) fn value(token: Token<'_>) -> Result<f64, NetlistError> {
+    let letters = take_while::<_, _, EmptyError>(0.., char::is_alphabetic);
+    let mut number = (float, letters).map(|(number, letters): (f64, &str)| scaled(number, letters));
+    match number.parse(token.text) {
+        Ok(value) if value.is_finite() => Ok(value),
+        _ => {
+            let detail = format!("`{}` is not a number", token.shown());
+            Err(NetlistError::new(token, "malformed_number", detail, "a number such as 4.7k, 100n or 1e-3"))
+        }
+    }
+}
+
+/// The number scaled as the letters say, and rounded once: the reciprocal of a small scale is exact, itself it is not.
+fn scaled(number: f64, letters: &str) -> f64 {
+    let letters = letters.to_lowercase();
+    let scale = SCALES.iter().find(|(suffix, _)| letters.starts_with(suffix)).map_or(1.0, |&(_, scale)| scale);
+    if scale < 1.0 { number / (1.0 / scale).round() } else { number * scale }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(text: &str) -> Option<f64> {
+        value(Token { text, line: 1, column: 1 }).ok()
+    }
+
+    #[test]
+    fn suffixes_scale_and_units_say_nothing() {
+        let known = [
+            ("1k", 1e3),
+            ("4.7K", 4700.0),
+            ("2MEG", 2e6),
+            ("2meg", 2e6),
+            ("3m", 3e-3),
+            ("3M", 3e-3),
+            ("10uF", 10e-6),
+            ("10\u{b5}", 10e-6),
+            ("100n", 100e-9),
+            ("22p", 22e-12),
+            ("1F", 1e-15),
+            ("5g", 5e9),
+            ("1T", 1e12),
+            ("50Hz", 50.0),
+            ("-1.5e-3", -1.5e-3),
+            ("1e3k", 1e6),
+            (".5", 0.5),
+        ];
+        for (text, expected) in known {
+            assert_eq!(of(text), Some(expected), "{text}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_number_is_none() {
+        for text in ["", "k", "1k2", "1..2", "one", "nan", "inf", "1e999", "--1", "5%"] {
+            assert_eq!(of(text), None, "{text}");
+        }
+    }
+}

@@ -1,0 +1,229 @@
+//! The Filippov system: rates that jump from region to region; between two, of the sign of a surface, or among many, of
+//! the least of their indicators. The equations are those of [`models::filippov`](crate::models::filippov).
+
+use super::dvi::refused;
+use super::error::SpecificationError;
+use super::expression::Expression;
+use super::kinks;
+use super::lowering::Lowering;
+use super::ordered::Ordered;
+use super::place::Place;
+use super::start;
+use super::wording::{abridged, listed};
+use crate::expression::{Node, nearest};
+use crate::models::filippov::{Region, departures, many_regions, two_regions};
+use crate::models::{DviModel, Equations, Model, Outputs, Symbolic};
+use crate::solution::Warning;
+use serde::Deserialize;
+use utoipa::ToSchema;
+
+/// Rates that jump between regions. Either `surface`, and `plus` and `minus` of every state; or `regions`.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct FilippovProblem {
+    /// Constants by name; each may be an expression in the others, in no circle.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
+    pub parameters: Ordered<Expression>,
+    /// The states `x` by name, at least one. Their order is that of the output.
+    #[schema(value_type = std::collections::BTreeMap<String, FilippovState>)]
+    pub states: Ordered<FilippovState>,
+    /// `h(t,x)`: the rates are `plus` where it is positive and `minus` where it is negative. The output `z` is the share of
+    /// `minus`.
+    pub surface: Option<Expression>,
+    /// Two or more regions. The outputs `z1`, `z2`, ... are their shares.
+    pub regions: Option<Vec<FilippovRegion>>,
+}
+
+/// A state `x_i`.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct FilippovState {
+    /// Its value at the start, an expression in the parameters.
+    pub initial: Expression,
+    /// Its rate where `surface` is positive.
+    pub plus: Option<Expression>,
+    /// Its rate where `surface` is negative.
+    pub minus: Option<Expression>,
+}
+
+/// A region and its rates.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct FilippovRegion {
+    /// `g(t,x)`: the region is where it is the least of all indicators.
+    pub indicator: Expression,
+    /// The rate of every state in it, by name.
+    #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
+    pub rates: Ordered<Expression>,
+}
+
+impl FilippovProblem {
+    /// The number of variables.
+    pub(super) fn variables(&self) -> usize {
+        self.regions.as_ref().map_or(1, Vec::len)
+    }
+
+    /// Lowers the problem as far as it can be; the model is of use only if no error was found.
+    pub(super) fn lower(&self, place: &Place<'_>, start: Option<f64>) -> (Lowering, Option<Model>) {
+        let mut lowering = Lowering::new(start, &self.parameters, place);
+        let n = self.states.len();
+        let states = place.key("states");
+        if n == 0 {
+            let error = SpecificationError::new(states.to_string(), "empty_states", "there are no states");
+            lowering.errors.push(error.expected("at least one state"));
+        }
+        lowering.bind_unknowns(self.states.names(), |i| states.key(self.states.name(i)).to_string());
+        let initial: Vec<f64> = self
+            .states
+            .iter()
+            .map(|(name, state)| lowering.constant(&state.initial, &states.key(name).key("initial")).unwrap_or(0.0))
+            .collect();
+        let regions = match (&self.surface, &self.regions) {
+            (Some(surface), None) => self.sides(surface, place, &mut lowering),
+            (None, Some(regions)) => self.many(regions, place, &mut lowering),
+            _ => {
+                let detail = "a Filippov system has either a `surface`, and on either side of it the rates `plus` and \
+                              `minus` of every state, or `regions`";
+                let error = SpecificationError::new(place.to_string(), "surface_or_regions", detail);
+                lowering.errors.push(error.expected("one of `surface`, `regions`"));
+                return (lowering, None);
+            }
+        };
+        if !lowering.errors.is_empty() {
+            return (lowering, None);
+        }
+        let rows = match &self.surface {
+            Some(_) => two_regions(&mut lowering.graph, regions[1].indicator, &regions[0].rates, &regions[1].rates),
+            None => many_regions(&mut lowering.graph, n, &regions),
+        };
+        let state_names: Vec<String> = self.states.names().map(String::from).collect();
+        let variable_names = self.shares();
+        let row_pointer = |row: usize| match (row.checked_sub(n), &self.surface) {
+            (None, _) => states.key(self.states.name(row)).to_string(),
+            (Some(_), Some(_)) => place.key("surface").to_string(),
+            (Some(i), None) => place.key("regions").index(i).key("indicator").to_string(),
+        };
+        let mut warnings = self.warnings(&regions, &state_names, &lowering);
+        if let Some(t) = lowering.start {
+            match departures(&mut lowering.graph, &regions, t, &initial) {
+                Ok(ways) if ways.len() > 1 => warnings.push(repulsive(ways.len())),
+                // A derivative that cannot be had is refused below, with its place.
+                _ => {}
+            }
+        }
+        let equations = match Symbolic::new(&mut lowering.graph, rows) {
+            Ok(equations) => Equations::Symbolic(equations),
+            Err(refusals) => {
+                for refusal in refusals {
+                    lowering.errors.push(refused(refusal, &state_names, &variable_names, row_pointer));
+                }
+                return (lowering, None);
+            }
+        };
+        let model = DviModel { state_names, variable_names, outputs: Outputs::default(), initial, equations, warnings };
+        if let Some(t) = lowering.start {
+            start::check(&model, t, row_pointer, &mut lowering.errors);
+        }
+        (lowering, Some(Model::Dvi(Box::new(model))))
+    }
+
+    /// The two regions of a surface, that of `plus` first.
+    fn sides(&self, surface: &Expression, place: &Place<'_>, lowering: &mut Lowering) -> Vec<Region> {
+        let zero = lowering.graph.constant(0.0);
+        let below = lowering.node(surface, &place.key("surface")).unwrap_or(zero);
+        let above = lowering.graph.negate(below);
+        let (mut plus, mut minus) = (Vec::new(), Vec::new());
+        for (name, state) in self.states.iter() {
+            let states = place.key("states");
+            let place = states.key(name);
+            for (key, rate, rates) in [("plus", &state.plus, &mut plus), ("minus", &state.minus, &mut minus)] {
+                let node = match rate {
+                    Some(rate) => lowering.node(rate, &place.key(key)),
+                    None => {
+                        let detail = format!("`{}` has no rate `{key}`", abridged(name));
+                        lowering.errors.report(&place, "missing_key", detail);
+                        None
+                    }
+                };
+                rates.push(node.unwrap_or(zero));
+            }
+        }
+        vec![Region { indicator: above, rates: plus }, Region { indicator: below, rates: minus }]
+    }
+
+    fn many(&self, regions: &[FilippovRegion], place: &Place<'_>, lowering: &mut Lowering) -> Vec<Region> {
+        for (name, state) in self.states.iter() {
+            for (key, rate) in [("plus", &state.plus), ("minus", &state.minus)] {
+                if rate.is_some() {
+                    let detail = "a rate on one side of a surface, where there are `regions` and no `surface`";
+                    let (states, error) = (place.key("states"), "surface_or_regions");
+                    lowering.errors.report(&states.key(name).key(key), error, detail);
+                }
+            }
+        }
+        let place = place.key("regions");
+        if regions.len() < 2 {
+            let error = SpecificationError::new(place.to_string(), "too_few_regions", "one region is no choice");
+            lowering
+                .errors
+                .push(error.expected("two or more regions; one law everywhere is a `dvi` without variables"));
+        }
+        regions.iter().enumerate().map(|(i, region)| self.region(region, &place.index(i), lowering)).collect()
+    }
+
+    fn region(&self, region: &FilippovRegion, place: &Place<'_>, lowering: &mut Lowering) -> Region {
+        let zero = lowering.graph.constant(0.0);
+        let indicator = lowering.node(&region.indicator, &place.key("indicator")).unwrap_or(zero);
+        let place = place.key("rates");
+        let mut rates: Vec<Option<Node>> = vec![None; self.states.len()];
+        for (name, rate) in region.rates.iter() {
+            let place = place.key(name);
+            let Some(i) = self.states.names().position(|state| state == name) else {
+                lowering.errors.push_with(|| {
+                    let detail = format!("`{}` is not a state", abridged(name));
+                    SpecificationError::new(place.to_string(), "unknown_name", detail)
+                        .expected(listed(self.states.names()))
+                        .did_you_mean(nearest(name, self.states.names()))
+                });
+                continue;
+            };
+            rates[i] = Some(lowering.node(rate, &place).unwrap_or(zero));
+        }
+        for (name, _) in self.states.names().zip(&rates).filter(|(_, rate)| rate.is_none()) {
+            let detail = format!("the rate of `{}` is missing in this region", abridged(name));
+            lowering.errors.report(&place, "missing_key", detail);
+        }
+        Region { indicator, rates: rates.into_iter().map(|rate| rate.unwrap_or(zero)).collect() }
+    }
+
+    /// The names of the shares of the regions; a state may have such a name already.
+    fn shares(&self) -> Vec<String> {
+        let mut names: Vec<String> = match &self.regions {
+            Some(regions) => (1..=regions.len()).map(|i| format!("z{i}")).collect(),
+            None => vec!["z".to_owned()],
+        };
+        while names.iter().any(|name| self.states.names().any(|state| state == name)) {
+            names.iter_mut().for_each(|name| name.push('_'));
+        }
+        names
+    }
+
+    fn warnings(&self, regions: &[Region], states: &[String], lowering: &Lowering) -> Vec<Warning> {
+        let rates = regions.iter().flat_map(|region| states.iter().zip(&region.rates));
+        let mut warnings: Vec<Warning> =
+            rates.flat_map(|(name, &rate)| kinks::warnings(name, rate, states, &lowering.graph)).collect();
+        warnings.dedup();
+        warnings
+    }
+}
+
+fn repulsive(ways: usize) -> Warning {
+    Warning {
+        code: "repulsive_sliding",
+        message: format!(
+            "at the start {ways} regions meet and the rate of each leads into itself: the border repels, solutions leave it \
+             at any time into any of them, and the one computed is one of many; start off the border to choose"
+        ),
+    }
+}

@@ -1,0 +1,183 @@
+//! Circuits that are wrong, and what is said of them, by the names of their components.
+
+use crate::documents::*;
+use dvi::specification::Specification;
+use serde_json::{Value, json};
+
+const PLACE: &str = "/problem/circuit/components";
+const NETLIST: &str = "/problem/circuit/netlist";
+
+fn circuit() -> Value {
+    json!({
+        "problem": {"circuit": {"components": [
+            {"voltage_source": {"name": "V1", "nodes": ["in", "0"], "volts": "sin(t)"}},
+            {"resistor": {"name": "R1", "nodes": ["in", "out"], "ohms": 1000}},
+            {"capacitor": {"name": "C1", "nodes": ["out", "0"], "farads": 1e-6}}
+        ]}},
+        "time": {"end": 1}
+    })
+}
+
+/// The circuit with one more component.
+fn and(kind: &str, component: Value) -> Value {
+    let mut document = circuit();
+    let components = document.pointer_mut(PLACE).and_then(Value::as_array_mut).expect("components");
+    components.push(json!({kind: component}));
+    document
+}
+
+fn netlist(text: &str) -> Value {
+    json!({"problem": {"circuit": {"netlist": text}}, "time": {"end": 1}})
+}
+
+/// Asserts that a netlist has exactly these errors, as `(code, part of the detail)`.
+#[track_caller]
+fn assert_netlist(text: &str, expected: &[(&str, &str)]) {
+    let expected: Vec<_> = expected.iter().map(|&(code, part)| (NETLIST, code, part)).collect();
+    assert_errors(&netlist(text), &expected);
+}
+
+#[test]
+fn the_circuits_to_break_are_right() {
+    for document in
+        [circuit(), netlist("V1 in 0 SIN(0 1 50)\nR1 in out 1k\nC1 out GND 1u"), netlist("L1 a 0 1\nR1 A 0 1")]
+    {
+        Specification::from_json(document.to_string().as_bytes()).unwrap();
+    }
+}
+
+#[test]
+fn a_circuit_has_components_or_a_netlist_and_not_both() {
+    let place = "/problem/circuit";
+    assert_errors(&without(circuit(), PLACE), &[(place, "components_or_netlist", "either")]);
+    let both = with(circuit(), NETLIST, json!("R1 a 0 1"));
+    assert_errors(&both, &[(place, "components_or_netlist", "either")]);
+    assert_errors(&with(circuit(), PLACE, json!([])), &[(PLACE, "number_of_components", "0 components")]);
+}
+
+#[test]
+fn parts_that_nothing_connects_to_ground_float() {
+    let document = and("resistor", json!({"name": "R2", "nodes": ["x", "y"], "ohms": 1}));
+    assert_errors(&document, &[(PLACE, "floating_node", "`x`, `y`")]);
+    assert_netlist("R1 a b 1\nC1 a b 1u", &[("floating_node", "`a`, `b`")]);
+}
+
+#[test]
+fn voltage_sources_form_no_loop() {
+    let document = and("voltage_source", json!({"name": "V2", "nodes": ["0", "in"], "volts": 5}));
+    assert_errors(&document, &[(&format!("{PLACE}/0/voltage_source"), "source_loop", "`V1`, `V2` form a loop")]);
+    assert_netlist(
+        "V1 a 0 1\nV2 b a 1\nV3 b 0 1\nR1 b 0 1\nC1 b 0 1u",
+        &[("source_loop", "`V1`, `V2`, `V3` form a loop")],
+    );
+}
+
+#[test]
+fn current_sources_are_no_cut_set() {
+    assert_netlist("C1 a 0 1u\nI1 a b 1\nI2 b 0 1", &[("source_cut_set", "`I1`, `I2` are current sources")]);
+    let document = and("current_source", json!({"name": "I1", "nodes": ["0", "x"], "amperes": "sin(t)"}));
+    assert_errors(&document, &[(&format!("{PLACE}/3/current_source"), "source_cut_set", "`I1`")]);
+}
+
+#[test]
+fn a_switch_shorts_no_source() {
+    let document = and("switch", json!({"name": "S1", "nodes": ["in", "0"], "closed": "t - 1", "withstand_volts": 10}));
+    assert_errors(&document, &[(&format!("{PLACE}/0/voltage_source"), "switch_loop", "`V1`, `S1`")]);
+    let document =
+        and("switch", json!({"name": "S1", "nodes": ["out", "0"], "closed": "t - 1", "withstand_volts": 10}));
+    assert_errors(&document, &[(&format!("{PLACE}/2/capacitor"), "switch_loop", "`C1`, `S1`")]);
+}
+
+#[test]
+fn what_jumps_makes_no_impulse() {
+    assert_netlist("V1 a 0 PULSE(0 1 1)\nC1 a 0 1u", &[("static_circuit", "")]);
+    assert_netlist(
+        "V1 a 0 PULSE(0 1 1)\nC1 a b 1u\nC2 b 0 1u\nR1 b 0 1",
+        &[("impulse", "`V1` jumps, and `C1`"), ("impulse", "`V1` jumps, and `C2`")],
+    );
+    assert_netlist("I1 0 a PULSE(0 1 1)\nL1 a b 1\nL2 b 0 1\nC1 b 0 1", &[("impulse", "`I1` jumps, and `L1`")]);
+    Specification::from_json(netlist("V1 a 0 PULSE(0 1 1 1m)\nC1 a b 1u\nC2 b 0 1u\nR1 b 0 1").to_string().as_bytes())
+        .unwrap();
+}
+
+#[test]
+fn a_start_that_contradicts_itself_is_told_by_how_much() {
+    assert_netlist(
+        "C1 a 0 1u IC=5\nC2 a 0 1u IC=3\nR1 a 0 1k",
+        &[("inconsistent_start", "`C2` starts from 3, but the other components leave only 5: off by -2e0")],
+    );
+    assert_netlist(
+        "V1 a 0 2\nL1 a b 1 IC=1\nL2 b c 1 IC=4\nR1 c 0 1",
+        &[("inconsistent_start", "`L1` starts from 1, but the other components leave only 4: off by -3e0")],
+    );
+    // One start that is given settles that of the other.
+    let text = netlist("C1 a 0 1u\nC2 a 0 1u IC=3\nR1 a 0 1k").to_string();
+    assert_eq!(Specification::from_json(text.as_bytes()).unwrap().model().initial(), [3.0]);
+}
+
+#[test]
+fn names_are_unique_and_can_stand_in_an_output() {
+    let document = and("resistor", json!({"name": "R1", "nodes": ["in", "0"], "ohms": 1}));
+    assert_errors(&document, &[(&format!("{PLACE}/3/resistor"), "duplicate_name", "components/1/resistor")]);
+    let document = and("resistor", json!({"name": "in", "nodes": ["in", "0"], "ohms": 1}));
+    assert_errors(&document, &[(&format!("{PLACE}/3/resistor"), "duplicate_name", "is a node as well")]);
+    for name in ["", "R 2", "R(2)", "R\"2", &"R".repeat(61)] {
+        let document = and("resistor", json!({"name": name, "nodes": ["in", "0"], "ohms": 1}));
+        assert_errors(&document, &[(&format!("{PLACE}/3/resistor"), "malformed_name", "no name")]);
+    }
+    let document = and("resistor", json!({"name": "R2", "nodes": ["in", "in"], "ohms": 1}));
+    assert_errors(&document, &[(&format!("{PLACE}/3/resistor"), "shorted_component", "`R2`")]);
+}
+
+#[test]
+fn values_are_above_zero_at_their_place() {
+    for (k, kind, key) in [(1, "resistor", "ohms"), (2, "capacitor", "farads")] {
+        let pointer = format!("{PLACE}/{k}/{kind}/{key}");
+        for value in [json!(0), json!(-1), json!("1 - 2")] {
+            assert_errors(&with(circuit(), &pointer, value), &[(&pointer, "out_of_range", key)]);
+        }
+        assert_errors(&with(circuit(), &pointer, json!("t")), &[(&pointer, "unknown_name", "t")]);
+    }
+    let diode = json!({"name": "D1", "nodes": ["in", "out"], "forward_volts": -0.7});
+    let pointer = format!("{PLACE}/3/diode/forward_volts");
+    assert_errors(&and("diode", diode), &[(&pointer, "out_of_range", "forward volts of `D1` are -0.7")]);
+    let zener = json!({"name": "D1", "nodes": ["in", "out"], "breakdown_volts": 0});
+    assert_errors(&and("zener", zener), &[(&format!("{PLACE}/3/zener/breakdown_volts"), "out_of_range", "")]);
+    let source = format!("{PLACE}/0/voltage_source/volts");
+    assert_errors(&with(circuit(), &source, json!("sin(x)")), &[(&source, "unknown_name", "x")]);
+}
+
+#[test]
+fn an_error_in_a_netlist_has_its_line_and_column() {
+    assert_netlist("R1 a 0 1\nQ1 a b c", &[("unknown_component", "line 2, column 1: `Q1`")]);
+    assert_netlist(".tran 1 2", &[("unknown_component", "line 1, column 1: the command `.tran`")]);
+    assert_netlist("* one\n  R1 a 0 1k2", &[("malformed_number", "line 2, column 10: `1k2` is not a number")]);
+    assert_netlist("R1 a", &[("incomplete_component", "line 1, column 4: something is missing after `a`")]);
+    assert_netlist("C1 a 0 1u IC 5", &[("unexpected_word", "line 1, column 14: `5` stands where `=` belongs")]);
+    assert_netlist("D1 a 0 1N4148", &[("unexpected_word", "line 1, column 8: `1N4148`")]);
+    assert_netlist("V1 a 0 EXP(0 1)", &[("unknown_source", "line 1, column 8: `EXP`")]);
+    assert_netlist(
+        "V1 a 0 SIN(1)\nV2 b 0 PULSE(0 1\n+ 0 1 1 1 2)\nV3 c 0 PWL(1 2 0 3)\nV4 d 0 PWL(1 2 3)\nV5 e 0 PULSE(0 1 -1)",
+        &[
+            ("malformed_source", "line 1, column 8: SIN has 1 values"),
+            ("malformed_source", "line 3, column 11: the period"),
+            ("malformed_source", "line 4, column 16: the times of PWL go back"),
+            ("malformed_source", "line 5, column 8: PWL has 3 values"),
+            ("malformed_source", "line 6, column 18: a time of PULSE is below zero"),
+        ],
+    );
+    assert_netlist("R1 a 0 -5\nC1 a 0 1u", &[("out_of_range", "line 1: the ohms of `R1` are -5")]);
+    assert_netlist("R1 a 0 1\nr1 A 0 2\nC1 a 0 1", &[("duplicate_name", "line 2: `R1`")]);
+}
+
+#[test]
+fn large_and_hostile_netlists_are_answered() {
+    assert_netlist(&"*".repeat(65_537), &[("too_long", "65537 bytes")]);
+    assert_netlist("", &[("number_of_components", "0 components")]);
+    assert_netlist("\u{0}\u{e9}(((=,,;\n+\n+ +", &[("unknown_component", "line 1, column 1")]);
+    let many: Vec<Value> =
+        (0..10_001).map(|k| json!({"resistor": {"name": format!("R{k}"), "nodes": ["a", "0"], "ohms": 1}})).collect();
+    assert_errors(&with(circuit(), PLACE, json!(many)), &[(PLACE, "number_of_components", "10001")]);
+    let chain: String = (0..2500).map(|k| format!("R{k} n{k} n{} 1\nD{k} n{k} 0\n", k + 1)).collect();
+    assert_netlist(&chain, &[("too_long", "bytes")]);
+}
