@@ -19,10 +19,10 @@ pub use run::{Plan, Stepper, run};
 pub use study::{Series, Study, StudyRun};
 pub use trajectory::{Event, EventKind, Field, Trajectory};
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// How a solve ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Status {
     /// The end time was reached.

@@ -14,6 +14,7 @@ mod deserializer;
 mod document;
 mod dvi;
 mod error;
+mod examples;
 mod expression;
 mod filippov;
 mod json;
@@ -51,6 +52,7 @@ pub use circuit::{
 pub use document::{Document, Limits, Problem, Time};
 pub use dvi::{DviProblem, State, Variable};
 pub use error::SpecificationError;
+pub use examples::{EXAMPLES, Example};
 pub use expression::Expression;
 pub use filippov::{FilippovProblem, FilippovRegion, FilippovState};
 pub use lcs::LcsProblem;

@@ -1,6 +1,11 @@
 //! Error against run time (work and precision; Hairer and Wanner 1996, *Solving Ordinary Differential Equations II*, section
 //! IV.10): one problem solved on every rung of a ladder, with errors against what is known or a more accurate run.
 
+mod page;
+pub mod report;
+
+pub use page::html;
+
 use crate::problem::Control;
 use crate::solution::pictures::work_precision;
 use crate::solution::{Series, Solution, Status, Study, StudyRun, Trajectory};
