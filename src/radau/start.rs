@@ -51,7 +51,8 @@ impl Radau<'_> {
         {
             consistent.solve(&mut self.system, &self.control, self.t, &mut self.y);
         }
-        if !INSTANTS.iter().any(|instant| self.probe(instant * self.h, false)) {
+        let instants = if self.system.bounded.is_empty() { &INSTANTS[..] } else { &INSTANTS[..1] };
+        if !instants.iter().any(|instant| self.probe(instant * self.h, false)) {
             return Err(self.no_start());
         }
         let jumps = self.switching.probe.stages.z[..n].iter().zip(&self.control.weight).map(|(z, w)| (z * w).abs());
