@@ -1,6 +1,7 @@
 //! What the subcommands share: exit codes, reading a specification, and telling what is wrong with one.
 
 pub mod check;
+pub mod healthcheck;
 pub mod methods;
 pub mod serve;
 pub mod solve;
@@ -13,6 +14,8 @@ use std::process::ExitCode;
 
 /// The end time was not reached.
 pub const UNFINISHED: u8 = 1;
+/// The service is not alive.
+pub const UNHEALTHY: u8 = 1;
 /// The specification has errors.
 pub const BAD_SPECIFICATION: u8 = 2;
 /// The specification could not be read.

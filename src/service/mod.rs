@@ -3,6 +3,7 @@
 pub mod http;
 pub mod jobs;
 mod options;
+mod page;
 mod server;
 
 pub use options::Options;

@@ -20,8 +20,8 @@ mod status;
 pub use examples::{EXAMPLES, Example};
 pub use problem::{Kind, Problem};
 
-use super::Options;
 use super::jobs::{Client, Jobs};
+use super::{Options, page};
 use axum::Router;
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
@@ -64,6 +64,7 @@ pub fn router(shared: Shared) -> Router {
         .route("/healthz", get(health::check_health))
         .route("/readyz", get(health::check_readiness))
         .route("/version", get(health::find_version))
+        .merge(page::routes())
         .fallback(nothing_here)
         .method_not_allowed_fallback(no_such_method)
         .layer(CatchPanicLayer::custom(panicked))
@@ -72,7 +73,7 @@ pub fn router(shared: Shared) -> Router {
 }
 
 async fn nothing_here(uri: Uri) -> Box<Problem> {
-    let here = "POST /solve, POST /check, GET /jobs/{id}, GET /jobs/{id}/results, POST /jobs/{id}/cancel, DELETE /jobs/{id}, \
+    let here = "GET /, POST /solve, POST /check, GET /jobs/{id}, GET /jobs/{id}/results, POST /jobs/{id}/cancel, DELETE /jobs/{id}, \
                 GET /examples, GET /methods, GET /problems, GET /schema, GET /healthz, GET /readyz, GET /version";
     Problem::new(Kind::NotFound, format!("{} names nothing; there are {here}", uri.path()))
 }
