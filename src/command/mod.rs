@@ -1,6 +1,7 @@
 //! What the subcommands share: exit codes, reading a specification, and telling what is wrong with one.
 
 pub mod check;
+pub mod data;
 pub mod methods;
 pub mod serve;
 pub mod solve;

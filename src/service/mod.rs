@@ -23,12 +23,12 @@ pub struct Service {
 }
 
 impl Service {
-    /// Starts the workers, which call `solver`.
+    /// Starts the workers, which call `solver`, on the jobs that are left in the folder of the options.
     ///
     /// # Errors
-    /// The system gives no threads.
+    /// The folder is in use or cannot be written, or the system gives no threads.
     pub fn start(options: Options, solver: Solver) -> io::Result<Self> {
-        let jobs = Arc::new(Jobs::new(options.bounds(), solver));
+        let jobs = Arc::new(Jobs::open(options.bounds(), solver, options.data.as_deref())?);
         let pool = Pool::start(&jobs, options.workers)?;
         let readers = Arc::new(Semaphore::new(options.workers.get()));
         Ok(Self { shared: Shared { jobs, options: Arc::new(options), readers }, _pool: pool })

@@ -7,6 +7,7 @@ use serde::Serialize;
 use serde_json::Value;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::num::{NonZeroU64, NonZeroUsize};
+use std::path::PathBuf;
 use std::thread::available_parallelism;
 use std::time::Duration;
 
@@ -31,6 +32,10 @@ pub struct Options {
     /// Address and port to listen on
     #[arg(long, env = "DVI_LISTEN", value_name = "ADDRESS:PORT", default_value_t = Options::default().listen)]
     pub listen: SocketAddr,
+
+    /// The folder of jobs that outlive the process; without one, all is in memory
+    #[arg(skip)]
+    pub data: Option<PathBuf>,
 
     /// Solves at a time; the default is one a core
     #[arg(long, env = "DVI_WORKERS", value_name = "N", default_value_t = Options::default().workers)]
@@ -64,6 +69,10 @@ pub struct Options {
     #[arg(long, env = "DVI_KEPT_MIB", value_name = "MIB", default_value_t = Options::default().kept_mib)]
     pub kept_mib: NonZeroUsize,
 
+    /// Days that an ended job is kept
+    #[arg(long, env = "DVI_KEPT_DAYS", value_name = "DAYS", default_value_t = Options::default().kept_days)]
+    pub kept_days: NonZeroU64,
+
     /// Longest time a client may take to send the headers of a request, and again its body, in seconds
     #[arg(long, env = "DVI_READ_SECONDS", value_name = "SECONDS", default_value_t = Options::default().read_seconds)]
     pub read_seconds: NonZeroU64,
@@ -76,18 +85,20 @@ pub struct Options {
 impl Default for Options {
     fn default() -> Self {
         let count = |n| NonZeroUsize::new(n).unwrap_or(NonZeroUsize::MIN);
-        let seconds = |n| NonZeroU64::new(n).unwrap_or(NonZeroU64::MIN);
+        let number = |n| NonZeroU64::new(n).unwrap_or(NonZeroU64::MIN);
         Self {
             listen: (Ipv4Addr::LOCALHOST, 8080).into(),
+            data: None,
             workers: available_parallelism().unwrap_or(NonZeroUsize::MIN),
             queue: count(1000),
             client_share: count(750),
-            wall_seconds: seconds(300),
+            wall_seconds: number(300),
             body_mib: count(8),
             result_mib: count(256),
             kept_jobs: count(10_000),
             kept_mib: count(1024),
-            read_seconds: seconds(30),
+            kept_days: number(30),
+            read_seconds: number(30),
             grace_seconds: 30,
         }
     }
@@ -133,7 +144,11 @@ impl Options {
             share: self.client_share.get(),
             wall: Duration::from_secs(self.wall_seconds.get()),
             result_bytes: bytes(self.result_mib),
-            retention: Retention { jobs: self.kept_jobs.get(), bytes: bytes(self.kept_mib) },
+            retention: Retention {
+                jobs: self.kept_jobs.get(),
+                bytes: bytes(self.kept_mib),
+                age: Duration::from_secs(self.kept_days.get().saturating_mul(24 * 3600)),
+            },
         }
     }
 }

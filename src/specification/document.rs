@@ -8,8 +8,8 @@ use super::mechanical::MechanicalProblem;
 use super::method::Method;
 use super::output::Output;
 use super::rigid_bodies::RigidBodiesProblem;
-use serde::Deserialize;
 use serde::de::{Deserializer, Error, Visitor};
+use serde::{Deserialize, Serialize};
 use std::fmt;
 use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{ObjectBuilder, Schema, Type};
@@ -61,7 +61,7 @@ pub enum Problem {
 }
 
 /// The time horizon, in seconds unless the model says otherwise.
-#[derive(Clone, Copy, Debug, Deserialize, ToSchema)]
+#[derive(Clone, Copy, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Time {
     /// Where the initial values hold.

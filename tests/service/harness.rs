@@ -124,7 +124,7 @@ impl Site {
     /// The state of the job at `path`, when it has ended.
     pub async fn ended(&self, path: &str) -> Value {
         let id = path.rsplit('/').next().unwrap().parse().unwrap();
-        self.service.jobs().find(id).unwrap().ended().await;
+        self.service.jobs().find(id).unwrap().settled().await;
         self.get(path).await.json()
     }
 }

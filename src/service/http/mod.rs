@@ -54,6 +54,7 @@ pub fn router(shared: Shared) -> Router {
         .route("/check", post(check::check))
         .route("/jobs/{id}", get(jobs::find_job).delete(jobs::delete_job))
         .route("/jobs/{id}/results", get(results::find_results))
+        .route("/jobs/{id}/specification", get(jobs::find_specification))
         .route("/jobs/{id}/cancel", post(jobs::cancel_job))
         .route("/examples", get(examples::list_examples))
         .route("/examples/{name}", get(examples::find_example))
@@ -72,8 +73,8 @@ pub fn router(shared: Shared) -> Router {
 }
 
 async fn nothing_here(uri: Uri) -> Box<Problem> {
-    let here = "POST /solve, POST /check, GET /jobs/{id}, GET /jobs/{id}/results, POST /jobs/{id}/cancel, DELETE /jobs/{id}, \
-                GET /examples, GET /methods, GET /problems, GET /schema, GET /healthz, GET /readyz, GET /version";
+    let here = "POST /solve, POST /check, GET /jobs/{id}, GET /jobs/{id}/results, GET /jobs/{id}/specification, \
+                POST /jobs/{id}/cancel, DELETE /jobs/{id}, GET /examples, GET /methods, GET /problems, GET /schema, GET /healthz, GET /readyz, GET /version";
     Problem::new(Kind::NotFound, format!("{} names nothing; there are {here}", uri.path()))
 }
 
