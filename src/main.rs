@@ -3,7 +3,7 @@
 mod command;
 
 use clap::{Parser, Subcommand};
-use command::{check, methods, serve, solve};
+use command::{check, methods, serve, solve, token};
 use std::process::ExitCode;
 
 /// Solves differential variational inequalities, with evidence.
@@ -32,6 +32,7 @@ enum Command {
     Check(check::Arguments),
     Methods(methods::Arguments),
     Serve(serve::Arguments),
+    Token(token::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -48,5 +49,6 @@ fn main() -> ExitCode {
         Command::Check(arguments) => check::run(&arguments),
         Command::Methods(arguments) => methods::run(&arguments),
         Command::Serve(arguments) => serve::run(arguments),
+        Command::Token(arguments) => token::run(&arguments),
     }
 }

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 pub struct Data {
     /// Folder of the accepted jobs, their results and the tokens; made if it is not there
     /// [default: dvi in `$XDG_STATE_HOME`, or in ~/.local/state]
-    #[arg(long, env = "DVI_DATA", value_name = "DIR")]
+    #[arg(long, env = "DVI_DATA", value_name = "DIR", global = true)]
     data: Option<PathBuf>,
 }
 

@@ -5,6 +5,7 @@ pub mod data;
 pub mod methods;
 pub mod serve;
 pub mod solve;
+pub mod token;
 
 use dvi::specification::{Specification, SpecificationError};
 use std::fmt::Write as _;

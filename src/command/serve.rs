@@ -26,10 +26,6 @@ pub struct Arguments {
     #[command(flatten)]
     data: Data,
 
-    /// Keep everything in memory and nothing after the end, whatever `--data` says
-    #[arg(long, env = "DVI_EPHEMERAL")]
-    ephemeral: bool,
-
     /// The form of the log, on standard error; what is logged is chosen by `RUST_LOG`, such as `dvi=debug`
     #[arg(long, env = "DVI_LOG_FORMAT", value_enum, default_value_t = LogFormat::Text)]
     log_format: LogFormat,
@@ -41,6 +37,7 @@ Examples:
   dvi serve --ephemeral
   dvi serve --data /var/lib/dvi
   dvi serve --listen 127.0.0.1:9000 --workers 2 --wall-seconds 60
+  dvi serve --listen 0.0.0.0:8080                     asks for tokens: dvi token create
   DVI_QUEUE=100 dvi serve --log-format json
 
   curl -d @api/examples/diode_bridge.json localhost:8080/solve
@@ -75,8 +72,8 @@ pub fn run(arguments: Arguments) -> ExitCode {
         return ExitCode::from(USAGE);
     }
     let listen = arguments.options.listen;
-    let data = if arguments.ephemeral { None } else { arguments.data.folder() };
-    if data.is_none() && !arguments.ephemeral {
+    let data = arguments.data.folder();
+    if data.is_none() && (!arguments.options.ephemeral || arguments.options.asks_tokens()) {
         eprintln!("dvi: there is no home to keep jobs in: say --data DIR, or --ephemeral");
         return ExitCode::from(USAGE);
     }
@@ -95,9 +92,10 @@ fn serve(options: Options) -> io::Result<()> {
         let listener = TcpListener::bind(options.listen).await?;
         let (address, workers) = (listener.local_addr()?, options.workers);
         let stop = signals()?;
-        let data = options.data.as_ref().map_or("nowhere".to_owned(), |folder| folder.display().to_string());
+        let data = options.jobs_folder().map_or("memory".to_owned(), |folder| folder.display().to_string());
+        let asks_tokens = options.asks_tokens();
         let service = Service::start(options, Arc::new(dvi::solve))?;
-        tracing::info!(%address, workers, data, "serving on http://{address}");
+        tracing::info!(%address, workers, data, asks_tokens, "serving on http://{address}");
         service.serve(listener, stop).await;
         io::Result::Ok(())
     })?;

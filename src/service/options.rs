@@ -7,7 +7,7 @@ use serde::Serialize;
 use serde_json::Value;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::num::{NonZeroU64, NonZeroUsize};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::thread::available_parallelism;
 use std::time::Duration;
 
@@ -33,9 +33,21 @@ pub struct Options {
     #[arg(long, env = "DVI_LISTEN", value_name = "ADDRESS:PORT", default_value_t = Options::default().listen)]
     pub listen: SocketAddr,
 
-    /// The folder of jobs that outlive the process; without one, all is in memory
+    /// The folder of jobs that outlive the process, and of tokens
     #[arg(skip)]
     pub data: Option<PathBuf>,
+
+    /// Keep jobs in memory and none after the end, whatever `--data` says
+    #[arg(long, env = "DVI_EPHEMERAL")]
+    pub ephemeral: bool,
+
+    /// Ask for tokens on a loopback address too, as behind a proxy
+    #[arg(long, env = "DVI_ASK_TOKENS", conflicts_with = "insecure")]
+    pub ask_tokens: bool,
+
+    /// Ask for no tokens though others than this machine can connect
+    #[arg(long, env = "DVI_INSECURE")]
+    pub insecure: bool,
 
     /// Solves at a time; the default is one a core
     #[arg(long, env = "DVI_WORKERS", value_name = "N", default_value_t = Options::default().workers)]
@@ -45,7 +57,7 @@ pub struct Options {
     #[arg(long, env = "DVI_QUEUE", value_name = "JOBS", default_value_t = Options::default().queue)]
     pub queue: NonZeroUsize,
 
-    /// Jobs of one client, told by its address, that may wait
+    /// Jobs of one client, told by its token or else by its address, that may wait
     #[arg(long, env = "DVI_CLIENT_SHARE", value_name = "JOBS", default_value_t = Options::default().client_share)]
     pub client_share: NonZeroUsize,
 
@@ -65,7 +77,7 @@ pub struct Options {
     #[arg(long, env = "DVI_KEPT_JOBS", value_name = "JOBS", default_value_t = Options::default().kept_jobs)]
     pub kept_jobs: NonZeroUsize,
 
-    /// Results that are kept, in MiB in all; the oldest is forgotten first
+    /// Specifications and results that are kept, in MiB in all; the oldest is forgotten first
     #[arg(long, env = "DVI_KEPT_MIB", value_name = "MIB", default_value_t = Options::default().kept_mib)]
     pub kept_mib: NonZeroUsize,
 
@@ -89,6 +101,9 @@ impl Default for Options {
         Self {
             listen: (Ipv4Addr::LOCALHOST, 8080).into(),
             data: None,
+            ephemeral: false,
+            ask_tokens: false,
+            insecure: false,
             workers: available_parallelism().unwrap_or(NonZeroUsize::MIN),
             queue: count(1000),
             client_share: count(750),
@@ -105,6 +120,16 @@ impl Default for Options {
 }
 
 impl Options {
+    /// The folder of jobs, if they are to outlive the process.
+    pub fn jobs_folder(&self) -> Option<&Path> {
+        self.data.as_deref().filter(|_| !self.ephemeral)
+    }
+
+    /// Whether clients must name a token: where others than this machine can connect, or where that is wished.
+    pub fn asks_tokens(&self) -> bool {
+        self.ask_tokens || !(self.insecure || self.listen.ip().is_loopback())
+    }
+
     /// The largest body of a request, in bytes.
     pub fn body_bytes(&self) -> usize {
         bytes(self.body_mib)

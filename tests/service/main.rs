@@ -11,3 +11,4 @@ mod process;
 mod program;
 mod refusals;
 mod solve;
+mod tokens;

@@ -4,7 +4,7 @@ use serde_json::Value;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStderr, Command, ExitStatus, Stdio};
+use std::process::{Child, ChildStderr, Command, ExitStatus, Output, Stdio};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -46,8 +46,13 @@ pub struct Server {
 impl Server {
     /// Starts on `folder`, with more arguments.
     pub fn start(folder: &Folder, arguments: &[&str]) -> Self {
+        Self::start_at("127.0.0.1:0", folder, arguments)
+    }
+
+    /// The same, to listen on `listen`.
+    pub fn start_at(listen: &str, folder: &Folder, arguments: &[&str]) -> Self {
         let mut child = Command::new(DVI)
-            .args(["serve", "--listen", "127.0.0.1:0", "--log-format", "json", "--data"])
+            .args(["serve", "--listen", listen, "--log-format", "json", "--data"])
             .arg(folder.path())
             .args(arguments)
             .stderr(Stdio::piped())
@@ -124,6 +129,11 @@ impl Drop for Server {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
+}
+
+/// What `dvi token` says of `folder`.
+pub fn dvi_token(folder: &Folder, arguments: &[&str]) -> Output {
+    Command::new(DVI).arg("token").args(arguments).arg("--data").arg(folder.path()).output().unwrap()
 }
 
 /// The answer of the server at `address` to a request, or nothing if it went away. In HTTP/1.0, whose bodies come in one

@@ -47,10 +47,14 @@ problems! {
         "The body is not a valid specification; `errors` lists all that is wrong with it, each with a JSON pointer.";
     BadRequest, "bad-request", BAD_REQUEST, "The request could not be read",
         "The body broke off or was not well-formed HTTP; send it again.";
+    TokenRequired, "token-required", UNAUTHORIZED, "A token is asked for",
+        "The header `Authorization: Bearer TOKEN` is missing or its token unknown; `dvi token create` makes one.";
+    ScopeMissing, "scope-missing", FORBIDDEN, "The token does not allow this",
+        "Looking at jobs needs the scope `read`, everything else `submit`; `dvi token list` shows the scopes.";
     NotFound, "not-found", NOT_FOUND, "There is nothing at this address",
         "The address names no resource of this service; `detail` lists those there are.";
     NoSuchJob, "no-such-job", NOT_FOUND, "There is no such job",
-        "No job has this id: it was never given out, was deleted, or is too old to be kept.";
+        "No job of yours has this id: it was never given out, was deleted, or is too old to be kept.";
     NoSuchExample, "no-such-example", NOT_FOUND, "There is no such example",
         "No example has this name; `GET /examples` lists those there are.";
     NoSuchProblem, "no-such-problem", NOT_FOUND, "There is no such type of problem",
@@ -86,7 +90,7 @@ problems! {
     Unreadable, "unreadable", INTERNAL_SERVER_ERROR, "The store could not be read",
         "What was stored is missing or of another version; the log has more under the id of the job.";
     Unwritable, "unwritable", SERVICE_UNAVAILABLE, "The store cannot be written",
-        "The disk took no change, so that nothing can be accepted for later; what is waited for is still solved.";
+        "The disk took no change, so that nothing is accepted for later until it has room and the service starts anew.";
     ResultTooLarge, "result-too-large", UNPROCESSABLE_ENTITY, "The result is too large",
         "The result is larger than `--result-mib` allows; ask for fewer output times or fields.";
     Draining, "draining", SERVICE_UNAVAILABLE, "The service is about to stop",

@@ -32,7 +32,13 @@ pub async fn solve(
 ) -> Answer<Response> {
     let wait = preferences.wait();
     let job = job(&shared, client, key, &document, wait.is_zero()).await?;
-    let ended = if wait.is_zero() { None } else { wait_for(&shared.jobs, &job, wait).await? };
+    let ended = if wait.is_zero() {
+        // One that was posted before may be waited for, and kept by memory alone.
+        shared.jobs.outlive(&job).await?;
+        None
+    } else {
+        wait_for(&shared.jobs, &job, wait).await?
+    };
     let asynchronous = ended.is_none();
     let mut response = match ended {
         Some(ended) => represent(&shared, &job, &ended, representation).await?,

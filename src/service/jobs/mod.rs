@@ -28,6 +28,7 @@ mod writer;
 pub use client::Client;
 pub use ended::{Ended, Ending, Fault, Held, Timing};
 pub use idempotency::Key;
+pub(in crate::service) use idempotency::hexadecimal;
 pub use index::{Mismatch, Retention};
 pub use job::{Halt, Job, JobId, Moment, Order, State};
 pub use pool::Pool;

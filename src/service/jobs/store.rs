@@ -95,6 +95,9 @@ impl Store {
     /// # Errors
     /// The disk did not take it.
     pub async fn outlive(&self, job: &Arc<Job>) -> Result<(), Unwritable> {
+        if job.lock().keeping == Keeping::Disk {
+            return Ok(());
+        }
         let Some(place) = self.place().await? else { return Ok(()) };
         let answer = {
             let mut life = job.lock();
@@ -133,7 +136,7 @@ impl Store {
             (Err(_), None) => Vec::new(),
             (Ok(forgotten), _) => forgotten,
         };
-        self.erase(outcome).await;
+        self.tidy(outcome).await;
     }
 
     /// Gives the end back if the disk keeps the job.
@@ -177,7 +180,7 @@ impl Store {
     /// # Errors
     /// The disk did not take the news, so that a later process may start the job again.
     pub async fn cancel(&self, job: &Arc<Job>) -> Result<(), Unwritable> {
-        let place = if job.is_lasting() { self.place().await? } else { None };
+        let place = if job.is_lasting() { self.place().await } else { Ok(None) };
         let (answer, forgotten) = {
             let mut life = job.lock();
             let mut record = Record::of(job, &life);
@@ -196,15 +199,12 @@ impl Store {
                 }
                 State::Ended(_) => return Ok(()),
             }
-            let place = place.filter(|_| life.is_lasting());
-            (place.map(|place| place.send(Change::record(job.id, &record), drop)), forgotten)
+            let tell = |place: Place| place.send(Change::record(job.id, &record), drop);
+            (place.map(|place| place.filter(|_| life.is_lasting()).map(tell)), forgotten)
         };
         job.wake();
-        self.erase(forgotten).await;
-        match answer {
-            Some(answer) => answer.written().await,
-            None => Ok(()),
-        }
+        self.tidy(forgotten).await;
+        written(answer?).await
     }
 
     /// Forgets a job.
@@ -213,15 +213,12 @@ impl Store {
     /// The disk did not take the news, so that a later process knows the job again.
     pub async fn forget(&self, job: &Arc<Job>) -> Result<(), Unwritable> {
         self.index.forget(job.id);
-        match self.erase(vec![Arc::clone(job)]).await {
-            Some(answer) => answer.written().await,
-            None => Ok(()),
-        }
+        written(self.erase(vec![Arc::clone(job)]).await?).await
     }
 
     /// Forgets the jobs that are too old at this time.
     pub async fn expire(&self, now: Timestamp) {
-        self.erase(self.index.expire(now)).await;
+        self.tidy(self.index.expire(now)).await;
     }
 
     /// Leaves a job to the next process, if the disk keeps it.
@@ -280,7 +277,7 @@ impl Store {
     }
 
     /// Removes jobs, no longer in the index, from the disk.
-    async fn erase(&self, jobs: Vec<Arc<Job>>) -> Option<Answer> {
+    async fn erase(&self, jobs: Vec<Arc<Job>>) -> Result<Option<Answer>, Unwritable> {
         let mut stored = Vec::new();
         for job in jobs {
             let mut life = job.lock();
@@ -291,14 +288,22 @@ impl Store {
             life.keeping = Keeping::Forgotten;
         }
         if stored.is_empty() {
-            return None;
+            return Ok(None);
         }
-        match self.place().await {
-            Ok(place) => place.map(|place| place.send(Change::forgotten(stored), drop)),
-            Err(error) => {
-                tracing::error!(%error, jobs = stored.len(), "forgotten jobs stay on the disk");
-                None
-            }
+        Ok(self.place().await?.map(|place| place.send(Change::forgotten(stored), drop)))
+    }
+
+    /// Removes jobs from the disk, which nobody waits for.
+    async fn tidy(&self, jobs: Vec<Arc<Job>>) {
+        if let Err(error) = self.erase(jobs).await {
+            tracing::error!(%error, "forgotten jobs stay on the disk until the next start");
         }
+    }
+}
+
+async fn written(answer: Option<Answer>) -> Result<(), Unwritable> {
+    match answer {
+        Some(answer) => answer.written().await,
+        None => Ok(()),
     }
 }
