@@ -3,6 +3,7 @@
 pub mod check;
 pub mod data;
 pub mod methods;
+pub mod report;
 pub mod serve;
 pub mod solve;
 pub mod token;

@@ -8,6 +8,7 @@ mod integrate;
 pub mod pictures;
 mod rigid_bodies;
 mod run;
+mod study;
 mod trajectory;
 
 pub use contact::{ContactPlan, describe_contact, integrate_contact};
@@ -15,6 +16,7 @@ pub use diagnostics::{Contraction, Diagnostics, Evaluations, Face, GlobalError, 
 pub use integrate::{describe, integrate};
 pub use rigid_bodies::{describe_rigid_bodies, step_rigid_bodies};
 pub use run::{Plan, Stepper, run};
+pub use study::{Series, Study, StudyRun};
 pub use trajectory::{Event, EventKind, Field, Trajectory};
 
 use serde::{Deserialize, Serialize};
@@ -58,4 +60,7 @@ pub struct Solution {
     /// The evidence, which is not read back: it is written for people.
     #[serde(skip_deserializing)]
     pub diagnostics: Diagnostics,
+    /// Error against run time, where it was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub study: Option<Study>,
 }
