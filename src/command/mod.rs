@@ -1,10 +1,13 @@
 //! What the subcommands share: exit codes, reading a specification, and telling what is wrong with one.
 
 pub mod check;
+pub mod data;
 pub mod healthcheck;
 pub mod methods;
+pub mod report;
 pub mod serve;
 pub mod solve;
+pub mod token;
 
 use dvi::specification::{Specification, SpecificationError};
 use std::fmt::Write as _;

@@ -8,6 +8,7 @@ mod integrate;
 pub mod pictures;
 mod rigid_bodies;
 mod run;
+mod study;
 mod trajectory;
 
 pub use contact::{ContactPlan, describe_contact, integrate_contact};
@@ -15,12 +16,14 @@ pub use diagnostics::{Contraction, Diagnostics, Evaluations, Face, GlobalError, 
 pub use integrate::{describe, integrate};
 pub use rigid_bodies::{describe_rigid_bodies, step_rigid_bodies};
 pub use run::{Plan, Stepper, run};
+pub use study::{Series, Study, StudyRun};
 pub use trajectory::{Event, EventKind, Field, Trajectory};
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 
 /// How a solve ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Status {
     /// The end time was reached.
@@ -32,10 +35,10 @@ pub enum Status {
 }
 
 /// Why a solve did not reach its end time.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Failure {
     /// A stable word for programs, such as `step_too_small`.
-    pub code: &'static str,
+    pub code: Cow<'static, str>,
     /// What happened and what to try, for people.
     pub message: String,
     /// The time reached.
@@ -45,7 +48,7 @@ pub struct Failure {
 }
 
 /// The answer to a specification. Every number in it is finite.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Solution {
     /// How it ended.
     pub status: Status,
@@ -54,6 +57,10 @@ pub struct Solution {
     pub error: Option<Failure>,
     /// Values over time.
     pub trajectory: Trajectory,
-    /// The evidence.
+    /// The evidence, which is not read back: it is written for people.
+    #[serde(skip_deserializing)]
     pub diagnostics: Diagnostics,
+    /// Error against run time, where it was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub study: Option<Study>,
 }

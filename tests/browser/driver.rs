@@ -36,7 +36,11 @@ struct Wire {
 impl Page {
     /// The page of a server of its own, at `path`, loaded.
     pub fn open(name: &str, path: &str) -> Self {
-        let server = Server::start();
+        Self::of(Server::start(), name, path)
+    }
+
+    /// The page of `server`.
+    pub fn of(server: Server, name: &str, path: &str) -> Self {
         let profile = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(format!("browser-{name}"));
         let _ = std::fs::remove_dir_all(&profile);
         let program = std::env::var("DVI_CHROMIUM").unwrap_or_else(|_| "chromium".to_owned());

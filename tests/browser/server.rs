@@ -9,9 +9,25 @@ pub struct Server {
 }
 
 impl Server {
+    /// One for this machine alone, that keeps nothing.
     pub fn start() -> Self {
+        Self::start_with(&["--listen", "127.0.0.1:0", "--ephemeral"])
+    }
+
+    /// One that asks for tokens, and such a token.
+    pub fn guarded(name: &str) -> (Self, String) {
+        let data = format!("{}/{name}", env!("CARGO_TARGET_TMPDIR"));
+        let _ = std::fs::remove_dir_all(&data);
+        let create = ["token", "create", "--name", name, "--data", &data];
+        let token = Command::new(env!("CARGO_BIN_EXE_dvi")).args(create).output().unwrap().stdout;
+        let server = Self::start_with(&["--listen", "127.0.0.1:0", "--ask-tokens", "--data", &data]);
+        (server, String::from_utf8(token).unwrap().trim().to_owned())
+    }
+
+    fn start_with(arguments: &[&str]) -> Self {
         let mut child = Command::new(env!("CARGO_BIN_EXE_dvi"))
-            .args(["serve", "--listen", "127.0.0.1:0"])
+            .arg("serve")
+            .args(arguments)
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();

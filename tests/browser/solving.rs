@@ -1,6 +1,7 @@
 //! From a specification to a plot, by the keyboard.
 
 use crate::driver::Page;
+use crate::server::Server;
 use std::fs;
 use std::path::PathBuf;
 
@@ -120,5 +121,21 @@ fn markup_in_a_label_is_text() {
     page.solve(&DECAY.replace("Decay", label));
     assert_eq!(page.text("#label"), label);
     assert_eq!(page.value("document.title"), "dvi");
+    assert_eq!(page.complaints(), Vec::<String>::new());
+}
+
+#[test]
+fn a_token_is_asked_for_where_the_service_wants_one() {
+    let (server, token) = Server::guarded("browser-token");
+    let page = Page::of(server, "token", "/");
+    page.replace_text(DECAY);
+    page.wait("!document.getElementById('access').hidden");
+    page.tab_to("#token");
+    page.paste(&token);
+    page.tab_to("#use");
+    page.press("Enter", false);
+    page.wait("document.getElementById('check').innerText.startsWith('Correct')");
+    page.solve(DECAY);
+    assert_eq!(page.text("#label"), "Decay");
     assert_eq!(page.complaints(), Vec::<String>::new());
 }

@@ -288,6 +288,13 @@ async function start() {
   byId("example").addEventListener("change", async (event) => {
     if (event.target.value !== "") editor.text = await service.example(event.target.value);
   });
+  addEventListener("tokenrequired", () => (byId("access").hidden = false));
+  byId("use").addEventListener("click", () => {
+    service.useToken(byId("token").value.trim());
+    byId("access").hidden = true;
+    checkText();
+    openAddressed();
+  });
   addEventListener("hashchange", openAddressed);
   listJobs();
   try {

@@ -7,14 +7,20 @@ export class Refused extends Error {
   }
 }
 
+// Where the service asks for a token, it is kept until the tab is closed, and told with every request.
+const token = () => sessionStorage.getItem("token");
+export const useToken = (text) => sessionStorage.setItem("token", text);
+
 async function ask(address, options = {}) {
+  const headers = token() ? { ...options.headers, authorization: `Bearer ${token()}` } : options.headers;
   let response;
   try {
-    response = await fetch(address, options);
+    response = await fetch(address, { ...options, headers });
   } catch {
     throw new Refused({ title: "The service does not answer", detail: "The service does not answer.", errors: [] });
   }
   if (response.ok) return response;
+  if (response.status === 401) dispatchEvent(new Event("tokenrequired"));
   const type = response.headers.get("content-type") ?? "";
   const problem = type.includes("json") ? await response.json() : { title: `The service answered ${response.status}` };
   const wait = response.headers.get("retry-after");

@@ -7,7 +7,7 @@ use roxmltree::Node;
 fn solution(t: Vec<f64>, columns: Vec<Vec<f64>>) -> Solution {
     let field = |(k, values)| Field { name: format!("x{k}"), values };
     let trajectory = Trajectory { t, fields: columns.into_iter().enumerate().map(field).collect(), events: vec![] };
-    Solution { status: Status::Completed, error: None, trajectory, diagnostics: Diagnostics::default() }
+    Solution { status: Status::Completed, error: None, trajectory, diagnostics: Diagnostics::default(), study: None }
 }
 
 /// Draws, reads the picture back and gives it to `look`.
@@ -145,6 +145,6 @@ fn what_a_user_wrote_is_text_and_not_markup() {
 fn a_solve_that_did_not_reach_its_end_says_so() {
     let mut solution = solution(vec![0.0, 1.0], vec![vec![0.0, 1.0]]);
     solution.status = Status::Failed;
-    solution.error = Some(Failure { code: "step_too_small", message: String::new(), time: 1.5, state: vec![] });
+    solution.error = Some(Failure { code: "step_too_small".into(), message: String::new(), time: 1.5, state: vec![] });
     drawn(&solution, None, |picture| assert!(words(picture).contains("failed at t = 1.5: step_too_small")));
 }
