@@ -20,9 +20,10 @@ pub use study::{Series, Study, StudyRun};
 pub use trajectory::{Event, EventKind, Field, Trajectory};
 
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 
 /// How a solve ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Status {
     /// The end time was reached.
@@ -34,10 +35,10 @@ pub enum Status {
 }
 
 /// Why a solve did not reach its end time.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Failure {
     /// A stable word for programs, such as `step_too_small`.
-    pub code: &'static str,
+    pub code: Cow<'static, str>,
     /// What happened and what to try, for people.
     pub message: String,
     /// The time reached.
@@ -47,7 +48,7 @@ pub struct Failure {
 }
 
 /// The answer to a specification. Every number in it is finite.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Solution {
     /// How it ended.
     pub status: Status,
@@ -56,7 +57,8 @@ pub struct Solution {
     pub error: Option<Failure>,
     /// Values over time.
     pub trajectory: Trajectory,
-    /// The evidence.
+    /// The evidence, which is not read back: it is written for people.
+    #[serde(skip_deserializing)]
     pub diagnostics: Diagnostics,
     /// Error against run time, where it was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
