@@ -3,6 +3,7 @@
 
 pub mod circuit;
 pub mod filippov;
+pub mod finite_elements;
 mod linear;
 mod mechanical;
 mod mechanical_model;
