@@ -2,6 +2,7 @@
 //! names that their columns go by.
 
 pub mod circuit;
+pub mod elastic;
 pub mod filippov;
 pub mod finite_elements;
 mod linear;

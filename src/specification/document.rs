@@ -2,6 +2,7 @@
 
 use super::circuit::CircuitProblem;
 use super::dvi::DviProblem;
+use super::elastic::ElasticProblem;
 use super::filippov::FilippovProblem;
 use super::lcs::LcsProblem;
 use super::mechanical::MechanicalProblem;
@@ -58,6 +59,8 @@ pub enum Problem {
     Filippov(FilippovProblem),
     /// An electrical circuit with ideal diodes and switches, in components or as a netlist.
     Circuit(CircuitProblem),
+    /// An elastic or viscoelastic body in dynamic contact with obstacles.
+    Elastic(Box<ElasticProblem>),
 }
 
 /// The time horizon, in seconds unless the model says otherwise.

@@ -13,6 +13,7 @@ mod circuit;
 mod deserializer;
 mod document;
 mod dvi;
+mod elastic;
 mod error;
 mod expression;
 mod filippov;
@@ -30,6 +31,7 @@ mod output;
 mod parameters;
 mod place;
 mod plan;
+mod range;
 mod reading;
 mod repairs;
 mod rigid_bodies;
@@ -49,6 +51,9 @@ pub use circuit::{
 };
 pub use document::{Document, Limits, Problem, Reserved, Time};
 pub use dvi::{DviProblem, State, Variable};
+pub use elastic::{
+    BarBody, BoxBody, ElasticBody, ElasticContact, ElasticProblem, ElasticStart, PlaneLaw, RectangleBody, StringBody,
+};
 pub use error::SpecificationError;
 pub use expression::Expression;
 pub use filippov::{FilippovProblem, FilippovRegion, FilippovState};
