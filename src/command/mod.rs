@@ -2,6 +2,7 @@
 
 pub mod check;
 pub mod methods;
+pub mod report;
 pub mod serve;
 pub mod solve;
 

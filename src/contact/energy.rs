@@ -84,7 +84,6 @@ impl Energy {
     }
 }
 
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "the serialiser hands out references")]
 fn is_none(energy: &f64) -> bool {
     *energy == 0.0
 }

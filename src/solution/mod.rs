@@ -9,6 +9,7 @@ mod integrate;
 pub mod pictures;
 mod rigid_bodies;
 mod run;
+mod study;
 mod trajectory;
 
 pub use contact::{ContactPlan, describe_contact, integrate_contact};
@@ -16,12 +17,13 @@ pub use diagnostics::{Contraction, Diagnostics, Evaluations, Face, GlobalError, 
 pub use integrate::{describe, integrate};
 pub use rigid_bodies::{describe_rigid_bodies, step_rigid_bodies};
 pub use run::{Plan, Stepper, run};
+pub use study::{Series, Study, StudyRun};
 pub use trajectory::{Event, EventKind, Field, Trajectory};
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// How a solve ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Status {
     /// The end time was reached.
@@ -57,4 +59,7 @@ pub struct Solution {
     pub trajectory: Trajectory,
     /// The evidence.
     pub diagnostics: Diagnostics,
+    /// Error against run time, where it was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub study: Option<Study>,
 }

@@ -15,6 +15,7 @@ mod document;
 mod dvi;
 mod elastic;
 mod error;
+mod examples;
 mod expression;
 mod filippov;
 mod json;
@@ -39,6 +40,7 @@ mod schema;
 mod set;
 mod stages;
 mod start;
+mod study;
 mod summary;
 mod times;
 mod tolerance;
@@ -49,12 +51,13 @@ pub use checked::Specification;
 pub use circuit::{
     Capacitor, CircuitProblem, Component, CurrentSource, Diode, Inductor, Resistor, Switch, VoltageSource, Zener,
 };
-pub use document::{Document, Limits, Problem, Reserved, Time};
+pub use document::{Document, Limits, Problem, Time};
 pub use dvi::{DviProblem, State, Variable};
 pub use elastic::{
     BarBody, BoxBody, ElasticBody, ElasticContact, ElasticProblem, ElasticStart, PlaneLaw, RectangleBody, StringBody,
 };
 pub use error::SpecificationError;
+pub use examples::{EXAMPLES, Example};
 pub use expression::Expression;
 pub use filippov::{FilippovProblem, FilippovRegion, FilippovState};
 pub use lcs::LcsProblem;
@@ -70,6 +73,7 @@ pub use rigid_bodies::{
 pub use schema::json_schema;
 pub use set::{BallBlock, Block, BoxBlock, PolyhedronBlock};
 pub use stages::Stages;
+pub use study::{Exact, Rung, StudyPlan, StudyRequest};
 pub use summary::Summary;
 pub use times::Times;
 pub use tolerance::AbsoluteTolerance;

@@ -14,3 +14,4 @@ mod rigid_bodies;
 mod schema;
 mod semantics;
 mod structure;
+mod study;

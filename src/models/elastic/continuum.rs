@@ -78,3 +78,45 @@ impl Continuum {
         element.volume() / (1_u32 << self.grid.dimension()) as f64
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::expression::Graph;
+    use crate::models::finite_elements::Axis;
+
+    #[test]
+    fn the_mass_of_contact_nodes_goes_inwards_and_none_is_lost() {
+        let mut graph = Graph::new();
+        let zero = graph.constant(0.0);
+        let axis = |upper, elements| Axis { lower: 0.0, upper, elements };
+        let grid = Grid::new(vec![axis(3.0, 3), axis(2.0, 2)]);
+        let contact = |node: usize| ContactNode {
+            displacement: 2 * node + 1,
+            towards: -1.0,
+            gap: zero,
+            carriers: vec![2 * (node + 4) + 1],
+            friction: 0.0,
+            tangential: Vec::new(),
+            side: 0,
+        };
+        let continuum = Continuum {
+            components: 2,
+            density: 5.0,
+            lame: Lame::solid(1.0, 0.3),
+            relaxation: 0.0,
+            loads: vec![zero; 24],
+            clamped: vec![false; 24],
+            contacts: (0..4).map(contact).collect(),
+            grid,
+        };
+        let masses = continuum.masses();
+        for component in 0..2 {
+            let total: f64 = masses.iter().skip(component).step_by(2).sum();
+            assert!((total - 30.0).abs() < 1e-12, "{component}: {total}");
+        }
+        // Along the obstacle the corner keeps a quarter of an element, towards it nothing.
+        assert_eq!((masses[0], masses[1]), (1.25, 0.0));
+        assert_eq!((masses[8], masses[9]), (2.5, 3.75));
+    }
+}

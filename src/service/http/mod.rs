@@ -17,7 +17,6 @@ mod schema;
 mod solve;
 mod status;
 
-pub use examples::{EXAMPLES, Example};
 pub use problem::{Kind, Problem};
 
 use super::Options;

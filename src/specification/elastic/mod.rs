@@ -146,8 +146,8 @@ fn open_questions(geometry: &Geometry, continuum: &Continuum) -> Vec<Warning> {
     if !elastic || geometry.grid.dimension() == 1 {
         return Vec::new();
     }
-    let message = "without viscosity, existence and uniqueness for the body itself are open; what is solved on its \
-                   elements is unique and conserves energy. With `viscosity` above 0 solutions exist"
+    let message = "without viscosity, existence and uniqueness for the body itself are open, whatever holds for its \
+                   elements; with `viscosity` above 0 solutions exist"
         .to_owned();
     vec![Warning { code: "uniqueness_open", message }]
 }
