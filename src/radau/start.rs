@@ -55,6 +55,12 @@ impl Radau<'_> {
         if !instants.iter().any(|instant| self.probe(instant * self.h, false)) {
             return Err(self.no_start());
         }
+        // States without mass have no past: beside bounded variables they start where their equations put them.
+        for (state, (y, z)) in self.y.iter_mut().zip(&mut self.switching.probe.stages.z[..n]).enumerate() {
+            if !self.system.bounded.is_empty() && !self.system.layout.has_mass[state] {
+                *y += std::mem::take(z);
+            }
+        }
         let jumps = self.switching.probe.stages.z[..n].iter().zip(&self.control.weight).map(|(z, w)| (z * w).abs());
         let worst = jumps.enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
         if let Some((state, size)) = worst
