@@ -3,6 +3,7 @@
 mod contact;
 mod diagnostics;
 pub mod encodings;
+mod energy_balance;
 mod global_error;
 mod integrate;
 pub mod pictures;
