@@ -19,6 +19,7 @@
 
 pub mod analysis;
 pub mod contact;
+pub mod convolution;
 pub mod expression;
 pub mod factorisation;
 pub mod models;
