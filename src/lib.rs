@@ -51,6 +51,10 @@ pub fn solve(specification: &Specification, control: &Control) -> Solution {
             let (settings, analysis) = (specification.contact_plan().settings, specification.analysis());
             solution::step_rigid_bodies(scene, &plan, &settings, analysis, control)
         }
+        Model::Convolution(model) => {
+            let (convolution, analysis) = (specification.convolution_plan(model), specification.analysis());
+            solution::integrate_convolution(model, &plan, &convolution, analysis, control)
+        }
     };
     solution.diagnostics.warnings.extend(model.warnings().iter().cloned());
     solution

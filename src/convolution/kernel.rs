@@ -50,6 +50,11 @@ impl Function {
         Self { exponent: alpha.fract(), factor: None, integrations: alpha.trunc() as usize }
     }
 
+    /// The exponent of the integrated function, where the factor is not zero at zero.
+    pub fn index(&self) -> f64 {
+        self.exponent + self.integrations as f64
+    }
+
     /// The first `length` weights for steps of `h`.
     ///
     /// # Errors

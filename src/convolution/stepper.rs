@@ -10,7 +10,7 @@
 use super::history::{History, Part};
 use super::kernel::{Kernel, NoWeights};
 use super::weights::Weights;
-use crate::problem::{Control, ConvexSet, Dvi, MovingBound, Side};
+use crate::problem::{Control, ConvexSet, Dvi, MovingBound, Side, Workspace};
 use crate::radau::Tableau;
 use crate::vi::{AffineVi, Outcome, SolverKind, ViSolver};
 use nalgebra::DMatrix;
@@ -88,7 +88,7 @@ impl StepError {
 pub struct Convolution<'p> {
     /// The tableau.
     pub tableau: &'static Tableau,
-    problem: &'p mut dyn Dvi,
+    forcing: Forcing<'p>,
     history: History,
     /// `D W_0`, stage by stage.
     matrix: DMatrix<f64>,
@@ -107,11 +107,20 @@ pub struct Convolution<'p> {
     pub w: Vec<f64>,
     /// The integral of `z` to the beginning of the last step.
     pub integral: Vec<f64>,
-    values: Vec<f64>,
     past: Vec<f64>,
     q: Vec<f64>,
     /// The pivots and iterations of the solver.
     pub iterations: u64,
+    lagrange: Vec<f64>,
+    increments: Vec<f64>,
+    work: Workspace,
+}
+
+/// `q` and the moving bounds, as functions of time.
+struct Forcing<'p> {
+    problem: &'p mut dyn Dvi,
+    zeros: Vec<f64>,
+    values: Vec<f64>,
 }
 
 impl<'p> Convolution<'p> {
@@ -143,11 +152,11 @@ impl<'p> Convolution<'p> {
         for (i, mut row) in matrix.row_iter_mut().enumerate() {
             row *= tableau.d[i / m];
         }
-        let rows = problem.structure().rows();
+        let values = vec![0.0; problem.structure().rows()];
         Ok(Self {
             tableau,
             set: problem.structure().set.power(s),
-            problem,
+            forcing: Forcing { problem, zeros: vec![0.0; m], values },
             history: History::new(s, m, steps, parts),
             matrix,
             first,
@@ -158,10 +167,12 @@ impl<'p> Convolution<'p> {
             z: vec![0.0; s * m],
             w: vec![0.0; s * m],
             integral: vec![0.0; m],
-            values: vec![0.0; rows],
             past: vec![0.0; s * m],
             q: vec![0.0; s * m],
             iterations: 0,
+            lagrange: vec![0.0; s],
+            increments: vec![0.0; s],
+            work: Workspace::default(),
         })
     }
 
@@ -209,8 +220,8 @@ impl<'p> Convolution<'p> {
         self.history.contribution(&mut self.past);
         for i in 0..self.tableau.stages() {
             let t = self.start + (steps as f64 + self.tableau.c[i]) * self.h;
-            place_set(self.problem, t, &mut self.values, i * m, &mut self.set)?;
-            for (past, q) in self.past[i * m..].iter_mut().zip(&self.values[..m]) {
+            let q = self.forcing.at(t, i * m, &mut self.set)?;
+            for (past, q) in self.past[i * m..].iter_mut().zip(q) {
                 *past += q;
             }
         }
@@ -258,10 +269,10 @@ impl<'p> Convolution<'p> {
     pub fn interpolate(&mut self, theta: f64, set: &mut ConvexSet, out: &mut [f64]) -> Result<(), StepError> {
         let (s, m) = (self.tableau.stages(), self.variables());
         let t = self.start + (self.steps() as f64 - 1.0 + theta) * self.h;
-        place_set(self.problem, t, &mut self.values, 0, set)?;
-        let (mut lagrange, mut increments) = (vec![0.0; s], vec![0.0; s]);
-        self.tableau.stages_at(theta, &mut lagrange);
-        self.tableau.increments_at(theta, &mut increments);
+        self.forcing.at(t, 0, set)?;
+        self.tableau.stages_at(theta, &mut self.lagrange);
+        self.tableau.increments_at(theta, &mut self.increments);
+        let (lagrange, increments) = (&self.lagrange, &self.increments);
         let (z, rest) = out.split_at_mut(m);
         let (integral, w) = rest.split_at_mut(m);
         for k in 0..m {
@@ -270,7 +281,7 @@ impl<'p> Convolution<'p> {
             let increment = |i: usize| (0..s).map(|j| self.tableau.a[(i, j)] * self.z[j * m + k]).sum::<f64>();
             integral[k] = self.integral[k] + self.h * (0..s).map(|i| increments[i] * increment(i)).sum::<f64>();
         }
-        set.project_all(z, &mut crate::problem::Workspace::default());
+        set.project_all(z, &mut self.work);
         Ok(())
     }
 }
@@ -289,26 +300,22 @@ fn first(s: usize, m: usize, parts: &[Part]) -> DMatrix<f64> {
     matrix
 }
 
-/// Evaluates `q` and the moving bounds at `t`, and sets those of the variables from `offset` on in `set`.
-fn place_set(
-    problem: &mut dyn Dvi,
-    t: f64,
-    values: &mut [f64],
-    offset: usize,
-    set: &mut ConvexSet,
-) -> Result<(), StepError> {
-    let m = problem.structure().variables;
-    problem.evaluate(t, &vec![0.0; m], values);
-    if let Some(row) = values.iter().position(|value| !value.is_finite()) {
-        return Err(StepError::NotFinite { row, t });
-    }
-    for (moving, &value) in problem.structure().moving.iter().zip(&values[m..]) {
-        let MovingBound { variable, side } = *moving;
-        let place = offset + variable;
-        MovingBound { variable: place, side }.place(value, set);
-        if set.lower[place] > set.upper[place] || (side == Side::Radius && value < 0.0) {
-            return Err(StepError::EmptySet { variable, t });
+impl Forcing<'_> {
+    /// Gives `q` at `t`, and sets the bounds that move for the variables from `offset` on in `set`.
+    fn at(&mut self, t: f64, offset: usize, set: &mut ConvexSet) -> Result<&[f64], StepError> {
+        self.problem.evaluate(t, &self.zeros, &mut self.values);
+        if let Some(row) = self.values.iter().position(|value| !value.is_finite()) {
+            return Err(StepError::NotFinite { row, t });
         }
+        let (q, bounds) = self.values.split_at(self.zeros.len());
+        for (moving, &value) in self.problem.structure().moving.iter().zip(bounds) {
+            let MovingBound { variable, side } = *moving;
+            let place = offset + variable;
+            MovingBound { variable: place, side }.place(value, set);
+            if set.lower[place] > set.upper[place] || (side == Side::Radius && value < 0.0) {
+                return Err(StepError::EmptySet { variable, t });
+            }
+        }
+        Ok(q)
     }
-    Ok(())
 }

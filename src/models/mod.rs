@@ -2,6 +2,7 @@
 //! names that their columns go by.
 
 pub mod circuit;
+mod convolution;
 pub mod filippov;
 mod linear;
 mod mechanical;
@@ -11,6 +12,7 @@ mod outputs;
 pub mod rigid_bodies;
 mod symbolic;
 
+pub use convolution::ConvolutionModel;
 pub use linear::{Linear, LinearRows};
 pub use mechanical::{MechanicalRows, SymbolicMechanics, Underivable};
 pub use mechanical_model::{ENERGIES, MechanicalModel};

@@ -1,6 +1,7 @@
 //! The document as a whole: what a user posts, before it is checked.
 
 use super::circuit::CircuitProblem;
+use super::convolution::ConvolutionProblem;
 use super::dvi::DviProblem;
 use super::filippov::FilippovProblem;
 use super::lcs::LcsProblem;
@@ -58,6 +59,8 @@ pub enum Problem {
     Filippov(FilippovProblem),
     /// An electrical circuit with ideal diodes and switches, in components or as a netlist.
     Circuit(CircuitProblem),
+    /// A problem with memory: an inequality for the convolution of the variables with a kernel.
+    Convolution(ConvolutionProblem),
 }
 
 /// The time horizon, in seconds unless the model says otherwise.
