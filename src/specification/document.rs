@@ -1,6 +1,7 @@
 //! The document as a whole: what a user posts, before it is checked.
 
 use super::circuit::CircuitProblem;
+use super::convolution::ConvolutionProblem;
 use super::dvi::DviProblem;
 use super::elastic::ElasticProblem;
 use super::expression::Expression;
@@ -57,6 +58,8 @@ pub enum Problem {
     Filippov(FilippovProblem),
     /// An electrical circuit with ideal diodes and switches, in components or as a netlist.
     Circuit(CircuitProblem),
+    /// A problem with memory: an inequality for the convolution of the variables with a kernel.
+    Convolution(ConvolutionProblem),
     /// An elastic or viscoelastic body in dynamic contact with obstacles.
     Elastic(Box<ElasticProblem>),
 }
@@ -97,7 +100,8 @@ impl Problem {
             Self::RigidBodies(_) => ("rigid_bodies", &NO_PARAMETERS),
             Self::Filippov(problem) => ("filippov", &problem.parameters),
             Self::Circuit(problem) => ("circuit", &problem.parameters),
-            Self::Elastic(problem) => ("circuit", &problem.parameters),
+            Self::Elastic(problem) => ("elastic", &problem.parameters),
+            Self::Convolution(problem) => ("convolution", &problem.parameters),
         }
     }
 }
