@@ -38,7 +38,8 @@ pub fn product_integration(
     control: &Control,
 ) -> Result<Weights, NoWeights> {
     let s = tableau.stages();
-    let (singular, near, far) = (gauss_jacobi(NEAR, exponent - 1.0), gauss_jacobi(NEAR, 0.0), gauss_jacobi(s + FAR, 0.0));
+    let (singular, near, far) =
+        (gauss_jacobi(NEAR, exponent - 1.0), gauss_jacobi(NEAR, 0.0), gauss_jacobi(s + FAR, 0.0));
     let mut weights = Weights::zeros(s, length);
     let mut lagrange = vec![0.0; s];
     let mut value = [0.0];
