@@ -16,7 +16,7 @@ use super::tableau::Tableau;
 /// How long the step that finds a face is, beside the steps of the run.
 const PROBE: f64 = 1e-4;
 /// How long the step is that shows whether a start is consistent, beside the steps of the run: the shortest of these whose
-/// equations are regular. Constraints hidden in combinations of the rows of `M x' = F` are lost to rounding beside `M/h`.
+/// equations are solved. Constraints hidden in combinations of the rows of `M x' = F` are lost to rounding beside `M/h`.
 const INSTANTS: [f64; 4] = [1e-12, 1e-10, 1e-8, 1e-6];
 
 /// The implicit Euler step that finds a face.
@@ -51,8 +51,7 @@ impl Radau<'_> {
         {
             consistent.solve(&mut self.system, &self.control, self.t, &mut self.y);
         }
-        let instants = if self.system.bounded.is_empty() { &INSTANTS[..] } else { &INSTANTS[..1] };
-        if !instants.iter().any(|instant| self.probe(instant * self.h, false)) {
+        if !INSTANTS.iter().any(|instant| self.probe(instant * self.h, false)) {
             return Err(self.no_start());
         }
         // States without mass have no past: beside bounded variables they start where their equations put them.
