@@ -3,6 +3,7 @@
 
 mod page;
 pub mod report;
+pub mod stability;
 
 pub use page::html;
 
