@@ -5,6 +5,7 @@
 //! active face are fine vertical marks. The picture is light or dark as its reader prefers.
 
 mod axis;
+mod double_logarithmic;
 mod elements;
 mod panel;
 mod thinning;
@@ -18,6 +19,7 @@ use std::io::{self, Write};
 use svg::Document;
 use svg::node::element::{Rectangle, Style, Title};
 
+pub use double_logarithmic::{Curve, double_logarithmic};
 pub use work_precision::work_precision;
 
 const MOST_PANELS: usize = 8;

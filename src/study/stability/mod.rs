@@ -1,8 +1,10 @@
 //! Stability at the limits, as a table: stiff and extreme problems over all steppers, each with what must come of it. The
 //! rows are data (`cases/*.json`), and a row that fails is told as one that fails.
 
+mod evidence;
 mod expectation;
 
+pub use evidence::Stability;
 pub use expectation::{Answer, Events, Expectation, Finding, Refusal};
 
 use crate::problem::Control;
