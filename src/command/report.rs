@@ -1,12 +1,13 @@
 //! `dvi report`: every system of the theory at a ladder of tolerances and steps, and stability at the limits, as one HTML
 //! page with its tables.
 
+use super::peers::Peers;
 use super::progress::Progress;
 use super::{UNWRITABLE, USAGE};
 use clap::Args;
 use dvi::specification::{EXAMPLES, Example};
 use dvi::study::html;
-use dvi::study::report::chapter;
+use dvi::study::report::{Chapter, chapter, picture};
 use dvi::study::stability::{Stability, parts};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -17,7 +18,8 @@ use std::process::ExitCode;
 
 /// Run every system of the theory and report error against run time, and stability at the limits
 ///
-/// Writes report.html, which needs nothing else, and a JSON and a CSV file for each system and for the stability table.
+/// Writes report.html, which needs nothing else, its main picture report.svg, and a JSON and a CSV file for each system and
+/// for the stability table.
 /// A report that was interrupted goes on where it stopped: what has its JSON file is not run again.
 #[derive(Args)]
 #[command(after_help = HELP, verbatim_doc_comment)]
@@ -33,6 +35,10 @@ pub struct Arguments {
     /// Run the stability chapter alone
     #[arg(long, conflicts_with = "only")]
     stability: bool,
+
+    /// Python programs that run the same systems, and whose points join the plots
+    #[arg(long, value_name = "DIR", default_value = "tests/peers")]
+    peers: PathBuf,
 
     /// Run again what has been run before
     #[arg(long)]
@@ -72,6 +78,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
 
 fn report(examples: &[&Example], arguments: &Arguments) -> io::Result<PathBuf> {
     let Arguments { out, only, fresh, .. } = arguments;
+    let peers = if examples.is_empty() { Peers::default() } else { Peers::in_folder(&arguments.peers) };
     fs::create_dir_all(out)?;
     let with_limits = only.is_empty();
     let limits_steps = if with_limits { parts().count() + MEASUREMENTS } else { 0 };
@@ -79,7 +86,11 @@ fn report(examples: &[&Example], arguments: &Arguments) -> io::Result<PathBuf> {
     let mut chapters = Vec::with_capacity(examples.len());
     for example in examples {
         progress.next(example.name);
-        let found = kept(out, example.name, *fresh, || chapter(example))?;
+        let found = kept(out, example.name, *fresh, || {
+            let mut chapter: Chapter = chapter(example)?;
+            chapter.series.extend(peers.solve(example.name));
+            Some(chapter)
+        })?;
         if let Some(chapter) = found {
             fs::write(out.join(format!("{}.csv", example.name)), chapter.csv())?;
             chapters.push(chapter);
@@ -93,8 +104,11 @@ fn report(examples: &[&Example], arguments: &Arguments) -> io::Result<PathBuf> {
         fs::write(out.join("stability.csv"), limits.as_ref().map(Stability::csv).unwrap_or_default())?;
     }
     progress.end();
+    if !chapters.is_empty() {
+        fs::write(out.join("report.svg"), picture(&chapters))?;
+    }
     let page = out.join("report.html");
-    fs::write(&page, html(&chapters, limits.as_ref()))?;
+    fs::write(&page, html(&chapters, limits.as_ref(), &peers.names()))?;
     Ok(page)
 }
 

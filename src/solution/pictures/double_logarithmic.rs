@@ -25,8 +25,8 @@ pub struct Curve {
 pub(super) struct Decades {
     pub low: i32,
     pub high: i32,
-    from: f64,
-    to: f64,
+    pub from: f64,
+    pub to: f64,
 }
 
 impl Decades {

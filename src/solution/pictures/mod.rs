@@ -7,6 +7,7 @@
 mod axis;
 mod double_logarithmic;
 mod elements;
+mod overview;
 mod panel;
 mod thinning;
 mod work_precision;
@@ -20,7 +21,8 @@ use svg::Document;
 use svg::node::element::{Rectangle, Style, Title};
 
 pub use double_logarithmic::{Curve, double_logarithmic};
-pub use work_precision::work_precision;
+pub use overview::overview;
+pub use work_precision::{curves, work_precision};
 
 const MOST_PANELS: usize = 8;
 const WIDTH: f64 = 760.0;

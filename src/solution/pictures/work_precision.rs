@@ -13,8 +13,8 @@ pub fn work_precision(series: &[Series], label: Option<&str>, reference: &str) -
     double_logarithmic(&curves(series), label.unwrap_or("Error against run time"), &below, "run time in s")
 }
 
-/// The runs that have an error.
-pub(super) fn curves(series: &[Series]) -> Vec<Curve> {
+/// The runs of each series that have an error.
+pub fn curves(series: &[Series]) -> Vec<Curve> {
     let point = |run: &StudyRun| Some((run.wall_seconds.max(1e-9), run.error_at_end?.max(LEAST_ERROR)));
     let curve =
         |series: &Series| Curve { name: series.method.clone(), points: series.runs.iter().filter_map(point).collect() };

@@ -3,19 +3,21 @@
 
 mod stability;
 
-use super::report::Chapter;
+use super::report::{Chapter, picture};
 use super::stability::Stability;
 use crate::solution::pictures::work_precision;
 use crate::solution::{Status, StudyRun};
 use std::fmt::Write as _;
 
-/// The page.
-pub fn html(chapters: &[Chapter], limits: Option<&Stability>) -> String {
+/// The page; `peers` says which other programs ran beside.
+pub fn html(chapters: &[Chapter], limits: Option<&Stability>, peers: &str) -> String {
     let mut page = format!("{}<style>{}</style>", include_str!("head.html"), include_str!("page.css"));
     if chapters.is_empty() {
         page += "<main>";
     } else {
         page += include_str!("top.html");
+        let _ = write!(page, "<p>Other programs, in the same run: {}.</p>", escaped(peers));
+        page += &picture(chapters);
         page += &overview(chapters);
         chapters.iter().for_each(|chapter| section(&mut page, chapter));
     }
@@ -33,7 +35,11 @@ fn overview(chapters: &[Chapter]) -> String {
         [
             format!("<a href=\"#{name}\">{name}</a>"),
             escaped(&chapter.title),
-            escaped(&chapter.reference),
+            if chapter.outside {
+                escaped(&chapter.reference)
+            } else {
+                format!("<em>{}</em>", escaped(&chapter.reference))
+            },
             number(&format!("{:.1e}", errors.fold(f64::NAN, f64::min))),
         ]
     });
@@ -110,8 +116,9 @@ mod tests {
         };
         let series = vec![Series { method: "3 stages".to_owned(), runs: vec![run] }];
         let title = "<script>alert(1)</script>".to_owned();
-        let chapter = Chapter { name: "relay".to_owned(), title, reference: "closed form".to_owned(), series };
-        let page = html(&[chapter], None);
+        let chapter =
+            Chapter { name: "relay".to_owned(), title, reference: "closed form".to_owned(), outside: true, series };
+        let page = html(&[chapter], None, "none");
         assert!(!page.contains("<script"), "{page}");
         assert!(page.contains("<span class=\"number\">failed</span>") && page.contains("3 stages"), "{page}");
     }
@@ -126,7 +133,7 @@ mod tests {
             seconds: 0.1,
         };
         let outcomes = vec![outcome("good", true), outcome("bad", false)];
-        let page = html(&[], Some(&Stability { outcomes, ..Stability::default() }));
+        let page = html(&[], Some(&Stability { outcomes, ..Stability::default() }), "none");
         assert!(page.contains("1 of 2") && page.contains("class=\"failed\""), "{page}");
     }
 }
