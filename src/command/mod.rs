@@ -4,6 +4,8 @@ pub mod check;
 pub mod data;
 pub mod healthcheck;
 pub mod methods;
+mod peers;
+mod progress;
 pub mod report;
 pub mod serve;
 pub mod solve;

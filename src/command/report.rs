@@ -1,18 +1,25 @@
-//! `dvi report`: every system of the theory at a ladder of tolerances and steps, as one HTML page with its tables.
+//! `dvi report`: every system of the theory at a ladder of tolerances and steps, and stability at the limits, as one HTML
+//! page with its tables.
 
+use super::peers::Peers;
+use super::progress::Progress;
 use super::{UNWRITABLE, USAGE};
 use clap::Args;
 use dvi::specification::{EXAMPLES, Example};
 use dvi::study::html;
-use dvi::study::report::{Chapter, chapter};
+use dvi::study::report::{Chapter, chapter, picture};
+use dvi::study::stability::{Stability, parts};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Run every system of the theory and report error against run time
+/// Run every system of the theory and report error against run time, and stability at the limits
 ///
-/// Writes report.html, which needs nothing else, and a JSON and a CSV file for each system.
+/// Writes report.html, which needs nothing else, its main picture report.svg, and a JSON and a CSV file for each system and
+/// for the stability table.
 /// A report that was interrupted goes on where it stopped: what has its JSON file is not run again.
 #[derive(Args)]
 #[command(after_help = HELP, verbatim_doc_comment)]
@@ -25,6 +32,14 @@ pub struct Arguments {
     #[arg(long, value_name = "NAME")]
     only: Vec<String>,
 
+    /// Run the stability chapter alone
+    #[arg(long, conflicts_with = "only")]
+    stability: bool,
+
+    /// Python programs that run the same systems, and whose points join the plots
+    #[arg(long, value_name = "DIR", default_value = "tests/peers")]
+    peers: PathBuf,
+
     /// Run again what has been run before
     #[arg(long)]
     fresh: bool,
@@ -33,20 +48,23 @@ pub struct Arguments {
 const HELP: &str = "\
 Examples:
   dvi report
+  dvi report --stability
   dvi report --only friction_belt --only relay --out belt";
+
+/// Steps of progress in the stability chapter beside the parts of its table.
+const MEASUREMENTS: usize = 3;
 
 /// Runs and writes; progress goes to standard error.
 pub fn run(arguments: &Arguments) -> ExitCode {
-    let examples: Vec<&Example> = EXAMPLES
-        .iter()
-        .filter(|example| arguments.only.is_empty() || arguments.only.iter().any(|name| name == example.name))
-        .collect();
+    let wanted = |name: &str| arguments.only.is_empty() || arguments.only.iter().any(|only| only == name);
+    let examples: Vec<&Example> =
+        EXAMPLES.iter().filter(|example| !arguments.stability && wanted(example.name)).collect();
     if let Some(unknown) = arguments.only.iter().find(|name| EXAMPLES.iter().all(|example| example.name != *name)) {
         let names: Vec<&str> = EXAMPLES.iter().map(|example| example.name).collect();
         eprintln!("dvi: no system is called `{unknown}`; there are {}", names.join(", "));
         return ExitCode::from(USAGE);
     }
-    match report(&examples, &arguments.out, arguments.fresh) {
+    match report(&examples, arguments) {
         Ok(page) => {
             println!("{}", page.display());
             ExitCode::SUCCESS
@@ -58,20 +76,60 @@ pub fn run(arguments: &Arguments) -> ExitCode {
     }
 }
 
-fn report(examples: &[&Example], out: &Path, fresh: bool) -> io::Result<PathBuf> {
+fn report(examples: &[&Example], arguments: &Arguments) -> io::Result<PathBuf> {
+    let Arguments { out, only, fresh, .. } = arguments;
+    let peers = if examples.is_empty() { Peers::default() } else { Peers::in_folder(&arguments.peers) };
     fs::create_dir_all(out)?;
+    let with_limits = only.is_empty();
+    let limits_steps = if with_limits { parts().count() + MEASUREMENTS } else { 0 };
+    let mut progress = Progress::new(examples.len() + limits_steps);
     let mut chapters = Vec::with_capacity(examples.len());
-    for (k, example) in examples.iter().enumerate() {
-        eprintln!("[{:>2}/{}] {}", k + 1, examples.len(), example.name);
-        let file = out.join(format!("{}.json", example.name));
-        let known = (!fresh).then(|| fs::read(&file).ok()).flatten();
-        let known = known.and_then(|text| serde_json::from_slice::<Chapter>(&text).ok());
-        let Some(chapter) = known.or_else(|| chapter(example)) else { continue };
-        fs::write(&file, serde_json::to_vec_pretty(&chapter)?)?;
-        fs::write(out.join(format!("{}.csv", example.name)), chapter.csv())?;
-        chapters.push(chapter);
+    for example in examples {
+        progress.next(example.name);
+        let found = kept(out, example.name, *fresh, || {
+            let mut chapter: Chapter = chapter(example)?;
+            chapter.series.extend(peers.solve(example.name));
+            Some(chapter)
+        })?;
+        if let Some(chapter) = found {
+            fs::write(out.join(format!("{}.csv", example.name)), chapter.csv())?;
+            chapters.push(chapter);
+        }
+    }
+    let mut limits: Option<Stability> = None;
+    if with_limits {
+        let measure =
+            || Some(Stability::measure(|part| progress.next(&format!("stability: {}", part.replace('_', " ")))));
+        limits = kept(out, "stability", *fresh, measure)?;
+        fs::write(out.join("stability.csv"), limits.as_ref().map(Stability::csv).unwrap_or_default())?;
+    }
+    progress.end();
+    if !chapters.is_empty() {
+        fs::write(out.join("report.svg"), picture(&chapters))?;
     }
     let page = out.join("report.html");
-    fs::write(&page, html(&chapters))?;
+    fs::write(&page, html(&chapters, limits.as_ref(), &peers.names()))?;
     Ok(page)
+}
+
+/// What a JSON file holds from before, or else what is measured now, and kept there.
+fn kept<T: Serialize + DeserializeOwned>(
+    out: &Path,
+    name: &str,
+    fresh: bool,
+    measure: impl FnOnce() -> Option<T>,
+) -> io::Result<Option<T>> {
+    let file = out.join(format!("{name}.json"));
+    let known = (!fresh).then(|| fs::read(&file).ok()).flatten();
+    if let Some(known) = known.and_then(|text| serde_json::from_slice(&text).ok()) {
+        return Ok(Some(known));
+    }
+    let found = measure();
+    if let Some(found) = &found {
+        // A file that is there is whole, whenever the run is interrupted.
+        let part = out.join(format!("{name}.json.part"));
+        fs::write(&part, serde_json::to_vec_pretty(found)?)?;
+        fs::rename(&part, &file)?;
+    }
+    Ok(found)
 }

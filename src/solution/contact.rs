@@ -315,6 +315,9 @@ pub fn describe_contact(model: &MechanicalModel, contact: &ContactPlan, analysis
     if contacts.iter().any(|contact| contact.slips > 0) {
         diagnostics.built.push("friction");
     }
+    if contacts.iter().any(|contact| contact.restitution > 0.0) {
+        diagnostics.built.push("restitution");
+    }
     if structure.joints > 0 {
         diagnostics.built.push("joints");
     }

@@ -352,6 +352,17 @@ pub fn describe_convolution(model: &ConvolutionModel, plan: &ConvolutionPlan, an
         let message = format!("uniqueness is not guaranteed: {}", analysis.because);
         diagnostics.warnings.push(Warning { code: "uniqueness_not_guaranteed", message });
     }
+    let other = if is_power {
+        "product integration: the kernel is a power of time"
+    } else {
+        "convolution quadrature: the kernel is no power of time"
+    };
+    diagnostics.left_out.push(other.to_owned());
+    if model.forcing.structure().moving.is_empty() {
+        diagnostics.left_out.push("new bounds: they are constant".to_owned());
+    } else {
+        diagnostics.built.push("moving bounds");
+    }
     match plan.mesh {
         Mesh::Fixed(_) => diagnostics.left_out.push("error estimate: the step is fixed".to_owned()),
         Mesh::Halved { .. } => diagnostics.built.push("halved steps"),

@@ -25,15 +25,23 @@ pub fn step_rigid_bodies(
 pub fn describe_rigid_bodies(scene: &Scene, settings: &Settings, analysis: &Analysis) -> Diagnostics {
     let mut diagnostics = Diagnostics {
         method: "contact",
-        built: vec!["time stepping", "law of impact", "islands"],
+        built: vec!["time stepping", "collisions", "law of impact", "islands"],
         analysis: Some(analysis.clone()),
         vi: Some(ViCounts::default()),
         ..Diagnostics::default()
     };
-    if scene.joints.is_empty() {
-        diagnostics.left_out.push("joints: there are none".to_owned());
-    } else {
-        diagnostics.built.push("joints");
+    let parts = [
+        ("friction", scene.laws.any(|law| law.friction > 0.0), "no pair of materials has a coefficient"),
+        ("restitution", scene.laws.any(|law| law.restitution > 0.0), "every coefficient is zero"),
+        ("joints", !scene.joints.is_empty(), "there are none"),
+        ("moving apart at the start", scene.resolve, "it was not asked for"),
+    ];
+    for (part, needed, reason) in parts {
+        if needed {
+            diagnostics.built.push(part);
+        } else {
+            diagnostics.left_out.push(format!("{part}: {reason}"));
+        }
     }
     if settings.default_step {
         let message = format!("no `step` was given: time stepping takes steps of {}", settings.step);

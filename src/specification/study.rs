@@ -137,7 +137,7 @@ impl StudyRequest {
         let Some(stages) = &self.stages else { return vec![method.stages] };
         let place = place.key("stages");
         check_length(stages.len(), &place, errors);
-        if model.dvi().is_none() {
+        if matches!(model, Model::Mechanical(_) | Model::RigidBodies(_)) {
             let error = SpecificationError::new(place.to_string(), "conflict", "contact is not stepped in stages");
             errors.push(error.expected("`stages` to be left out"));
         }

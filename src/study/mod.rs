@@ -1,8 +1,12 @@
 //! Error against run time (work and precision; Hairer and Wanner 1996, *Solving Ordinary Differential Equations II*, section
 //! IV.10): one problem solved on every rung of a ladder, with errors against what is known or a more accurate run.
 
+pub mod contraction;
+pub mod energies;
+pub mod linear_stability;
 mod page;
 pub mod report;
+pub mod stability;
 
 pub use page::html;
 

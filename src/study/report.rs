@@ -3,15 +3,16 @@
 use crate::models::Model;
 use crate::problem::Control;
 use crate::solution::Series;
+use crate::solution::pictures::{Curve, curves, overview};
 use crate::specification::{Example, Specification};
 use serde::{Deserialize, Serialize};
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 use std::collections::HashMap;
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};
 
-/// The tolerances and the numbers of stages that go with them.
-const TOLERANCES: [f64; 4] = [1e-3, 1e-5, 1e-7, 1e-9];
+/// The tolerances of runs that choose their steps.
+pub const TOLERANCES: [f64; 4] = [1e-3, 1e-5, 1e-7, 1e-9];
 /// Fixed steps in the horizon. With one stage this is implicit Euler, the first-order time stepping of other programs.
 const STEPS: [f64; 4] = [100.0, 400.0, 1600.0, 6400.0];
 /// The longest that one ladder may take.
@@ -22,6 +23,10 @@ const TIMES: u32 = 33;
 
 /// What is said of runs with a fixed step.
 const FIXED: &str = " at fixed steps";
+
+/// The methods that show in the picture of all systems, of which each has one of either kind.
+const CHOSEN: [&str; 3] = ["stages chosen", "contact, located", "3 stages at fixed steps"];
+const FIRST_ORDER: [&str; 2] = ["1 stage at fixed steps", "contact at fixed steps"];
 
 /// Answers from outside, by the name of the example.
 const EXACT: &str = include_str!("exact.json");
@@ -35,21 +40,32 @@ pub struct Chapter {
     pub title: String,
     /// What the errors are measured against.
     pub reference: String,
+    /// Whether that comes from outside: a closed form, or another program.
+    pub outside: bool,
     /// The runs.
     pub series: Vec<Series>,
 }
 
+/// What is known of a system.
 #[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
 struct Known {
+    /// Expressions in `t`, by the name of the output.
     exact: Value,
+    /// Where they are from.
     source: String,
+    /// Another end than that of the example, where what is known is known of.
+    end: Option<f64>,
 }
 
 /// Runs all of one system. `None` where no ladder fits it.
 pub fn chapter(example: &Example) -> Option<Chapter> {
-    let document: Value = serde_json::from_str(example.text).ok()?;
+    let mut document: Value = serde_json::from_str(example.text).ok()?;
     let known = serde_json::from_str::<HashMap<String, Known>>(EXACT).ok()?.remove(example.name);
-    let specification = Specification::from_json(example.text.as_bytes()).ok()?;
+    if let Some(end) = known.as_ref().and_then(|known| known.end) {
+        document["time"]["end"] = end.into();
+    }
+    let specification = Specification::from_json(document.to_string().as_bytes()).ok()?;
     let horizon = specification.time().end - specification.time().start;
     let steps: Vec<f64> = STEPS.iter().map(|steps| horizon / steps).collect();
     let by_tolerance = json!({"rtol": TOLERANCES});
@@ -70,6 +86,7 @@ pub fn chapter(example: &Example) -> Option<Chapter> {
         name: example.name.to_owned(),
         title: specification.label().unwrap_or(example.name).to_owned(),
         reference: String::new(),
+        outside: known.is_some(),
         series: Vec::new(),
     };
     for (how, mut study) in ladders {
@@ -116,5 +133,53 @@ impl Chapter {
             }
         }
         text
+    }
+}
+
+/// All systems with an answer from outside in one picture: the first-order time stepping of other programs beside what is
+/// chosen here without being told.
+pub fn picture(chapters: &[Chapter]) -> String {
+    let pick = |chapter: &Chapter, methods: &[&str], name: &str| {
+        let series = chapter.series.iter().filter(|series| methods.contains(&series.method.as_str()));
+        let found = curves(&series.cloned().collect::<Vec<_>>());
+        Curve { name: name.to_owned(), points: found.into_iter().next().map(|curve| curve.points).unwrap_or_default() }
+    };
+    let panels: Vec<(&str, Vec<Curve>)> = chapters
+        .iter()
+        .filter(|chapter| chapter.outside)
+        .map(|chapter| {
+            let chosen = pick(chapter, &CHOSEN, "tolerances from 1e-3 to 1e-9");
+            (chapter.name.as_str(), vec![chosen, pick(chapter, &FIRST_ORDER, "time stepping of first order")])
+        })
+        .collect();
+    overview(&panels, "Error against run time", "relative error at the end", "run time in s")
+}
+
+/// What is known of the end of a system by name, where that is a number: for programs that solve it too.
+pub fn exact_end(name: &str) -> Option<Map<String, Value>> {
+    let known = serde_json::from_str::<HashMap<String, Known>>(EXACT).ok()?.remove(name)?;
+    let Value::Object(exact) = known.exact else { return None };
+    exact.values().all(Value::is_number).then_some(exact)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::specification::EXAMPLES;
+
+    #[test]
+    fn what_is_known_is_known_of_examples_and_reads_as_a_study_of_them() {
+        let known: HashMap<String, Known> = serde_json::from_str(EXACT).expect("a table");
+        for (name, known) in known {
+            let example = EXAMPLES.iter().find(|example| example.name == name);
+            let text = example.unwrap_or_else(|| panic!("`{name}` is no example")).text;
+            let mut document: Value = serde_json::from_str(text).expect("JSON");
+            let end = known.end.unwrap_or_else(|| document["time"]["end"].as_f64().expect("an end"));
+            document["time"]["end"] = end.into();
+            let start = document["time"]["start"].as_f64().unwrap_or(0.0);
+            document["study"] = json!({"step": [end - start], "exact": known.exact});
+            let read = Specification::from_json(document.to_string().as_bytes());
+            assert!(read.is_ok(), "{name}: {:#?}", read.err());
+        }
     }
 }

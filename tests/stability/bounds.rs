@@ -21,45 +21,6 @@ fn a_variable_follows_bounds_that_move() {
 }
 
 #[test]
-fn a_bound_that_is_a_state_bounds_its_own_rate() {
-    let case = Case::until(6.0).state("x", 1.0, "-z").between("z", "z - 2", "0", "x");
-    let solution = case.method(json!({"rtol": 1e-8})).solve();
-    let error = distance(&solution, "x", |t| (-t).exp());
-    assert!(error < 1e-8, "off by {error:e}");
-}
-
-#[test]
-fn a_friction_bound_that_fades_lets_go_where_it_must() {
-    // |F| <= x = e^-t cannot hold 0.5 after t = ln 2; from then v' = 0.5 - e^-t.
-    let case = Case::until(3.0).state("x", 1.0, "-x").state("v", 0.0, "0.5 - F").between("F", "-v", "-x", "x");
-    let solution = case.method(json!({"rtol": 1e-8})).solve();
-    let slip = 2.0_f64.ln();
-    let error = distance(&solution, "v", |t| if t < slip { 0.0 } else { 0.5 * (t - slip) + (-t).exp() - 0.5 });
-    assert!(error < 1e-8, "off by {error:e}");
-    assert!((instants(&solution)[0] - slip).abs() < 1e-8, "{:?}", instants(&solution));
-}
-
-#[test]
-fn a_point_for_an_interval_is_an_input() {
-    let case = Case::until(6.0).state("x", 1.0, "-x + z").between("z", "-x", "0.5", "0.5");
-    let solution = case.method(json!({"rtol": 1e-8})).solve();
-    let error = distance(&solution, "x", |t| 0.5 + 0.5 * (-t).exp());
-    assert!(error < 1e-8, "off by {error:e}");
-    let case = Case::until(6.0).state("x", 1.0, "z").between("z", "-x", "cos(t)", "cos(t)");
-    let solution = case.method(json!({"rtol": 1e-8})).solve();
-    let error = distance(&solution, "x", |t| 1.0 + t.sin());
-    assert!(error < 1e-8, "off by {error:e}");
-    assert_eq!(solution.diagnostics.switches, 0);
-}
-
-#[test]
-fn bounds_that_meet_and_part_again_are_no_trouble() {
-    let case = Case::until(6.0).state("x", 0.0, "z").between("z", "z - 2", "sin(t)", "1");
-    let solution = case.solve();
-    assert!((last(&solution, "x") - 6.0).abs() < 1e-12);
-}
-
-#[test]
 fn bounds_that_cross_end_the_run_where_they_do() {
     // sin t passes 1/2 at pi/6, before which z = max(sin t, 0.2).
     let case = Case::until(6.0).state("x", 0.0, "z").between("z", "z - 0.2", "sin(t)", "0.5");

@@ -17,12 +17,6 @@ impl Case {
         Self { specification: json!({"problem": {"dvi": dvi}, "time": {"end": end}}) }
     }
 
-    /// Another start than 0.
-    pub fn from(mut self, start: f64) -> Self {
-        self.specification["time"]["start"] = json!(start);
-        self
-    }
-
     /// A state `name` with its initial value and its rate.
     pub fn state(mut self, name: &str, initial: f64, rate: &str) -> Self {
         self.dvi("states")[name] = json!({"initial": initial, "rate": rate});

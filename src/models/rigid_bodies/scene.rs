@@ -64,6 +64,11 @@ impl Laws {
         self.laws[a * self.materials + b]
     }
 
+    /// Whether there is a pair with such a law.
+    pub fn any(&self, such: impl Fn(&Law) -> bool) -> bool {
+        self.laws.iter().any(such)
+    }
+
     /// Gives a pair a law of its own.
     pub fn set(&mut self, a: usize, b: usize, law: Law) {
         self.laws[a * self.materials + b] = law;

@@ -5,7 +5,9 @@
 //! active face are fine vertical marks. The picture is light or dark as its reader prefers.
 
 mod axis;
+mod double_logarithmic;
 mod elements;
+mod overview;
 mod panel;
 mod thinning;
 mod work_precision;
@@ -18,7 +20,9 @@ use std::io::{self, Write};
 use svg::Document;
 use svg::node::element::{Rectangle, Style, Title};
 
-pub use work_precision::work_precision;
+pub use double_logarithmic::{Curve, double_logarithmic};
+pub use overview::overview;
+pub use work_precision::{curves, work_precision};
 
 const MOST_PANELS: usize = 8;
 const WIDTH: f64 = 760.0;

@@ -1,0 +1,108 @@
+//! Curves on two axes in powers of ten: a line for each, with a dot at each of its points.
+
+use super::elements::{line, plain, tenths, text};
+use super::panel::{MOST_LINES, polyline};
+use super::thinning::Point;
+use super::{LARGE_CHARACTERS, LEFT, LINE_CHARACTERS, RIGHT, WIDTH};
+use svg::Document;
+use svg::node::element::{Circle, Rectangle, Style, TSpan, Text, Title};
+
+const TOP: f64 = 70.0;
+const FLOOR: f64 = 400.0;
+const HEIGHT: f64 = 460.0;
+/// Decades that have room for a label each.
+const MOST_LABELS: i32 = 10;
+
+/// A line of a picture.
+pub struct Curve {
+    /// What it is.
+    pub name: String,
+    /// Its points, both coordinates above zero.
+    pub points: Vec<Point>,
+}
+
+/// An axis in powers of ten, from pixel to pixel.
+pub(super) struct Decades {
+    pub low: i32,
+    pub high: i32,
+    pub from: f64,
+    pub to: f64,
+}
+
+impl Decades {
+    /// All decades of the values.
+    pub fn spanning(values: impl Iterator<Item = f64>, from: f64, to: f64) -> Self {
+        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(x), b.max(x)));
+        let (low, high) = if low <= high { (low, high) } else { (1.0, 1.0) };
+        let (low, high) = (low.log10().floor() as i32, high.log10().ceil() as i32);
+        Self { low, high: high.max(low + 1), from, to }
+    }
+
+    pub fn place(&self, value: f64) -> f64 {
+        let fraction = (value.log10() - f64::from(self.low)) / f64::from(self.high - self.low);
+        self.from + fraction * (self.to - self.from)
+    }
+
+    /// The decades with a label.
+    pub fn ticks(&self) -> impl Iterator<Item = i32> {
+        let step = (self.high - self.low - 1) / MOST_LABELS + 1;
+        (self.low..=self.high).step_by(step as usize)
+    }
+}
+
+/// The picture of curves: `below` says what the ordinate is, `abscissa` what the abscissa is.
+pub fn double_logarithmic(curves: &[Curve], title: &str, below: &str, abscissa: &str) -> String {
+    let all = || curves.iter().flat_map(|curve| &curve.points);
+    let x = Decades::spanning(all().map(|point| point.0), LEFT, RIGHT);
+    let y = Decades::spanning(all().map(|point| point.1), FLOOR, TOP);
+    let title = plain(title, LINE_CHARACTERS);
+    let class = if title.chars().count() > LARGE_CHARACTERS { "long title" } else { "title" };
+    let mut picture = Document::new()
+        .set("viewBox", (0.0, 0.0, WIDTH, HEIGHT))
+        .set("width", WIDTH)
+        .set("height", HEIGHT)
+        .set("role", "img")
+        .add(Title::new(title.as_str()))
+        .add(Style::new(include_str!("style.css")))
+        .add(Rectangle::new().set("class", "paper").set("width", "100%").set("height", "100%").set("rx", 8))
+        .add(text(title, class, LEFT, 30.0));
+    for decade in y.ticks() {
+        let at = y.place(10f64.powi(decade));
+        picture =
+            picture.add(line("grid", (LEFT, at), (RIGHT, at))).add(text(power(decade), "end", LEFT - 8.0, at + 4.0));
+    }
+    for decade in x.ticks() {
+        let at = x.place(10f64.powi(decade));
+        picture =
+            picture.add(line("grid", (at, TOP), (at, FLOOR))).add(text(power(decade), "middle", at, FLOOR + 18.0));
+    }
+    for (k, curve) in curves.iter().enumerate() {
+        let shown: Vec<Point> = curve.points.iter().map(|point| (x.place(point.0), y.place(point.1))).collect();
+        picture = picture.add(polyline(&shown, k));
+        for (at, height) in shown {
+            let dot = Circle::new().set("cx", tenths(at)).set("cy", tenths(height)).set("r", 3.5);
+            picture = picture.add(dot.set("class", format!("mark{}", k % MOST_LINES)));
+        }
+    }
+    picture
+        .add(legend(curves.iter().map(|curve| curve.name.as_str()), 56.0))
+        .add(text(plain(below, LINE_CHARACTERS), "faint", LEFT, FLOOR + 38.0))
+        .add(text(abscissa, "faint end", RIGHT, FLOOR + 38.0))
+        .to_string()
+}
+
+/// The names, each after a mark in the colour of its line.
+pub(super) fn legend<'a>(names: impl Iterator<Item = &'a str>, y: f64) -> Text {
+    let mut legend = text("", "name", LEFT, y);
+    for (k, name) in names.enumerate() {
+        let mark = TSpan::new("●").set("class", format!("mark{}", k % MOST_LINES));
+        let mark = if k == 0 { mark } else { mark.set("dx", 12) };
+        legend = legend.add(mark).add(TSpan::new(plain(name, 30)).set("dx", 5));
+    }
+    legend
+}
+
+/// `10⁻³`.
+pub(super) fn power(decade: i32) -> String {
+    format!("10{}", super::axis::raised(decade))
+}

@@ -1,0 +1,82 @@
+//! Error against run time of many systems at one glance: a small panel for each on the same axes in powers of ten (small
+//! multiples: E. R. Tufte, "Envisioning Information", 1990, chapter 4), so that one may be held against another.
+
+use super::double_logarithmic::{Curve, Decades, legend, power};
+use super::elements::{line, plain, tenths, text};
+use super::panel::{MOST_LINES, polyline};
+use super::thinning::Point;
+use super::{LEFT, LINE_CHARACTERS, RIGHT, WIDTH};
+use svg::Document;
+use svg::node::element::{Circle, Group, Rectangle, Style, Title};
+
+const COLUMNS: usize = 4;
+/// Where the first panel begins, and how high the panels and what is between them are.
+const TOP: f64 = 84.0;
+const HEIGHT: f64 = 92.0;
+const BETWEEN: f64 = 26.0;
+const GAP: f64 = 14.0;
+const FOOT: f64 = 52.0;
+/// Decades from one line of the grid to the next.
+const EVERY: i32 = 4;
+
+/// The picture: `panels` have their names and curves, the curves of all panels mean the same in the same order.
+pub fn overview(panels: &[(&str, Vec<Curve>)], title: &str, below: &str, abscissa: &str) -> String {
+    let width = (RIGHT - LEFT - GAP * (COLUMNS - 1) as f64) / COLUMNS as f64;
+    let all = || panels.iter().flat_map(|(_, curves)| curves).flat_map(|curve| &curve.points);
+    let x = Decades::spanning(all().map(|point| point.0), 0.0, width);
+    let y = Decades::spanning(all().map(|point| point.1), HEIGHT, 0.0);
+    let rows = panels.len().div_ceil(COLUMNS);
+    let floor = TOP + rows as f64 * (HEIGHT + BETWEEN) - BETWEEN;
+    let mut picture = Document::new()
+        .set("viewBox", (0.0, 0.0, WIDTH, floor + FOOT))
+        .set("width", WIDTH)
+        .set("height", floor + FOOT)
+        .set("role", "img")
+        .add(Title::new(title))
+        .add(Style::new(include_str!("style.css")))
+        .add(Rectangle::new().set("class", "paper").set("width", "100%").set("height", "100%").set("rx", 8))
+        .add(text(plain(title, LINE_CHARACTERS), "title", LEFT, 30.0));
+    if let Some((_, curves)) = panels.first() {
+        picture = picture.add(legend(curves.iter().map(|curve| curve.name.as_str()), 54.0));
+    }
+    for (k, (name, curves)) in panels.iter().enumerate() {
+        let (left, top) = ((k % COLUMNS) as f64 * (width + GAP), (k / COLUMNS) as f64 * (HEIGHT + BETWEEN));
+        let lowest = k + COLUMNS >= panels.len();
+        let place = format!("translate({}, {})", tenths(LEFT + left), tenths(TOP + top));
+        picture = picture.add(panel(name, curves, (&x, &y), (k % COLUMNS == 0, lowest)).set("transform", place));
+    }
+    picture
+        .add(text(plain(below, LINE_CHARACTERS), "faint", LEFT, floor + 42.0))
+        .add(text(abscissa, "faint end", RIGHT, floor + 42.0))
+        .to_string()
+}
+
+/// A panel with its origin at the upper left; labels only where it is the first of its row, or the last of its column.
+fn panel(name: &str, curves: &[Curve], (x, y): (&Decades, &Decades), (first, lowest): (bool, bool)) -> Group {
+    let grid =
+        |axis: &Decades| (axis.low..=axis.high).filter(|decade| decade.rem_euclid(EVERY) == 0).collect::<Vec<i32>>();
+    let mut group = Group::new().add(text(plain(name, 24), "", 0.0, -6.0));
+    for decade in grid(y) {
+        let at = y.place(10f64.powi(decade));
+        group = group.add(line("grid", (0.0, at), (x.to, at)));
+        if first {
+            group = group.add(text(power(decade), "end", -6.0, at + 4.0));
+        }
+    }
+    for decade in (x.low..=x.high).filter(|decade| decade.rem_euclid(2) == 0) {
+        let at = x.place(10f64.powi(decade));
+        group = group.add(line("grid", (at, 0.0), (at, y.from)));
+        if lowest {
+            group = group.add(text(power(decade), "middle", at, y.from + 16.0));
+        }
+    }
+    for (k, curve) in curves.iter().enumerate() {
+        let shown: Vec<Point> = curve.points.iter().map(|point| (x.place(point.0), y.place(point.1))).collect();
+        group = group.add(polyline(&shown, k));
+        for (at, height) in shown {
+            let dot = Circle::new().set("cx", tenths(at)).set("cy", tenths(height)).set("r", 2);
+            group = group.add(dot.set("class", format!("mark{}", k % MOST_LINES)));
+        }
+    }
+    group
+}

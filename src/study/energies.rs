@@ -1,0 +1,86 @@
+//! The energy of contact runs: how far the balance of each example that has one is off, at tolerances and at steps.
+
+use crate::models::Model;
+use crate::problem::Control;
+use crate::solution::Status;
+use crate::specification::{EXAMPLES, Rung, Specification};
+use serde::{Deserialize, Serialize};
+use std::time::{Duration, Instant};
+
+/// The tolerances of runs that choose their steps.
+const TOLERANCES: [f64; 2] = [1e-5, 1e-8];
+/// Fixed steps in the horizon.
+const STEPS: [f64; 2] = [1e3, 1e4];
+/// The longest that one run may take.
+const LONGEST: Duration = Duration::from_secs(5);
+
+/// The balance of one run.
+#[derive(Clone, Debug, Deserialize, Serialize)]
+pub struct Balance {
+    /// The name of the example.
+    pub name: String,
+    /// Its tolerance or step, in words.
+    pub how: String,
+    /// How it ended.
+    pub status: Status,
+    /// The largest defect of the balance so far, as a part of the largest energy at its ends.
+    pub defect: f64,
+    /// The most that a step gained through impacts, as a part of the largest kinetic energy.
+    pub gain_in_impacts: f64,
+}
+
+/// Runs every example that has a balance of energy.
+pub fn balances() -> Vec<Balance> {
+    EXAMPLES.iter().flat_map(|example| of_example(example.name, example.text)).collect()
+}
+
+fn of_example(name: &str, text: &str) -> Vec<Balance> {
+    let Ok(specification) = Specification::from_json(text.as_bytes()) else { return Vec::new() };
+    let horizon = specification.time().end - specification.time().start;
+    let tolerances = || TOLERANCES.map(Rung::Tolerance).to_vec();
+    let steps = || STEPS.map(|steps| Rung::Step(horizon / steps)).to_vec();
+    let rungs = match specification.model() {
+        Model::Mechanical(_) => [tolerances(), steps()].concat(),
+        Model::RigidBodies(_) => steps(),
+        Model::Dvi(_) => tolerances(),
+        Model::Convolution(_) => Vec::new(),
+    };
+    rungs.into_iter().map_while(|rung| balance(name, &specification, rung)).collect()
+}
+
+/// The balance of one run; none where the problem has none.
+fn balance(name: &str, specification: &Specification, rung: Rung) -> Option<Balance> {
+    let end = specification.time().end;
+    let variant = specification.variant(rung, specification.method().stages, vec![end], Vec::new());
+    let solution = crate::solve(&variant, &Control::with_deadline(Instant::now() + LONGEST));
+    let energy = solution.diagnostics.energy?;
+    let ends = [energy.kinetic_at_start, energy.potential_at_start, energy.kinetic_at_end, energy.potential_at_end];
+    let size = ends.iter().fold(energy.work_of_forces.abs(), |size, part| size.max(part.abs()));
+    let how = match rung {
+        Rung::Tolerance(rtol) => format!("tolerance {rtol:e}"),
+        Rung::Step(step) => format!("step {step:e}"),
+    };
+    Some(Balance {
+        name: name.to_owned(),
+        how,
+        status: solution.status,
+        defect: energy.largest_defect / if size > 0.0 { size } else { 1.0 },
+        gain_in_impacts: energy.largest_gain_in_impacts,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn impacts_of_a_ball_gain_nothing_and_its_balance_closes_with_the_tolerance() {
+        let example = EXAMPLES.iter().find(|example| example.name == "bouncing_ball").expect("an example");
+        let found = of_example(example.name, example.text);
+        assert_eq!(found.len(), TOLERANCES.len() + STEPS.len());
+        assert!(found.iter().all(|balance| balance.gain_in_impacts < 1e-12), "{found:?}");
+        assert!(found[1].defect < 1e-8 && found[3].defect < 0.5 * found[2].defect, "{found:?}");
+        let relay = EXAMPLES.iter().find(|example| example.name == "relay").expect("an example");
+        assert!(of_example(relay.name, relay.text).is_empty());
+    }
+}

@@ -1,0 +1,57 @@
+//! All that a report says of stability: the table, the stability function, contraction, and the energy of contacts.
+
+use super::{Outcome, cases, run};
+use crate::study::contraction::{Contraction, contractions};
+use crate::study::energies::{Balance, balances};
+use crate::study::linear_stability::{Ray, rays};
+use serde::{Deserialize, Serialize};
+use std::fmt::Write as _;
+
+/// What was measured.
+#[derive(Clone, Debug, Default, Deserialize, Serialize)]
+pub struct Stability {
+    /// The rows of the table.
+    pub outcomes: Vec<Outcome>,
+    /// The stability function along rays.
+    pub rays: Vec<Ray>,
+    /// Distances of pairs of solutions.
+    pub contractions: Vec<Contraction>,
+    /// The energy of contact runs.
+    pub balances: Vec<Balance>,
+}
+
+impl Stability {
+    /// Measures all of it; `progress` is told what part of it comes next.
+    pub fn measure(mut progress: impl FnMut(&str)) -> Self {
+        let cases = cases();
+        let mut outcomes = Vec::with_capacity(cases.len());
+        let mut part = "";
+        for case in &cases {
+            if case.part != part {
+                part = case.part;
+                progress(part);
+            }
+            outcomes.push(run(case));
+        }
+        progress("stability function");
+        let rays = rays();
+        progress("contraction");
+        let contractions = contractions();
+        progress("energy of contacts");
+        Self { outcomes, rays, contractions, balances: balances() }
+    }
+
+    /// The rows of the table as CSV, with a header.
+    pub fn csv(&self) -> String {
+        let mut text = String::from("part,case,expected,found,passed,seconds\n");
+        let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
+        for outcome in &self.outcomes {
+            for finding in &outcome.findings {
+                let cells = [&outcome.part, &outcome.name, &finding.expected, &finding.found].map(|cell| quoted(cell));
+                // Writing to a string does not fail.
+                let _ = writeln!(text, "{},{},{}", cells.join(","), finding.passed, outcome.seconds);
+            }
+        }
+        text
+    }
+}

@@ -1,0 +1,194 @@
+//! Stability at the limits, as a table: stiff and extreme problems over all steppers, each with what must come of it. The
+//! rows are data (`cases/*.json`), and a row that fails is told as one that fails.
+
+mod evidence;
+mod expectation;
+
+pub use evidence::Stability;
+pub use expectation::{Answer, Events, Expectation, Finding, Refusal};
+
+use crate::problem::Control;
+use crate::solution::Solution;
+use crate::specification::Specification;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+use std::fmt::Write as _;
+use std::time::{Duration, Instant};
+
+/// The longest that one row may take.
+const LONGEST: Duration = Duration::from_secs(20);
+
+/// The parts of the table, by name.
+const PARTS: [(&str, &str); 7] = [
+    ("stiff", include_str!("cases/stiff.json")),
+    ("scales", include_str!("cases/scales.json")),
+    ("inequalities", include_str!("cases/inequalities.json")),
+    ("contact", include_str!("cases/contact.json")),
+    ("bodies", include_str!("cases/bodies.json")),
+    ("circuits_and_memory", include_str!("cases/circuits_and_memory.json")),
+    ("refusals", include_str!("cases/refusals.json")),
+];
+
+/// A case as it is written: one row, or one for each of the values in `with`.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Written {
+    name: String,
+    title: String,
+    specification: Value,
+    /// Values by the JSON pointers of the specification at which they take their turns, side by side.
+    #[serde(default)]
+    with: Map<String, Value>,
+    expect: Vec<Expectation>,
+}
+
+/// A row of the table.
+#[derive(Clone, Debug)]
+pub struct Case {
+    /// The part of the table that it stands in.
+    pub part: &'static str,
+    /// A name, unique in the table.
+    pub name: String,
+    /// What is extreme about it.
+    pub title: String,
+    /// The problem as a user would write it.
+    pub specification: Value,
+    /// What must come of it.
+    pub expect: Vec<Expectation>,
+}
+
+/// What came of a row.
+#[derive(Clone, Debug, Deserialize, Serialize)]
+pub struct Outcome {
+    /// The part of the table.
+    pub part: String,
+    /// The name of the case.
+    pub name: String,
+    /// What is extreme about it.
+    pub title: String,
+    /// One for each expectation.
+    pub findings: Vec<Finding>,
+    /// How long it took, in seconds.
+    pub seconds: f64,
+}
+
+impl Outcome {
+    /// Whether all came out as it must.
+    pub fn passed(&self) -> bool {
+        self.findings.iter().all(|finding| finding.passed)
+    }
+}
+
+/// The names of the parts.
+pub fn parts() -> impl Iterator<Item = &'static str> {
+    PARTS.iter().map(|(name, _)| *name)
+}
+
+/// All rows, in order.
+///
+/// # Panics
+/// Where the table is not what it must be, which every use of it shows.
+pub fn cases() -> Vec<Case> {
+    let mut cases = Vec::new();
+    for (part, text) in PARTS {
+        let written: Vec<Written> =
+            serde_json::from_str(text).unwrap_or_else(|error| panic!("the table `{part}` is wrong: {error}"));
+        for case in written {
+            let columns: Vec<(&String, &[Value])> = case
+                .with
+                .iter()
+                .map(|(pointer, values)| (pointer, values.as_array().map_or(&[][..], Vec::as_slice)))
+                .collect();
+            let rows = columns.iter().map(|(_, values)| values.len()).max().unwrap_or(1);
+            for row in 0..rows {
+                let (mut specification, mut name) = (case.specification.clone(), case.name.clone());
+                for (pointer, values) in &columns {
+                    set(&mut specification, pointer, values[row].clone());
+                    // Writing to a string does not fail.
+                    let _ = write!(name, " {}={}", pointer.rsplit('/').next().unwrap_or_default(), short(&values[row]));
+                }
+                let (title, expect) = (case.title.clone(), case.expect.clone());
+                cases.push(Case { part, name, title, specification, expect });
+            }
+        }
+    }
+    cases
+}
+
+/// Solves a row and judges what came of it.
+pub fn run(case: &Case) -> Outcome {
+    let start = Instant::now();
+    let control = Control::with_deadline(start + LONGEST);
+    let specification = Specification::from_json(case.specification.to_string().as_bytes());
+    let solution = specification.map(|specification| crate::solve(&specification, &control));
+    let seconds = start.elapsed().as_secs_f64();
+    let mut findings: Vec<Finding> = case.expect.iter().map(|expected| expected.judge(case, &solution)).collect();
+    findings.extend(solution.as_ref().ok().and_then(not_finite));
+    Outcome { part: case.part.to_owned(), name: case.name.clone(), title: case.title.clone(), findings, seconds }
+}
+
+/// What no answer may hold.
+fn not_finite(solution: &Solution) -> Option<Finding> {
+    let field = solution.trajectory.fields.iter().find(|field| field.values.iter().any(|value| !value.is_finite()))?;
+    let found = format!("`{}` is not finite", field.name);
+    Some(Finding { expected: "finite values".to_owned(), found, passed: false })
+}
+
+/// Sets what a JSON pointer leads to, and makes the way there.
+fn set(document: &mut Value, pointer: &str, value: Value) {
+    let mut place = document;
+    for key in pointer.split('/').skip(1) {
+        place = match key.parse::<usize>() {
+            Ok(index) if place.is_array() => &mut place[index],
+            _ => &mut place[key],
+        };
+    }
+    *place = value;
+}
+
+/// A value as part of a name: of an object its members.
+fn short(value: &Value) -> String {
+    match value {
+        Value::Object(members) => {
+            let members: Vec<String> = members.iter().map(|(key, value)| format!("{key}={}", short(value))).collect();
+            if members.is_empty() { "default".to_owned() } else { members.join(",") }
+        }
+        Value::String(text) => text.clone(),
+        Value::Number(number) => number.as_f64().map_or_else(|| number.to_string(), plain),
+        other => other.to_string(),
+    }
+}
+
+/// A number in the shorter of its forms.
+fn plain(x: f64) -> String {
+    let (plain, power) = (x.to_string(), format!("{x:e}"));
+    if plain.len() <= power.len() + 2 { plain } else { power }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::HashSet;
+
+    #[test]
+    fn rows_have_names_of_their_own_and_every_stepper_has_rows() {
+        let cases = cases();
+        let names: HashSet<&str> = cases.iter().map(|case| case.name.as_str()).collect();
+        assert_eq!(names.len(), cases.len());
+        let steppers: HashSet<String> = cases
+            .iter()
+            .flat_map(|case| case.specification["problem"].as_object().expect("a problem").keys().cloned())
+            .collect();
+        for stepper in ["dvi", "lcs", "filippov", "mechanical", "rigid_bodies", "elastic", "convolution", "circuit"] {
+            assert!(steppers.contains(stepper), "no row of `{stepper}`");
+        }
+    }
+
+    #[test]
+    fn a_pointer_reaches_objects_lists_and_what_is_not_there_yet() {
+        let mut document = serde_json::json!({"a": [{"b": 1}]});
+        set(&mut document, "/a/0/b", 2.into());
+        set(&mut document, "/method/step", 0.5.into());
+        assert_eq!(document, serde_json::json!({"a": [{"b": 2}], "method": {"step": 0.5}}));
+    }
+}
