@@ -50,6 +50,10 @@ pub fn solve(specification: &Specification, control: &Control) -> Solution {
             let (settings, analysis) = (specification.contact_plan().settings, specification.analysis());
             solution::step_rigid_bodies(scene, &plan, &settings, analysis, control)
         }
+        Model::Obstacle(problem) => {
+            let (settings, analysis) = (specification.obstacle_settings(), specification.analysis());
+            solution::integrate_obstacle(problem, &plan, &settings, analysis, control)
+        }
     };
     solution.diagnostics.warnings.extend(model.warnings().iter().cloned());
     solution

@@ -1,5 +1,6 @@
 //! Problems with their names and their start, to be solved any number of times.
 
+use super::obstacle::Obstacle;
 use super::rigid_bodies::Scene;
 use super::{Linear, MechanicalModel, Outputs, Symbolic};
 use crate::analysis::{Analysis, analyse};
@@ -15,6 +16,8 @@ pub enum Model {
     Mechanical(Box<MechanicalModel>),
     /// Rigid bodies in space, for time stepping.
     RigidBodies(Scene),
+    /// A parabolic obstacle problem on a grid, for the trapezoidal rule with backward differences.
+    Obstacle(Box<Obstacle>),
 }
 
 impl Model {
@@ -24,6 +27,7 @@ impl Model {
             Self::Dvi(model) => model.state_names.clone(),
             Self::Mechanical(model) => model.state_names.clone(),
             Self::RigidBodies(scene) => scene.state_names(),
+            Self::Obstacle(_) => vec!["u".to_owned()],
         }
     }
 
@@ -33,6 +37,7 @@ impl Model {
             Self::Dvi(model) => model.names().cloned().collect(),
             Self::Mechanical(model) => model.output_names.clone(),
             Self::RigidBodies(scene) => scene.output_names(),
+            Self::Obstacle(problem) => problem.output_names(),
         }
     }
 
@@ -42,6 +47,7 @@ impl Model {
             Self::Dvi(model) => model.initial.clone(),
             Self::Mechanical(model) => model.initial.clone(),
             Self::RigidBodies(scene) => scene.initial(),
+            Self::Obstacle(_) => vec![0.0],
         }
     }
 
@@ -51,6 +57,7 @@ impl Model {
             Self::Dvi(model) => &model.warnings,
             Self::Mechanical(model) => &model.warnings,
             Self::RigidBodies(scene) => &scene.warnings,
+            Self::Obstacle(problem) => &problem.warnings,
         }
     }
 
@@ -60,6 +67,7 @@ impl Model {
             Self::Dvi(model) => model.analyse(t),
             Self::Mechanical(model) => model.analyse(),
             Self::RigidBodies(scene) => scene.analyse(),
+            Self::Obstacle(problem) => problem.analyse(),
         }
     }
 
@@ -67,8 +75,7 @@ impl Model {
     pub fn dvi(&self) -> Option<&DviModel> {
         match self {
             Self::Dvi(model) => Some(model),
-            Self::Mechanical(_) => None,
-            Self::RigidBodies(_) => None,
+            Self::Mechanical(_) | Self::RigidBodies(_) | Self::Obstacle(_) => None,
         }
     }
 }

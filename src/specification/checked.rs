@@ -71,7 +71,7 @@ impl Specification {
             let analysis = (errors.is_empty() && found.is_empty()).then(|| model.analyse(time.start))?;
             match &model {
                 Model::Dvi(model) => check_index(&analysis, model, &method, &mut found),
-                Model::Mechanical(_) | Model::RigidBodies(_) => {}
+                Model::Mechanical(_) | Model::RigidBodies(_) | Model::Obstacle(_) => {}
             }
             method.check_for(&model, &place, &mut found);
             if output.global_error && model.dvi().is_none() {
@@ -161,6 +161,7 @@ fn lower(problem: &Problem, start: Option<f64>, errors: &mut Errors) -> Option<M
         Problem::Mechanical(problem) => ("mechanical", 2 * problem.coordinates.len()),
         Problem::RigidBodies(problem) => ("rigid_bodies", problem.bodies.len()),
         Problem::Filippov(problem) => ("filippov", problem.states.len() + problem.variables()),
+        Problem::Obstacle(problem) => ("obstacle", problem.nodes()),
         Problem::Circuit(problem) => ("circuit", problem.components.as_ref().map_or(0, Vec::len)),
     };
     let place = place.key(key);
@@ -176,6 +177,7 @@ fn lower(problem: &Problem, start: Option<f64>, errors: &mut Errors) -> Option<M
         Problem::RigidBodies(problem) => problem.lower(&place, start),
         Problem::Filippov(problem) => problem.lower(&place, start),
         Problem::Circuit(problem) => problem.lower(&place, start),
+        Problem::Obstacle(problem) => problem.lower(&place, start),
     };
     errors.append(found);
     model

@@ -6,6 +6,7 @@ use super::filippov::FilippovProblem;
 use super::lcs::LcsProblem;
 use super::mechanical::MechanicalProblem;
 use super::method::Method;
+use super::obstacle::ObstacleProblem;
 use super::output::Output;
 use super::rigid_bodies::RigidBodiesProblem;
 use serde::Deserialize;
@@ -58,6 +59,8 @@ pub enum Problem {
     Filippov(FilippovProblem),
     /// An electrical circuit with ideal diodes and switches, in components or as a netlist.
     Circuit(CircuitProblem),
+    /// A parabolic equation above an obstacle, on an interval, a rectangle or a box.
+    Obstacle(Box<ObstacleProblem>),
 }
 
 /// The time horizon, in seconds unless the model says otherwise.

@@ -122,6 +122,18 @@ impl ActiveSet {
         Ok(Self::from_operators(finest, coarser))
     }
 
+    /// Solves `(A z)_i = r_i` for the variables that were inside their intervals in the last answer, the others zero, in
+    /// the place of `r`. False if the system is singular.
+    pub fn solve_inside(&mut self, r: &mut [f64]) -> bool {
+        let Level { operator, face, .. } = &mut self.finest;
+        for (r, face) in r.iter_mut().zip(face.iter()) {
+            if *face != Face::Inside {
+                *r = 0.0;
+            }
+        }
+        operator.solve(face, None, r)
+    }
+
     fn from_operators(finest: Operator, coarser: Vec<Coarse>) -> Self {
         Self { finest: Level::new(finest), coarser, line_search: None, started: false, pause: 0, next_pause: 1 }
     }

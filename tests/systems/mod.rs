@@ -10,6 +10,7 @@ mod global_error;
 pub mod harness;
 mod netlists;
 mod nonunique;
+mod obstacle;
 mod pendulum;
 mod queues;
 pub mod reference;

@@ -27,6 +27,7 @@ pub struct Example {
 
 /// Every file of `api/examples`.
 pub const EXAMPLES: &[Example] = examples! {
+    "american_put"
     "bottleneck"
     "bouncing_ball"
     "buck_converter"
@@ -40,6 +41,8 @@ pub const EXAMPLES: &[Example] = examples! {
     "friction_disk"
     "hires"
     "newton_cradle"
+    "obstacle_membrane"
+    "oxygen_diffusion"
     "pendulum"
     "pollu"
     "rectifier"

@@ -1,0 +1,152 @@
+//! Parabolic obstacle problems: free boundaries that move, against tables, benchmark digits and closed forms.
+
+use crate::systems::harness::{column, last, solve};
+use crate::systems::reference::example;
+use dvi::solution::Solution;
+use serde_json::{Value, json};
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
+
+/// The value of a field at a time told.
+fn at(solution: &Solution, field: &str, t: f64) -> f64 {
+    let k = solution.trajectory.t.iter().position(|&told| (told - t).abs() < 1e-12);
+    column(solution, field)[k.unwrap_or_else(|| panic!("no output at t = {t}"))]
+}
+
+#[test]
+fn the_oxygen_front_follows_the_table() {
+    // Front and surface concentration by an integral equation, to seven digits (Hansen and Hougaard 1974).
+    let table = [
+        (0.04, 0.9991799, 0.27432417),
+        (0.05, 0.9967929, 0.24768675),
+        (0.06, 0.9918022, 0.22360468),
+        (0.08, 0.9715500, 0.18084626),
+        (0.10, 0.9350172, 0.14317670),
+    ];
+    let solution = solve(&example("oxygen_diffusion"));
+    for (t, front, surface) in table {
+        let errors = [at(&solution, "contact_from", t) - front, at(&solution, "surface", t) - surface];
+        assert!(errors[0].abs() < 5e-5 && errors[1].abs() < 5e-6, "at t = {t} off by {errors:?}");
+    }
+    // One unit of oxygen goes a unit of time and length, but for where there is none: d total / dt = pressure - 1.
+    let (t, total, pressure) = (&solution.trajectory.t, column(&solution, "total"), column(&solution, "pressure"));
+    let integral: f64 = (1..t.len()).map(|k| (t[k] - t[k - 1]) * (0.5 * (pressure[k] + pressure[k - 1]) - 1.0)).sum();
+    assert!((total[t.len() - 1] - total[0] - integral).abs() < 1e-5, "{total:?} {integral}");
+    let vi = solution.diagnostics.vi.as_ref().expect("an inequality");
+    assert!(vi.largest_residual <= 1e-10, "residual {}", vi.largest_residual);
+}
+
+#[test]
+fn the_american_put_has_its_price_and_its_exercise_boundary() {
+    // 6.0903705 by a binomial tree with extrapolation and by collocation of the integral equation.
+    let solution = solve(&example("american_put"));
+    let error = last(&solution, "price") - 6.0903705;
+    assert!(error.abs() < 1e-4, "off by {error:e}");
+    let error = last(&solution, "contact_to").exp() - 80.875057;
+    assert!(error.abs() < 1e-2, "boundary off by {error:e}");
+}
+
+#[test]
+fn a_put_on_a_stock_with_dividends_has_the_price_of_spectral_collocation() {
+    // Andersen, Lake and Offengenden 2016: r = q = 0.05, volatility 0.25.
+    let mut put = example("american_put");
+    let problem = &mut put["problem"]["obstacle"];
+    problem["parameters"]["volatility"] = json!(0.25);
+    problem["advection"] = json!("a");
+    let error = last(&solve(&put), "price") - 9.5694452989;
+    assert!(error.abs() < 1e-4, "off by {error:e}");
+}
+
+/// `0 <= u _|_ u_t - u_xx + 1 >= 0` with `u = e^(t-x) - 1 - (t-x)` ahead of a front at `x = t`.
+fn travelling_wave(elements: u64) -> Value {
+    json!({
+        "problem": {"obstacle": {
+            "domain": {"x": [0, 2]}, "elements": elements, "diffusion": 1, "source": -1, "obstacle": 0, "initial": 0,
+            "boundary": {"x_min": {"dirichlet": "exp(t) - 1 - t"}, "x_max": {"neumann": 0}},
+            "probes": {"half": [0.5]}
+        }},
+        "time": {"end": 1},
+        "method": {"rtol": 1e-8}
+    })
+}
+
+#[test]
+fn a_travelling_wave_is_met_at_second_order_in_space() {
+    let exact = 0.5_f64.exp() - 1.5;
+    let errors = [20, 40, 80].map(|elements| {
+        let solution = solve(&travelling_wave(elements));
+        let front = last(&solution, "contact_from");
+        assert!((front - 1.0).abs() < 4.0 / (elements * elements) as f64, "front at {front} on {elements} elements");
+        last(&solution, "half") - exact
+    });
+    for pair in errors.windows(2) {
+        let order = (pair[0] / pair[1]).log2();
+        assert!(order > 1.8, "order {order} from {errors:?}");
+    }
+}
+
+#[test]
+fn the_stefan_problem_has_its_similarity_solution() {
+    // P: 0 <= u _|_ u_t - u_xx + 1 >= 0, u(0,t) = t: the front is at 2 lambda sqrt t, lambda e^(lambda^2) erf lambda = 1/sqrt pi.
+    let mut problem = travelling_wave(400);
+    problem["problem"]["obstacle"]["boundary"]["x_min"]["dirichlet"] = json!("t");
+    let solution = solve(&problem);
+    let errors = [last(&solution, "half") - 0.3203659436888525, last(&solution, "contact_from") - 1.240125266627191];
+    assert!(errors[0].abs() < 1e-5 && errors[1].abs() < 1e-4, "off by {errors:?}");
+}
+
+#[test]
+fn a_string_comes_to_rest_on_a_parabola() {
+    // Straight from the ends, it touches 1/4 - x^2 tangentially at |x| = 1 - sqrt(3)/2.
+    let solution = solve(&json!({
+        "problem": {"obstacle": {
+            "domain": {"x": [-1, 1]}, "elements": 150, "diffusion": 1, "obstacle": "1/4 - x^2", "initial": "1 - x^2",
+            "boundary": {"x_min": {"dirichlet": 0}, "x_max": {"dirichlet": 0}},
+            "probes": {"beside": [0.5]}
+        }},
+        "time": {"end": 20}
+    }));
+    let edge = 1.0 - 0.75_f64.sqrt();
+    let errors = [
+        last(&solution, "beside") - 0.5 * 2.0 * edge,
+        last(&solution, "contact_to") - edge,
+        last(&solution, "contact_from") + edge,
+        last(&solution, "pressure") - 4.0 * edge,
+    ];
+    assert!(errors.iter().all(|error| error.abs() < 1e-4), "off by {errors:?}");
+    let began: Vec<_> = solution.trajectory.events.iter().map(|event| (event.of.as_str(), event.t > 0.0)).collect();
+    assert_eq!(began, [("contact", true)]);
+}
+
+/// A quarter of the membrane of radius 2 over a hemisphere of radius 1, on a square within it.
+fn hemisphere(elements: u64, mass: &str) -> Value {
+    json!({
+        "problem": {"obstacle": {
+            "parameters": {"a": 0.6979651482233735, "k": "a^2/sqrt(1 - a^2)"},
+            "domain": {"x": [0, 1.4], "y": [0, 1.4]}, "elements": elements, "diffusion": 1,
+            "obstacle": "sqrt(max(1 - x^2 - y^2, 0))", "initial": 1.5, "mass": mass,
+            "boundary": {"x_max": {"dirichlet": "k*ln(2/sqrt(x^2 + y^2))"}, "y_max": {"dirichlet": "k*ln(2/sqrt(x^2 + y^2))"}},
+            "probes": {"one": [0.6, 0.8], "other": [1, 0]}
+        }},
+        "time": {"end": 8},
+        "method": {"rtol": 1e-4}
+    })
+}
+
+#[test]
+fn a_membrane_comes_to_rest_on_a_hemisphere_at_second_order_in_space() {
+    // At rest u = sqrt(1 - r^2) to r = a, then a^2/sqrt(1 - a^2) ln(2/r), with a^2 (1 - ln(a/2)) = 1.
+    for mass in ["lumped", "consistent"] {
+        let errors = [14, 28, 56].map(|elements| {
+            let solution = solve(&hemisphere(elements, mass));
+            // The area is known to a third of an element along its edge.
+            let (a, h) = (0.6979651482233735, 1.4 / elements as f64);
+            let error = last(&solution, "contact") - FRAC_PI_4 * a * a;
+            assert!(error.abs() < FRAC_PI_2 * a * h / 3.0, "{mass}: area off by {error:e} on {elements}");
+            (last(&solution, "one") - 0.4715198934021101)
+                .abs()
+                .max((last(&solution, "other") - 0.4715198934021101).abs())
+        });
+        let order = (errors[0] / errors[2]).log2() / 2.0;
+        assert!(order > 1.7 && errors[2] < 2e-4, "{mass}: order {order} from {errors:?}");
+    }
+}
