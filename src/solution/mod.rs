@@ -9,6 +9,7 @@ mod obstacle;
 pub mod pictures;
 mod rigid_bodies;
 mod run;
+mod study;
 mod trajectory;
 
 pub use contact::{ContactPlan, describe_contact, integrate_contact};
@@ -17,6 +18,7 @@ pub use integrate::{describe, integrate};
 pub use obstacle::{describe_obstacle, integrate_obstacle};
 pub use rigid_bodies::{describe_rigid_bodies, step_rigid_bodies};
 pub use run::{Plan, Stepper, run};
+pub use study::{Series, Study, StudyRun};
 pub use trajectory::{Event, EventKind, Field, Trajectory};
 
 use serde::Serialize;
@@ -58,4 +60,7 @@ pub struct Solution {
     pub trajectory: Trajectory,
     /// The evidence.
     pub diagnostics: Diagnostics,
+    /// Error against run time, where it was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub study: Option<Study>,
 }

@@ -20,3 +20,4 @@ mod sets;
 mod size;
 mod sliding;
 mod stiff;
+mod study;
