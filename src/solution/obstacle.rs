@@ -24,9 +24,9 @@ pub fn describe_obstacle(problem: &Obstacle, settings: &Settings, analysis: &Ana
     let mut diagnostics = Diagnostics {
         method: "tr_bdf2",
         stages: 2,
-        built: vec!["finite elements", "active set"],
+        built: vec!["finite elements", "trapezoidal rule with backward differences", "active set"],
         analysis: Some(analysis.clone()),
-        vi: Some(ViCounts::default()),
+        vi: problem.has_obstacle().then(ViCounts::default),
         ..Diagnostics::default()
     };
     let mut leave = |what: &str| diagnostics.left_out.push(what.to_owned());
@@ -161,13 +161,14 @@ impl Stepper for Course<'_> {
         };
         diagnostics.evaluations =
             Evaluations { rates: counts.vectors, jacobians: counts.operators, factorisations: counts.matrices };
-        diagnostics.vi = Some(ViCounts {
+        let counted = ViCounts {
             solver: "active_set",
             solves: counts.solves,
             pivots: counts.passes,
             largest_residual: counts.residual,
             tried: Vec::new(),
-        });
+        };
+        diagnostics.vi = diagnostics.vi.take().map(|_| counted);
     }
 }
 

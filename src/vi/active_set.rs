@@ -20,6 +20,7 @@ mod cyclic_reduction;
 mod dense;
 mod grid;
 mod line_search;
+mod multigrid;
 mod operator;
 mod sparse;
 mod tridiagonal;
@@ -100,7 +101,7 @@ impl ActiveSet {
     /// # Errors
     /// If the matrix is not square, has a diagonal entry that is not positive, or its factors do not fit into memory.
     pub fn new(matrix: &SparseMatrix) -> Result<Self, Unsuitable> {
-        let finest = Operator::new(matrix)?;
+        let finest = Operator::new(matrix, None)?;
         let coarser = coarse::by_elimination(&finest);
         Ok(Self::from_operators(finest, coarser))
     }
@@ -114,7 +115,7 @@ impl ActiveSet {
         if matrix.nrows() != expected {
             return Err(Unsuitable::Shape { rows: matrix.nrows(), columns: matrix.ncols(), expected });
         }
-        let finest = Operator::new(matrix)?;
+        let finest = Operator::new(matrix, Some(shape))?;
         let coarser = match finest {
             Operator::Tridiagonal(_) => coarse::by_elimination(&finest),
             Operator::Sparse(_) => coarse::by_interpolation(matrix, shape)?,

@@ -9,6 +9,7 @@ mod filippov;
 mod hostile;
 mod index;
 mod mechanical;
+mod obstacle;
 mod rigid_bodies;
 mod schema;
 mod semantics;

@@ -150,3 +150,43 @@ fn a_membrane_comes_to_rest_on_a_hemisphere_at_second_order_in_space() {
         assert!(order > 1.7 && errors[2] < 2e-4, "{mass}: order {order} from {errors:?}");
     }
 }
+
+#[test]
+fn a_travelling_layer_stays_between_its_ends_on_a_grid_that_does_not_resolve_it() {
+    // u_t = u_xx/10 - 100 u_x comes to rest with a layer of width 1/1000 at the end, elements being of 1/20.
+    let mut solution = solve(&json!({
+        "problem": {"obstacle": {
+            "domain": {"x": [0, 1]}, "elements": 20, "diffusion": 0.1, "advection": 100, "initial": 0,
+            "boundary": {"x_min": {"dirichlet": 1}, "x_max": {"dirichlet": 0}},
+            "probes": {"last": [0.95], "first": [0.05]}
+        }},
+        "time": {"end": 1}
+    }));
+    // Exact at the nodes: (e^(1000 x) - e^1000) / (1 - e^1000).
+    for probe in ["first", "last"] {
+        assert!((last(&solution, probe) - 1.0).abs() < 1e-6, "{probe}: {}", last(&solution, probe));
+        assert!(column(&solution, probe).iter().all(|u| (-1e-3..1.001).contains(u)), "{probe} overshoots");
+    }
+    let warning = solution.diagnostics.warnings.pop().expect("a warning");
+    assert_eq!(warning.code, "unresolved_layers");
+    assert!(solution.diagnostics.vi.is_none(), "there is no obstacle");
+}
+
+#[test]
+fn in_three_dimensions_a_product_of_cosines_decays_as_it_should() {
+    // u = e^(-3 pi^2 t) cos(pi x) cos(pi y) cos(pi z), no flux through the sides; the obstacle is out of reach.
+    let errors = [6, 12].map(|elements| {
+        let solution = solve(&json!({
+            "problem": {"obstacle": {
+                "domain": {"x": [0, 1], "y": [0, 1], "z": [0, 1]}, "elements": elements, "diffusion": 1, "obstacle": -2,
+                "initial": "cos(pi*x)*cos(pi*y)*cos(pi*z)", "probes": {"corner": [0, 0, 0]}
+            }},
+            "time": {"end": 0.05},
+            "output": {"times": "steps"}
+        }));
+        assert!(column(&solution, "contact").iter().all(|area| *area == 0.0));
+        last(&solution, "corner") - (-0.15 * std::f64::consts::PI.powi(2)).exp()
+    });
+    let order = (errors[0] / errors[1]).log2();
+    assert!((order - 2.0).abs() < 0.2, "order {order} from {errors:?}");
+}

@@ -29,6 +29,7 @@ pub use contact::Contact;
 pub use equations::{Condition, Obstacle, Probe};
 pub use field::Field;
 pub use offence::Offence;
+pub use operator::largest_peclet;
 pub use semidiscrete::Semidiscrete;
 pub use settings::{Cause, Counts, Settings};
 pub use tr_bdf2::{GAMMA, TrBdf2};

@@ -52,6 +52,22 @@ pub(super) fn stiffness(problem: &mut Obstacle, mut matrix: Assembly, t: f64) ->
     Ok(matrix.finish())
 }
 
+/// The largest `|b| h / (2a)` of an element at time `t`.
+pub fn largest_peclet(problem: &mut Obstacle, t: f64) -> f64 {
+    let Obstacle { grid, diffusion, advection, .. } = problem;
+    let mut largest = 0.0_f64;
+    for (q, (a, b)) in diffusion.iter_mut().zip(advection).enumerate() {
+        let half = 0.5 * grid.axes()[q].spacing();
+        for at in (0..grid.elements()).map(|element| grid.centre(element)) {
+            let flow = half * b.at(t, at).abs();
+            if flow > 0.0 {
+                largest = largest.max(flow / a.at(t, at));
+            }
+        }
+    }
+    largest
+}
+
 /// `a p coth p` for `p = flow / (2a)`.
 fn fitted(a: f64, flow: f64) -> f64 {
     // p coth p - 1 = p^2/3 - .. is below rounding there, and 1/tanh divides zero by zero.

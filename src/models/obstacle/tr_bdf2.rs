@@ -19,6 +19,7 @@ use super::stage::{Stage, Unsolved};
 use super::{Obstacle, Offence, Semidiscrete};
 use crate::problem::Control;
 use std::f64::consts::SQRT_2;
+use std::ops::Range;
 
 /// The abscissa of the first stage.
 pub const GAMMA: f64 = 2.0 - SQRT_2;
@@ -29,8 +30,8 @@ const W: f64 = 0.25 * SQRT_2;
 /// The weights of the third-order companion less those of the method.
 const E: [f64; 3] = [(1.0 - W) / 3.0 - W, (3.0 * W + 1.0) / 3.0 - W, D / 3.0 - D];
 
-/// A step at least this much longer than the last is worth a new matrix.
-const WORTHWHILE: f64 = 1.2;
+/// A step that would change by such a factor is left as it is: it is not worth a new matrix.
+const UNCHANGED: Range<f64> = 0.95..1.2;
 
 /// The first step tried, of the horizon.
 const FIRST: f64 = 1e-4;
@@ -253,7 +254,7 @@ impl<'c> TrBdf2<'c> {
         if self.settings.step.is_none() && next < self.end {
             let most = if self.was_rejected { 1.0 } else { 5.0 };
             let factor = (0.9 / error.cbrt()).clamp(0.2, most);
-            let factor = if (1.0..WORTHWHILE).contains(&factor) { 1.0 } else { factor };
+            let factor = if UNCHANGED.contains(&factor) { 1.0 } else { factor };
             self.h = (factor * h).min(self.settings.max_step);
         }
         self.was_rejected = false;

@@ -17,7 +17,8 @@ use super::ordered::Ordered;
 use super::place::Place;
 use crate::models::Model;
 use crate::models::finite_elements::{Grid, Quadrature};
-use crate::models::obstacle::{Field, Obstacle, Offence, Probe, Semidiscrete};
+use crate::models::obstacle::{Field, Obstacle, Offence, Probe, Semidiscrete, largest_peclet};
+use crate::solution::Warning;
 use serde::Deserialize;
 use utoipa::ToSchema;
 
@@ -34,7 +35,7 @@ pub struct ObstacleProblem {
     pub parameters: Ordered<Expression>,
     /// An interval, a rectangle or a box.
     pub domain: Domain,
-    /// The number of elements, equal ones, in each direction; one number for all, or `{\"x\": .., \"y\": ..}`.
+    /// The number of elements, equal ones, in each direction; one number for all, or `{"x": .., "y": ..}`.
     pub elements: Elements,
     /// `a`, not below zero: an expression in `t` and the coordinates, or one for each direction.
     pub diffusion: PerDirection,
@@ -104,7 +105,7 @@ impl ObstacleProblem {
         let conditions = self.boundary.lower(dimension, &place.key("boundary"), &mut lowering);
         let probes = self.probes(grid.as_ref(), &place.key("probes"), &mut lowering);
         let (Some(grid), true) = (grid, lowering.errors.is_empty()) else { return (lowering, None) };
-        let problem = Obstacle {
+        let mut problem = Obstacle {
             grid,
             quadrature: match self.mass {
                 MassName::Lumped => Quadrature::Nodal,
@@ -121,13 +122,15 @@ impl ObstacleProblem {
             probes,
             warnings: Vec::new(),
         };
-        if let Some(t) = lowering.start
-            && let Err(offence) = check(&problem, t)
-        {
-            let pointer = format!("{place}/{}", offence.key());
-            let error = SpecificationError::new(pointer, offence.code(), offence.to_string());
-            lowering.errors.push(error.expected(offence.expected()));
-            return (lowering, None);
+        if let Some(t) = lowering.start {
+            if let Err(offence) = check(&problem, t) {
+                let pointer = format!("{place}/{}", offence.key());
+                let error = SpecificationError::new(pointer, offence.code(), offence.to_string());
+                lowering.errors.push(error.expected(offence.expected()));
+                return (lowering, None);
+            }
+            let peclet = largest_peclet(&mut problem, t);
+            problem.warnings.extend((peclet > 1.0).then(|| unresolved(peclet)));
         }
         (lowering, Some(Model::Obstacle(Box::new(problem))))
     }
@@ -175,6 +178,15 @@ fn field(expression: &Expression, place: &Place<'_>, lowering: &mut Lowering) ->
     let node = lowering.node(expression, place);
     let node = node.unwrap_or_else(|| lowering.graph.constant(0.0));
     Field::new(&lowering.graph, node)
+}
+
+/// What is to be said of a grid that is coarse beside the layers of its solution.
+fn unresolved(peclet: f64) -> Warning {
+    let message = format!(
+        "advection carries {peclet:.3e} times what diffusion does over half an element (the Peclet number of the grid): \
+         diffusion was added where this is above 1, which smears layers over an element; more elements resolve them"
+    );
+    Warning { code: "unresolved_layers", message }
 }
 
 /// Whether all data are what they should be at the start.

@@ -16,7 +16,8 @@ pub(super) enum Operator {
 }
 
 impl Operator {
-    pub fn new(matrix: &SparseMatrix) -> Result<Self, Unsuitable> {
+    /// For a matrix on a grid of that shape, if it is one.
+    pub fn new(matrix: &SparseMatrix, shape: Option<&[usize]>) -> Result<Self, Unsuitable> {
         let (rows, columns) = (matrix.nrows(), matrix.ncols());
         if rows != columns {
             return Err(Unsuitable::Shape { rows, columns, expected: rows });
@@ -29,7 +30,7 @@ impl Operator {
         }
         match Tridiagonal::of_m_matrix(matrix) {
             Some(tridiagonal) => Ok(Self::Tridiagonal(tridiagonal)),
-            None => Ok(Self::Sparse(Sparse::new(matrix)?)),
+            None => Ok(Self::Sparse(Sparse::new(matrix, shape)?)),
         }
     }
 
