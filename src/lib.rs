@@ -19,6 +19,7 @@
 
 pub mod analysis;
 pub mod contact;
+pub mod convolution;
 pub mod expression;
 pub mod factorisation;
 pub mod models;
@@ -65,6 +66,10 @@ fn solve_once(specification: &Specification, control: &Control) -> Solution {
         Model::Obstacle(problem) => {
             let (settings, analysis) = (specification.obstacle_settings(), specification.analysis());
             solution::integrate_obstacle(problem, &plan, &settings, analysis, control)
+        }
+        Model::Convolution(model) => {
+            let (convolution, analysis) = (specification.convolution_plan(model), specification.analysis());
+            solution::integrate_convolution(model, &plan, &convolution, analysis, control)
         }
     };
     solution.diagnostics.warnings.extend(model.warnings().iter().cloned());

@@ -1,9 +1,13 @@
 //! What the subcommands share: exit codes, reading a specification, and telling what is wrong with one.
 
 pub mod check;
+pub mod data;
+pub mod healthcheck;
 pub mod methods;
+pub mod report;
 pub mod serve;
 pub mod solve;
+pub mod token;
 
 use dvi::specification::{Specification, SpecificationError};
 use std::fmt::Write as _;
@@ -13,6 +17,8 @@ use std::process::ExitCode;
 
 /// The end time was not reached.
 pub const UNFINISHED: u8 = 1;
+/// The service is not alive.
+pub const UNHEALTHY: u8 = 1;
 /// The specification has errors.
 pub const BAD_SPECIFICATION: u8 = 2;
 /// The specification could not be read.

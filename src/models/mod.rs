@@ -2,6 +2,8 @@
 //! names that their columns go by.
 
 pub mod circuit;
+mod convolution;
+pub mod elastic;
 pub mod filippov;
 pub mod finite_elements;
 mod linear;
@@ -13,6 +15,7 @@ mod outputs;
 pub mod rigid_bodies;
 mod symbolic;
 
+pub use convolution::ConvolutionModel;
 pub use linear::{Linear, LinearRows};
 pub use mechanical::{MechanicalRows, SymbolicMechanics, Underivable};
 pub use mechanical_model::{ENERGIES, MechanicalModel};

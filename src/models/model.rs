@@ -2,10 +2,11 @@
 
 use super::obstacle::Obstacle;
 use super::rigid_bodies::Scene;
-use super::{Linear, MechanicalModel, Outputs, Symbolic};
+use super::{ConvolutionModel, Linear, MechanicalModel, Outputs, Symbolic};
 use crate::analysis::{Analysis, analyse};
-use crate::problem::{Dvi, Structure};
+use crate::problem::{ConvexSet, Dvi, Structure};
 use crate::solution::Warning;
+use std::ops::Range;
 
 /// What a specification comes to.
 #[derive(Clone, Debug)]
@@ -18,16 +19,19 @@ pub enum Model {
     RigidBodies(Scene),
     /// A parabolic obstacle problem on a grid, for the trapezoidal rule with backward differences.
     Obstacle(Box<Obstacle>),
+    /// A problem with memory, for convolution quadrature.
+    Convolution(Box<ConvolutionModel>),
 }
 
 impl Model {
-    /// The names of the states.
+    /// The names of the states; with memory, which has none, of the variables.
     pub fn state_names(&self) -> Vec<String> {
         match self {
             Self::Dvi(model) => model.state_names.clone(),
             Self::Mechanical(model) => model.state_names.clone(),
             Self::RigidBodies(scene) => scene.state_names(),
             Self::Obstacle(_) => vec!["u".to_owned()],
+            Self::Convolution(model) => model.forcing.variable_names.clone(),
         }
     }
 
@@ -38,16 +42,27 @@ impl Model {
             Self::Mechanical(model) => model.output_names.clone(),
             Self::RigidBodies(scene) => scene.output_names(),
             Self::Obstacle(problem) => problem.output_names(),
+            Self::Convolution(model) => model.output_names.clone(),
         }
     }
 
-    /// The states at the start.
+    /// The outputs that are kept where nothing is asked for, as places in their names.
+    pub fn default_outputs(&self) -> Range<usize> {
+        let all = self.output_names().len();
+        match self {
+            Self::Dvi(model) if model.outputs.stand_for_unknowns => all - model.outputs.names.len()..all,
+            _ => 0..all,
+        }
+    }
+
+    /// The states at the start; with memory zeros, as nothing is given there.
     pub fn initial(&self) -> Vec<f64> {
         match self {
             Self::Dvi(model) => model.initial.clone(),
             Self::Mechanical(model) => model.initial.clone(),
             Self::RigidBodies(scene) => scene.initial(),
             Self::Obstacle(_) => vec![0.0],
+            Self::Convolution(model) => vec![0.0; model.variables()],
         }
     }
 
@@ -58,6 +73,7 @@ impl Model {
             Self::Mechanical(model) => &model.warnings,
             Self::RigidBodies(scene) => &scene.warnings,
             Self::Obstacle(problem) => &problem.warnings,
+            Self::Convolution(model) => &model.forcing.warnings,
         }
     }
 
@@ -68,6 +84,7 @@ impl Model {
             Self::Mechanical(model) => model.analyse(),
             Self::RigidBodies(scene) => scene.analyse(),
             Self::Obstacle(problem) => problem.analyse(),
+            Self::Convolution(model) => model.analyse(),
         }
     }
 
@@ -75,6 +92,15 @@ impl Model {
     pub fn dvi(&self) -> Option<&DviModel> {
         match self {
             Self::Dvi(model) => Some(model),
+            Self::Mechanical(_) | Self::RigidBodies(_) | Self::Obstacle(_) | Self::Convolution(_) => None,
+        }
+    }
+
+    /// The set that variables are in, where the user gives one.
+    pub fn set(&self) -> Option<&ConvexSet> {
+        match self {
+            Self::Dvi(model) => Some(&model.structure().set),
+            Self::Convolution(model) => Some(&model.forcing.structure().set),
             Self::Mechanical(_) | Self::RigidBodies(_) | Self::Obstacle(_) => None,
         }
     }

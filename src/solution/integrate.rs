@@ -1,5 +1,6 @@
 //! A differential variational inequality from start to end by Radau IIA: its failures, switches and evidence by name.
 
+use super::energy_balance::EnergyBalance;
 use super::run::{Ended, Plan, Stepper, run_to_end};
 use super::{
     Contraction, Diagnostics, Evaluations, Event, EventKind, Face, Failure, Solution, Status, Steps, Tried, ViCounts,
@@ -46,7 +47,8 @@ pub(super) fn integrate_once(
             .map_err(failed)?;
         // Where the run begins is no switch.
         radau.take_switches();
-        Ok(Course { radau, plan, outputs: model.outputs.clone() })
+        let balance = model.outputs.energy().map(|form| EnergyBalance::new(form.clone(), &radau));
+        Ok(Course { radau, plan, outputs: model.outputs.clone(), balance })
     })
 }
 
@@ -55,6 +57,7 @@ struct Course<'p> {
     radau: Radau<'p>,
     plan: &'p Plan,
     outputs: Outputs,
+    balance: Option<EnergyBalance>,
 }
 
 impl Stepper for Course<'_> {
@@ -95,10 +98,14 @@ impl Stepper for Course<'_> {
 
     fn observe(&mut self, switched: bool, diagnostics: &mut Diagnostics) {
         judge(&mut self.radau, self.plan, switched, diagnostics);
+        if let Some(balance) = &mut self.balance {
+            balance.step(&mut self.radau);
+        }
     }
 
     fn finish(&mut self, diagnostics: &mut Diagnostics) {
         count(&mut self.radau, self.plan, diagnostics);
+        diagnostics.energy = self.balance.as_ref().map(|balance| balance.energy);
     }
 }
 
@@ -162,7 +169,7 @@ fn failure(plan: &Plan, error: &StepError, time: f64, state: &[f64]) -> Failure 
         ),
         _ => error.to_string(),
     };
-    Failure { code: error.code(), message, time, state: state.to_vec() }
+    Failure { code: error.code().into(), message, time, state: state.to_vec() }
 }
 
 /// What is known before the run: what the theory says, what is built, what is left out and why.
@@ -178,7 +185,7 @@ pub fn describe(structure: &Structure, settings: &Settings, analysis: &Analysis)
         let message = format!("uniqueness is not guaranteed: {}", analysis.because);
         diagnostics.warnings.push(Warning { code: "uniqueness_not_guaranteed", message });
     }
-    if analysis.index == Some(2) && !structure.constant_jacobian {
+    if analysis.index == Some(2.0) && !structure.constant_jacobian {
         let message = "the index at the start is 2 (CB = 0): bounds may be crossed, but where one is reached and kept the \
                        states jump; implicit Euler takes that in its stride (`\"stages\": 1` with a fixed `step`)";
         diagnostics.warnings.push(Warning { code: "index_two", message: message.to_owned() });

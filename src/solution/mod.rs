@@ -1,8 +1,10 @@
 //! What a solve hands back: the trajectory in columns, events, diagnostics, and how it ended.
 
 mod contact;
+mod convolution;
 mod diagnostics;
 pub mod encodings;
+mod energy_balance;
 mod global_error;
 mod integrate;
 mod obstacle;
@@ -13,7 +15,10 @@ mod study;
 mod trajectory;
 
 pub use contact::{ContactPlan, describe_contact, integrate_contact};
-pub use diagnostics::{Contraction, Diagnostics, Evaluations, Face, GlobalError, Steps, Tried, ViCounts, Warning};
+pub use convolution::{ConvolutionPlan, Mesh, describe_convolution, integrate_convolution};
+pub use diagnostics::{
+    Contraction, Diagnostics, Evaluations, Face, GlobalError, Refinement, Steps, Tried, ViCounts, Warning,
+};
 pub use integrate::{describe, integrate};
 pub use obstacle::{describe_obstacle, integrate_obstacle};
 pub use rigid_bodies::{describe_rigid_bodies, step_rigid_bodies};
@@ -21,10 +26,11 @@ pub use run::{Plan, Stepper, run};
 pub use study::{Series, Study, StudyRun};
 pub use trajectory::{Event, EventKind, Field, Trajectory};
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 
 /// How a solve ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Status {
     /// The end time was reached.
@@ -36,10 +42,10 @@ pub enum Status {
 }
 
 /// Why a solve did not reach its end time.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Failure {
     /// A stable word for programs, such as `step_too_small`.
-    pub code: &'static str,
+    pub code: Cow<'static, str>,
     /// What happened and what to try, for people.
     pub message: String,
     /// The time reached.
@@ -49,7 +55,7 @@ pub struct Failure {
 }
 
 /// The answer to a specification. Every number in it is finite.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Solution {
     /// How it ended.
     pub status: Status,
@@ -58,7 +64,8 @@ pub struct Solution {
     pub error: Option<Failure>,
     /// Values over time.
     pub trajectory: Trajectory,
-    /// The evidence.
+    /// The evidence, which is not read back: it is written for people.
+    #[serde(skip_deserializing)]
     pub diagnostics: Diagnostics,
     /// Error against run time, where it was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]

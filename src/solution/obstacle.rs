@@ -173,5 +173,5 @@ impl Stepper for Course<'_> {
 }
 
 fn failure(cause: &Cause, time: f64, state: Vec<f64>) -> Failure {
-    Failure { code: cause.code(), message: cause.to_string(), time, state }
+    Failure { code: cause.code().into(), message: cause.to_string(), time, state }
 }

@@ -1,10 +1,10 @@
 //! Error against run time, as it was measured.
 
 use super::Status;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// What a study found.
-#[derive(Clone, Debug, Default, Serialize)]
+#[derive(Clone, Debug, Default, Deserialize, Serialize)]
 pub struct Study {
     /// What the errors are measured against.
     pub reference: String,
@@ -15,7 +15,7 @@ pub struct Study {
 }
 
 /// Runs that differ by their tolerance or step alone.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Series {
     /// What they have in common, such as `3 stages`.
     pub method: String,
@@ -25,7 +25,7 @@ pub struct Series {
 
 /// One run of a study. Errors are parts of the largest value that each state takes; none where the run did not reach the
 /// end, or there is no reference.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct StudyRun {
     /// Its relative tolerance.
     #[serde(skip_serializing_if = "Option::is_none")]

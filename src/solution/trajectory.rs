@@ -1,6 +1,9 @@
 //! The trajectory in columns.
 
-use serde::ser::{Serialize, SerializeMap, SerializeStruct, Serializer};
+use serde::de::{Deserializer, MapAccess, Visitor};
+use serde::ser::{SerializeMap, SerializeStruct, Serializer};
+use serde::{Deserialize, Serialize};
+use std::fmt;
 
 /// One output over time.
 #[derive(Clone, Debug, PartialEq)]
@@ -12,7 +15,7 @@ pub struct Field {
 }
 
 /// What happened to a variable at a switch of the active face of `K`, or to a contact.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EventKind {
     /// It left its bound: the inequality became an equation.
@@ -30,7 +33,7 @@ pub enum EventKind {
 }
 
 /// A switch of the active face.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Event {
     /// When.
     pub t: f64,
@@ -41,11 +44,12 @@ pub struct Event {
 }
 
 /// Values over time, in columns of equal length.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 pub struct Trajectory {
     /// The times, increasing.
     pub t: Vec<f64>,
     /// The outputs that were asked for.
+    #[serde(deserialize_with = "columns")]
     pub fields: Vec<Field>,
     /// The switches.
     pub events: Vec<Event>,
@@ -79,4 +83,27 @@ impl Serialize for Columns<'_> {
         }
         map.end()
     }
+}
+
+/// The fields of one object, in its order.
+fn columns<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<Field>, D::Error> {
+    struct Visit;
+
+    impl<'de> Visitor<'de> for Visit {
+        type Value = Vec<Field>;
+
+        fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+            f.write_str("an object of columns")
+        }
+
+        fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Self::Value, A::Error> {
+            let mut fields = Vec::new();
+            while let Some((name, values)) = map.next_entry()? {
+                fields.push(Field { name, values });
+            }
+            Ok(fields)
+        }
+    }
+
+    deserializer.deserialize_map(Visit)
 }

@@ -1,7 +1,9 @@
 //! The document as a whole: what a user posts, before it is checked.
 
 use super::circuit::CircuitProblem;
+use super::convolution::ConvolutionProblem;
 use super::dvi::DviProblem;
+use super::elastic::ElasticProblem;
 use super::expression::Expression;
 use super::filippov::FilippovProblem;
 use super::lcs::LcsProblem;
@@ -12,7 +14,7 @@ use super::ordered::Ordered;
 use super::output::Output;
 use super::rigid_bodies::RigidBodiesProblem;
 use super::study::StudyRequest;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 /// A problem, the time to solve it over, and how. Only `problem` and `time.end` are required.
@@ -59,10 +61,14 @@ pub enum Problem {
     Circuit(CircuitProblem),
     /// A parabolic equation above an obstacle, on an interval, a rectangle or a box.
     Obstacle(Box<ObstacleProblem>),
+    /// A problem with memory: an inequality for the convolution of the variables with a kernel.
+    Convolution(ConvolutionProblem),
+    /// An elastic or viscoelastic body in dynamic contact with obstacles.
+    Elastic(Box<ElasticProblem>),
 }
 
 /// The time horizon, in seconds unless the model says otherwise.
-#[derive(Clone, Copy, Debug, Deserialize, ToSchema)]
+#[derive(Clone, Copy, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Time {
     /// Where the initial values hold.
@@ -98,6 +104,8 @@ impl Problem {
             Self::Filippov(problem) => ("filippov", &problem.parameters),
             Self::Circuit(problem) => ("circuit", &problem.parameters),
             Self::Obstacle(problem) => ("obstacle", &problem.parameters),
+            Self::Elastic(problem) => ("elastic", &problem.parameters),
+            Self::Convolution(problem) => ("convolution", &problem.parameters),
         }
     }
 }

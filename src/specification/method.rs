@@ -29,7 +29,7 @@ pub struct Method {
     /// Absolute tolerance of the local error, one number or one for each state. Default `rtol/1000`, which also holds
     /// for the states that are not named. It should lie below the smallest value that matters.
     pub atol: Option<AbsoluteTolerance>,
-    /// A fixed step. Without it the step follows the error.
+    /// A fixed step. Without it the step follows the error; with memory, it is halved until runs agree.
     #[schema(exclusive_minimum = 0.0)]
     pub step: Option<f64>,
     /// The first step to try.
@@ -91,6 +91,7 @@ choices! {
         "radau" Radau: "Radau IIA with a variational inequality at every stage, of order 2s - 1 for s stages."
         "tr_bdf2" TrBdf2: "The trapezoidal rule with backward differences, of order 2; for obstacle problems on grids."
         "contact" Contact: "The steppers of mechanical systems with impacts and friction."
+        "convolution" Convolution: "Convolution quadrature on Radau IIA with a fixed step, for problems with memory."
     }
 }
 
@@ -203,12 +204,18 @@ impl Method {
             (Model::Dvi(_), MethodName::Contact | MethodName::TrBdf2) => {
                 refuse("name", "this problem has no contacts and no grid", "`auto` or `radau`");
             }
-            (Model::Obstacle(_), MethodName::Radau | MethodName::Contact) => {
+            (Model::Obstacle(_), MethodName::Radau | MethodName::Contact | MethodName::Convolution) => {
                 refuse("name", "obstacle problems have a method of their own", "`auto` or `tr_bdf2`");
+            }
+            (Model::Convolution(_), MethodName::Radau | MethodName::Contact | MethodName::TrBdf2) => {
+                refuse("name", "this problem has a memory", "`auto` or `convolution`");
+            }
+            (Model::Dvi(_) | Model::Mechanical(_) | Model::RigidBodies(_), MethodName::Convolution) => {
+                refuse("name", "this problem has no memory", "`auto`");
             }
             _ => {}
         }
-        if matches!(model, Model::Dvi(_) | Model::Obstacle(_)) {
+        if matches!(model, Model::Dvi(_) | Model::Obstacle(_) | Model::Convolution(_)) {
             for (key, given) in [("impacts", self.impacts.is_some()), ("impact_law", self.impact_law.is_some())] {
                 if given {
                     refuse(key, "only mechanical systems have impacts", "to be left out");

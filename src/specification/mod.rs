@@ -10,10 +10,13 @@ mod catalogue;
 mod checked;
 mod choices;
 mod circuit;
+mod convolution;
 mod deserializer;
 mod document;
 mod dvi;
+mod elastic;
 mod error;
+mod examples;
 mod expression;
 mod filippov;
 mod json;
@@ -31,6 +34,7 @@ mod output;
 mod parameters;
 mod place;
 mod plan;
+mod range;
 mod reading;
 mod repairs;
 mod rigid_bodies;
@@ -49,9 +53,14 @@ pub use checked::Specification;
 pub use circuit::{
     Capacitor, CircuitProblem, Component, CurrentSource, Diode, Inductor, Resistor, Switch, VoltageSource, Zener,
 };
+pub use convolution::{ConvolutionProblem, ConvolutionVariable, FractionalKernel, KernelOfTime};
 pub use document::{Document, Limits, Problem, Time};
 pub use dvi::{DviProblem, State, Variable};
+pub use elastic::{
+    BarBody, BoxBody, ElasticBody, ElasticContact, ElasticProblem, ElasticStart, PlaneLaw, RectangleBody, StringBody,
+};
 pub use error::SpecificationError;
+pub use examples::{EXAMPLES, Example};
 pub use expression::Expression;
 pub use filippov::{FilippovProblem, FilippovRegion, FilippovState};
 pub use lcs::LcsProblem;

@@ -3,7 +3,9 @@
 use super::checked::Specification;
 use crate::analysis::Analysis;
 use crate::models::Model;
-use crate::solution::{Warning, describe, describe_contact, describe_obstacle, describe_rigid_bodies};
+use crate::solution::{
+    Warning, describe, describe_contact, describe_convolution, describe_obstacle, describe_rigid_bodies,
+};
 use serde::Serialize;
 
 /// Sizes, what the theory says, and what a solve would build.
@@ -45,6 +47,7 @@ impl Specification {
             Model::Mechanical(model) => describe_contact(model, &self.contact_plan(), self.analysis()),
             Model::RigidBodies(scene) => describe_rigid_bodies(scene, &self.contact_plan().settings, self.analysis()),
             Model::Obstacle(problem) => describe_obstacle(problem, &self.obstacle_settings(), self.analysis()),
+            Model::Convolution(model) => describe_convolution(model, &self.convolution_plan(model), self.analysis()),
         };
         let mut warnings = described.warnings;
         warnings.extend(model.warnings().iter().cloned());
@@ -106,6 +109,13 @@ impl Sizes {
                     constant_jacobian: problem.has_constant_operator(),
                 }
             }
+            Model::Convolution(model) => Self {
+                states: 0,
+                variables: model.variables(),
+                moving_bounds: model.forcing.structure().moving.len(),
+                jacobian_nonzeros: model.at_zero.iter().filter(|entry| **entry != 0.0).count(),
+                constant_jacobian: true,
+            },
             Model::RigidBodies(_) => Self {
                 states: model.state_names().len(),
                 variables: 0,

@@ -3,12 +3,14 @@
 
 mod circuits;
 mod documents;
+mod elastic;
 mod equations;
 mod examples;
 mod filippov;
 mod hostile;
 mod index;
 mod mechanical;
+mod memory;
 mod obstacle;
 mod rigid_bodies;
 mod schema;

@@ -4,10 +4,12 @@
 mod certificates;
 mod circuits;
 mod contact;
+mod elastic;
 mod filippov;
 mod friction;
 mod global_error;
 pub mod harness;
+pub mod memory;
 mod netlists;
 mod nonunique;
 mod obstacle;

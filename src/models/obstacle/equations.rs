@@ -93,16 +93,13 @@ impl Obstacle {
     /// What the theory says of it.
     pub fn analyse(&self) -> Analysis {
         let n = self.grid.nodes();
-        let (levels, because) = match self.has_obstacle() {
-            false => {
-                (Vec::new(), "there is no obstacle: an ordinary differential equation in the nodal values".to_owned())
-            }
-            true => (
-                vec![0, n],
-                "CB is the inverse of the mass matrix, symmetric and positive definite: index one, one solution"
-                    .to_owned(),
-            ),
+        let (index, levels, because) = if self.has_obstacle() {
+            let because =
+                "CB is the inverse of the mass matrix, symmetric and positive definite: index one, one solution";
+            (1.0, vec![0, n], because)
+        } else {
+            (0.0, Vec::new(), "there is no obstacle: an ordinary differential equation in the nodal values")
         };
-        Analysis { index: Some(levels.len().saturating_sub(1)), levels, uniqueness: Uniqueness::Unique, because }
+        Analysis { index: Some(index), levels, uniqueness: Uniqueness::Unique, because: because.to_owned() }
     }
 }

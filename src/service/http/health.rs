@@ -26,7 +26,13 @@ pub async fn check_health() -> Json<Well> {
 
 /// Tell whether the service takes on work.
 pub async fn check_readiness(State(shared): State<Shared>) -> Answer<Json<Well>> {
-    if shared.jobs.is_draining() { Err(Problem::plain(Kind::Draining)) } else { Ok(Json(Well { status: "ready" })) }
+    if shared.jobs.is_draining() {
+        return Err(Problem::plain(Kind::Draining));
+    }
+    if !shared.jobs.is_writable() {
+        return Err(Problem::plain(Kind::Unwritable));
+    }
+    Ok(Json(Well { status: "ready" }))
 }
 
 /// Tell which version runs.

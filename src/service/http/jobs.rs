@@ -1,28 +1,44 @@
-//! `GET /jobs/{id}`, `POST /jobs/{id}/cancel`, `DELETE /jobs/{id}`.
+//! `GET /jobs/{id}`, `GET /jobs/{id}/specification`, `POST /jobs/{id}/cancel`, `DELETE /jobs/{id}`.
 
 use super::path::Named;
+use super::problem::{Answer, Kind, Problem};
 use super::status::StatusInfo;
 use super::{Shared, no_store};
+use crate::service::jobs::Job;
 use axum::Json;
+use axum::body::Bytes;
 use axum::extract::State;
-use axum::http::StatusCode;
+use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::IntoResponse;
+use std::io;
 
 /// Show where a job stands.
 pub async fn find_job(State(shared): State<Shared>, Named(job): Named) -> impl IntoResponse {
     (no_store(), Json(StatusInfo::of(&job, &shared.jobs)))
 }
 
+/// Show what was posted.
+pub async fn find_specification(State(shared): State<Shared>, Named(job): Named) -> Answer<impl IntoResponse> {
+    let document = shared.jobs.document(&job).map_err(|error| unreadable(&job, &error))?;
+    Ok(([(header::CONTENT_TYPE, HeaderValue::from_static("application/json"))], Bytes::from_owner(document)))
+}
+
+/// What has been stored of `job` cannot be read, which only the log explains.
+pub fn unreadable(job: &Job, error: &io::Error) -> Box<Problem> {
+    tracing::error!(job.id = %job.id, %error, "what is stored of job {} cannot be read", job.id);
+    Problem::plain(Kind::Unreadable).of_job(job.id)
+}
+
 /// Stop a job and keep its trajectory so far.
 ///
 /// A running job stops at its next step. Of a job that has ended, this changes nothing.
-pub async fn cancel_job(State(shared): State<Shared>, Named(job): Named) -> impl IntoResponse {
-    shared.jobs.cancel(&job);
-    (no_store(), Json(StatusInfo::of(&job, &shared.jobs)))
+pub async fn cancel_job(State(shared): State<Shared>, Named(job): Named) -> Answer<impl IntoResponse> {
+    shared.jobs.cancel(&job).await?;
+    Ok((no_store(), Json(StatusInfo::of(&job, &shared.jobs))))
 }
 
 /// Stop a job and forget it.
-pub async fn delete_job(State(shared): State<Shared>, Named(job): Named) -> StatusCode {
-    shared.jobs.forget(&job);
-    StatusCode::NO_CONTENT
+pub async fn delete_job(State(shared): State<Shared>, Named(job): Named) -> Answer<StatusCode> {
+    shared.jobs.forget(&job).await?;
+    Ok(StatusCode::NO_CONTENT)
 }

@@ -1,5 +1,6 @@
 //! The resources of the service, a file each, and the router that finds them.
 
+mod access;
 mod check;
 mod document;
 mod examples;
@@ -17,20 +18,17 @@ mod schema;
 mod solve;
 mod status;
 
-pub use examples::{EXAMPLES, Example};
 pub use problem::{Kind, Problem};
 
-use super::Options;
-use super::jobs::{Client, Jobs};
+use super::access::Tokens;
+use super::jobs::Jobs;
+use super::{Options, page};
 use axum::Router;
-use axum::extract::FromRequestParts;
-use axum::http::request::Parts;
 use axum::http::{HeaderName, HeaderValue, Method, Uri, header};
+use axum::middleware::{from_fn, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
 use std::any::Any;
-use std::convert::Infallible;
-use std::net::{IpAddr, Ipv4Addr};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::Semaphore;
@@ -43,18 +41,24 @@ pub struct Shared {
     pub jobs: Arc<Jobs>,
     /// Its bounds.
     pub options: Arc<Options>,
+    /// The tokens of clients, where they are asked for.
+    pub tokens: Option<Arc<Tokens>>,
     /// Large specifications that may be read, and large pictures that may be drawn, at a time.
     pub readers: Arc<Semaphore>,
 }
 
 /// One line a resource.
 pub fn router(shared: Shared) -> Router {
-    Router::new()
+    let work = Router::new()
         .route("/solve", post(solve::solve))
         .route("/check", post(check::check))
         .route("/jobs/{id}", get(jobs::find_job).delete(jobs::delete_job))
         .route("/jobs/{id}/results", get(results::find_results))
+        .route("/jobs/{id}/specification", get(jobs::find_specification))
         .route("/jobs/{id}/cancel", post(jobs::cancel_job))
+        .route_layer(from_fn_with_state(shared.clone(), access::authorize));
+    // The same for everyone, and nobody's secret.
+    let open = Router::new()
         .route("/examples", get(examples::list_examples))
         .route("/examples/{name}", get(examples::find_example))
         .route("/methods", get(methods::list_methods))
@@ -63,17 +67,19 @@ pub fn router(shared: Shared) -> Router {
         .route("/schema", get(schema::find_schema))
         .route("/healthz", get(health::check_health))
         .route("/readyz", get(health::check_readiness))
-        .route("/version", get(health::find_version))
+        .route("/version", get(health::find_version));
+    work.merge(open)
+        .merge(page::routes())
         .fallback(nothing_here)
         .method_not_allowed_fallback(no_such_method)
         .layer(CatchPanicLayer::custom(panicked))
-        .layer(axum::middleware::from_fn(observe::observe))
+        .layer(from_fn(observe::observe))
         .with_state(shared)
 }
 
 async fn nothing_here(uri: Uri) -> Box<Problem> {
-    let here = "POST /solve, POST /check, GET /jobs/{id}, GET /jobs/{id}/results, POST /jobs/{id}/cancel, DELETE /jobs/{id}, \
-                GET /examples, GET /methods, GET /problems, GET /schema, GET /healthz, GET /readyz, GET /version";
+    let here = "GET /, POST /solve, POST /check, GET /jobs/{id}, GET /jobs/{id}/results, GET /jobs/{id}/specification, \
+                POST /jobs/{id}/cancel, DELETE /jobs/{id}, GET /examples, GET /methods, GET /problems, GET /schema, GET /healthz, GET /readyz, GET /version";
     Problem::new(Kind::NotFound, format!("{} names nothing; there are {here}", uri.path()))
 }
 
@@ -83,15 +89,6 @@ async fn no_such_method(method: Method, uri: Uri) -> Box<Problem> {
 
 fn panicked(_: Box<dyn Any + Send>) -> Response {
     Problem::plain(Kind::Internal).into_response()
-}
-
-/// The client of a connection; whoever came without one counts as one client with all such.
-impl<S: Send + Sync> FromRequestParts<S> for Client {
-    type Rejection = Infallible;
-
-    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Infallible> {
-        Ok(parts.extensions.get().copied().unwrap_or(Self::at(IpAddr::V4(Ipv4Addr::UNSPECIFIED))))
-    }
 }
 
 /// The state of a job is of this moment only.

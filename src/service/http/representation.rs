@@ -2,8 +2,10 @@
 //! specific range that fits a form gives its weight, and the form of the greatest weight is taken.
 
 use super::Shared;
+use super::jobs::unreadable;
 use super::problem::{Answer, Kind, Problem};
 use crate::service::jobs::{Job, Results};
+use crate::solution::Solution;
 use crate::solution::encodings::{write_csv_header, write_csv_rows};
 use crate::solution::pictures::write_svg;
 use axum::body::{Body, Bytes, HttpBody};
@@ -53,12 +55,12 @@ impl Representation {
     /// The results of `job` in this form. JSON has been written already; CSV is written as the client takes it.
     ///
     /// # Errors
-    /// [`Kind::Internal`] if the picture could not be drawn.
+    /// [`Kind::Unreadable`] if what was stored is not a solution, [`Kind::Internal`] if the picture could not be drawn.
     pub async fn body(self, job: &Job, results: Arc<Results>, shared: &Shared) -> Answer<Body> {
         Ok(match self {
             Self::Json => Body::from(Bytes::from_owner(JsonOf(results))),
-            Self::Csv => Body::new(CsvOf { results, next: None }),
-            Self::Svg => Body::from(picture(job, results, shared).await?),
+            Self::Csv => Body::new(CsvOf { results: columns(job, results, shared).await?, next: None }),
+            Self::Svg => Body::from(picture(job, columns(job, results, shared).await?, shared).await?),
         })
     }
 
@@ -110,7 +112,7 @@ struct JsonOf(Arc<Results>);
 
 impl AsRef<[u8]> for JsonOf {
     fn as_ref(&self) -> &[u8] {
-        &self.0.json
+        self.0.json()
     }
 }
 
@@ -129,7 +131,8 @@ impl HttpBody for CsvOf {
     type Error = Infallible;
 
     fn poll_frame(mut self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<Option<Result<Frame<Bytes>, Infallible>>> {
-        let trajectory = &self.results.solution.trajectory;
+        // Read before the first piece was asked for.
+        let Ok(Solution { trajectory, .. }) = self.results.solution() else { return Poll::Ready(None) };
         let mut text = Vec::new();
         let first = self.next.unwrap_or(0);
         let last = first + (PIECE / (trajectory.fields.len() + 1)).max(1);
@@ -143,17 +146,37 @@ impl HttpBody for CsvOf {
     }
 }
 
+/// JSON that is read back where the connection is served.
+const SHORT: usize = 64 << 10;
+
+/// The results with their columns in hand. A large result from a disk is read on a thread of its own, few at a time.
+async fn columns(job: &Job, results: Arc<Results>, shared: &Shared) -> Answer<Arc<Results>> {
+    let read = if results.is_read() || results.json().len() <= SHORT {
+        results.solution().map(drop)
+    } else {
+        let _permit = shared.readers.acquire().await.map_err(|_| Problem::plain(Kind::Internal))?;
+        let results = Arc::clone(&results);
+        let read = spawn_blocking(move || results.solution().map(drop)).await;
+        read.map_err(|_| Problem::plain(Kind::Internal))?
+    };
+    read.map_err(|error| unreadable(job, &error))?;
+    Ok(results)
+}
+
 /// Numbers that are drawn where the connection is served, within a fraction of a millisecond.
 const SKETCH: usize = 16 << 10;
 
 /// The picture of results. A large one is drawn on a thread of its own, few at a time.
 async fn picture(job: &Job, results: Arc<Results>, shared: &Shared) -> Answer<Vec<u8>> {
     let label = job.label.clone();
-    let numbers = results.solution.trajectory.t.len() * results.solution.trajectory.fields.len();
+    let trajectory = results.solution().map(|solution| &solution.trajectory);
+    let numbers = trajectory.map_or(0, |trajectory| trajectory.t.len() * trajectory.fields.len());
     let draw = move || {
         let mut text = Vec::new();
-        // Writing to memory does not fail.
-        let _ = write_svg(&results.solution, label.as_deref(), &mut text);
+        if let Ok(solution) = results.solution() {
+            // Writing to memory does not fail.
+            let _ = write_svg(solution, label.as_deref(), &mut text);
+        }
         text
     };
     if numbers <= SKETCH {
