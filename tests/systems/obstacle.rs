@@ -2,7 +2,9 @@
 
 use crate::systems::harness::{column, last, solve};
 use crate::systems::reference::example;
-use dvi::solution::Solution;
+use dvi::problem::Control;
+use dvi::solution::{Solution, Status};
+use dvi::specification::Specification;
 use serde_json::{Value, json};
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 
@@ -117,6 +119,58 @@ fn a_string_comes_to_rest_on_a_parabola() {
     assert_eq!(began, [("contact", true)]);
 }
 
+#[test]
+fn a_string_pressed_between_two_walls_leaves_them_tangentially() {
+    // u'' = -f beside the walls at -1 and 1: it meets them sqrt(2/f) = 1/4 from its fixed points at -1, 0 and 1.
+    let solution = solve(&json!({
+        "problem": {"obstacle": {
+            "domain": {"x": [-1, 1]}, "elements": 202, "diffusion": 1, "source": "32*sign(x)", "initial": 0,
+            "obstacle": -1, "upper_obstacle": 1,
+            "boundary": {"x_min": {"dirichlet": 0}, "x_max": {"dirichlet": 0}},
+            "probes": {"left": [-0.5], "between": [0.125], "right": [0.5]}
+        }},
+        "time": {"end": 10}
+    }));
+    let errors = [
+        last(&solution, "left") + 1.0,
+        last(&solution, "right") - 1.0,
+        last(&solution, "between") - 0.75,
+        last(&solution, "contact_from") + 0.75,
+        last(&solution, "contact_to") - 0.75,
+        last(&solution, "contact") - 1.0,
+        last(&solution, "pressure"),
+        last(&solution, "total"),
+    ];
+    assert!(errors.iter().all(|error| error.abs() < 5e-4), "off by {errors:?}");
+}
+
+#[test]
+fn an_obstacle_above_mirrors_one_below() {
+    let above = json!({
+        "problem": {"obstacle": {
+            "domain": {"x": [0, 1], "y": [0, 2]}, "elements": {"x": 12, "y": 20}, "diffusion": {"x": 1, "y": "1 + x"},
+            "advection": {"x": 2, "y": "-y"}, "reaction": "t", "source": "3*x", "initial": 0,
+            "upper_obstacle": "0.1 + 0.05*cos(6*t)*y", "boundary": {"x_min": {"dirichlet": "-t"}, "y_max": {"neumann": 0.2}},
+            "probes": {"p": [0.7, 1.3]}
+        }},
+        "time": {"end": 1}
+    });
+    let mut below = above.clone();
+    let problem = &mut below["problem"]["obstacle"];
+    problem.as_object_mut().and_then(|problem| problem.remove("upper_obstacle"));
+    problem["obstacle"] = json!("-0.1 - 0.05*cos(6*t)*y");
+    problem["source"] = json!("-3*x");
+    problem["boundary"] = json!({"x_min": {"dirichlet": "t"}, "y_max": {"neumann": -0.2}});
+    let (above, below) = (solve(&above), solve(&below));
+    assert!(column(&above, "contact").iter().any(|area| *area > 0.1), "nothing rests on it");
+    for (field, sign) in [("p", -1.0), ("total", -1.0), ("pressure", -1.0), ("contact", 1.0)] {
+        for (a, b) in column(&above, field).iter().zip(column(&below, field)) {
+            assert!((a - sign * b).abs() < 1e-10, "{field}: {a} and {b}");
+        }
+    }
+    assert!(column(&above, "pressure").iter().all(|pressure| *pressure <= 0.0), "it pulls");
+}
+
 /// A quarter of the membrane of radius 2 over a hemisphere of radius 1, on a square within it.
 fn hemisphere(elements: u64, mass: &str) -> Value {
     json!({
@@ -170,6 +224,16 @@ fn a_travelling_layer_stays_between_its_ends_on_a_grid_that_does_not_resolve_it(
     let warning = solution.diagnostics.warnings.pop().expect("a warning");
     assert_eq!(warning.code, "unresolved_layers");
     assert!(solution.diagnostics.vi.is_none(), "there is no obstacle");
+}
+
+#[test]
+fn a_run_that_is_cancelled_before_its_first_step_is_stopped_and_has_not_failed() {
+    let specification = Specification::from_json(hemisphere(14, "lumped").to_string().as_bytes()).expect("a membrane");
+    let control = Control::new();
+    control.cancel();
+    let solution = dvi::solve(&specification, &control);
+    assert_eq!(solution.status, Status::Stopped, "{:?}", solution.error);
+    assert_eq!(solution.error.map(|failure| failure.code.into_owned()).as_deref(), Some("cancelled"));
 }
 
 #[test]

@@ -103,10 +103,10 @@ impl Stage {
     }
 
     /// `error = S^-1 M difference` on the nodes that no obstacle and no side holds, zero elsewhere.
-    pub fn damp(&mut self, system: &Semidiscrete, difference: &[f64], error: &mut [f64]) -> bool {
+    pub fn damp(&mut self, system: &Semidiscrete, difference: &[f64], error: &mut [f64], control: &Control) -> bool {
         error.fill(0.0);
         add_product(1.0, &system.mass, difference, error);
-        self.solver.as_mut().is_some_and(|(_, solver)| solver.solve_inside(error))
+        self.solver.as_mut().is_some_and(|(_, solver)| solver.solve_inside(error, control))
     }
 
     fn set_up(&mut self, system: &Semidiscrete, shift: f64) -> Result<(), Unsolved> {

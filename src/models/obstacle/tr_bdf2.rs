@@ -224,11 +224,11 @@ impl<'c> TrBdf2<'c> {
 
     /// The error of the step in units of the tolerance, its stiff part damped by the matrix of the stages.
     fn error(&mut self, h: f64) -> f64 {
-        let Self { slopes: [a, b, c], base: difference, error, trial, settings, system, stage, .. } = self;
+        let Self { slopes: [a, b, c], base: difference, error, trial, settings, system, stage, control, .. } = self;
         for (i, difference) in difference.iter_mut().enumerate() {
             *difference = h * (E[0] * a[i] + E[1] * b[i] + E[2] * c[i]);
         }
-        if !stage.damp(system, difference, error) {
+        if !stage.damp(system, difference, error, control) {
             return f64::NAN;
         }
         let largest = trial[1].iter().chain(&self.u).fold(0.0_f64, |largest, u| largest.max(u.abs()));

@@ -1,5 +1,5 @@
 //! Conjugate gradients on the rows inside, preconditioned by a cycle of multigrid, for a symmetric matrix on a grid whose
-//! factors would not be sparse: in three dimensions they grow as `n^(4/3)`.
+//! factors would not be sparse: they grow as `n log n` in two dimensions, as `n^(4/3)` in three.
 //!
 //! The coarse matrices are those of the whole grid; on each, nodes of which the fine one rests are left out (the truncated
 //! basis of Kornhuber 1994, by nodes). One sweep of Gauss-Seidel down, one backwards up: a symmetric cycle (Trottenberg,
@@ -8,11 +8,12 @@
 use super::grid::Interpolation;
 use super::sparse::restrict;
 use crate::factorisation::{Cholesky, SparseMatrix};
+use crate::problem::Control;
 
 /// Grids of so few nodes are solved by factorisation.
 const SMALL: usize = 500;
 
-/// The residual to reach, of the right-hand side: rounding, as of a factorisation.
+/// The residual to reach, of the right-hand side inside, rows at rest being of another size: rounding, as of a factorisation.
 const REACHED: f64 = 1e-14;
 
 /// Iterations before what has been reached must do; each gains about a digit.
@@ -125,8 +126,9 @@ impl Multigrid {
         self.levels.last().is_some_and(|coarsest| self.coarsest.factorise(&coarsest.restricted))
     }
 
-    /// Solves in place, rows outside being those of the identity. False if the iteration breaks down.
-    pub fn solve(&mut self, z: &mut [f64]) -> bool {
+    /// Solves in place, rows outside being those of the identity. False if the iteration breaks down, or the outside asks to
+    /// stop.
+    pub fn solve(&mut self, z: &mut [f64], control: &Control) -> bool {
         let mut answer = std::mem::take(&mut self.last);
         for ((answer, &inside), &right) in answer.iter_mut().zip(&self.levels[0].inside).zip(z.iter()) {
             *answer = if inside { *answer } else { right };
@@ -137,10 +139,11 @@ impl Multigrid {
         for ((residual, image), &right) in residual.iter_mut().zip(&image).zip(z.iter()) {
             *residual = right - image;
         }
-        let enough = REACHED * dot(z, z).sqrt();
+        let rows = z.iter().zip(&self.levels[0].inside).filter(|(_, inside)| **inside);
+        let enough = REACHED * rows.map(|(right, _)| right * right).sum::<f64>().sqrt();
         let mut before = f64::INFINITY;
         for k in 0..MOST {
-            if dot(&residual, &residual).sqrt() <= enough {
+            if dot(&residual, &residual).sqrt() <= enough || control.poll().is_some() {
                 break;
             }
             self.cycle(&residual);
@@ -165,7 +168,7 @@ impl Multigrid {
         }
         z.copy_from_slice(&answer);
         (self.last, self.residual, self.direction, self.image) = (answer, residual, direction, image);
-        z.iter().all(|z| z.is_finite())
+        control.poll().is_none() && z.iter().all(|z| z.is_finite())
     }
 
     /// The correction of a residual, in `z` of the finest grid.

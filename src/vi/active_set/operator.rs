@@ -8,6 +8,7 @@ use super::sparse::Sparse;
 use super::tridiagonal::Tridiagonal;
 use super::{Face, Unsuitable};
 use crate::factorisation::SparseMatrix;
+use crate::problem::Control;
 
 #[expect(clippy::large_enum_variant, reason = "one of them lives as long as its stepper; a box would only add a hop")]
 pub(super) enum Operator {
@@ -71,11 +72,11 @@ impl Operator {
     }
 
     /// Solves in place: `z` holds the right-hand side `r` inside and the given values elsewhere; `shift` is `s`. False
-    /// if the system is singular.
-    pub fn solve(&mut self, face: &[Face], shift: Option<&[f64]>, z: &mut [f64]) -> bool {
+    /// if the system is singular, or the outside asks to stop.
+    pub fn solve(&mut self, face: &[Face], shift: Option<&[f64]>, z: &mut [f64], control: &Control) -> bool {
         match self {
             Self::Tridiagonal(matrix) => matrix.solve(face, shift, z),
-            Self::Sparse(matrix) => matrix.solve(face, shift, z),
+            Self::Sparse(matrix) => matrix.solve(face, shift, z, control),
         }
     }
 }

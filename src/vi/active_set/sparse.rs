@@ -5,7 +5,7 @@
 use super::multigrid::Multigrid;
 use super::{Face, Unsuitable};
 use crate::factorisation::{Analysis, Cholesky, SparseLu, SparseMatrix};
-use crate::problem::ConvexSet;
+use crate::problem::{Control, ConvexSet};
 
 pub(super) struct Sparse {
     matrix: SparseMatrix,
@@ -23,7 +23,7 @@ enum Factors {
     Multigrid(Box<Multigrid>),
 }
 
-/// From this number of nodes on, grids of three dimensions are solved by multigrid.
+/// From this number of nodes on, grids of several dimensions are solved by multigrid.
 const MANY: usize = 20_000;
 
 impl Sparse {
@@ -32,7 +32,7 @@ impl Sparse {
         let n = matrix.nrows();
         let inverse_diagonal = (0..n).map(|i| matrix.get(i, i).map_or(f64::INFINITY, |d| 1.0 / d)).collect();
         let factors = if is_symmetric(matrix) {
-            match shape.filter(|shape| shape.len() > 2 && n >= MANY) {
+            match shape.filter(|shape| shape.len() > 1 && n >= MANY) {
                 Some(shape) => Multigrid::new(matrix, shape).map(|multigrid| Factors::Multigrid(Box::new(multigrid))),
                 None => Cholesky::new(matrix).map(Factors::Cholesky),
             }
@@ -86,7 +86,7 @@ impl Sparse {
         self.matrix.symbolic().row_idx_of_col_raw(j).iter().zip(self.matrix.val_of_col(j))
     }
 
-    pub fn solve(&mut self, face: &[Face], shift: Option<&[f64]>, z: &mut [f64]) -> bool {
+    pub fn solve(&mut self, face: &[Face], shift: Option<&[f64]>, z: &mut [f64], control: &Control) -> bool {
         let at_hand = shift.is_none() && self.factored.as_deref() == Some(face);
         if !at_hand && !self.factorise(face, shift) {
             return false;
@@ -104,7 +104,7 @@ impl Sparse {
         match &mut self.factors {
             Factors::Cholesky(factors) => factors.solve(z),
             Factors::Lu(factors) => factors.solve(z),
-            Factors::Multigrid(multigrid) => multigrid.solve(z),
+            Factors::Multigrid(multigrid) => multigrid.solve(z, control),
         }
     }
 
