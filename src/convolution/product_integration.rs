@@ -20,6 +20,8 @@ use crate::radau::Tableau;
 const NEAR: usize = 24;
 /// Steps that are near.
 const NEAR_STEPS: usize = 4;
+/// Nodes farther away, more than there are stages: each takes the square of twice the distance from the error.
+const FAR: usize = 5;
 /// Weights between two looks at the clock.
 const CHUNK: usize = 1024;
 
@@ -36,7 +38,8 @@ pub fn product_integration(
     control: &Control,
 ) -> Result<Weights, NoWeights> {
     let s = tableau.stages();
-    let (singular, near, far) = (gauss_jacobi(NEAR, exponent - 1.0), gauss_jacobi(NEAR, 0.0), gauss_jacobi(s + 3, 0.0));
+    let (singular, near, far) =
+        (gauss_jacobi(NEAR, exponent - 1.0), gauss_jacobi(NEAR, 0.0), gauss_jacobi(s + FAR, 0.0));
     let mut weights = Weights::zeros(s, length);
     let mut lagrange = vec![0.0; s];
     let mut value = [0.0];

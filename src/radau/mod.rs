@@ -8,13 +8,13 @@
 //! sections IV.8 and VII), with `K = R^m` their solver of differential-algebraic equations; a set with bounds adds
 //! the active face of `K` and its switches, and nothing else.
 
+mod between;
 mod blocks;
 mod breaks;
 mod conditions;
 mod consistent;
 mod crossings;
 mod dense_output;
-mod dips;
 mod error_control;
 mod face;
 mod factors;

@@ -6,6 +6,7 @@ mod report;
 
 pub use report::Variables;
 
+use super::between::{Between, Doubts};
 use super::breaks::Breaks;
 use super::consistent::Consistent;
 use super::dense_output::Step;
@@ -71,6 +72,7 @@ pub struct Radau<'p> {
     last_method: usize,
     pub(super) continues: bool,
     pub(super) jumped: Option<f64>,
+    doubts: Doubts,
     pub(super) breaks: Breaks,
     estimate: Vec<f64>,
     /// The jump of the slope of the states into the step at hand, times its size; empty where there is none to speak of.
@@ -94,8 +96,9 @@ enum Freshness {
 
 /// How the stages of an attempt came out.
 enum Attempt {
-    /// Solved, in so many Newton iterations; `coupled` over the stages, or on one face.
-    Solved { h: f64, iterations: usize, coupled: bool },
+    /// Solved, in so many Newton iterations; `coupled` over the stages, or on one face, of which the monitors between the
+    /// stages leave some `doubt`.
+    Solved { h: f64, iterations: usize, coupled: bool, doubt: f64 },
     /// To be done again with the step times this factor, and why.
     Failed(f64, Cause),
 }
@@ -170,6 +173,7 @@ impl<'p> Radau<'p> {
             last_method: 0,
             continues: false,
             jumped: None,
+            doubts: Doubts::default(),
             breaks: Breaks::new(t),
             counts: Counts::default(),
         };
@@ -211,8 +215,8 @@ impl<'p> Radau<'p> {
                 continue;
             }
             let outcome = self.attempt(h)?;
-            let (reached, iterations, coupled) = match outcome {
-                Attempt::Solved { h, iterations, coupled } => (h, iterations, coupled),
+            let (reached, iterations, coupled, doubt) = match outcome {
+                Attempt::Solved { h, iterations, coupled, doubt } => (h, iterations, coupled, doubt),
                 Attempt::Failed(factor, cause) => {
                     self.controller.surprise();
                     if self.jacobian == Freshness::Kept {
@@ -231,7 +235,8 @@ impl<'p> Radau<'p> {
                 self.accept(reached, coupled);
                 return self.end_step(reached < h);
             }
-            let error = self.error(reached, coupled);
+            let doubt = self.doubts.next(doubt);
+            let error = self.error(reached, coupled).max(doubt);
             let (s, most) = (self.tableau().stages(), self.control.most);
             if error < 1.0 {
                 let mut new = self.controller.accept(s, reached, error, iterations, most);
@@ -269,16 +274,17 @@ impl<'p> Radau<'p> {
     fn attempt(&mut self, h: f64) -> Result<Attempt, StepError> {
         let mut size = h;
         let mut may_turn = true;
+        let mut halvings = if self.settings.step.is_some() { 0 } else { 4 };
         for _ in 0..=self.system.bounded.len() + HALVINGS {
             self.prepare(size)?;
             self.predict(size);
             let (located, iterations) = match self.newton(size) {
                 Newton::Converged { iterations, violated } => {
-                    let dip = if violated || self.stage_vi.is_none() { None } else { self.dip(size) };
-                    if !violated && dip.is_none() {
-                        return Ok(Attempt::Solved { h: size, iterations, coupled: false });
+                    let between = if violated { Between::default() } else { self.between(size) };
+                    if !violated && between.dip.is_none() {
+                        return Ok(Attempt::Solved { h: size, iterations, coupled: false, doubt: between.doubt });
                     }
-                    (self.locate(size, dip)?, iterations)
+                    (self.locate(size, between.dip)?, iterations)
                 }
                 Newton::Slow(factor) if self.stage_vi.is_none() => return Ok(Attempt::Failed(factor, Cause::Slow)),
                 Newton::Failed(cause) if self.stage_vi.is_none() => return Ok(Attempt::Failed(0.5, cause)),
@@ -300,8 +306,15 @@ impl<'p> Radau<'p> {
                 Newton::Slow(_) | Newton::Failed(_) => break,
             };
             match located {
-                Located::At(h) => return Ok(Attempt::Solved { h, iterations, coupled: false }),
+                Located::At(h) => {
+                    let doubt = self.doubt_before(h);
+                    return Ok(Attempt::Solved { h, iterations, coupled: false, doubt });
+                }
                 Located::Now => {}
+                Located::Nowhere if halvings > 0 && self.switching.locates() => {
+                    halvings -= 1;
+                    size *= 0.5;
+                }
                 Located::Nowhere => break,
             }
         }
@@ -331,7 +344,7 @@ impl<'p> Radau<'p> {
         self.contraction = Contraction::default();
         self.switching.remember(&self.system.face);
         match stage_vi.solve(&mut self.system, tableau, &mut self.stages, self.t, h, &self.y, &self.control) {
-            Ok(()) => Attempt::Solved { h, iterations: self.control.most, coupled: true },
+            Ok(()) => Attempt::Solved { h, iterations: self.control.most, coupled: true, doubt: 0.0 },
             Err(cause) => Attempt::Failed(0.5, cause),
         }
     }
@@ -372,6 +385,7 @@ impl<'p> Radau<'p> {
             *y += z;
         }
         self.counts.accepted += 1;
+        self.doubts = Doubts::default();
         self.continues = true;
         if !(self.system.constant_jacobian() || self.contraction.theta <= THETA) {
             self.jacobian = Freshness::Stale;

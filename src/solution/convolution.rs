@@ -136,13 +136,13 @@ impl Coarse {
         let distances: Vec<f64> = self.ends.iter().zip(&fine.ends).map(|(a, b)| mean(a, b)).collect();
         let half_the_last = |k: usize| self.distances.as_ref().map_or(0.0, |last| 0.5 * last[k]);
         let size = |values: &[f64]| values.iter().fold(0.0_f64, |most, z| most.max(z.abs()));
-        let estimates = (0..distances.len()).map(|k| distances[k].max(half_the_last(k)));
-        let scaled = estimates.enumerate().map(|(k, estimate)| estimate / (atol[k] + rtol * size(&fine.ends[k])));
+        let estimates = || (0..distances.len()).map(|k| distances[k].max(half_the_last(k)));
+        let scaled = estimates().enumerate().map(|(k, estimate)| estimate / (atol[k] + rtol * size(&fine.ends[k])));
         let largest = |distances: &[f64]| distances.iter().copied().fold(0.0, f64::max);
         let order = self.distances.as_ref().map(|last| (largest(last) / largest(&distances)).log2());
         let refinement = Refinement {
             halvings: halvings as u32,
-            mean_distance: plan.names.iter().cloned().zip(distances.iter().copied()).collect(),
+            mean_distance: plan.names.iter().cloned().zip(estimates()).collect(),
             scaled: scaled.fold(0.0, f64::max),
             order: order.filter(|order| order.is_finite()),
         };

@@ -57,13 +57,14 @@ pub struct GlobalError {
 pub struct Refinement {
     /// How often the step was halved.
     pub halvings: u32,
-    /// Of each variable, the mean over time of the distance between the last run and the one before, at its steps: what
-    /// the last but one is off by, so that the last is off by less.
+    /// Of each variable, the mean over time of the distance between the last run and the one before, at its steps, or
+    /// half of the distance before that where it is larger: what the last but one is off by, so that the last is off by
+    /// less.
     #[serde(serialize_with = "by_name")]
     pub mean_distance: Vec<(String, f64)>,
-    /// The largest of it and of half the distance before, in units of `atol + rtol max |z|`; the aim is 1.
+    /// The largest of them, in units of `atol + rtol max |z|`; the aim is 1.
     pub scaled: f64,
-    /// The factor by which it last shrank, as a power of two: the order that was met.
+    /// The factor by which the distance last shrank, as a power of two: the order that was met.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub order: Option<f64>,
 }

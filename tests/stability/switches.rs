@@ -136,3 +136,22 @@ fn stepping_over_switches_with_error_control_keeps_the_tolerance() {
         assert!(solution.diagnostics.warnings.is_empty(), "{:?}", solution.diagnostics.warnings);
     }
 }
+
+#[test]
+fn pulses_between_which_no_state_moves_are_all_found() {
+    // x' = max(0, sin t - c): while the sine is below c nothing bounds the step but what is known of the sign of G.
+    use std::f64::consts::PI;
+    for level in [0.0, 0.9, 0.99, 0.999] {
+        let start = f64::asin(level);
+        let pulse = 2.0 * start.cos() - level * (PI - 2.0 * start);
+        for method in [json!({"rtol": 1e-6}), json!({"rtol": 1e-3}), json!({"rtol": 1e-6, "stages": 3})] {
+            let case = Case::until(200.0 * PI).state("x", 0.0, "z").nonnegative("z", &format!("z - sin(t) + {level}"));
+            let tolerance = method["rtol"].as_f64().expect("a number");
+            let solution = case.method(method.clone()).times(json!([200.0 * PI])).solve();
+            let times = instants(&solution);
+            assert!(times.len() >= 199, "{level}, {method}: {} switches", times.len());
+            let error = (last(&solution, "x") / (100.0 * pulse) - 1.0).abs();
+            assert!(error < 30.0 * tolerance, "{level}, {method}: off by {error:e}");
+        }
+    }
+}

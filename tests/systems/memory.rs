@@ -123,9 +123,15 @@ fn a_kernel_that_relaxes_is_a_differential_equation() {
         }},
         "time": {"end": 5}, "method": {"rtol": 1e-10, "max_step": 0.005}, "output": {"times": {"every": 0.005}}
     }));
-    let g = column(&system, "w").iter().zip(&system.trajectory.t).map(|(w, t)| w - (2.0 * t).sin());
-    let most = g.zip(column(&solution, "G_z")).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-    assert!(most < 1e-4, "{most:e}");
+    let switches = events(&system, "z");
+    assert_eq!(switches.len(), 7);
+    for ((&t, w), found) in system.trajectory.t.iter().zip(column(&system, "w")).zip(column(&solution, "G_z")) {
+        // Where `z` begins to hold `w` between two stages, its bound may keep it from making up for it within the step.
+        let is_at_switch = switches.iter().any(|switch| (0.0..0.005).contains(&(t - switch)));
+        let bound = if is_at_switch { 0.005 * 2.5 } else { 1e-5 };
+        let exact = w - (2.0 * t).sin();
+        assert!((exact - found).abs() < bound, "at {t}: {found}, not {exact}");
+    }
 }
 
 #[test]
