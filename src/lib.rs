@@ -63,6 +63,10 @@ fn solve_once(specification: &Specification, control: &Control) -> Solution {
             let (settings, analysis) = (specification.contact_plan().settings, specification.analysis());
             solution::step_rigid_bodies(scene, &plan, &settings, analysis, control)
         }
+        Model::Obstacle(problem) => {
+            let (settings, analysis) = (specification.obstacle_settings(), specification.analysis());
+            solution::integrate_obstacle(problem, &plan, &settings, analysis, control)
+        }
         Model::Convolution(model) => {
             let (convolution, analysis) = (specification.convolution_plan(model), specification.analysis());
             solution::integrate_convolution(model, &plan, &convolution, analysis, control)

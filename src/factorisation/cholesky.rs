@@ -6,6 +6,9 @@ use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::sparse::linalg::cholesky::{LltRef, SymbolicCholesky, SymmetricOrdering, factorize_symbolic_cholesky};
 use faer::{Conj, MatMut, Par, Side};
 
+/// The most nonzeros of a factor: 2 GiB of them.
+const MOST_VALUES: usize = 1 << 28;
+
 /// A Cholesky factor for matrices of one pattern.
 pub struct Cholesky {
     analysis: SymbolicCholesky<usize>,
@@ -20,6 +23,9 @@ impl Cholesky {
         let pattern = matrix.symbolic();
         let analysis =
             factorize_symbolic_cholesky(pattern, Side::Lower, SymmetricOrdering::Amd, Default::default()).ok()?;
+        if analysis.len_val() > MOST_VALUES {
+            return None;
+        }
         let factor = analysis.factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default());
         let solve = analysis.solve_in_place_scratch::<f64>(1, Par::Seq);
         let memory = MemBuffer::try_new(factor.or(solve)).ok()?;

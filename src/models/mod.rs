@@ -10,6 +10,7 @@ mod linear;
 mod mechanical;
 mod mechanical_model;
 mod model;
+pub mod obstacle;
 mod outputs;
 pub mod rigid_bodies;
 mod symbolic;

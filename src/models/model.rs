@@ -1,5 +1,6 @@
 //! Problems with their names and their start, to be solved any number of times.
 
+use super::obstacle::Obstacle;
 use super::rigid_bodies::Scene;
 use super::{ConvolutionModel, Linear, MechanicalModel, Outputs, Symbolic};
 use crate::analysis::{Analysis, analyse};
@@ -16,6 +17,8 @@ pub enum Model {
     Mechanical(Box<MechanicalModel>),
     /// Rigid bodies in space, for time stepping.
     RigidBodies(Scene),
+    /// A parabolic obstacle problem on a grid, for the trapezoidal rule with backward differences.
+    Obstacle(Box<Obstacle>),
     /// A problem with memory, for convolution quadrature.
     Convolution(Box<ConvolutionModel>),
 }
@@ -27,6 +30,7 @@ impl Model {
             Self::Dvi(model) => model.state_names.clone(),
             Self::Mechanical(model) => model.state_names.clone(),
             Self::RigidBodies(scene) => scene.state_names(),
+            Self::Obstacle(_) => vec!["u".to_owned()],
             Self::Convolution(model) => model.forcing.variable_names.clone(),
         }
     }
@@ -37,6 +41,7 @@ impl Model {
             Self::Dvi(model) => model.names().cloned().collect(),
             Self::Mechanical(model) => model.output_names.clone(),
             Self::RigidBodies(scene) => scene.output_names(),
+            Self::Obstacle(problem) => problem.output_names(),
             Self::Convolution(model) => model.output_names.clone(),
         }
     }
@@ -56,6 +61,7 @@ impl Model {
             Self::Dvi(model) => model.initial.clone(),
             Self::Mechanical(model) => model.initial.clone(),
             Self::RigidBodies(scene) => scene.initial(),
+            Self::Obstacle(_) => vec![0.0],
             Self::Convolution(model) => vec![0.0; model.variables()],
         }
     }
@@ -66,6 +72,7 @@ impl Model {
             Self::Dvi(model) => &model.warnings,
             Self::Mechanical(model) => &model.warnings,
             Self::RigidBodies(scene) => &scene.warnings,
+            Self::Obstacle(problem) => &problem.warnings,
             Self::Convolution(model) => &model.forcing.warnings,
         }
     }
@@ -76,6 +83,7 @@ impl Model {
             Self::Dvi(model) => model.analyse(t),
             Self::Mechanical(model) => model.analyse(),
             Self::RigidBodies(scene) => scene.analyse(),
+            Self::Obstacle(problem) => problem.analyse(),
             Self::Convolution(model) => model.analyse(),
         }
     }
@@ -84,7 +92,7 @@ impl Model {
     pub fn dvi(&self) -> Option<&DviModel> {
         match self {
             Self::Dvi(model) => Some(model),
-            Self::Mechanical(_) | Self::RigidBodies(_) | Self::Convolution(_) => None,
+            Self::Mechanical(_) | Self::RigidBodies(_) | Self::Obstacle(_) | Self::Convolution(_) => None,
         }
     }
 
@@ -93,7 +101,7 @@ impl Model {
         match self {
             Self::Dvi(model) => Some(&model.structure().set),
             Self::Convolution(model) => Some(&model.forcing.structure().set),
-            Self::Mechanical(_) | Self::RigidBodies(_) => None,
+            Self::Mechanical(_) | Self::RigidBodies(_) | Self::Obstacle(_) => None,
         }
     }
 }

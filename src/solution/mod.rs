@@ -7,6 +7,7 @@ pub mod encodings;
 mod energy_balance;
 mod global_error;
 mod integrate;
+mod obstacle;
 pub mod pictures;
 mod rigid_bodies;
 mod run;
@@ -19,6 +20,7 @@ pub use diagnostics::{
     Contraction, Diagnostics, Evaluations, Face, GlobalError, Refinement, Steps, Tried, ViCounts, Warning,
 };
 pub use integrate::{describe, integrate};
+pub use obstacle::{describe_obstacle, integrate_obstacle};
 pub use rigid_bodies::{describe_rigid_bodies, step_rigid_bodies};
 pub use run::{Plan, Stepper, run};
 pub use study::{Series, Study, StudyRun};

@@ -90,7 +90,7 @@ pub(super) fn run_to_end<S: Stepper>(
             stepper.finish(&mut run.diagnostics);
             run.end(ended)
         }
-        Err(failure) => run.end(Err((Status::Failed, failure))),
+        Err(failure) => run.end(Err(verdict(control, failure))),
     }
 }
 

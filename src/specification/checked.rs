@@ -74,12 +74,13 @@ impl Specification {
             let analysis = (errors.is_empty() && found.is_empty()).then(|| model.analyse(time.start))?;
             match &model {
                 Model::Dvi(model) => check_index(&analysis, model, &method, &mut found),
-                Model::Mechanical(_) | Model::RigidBodies(_) => {}
+                Model::Mechanical(_) | Model::RigidBodies(_) | Model::Obstacle(_) => {}
                 Model::Convolution(model) => convolution::check(model, &method, time, &mut found),
             }
             method.check_for(&model, &place, &mut found);
             if output.global_error && model.dvi().is_none() {
                 let detail = match model {
+                    Model::Obstacle(_) => "it is estimated of states, and these are as many as there are nodes",
                     Model::Convolution(_) => {
                         "with memory the error is estimated where there is no `step`, and only there"
                     }
@@ -182,6 +183,7 @@ fn lower(problem: &Problem, start: Option<f64>, errors: &mut Errors) -> Option<M
         Problem::Mechanical(problem) => ("mechanical", 2 * problem.coordinates.len()),
         Problem::RigidBodies(problem) => ("rigid_bodies", problem.bodies.len()),
         Problem::Filippov(problem) => ("filippov", problem.states.len() + problem.variables()),
+        Problem::Obstacle(problem) => ("obstacle", problem.nodes()),
         Problem::Circuit(problem) => ("circuit", problem.components.as_ref().map_or(0, Vec::len)),
         Problem::Convolution(problem) => ("convolution", problem.variables.len()),
         Problem::Elastic(problem) => ("elastic", problem.unknowns()),
@@ -199,6 +201,7 @@ fn lower(problem: &Problem, start: Option<f64>, errors: &mut Errors) -> Option<M
         Problem::RigidBodies(problem) => problem.lower(&place, start),
         Problem::Filippov(problem) => problem.lower(&place, start),
         Problem::Circuit(problem) => problem.lower(&place, start),
+        Problem::Obstacle(problem) => problem.lower(&place, start),
         Problem::Convolution(problem) => problem.lower(&place, start),
         Problem::Elastic(problem) => problem.lower(&place, start),
     };

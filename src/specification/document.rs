@@ -9,6 +9,7 @@ use super::filippov::FilippovProblem;
 use super::lcs::LcsProblem;
 use super::mechanical::MechanicalProblem;
 use super::method::Method;
+use super::obstacle::ObstacleProblem;
 use super::ordered::Ordered;
 use super::output::Output;
 use super::rigid_bodies::RigidBodiesProblem;
@@ -58,6 +59,8 @@ pub enum Problem {
     Filippov(FilippovProblem),
     /// An electrical circuit with ideal diodes and switches, in components or as a netlist.
     Circuit(CircuitProblem),
+    /// A parabolic equation above an obstacle, on an interval, a rectangle or a box.
+    Obstacle(Box<ObstacleProblem>),
     /// A problem with memory: an inequality for the convolution of the variables with a kernel.
     Convolution(ConvolutionProblem),
     /// An elastic or viscoelastic body in dynamic contact with obstacles.
@@ -100,6 +103,7 @@ impl Problem {
             Self::RigidBodies(_) => ("rigid_bodies", &NO_PARAMETERS),
             Self::Filippov(problem) => ("filippov", &problem.parameters),
             Self::Circuit(problem) => ("circuit", &problem.parameters),
+            Self::Obstacle(problem) => ("obstacle", &problem.parameters),
             Self::Elastic(problem) => ("elastic", &problem.parameters),
             Self::Convolution(problem) => ("convolution", &problem.parameters),
         }

@@ -20,6 +20,7 @@ pub struct Example {
 
 /// Every file of `api/examples`.
 pub const EXAMPLES: &[Example] = examples! {
+    "american_put"
     "bar_impact"
     "bottleneck"
     "bouncing_ball"
@@ -36,6 +37,8 @@ pub const EXAMPLES: &[Example] = examples! {
     "memory_abel"
     "memory_relaxation"
     "newton_cradle"
+    "obstacle_membrane"
+    "oxygen_diffusion"
     "pendulum"
     "pollu"
     "rectifier"

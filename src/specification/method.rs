@@ -89,6 +89,7 @@ choices! {
     MethodName {
         "auto" Auto: "The one that fits the problem."
         "radau" Radau: "Radau IIA with a variational inequality at every stage, of order 2s - 1 for s stages."
+        "tr_bdf2" TrBdf2: "The trapezoidal rule with backward differences, of order 2; for obstacle problems on grids."
         "contact" Contact: "The steppers of mechanical systems with impacts and friction."
         "convolution" Convolution: "Convolution quadrature on Radau IIA with a fixed step, for problems with memory."
     }
@@ -197,10 +198,16 @@ impl Method {
             (Model::Mechanical(_) | Model::RigidBodies(_), MethodName::Radau) => {
                 refuse("name", "Radau IIA alone knows no impacts", "`auto` or `contact`");
             }
-            (Model::Dvi(_), MethodName::Contact) => {
-                refuse("name", "this problem has no contacts", "`auto` or `radau`");
+            (Model::Mechanical(_) | Model::RigidBodies(_), MethodName::TrBdf2) => {
+                refuse("name", "this is the method of obstacle problems", "`auto` or `contact`");
             }
-            (Model::Convolution(_), MethodName::Radau | MethodName::Contact) => {
+            (Model::Dvi(_), MethodName::Contact | MethodName::TrBdf2) => {
+                refuse("name", "this problem has no contacts and no grid", "`auto` or `radau`");
+            }
+            (Model::Obstacle(_), MethodName::Radau | MethodName::Contact | MethodName::Convolution) => {
+                refuse("name", "obstacle problems have a method of their own", "`auto` or `tr_bdf2`");
+            }
+            (Model::Convolution(_), MethodName::Radau | MethodName::Contact | MethodName::TrBdf2) => {
                 refuse("name", "this problem has a memory", "`auto` or `convolution`");
             }
             (Model::Dvi(_) | Model::Mechanical(_) | Model::RigidBodies(_), MethodName::Convolution) => {
@@ -208,11 +215,19 @@ impl Method {
             }
             _ => {}
         }
-        if let Model::Dvi(_) | Model::Convolution(_) = model {
+        if matches!(model, Model::Dvi(_) | Model::Obstacle(_) | Model::Convolution(_)) {
             for (key, given) in [("impacts", self.impacts.is_some()), ("impact_law", self.impact_law.is_some())] {
                 if given {
                     refuse(key, "only mechanical systems have impacts", "to be left out");
                 }
+            }
+        }
+        if let Model::Obstacle(_) = model {
+            if self.stages != Stages::Auto {
+                refuse("stages", "the method of obstacle problems has two stages", "to be left out");
+            }
+            if !matches!(self.vi_solver, ViSolverName::Auto | ViSolverName::ActiveSet) {
+                refuse("vi_solver", "obstacle problems are solved on the active set", "`auto` or `active_set`");
             }
         }
     }

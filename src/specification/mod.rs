@@ -28,6 +28,7 @@ mod matrix;
 mod mechanical;
 mod method;
 mod mismatch;
+mod obstacle;
 mod ordered;
 mod output;
 mod parameters;
@@ -66,6 +67,9 @@ pub use lcs::LcsProblem;
 pub use matrix::{Matrix, SparseMatrix};
 pub use mechanical::{ConeName, Contact, Coordinate, Friction, Interpenetration, Joint, MechanicalProblem};
 pub use method::{ImpactLawName, Impacts, Method, MethodName, Switches, ViSolverName};
+pub use obstacle::{
+    Boundary, BoundaryCondition, Directions, Domain, Elements, ElementsOf, MassName, ObstacleProblem, PerDirection,
+};
 pub use ordered::Ordered;
 pub use output::Output;
 pub use rigid_bodies::{

@@ -4,7 +4,7 @@ use super::checked::Specification;
 use super::method::{ImpactLawName, Impacts, Switches, ViSolverName};
 use super::stages::Stages;
 use crate::contact;
-use crate::models::Model;
+use crate::models::{Model, obstacle};
 use crate::radau::{self, Settings, StageChoice};
 use crate::solution::{ContactPlan, Plan};
 use crate::vi::SolverKind;
@@ -61,6 +61,20 @@ impl Specification {
                 Switches::StepOver => radau::Switches::StepOver,
             },
             vi_solver: solver(method.vi_solver),
+            vi_tolerance: method.vi_tolerance.unwrap_or(VI_TOLERANCE),
+        }
+    }
+
+    /// The choices for obstacle problems.
+    pub fn obstacle_settings(&self) -> obstacle::Settings {
+        let method = self.method();
+        obstacle::Settings {
+            rtol: method.rtol,
+            atol: self.absolute_tolerances()[0],
+            step: method.step,
+            first_step: method.first_step,
+            max_step: method.max_step.unwrap_or(f64::INFINITY),
+            min_step: method.min_step.unwrap_or(0.0),
             vi_tolerance: method.vi_tolerance.unwrap_or(VI_TOLERANCE),
         }
     }

@@ -137,8 +137,9 @@ impl StudyRequest {
         let Some(stages) = &self.stages else { return vec![method.stages] };
         let place = place.key("stages");
         check_length(stages.len(), &place, errors);
-        if matches!(model, Model::Mechanical(_) | Model::RigidBodies(_)) {
-            let error = SpecificationError::new(place.to_string(), "conflict", "contact is not stepped in stages");
+        if model.dvi().is_none() && !matches!(model, Model::Convolution(_)) {
+            let error =
+                SpecificationError::new(place.to_string(), "conflict", "this problem is not solved by Radau IIA");
             errors.push(error.expected("`stages` to be left out"));
         }
         let fixed = self.step.is_some();

@@ -3,7 +3,9 @@
 use super::checked::Specification;
 use crate::analysis::Analysis;
 use crate::models::Model;
-use crate::solution::{Warning, describe, describe_contact, describe_convolution, describe_rigid_bodies};
+use crate::solution::{
+    Warning, describe, describe_contact, describe_convolution, describe_obstacle, describe_rigid_bodies,
+};
 use serde::Serialize;
 
 /// Sizes, what the theory says, and what a solve would build.
@@ -44,6 +46,7 @@ impl Specification {
             Model::Dvi(model) => describe(model.structure(), &self.settings(), self.analysis()),
             Model::Mechanical(model) => describe_contact(model, &self.contact_plan(), self.analysis()),
             Model::RigidBodies(scene) => describe_rigid_bodies(scene, &self.contact_plan().settings, self.analysis()),
+            Model::Obstacle(problem) => describe_obstacle(problem, &self.obstacle_settings(), self.analysis()),
             Model::Convolution(model) => describe_convolution(model, &self.convolution_plan(model), self.analysis()),
         };
         let mut warnings = described.warnings;
@@ -94,6 +97,16 @@ impl Sizes {
                     moving_bounds: 0,
                     jacobian_nonzeros: 0,
                     constant_jacobian: structure.constant_mass && structure.constant_forces,
+                }
+            }
+            Model::Obstacle(problem) => {
+                let nodes = problem.grid.nodes();
+                Self {
+                    states: nodes,
+                    variables: if problem.has_obstacle() { nodes } else { 0 },
+                    moving_bounds: 0,
+                    jacobian_nonzeros: 0,
+                    constant_jacobian: problem.has_constant_operator(),
                 }
             }
             Model::Convolution(model) => Self {

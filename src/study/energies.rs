@@ -43,7 +43,7 @@ fn of_example(name: &str, text: &str) -> Vec<Balance> {
         Model::Mechanical(_) => [tolerances(), steps()].concat(),
         Model::RigidBodies(_) => steps(),
         Model::Dvi(_) => tolerances(),
-        Model::Convolution(_) => Vec::new(),
+        Model::Convolution(_) | Model::Obstacle(_) => Vec::new(),
     };
     rungs.into_iter().map_while(|rung| balance(name, &specification, rung)).collect()
 }

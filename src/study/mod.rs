@@ -96,7 +96,7 @@ fn reference(model: &Model, rungs: &[Rung]) -> (Rung, String) {
         Rung::Tolerance(x) | Rung::Step(x) => finest.min(*x),
     });
     let by_step = matches!(rungs.first(), Some(Rung::Step(_)));
-    if by_step && matches!(model, Model::RigidBodies(_) | Model::Convolution(_)) {
+    if by_step && matches!(model, Model::RigidBodies(_) | Model::Convolution(_) | Model::Obstacle(_)) {
         let step = finest / FINER;
         return (Rung::Step(step), format!("a run with the step {step:e}"));
     }
@@ -163,6 +163,7 @@ fn order(before: &StudyRun, run: &StudyRun) -> Option<f64> {
 fn name(model: &Model, stages: Stages) -> String {
     match (model, stages) {
         (Model::Mechanical(_) | Model::RigidBodies(_), _) => "contact".to_owned(),
+        (Model::Obstacle(_), _) => "tr_bdf2".to_owned(),
         (Model::Convolution(_), Stages::Auto) => "convolution".to_owned(),
         (Model::Dvi(_), Stages::Auto) => "stages chosen".to_owned(),
         (Model::Dvi(_) | Model::Convolution(_), Stages::Fixed(1)) => "1 stage".to_owned(),

@@ -80,6 +80,7 @@ pub fn chapter(example: &Example) -> Option<Chapter> {
         }
         Model::Mechanical(_) => vec![(", located", by_tolerance), (FIXED, by_step)],
         Model::Convolution(_) => vec![(FIXED, with(by_step, json!([1, 2, 3])))],
+        Model::Obstacle(_) => vec![("", by_tolerance), (FIXED, by_step)],
         Model::RigidBodies(_) => vec![(FIXED, by_step)],
     };
     let mut chapter = Chapter {

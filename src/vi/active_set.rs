@@ -20,6 +20,7 @@ mod cyclic_reduction;
 mod dense;
 mod grid;
 mod line_search;
+mod multigrid;
 mod operator;
 mod sparse;
 mod tridiagonal;
@@ -100,7 +101,7 @@ impl ActiveSet {
     /// # Errors
     /// If the matrix is not square, has a diagonal entry that is not positive, or its factors do not fit into memory.
     pub fn new(matrix: &SparseMatrix) -> Result<Self, Unsuitable> {
-        let finest = Operator::new(matrix)?;
+        let finest = Operator::new(matrix, None)?;
         let coarser = coarse::by_elimination(&finest);
         Ok(Self::from_operators(finest, coarser))
     }
@@ -114,12 +115,24 @@ impl ActiveSet {
         if matrix.nrows() != expected {
             return Err(Unsuitable::Shape { rows: matrix.nrows(), columns: matrix.ncols(), expected });
         }
-        let finest = Operator::new(matrix)?;
+        let finest = Operator::new(matrix, Some(shape))?;
         let coarser = match finest {
             Operator::Tridiagonal(_) => coarse::by_elimination(&finest),
             Operator::Sparse(_) => coarse::by_interpolation(matrix, shape)?,
         };
         Ok(Self::from_operators(finest, coarser))
+    }
+
+    /// Solves `(A z)_i = r_i` for the variables that were inside their intervals in the last answer, the others zero, in
+    /// the place of `r`. False if the system is singular, or the outside asks to stop.
+    pub fn solve_inside(&mut self, r: &mut [f64], control: &Control) -> bool {
+        let Level { operator, face, .. } = &mut self.finest;
+        for (r, face) in r.iter_mut().zip(face.iter()) {
+            if *face != Face::Inside {
+                *r = 0.0;
+            }
+        }
+        operator.solve(face, None, r, control)
     }
 
     fn from_operators(finest: Operator, coarser: Vec<Coarse>) -> Self {
@@ -232,7 +245,7 @@ impl Level {
             }
             self.seen.push(signature);
             *passes += 1;
-            if !self.solve_on_face(q, set, z) {
+            if !self.solve_on_face(q, set, z, control) {
                 return false;
             }
             self.operator.inequality(q, z, &self.face, &mut self.w, &mut self.terms);
@@ -249,7 +262,7 @@ impl Level {
     }
 
     /// `z` on the present active set. False if the system is singular.
-    fn solve_on_face(&mut self, q: &[f64], set: &ConvexSet, z: &mut [f64]) -> bool {
+    fn solve_on_face(&mut self, q: &[f64], set: &ConvexSet, z: &mut [f64], control: &Control) -> bool {
         for (i, ((z, &face), &q)) in z.iter_mut().zip(&self.face).zip(q).enumerate() {
             *z = match face {
                 Face::Inside => -q,
@@ -257,7 +270,7 @@ impl Level {
                 Face::Upper => set.upper[i],
             };
         }
-        self.operator.solve(&self.face, None, z)
+        self.operator.solve(&self.face, None, z, control)
     }
 
     /// Moves variables to where their `z` and `w` say; what that changes in the signature.

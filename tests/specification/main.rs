@@ -11,6 +11,7 @@ mod hostile;
 mod index;
 mod mechanical;
 mod memory;
+mod obstacle;
 mod rigid_bodies;
 mod schema;
 mod semantics;

@@ -12,6 +12,7 @@ pub mod harness;
 pub mod memory;
 mod netlists;
 mod nonunique;
+mod obstacle;
 mod pendulum;
 mod queues;
 pub mod reference;

@@ -16,16 +16,16 @@ pub enum Neighbours {
 
 /// A matrix on its way, with `components` unknowns a node: those of a node stand together.
 #[derive(Clone, Debug)]
-pub struct Assembly<'g> {
-    grid: &'g Grid,
+pub struct Assembly {
+    grid: Grid,
     components: usize,
     pattern: SymbolicSparseColMat<usize>,
     values: Vec<f64>,
 }
 
-impl<'g> Assembly<'g> {
+impl Assembly {
     /// A matrix of zeros.
-    pub fn new(grid: &'g Grid, components: usize, neighbours: Neighbours) -> Self {
+    pub fn new(grid: &Grid, components: usize, neighbours: Neighbours) -> Self {
         let nodes = grid.nodes();
         let mut starts = Vec::with_capacity(nodes * components + 1);
         let mut rows = Vec::new();
@@ -41,7 +41,7 @@ impl<'g> Assembly<'g> {
         let size = nodes * components;
         let values = vec![0.0; rows.len()];
         let pattern = SymbolicSparseColMat::new_checked(size, size, starts, None, rows);
-        Self { grid, components, pattern, values }
+        Self { grid: grid.clone(), components, pattern, values }
     }
 
     /// Adds `factor` times a local matrix, whose rows and columns are the components of the first corner of the element,

@@ -101,6 +101,22 @@ impl Grid {
         (0..1 << self.dimension()).map(move |corner| first + self.offset(corner))
     }
 
+    /// The nodes around a point of the domain with the values of their shape functions there.
+    pub fn interpolation(&self, point: [f64; 3]) -> Vec<(usize, f64)> {
+        let (mut indices, mut parts) = ([0; 3], [0.0; 3]);
+        for (direction, axis) in self.axes.iter().enumerate() {
+            let place = (point[direction] - axis.lower) / axis.spacing();
+            indices[direction] = (place.max(0.0) as usize).min(axis.elements - 1);
+            parts[direction] = place - indices[direction] as f64;
+        }
+        let first = self.node(indices);
+        let weight = |corner: usize| {
+            let ends = (0..self.dimension()).map(|k| if corner >> k & 1 == 1 { parts[k] } else { 1.0 - parts[k] });
+            ends.product()
+        };
+        (0..1 << self.dimension()).map(|corner| (first + self.offset(corner), weight(corner))).collect()
+    }
+
     /// From the first corner of an element to another.
     fn offset(&self, corner: usize) -> usize {
         self.node([corner & 1, corner >> 1 & 1, corner >> 2 & 1])
@@ -128,6 +144,18 @@ fn split(mut number: usize, bases: impl Iterator<Item = usize>) -> [usize; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn interpolation_is_exact_for_products_of_linear_functions() {
+        let axis = |lower, elements| Axis { lower, upper: 2.0, elements };
+        let grid = Grid::new(vec![axis(-1.0, 3), axis(0.0, 4), axis(1.0, 1)]);
+        let u = |[x, y, z]: [f64; 3]| (1.0 + x) * (2.0 - y) * (3.0 * z - 1.0);
+        for point in [[-1.0, 0.0, 1.0], [2.0, 2.0, 2.0], [0.3, 1.7, 1.2], [0.0, 0.5, 1.5]] {
+            let around = grid.interpolation(point);
+            let value: f64 = around.iter().map(|&(node, weight)| weight * u(grid.coordinates(node))).sum();
+            assert!((value - u(point)).abs() < 1e-13, "{point:?}: {value}");
+        }
+    }
 
     #[test]
     fn corners_enclose_the_centre_of_every_element() {

@@ -93,7 +93,8 @@ pub(super) fn by_interpolation(finest: &SparseMatrix, shape: &[usize]) -> Result
     while fine.nrows() > SMALL && shape.iter().any(|&nodes| nodes > 3) {
         let (transfer, coarse_shape) = Interpolation::new(&shape);
         let coarse = transfer.galerkin(&fine).ok_or(Unsuitable::Memory)?;
-        coarser.push(Coarse::new(Transfer::Interpolation(transfer), Operator::new(&coarse)?));
+        let operator = Operator::new(&coarse, Some(&coarse_shape))?;
+        coarser.push(Coarse::new(Transfer::Interpolation(transfer), operator));
         (shape, fine) = (coarse_shape, coarse);
     }
     Ok(coarser)

@@ -63,9 +63,9 @@ impl LineSearch {
                 return iteration;
             }
             let norm = self.linearise(level, set, z);
-            if self.active_set_step(level, q, set, z) && self.norm_at_trial(level, q, set) <= DECREASE * norm {
+            if self.active_set_step(level, q, set, z, control) && self.norm_at_trial(level, q, set) <= DECREASE * norm {
                 z.copy_from_slice(&self.trial);
-            } else if !self.descend(level, q, set, z, norm) {
+            } else if !self.descend(level, q, set, z, norm, control) {
                 return iteration + 1;
             }
         }
@@ -84,13 +84,13 @@ impl LineSearch {
     }
 
     /// The step of the active set to which `z` and `w` belong, to `trial`.
-    fn active_set_step(&mut self, level: &mut Level, q: &[f64], set: &ConvexSet, z: &[f64]) -> bool {
+    fn active_set_step(&mut self, level: &mut Level, q: &[f64], set: &ConvexSet, z: &[f64], control: &Control) -> bool {
         for (i, (trial, &z)) in self.trial.iter_mut().zip(z).enumerate() {
             *trial = z - level.operator.inverse_diagonal()[i] * level.w[i];
         }
         level.guess(set, &self.trial);
         level.fit(set);
-        level.solve_on_face(q, set, &mut self.trial)
+        level.solve_on_face(q, set, &mut self.trial, control)
     }
 
     fn norm_at_trial(&mut self, level: &mut Level, q: &[f64], set: &ConvexSet) -> f64 {
@@ -105,14 +105,22 @@ impl LineSearch {
 
     /// A step of Armijo's line search along Newton's direction, else along the steepest descent. False if neither
     /// lowers `Psi`.
-    fn descend(&mut self, level: &mut Level, q: &[f64], set: &ConvexSet, z: &mut [f64], norm: f64) -> bool {
+    fn descend(
+        &mut self,
+        level: &mut Level,
+        q: &[f64],
+        set: &ConvexSet,
+        z: &mut [f64],
+        norm: f64,
+        control: &Control,
+    ) -> bool {
         let scale = level.operator.inverse_diagonal();
         for (i, at) in self.psi.iter().enumerate() {
             self.gradient[i] = at.by_z * at.value;
             self.direction[i] = scale[i] * at.by_w * at.value;
         }
         level.operator.add_transposed(&self.direction, &mut self.gradient);
-        if self.newton_direction(level, norm) {
+        if self.newton_direction(level, norm, control) {
             let slope = self.gradient.iter().zip(&self.direction).map(|(g, d)| g * d).sum::<f64>();
             if slope <= -DESCENT * norm * norm && self.search(level, q, set, z, (norm, slope)) {
                 return true;
@@ -126,7 +134,7 @@ impl LineSearch {
     }
 
     /// Solves `(diag(by_z) + diag(by_w / A_ii) A) d = -psi`.
-    fn newton_direction(&mut self, level: &mut Level, norm: f64) -> bool {
+    fn newton_direction(&mut self, level: &mut Level, norm: f64, control: &Control) -> bool {
         let proximal = PROXIMAL * norm.min(1.0);
         for (i, at) in self.psi.iter().enumerate() {
             let by_w = at.by_w * level.operator.inverse_diagonal()[i];
@@ -135,7 +143,7 @@ impl LineSearch {
             self.direction[i] = -at.value / if on_bound { at.by_z } else { by_w };
             self.shift[i] = if on_bound { 0.0 } else { at.by_z / by_w + proximal * at.by_w / by_w };
         }
-        level.operator.solve(&level.face, Some(&self.shift), &mut self.direction)
+        level.operator.solve(&level.face, Some(&self.shift), &mut self.direction, control)
     }
 
     fn search(

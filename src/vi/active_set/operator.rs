@@ -8,6 +8,7 @@ use super::sparse::Sparse;
 use super::tridiagonal::Tridiagonal;
 use super::{Face, Unsuitable};
 use crate::factorisation::SparseMatrix;
+use crate::problem::Control;
 
 #[expect(clippy::large_enum_variant, reason = "one of them lives as long as its stepper; a box would only add a hop")]
 pub(super) enum Operator {
@@ -16,7 +17,8 @@ pub(super) enum Operator {
 }
 
 impl Operator {
-    pub fn new(matrix: &SparseMatrix) -> Result<Self, Unsuitable> {
+    /// For a matrix on a grid of that shape, if it is one.
+    pub fn new(matrix: &SparseMatrix, shape: Option<&[usize]>) -> Result<Self, Unsuitable> {
         let (rows, columns) = (matrix.nrows(), matrix.ncols());
         if rows != columns {
             return Err(Unsuitable::Shape { rows, columns, expected: rows });
@@ -29,7 +31,7 @@ impl Operator {
         }
         match Tridiagonal::of_m_matrix(matrix) {
             Some(tridiagonal) => Ok(Self::Tridiagonal(tridiagonal)),
-            None => Ok(Self::Sparse(Sparse::new(matrix)?)),
+            None => Ok(Self::Sparse(Sparse::new(matrix, shape)?)),
         }
     }
 
@@ -70,11 +72,11 @@ impl Operator {
     }
 
     /// Solves in place: `z` holds the right-hand side `r` inside and the given values elsewhere; `shift` is `s`. False
-    /// if the system is singular.
-    pub fn solve(&mut self, face: &[Face], shift: Option<&[f64]>, z: &mut [f64]) -> bool {
+    /// if the system is singular, or the outside asks to stop.
+    pub fn solve(&mut self, face: &[Face], shift: Option<&[f64]>, z: &mut [f64], control: &Control) -> bool {
         match self {
             Self::Tridiagonal(matrix) => matrix.solve(face, shift, z),
-            Self::Sparse(matrix) => matrix.solve(face, shift, z),
+            Self::Sparse(matrix) => matrix.solve(face, shift, z, control),
         }
     }
 }

@@ -1,9 +1,11 @@
 //! A sparse matrix of any pattern. Rows and columns of variables at rest are replaced by those of the identity, so that
-//! the pattern, and its analysis, stay: a symmetric matrix is left symmetric, and factorised by Cholesky.
+//! the pattern, and its analysis, stay: a symmetric matrix is left symmetric, and factorised by Cholesky, or solved by
+//! multigrid where the factors would not be sparse.
 
+use super::multigrid::Multigrid;
 use super::{Face, Unsuitable};
 use crate::factorisation::{Analysis, Cholesky, SparseLu, SparseMatrix};
-use crate::problem::ConvexSet;
+use crate::problem::{Control, ConvexSet};
 
 pub(super) struct Sparse {
     matrix: SparseMatrix,
@@ -18,14 +20,22 @@ pub(super) struct Sparse {
 enum Factors {
     Cholesky(Cholesky),
     Lu(SparseLu<f64>),
+    Multigrid(Box<Multigrid>),
 }
 
+/// From this number of nodes on, grids of several dimensions are solved by multigrid.
+const MANY: usize = 20_000;
+
 impl Sparse {
-    pub fn new(matrix: &SparseMatrix) -> Result<Self, Unsuitable> {
+    /// For a matrix on a grid of that shape, if it is one.
+    pub fn new(matrix: &SparseMatrix, shape: Option<&[usize]>) -> Result<Self, Unsuitable> {
         let n = matrix.nrows();
         let inverse_diagonal = (0..n).map(|i| matrix.get(i, i).map_or(f64::INFINITY, |d| 1.0 / d)).collect();
         let factors = if is_symmetric(matrix) {
-            Cholesky::new(matrix).map(Factors::Cholesky)
+            match shape.filter(|shape| shape.len() > 1 && n >= MANY) {
+                Some(shape) => Multigrid::new(matrix, shape).map(|multigrid| Factors::Multigrid(Box::new(multigrid))),
+                None => Cholesky::new(matrix).map(Factors::Cholesky),
+            }
         } else {
             Analysis::new(matrix.symbolic()).and_then(|analysis| SparseLu::new(&analysis)).map(Factors::Lu)
         };
@@ -76,7 +86,7 @@ impl Sparse {
         self.matrix.symbolic().row_idx_of_col_raw(j).iter().zip(self.matrix.val_of_col(j))
     }
 
-    pub fn solve(&mut self, face: &[Face], shift: Option<&[f64]>, z: &mut [f64]) -> bool {
+    pub fn solve(&mut self, face: &[Face], shift: Option<&[f64]>, z: &mut [f64], control: &Control) -> bool {
         let at_hand = shift.is_none() && self.factored.as_deref() == Some(face);
         if !at_hand && !self.factorise(face, shift) {
             return false;
@@ -94,27 +104,20 @@ impl Sparse {
         match &mut self.factors {
             Factors::Cholesky(factors) => factors.solve(z),
             Factors::Lu(factors) => factors.solve(z),
+            Factors::Multigrid(multigrid) => multigrid.solve(z, control),
         }
     }
 
     fn factorise(&mut self, face: &[Face], shift: Option<&[f64]>) -> bool {
         let mut kept = self.factored.take().unwrap_or_default();
-        let (symbolic, values) = self.restricted.parts_mut();
-        for j in 0..face.len() {
-            let range = symbolic.col_range(j);
-            let rows = &symbolic.row_idx()[range.clone()];
-            for ((value, &i), &a) in values[range].iter_mut().zip(rows).zip(self.matrix.val_of_col(j)) {
-                *value = match (face[i] == Face::Inside && face[j] == Face::Inside, i == j) {
-                    (true, true) => a + shift.map_or(0.0, |shift| shift[j]),
-                    (true, false) => a,
-                    (false, true) => 1.0,
-                    (false, false) => 0.0,
-                };
-            }
-        }
+        let inside = |i: usize| face[i] == Face::Inside;
+        restrict(&self.matrix, inside, |i| shift.map_or(0.0, |shift| shift[i]), &mut self.restricted);
         let regular = match &mut self.factors {
             Factors::Cholesky(factors) => factors.factorise(&self.restricted),
             Factors::Lu(factors) => factors.factorise(&self.restricted),
+            Factors::Multigrid(multigrid) => {
+                multigrid.restrict(&self.restricted, face.iter().map(|face| *face == Face::Inside))
+            }
         };
         if regular && shift.is_none() {
             kept.clear();
@@ -125,9 +128,32 @@ impl Sparse {
     }
 }
 
+/// The matrix with `shift` added to the diagonal, rows and columns that are not `inside` replaced by those of the identity.
+pub(super) fn restrict(
+    matrix: &SparseMatrix,
+    inside: impl Fn(usize) -> bool,
+    shift: impl Fn(usize) -> f64,
+    restricted: &mut SparseMatrix,
+) {
+    let (symbolic, values) = restricted.parts_mut();
+    for j in 0..matrix.ncols() {
+        let range = symbolic.col_range(j);
+        let rows = &symbolic.row_idx()[range.clone()];
+        for ((value, &i), &a) in values[range].iter_mut().zip(rows).zip(matrix.val_of_col(j)) {
+            *value = match (inside(i) && inside(j), i == j) {
+                (true, true) => a + shift(j),
+                (true, false) => a,
+                (false, true) => 1.0,
+                (false, false) => 0.0,
+            };
+        }
+    }
+}
+
+/// Whether a matrix is symmetric but for rounding, as a product `P^T A P` is.
 fn is_symmetric(matrix: &SparseMatrix) -> bool {
     let Ok(transposed) = matrix.transpose().to_col_major() else { return false };
     matrix.symbolic().col_ptr() == transposed.symbolic().col_ptr()
         && matrix.symbolic().row_idx() == transposed.symbolic().row_idx()
-        && matrix.val() == transposed.val()
+        && matrix.val().iter().zip(transposed.val()).all(|(a, b)| (a - b).abs() <= 1e-13 * (a.abs() + b.abs()))
 }

@@ -6,6 +6,7 @@ mod choice;
 mod closed_forms;
 mod degenerate;
 mod families;
+mod multigrid;
 mod nonlinear;
 mod properties;
 mod sizes;

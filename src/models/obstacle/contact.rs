@@ -1,0 +1,111 @@
+//! Where `u` rests on an obstacle, and how hard.
+//!
+//! Beside the contact set the gap `g = u - phi` of an exact solution grows as the square of the distance from the free
+//! boundary, and so do its nodal values but for a constant: next to the last node `c` in contact, of reduced pressure,
+//! `g_m = kappa h^2 (m (m - 1) / 2 + theta m)`, `0 <= theta <= 1`. Its slope is linear all the same, and vanishes at
+//! `c + (1/2 - theta) h`. This is the free boundary, between nodes.
+
+use super::Semidiscrete;
+use crate::models::finite_elements::Axis;
+
+/// The contact set at one time.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Contact {
+    /// Its length, area or volume.
+    pub measure: f64,
+    /// Where it begins along `x`; the upper end of the domain where it is empty.
+    pub from: f64,
+    /// Where it ends along `x`; the lower end of the domain where it is empty.
+    pub to: f64,
+    /// The total force of the obstacles, upwards.
+    pub pressure: f64,
+    /// The number of nodes in it.
+    pub nodes: usize,
+}
+
+impl Contact {
+    /// Measures it at nodal values `u` between the bounds of the system; `force` is the force on each node.
+    pub fn of(system: &Semidiscrete, u: &[f64], force: &[f64]) -> Self {
+        let axes = system.problem.grid.axes();
+        let (along, across) = (axes[0], &axes[1..]);
+        let mut contact = Self { from: along.upper, to: along.lower, ..Self::default() };
+        let mut line = Line { axis: along, gaps: vec![0.0; along.nodes()], touches: vec![false; along.nodes()] };
+        for (k, first) in (0..u.len()).step_by(along.nodes()).enumerate() {
+            let touching = line.read(system, u, first);
+            if touching == 0 {
+                continue;
+            }
+            contact.nodes += touching;
+            let nodes = first..first + along.nodes();
+            contact.pressure +=
+                nodes.zip(&line.touches).filter(|(_, touches)| **touches).map(|(i, _)| force[i]).sum::<f64>();
+            let width = width(across, k);
+            line.runs(|from, to| {
+                contact.measure += width * (to - from);
+                contact.from = contact.from.min(from);
+                contact.to = contact.to.max(to);
+            });
+        }
+        contact
+    }
+}
+
+/// What the `k`-th line along `x` stands for in the other directions.
+fn width(across: &[Axis], mut k: usize) -> f64 {
+    let mut width = 1.0;
+    for axis in across {
+        let is_end = [0, axis.elements].contains(&(k % axis.nodes()));
+        width *= if is_end { 0.5 } else { 1.0 } * axis.spacing();
+        k /= axis.nodes();
+    }
+    width
+}
+
+/// The nodes of a line along `x`.
+struct Line {
+    axis: Axis,
+    /// The distance from the nearer obstacle.
+    gaps: Vec<f64>,
+    touches: Vec<bool>,
+}
+
+impl Line {
+    /// Takes over the line that begins at a node; how many of its nodes touch.
+    fn read(&mut self, system: &Semidiscrete, u: &[f64], first: usize) -> usize {
+        let n = self.gaps.len();
+        for (i, (gap, touches)) in self.gaps.iter_mut().zip(&mut self.touches).enumerate() {
+            let node = first + i;
+            let (lower, upper) = (system.set.lower[node], system.set.upper[node]);
+            *gap = (u[node] - lower).min(upper - u[node]);
+            *touches = *gap == 0.0 && !system.is_given[node];
+        }
+        let touching = self.touches.iter().filter(|touches| **touches).count();
+        // A given value belongs to no obstacle; at the end of a run of contact it does not bound it either.
+        for (end, next) in [(0, 1), (n - 1, n - 2)] {
+            self.touches[end] |= system.is_given[first + end] && self.touches[next];
+        }
+        touching
+    }
+
+    /// Visits the intervals of contact.
+    fn runs(&self, mut visit: impl FnMut(f64, f64)) {
+        let n = self.touches.len();
+        let mut start = 0;
+        while let Some(from) = (start..n).find(|&i| self.touches[i]) {
+            let to = (from..n).find(|&i| !self.touches[i]).unwrap_or(n) - 1;
+            let h = self.axis.spacing();
+            let before = if from == 0 { 0.0 } else { self.beyond(|m| from.checked_sub(m)) };
+            let after = if to == n - 1 { 0.0 } else { self.beyond(|m| Some(to + m).filter(|&i| i < n)) };
+            visit(self.axis.node(from) - h * before, self.axis.node(to) + h * after);
+            start = to + 1;
+        }
+    }
+
+    /// `1/2 - theta`: how far the contact reaches beyond its last node; `at` is the `m`-th node from there.
+    fn beyond(&self, at: impl Fn(usize) -> Option<usize>) -> f64 {
+        let gap = |m| at(m).filter(|&i| !self.touches[i]).map(|i| self.gaps[i]);
+        let (Some(first), Some(second)) = (gap(1), gap(2)) else { return 0.0 };
+        let curvature = second - 2.0 * first;
+        if curvature > 0.0 { (0.5 - first / curvature).max(-0.5) } else { 0.0 }
+    }
+}

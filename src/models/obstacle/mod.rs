@@ -1,0 +1,35 @@
+//! The parabolic obstacle problem: find `u` between `phi` and `psi` with
+//!
+//! ```text
+//! u_t - div(a grad u) + b . grad u + c u = f + w,    0 <= w where u = phi,  w <= 0 where u = psi,  w = 0 elsewhere
+//! ```
+//!
+//! on an interval, a rectangle or a box, `u` or the flux `a du/dn` given on each side (Glowinski, Lions and Tremolieres
+//! 1981, *Numerical Analysis of Variational Inequalities*, chapter 6). On finite elements it is the differential
+//! variational inequality
+//!
+//! ```text
+//! M u' + A(t) u = f(t) + w,    u in K(t) = [phi(t), psi(t)],    <w, v - u> <= 0  for all v in K(t)
+//! ```
+//!
+//! of index one, `CB = M^-1` being symmetric and positive definite. [`Semidiscrete`] assembles it, [`TrBdf2`] integrates
+//! it with a variational inequality at each of two stages, and [`Contact`] measures where `u` rests.
+
+mod contact;
+mod equations;
+mod field;
+mod offence;
+mod operator;
+mod semidiscrete;
+mod settings;
+mod stage;
+mod tr_bdf2;
+
+pub use contact::Contact;
+pub use equations::{Condition, Obstacle, Probe};
+pub use field::Field;
+pub use offence::Offence;
+pub use operator::largest_peclet;
+pub use semidiscrete::Semidiscrete;
+pub use settings::{Cause, Counts, Settings};
+pub use tr_bdf2::{GAMMA, TrBdf2};

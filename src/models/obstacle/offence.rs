@@ -1,0 +1,127 @@
+//! What is not a number, or not in its range.
+
+use crate::models::finite_elements::Side;
+use std::fmt;
+
+/// A value that makes no obstacle problem, with where and when.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Offence {
+    /// An expression has no finite value.
+    NotFinite {
+        /// Its key in a specification.
+        key: String,
+        /// What it gives.
+        value: f64,
+        /// Where.
+        at: [f64; 3],
+        /// When.
+        t: f64,
+    },
+    /// Diffusion below zero: the equation would run backwards.
+    NegativeDiffusion {
+        /// Its value.
+        value: f64,
+        /// Where.
+        at: [f64; 3],
+        /// When.
+        t: f64,
+    },
+    /// The lower obstacle is above the upper one.
+    Crossing {
+        /// The lower one.
+        lower: f64,
+        /// The upper one.
+        upper: f64,
+        /// Where.
+        at: [f64; 3],
+        /// When.
+        t: f64,
+    },
+    /// The value given on a side is beyond an obstacle.
+    GivenBeyond {
+        /// The side.
+        side: Side,
+        /// The value.
+        value: f64,
+        /// The obstacle.
+        bound: f64,
+        /// Where.
+        at: [f64; 3],
+        /// When.
+        t: f64,
+    },
+    /// The initial value is beyond an obstacle.
+    InitialBeyond {
+        /// The value.
+        value: f64,
+        /// The obstacle.
+        bound: f64,
+        /// Where.
+        at: [f64; 3],
+    },
+}
+
+impl Offence {
+    /// The key in a specification that it is about.
+    pub fn key(&self) -> String {
+        match self {
+            Self::NotFinite { key, .. } => key.clone(),
+            Self::NegativeDiffusion { .. } => "diffusion".to_owned(),
+            Self::Crossing { .. } => "obstacle".to_owned(),
+            Self::GivenBeyond { side, .. } => format!("boundary/{}/dirichlet", side.name()),
+            Self::InitialBeyond { .. } => "initial".to_owned(),
+        }
+    }
+
+    /// A stable word for programs.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::NotFinite { .. } => "not_finite",
+            Self::NegativeDiffusion { .. } => "out_of_range",
+            Self::Crossing { .. } => "empty_set",
+            Self::GivenBeyond { .. } | Self::InitialBeyond { .. } => "beyond_obstacle",
+        }
+    }
+
+    /// What should be there instead.
+    pub fn expected(&self) -> &'static str {
+        match self {
+            Self::NotFinite { .. } => "a finite value all over the domain",
+            Self::NegativeDiffusion { .. } => "a diffusion that is nowhere below zero",
+            Self::Crossing { .. } => "a lower obstacle that is nowhere above the upper one",
+            Self::GivenBeyond { .. } => "a value between the obstacles",
+            Self::InitialBeyond { .. } => {
+                "a value between the obstacles, such as the `max` of itself and the lower one"
+            }
+        }
+    }
+}
+
+impl fmt::Display for Offence {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotFinite { key, value, at: [x, y, z], t } => write!(
+                formatter,
+                "`{key}` is {value} at ({x}, {y}, {z}) and t = {t:?}: a division by zero, a function outside its domain, or \
+                 a number too large"
+            ),
+            Self::NegativeDiffusion { value, at: [x, y, z], t } => {
+                write!(formatter, "the diffusion is {value} at ({x}, {y}, {z}) and t = {t:?}")
+            }
+            Self::Crossing { lower, upper, at: [x, y, z], t } => write!(
+                formatter,
+                "the lower obstacle {lower} is above the upper one {upper} at ({x}, {y}, {z}) and t = {t:?}"
+            ),
+            Self::GivenBeyond { side, value, bound, at: [x, y, z], t } => write!(
+                formatter,
+                "the value {value} given on `{}` is beyond the obstacle {bound} at ({x}, {y}, {z}) and t = {t:?}",
+                side.name()
+            ),
+            Self::InitialBeyond { value, bound, at: [x, y, z] } => write!(
+                formatter,
+                "the initial value {value} is beyond the obstacle {bound} at ({x}, {y}, {z}), by {:e}",
+                (value - bound).abs()
+            ),
+        }
+    }
+}

@@ -1,0 +1,213 @@
+//! Space discretised: `M`, `A(t)`, `f(t)` and the bounds of `K(t)` at the nodes of the grid.
+
+use super::operator::stiffness;
+use super::{Condition, Field, Obstacle, Offence};
+use crate::factorisation::SparseMatrix;
+use crate::models::finite_elements::{Assembly, Element, Neighbours, Quadrature, Side};
+use crate::problem::ConvexSet;
+
+/// The equations of the nodal values `u`, with the matrices and vectors as of the time they were asked for last.
+pub struct Semidiscrete {
+    /// The problem.
+    pub problem: Obstacle,
+    /// `M`
+    pub mass: SparseMatrix,
+    /// `A`, on the pattern of `M`.
+    pub stiffness: SparseMatrix,
+    /// `f`, with what flows in through the sides.
+    pub load: Vec<f64>,
+    /// `K`; a node on a side where `u` is given has that value for both its ends.
+    pub set: ConvexSet,
+    /// The integral of each shape function.
+    pub weights: Vec<f64>,
+    /// Whether `u` is given at a node.
+    pub is_given: Vec<bool>,
+    /// The zero matrix that `A` is assembled in.
+    blank: Assembly,
+    has_operator: bool,
+    has_vectors: bool,
+    varying: Varying,
+}
+
+/// What depends on time.
+struct Varying {
+    operator: bool,
+    load: bool,
+    set: bool,
+}
+
+/// How far a value may be on the wrong side of an obstacle and still be taken for one on it, relative to its size.
+const ROUNDING: f64 = 1e-10;
+
+impl Semidiscrete {
+    /// Assembles what does not depend on time; the rest is there after [`Self::operator_at`] and [`Self::vectors_at`].
+    pub fn new(problem: Obstacle) -> Self {
+        let grid = &problem.grid;
+        let n = grid.nodes();
+        let neighbours = match problem.quadrature {
+            Quadrature::Exact => Neighbours::OfElements,
+            Quadrature::Nodal => Neighbours::AlongAxes,
+        };
+        let blank = Assembly::new(grid, 1, neighbours);
+        let mut mass = blank.clone();
+        let local = Element::of(grid, problem.quadrature).mass();
+        (0..grid.elements()).for_each(|element| mass.add(element, 1.0, &local));
+        let mass = mass.finish();
+        let mut weights = vec![0.0; n];
+        for entry in mass.triplet_iter() {
+            weights[entry.row] += entry.val;
+        }
+        let mut is_given = vec![false; n];
+        for (side, condition) in Side::all(grid.dimension()).zip(&problem.conditions) {
+            if matches!(condition, Condition::Dirichlet(_)) {
+                grid.nodes_on(side).for_each(|node| is_given[node] = true);
+            }
+        }
+        let varying = Varying {
+            operator: !problem.has_constant_operator(),
+            load: problem.source.iter().any(varies)
+                || problem.conditions.iter().any(|condition| varies(condition.field())),
+            set: problem.lower.iter().chain(&problem.upper).any(varies)
+                || problem.conditions.iter().any(|condition| varies(condition.field())),
+        };
+        Self {
+            stiffness: mass.clone(),
+            mass,
+            load: vec![0.0; n],
+            set: ConvexSet::free(n),
+            weights,
+            is_given,
+            blank,
+            has_operator: false,
+            has_vectors: false,
+            varying,
+            problem,
+        }
+    }
+
+    /// Brings `A` to time `t`; whether it is another than before.
+    ///
+    /// # Errors
+    /// A coefficient that is not finite, or diffusion below zero.
+    pub fn operator_at(&mut self, t: f64) -> Result<bool, Offence> {
+        if self.has_operator && !self.varying.operator {
+            return Ok(false);
+        }
+        self.stiffness = stiffness(&mut self.problem, self.blank.clone(), t)?;
+        self.has_operator = true;
+        Ok(true)
+    }
+
+    /// Brings `f` and `K` to time `t`.
+    ///
+    /// # Errors
+    /// A value that is not finite, obstacles that cross, or a given value beyond one.
+    pub fn vectors_at(&mut self, t: f64) -> Result<(), Offence> {
+        if self.varying.load || !self.has_vectors {
+            self.load_at(t)?;
+        }
+        if self.varying.set || !self.has_vectors {
+            self.set_at(t)?;
+        }
+        self.has_vectors = true;
+        Ok(())
+    }
+
+    /// The nodal values at the start, on the sides those given there.
+    ///
+    /// # Errors
+    /// A value that is not finite, or the one farthest beyond an obstacle. The bounds must be those of the start.
+    pub fn initial(&mut self, t: f64) -> Result<Vec<f64>, Offence> {
+        let Self { problem, set, is_given, .. } = self;
+        let mut u = Vec::with_capacity(is_given.len());
+        let mut worst = (0.0, None);
+        for (node, &is_given) in is_given.iter().enumerate() {
+            let at = problem.grid.coordinates(node);
+            let value = finite("initial", &mut problem.initial, t, at)?;
+            let bound = set.project(node, value);
+            let beyond = (bound - value).abs();
+            if !is_given && beyond > slack(bound).max(worst.0) {
+                worst = (beyond, Some(Offence::InitialBeyond { value, bound, at }));
+            }
+            u.push(bound);
+        }
+        worst.1.map_or(Ok(u), Err)
+    }
+
+    fn load_at(&mut self, t: f64) -> Result<(), Offence> {
+        let Self { problem, load, .. } = self;
+        let Obstacle { grid, source, conditions, .. } = problem;
+        load.fill(0.0);
+        if let Some(source) = source {
+            let part = Element::of(grid, Quadrature::Nodal).volume() / (1 << grid.dimension()) as f64;
+            for element in 0..grid.elements() {
+                let value = part * finite("source", source, t, grid.centre(element))?;
+                grid.corners(element).for_each(|node| load[node] += value);
+            }
+        }
+        for (side, condition) in Side::all(grid.dimension()).zip(conditions) {
+            let Condition::Neumann(flux) = condition else { continue };
+            if flux.constant() == Some(0.0) {
+                continue;
+            }
+            let area = grid.face_area(side);
+            for face in grid.faces_on(side) {
+                let part = area / face.nodes.len() as f64;
+                let value = part * finite(&side_key(side, "neumann"), flux, t, face.centre)?;
+                face.nodes.iter().for_each(|&node| load[node] += value);
+            }
+        }
+        Ok(())
+    }
+
+    fn set_at(&mut self, t: f64) -> Result<(), Offence> {
+        let Self { problem, set, is_given, .. } = self;
+        let Obstacle { grid, lower, upper, conditions, .. } = problem;
+        for (node, &is_given) in is_given.iter().enumerate() {
+            let at = grid.coordinates(node);
+            if let Some(lower) = lower {
+                set.lower[node] = finite("obstacle", lower, t, at)?;
+            }
+            if let Some(upper) = upper {
+                set.upper[node] = finite("upper_obstacle", upper, t, at)?;
+            }
+            if set.lower[node] > set.upper[node] && !is_given {
+                return Err(Offence::Crossing { lower: set.lower[node], upper: set.upper[node], at, t });
+            }
+        }
+        for (side, condition) in Side::all(grid.dimension()).zip(conditions) {
+            let Condition::Dirichlet(given) = condition else { continue };
+            for node in grid.nodes_on(side) {
+                let at = grid.coordinates(node);
+                let value = finite(&side_key(side, "dirichlet"), given, t, at)?;
+                let bounds = [
+                    lower.as_mut().map(|lower| lower.at(t, at)).filter(|lower| value < lower - slack(*lower)),
+                    upper.as_mut().map(|upper| upper.at(t, at)).filter(|upper| value > upper + slack(*upper)),
+                ];
+                if let [Some(bound), _] | [_, Some(bound)] = bounds {
+                    return Err(Offence::GivenBeyond { side, value, bound, at, t });
+                }
+                (set.lower[node], set.upper[node]) = (value, value);
+            }
+        }
+        Ok(())
+    }
+}
+
+fn slack(bound: f64) -> f64 {
+    ROUNDING * (1.0 + bound.abs())
+}
+
+fn varies(field: &Field) -> bool {
+    field.varies_in_time()
+}
+
+fn side_key(side: Side, kind: &str) -> String {
+    format!("boundary/{}/{kind}", side.name())
+}
+
+/// The value of a field, if it is a number.
+pub(super) fn finite(key: &str, field: &mut Field, t: f64, at: [f64; 3]) -> Result<f64, Offence> {
+    let value = field.at(t, at);
+    if value.is_finite() { Ok(value) } else { Err(Offence::NotFinite { key: key.to_owned(), value, at, t }) }
+}

@@ -1,0 +1,177 @@
+//! A parabolic obstacle problem from start to end, its outputs by name.
+
+use super::run::{Plan, Stepper, run};
+use super::{Diagnostics, Evaluations, Event, EventKind, Failure, Solution, Steps, ViCounts};
+use crate::analysis::Analysis;
+use crate::models::obstacle::{Cause, Contact, GAMMA, Obstacle, Settings, TrBdf2};
+use crate::problem::Control;
+
+/// Integrates an obstacle problem.
+pub fn integrate_obstacle(
+    problem: &Obstacle,
+    plan: &Plan,
+    settings: &Settings,
+    analysis: &Analysis,
+    control: &Control,
+) -> Solution {
+    run(plan, control, describe_obstacle(problem, settings, analysis), || {
+        Course::new(problem, plan, settings, control).map_err(|cause| failure(&cause, plan.start, plan.initial.clone()))
+    })
+}
+
+/// What is known before the run.
+pub fn describe_obstacle(problem: &Obstacle, settings: &Settings, analysis: &Analysis) -> Diagnostics {
+    let mut diagnostics = Diagnostics {
+        method: "tr_bdf2",
+        stages: 2,
+        built: vec!["finite elements", "trapezoidal rule with backward differences", "active set"],
+        analysis: Some(analysis.clone()),
+        vi: problem.has_obstacle().then(ViCounts::default),
+        ..Diagnostics::default()
+    };
+    let mut leave = |what: &str| diagnostics.left_out.push(what.to_owned());
+    if !problem.has_obstacle() {
+        leave("variational inequality: there is no obstacle");
+    }
+    if problem.has_constant_operator() {
+        leave("new matrices for new times: the coefficients are constant in time");
+    }
+    if settings.step.is_some() {
+        leave("error control: the step is fixed");
+    }
+    diagnostics
+}
+
+/// A run with the names that its columns go by.
+struct Course<'a> {
+    stepper: TrBdf2<'a>,
+    /// The outputs at the time before the last step, at its first stage and at the time reached.
+    told: [Vec<f64>; 3],
+    contact: Contact,
+    events: Vec<Event>,
+    /// Those of the probes, as corners of an element and their weights.
+    probes: Vec<Vec<(usize, f64)>>,
+    /// The largest `|u|` there is at the time reached, the state that failures tell.
+    states: Vec<f64>,
+}
+
+impl<'a> Course<'a> {
+    fn new(problem: &Obstacle, plan: &'a Plan, settings: &Settings, control: &'a Control) -> Result<Self, Cause> {
+        let stepper = TrBdf2::new(problem.clone(), (plan.start, plan.end), *settings, control)?;
+        let probes = problem.probes.iter().map(|probe| problem.grid.interpolation(probe.at)).collect();
+        let room = || vec![0.0; plan.names.len()];
+        let mut course = Self {
+            stepper,
+            told: [room(), room(), room()],
+            contact: Contact::default(),
+            events: Vec::new(),
+            probes,
+            states: plan.initial.clone(),
+        };
+        course.tell();
+        let told = course.told[2].clone();
+        course.told[0].copy_from_slice(&told);
+        course.told[1].copy_from_slice(&told);
+        Ok(course)
+    }
+
+    /// Takes the outputs at the time reached into the books.
+    fn tell(&mut self) {
+        let Self { stepper: TrBdf2 { system, u, force, last, .. }, told, probes, .. } = self;
+        self.contact = Contact::of(system, u, force);
+        let [before, middle, now] = told;
+        std::mem::swap(before, now);
+        let scalars = probes.len();
+        for (u, told) in [(&last.2, &mut *middle), (u, &mut *now)] {
+            for (told, probe) in told.iter_mut().zip(probes.iter()) {
+                *told = probe.iter().map(|&(node, weight)| weight * u[node]).sum();
+            }
+            told[scalars] = u.iter().zip(&system.weights).map(|(u, weight)| u * weight).sum();
+        }
+        let Contact { measure, from, to, pressure, .. } = self.contact;
+        let values = [pressure, measure, from, to];
+        for (told, value) in now[scalars + 1..].iter_mut().zip(values) {
+            *told = value;
+        }
+        self.states[0] = u.iter().fold(0.0_f64, |largest, u| largest.max(u.abs()));
+    }
+}
+
+impl Stepper for Course<'_> {
+    fn t(&self) -> f64 {
+        self.stepper.t
+    }
+
+    fn is_done(&self) -> bool {
+        self.stepper.is_done()
+    }
+
+    fn accepted(&self) -> u64 {
+        self.stepper.counts.accepted
+    }
+
+    fn states(&self) -> &[f64] {
+        &self.states
+    }
+
+    fn step(&mut self) -> Result<(), Failure> {
+        self.stepper.step().map_err(|cause| failure(&cause, self.stepper.t, self.states.clone()))?;
+        let before = self.contact.nodes;
+        self.tell();
+        let kind = match (before, self.contact.nodes) {
+            (0, 1..) => Some(EventKind::Activated),
+            (1.., 0) => Some(EventKind::Deactivated),
+            _ => None,
+        };
+        self.events.extend(kind.map(|kind| Event { t: self.stepper.t, kind, of: "contact".to_owned() }));
+        Ok(())
+    }
+
+    /// Within a step, values of `u` are those of the parabola through both ends and the first stage; those of the contact
+    /// set, whose rate jumps, are on the line between the ends.
+    fn outputs(&mut self, t: f64, out: &mut [f64]) {
+        let (before, end) = (self.stepper.last.0, self.stepper.t);
+        let part = if end > before { (t - before) / (end - before) } else { 1.0 };
+        if part == 1.0 {
+            out.copy_from_slice(&self.told[2]);
+            return;
+        }
+        let of_middle = part * (1.0 - part) / (GAMMA * (1.0 - GAMMA));
+        let of_end = part * (part - GAMMA) / (1.0 - GAMMA);
+        let values = self.probes.len() + 1;
+        for (i, out) in out.iter_mut().enumerate() {
+            let [a, b, c] = [self.told[0][i], self.told[1][i], self.told[2][i]];
+            *out = if i < values { a + of_middle * (b - a) + of_end * (c - a) } else { a + part * (c - a) };
+        }
+    }
+
+    fn take_events(&mut self, events: &mut Vec<Event>) {
+        events.append(&mut self.events);
+    }
+
+    fn observe(&mut self, _switched: bool, _diagnostics: &mut Diagnostics) {}
+
+    fn finish(&mut self, diagnostics: &mut Diagnostics) {
+        let counts = &self.stepper.counts;
+        let reasons = [("error", counts.inaccurate), ("inequality", counts.unsolved)];
+        diagnostics.steps = Steps {
+            accepted: counts.accepted,
+            rejected: counts.inaccurate + counts.unsolved,
+            rejected_for: reasons.into_iter().filter(|(_, count)| *count > 0).collect(),
+        };
+        diagnostics.evaluations =
+            Evaluations { rates: counts.vectors, jacobians: counts.operators, factorisations: counts.matrices };
+        let counted = ViCounts {
+            solver: "active_set",
+            solves: counts.solves,
+            pivots: counts.passes,
+            largest_residual: counts.residual,
+            tried: Vec::new(),
+        };
+        diagnostics.vi = diagnostics.vi.take().map(|_| counted);
+    }
+}
+
+fn failure(cause: &Cause, time: f64, state: Vec<f64>) -> Failure {
+    Failure { code: cause.code().into(), message: cause.to_string(), time, state }
+}

@@ -1,0 +1,133 @@
+//! A coefficient that may differ from direction to direction.
+
+use super::field;
+use crate::models::obstacle::Field;
+use crate::specification::error::SpecificationError;
+use crate::specification::expression::Expression;
+use crate::specification::lowering::Lowering;
+use crate::specification::place::Place;
+use serde::Deserialize;
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{Deserializer, Error, MapAccess, Visitor};
+use std::fmt;
+use utoipa::openapi::schema::{OneOfBuilder, Schema};
+use utoipa::openapi::{Ref, RefOr};
+use utoipa::{PartialSchema, ToSchema};
+
+/// An expression for every direction, or one for each.
+#[derive(Clone, Debug)]
+pub enum PerDirection {
+    /// The same in all.
+    Same(Expression),
+    /// One for each that the domain has.
+    Each(Box<Directions>),
+}
+
+/// An expression for each direction.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Directions {
+    /// Along `x`.
+    pub x: Expression,
+    /// Along `y`, where the domain has it.
+    pub y: Option<Expression>,
+    /// Along `z`, where the domain has it.
+    pub z: Option<Expression>,
+}
+
+impl PerDirection {
+    /// The functions, one for each of `dimension` directions; a single one serves for several only if it `spreads`.
+    pub(super) fn lower(
+        &self,
+        dimension: usize,
+        spreads: bool,
+        place: &Place<'_>,
+        lowering: &mut Lowering,
+    ) -> Vec<Field> {
+        match self {
+            Self::Same(expression) => {
+                if dimension > 1 && !spreads {
+                    let detail = format!("one expression, where there are {dimension} directions");
+                    let error = SpecificationError::new(place.to_string(), "wrong_shape", detail);
+                    lowering.errors.push(error.expected("an object with an expression for each direction"));
+                }
+                vec![field(expression, place, lowering); dimension]
+            }
+            Self::Each(each) => {
+                let given = [("x", Some(&each.x)), ("y", each.y.as_ref()), ("z", each.z.as_ref())];
+                let mut fields = Vec::with_capacity(dimension);
+                for (k, (key, expression)) in given.into_iter().enumerate() {
+                    match (expression, k < dimension) {
+                        (Some(expression), true) => fields.push(field(expression, &place.key(key), lowering)),
+                        (None, true) => {
+                            let detail = format!("there is no `{key}`, and the domain has that direction");
+                            lowering.errors.report(place, "missing_key", detail);
+                        }
+                        (Some(_), false) => no_direction(key, place, lowering),
+                        (None, false) => {}
+                    }
+                }
+                fields
+            }
+        }
+    }
+}
+
+/// Reports a direction that the domain has not.
+pub(super) fn no_direction(key: &str, place: &Place<'_>, lowering: &mut Lowering) {
+    let detail = format!("the domain has no direction `{key}`");
+    lowering.errors.report(&place.key(key), "no_such_direction", detail);
+}
+
+impl PartialSchema for PerDirection {
+    fn schema() -> RefOr<Schema> {
+        OneOfBuilder::new()
+            .item(Ref::from_schema_name("Expression"))
+            .item(Ref::from_schema_name("Directions"))
+            .description(Some("An expression for every direction, or one for each."))
+            .into()
+    }
+}
+
+impl ToSchema for PerDirection {
+    fn schemas(schemas: &mut Vec<(String, RefOr<Schema>)>) {
+        schemas.push((Directions::name().into_owned(), Directions::schema()));
+        Directions::schemas(schemas);
+    }
+}
+
+impl<'de> Deserialize<'de> for PerDirection {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_any(PerDirectionVisitor)
+    }
+}
+
+struct PerDirectionVisitor;
+
+impl<'de> Visitor<'de> for PerDirectionVisitor {
+    type Value = PerDirection;
+
+    fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str("an expression, or {\"x\": .., \"y\": ..} with one for each direction")
+    }
+
+    fn visit_f64<E: Error>(self, value: f64) -> Result<PerDirection, E> {
+        Ok(PerDirection::Same(Expression::Number(value)))
+    }
+
+    fn visit_u64<E: Error>(self, value: u64) -> Result<PerDirection, E> {
+        self.visit_f64(value as f64)
+    }
+
+    fn visit_i64<E: Error>(self, value: i64) -> Result<PerDirection, E> {
+        self.visit_f64(value as f64)
+    }
+
+    fn visit_str<E: Error>(self, text: &str) -> Result<PerDirection, E> {
+        Ok(PerDirection::Same(Expression::Text(text.into())))
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, access: A) -> Result<PerDirection, A::Error> {
+        Directions::deserialize(MapAccessDeserializer::new(access)).map(|each| PerDirection::Each(Box::new(each)))
+    }
+}

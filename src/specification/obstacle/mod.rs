@@ -1,0 +1,198 @@
+//! The parabolic obstacle problem: domain, coefficients, obstacles, sides. The equations are those of
+//! [`models::obstacle`](crate::models::obstacle).
+
+mod directions;
+mod domain;
+mod sides;
+
+pub use directions::{Directions, PerDirection};
+pub use domain::{Domain, Elements, ElementsOf};
+pub use sides::{Boundary, BoundaryCondition};
+
+use super::choices::choices;
+use super::error::SpecificationError;
+use super::expression::Expression;
+use super::lowering::Lowering;
+use super::ordered::Ordered;
+use super::place::Place;
+use crate::models::Model;
+use crate::models::finite_elements::{Grid, Quadrature};
+use crate::models::obstacle::{Field, Obstacle, Offence, Probe, Semidiscrete, largest_peclet};
+use crate::solution::Warning;
+use serde::Deserialize;
+use utoipa::ToSchema;
+
+/// A parabolic equation between obstacles: `u_t - div(a grad u) + b . grad u + c u = f` where `u` touches none. Beside the
+/// probes it tells `total`, the integral of `u`; and where there is an obstacle `pressure`, the total force of it, and
+/// `contact`, the length, area or volume where `u` rests on it; on an interval `contact_from` and `contact_to`, the free
+/// boundary, found between nodes.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ObstacleProblem {
+    /// Constants by name; each may be an expression in the others, in no circle.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
+    pub parameters: Ordered<Expression>,
+    /// An interval, a rectangle or a box.
+    pub domain: Domain,
+    /// The number of elements, equal ones, in each direction; one number for all, or `{"x": .., "y": ..}`.
+    pub elements: Elements,
+    /// `a`, not below zero: an expression in `t` and the coordinates, or one for each direction.
+    pub diffusion: PerDirection,
+    /// `b`, an expression on an interval, one for each direction elsewhere. Default none.
+    pub advection: Option<PerDirection>,
+    /// `c`. Default none.
+    pub reaction: Option<Expression>,
+    /// `f`. Default none.
+    pub source: Option<Expression>,
+    /// `phi`, the obstacle below. Default none.
+    pub obstacle: Option<Expression>,
+    /// `psi`, an obstacle above. Default none.
+    pub upper_obstacle: Option<Expression>,
+    /// `u` at the start, between the obstacles.
+    pub initial: Expression,
+    /// What is given on each side. Default no flux.
+    #[serde(default)]
+    pub boundary: Boundary,
+    /// How mass, advection and reaction are integrated. Default `lumped`.
+    #[serde(default)]
+    pub mass: MassName,
+    /// Points at which `u` is told, by name, each a list of its coordinates.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, Vec<Expression>>)]
+    pub probes: Ordered<Vec<Expression>>,
+}
+
+choices! {
+    /// How mass, advection and reaction are integrated over an element.
+    MassName {
+        "lumped" Lumped: "By the trapezoidal rule: a diagonal mass matrix, and every stage an M-matrix on any grid."
+        "consistent" Consistent: "Exactly."
+    }
+}
+
+/// The names of the coordinates.
+const COORDINATES: [&str; 3] = ["x", "y", "z"];
+
+impl ObstacleProblem {
+    /// The number of nodes, as written; none where it is not even a number.
+    pub(super) fn nodes(&self) -> usize {
+        let elements = self.elements.of(self.domain.dimension());
+        elements.iter().fold(1, |nodes: usize, &n| {
+            let n = usize::try_from(n.unwrap_or(1)).unwrap_or(usize::MAX);
+            nodes.saturating_mul(n.saturating_add(1))
+        })
+    }
+
+    /// Lowers the problem as far as it can be; the model is of use only if no error was found.
+    pub(super) fn lower(&self, place: &Place<'_>, start: Option<f64>) -> (Lowering, Option<Model>) {
+        let mut lowering = Lowering::new(start, &self.parameters, place);
+        let dimension = self.domain.dimension();
+        let place_of_domain = place.key("domain");
+        let coordinates = &COORDINATES[..dimension];
+        lowering.bind_unknowns(coordinates.iter().copied(), |k| place_of_domain.key(COORDINATES[k]).to_string());
+        let grid = self.domain.grid(&self.elements, place, &mut lowering);
+        let diffusion = self.diffusion.lower(dimension, true, &place.key("diffusion"), &mut lowering);
+        let advection = self.advection.as_ref().map_or_else(Vec::new, |advection| {
+            advection.lower(dimension, false, &place.key("advection"), &mut lowering)
+        });
+        let mut optional = |expression: &Option<Expression>, key: &str| {
+            expression.as_ref().map(|expression| field(expression, &place.key(key), &mut lowering))
+        };
+        let (reaction, source) = (optional(&self.reaction, "reaction"), optional(&self.source, "source"));
+        let (lower, upper) = (optional(&self.obstacle, "obstacle"), optional(&self.upper_obstacle, "upper_obstacle"));
+        let initial = field(&self.initial, &place.key("initial"), &mut lowering);
+        let conditions = self.boundary.lower(dimension, &place.key("boundary"), &mut lowering);
+        let probes = self.probes(grid.as_ref(), &place.key("probes"), &mut lowering);
+        let (Some(grid), true) = (grid, lowering.errors.is_empty()) else { return (lowering, None) };
+        let mut problem = Obstacle {
+            grid,
+            quadrature: match self.mass {
+                MassName::Lumped => Quadrature::Nodal,
+                MassName::Consistent => Quadrature::Exact,
+            },
+            diffusion,
+            advection,
+            reaction,
+            source,
+            lower,
+            upper,
+            initial,
+            conditions,
+            probes,
+            warnings: Vec::new(),
+        };
+        if let Some(t) = lowering.start {
+            if let Err(offence) = check(&problem, t) {
+                let pointer = format!("{place}/{}", offence.key());
+                let error = SpecificationError::new(pointer, offence.code(), offence.to_string());
+                lowering.errors.push(error.expected(offence.expected()));
+                return (lowering, None);
+            }
+            let peclet = largest_peclet(&mut problem, t);
+            problem.warnings.extend((peclet > 1.0).then(|| unresolved(peclet)));
+        }
+        (lowering, Some(Model::Obstacle(Box::new(problem))))
+    }
+
+    fn probes(&self, grid: Option<&Grid>, place: &Place<'_>, lowering: &mut Lowering) -> Vec<Probe> {
+        let dimension = self.domain.dimension();
+        let mut probes = Vec::with_capacity(self.probes.len());
+        for (name, point) in self.probes.iter() {
+            let place = place.key(name);
+            if self.output_names().contains(&name) {
+                let detail = format!("`{name}` is the name of an output already");
+                lowering.errors.report(&place, "duplicate_name", detail);
+            }
+            if point.len() != dimension {
+                let detail = format!("{} coordinates in {dimension} dimensions", point.len());
+                let error = SpecificationError::new(place.to_string(), "wrong_shape", detail);
+                lowering.errors.push(error.expected(format!("{dimension} coordinates")));
+                continue;
+            }
+            let mut at = [0.0; 3];
+            for (k, coordinate) in point.iter().enumerate() {
+                let place = place.index(k);
+                let Some(value) = lowering.constant(coordinate, &place) else { continue };
+                at[k] = value;
+                let Some(axis) = grid.map(|grid| grid.axes()[k]) else { continue };
+                if !(axis.lower..=axis.upper).contains(&value) {
+                    let detail = format!("{value} lies outside the domain");
+                    let error = SpecificationError::new(place.to_string(), "outside_domain", detail);
+                    lowering.errors.push(error.expected(format!("from {} to {}", axis.lower, axis.upper)));
+                }
+            }
+            probes.push(Probe { name: name.to_owned(), at });
+        }
+        probes
+    }
+
+    /// The outputs that are there without a probe.
+    fn output_names(&self) -> &'static [&'static str] {
+        Obstacle::scalar_names(self.obstacle.is_some() || self.upper_obstacle.is_some(), self.domain.dimension())
+    }
+}
+
+/// The function that an expression is; zero where it cannot be read.
+fn field(expression: &Expression, place: &Place<'_>, lowering: &mut Lowering) -> Field {
+    let node = lowering.node(expression, place);
+    let node = node.unwrap_or_else(|| lowering.graph.constant(0.0));
+    Field::new(&lowering.graph, node)
+}
+
+/// What is to be said of a grid that is coarse beside the layers of its solution.
+fn unresolved(peclet: f64) -> Warning {
+    let message = format!(
+        "advection carries {peclet:.3e} times what diffusion does over half an element (the Peclet number of the grid): \
+         diffusion was added where this is above 1, which smears layers over an element; more elements resolve them"
+    );
+    Warning { code: "unresolved_layers", message }
+}
+
+/// Whether all data are what they should be at the start.
+fn check(problem: &Obstacle, t: f64) -> Result<(), Offence> {
+    let mut system = Semidiscrete::new(problem.clone());
+    system.operator_at(t)?;
+    system.vectors_at(t)?;
+    system.initial(t).map(drop)
+}

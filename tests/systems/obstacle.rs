@@ -1,0 +1,256 @@
+//! Parabolic obstacle problems: free boundaries that move, against tables, benchmark digits and closed forms.
+
+use crate::systems::harness::{column, last, solve};
+use crate::systems::reference::example;
+use dvi::problem::Control;
+use dvi::solution::{Solution, Status};
+use dvi::specification::Specification;
+use serde_json::{Value, json};
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
+
+/// The value of a field at a time told.
+fn at(solution: &Solution, field: &str, t: f64) -> f64 {
+    let k = solution.trajectory.t.iter().position(|&told| (told - t).abs() < 1e-12);
+    column(solution, field)[k.unwrap_or_else(|| panic!("no output at t = {t}"))]
+}
+
+#[test]
+fn the_oxygen_front_follows_the_table() {
+    // Front and surface concentration by an integral equation, to seven digits (Hansen and Hougaard 1974).
+    let table = [
+        (0.04, 0.9991799, 0.27432417),
+        (0.05, 0.9967929, 0.24768675),
+        (0.06, 0.9918022, 0.22360468),
+        (0.08, 0.9715500, 0.18084626),
+        (0.10, 0.9350172, 0.14317670),
+    ];
+    let solution = solve(&example("oxygen_diffusion"));
+    for (t, front, surface) in table {
+        let errors = [at(&solution, "contact_from", t) - front, at(&solution, "surface", t) - surface];
+        assert!(errors[0].abs() < 5e-5 && errors[1].abs() < 5e-6, "at t = {t} off by {errors:?}");
+    }
+    // One unit of oxygen goes a unit of time and length, but for where there is none: d total / dt = pressure - 1.
+    let (t, total, pressure) = (&solution.trajectory.t, column(&solution, "total"), column(&solution, "pressure"));
+    let integral: f64 = (1..t.len()).map(|k| (t[k] - t[k - 1]) * (0.5 * (pressure[k] + pressure[k - 1]) - 1.0)).sum();
+    assert!((total[t.len() - 1] - total[0] - integral).abs() < 1e-5, "{total:?} {integral}");
+    let vi = solution.diagnostics.vi.as_ref().expect("an inequality");
+    assert!(vi.largest_residual <= 1e-10, "residual {}", vi.largest_residual);
+}
+
+#[test]
+fn the_american_put_has_its_price_and_its_exercise_boundary() {
+    // 6.0903705 by a binomial tree with extrapolation and by collocation of the integral equation.
+    let solution = solve(&example("american_put"));
+    let error = last(&solution, "price") - 6.0903705;
+    assert!(error.abs() < 1e-4, "off by {error:e}");
+    let error = last(&solution, "contact_to").exp() - 80.875057;
+    assert!(error.abs() < 1e-2, "boundary off by {error:e}");
+}
+
+#[test]
+fn a_put_on_a_stock_with_dividends_has_the_price_of_spectral_collocation() {
+    // Andersen, Lake and Offengenden 2016: r = q = 0.05, volatility 0.25.
+    let mut put = example("american_put");
+    let problem = &mut put["problem"]["obstacle"];
+    problem["parameters"]["volatility"] = json!(0.25);
+    problem["advection"] = json!("a");
+    let error = last(&solve(&put), "price") - 9.5694452989;
+    assert!(error.abs() < 1e-4, "off by {error:e}");
+}
+
+/// `0 <= u _|_ u_t - u_xx + 1 >= 0` with `u = e^(t-x) - 1 - (t-x)` ahead of a front at `x = t`.
+fn travelling_wave(elements: u64) -> Value {
+    json!({
+        "problem": {"obstacle": {
+            "domain": {"x": [0, 2]}, "elements": elements, "diffusion": 1, "source": -1, "obstacle": 0, "initial": 0,
+            "boundary": {"x_min": {"dirichlet": "exp(t) - 1 - t"}, "x_max": {"neumann": 0}},
+            "probes": {"half": [0.5]}
+        }},
+        "time": {"end": 1},
+        "method": {"rtol": 1e-8}
+    })
+}
+
+#[test]
+fn a_travelling_wave_is_met_at_second_order_in_space() {
+    let exact = 0.5_f64.exp() - 1.5;
+    let errors = [20, 40, 80].map(|elements| {
+        let solution = solve(&travelling_wave(elements));
+        let front = last(&solution, "contact_from");
+        assert!((front - 1.0).abs() < 4.0 / (elements * elements) as f64, "front at {front} on {elements} elements");
+        last(&solution, "half") - exact
+    });
+    for pair in errors.windows(2) {
+        let order = (pair[0] / pair[1]).log2();
+        assert!(order > 1.8, "order {order} from {errors:?}");
+    }
+}
+
+#[test]
+fn the_stefan_problem_has_its_similarity_solution() {
+    // P: 0 <= u _|_ u_t - u_xx + 1 >= 0, u(0,t) = t: the front is at 2 lambda sqrt t, lambda e^(lambda^2) erf lambda = 1/sqrt pi.
+    let mut problem = travelling_wave(400);
+    problem["problem"]["obstacle"]["boundary"]["x_min"]["dirichlet"] = json!("t");
+    let solution = solve(&problem);
+    let errors = [last(&solution, "half") - 0.3203659436888525, last(&solution, "contact_from") - 1.240125266627191];
+    assert!(errors[0].abs() < 1e-5 && errors[1].abs() < 1e-4, "off by {errors:?}");
+}
+
+#[test]
+fn a_string_comes_to_rest_on_a_parabola() {
+    // Straight from the ends, it touches 1/4 - x^2 tangentially at |x| = 1 - sqrt(3)/2.
+    let solution = solve(&json!({
+        "problem": {"obstacle": {
+            "domain": {"x": [-1, 1]}, "elements": 150, "diffusion": 1, "obstacle": "1/4 - x^2", "initial": "1 - x^2",
+            "boundary": {"x_min": {"dirichlet": 0}, "x_max": {"dirichlet": 0}},
+            "probes": {"beside": [0.5]}
+        }},
+        "time": {"end": 20}
+    }));
+    let edge = 1.0 - 0.75_f64.sqrt();
+    let errors = [
+        last(&solution, "beside") - 0.5 * 2.0 * edge,
+        last(&solution, "contact_to") - edge,
+        last(&solution, "contact_from") + edge,
+        last(&solution, "pressure") - 4.0 * edge,
+    ];
+    assert!(errors.iter().all(|error| error.abs() < 1e-4), "off by {errors:?}");
+    let began: Vec<_> = solution.trajectory.events.iter().map(|event| (event.of.as_str(), event.t > 0.0)).collect();
+    assert_eq!(began, [("contact", true)]);
+}
+
+#[test]
+fn a_string_pressed_between_two_walls_leaves_them_tangentially() {
+    // u'' = -f beside the walls at -1 and 1: it meets them sqrt(2/f) = 1/4 from its fixed points at -1, 0 and 1.
+    let solution = solve(&json!({
+        "problem": {"obstacle": {
+            "domain": {"x": [-1, 1]}, "elements": 202, "diffusion": 1, "source": "32*sign(x)", "initial": 0,
+            "obstacle": -1, "upper_obstacle": 1,
+            "boundary": {"x_min": {"dirichlet": 0}, "x_max": {"dirichlet": 0}},
+            "probes": {"left": [-0.5], "between": [0.125], "right": [0.5]}
+        }},
+        "time": {"end": 10}
+    }));
+    let errors = [
+        last(&solution, "left") + 1.0,
+        last(&solution, "right") - 1.0,
+        last(&solution, "between") - 0.75,
+        last(&solution, "contact_from") + 0.75,
+        last(&solution, "contact_to") - 0.75,
+        last(&solution, "contact") - 1.0,
+        last(&solution, "pressure"),
+        last(&solution, "total"),
+    ];
+    assert!(errors.iter().all(|error| error.abs() < 5e-4), "off by {errors:?}");
+}
+
+#[test]
+fn an_obstacle_above_mirrors_one_below() {
+    let above = json!({
+        "problem": {"obstacle": {
+            "domain": {"x": [0, 1], "y": [0, 2]}, "elements": {"x": 12, "y": 20}, "diffusion": {"x": 1, "y": "1 + x"},
+            "advection": {"x": 2, "y": "-y"}, "reaction": "t", "source": "3*x", "initial": 0,
+            "upper_obstacle": "0.1 + 0.05*cos(6*t)*y", "boundary": {"x_min": {"dirichlet": "-t"}, "y_max": {"neumann": 0.2}},
+            "probes": {"p": [0.7, 1.3]}
+        }},
+        "time": {"end": 1}
+    });
+    let mut below = above.clone();
+    let problem = &mut below["problem"]["obstacle"];
+    problem.as_object_mut().and_then(|problem| problem.remove("upper_obstacle"));
+    problem["obstacle"] = json!("-0.1 - 0.05*cos(6*t)*y");
+    problem["source"] = json!("-3*x");
+    problem["boundary"] = json!({"x_min": {"dirichlet": "t"}, "y_max": {"neumann": -0.2}});
+    let (above, below) = (solve(&above), solve(&below));
+    assert!(column(&above, "contact").iter().any(|area| *area > 0.1), "nothing rests on it");
+    for (field, sign) in [("p", -1.0), ("total", -1.0), ("pressure", -1.0), ("contact", 1.0)] {
+        for (a, b) in column(&above, field).iter().zip(column(&below, field)) {
+            assert!((a - sign * b).abs() < 1e-10, "{field}: {a} and {b}");
+        }
+    }
+    assert!(column(&above, "pressure").iter().all(|pressure| *pressure <= 0.0), "it pulls");
+}
+
+/// A quarter of the membrane of radius 2 over a hemisphere of radius 1, on a square within it.
+fn hemisphere(elements: u64, mass: &str) -> Value {
+    json!({
+        "problem": {"obstacle": {
+            "parameters": {"a": 0.6979651482233735, "k": "a^2/sqrt(1 - a^2)"},
+            "domain": {"x": [0, 1.4], "y": [0, 1.4]}, "elements": elements, "diffusion": 1,
+            "obstacle": "sqrt(max(1 - x^2 - y^2, 0))", "initial": 1.5, "mass": mass,
+            "boundary": {"x_max": {"dirichlet": "k*ln(2/sqrt(x^2 + y^2))"}, "y_max": {"dirichlet": "k*ln(2/sqrt(x^2 + y^2))"}},
+            "probes": {"one": [0.6, 0.8], "other": [1, 0]}
+        }},
+        "time": {"end": 8},
+        "method": {"rtol": 1e-4}
+    })
+}
+
+#[test]
+fn a_membrane_comes_to_rest_on_a_hemisphere_at_second_order_in_space() {
+    // At rest u = sqrt(1 - r^2) to r = a, then a^2/sqrt(1 - a^2) ln(2/r), with a^2 (1 - ln(a/2)) = 1.
+    for mass in ["lumped", "consistent"] {
+        let errors = [14, 28, 56].map(|elements| {
+            let solution = solve(&hemisphere(elements, mass));
+            // The area is known to a third of an element along its edge.
+            let (a, h) = (0.6979651482233735, 1.4 / elements as f64);
+            let error = last(&solution, "contact") - FRAC_PI_4 * a * a;
+            assert!(error.abs() < FRAC_PI_2 * a * h / 3.0, "{mass}: area off by {error:e} on {elements}");
+            (last(&solution, "one") - 0.4715198934021101)
+                .abs()
+                .max((last(&solution, "other") - 0.4715198934021101).abs())
+        });
+        let order = (errors[0] / errors[2]).log2() / 2.0;
+        assert!(order > 1.7 && errors[2] < 2e-4, "{mass}: order {order} from {errors:?}");
+    }
+}
+
+#[test]
+fn a_travelling_layer_stays_between_its_ends_on_a_grid_that_does_not_resolve_it() {
+    // u_t = u_xx/10 - 100 u_x comes to rest with a layer of width 1/1000 at the end, elements being of 1/20.
+    let mut solution = solve(&json!({
+        "problem": {"obstacle": {
+            "domain": {"x": [0, 1]}, "elements": 20, "diffusion": 0.1, "advection": 100, "initial": 0,
+            "boundary": {"x_min": {"dirichlet": 1}, "x_max": {"dirichlet": 0}},
+            "probes": {"last": [0.95], "first": [0.05]}
+        }},
+        "time": {"end": 1}
+    }));
+    // Exact at the nodes: (e^(1000 x) - e^1000) / (1 - e^1000).
+    for probe in ["first", "last"] {
+        assert!((last(&solution, probe) - 1.0).abs() < 1e-6, "{probe}: {}", last(&solution, probe));
+        assert!(column(&solution, probe).iter().all(|u| (-1e-3..1.001).contains(u)), "{probe} overshoots");
+    }
+    let warning = solution.diagnostics.warnings.pop().expect("a warning");
+    assert_eq!(warning.code, "unresolved_layers");
+    assert!(solution.diagnostics.vi.is_none(), "there is no obstacle");
+}
+
+#[test]
+fn a_run_that_is_cancelled_before_its_first_step_is_stopped_and_has_not_failed() {
+    let specification = Specification::from_json(hemisphere(14, "lumped").to_string().as_bytes()).expect("a membrane");
+    let control = Control::new();
+    control.cancel();
+    let solution = dvi::solve(&specification, &control);
+    assert_eq!(solution.status, Status::Stopped, "{:?}", solution.error);
+    assert_eq!(solution.error.map(|failure| failure.code.into_owned()).as_deref(), Some("cancelled"));
+}
+
+#[test]
+fn in_three_dimensions_a_product_of_cosines_decays_as_it_should() {
+    // u = e^(-3 pi^2 t) cos(pi x) cos(pi y) cos(pi z), no flux through the sides; the obstacle is out of reach.
+    let errors = [6, 12].map(|elements| {
+        let solution = solve(&json!({
+            "problem": {"obstacle": {
+                "domain": {"x": [0, 1], "y": [0, 1], "z": [0, 1]}, "elements": elements, "diffusion": 1, "obstacle": -2,
+                "initial": "cos(pi*x)*cos(pi*y)*cos(pi*z)", "probes": {"corner": [0, 0, 0]}
+            }},
+            "time": {"end": 0.05},
+            "output": {"times": "steps"}
+        }));
+        assert!(column(&solution, "contact").iter().all(|area| *area == 0.0));
+        last(&solution, "corner") - (-0.15 * std::f64::consts::PI.powi(2)).exp()
+    });
+    let order = (errors[0] / errors[1]).log2();
+    assert!((order - 2.0).abs() < 0.2, "order {order} from {errors:?}");
+}
