@@ -2,6 +2,7 @@
 
 pub mod http;
 pub mod jobs;
+mod metrics;
 mod options;
 mod server;
 
@@ -10,11 +11,12 @@ pub use options::Options;
 use axum::Router;
 use http::Shared;
 use jobs::{Jobs, Pool, Solver};
+use metrics::Metrics;
 use std::io;
 use std::sync::Arc;
 use tokio::net::TcpListener;
-use tokio::sync::Semaphore;
 use tokio::sync::mpsc::Receiver;
+use tokio::sync::{Semaphore, watch};
 
 /// A service with its workers running. They stop when it is dropped.
 pub struct Service {
@@ -28,10 +30,16 @@ impl Service {
     /// # Errors
     /// The system gives no threads.
     pub fn start(options: Options, solver: Solver) -> io::Result<Self> {
-        let jobs = Arc::new(Jobs::new(options.bounds(), solver));
+        let metrics = Arc::new(Metrics::default());
+        let jobs = Arc::new(Jobs::new(options.bounds(), solver, Arc::clone(&metrics)));
         let pool = Pool::start(&jobs, options.workers)?;
         let readers = Arc::new(Semaphore::new(options.workers.get()));
-        Ok(Self { shared: Shared { jobs, options: Arc::new(options), readers }, _pool: pool })
+        let streams = Arc::new(Semaphore::new(options.streams.get()));
+        let closing = Arc::new(watch::Sender::new(false));
+        Ok(Self {
+            shared: Shared { jobs, options: Arc::new(options), metrics, readers, streams, closing },
+            _pool: pool,
+        })
     }
 
     /// Its resources.

@@ -68,6 +68,10 @@ pub struct Options {
     #[arg(long, env = "DVI_READ_SECONDS", value_name = "SECONDS", default_value_t = Options::default().read_seconds)]
     pub read_seconds: NonZeroU64,
 
+    /// Streams of events open at a time; one more is refused with 503
+    #[arg(long, env = "DVI_STREAMS", value_name = "STREAMS", default_value_t = Options::default().streams)]
+    pub streams: NonZeroUsize,
+
     /// Time that jobs have to end after SIGTERM or SIGINT before they are cancelled, in seconds
     #[arg(long, env = "DVI_GRACE_SECONDS", value_name = "SECONDS", default_value_t = Options::default().grace_seconds)]
     pub grace_seconds: u64,
@@ -88,6 +92,7 @@ impl Default for Options {
             kept_jobs: count(10_000),
             kept_mib: count(1024),
             read_seconds: seconds(30),
+            streams: count(1000),
             grace_seconds: 30,
         }
     }

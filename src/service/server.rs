@@ -5,7 +5,7 @@
 //! 2. When asked to stop: refuse new jobs and give the others the grace time. Connections go on being accepted, so that
 //!    clients can fetch what ends and a load balancer sees `/readyz` off.
 //! 3. When no job is left, or at the end of the grace time or asked a second time: cancel what is left.
-//! 4. Let answers in hand go out, and close.
+//! 4. End the streams of events, let answers in hand go out, and close.
 
 use super::http::Shared;
 use super::jobs::Client;
@@ -62,6 +62,7 @@ pub async fn serve(listener: TcpListener, router: Router, shared: Shared, mut st
         () = accepting => {}
         () = stopping => {}
     }
+    shared.closing.send_replace(true);
     if timeout(LAST_CALL, connections.shutdown()).await.is_err() {
         tracing::warn!("some connections did not take their answers and are cut off");
     }

@@ -3,6 +3,7 @@
 mod contact;
 mod diagnostics;
 pub mod encodings;
+mod excerpt;
 mod global_error;
 mod integrate;
 pub mod pictures;
@@ -10,17 +11,20 @@ mod rigid_bodies;
 mod run;
 mod trajectory;
 
+pub use crate::problem::{Event, EventKind};
 pub use contact::{ContactPlan, describe_contact, integrate_contact};
 pub use diagnostics::{Contraction, Diagnostics, Evaluations, Face, GlobalError, Steps, Tried, ViCounts, Warning};
+pub use excerpt::{Excerpt, NoSuchField};
 pub use integrate::{describe, integrate};
 pub use rigid_bodies::{describe_rigid_bodies, step_rigid_bodies};
 pub use run::{Plan, Stepper, run};
-pub use trajectory::{Event, EventKind, Field, Trajectory};
+pub use trajectory::{Field, Trajectory};
 
 use serde::Serialize;
+use utoipa::ToSchema;
 
 /// How a solve ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Status {
     /// The end time was reached.
@@ -32,9 +36,10 @@ pub enum Status {
 }
 
 /// Why a solve did not reach its end time.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 pub struct Failure {
     /// A stable word for programs, such as `step_too_small`.
+    #[schema(value_type = String)]
     pub code: &'static str,
     /// What happened and what to try, for people.
     pub message: String,
@@ -45,7 +50,7 @@ pub struct Failure {
 }
 
 /// The answer to a specification. Every number in it is finite.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, ToSchema)]
 pub struct Solution {
     /// How it ended.
     pub status: Status,
@@ -55,5 +60,6 @@ pub struct Solution {
     /// Values over time.
     pub trajectory: Trajectory,
     /// The evidence.
+    #[schema(value_type = Object)]
     pub diagnostics: Diagnostics,
 }

@@ -60,6 +60,20 @@ pub enum Problem {
     Circuit(CircuitProblem),
 }
 
+impl Problem {
+    /// The key of its type.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Dvi(_) => "dvi",
+            Self::Lcs(_) => "lcs",
+            Self::Mechanical(_) => "mechanical",
+            Self::RigidBodies(_) => "rigid_bodies",
+            Self::Filippov(_) => "filippov",
+            Self::Circuit(_) => "circuit",
+        }
+    }
+}
+
 /// The time horizon, in seconds unless the model says otherwise.
 #[derive(Clone, Copy, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]

@@ -164,6 +164,11 @@ impl Call {
         self.send_to(site.router.clone()).await
     }
 
+    /// The body of the answer, not read.
+    pub async fn body(self, site: &Site) -> Body {
+        site.router.clone().oneshot(self.0).await.unwrap().into_body()
+    }
+
     pub async fn send_to(self, router: Router) -> Reply {
         let response = router.oneshot(self.0).await.unwrap();
         let (parts, body) = response.into_parts();

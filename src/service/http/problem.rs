@@ -8,6 +8,7 @@ use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::{Serialize, Serializer};
 use std::time::Duration;
+use utoipa::ToSchema;
 
 macro_rules! problems {
     ($($kind:ident, $slug:literal, $status:ident, $title:literal, $meaning:literal;)*) => {
@@ -47,8 +48,12 @@ problems! {
         "The body is not a valid specification; `errors` lists all that is wrong with it, each with a JSON pointer.";
     BadRequest, "bad-request", BAD_REQUEST, "The request could not be read",
         "The body broke off or was not well-formed HTTP; send it again.";
+    BadQuery, "bad-query", BAD_REQUEST, "The query of the address makes no sense",
+        "A parameter is not known, is given twice or has no value that fits; `detail` names each.";
+    CrossSite, "cross-site", FORBIDDEN, "The request comes from a page of another site",
+        "Browsers may change something only from the service's own pages, as `Sec-Fetch-Site` or `Origin` tells.";
     NotFound, "not-found", NOT_FOUND, "There is nothing at this address",
-        "The address names no resource of this service; `detail` lists those there are.";
+        "The address names no resource of this service; `GET /openapi.json` lists those there are.";
     NoSuchJob, "no-such-job", NOT_FOUND, "There is no such job",
         "No job has this id: it was never given out, was deleted, or is too old to be kept.";
     NoSuchExample, "no-such-example", NOT_FOUND, "There is no such example",
@@ -60,7 +65,8 @@ problems! {
     MethodNotAllowed, "method-not-allowed", METHOD_NOT_ALLOWED, "The resource has no such method",
         "The address exists but not with this method; `Allow` lists its methods.";
     NotAcceptable, "not-acceptable", NOT_ACCEPTABLE, "No form of the answer is acceptable",
-        "Nothing in `Accept` fits; results are given as `application/json`, `text/csv` and `image/svg+xml`.";
+        "Nothing in `Accept` fits; results are given as `application/json`, `text/csv`, `application/x-ndjson`, `application/vnd.apache.arrow.stream` and \
+         `image/svg+xml`, a solve also as `text/event-stream`.";
     BodyTimeout, "body-timeout", REQUEST_TIMEOUT, "The body took too long to arrive",
         "The whole body must arrive within the bound that `--read-seconds` sets.";
     Dismissed, "dismissed", GONE, "The job was dismissed before it started",
@@ -77,14 +83,17 @@ problems! {
         "A fault of the service and not of the request; the log has more under the id of the request or the job.";
     ResultTooLarge, "result-too-large", UNPROCESSABLE_ENTITY, "The result is too large",
         "The result is larger than `--result-mib` allows; ask for fewer output times or fields.";
+    TooManyStreams, "too-many-streams", SERVICE_UNAVAILABLE, "Too many streams of events are open",
+        "As many streams of events are open as `--streams` allows; ask `GET /jobs/{id}` meanwhile.";
     Draining, "draining", SERVICE_UNAVAILABLE, "The service is about to stop",
         "The service takes on no more jobs because it has been asked to stop; ask its successor.";
 }
 
 /// One occurrence of a problem.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, ToSchema)]
 pub struct Problem {
     #[serde(rename = "type", serialize_with = "address")]
+    #[schema(value_type = String)]
     kind: Kind,
     title: &'static str,
     status: u16,
@@ -94,6 +103,7 @@ pub struct Problem {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     errors: Vec<SpecificationError>,
     #[serde(skip)]
+    #[schema(ignore)]
     retry_after: Option<Duration>,
 }
 

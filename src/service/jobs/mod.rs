@@ -19,6 +19,7 @@ pub use queue::Client;
 pub use results::{Fault, Results};
 pub use store::Retention;
 
+use super::metrics::Metrics;
 use crate::problem::{Control, Stop};
 use crate::solution::Solution;
 use crate::specification::Specification;
@@ -64,6 +65,7 @@ pub enum Refusal {
 /// All jobs of a service.
 pub struct Jobs {
     solver: Solver,
+    metrics: Arc<Metrics>,
     bounds: Bounds,
     intake: Mutex<Intake>,
     /// One permit a waiting job. A job taken out of the queue leaves its permit behind: a worker that finds nothing
@@ -86,10 +88,11 @@ const UNMEASURED: Duration = Duration::from_secs(5);
 
 impl Jobs {
     /// No jobs yet.
-    pub fn new(bounds: Bounds, solver: Solver) -> Self {
+    pub fn new(bounds: Bounds, solver: Solver, metrics: Arc<Metrics>) -> Self {
         let queue = FairQueue::new(bounds.queue, bounds.share);
         Self {
-            solver,
+            solver: Arc::clone(&metrics).measured(solver),
+            metrics,
             bounds,
             intake: Mutex::new(Intake { queue, running: 0, draining: false, drain_rate: DrainRate::default() }),
             waiting: Semaphore::new(0),
@@ -134,6 +137,11 @@ impl Jobs {
         self.store.find(id)
     }
 
+    /// The jobs of a client that are not forgotten, in no order.
+    pub fn of_client(&self, client: Client) -> Vec<Arc<Job>> {
+        self.store.all().into_iter().filter(|job| job.client == client).collect()
+    }
+
     /// Dismisses a waiting job, asks a running one to stop at its next step, leaves an ended one as it is.
     pub fn cancel(&self, job: &Job) {
         self.lock().queue.remove(job.client, |waiting| waiting.id == job.id);
@@ -165,6 +173,12 @@ impl Jobs {
             }
             State::Ended { .. } => Duration::ZERO,
         }
+    }
+
+    /// How many jobs wait, and how many run.
+    pub fn load(&self) -> (usize, usize) {
+        let intake = self.lock();
+        (intake.queue.len(), intake.running)
     }
 
     /// How often the solver has panicked.
@@ -225,6 +239,7 @@ impl Jobs {
 
     fn solve(&self, job: &Job) {
         let Some((specification, control)) = job.start(self.bounds.wall) else { return };
+        self.metrics.waited(job.created.clock.elapsed());
         let _span = tracing::info_span!("job", job.id = %job.id).entered();
         let solved = catch_unwind(AssertUnwindSafe(|| {
             Results::of((self.solver)(&specification, &control), self.bounds.result_bytes)

@@ -49,7 +49,7 @@ mod tests {
 
     #[test]
     fn workers_leave_when_the_pool_is_dropped() {
-        let jobs = Arc::new(Jobs::new(Options::default().bounds(), Arc::new(crate::solve)));
+        let jobs = Arc::new(Jobs::new(Options::default().bounds(), Arc::new(crate::solve), Arc::default()));
         let pool = Pool::start(&jobs, NonZeroUsize::MIN).unwrap();
         let held = Arc::downgrade(&jobs);
         drop((pool, jobs));

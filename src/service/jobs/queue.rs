@@ -41,6 +41,11 @@ impl<T> FairQueue<T> {
         Self { lines: HashMap::new(), turns: VecDeque::new(), waiting: 0, places, share }
     }
 
+    /// How many wait.
+    pub fn len(&self) -> usize {
+        self.waiting
+    }
+
     /// Whether none waits.
     pub fn is_empty(&self) -> bool {
         self.waiting == 0

@@ -1,0 +1,153 @@
+//! A solution in the forms of others. Numbers in text are the shortest decimals that read back to the same double, the
+//! same digits everywhere.
+//!
+//! - JSON: one object, columns as arrays. It alone has events and diagnostics.
+//! - Tables, written some rows at a time: [CSV](Csv), [JSON lines](Lines), [Arrow](Arrow).
+
+mod arrow;
+mod csv;
+mod lines;
+
+pub use arrow::Arrow;
+pub use csv::Csv;
+pub use lines::Lines;
+
+use super::{Solution, Trajectory};
+use std::io::{self, Write};
+use std::ops::Range;
+
+/// Writes the whole solution as one JSON object.
+///
+/// # Errors
+/// Those of `out`.
+pub fn write_json(solution: &Solution, out: &mut impl Write) -> io::Result<()> {
+    serde_json::to_writer(out, solution).map_err(io::Error::from)
+}
+
+/// A table in the making: its beginning, its rows in order, its end.
+pub trait Table: Send {
+    /// Writes what comes before the rows of `trajectory`.
+    ///
+    /// # Errors
+    /// Those of `out`.
+    fn begin(&mut self, trajectory: &Trajectory, out: &mut dyn Write) -> io::Result<()>;
+
+    /// Writes the rows of those `times`, which there are.
+    ///
+    /// # Errors
+    /// Those of `out`.
+    fn rows(&mut self, trajectory: &Trajectory, times: Range<usize>, out: &mut dyn Write) -> io::Result<()>;
+
+    /// Writes what comes after them.
+    ///
+    /// # Errors
+    /// Those of `out`.
+    fn end(&mut self, out: &mut dyn Write) -> io::Result<()>;
+}
+
+/// Writes a trajectory as a table, on from row `next`, where nothing is before the first: one piece, of about as many
+/// numbers as `PIECE`. The row to go on from, while there is more.
+///
+/// # Errors
+/// Those of `out`.
+pub fn write_piece(
+    table: &mut dyn Table,
+    trajectory: &Trajectory,
+    next: usize,
+    out: &mut dyn Write,
+) -> io::Result<Option<usize>> {
+    let rows = trajectory.t.len();
+    let last = next.saturating_add((PIECE / (trajectory.fields.len() + 1)).max(1)).min(rows);
+    if next == 0 {
+        table.begin(trajectory, out)?;
+    }
+    if next < last {
+        table.rows(trajectory, next..last, out)?;
+    }
+    if last < rows {
+        return Ok(Some(last));
+    }
+    table.end(out)?;
+    Ok(None)
+}
+
+/// Numbers in a piece of a table, about 64 KiB of text.
+const PIECE: usize = 4096;
+
+/// Writes a trajectory as a table.
+///
+/// # Errors
+/// Those of `out`.
+pub fn write_table(table: &mut dyn Table, trajectory: &Trajectory, out: &mut dyn Write) -> io::Result<()> {
+    let mut next = Some(0);
+    while let Some(row) = next {
+        next = write_piece(table, trajectory, row, out)?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::solution::{Diagnostics, Field, Status};
+
+    fn field(name: &str, values: &[f64]) -> Field {
+        Field { name: name.to_owned(), values: values.to_vec() }
+    }
+
+    #[test]
+    fn names_with_commas_and_quotes_are_quoted() {
+        let fields = vec![field("x", &[]), field("i(R1,a)", &[]), field("the \"rod\"", &[])];
+        let mut csv = Vec::new();
+        write_table(&mut Csv, &Trajectory { fields, ..Trajectory::default() }, &mut csv).unwrap();
+        assert_eq!(String::from_utf8(csv).unwrap(), "t,x,\"i(R1,a)\",\"the \"\"rod\"\"\"\n");
+    }
+
+    #[test]
+    fn every_double_reads_back_to_the_same_bits() {
+        let values = [0.1, 1.0 / 3.0, -0.0, 5e-324, f64::MAX, 2.2250738585072014e-308, 1e23, 123456789.0];
+        let trajectory = Trajectory { t: values.to_vec(), fields: vec![field("x", &values)], ..Trajectory::default() };
+        let mut csv = Vec::new();
+        write_table(&mut Csv, &trajectory, &mut csv).unwrap();
+        let csv = String::from_utf8(csv).unwrap();
+        let read: Vec<u64> =
+            csv.lines().skip(1).flat_map(|row| row.split(',')).map(|x| x.parse::<f64>().unwrap().to_bits()).collect();
+        let written: Vec<u64> = values.iter().flat_map(|x| [x.to_bits(), x.to_bits()]).collect();
+        assert_eq!(read, written);
+        assert!(csv.contains("\n0.1,0.1\n"), "{csv}");
+    }
+
+    #[test]
+    fn the_json_of_a_solution_has_its_columns_by_name() {
+        let trajectory = Trajectory { t: vec![0.0, 0.5], fields: vec![field("x", &[1.0, 2.0])], events: vec![] };
+        let diagnostics = Diagnostics::default();
+        let solution = Solution { status: Status::Completed, error: None, trajectory, diagnostics };
+        let mut json = Vec::new();
+        write_json(&solution, &mut json).unwrap();
+        let read: serde_json::Value = serde_json::from_slice(&json).unwrap();
+        assert_eq!(read["status"], "completed");
+        assert_eq!(read["trajectory"]["t"], serde_json::json!([0.0, 0.5]));
+        assert_eq!(read["trajectory"]["fields"]["x"], serde_json::json!([1.0, 2.0]));
+        assert!(read.get("error").is_none());
+    }
+
+    #[test]
+    fn a_table_in_pieces_is_the_whole_table() {
+        let t: Vec<f64> = (0..3 * PIECE).map(|k| k as f64).collect();
+        let trajectory = Trajectory { fields: vec![field("x", &t)], t, events: vec![] };
+        let mut csv = Vec::new();
+        write_table(&mut Csv, &trajectory, &mut csv).unwrap();
+        let csv = String::from_utf8(csv).unwrap();
+        let rows: Vec<String> = (0..3 * PIECE).map(|k| format!("{k}.0,{k}.0")).collect();
+        assert!(csv.lines().skip(1).eq(rows.iter()));
+    }
+
+    #[test]
+    fn a_line_is_an_object_with_its_time_first() {
+        let trajectory = Trajectory { t: vec![0.0, 0.5], fields: vec![field("x\"", &[1.0, -0.0])], events: vec![] };
+        let mut text = Vec::new();
+        write_table(&mut Lines, &trajectory, &mut text).unwrap();
+        let told = "{\"t\":0.0,\"x\\\"\":1.0}\n{\"t\":0.5,\"x\\\"\":-0.0}\n";
+        assert_eq!(String::from_utf8(text).unwrap(), told);
+    }
+}
