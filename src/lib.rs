@@ -27,6 +27,7 @@ pub mod radau;
 pub mod service;
 pub mod solution;
 pub mod specification;
+pub mod study;
 pub mod vi;
 
 use models::Model;
@@ -36,6 +37,17 @@ use specification::Specification;
 
 /// Solves a checked specification. Stops at the next step when `control` says so; never panics on a user's input.
 pub fn solve(specification: &Specification, control: &Control) -> Solution {
+    let Some(plan) = specification.study() else { return solve_once(specification, control) };
+    let mut solution = control.part(0.0..FIRST, || solve_once(specification, control));
+    solution.study = Some(control.part(FIRST..1.0, || study::study(specification, plan, control)));
+    solution
+}
+
+/// The part of the work of a study that the solve as it is asked for makes up, about.
+const FIRST: f64 = 0.1;
+
+/// One solve, without a study.
+fn solve_once(specification: &Specification, control: &Control) -> Solution {
     let (model, plan) = (specification.model(), specification.plan());
     let mut solution = match model {
         Model::Dvi(model) => {

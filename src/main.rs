@@ -3,7 +3,7 @@
 mod command;
 
 use clap::{Parser, Subcommand};
-use command::{check, methods, serve, solve};
+use command::{check, methods, report, serve, solve};
 use std::process::ExitCode;
 
 /// Solves differential variational inequalities, with evidence.
@@ -23,6 +23,7 @@ Examples:
   dvi solve --format svg circuit.json > circuit.svg   solve, trajectory as a picture
   dvi check circuit.json                              find all errors without solving
   dvi methods                                         list what there is to choose from
+  dvi report                                          error against run time of every system
   dvi serve                                           serve on http://127.0.0.1:8080
   curl -d @api/examples/diode_bridge.json localhost:8080/solve";
 
@@ -31,6 +32,7 @@ enum Command {
     Solve(solve::Arguments),
     Check(check::Arguments),
     Methods(methods::Arguments),
+    Report(report::Arguments),
     Serve(serve::Arguments),
 }
 
@@ -47,6 +49,7 @@ fn main() -> ExitCode {
         Command::Solve(arguments) => solve::run(&arguments),
         Command::Check(arguments) => check::run(&arguments),
         Command::Methods(arguments) => methods::run(&arguments),
+        Command::Report(arguments) => report::run(&arguments),
         Command::Serve(arguments) => serve::run(arguments),
     }
 }

@@ -3,6 +3,7 @@
 pub mod check;
 pub mod methods;
 mod remote;
+pub mod report;
 pub mod serve;
 pub mod solve;
 

@@ -2,6 +2,7 @@
 
 use super::Event;
 use std::collections::VecDeque;
+use std::ops::Range;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
@@ -19,12 +20,15 @@ pub enum Stop {
 }
 
 /// Shared between a solve and whoever started it. The solve polls it every step; nothing blocks.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Control {
     cancelled: AtomicBool,
     deadline: Option<Instant>,
     fraction: AtomicU64,
     steps: AtomicU64,
+    /// Where the part of the work that runs begins, and how much of the whole it is.
+    begin: AtomicU64,
+    share: AtomicU64,
     happened: Mutex<Happened>,
 }
 
@@ -33,6 +37,20 @@ pub struct Control {
 struct Happened {
     latest: VecDeque<Event>,
     count: u64,
+}
+
+impl Default for Control {
+    fn default() -> Self {
+        Self {
+            cancelled: AtomicBool::new(false),
+            deadline: None,
+            fraction: AtomicU64::new(0),
+            steps: AtomicU64::new(0),
+            begin: AtomicU64::new(0.0_f64.to_bits()),
+            share: AtomicU64::new(1.0_f64.to_bits()),
+            happened: Mutex::default(),
+        }
+    }
 }
 
 impl Control {
@@ -59,9 +77,21 @@ impl Control {
         self.deadline.filter(|deadline| Instant::now() >= *deadline).map(|_| Stop::Deadline)
     }
 
+    /// Runs a part of all the work, such as `0.0..0.5`: what it reports is taken for this part. Parts may have parts.
+    pub fn part<T>(&self, part: Range<f64>, run: impl FnOnce() -> T) -> T {
+        let [begin, share] = [&self.begin, &self.share].map(|x| f64::from_bits(x.load(Relaxed)));
+        self.begin.store((begin + share * part.start).to_bits(), Relaxed);
+        self.share.store((share * (part.end - part.start)).to_bits(), Relaxed);
+        let done = run();
+        self.begin.store(begin.to_bits(), Relaxed);
+        self.share.store(share.to_bits(), Relaxed);
+        done
+    }
+
     /// Records how far a solve is: the fraction of the time horizon done, in `[0, 1]`, and the accepted steps.
     pub fn report(&self, fraction: f64, steps: u64) {
-        self.fraction.store(fraction.to_bits(), Relaxed);
+        let [begin, share] = [&self.begin, &self.share].map(|x| f64::from_bits(x.load(Relaxed)));
+        self.fraction.store((begin + share * fraction).to_bits(), Relaxed);
         self.steps.store(steps, Relaxed);
     }
 
@@ -75,9 +105,9 @@ impl Control {
         self.steps.load(Relaxed)
     }
 
-    /// Records what happened in the last step.
+    /// Records what happened in the last step. Runs for later parts of the work meet the same again, and are not heard.
     pub fn tell(&self, events: &[Event]) {
-        if events.is_empty() {
+        if events.is_empty() || f64::from_bits(self.begin.load(Relaxed)) > 0.0 {
             return;
         }
         let mut happened = self.happened();
@@ -127,5 +157,14 @@ mod tests {
         assert_eq!(control.events_after(997).first().map(|(number, _)| *number), Some(998));
         assert!(control.events_after(1000).is_empty());
         assert_eq!(control.events_after(1001), kept);
+    }
+
+    #[test]
+    fn only_the_first_run_of_several_is_heard() {
+        let control = Control::new();
+        control.part(0.0..0.5, || control.part(0.0..0.5, || control.tell(&events(0..2))));
+        control.part(0.0..0.5, || control.part(0.5..1.0, || control.tell(&events(0..2))));
+        control.part(0.5..1.0, || control.tell(&events(0..2)));
+        assert_eq!(control.events_after(0).len(), 2);
     }
 }

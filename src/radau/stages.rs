@@ -224,6 +224,9 @@ impl Stages {
                         (false, _) => ratio.max(last_ratio),
                     };
                     factor = next / (1.0 - theta);
+                } else if k == 2 && !is_ode && !rounding {
+                    // The extrapolated start was better in the states than in the variables: no rate yet.
+                    factor = f64::INFINITY;
                 } else if !rounding {
                     contraction.theta = theta;
                     return Newton::Failed(Cause::Diverged);

@@ -216,6 +216,11 @@ impl<'p> Radau<'p> {
                     self.controller.surprise();
                     if self.jacobian == Freshness::Kept {
                         self.forget_jacobian();
+                        // A fixed step has no other way out than derivatives of its own.
+                        if self.settings.step.is_some() && self.jacobian == Freshness::Stale {
+                            self.counts.rejected[cause as usize] += 1;
+                            continue;
+                        }
                     }
                     self.shrink(h, cause, |_| factor * h)?;
                     continue;

@@ -38,7 +38,7 @@ pub fn integrate_contact(
             Ok(Stepped { stepper, outputs })
         });
     };
-    let mut run = Run::new(plan, control, 0.0..1.0, diagnostics);
+    let mut run = Run::new(plan, control, diagnostics);
     let mut located = match Located::new(&mut *problem, settings, radau.clone(), state, plan.end, control) {
         Ok(located) => located,
         Err(error) => {

@@ -6,7 +6,7 @@
 //! jumps need no thought, since both runs meet them. Not valid where the two take different solutions of a problem that
 //! has several, where the tolerance is near the rounding errors, and between a first run too coarse and the solution.
 
-use super::integrate::run_to_end;
+use super::integrate::integrate_once;
 use super::run::Ended;
 use super::{GlobalError, Plan, Status, Warning};
 use crate::analysis::Analysis;
@@ -34,7 +34,7 @@ pub fn estimate(
     let (tighter, factor) = more_accurate(settings);
     let n = plan.initial.len();
     let reference = Plan { times: Some(vec![plan.end]), fields: Vec::new(), ..plan.clone() };
-    let second = run_to_end(model, &reference, &tighter, analysis, control, SHARE..1.0);
+    let second = control.part(SHARE..1.0, || integrate_once(model, &reference, &tighter, analysis, control));
     let diagnostics = &mut first.solution.diagnostics;
     diagnostics.wall_seconds += second.solution.diagnostics.wall_seconds;
     if second.solution.status != Status::Completed {

@@ -1,6 +1,6 @@
 //! A differential variational inequality from start to end by Radau IIA: its failures, switches and evidence by name.
 
-use super::run::{Ended, Plan, Stepper, run_part};
+use super::run::{Ended, Plan, Stepper, run_to_end};
 use super::{
     Contraction, Diagnostics, Evaluations, Event, EventKind, Face, Failure, Solution, Status, Steps, Tried, ViCounts,
     Warning, global_error,
@@ -10,7 +10,6 @@ use crate::models::{DviModel, Outputs};
 use crate::problem::{Control, Mass, Structure};
 use crate::radau::{Cause, Place, Radau, Settings, StageChoice, StepError, Switch, Switches, Variables};
 use crate::vi::Attempt;
-use std::ops::Range;
 
 /// The faces that are analysed in one run.
 const MOST_FACES: usize = 16;
@@ -24,25 +23,24 @@ pub fn integrate(
     control: &Control,
 ) -> Solution {
     let share = if plan.global_error { global_error::SHARE } else { 1.0 };
-    let mut ended = run_to_end(model, plan, settings, analysis, control, 0.0..share);
+    let mut ended = control.part(0.0..share, || integrate_once(model, plan, settings, analysis, control));
     if plan.global_error && ended.solution.status == Status::Completed {
         global_error::estimate(model, plan, settings, analysis, control, &mut ended);
     }
     ended.solution
 }
 
-/// One run, which is the given part of all the progress.
-pub(super) fn run_to_end(
+/// One run.
+pub(super) fn integrate_once(
     model: &DviModel,
     plan: &Plan,
     settings: &Settings,
     analysis: &Analysis,
     control: &Control,
-    part: Range<f64>,
 ) -> Ended {
     let diagnostics = describe(model.structure(), settings, analysis);
     let mut problem = model.problem();
-    run_part(plan, control, part, diagnostics, || {
+    run_to_end(plan, control, diagnostics, || {
         let failed = |error| failure(plan, &error, plan.start, &plan.initial);
         let mut radau = Radau::new(&mut *problem, settings.clone(), plan.start, &plan.initial, plan.end, control)
             .map_err(failed)?;

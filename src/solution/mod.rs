@@ -9,6 +9,7 @@ mod integrate;
 pub mod pictures;
 mod rigid_bodies;
 mod run;
+mod study;
 mod trajectory;
 
 pub use crate::problem::{Event, EventKind};
@@ -18,13 +19,14 @@ pub use excerpt::{Excerpt, NoSuchField};
 pub use integrate::{describe, integrate};
 pub use rigid_bodies::{describe_rigid_bodies, step_rigid_bodies};
 pub use run::{Plan, Stepper, run};
+pub use study::{Series, Study, StudyRun};
 pub use trajectory::{Field, Trajectory};
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 /// How a solve ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ToSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Status {
     /// The end time was reached.
@@ -62,4 +64,8 @@ pub struct Solution {
     /// The evidence.
     #[schema(value_type = Object)]
     pub diagnostics: Diagnostics,
+    /// Error against run time, where it was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<Object>)]
+    pub study: Option<Study>,
 }

@@ -2,7 +2,6 @@
 
 use super::{Diagnostics, Event, Failure, Field, Solution, Status, Trajectory};
 use crate::problem::{Control, Stop};
-use std::ops::Range;
 use std::time::Instant;
 
 /// What to run and what to keep of it.
@@ -74,18 +73,17 @@ pub fn run<S: Stepper>(
     diagnostics: Diagnostics,
     start: impl FnOnce() -> Result<S, Failure>,
 ) -> Solution {
-    run_part(plan, control, 0.0..1.0, diagnostics, start).solution
+    run_to_end(plan, control, diagnostics, start).solution
 }
 
-/// The same for a run that is the given part of all the progress.
-pub(super) fn run_part<S: Stepper>(
+/// The same, with the states where it ended.
+pub(super) fn run_to_end<S: Stepper>(
     plan: &Plan,
     control: &Control,
-    part: Range<f64>,
     diagnostics: Diagnostics,
     start: impl FnOnce() -> Result<S, Failure>,
 ) -> Ended {
-    let mut run = Run::new(plan, control, part, diagnostics);
+    let mut run = Run::new(plan, control, diagnostics);
     match start() {
         Ok(mut stepper) => {
             let ended = run.drive(&mut stepper);
@@ -100,7 +98,6 @@ pub(super) fn run_part<S: Stepper>(
 pub(super) struct Run<'a> {
     plan: &'a Plan,
     control: &'a Control,
-    part: Range<f64>,
     recorder: Recorder<'a>,
     x: Vec<f64>,
     began: Instant,
@@ -110,9 +107,9 @@ pub(super) struct Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    pub fn new(plan: &'a Plan, control: &'a Control, part: Range<f64>, diagnostics: Diagnostics) -> Self {
+    pub fn new(plan: &'a Plan, control: &'a Control, diagnostics: Diagnostics) -> Self {
         let (recorder, x) = (Recorder::new(plan), plan.initial.clone());
-        Self { plan, control, part, recorder, x, began: Instant::now(), started: false, diagnostics }
+        Self { plan, control, recorder, x, began: Instant::now(), started: false, diagnostics }
     }
 
     /// Drives a stepper until it is done; why it did not come so far, if it did not.
@@ -134,14 +131,11 @@ impl<'a> Run<'a> {
                 break Err(verdict(self.control, failure));
             }
             let events = self.recorder.step(stepper);
-            // A run for the rest of the progress meets the switches of the first again.
-            if self.part.start == 0.0 {
-                self.control.tell(events);
-            }
+            self.control.tell(events);
             let switched = !events.is_empty();
             stepper.observe(switched, &mut self.diagnostics);
             let done = (stepper.t() - plan.start) / (plan.end - plan.start);
-            self.control.report(self.part.start + done * (self.part.end - self.part.start), stepper.accepted());
+            self.control.report(done, stepper.accepted());
         };
         self.x.copy_from_slice(stepper.states());
         driven
@@ -155,7 +149,10 @@ impl<'a> Run<'a> {
         let trajectory = self.recorder.trajectory;
         self.diagnostics.switches = trajectory.events.len() as u64;
         self.diagnostics.wall_seconds = self.began.elapsed().as_secs_f64();
-        Ended { solution: Solution { status, error, trajectory, diagnostics: self.diagnostics }, x: self.x }
+        Ended {
+            solution: Solution { status, error, trajectory, diagnostics: self.diagnostics, study: None },
+            x: self.x,
+        }
     }
 }
 

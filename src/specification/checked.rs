@@ -9,23 +9,25 @@ use super::plan::MOST_STEPS;
 use super::reading::{Reading, read};
 use super::repairs::Repairs;
 use super::stages::Stages;
+use super::study::StudyPlan;
 use super::wording::abridged;
 use crate::analysis::Analysis;
 use crate::models::{DviModel, Model};
 use crate::problem::ConvexSet;
 
 /// A specification that has passed every check, lowered and ready to be solved any number of times.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Specification {
     label: Option<String>,
     problem: &'static str,
     model: Model,
     time: Time,
-    method: Method,
-    absolute_tolerances: Vec<f64>,
-    output_times: Option<Vec<f64>>,
-    output_fields: Vec<usize>,
-    global_error: bool,
+    pub(super) method: Method,
+    pub(super) absolute_tolerances: Vec<f64>,
+    pub(super) output_times: Option<Vec<f64>>,
+    pub(super) output_fields: Vec<usize>,
+    pub(super) global_error: bool,
+    pub(super) study: Option<StudyPlan>,
     limits: Limits,
     analysis: Analysis,
 }
@@ -48,7 +50,7 @@ impl Specification {
 
     /// Checks what a document means. What was mended in reading it is not held against it again.
     fn check(document: Document, repairs: &Repairs, errors: &mut Errors) -> Option<Self> {
-        let Document { problem, time, method, output, limits, study: _, label } = document;
+        let Document { problem, time, method, output, limits, study, label } = document;
         let mut found = Errors::default();
         let root = Place::Root;
         let horizon = check_time(time, &root.key("time"), &mut found).filter(|_| !repairs.touch("/time"));
@@ -79,6 +81,12 @@ impl Specification {
                 let detail = "two runs that meet impacts at different times are not compared";
                 found.report(&place_of_output.key("global_error"), "conflict", detail);
             }
+            let study = study.and_then(|study| {
+                let (key, parameters) = problem.parameters();
+                let of_problem = root.key("problem");
+                let parameters = (parameters, &of_problem.key(key));
+                study.check((&model, &method, time), parameters, &root.key("study"), &mut found)
+            });
             Some(Self {
                 label,
                 problem: problem.name(),
@@ -89,6 +97,7 @@ impl Specification {
                 output_times,
                 output_fields,
                 global_error: output.global_error,
+                study,
                 limits,
                 analysis,
             })
@@ -146,6 +155,11 @@ impl Specification {
     /// Whether the error at the end is to be estimated.
     pub fn estimates_global_error(&self) -> bool {
         self.global_error
+    }
+
+    /// The study that is asked for.
+    pub fn study(&self) -> Option<&StudyPlan> {
+        self.study.as_ref()
     }
 
     /// The wall-clock time the user allows, in seconds.

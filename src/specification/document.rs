@@ -2,18 +2,17 @@
 
 use super::circuit::CircuitProblem;
 use super::dvi::DviProblem;
+use super::expression::Expression;
 use super::filippov::FilippovProblem;
 use super::lcs::LcsProblem;
 use super::mechanical::MechanicalProblem;
 use super::method::Method;
+use super::ordered::Ordered;
 use super::output::Output;
 use super::rigid_bodies::RigidBodiesProblem;
+use super::study::StudyRequest;
 use serde::Deserialize;
-use serde::de::{Deserializer, Error, Visitor};
-use std::fmt;
-use utoipa::openapi::RefOr;
-use utoipa::openapi::schema::{ObjectBuilder, Schema, Type};
-use utoipa::{PartialSchema, ToSchema};
+use utoipa::ToSchema;
 
 /// A problem, the time to solve it over, and how. Only `problem` and `time.end` are required.
 #[derive(Debug, Deserialize, ToSchema)]
@@ -33,9 +32,8 @@ pub struct Document {
     /// When to stop early.
     #[serde(default)]
     pub limits: Limits,
-    /// Reserved for studies of error against run time; only null for now.
-    #[serde(default)]
-    pub study: Reserved,
+    /// A study of error against run time.
+    pub study: Option<StudyRequest>,
     /// Free text, at most 200 characters.
     #[schema(max_length = 200)]
     pub label: Option<String>,
@@ -98,32 +96,18 @@ pub struct Limits {
     pub steps: Option<u64>,
 }
 
-/// A key that is there, but with no values yet other than null.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Reserved;
+static NO_PARAMETERS: Ordered<Expression> = Ordered::new();
 
-impl PartialSchema for Reserved {
-    fn schema() -> RefOr<Schema> {
-        ObjectBuilder::new().schema_type(Type::Null).description(Some("Only null for now.")).into()
-    }
-}
-
-impl ToSchema for Reserved {}
-
-impl<'de> Deserialize<'de> for Reserved {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct NullVisitor;
-        impl Visitor<'_> for NullVisitor {
-            type Value = Reserved;
-
-            fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-                formatter.write_str("null: this version runs no studies")
-            }
-
-            fn visit_unit<E: Error>(self) -> Result<Reserved, E> {
-                Ok(Reserved)
-            }
+impl Problem {
+    /// Its key, and its parameters, where it can have any.
+    pub(super) fn parameters(&self) -> (&'static str, &Ordered<Expression>) {
+        match self {
+            Self::Dvi(problem) => ("dvi", &problem.parameters),
+            Self::Lcs(problem) => ("lcs", &problem.parameters),
+            Self::Mechanical(problem) => ("mechanical", &problem.parameters),
+            Self::RigidBodies(_) => ("rigid_bodies", &NO_PARAMETERS),
+            Self::Filippov(problem) => ("filippov", &problem.parameters),
+            Self::Circuit(problem) => ("circuit", &problem.parameters),
         }
-        deserializer.deserialize_any(NullVisitor)
     }
 }

@@ -139,28 +139,8 @@ impl ViSolverName {
 impl Method {
     /// Checks everything but the absolute tolerances, over a horizon of the given length where that is known.
     pub(super) fn check(&self, place: &Place<'_>, horizon: Option<f64>, errors: &mut Errors) {
-        if let Stages::Fixed(stages) = self.stages {
-            let place = place.key("stages");
-            if !(1..=MOST_STAGES as u64).contains(&stages) {
-                let detail = format!("{stages} stages are not on offer");
-                errors.push(
-                    SpecificationError::new(place.to_string(), "out_of_range", detail)
-                        .expected(format!("1 to {MOST_STAGES}, or \"auto\"")),
-                );
-            } else if stages % 2 == 0 && self.step.is_none() {
-                let detail = format!(
-                    "{stages} stages need a fixed `step`: for an even number of stages Radau IIA has no real \
-                     eigenvalue, so there is no embedded error estimate to choose the step by"
-                );
-                errors.push(
-                    SpecificationError::new(place.to_string(), "even_stages_need_step", detail)
-                        .expected("1, 3, 5, 7, 9 or \"auto\", or a fixed `step`"),
-                );
-            }
-        }
-        if !(1e-14..=0.1).contains(&self.rtol) {
-            out_of_range(&place.key("rtol"), self.rtol, "from 1e-14 to 0.1", errors);
-        }
+        check_stages(self.stages, self.step.is_some(), &place.key("stages"), errors);
+        check_rtol(self.rtol, &place.key("rtol"), errors);
         if let Some(tolerance) = self.vi_tolerance.filter(|tolerance| !(*tolerance > 0.0 && *tolerance <= 0.01)) {
             out_of_range(&place.key("vi_tolerance"), tolerance, "above 0, at most 0.01", errors);
         }
@@ -169,22 +149,18 @@ impl Method {
 
     fn check_steps(&self, place: &Place<'_>, horizon: Option<f64>, errors: &mut Errors) {
         let adaptive = [("first_step", self.first_step), ("max_step", self.max_step), ("min_step", self.min_step)];
-        for (key, step) in adaptive.iter().chain(&[("step", self.step)]) {
+        for (key, step) in adaptive {
             if let Some(step) = step.filter(|step| *step <= 0.0) {
                 out_of_range(&place.key(key), step, "above 0", errors);
             }
         }
-        if let Some(step) = self.step.filter(|step| *step > 0.0) {
+        if let Some(step) = self.step {
+            check_step(step, horizon, &place.key("step"), errors);
+        }
+        if self.step.is_some_and(|step| step > 0.0) {
             for (key, _) in adaptive.iter().filter(|(_, step)| step.is_some()) {
                 let detail = format!("`{key}` has no meaning beside a fixed `step`");
                 errors.report(&place.key(key), "conflict", detail);
-            }
-            if let Some(steps) = horizon.map(|horizon| horizon / step).filter(|steps| *steps > MOST_STEPS as f64) {
-                let detail = format!("a step of {step} makes {steps:.3e} steps");
-                errors.push(
-                    SpecificationError::new(place.key("step").to_string(), "too_many_steps", detail)
-                        .expected(format!("at most {MOST_STEPS} steps")),
-                );
             }
         }
         if let (Some(min), Some(max)) = (self.min_step, self.max_step)
@@ -232,6 +208,41 @@ impl Method {
                 }
             }
         }
+    }
+}
+
+/// Checks a number of stages, beside a fixed step or not.
+pub(super) fn check_stages(stages: Stages, fixed: bool, place: &Place<'_>, errors: &mut Errors) {
+    let Stages::Fixed(stages) = stages else { return };
+    if !(1..=MOST_STAGES as u64).contains(&stages) {
+        let detail = format!("{stages} stages are not on offer");
+        let error = SpecificationError::new(place.to_string(), "out_of_range", detail);
+        errors.push(error.expected(format!("1 to {MOST_STAGES}, or \"auto\"")));
+    } else if stages % 2 == 0 && !fixed {
+        let detail = format!(
+            "{stages} stages need a fixed `step`: for an even number of stages Radau IIA has no real \
+             eigenvalue, so there is no embedded error estimate to choose the step by"
+        );
+        let error = SpecificationError::new(place.to_string(), "even_stages_need_step", detail);
+        errors.push(error.expected("1, 3, 5, 7, 9 or \"auto\", or a fixed `step`"));
+    }
+}
+
+/// Checks a relative tolerance.
+pub(super) fn check_rtol(rtol: f64, place: &Place<'_>, errors: &mut Errors) {
+    if !(1e-14..=0.1).contains(&rtol) {
+        out_of_range(place, rtol, "from 1e-14 to 0.1", errors);
+    }
+}
+
+/// Checks a fixed step, over a horizon of the given length where that is known.
+pub(super) fn check_step(step: f64, horizon: Option<f64>, place: &Place<'_>, errors: &mut Errors) {
+    if step <= 0.0 {
+        out_of_range(place, step, "above 0", errors);
+    } else if let Some(steps) = horizon.map(|horizon| horizon / step).filter(|steps| *steps > MOST_STEPS as f64) {
+        let detail = format!("a step of {step} makes {steps:.3e} steps");
+        let error = SpecificationError::new(place.to_string(), "too_many_steps", detail);
+        errors.push(error.expected(format!("at most {MOST_STEPS} steps")));
     }
 }
 

@@ -14,6 +14,7 @@ mod deserializer;
 mod document;
 mod dvi;
 mod error;
+mod examples;
 mod expression;
 mod filippov;
 mod json;
@@ -37,6 +38,7 @@ mod schema;
 mod set;
 mod stages;
 mod start;
+mod study;
 mod summary;
 mod times;
 mod tolerance;
@@ -47,9 +49,10 @@ pub use checked::Specification;
 pub use circuit::{
     Capacitor, CircuitProblem, Component, CurrentSource, Diode, Inductor, Resistor, Switch, VoltageSource, Zener,
 };
-pub use document::{Document, Limits, Problem, Reserved, Time};
+pub use document::{Document, Limits, Problem, Time};
 pub use dvi::{DviProblem, State, Variable};
 pub use error::SpecificationError;
+pub use examples::{EXAMPLES, Example};
 pub use expression::Expression;
 pub use filippov::{FilippovProblem, FilippovRegion, FilippovState};
 pub use lcs::LcsProblem;
@@ -65,6 +68,7 @@ pub use rigid_bodies::{
 pub use schema::json_schema;
 pub use set::{BallBlock, Block, BoxBlock, PolyhedronBlock};
 pub use stages::Stages;
+pub use study::{Exact, Rung, StudyPlan, StudyRequest};
 pub use summary::Summary;
 pub use times::Times;
 pub use tolerance::AbsoluteTolerance;

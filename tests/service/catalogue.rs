@@ -3,7 +3,8 @@
 use crate::harness::{Site, count, instant, one_worker};
 use axum::http::StatusCode;
 use dvi::service::Options;
-use dvi::service::http::{EXAMPLES, Kind};
+use dvi::service::http::Kind;
+use dvi::specification::EXAMPLES;
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;

@@ -13,3 +13,4 @@ mod rigid_bodies;
 mod schema;
 mod semantics;
 mod structure;
+mod study;

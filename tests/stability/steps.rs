@@ -67,3 +67,15 @@ fn every_number_of_stages_solves_a_nonlinear_problem_at_its_order() {
         assert!(order > full - 0.4 || fine < 1e-13, "{stages} stages: order {order}, errors {coarse:e}, {fine:e}");
     }
 }
+
+#[test]
+fn a_pendulum_on_its_rod_takes_fixed_steps_with_any_stages() {
+    // Each step must solve its stages: derivatives of an old step, or a first increment that is all of the tension's, are
+    // no reason to give up.
+    for (stages, steps) in [(1, 100), (1, 1600), (1, 6400), (2, 1600), (3, 400), (3, 1600), (3, 6400)] {
+        let mut document = crate::systems::reference::example("pendulum");
+        document["method"] = json!({"stages": stages, "step": 10.0 / f64::from(steps)});
+        let solution = crate::systems::harness::solve(&document);
+        assert_eq!(solution.diagnostics.steps.accepted, steps as u64, "{stages} stages, {steps} steps");
+    }
+}

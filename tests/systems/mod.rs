@@ -19,3 +19,4 @@ mod sets;
 mod size;
 mod sliding;
 mod stiff;
+mod study;

@@ -2,59 +2,12 @@
 
 use super::path::Segment;
 use super::problem::{Answer, Kind, Problem};
+use crate::specification::{EXAMPLES, Example};
 use axum::Json;
 use axum::http::{HeaderName, header};
 use axum::response::IntoResponse;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
-
-macro_rules! examples {
-    ($($name:literal)*) => {
-        &[$(Example {
-            name: $name,
-            text: include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/api/examples/", $name, ".json")),
-        }),*]
-    };
-}
-
-/// A specification as it stands in `api/examples`.
-#[derive(Debug)]
-pub struct Example {
-    /// The name of its file, without the extension.
-    pub name: &'static str,
-    /// The file.
-    pub text: &'static str,
-}
-
-/// Every file of `api/examples`.
-pub const EXAMPLES: &[Example] = examples! {
-    "bottleneck"
-    "bouncing_ball"
-    "buck_converter"
-    "coulomb_slope"
-    "diode_bridge"
-    "diode_bridge_dvi"
-    "diode_bridge_filter"
-    "diode_bridge_netlist"
-    "fluid_queue"
-    "friction_belt"
-    "friction_disk"
-    "hires"
-    "newton_cradle"
-    "pendulum"
-    "pollu"
-    "rectifier"
-    "relay"
-    "reverse_zeno"
-    "robertson"
-    "rocking_block"
-    "rolling_ball"
-    "sliding_mode"
-    "switching_circle"
-    "three_regions"
-    "van_der_pol"
-    "woodpecker"
-};
 
 /// An example in the list.
 #[derive(Debug, Serialize, ToSchema)]

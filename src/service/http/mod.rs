@@ -30,7 +30,6 @@ mod solve;
 mod solve_stream;
 mod status;
 
-pub use examples::{EXAMPLES, Example};
 pub use openapi::description;
 pub use problem::{Kind, Problem};
 

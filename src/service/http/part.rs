@@ -19,6 +19,8 @@ pub struct Part {
 struct Evidence<'a> {
     #[serde(borrow)]
     diagnostics: &'a RawValue,
+    #[serde(borrow)]
+    study: Option<&'a RawValue>,
 }
 
 /// The JSON of a part.
@@ -30,6 +32,8 @@ struct PartJson<'a> {
     trajectory: &'a Trajectory,
     #[serde(skip_serializing_if = "Option::is_none")]
     diagnostics: Option<&'a RawValue>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    study: Option<&'a RawValue>,
 }
 
 /// Names that fit into an answer.
@@ -42,12 +46,13 @@ impl Part {
     /// [`Kind::BadQuery`] if it names a field that is not there.
     pub fn of(results: Arc<Results>, excerpt: Option<&Excerpt>) -> Result<Self, Box<Problem>> {
         let Some(excerpt) = excerpt else { return Ok(Self { results, excerpt: None }) };
-        let Solution { status, error, trajectory, diagnostics: _ } = &results.solution;
+        let Solution { status, error, trajectory, .. } = &results.solution;
         let part = Solution {
             status: *status,
             error: error.clone(),
             trajectory: excerpt.of(trajectory).map_err(|missing| no_such_field(&missing, trajectory))?,
             diagnostics: Diagnostics::default(),
+            study: None,
         };
         Ok(Self { results, excerpt: Some(part) })
     }
@@ -59,11 +64,11 @@ impl Part {
 
     /// Its JSON.
     pub fn json(&self) -> Vec<u8> {
-        let Solution { status, error, trajectory, diagnostics: _ } = self.solution();
+        let Solution { status, error, trajectory, .. } = self.solution();
         let evidence = serde_json::from_slice::<Evidence<'_>>(&self.results.json).ok();
-        let diagnostics = evidence.map(|evidence| evidence.diagnostics);
+        let (diagnostics, study) = evidence.map_or((None, None), |found| (Some(found.diagnostics), found.study));
         // Every number of a solution is finite, so that it has a JSON form.
-        serde_json::to_vec(&PartJson { status: *status, error, trajectory, diagnostics }).unwrap_or_default()
+        serde_json::to_vec(&PartJson { status: *status, error, trajectory, diagnostics, study }).unwrap_or_default()
     }
 }
 

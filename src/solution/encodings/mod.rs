@@ -121,7 +121,7 @@ mod tests {
     fn the_json_of_a_solution_has_its_columns_by_name() {
         let trajectory = Trajectory { t: vec![0.0, 0.5], fields: vec![field("x", &[1.0, 2.0])], events: vec![] };
         let diagnostics = Diagnostics::default();
-        let solution = Solution { status: Status::Completed, error: None, trajectory, diagnostics };
+        let solution = Solution { status: Status::Completed, error: None, trajectory, diagnostics, study: None };
         let mut json = Vec::new();
         write_json(&solution, &mut json).unwrap();
         let read: serde_json::Value = serde_json::from_slice(&json).unwrap();

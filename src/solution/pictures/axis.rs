@@ -55,10 +55,7 @@ impl Axis {
 
     /// The unit of the labels, where it is not one: `×10⁻³`.
     pub fn unit(&self) -> Option<String> {
-        const SUPERSCRIPTS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
-        let digits = self.exponent.to_string();
-        let raised = digits.chars().map(|c| c.to_digit(10).map_or('⁻', |digit| SUPERSCRIPTS[digit as usize]));
-        (self.exponent != 0).then(|| "×10".chars().chain(raised).collect())
+        (self.exponent != 0).then(|| format!("×10{}", raised(self.exponent)))
     }
 
     /// Ticks at round numbers, in order: `about` so many steps from end to end, at most half as many again.
@@ -86,6 +83,13 @@ impl Axis {
     fn place(&self, scaled: f64) -> f64 {
         (scaled - self.low) / (self.high - self.low)
     }
+}
+
+/// An exponent as it is written: `⁻³`.
+pub fn raised(exponent: i32) -> String {
+    const SUPERSCRIPTS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
+    let digits = exponent.to_string();
+    digits.chars().map(|c| c.to_digit(10).map_or('⁻', |digit| SUPERSCRIPTS[digit as usize])).collect()
 }
 
 /// The exponent of the unit in which `largest` is best read.

@@ -8,6 +8,7 @@ mod axis;
 mod elements;
 mod panel;
 mod thinning;
+mod work_precision;
 
 use super::{Field, Solution, Status};
 use axis::Axis;
@@ -16,6 +17,8 @@ use panel::{HEADING, MOST_LINES, Stage, panel};
 use std::io::{self, Write};
 use svg::Document;
 use svg::node::element::{Rectangle, Style, Title};
+
+pub use work_precision::work_precision;
 
 const MOST_PANELS: usize = 8;
 const WIDTH: f64 = 760.0;

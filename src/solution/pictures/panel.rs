@@ -85,7 +85,8 @@ fn heading(stage: &Stage<'_>, fields: &[&Field], colour: usize, y: f64) -> Text 
     heading
 }
 
-fn polyline(points: &[Point], colour: usize) -> Polyline {
+/// A line through points.
+pub fn polyline(points: &[Point], colour: usize) -> Polyline {
     // A line of one point has no length: drawn twice, its round ends make a dot.
     let again = if let [only] = points { Some(only) } else { None };
     let mut shown = String::new();

@@ -7,7 +7,7 @@ use roxmltree::Node;
 fn solution(t: Vec<f64>, columns: Vec<Vec<f64>>) -> Solution {
     let field = |(k, values)| Field { name: format!("x{k}"), values };
     let trajectory = Trajectory { t, fields: columns.into_iter().enumerate().map(field).collect(), events: vec![] };
-    Solution { status: Status::Completed, error: None, trajectory, diagnostics: Diagnostics::default() }
+    Solution { status: Status::Completed, error: None, trajectory, diagnostics: Diagnostics::default(), study: None }
 }
 
 /// Draws, reads the picture back and gives it to `look`.

@@ -1,0 +1,212 @@
+//! A study of error against run time: the same problem at a ladder of tolerances or steps, and of stages.
+
+use super::checked::Specification;
+use super::document::Time;
+use super::error::{Errors, SpecificationError};
+use super::expression::Expression;
+use super::lowering::Lowering;
+use super::method::{Impacts, Method, check_rtol, check_stages, check_step, out_of_range};
+use super::ordered::Ordered;
+use super::place::Place;
+use super::stages::Stages;
+use super::wording::{abridged, listed};
+use crate::expression::{Tape, nearest};
+use crate::models::Model;
+use serde::Deserialize;
+use utoipa::ToSchema;
+
+/// The same problem, solved again at each of several tolerances or steps: the answer then holds error against run time.
+/// Give `rtol` or `step`, not both.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct StudyRequest {
+    /// Relative tolerances to run with; absolute ones go along in proportion.
+    pub rtol: Option<Vec<f64>>,
+    /// Fixed steps to run with.
+    pub step: Option<Vec<f64>>,
+    /// Numbers of stages to run with. Default that of `method`.
+    pub stages: Option<Vec<Stages>>,
+    /// Expressions in `t` and the parameters for what is known exactly, by the name of a state or variable. Default is a
+    /// more accurate run.
+    #[schema(value_type = Option<std::collections::BTreeMap<String, Expression>>)]
+    pub exact: Option<Ordered<Expression>>,
+    /// Solves of each run; the run time is their median. Default 3.
+    #[serde(default = "default_repeats")]
+    #[schema(minimum = 1, maximum = 25, default = 3)]
+    pub repeats: u64,
+}
+
+fn default_repeats() -> u64 {
+    3
+}
+
+/// The most runs of a study, not counting repeats.
+const MOST_RUNS: usize = 64;
+/// The most solves of one run.
+const MOST_REPEATS: u64 = 25;
+
+/// What makes one run more accurate than another.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Rung {
+    /// A relative tolerance.
+    Tolerance(f64),
+    /// A fixed step.
+    Step(f64),
+}
+
+/// A study that has passed every check.
+#[derive(Clone, Debug)]
+pub struct StudyPlan {
+    /// The rungs, in the order of the document.
+    pub rungs: Vec<Rung>,
+    /// The numbers of stages.
+    pub stages: Vec<Stages>,
+    /// Solves of each run.
+    pub repeats: usize,
+    /// What is known exactly.
+    pub exact: Option<Exact>,
+}
+
+/// Values that are known at any time.
+#[derive(Clone, Debug)]
+pub struct Exact {
+    /// Which outputs they are those of.
+    pub fields: Vec<usize>,
+    /// One value for each, of the time alone.
+    pub values: Tape,
+}
+
+impl StudyRequest {
+    /// Checks a study of a model; `parameters` are those of the problem, at `problem`.
+    pub(super) fn check(
+        &self,
+        (model, method, time): (&Model, &Method, Time),
+        (parameters, problem): (&Ordered<Expression>, &Place<'_>),
+        place: &Place<'_>,
+        errors: &mut Errors,
+    ) -> Option<StudyPlan> {
+        let mut found = Errors::default();
+        let rungs = self.rungs(model, time, place, &mut found);
+        let stages = self.stages(model, method, place, &mut found);
+        if !(1..=MOST_REPEATS).contains(&self.repeats) {
+            let range = format!("1 to {MOST_REPEATS}");
+            out_of_range(&place.key("repeats"), self.repeats as f64, &range, &mut found);
+        }
+        let runs = rungs.len().saturating_mul(stages.len());
+        if runs > MOST_RUNS {
+            let error = SpecificationError::new(place.to_string(), "too_many_runs", format!("{runs} runs"));
+            found.push(error.expected(format!("at most {MOST_RUNS}")));
+        }
+        let exact = self.exact.as_ref().map(|exact| {
+            let names = model.output_names();
+            check_exact(exact, &names, (parameters, problem), &place.key("exact"), &mut found)
+        });
+        let plan = found.is_empty().then_some(StudyPlan { rungs, stages, repeats: self.repeats as usize, exact });
+        errors.append(found);
+        plan
+    }
+
+    fn rungs(&self, model: &Model, time: Time, place: &Place<'_>, errors: &mut Errors) -> Vec<Rung> {
+        let conflict = |detail: &str, expected: &str| {
+            SpecificationError::new(place.to_string(), "conflict", detail).expected(expected)
+        };
+        match (&self.rtol, &self.step) {
+            (Some(_), Some(_)) => errors.push(conflict("both `rtol` and `step` are given", "one of them")),
+            (None, None) => errors.push(conflict("neither `rtol` nor `step` is given", "one of them")),
+            (Some(_), None) if matches!(model, Model::RigidBodies(_)) => {
+                errors.push(conflict("bodies in space are solved in steps of one size", "`step`"));
+            }
+            (Some(tolerances), None) => {
+                let place = place.key("rtol");
+                check_length(tolerances.len(), &place, errors);
+                tolerances.iter().enumerate().for_each(|(i, rtol)| check_rtol(*rtol, &place.index(i), errors));
+                return tolerances.iter().map(|rtol| Rung::Tolerance(*rtol)).collect();
+            }
+            (None, Some(steps)) => {
+                let place = place.key("step");
+                check_length(steps.len(), &place, errors);
+                let horizon = Some(time.end - time.start);
+                steps.iter().enumerate().for_each(|(i, step)| check_step(*step, horizon, &place.index(i), errors));
+                return steps.iter().map(|step| Rung::Step(*step)).collect();
+            }
+        }
+        Vec::new()
+    }
+
+    fn stages(&self, model: &Model, method: &Method, place: &Place<'_>, errors: &mut Errors) -> Vec<Stages> {
+        let Some(stages) = &self.stages else { return vec![method.stages] };
+        let place = place.key("stages");
+        check_length(stages.len(), &place, errors);
+        if model.dvi().is_none() {
+            let error = SpecificationError::new(place.to_string(), "conflict", "contact is not stepped in stages");
+            errors.push(error.expected("`stages` to be left out"));
+        }
+        let fixed = self.step.is_some();
+        stages.iter().enumerate().for_each(|(i, stages)| check_stages(*stages, fixed, &place.index(i), errors));
+        stages.clone()
+    }
+}
+
+fn check_length(length: usize, place: &Place<'_>, errors: &mut Errors) {
+    if length == 0 {
+        let error = SpecificationError::new(place.to_string(), "empty", "there is nothing to run");
+        errors.push(error.expected("at least one value"));
+    }
+}
+
+fn check_exact(
+    exact: &Ordered<Expression>,
+    names: &[String],
+    (parameters, problem): (&Ordered<Expression>, &Place<'_>),
+    place: &Place<'_>,
+    errors: &mut Errors,
+) -> Exact {
+    // Errors in the parameters are told where the problem is lowered.
+    let mut lowering = Lowering::new(None, parameters, problem);
+    lowering.errors = Errors::default();
+    let (mut fields, mut nodes) = (Vec::new(), Vec::new());
+    for (name, value) in exact.iter() {
+        let place = place.key(name);
+        match names.iter().position(|known| known == name) {
+            Some(field) => {
+                fields.push(field);
+                nodes.extend(lowering.node(value, &place));
+            }
+            None => {
+                let detail = format!("`{}` is neither a state nor a variable", abridged(name));
+                let error = SpecificationError::new(place.to_string(), "unknown_name", detail);
+                let names = || names.iter().map(String::as_str);
+                lowering.errors.push(error.expected(listed(names())).did_you_mean(nearest(name, names())));
+            }
+        }
+    }
+    check_length(exact.len(), place, &mut lowering.errors);
+    errors.append(lowering.errors);
+    Exact { fields, values: Tape::compile(&lowering.graph, &nodes) }
+}
+
+impl Specification {
+    /// The same problem on another rung, told at `times` in the outputs `fields`.
+    pub(crate) fn variant(&self, rung: Rung, stages: Stages, times: Vec<f64>, fields: Vec<usize>) -> Self {
+        let mut variant = self.clone();
+        let method = &mut variant.method;
+        method.stages = stages;
+        match rung {
+            Rung::Tolerance(rtol) => {
+                let ratio = rtol / method.rtol;
+                (method.rtol, method.step) = (rtol, None);
+                method.impacts = method.impacts.map(|_| Impacts::Locate);
+                variant.absolute_tolerances.iter_mut().for_each(|atol| *atol *= ratio);
+            }
+            Rung::Step(step) => {
+                method.step = Some(step);
+                (method.first_step, method.min_step, method.max_step) = (None, None, None);
+                method.impacts = method.impacts.map(|_| Impacts::TimeStepping);
+            }
+        }
+        variant.output_times = Some(times);
+        variant.output_fields = fields;
+        (variant.global_error, variant.study) = (false, None);
+        variant
+    }
+}
