@@ -3,7 +3,7 @@
 mod command;
 
 use clap::{Parser, Subcommand};
-use command::{check, methods, report, serve, solve};
+use command::{check, methods, report, serve, solve, token};
 use std::process::ExitCode;
 
 /// Solves differential variational inequalities, with evidence.
@@ -34,6 +34,7 @@ enum Command {
     Methods(methods::Arguments),
     Report(report::Arguments),
     Serve(serve::Arguments),
+    Token(token::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -51,5 +52,6 @@ fn main() -> ExitCode {
         Command::Methods(arguments) => methods::run(&arguments),
         Command::Report(arguments) => report::run(&arguments),
         Command::Serve(arguments) => serve::run(arguments),
+        Command::Token(arguments) => token::run(&arguments),
     }
 }

@@ -1,11 +1,13 @@
 //! What the subcommands share: exit codes, reading a specification, and telling what is wrong with one.
 
 pub mod check;
+pub mod data;
 pub mod methods;
 mod remote;
 pub mod report;
 pub mod serve;
 pub mod solve;
+pub mod token;
 
 use dvi::specification::{Specification, SpecificationError};
 use serde::Deserialize;

@@ -29,6 +29,7 @@ pub struct Server {
     address: String,
     /// What stands before every path, where the service is behind another.
     prefix: String,
+    token: Option<String>,
 }
 
 impl FromStr for Server {
@@ -41,7 +42,12 @@ impl FromStr for Server {
         }
         let authority = uri.authority().ok_or("there is no host")?;
         let address = format!("{}:{}", authority.host(), authority.port_u16().unwrap_or(80));
-        Ok(Self { authority: authority.to_string(), address, prefix: uri.path().trim_end_matches('/').to_owned() })
+        Ok(Self {
+            authority: authority.to_string(),
+            address,
+            prefix: uri.path().trim_end_matches('/').to_owned(),
+            token: None,
+        })
     }
 }
 
@@ -115,6 +121,11 @@ pub fn run(server: &Server, file: &Path, specification: Vec<u8>, media_type: &'s
 }
 
 impl Server {
+    /// The same, shown a token.
+    pub fn showing(self, token: Option<&str>) -> Self {
+        Self { token: token.map(|token| format!("Bearer {token}")), ..self }
+    }
+
     async fn solve(&self, specification: Vec<u8>, media_type: &'static str) -> Result<Status, Trouble> {
         let request = Request::builder()
             .header(header::CONTENT_TYPE, "application/json")
@@ -178,6 +189,10 @@ impl Server {
         let stream = TcpStream::connect(&self.address).await.map_err(lost)?;
         let (mut sender, connection) = handshake(TokioIo::new(stream)).await.map_err(lost)?;
         tokio::spawn(connection);
+        let request = match &self.token {
+            Some(token) => request.header(header::AUTHORIZATION, token),
+            None => request,
+        };
         let request = request
             .method(method)
             .uri(format!("{}{path}", self.prefix))

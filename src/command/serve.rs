@@ -1,5 +1,6 @@
 //! `dvi serve`: the service in this process, until a signal stops it.
 
+use super::data::Data;
 use super::{UNSERVABLE, USAGE};
 use clap::{Args, ValueEnum};
 use dvi::service::{Options, Service};
@@ -22,6 +23,9 @@ pub struct Arguments {
     #[command(flatten)]
     options: Options,
 
+    #[command(flatten)]
+    data: Data,
+
     /// The form of the log, on standard error; what is logged is chosen by `RUST_LOG`, such as `dvi=debug`
     #[arg(long, env = "DVI_LOG_FORMAT", value_enum, default_value_t = LogFormat::Text)]
     log_format: LogFormat,
@@ -30,7 +34,10 @@ pub struct Arguments {
 const HELP: &str = "\
 Examples:
   dvi serve
+  dvi serve --ephemeral
+  dvi serve --data /var/lib/dvi
   dvi serve --listen 127.0.0.1:9000 --workers 2 --wall-seconds 60
+  dvi serve --listen 0.0.0.0:8080                     asks for tokens: dvi token create
   DVI_QUEUE=100 dvi serve --log-format json
 
   curl -d @api/examples/diode_bridge.json localhost:8080/solve
@@ -38,12 +45,15 @@ Examples:
   curl -H 'Accept: text/csv' localhost:8080/jobs/ID/results
   curl -H 'Accept: image/svg+xml' localhost:8080/jobs/ID/results
 
-SIGTERM or Ctrl-C: no more jobs are taken on; those there are have the grace time to end,
-then they are cancelled. A second signal cancels them at once.
+A job that was accepted with 202 is on the disk. The next start takes up what has not ended;
+a job that was running at two ends in a row, other than by a signal to stop, is set aside.
+
+SIGTERM or Ctrl-C: no more jobs are taken on; those that run have the grace time to end,
+then they are stopped and left to the next start. A second signal stops them at once.
 
 Exit codes:
   0   it was stopped by a signal, in order
-  5   it could not start, for example because the address is taken
+  5   it could not start, for example because the address or the folder is taken
   64  the command line or RUST_LOG makes no sense";
 
 /// A form of the log.
@@ -62,7 +72,12 @@ pub fn run(arguments: Arguments) -> ExitCode {
         return ExitCode::from(USAGE);
     }
     let listen = arguments.options.listen;
-    match serve(arguments.options) {
+    let data = arguments.data.folder();
+    if data.is_none() && (!arguments.options.ephemeral || arguments.options.asks_tokens()) {
+        eprintln!("dvi: there is no home to keep jobs in: say --data DIR, or --ephemeral");
+        return ExitCode::from(USAGE);
+    }
+    match serve(Options { data, ..arguments.options }) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             tracing::error!(%listen, %error, "cannot serve on {listen}: {error}");
@@ -77,8 +92,10 @@ fn serve(options: Options) -> io::Result<()> {
         let listener = TcpListener::bind(options.listen).await?;
         let (address, workers) = (listener.local_addr()?, options.workers);
         let stop = signals()?;
+        let data = options.jobs_folder().map_or("memory".to_owned(), |folder| folder.display().to_string());
+        let asks_tokens = options.asks_tokens();
         let service = Service::start(options, Arc::new(dvi::solve))?;
-        tracing::info!(%address, workers, "serving on http://{address}");
+        tracing::info!(%address, workers, data, asks_tokens, "serving on http://{address}");
         service.serve(listener, stop).await;
         io::Result::Ok(())
     })?;

@@ -28,9 +28,13 @@ pub struct Arguments {
     #[arg(long, value_enum, default_value_t = Format::Json)]
     format: Format,
 
-    /// A running service to solve it, such as http://localhost:8080, in place of this process
+    /// The address of a running service that is to solve it in place of this process
     #[arg(long, env = "DVI_SERVER", value_name = "URL")]
     server: Option<Server>,
+
+    /// The token to show to the server
+    #[arg(long, env = "DVI_TOKEN", value_name = "TOKEN", hide_env_values = true, requires = "server")]
+    token: Option<String>,
 }
 
 const HELP: &str = "\
@@ -84,7 +88,10 @@ const GLANCE: Duration = Duration::from_millis(100);
 pub fn run(arguments: &Arguments) -> ExitCode {
     if let Some(server) = &arguments.server {
         return match bytes(&arguments.file) {
-            Ok(specification) => remote::run(server, &arguments.file, specification, arguments.format.media_type()),
+            Ok(specification) => {
+                let server = server.clone().showing(arguments.token.as_deref());
+                remote::run(&server, &arguments.file, specification, arguments.format.media_type())
+            }
             Err(code) => code,
         };
     }

@@ -1,10 +1,10 @@
 //! What happens on the way of a solve: switches of the active face of `K`, impacts, contacts that open and close.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 /// What happened to a variable at a switch of the active face of `K`, or to a contact.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ToSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum EventKind {
     /// It left its bound: the inequality became an equation.
@@ -22,7 +22,7 @@ pub enum EventKind {
 }
 
 /// A switch of the active face.
-#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Event {
     /// When.
     pub t: f64,

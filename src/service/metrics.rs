@@ -101,7 +101,7 @@ impl Metrics {
         self.answers.get_or_create(&[("status", status.as_str().to_owned().into())]).inc();
     }
 
-    /// All figures as OpenMetrics text.
+    /// All figures as `OpenMetrics` text.
     pub fn text(&self, jobs: &Jobs) -> String {
         let (waiting, running) = jobs.load();
         // No queue is longer than the greatest of these.
@@ -127,7 +127,7 @@ impl Measure<'_> {
     fn end(mut self, solution: &Solution) {
         let code = match (&solution.error, solution.status) {
             (_, Status::Completed) => "completed".into(),
-            (Some(error), _) => error.code.into(),
+            (Some(error), _) => error.code.clone(),
             (None, Status::Stopped) => "stopped".into(),
             (None, Status::Failed) => "failed".into(),
         };

@@ -1,5 +1,6 @@
 //! The solver as a service over HTTP: jobs, the resources by which clients see them, and the server.
 
+pub mod access;
 pub mod http;
 pub mod jobs;
 mod metrics;
@@ -8,6 +9,7 @@ mod server;
 
 pub use options::Options;
 
+use access::Tokens;
 use axum::Router;
 use http::Shared;
 use jobs::{Jobs, Pool, Solver};
@@ -25,21 +27,21 @@ pub struct Service {
 }
 
 impl Service {
-    /// Starts the workers, which call `solver`.
+    /// Starts the workers, which call `solver`, on the jobs that are left in the folder of the options.
     ///
     /// # Errors
-    /// The system gives no threads.
+    /// The folder is in use or cannot be written, or the system gives no threads.
     pub fn start(options: Options, solver: Solver) -> io::Result<Self> {
         let metrics = Arc::new(Metrics::default());
-        let jobs = Arc::new(Jobs::new(options.bounds(), solver, Arc::clone(&metrics)));
+        let tokens = if options.asks_tokens() { Some(Arc::new(tokens(&options)?)) } else { None };
+        let jobs = Jobs::open(options.bounds(), solver, options.jobs_folder(), Arc::clone(&metrics))?;
+        let jobs = Arc::new(jobs);
         let pool = Pool::start(&jobs, options.workers)?;
         let readers = Arc::new(Semaphore::new(options.workers.get()));
         let streams = Arc::new(Semaphore::new(options.streams.get()));
         let closing = Arc::new(watch::Sender::new(false));
-        Ok(Self {
-            shared: Shared { jobs, options: Arc::new(options), metrics, readers, streams, closing },
-            _pool: pool,
-        })
+        let options = Arc::new(options);
+        Ok(Self { shared: Shared { jobs, options, metrics, tokens, readers, streams, closing }, _pool: pool })
     }
 
     /// Its resources.
@@ -57,4 +59,13 @@ impl Service {
     pub async fn serve(&self, listener: TcpListener, stop: Receiver<()>) {
         server::serve(listener, self.router(), self.shared.clone(), stop).await;
     }
+}
+
+fn tokens(options: &Options) -> io::Result<Tokens> {
+    let none = || io::Error::new(io::ErrorKind::InvalidInput, "there is no folder for the tokens to ask for");
+    let tokens = Tokens::open(options.data.as_deref().ok_or_else(none)?)?;
+    if tokens.is_empty() {
+        tracing::warn!("nobody has a token yet: dvi token create makes one, --insecure asks for none");
+    }
+    Ok(tokens)
 }

@@ -7,6 +7,7 @@ use serde::Serialize;
 use serde_json::Value;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::num::{NonZeroU64, NonZeroUsize};
+use std::path::{Path, PathBuf};
 use std::thread::available_parallelism;
 use std::time::Duration;
 
@@ -32,6 +33,22 @@ pub struct Options {
     #[arg(long, env = "DVI_LISTEN", value_name = "ADDRESS:PORT", default_value_t = Options::default().listen)]
     pub listen: SocketAddr,
 
+    /// The folder of jobs that outlive the process, and of tokens
+    #[arg(skip)]
+    pub data: Option<PathBuf>,
+
+    /// Keep jobs in memory and none after the end, whatever `--data` says
+    #[arg(long, env = "DVI_EPHEMERAL")]
+    pub ephemeral: bool,
+
+    /// Ask for tokens on a loopback address too, as behind a proxy
+    #[arg(long, env = "DVI_ASK_TOKENS", conflicts_with = "insecure")]
+    pub ask_tokens: bool,
+
+    /// Ask for no tokens though others than this machine can connect
+    #[arg(long, env = "DVI_INSECURE")]
+    pub insecure: bool,
+
     /// Solves at a time; the default is one a core
     #[arg(long, env = "DVI_WORKERS", value_name = "N", default_value_t = Options::default().workers)]
     pub workers: NonZeroUsize,
@@ -40,7 +57,7 @@ pub struct Options {
     #[arg(long, env = "DVI_QUEUE", value_name = "JOBS", default_value_t = Options::default().queue)]
     pub queue: NonZeroUsize,
 
-    /// Jobs of one client, told by its address, that may wait
+    /// Jobs of one client, told by its token or else by its address, that may wait
     #[arg(long, env = "DVI_CLIENT_SHARE", value_name = "JOBS", default_value_t = Options::default().client_share)]
     pub client_share: NonZeroUsize,
 
@@ -60,9 +77,13 @@ pub struct Options {
     #[arg(long, env = "DVI_KEPT_JOBS", value_name = "JOBS", default_value_t = Options::default().kept_jobs)]
     pub kept_jobs: NonZeroUsize,
 
-    /// Results that are kept, in MiB in all; the oldest is forgotten first
+    /// Specifications and results that are kept, in MiB in all; the oldest is forgotten first
     #[arg(long, env = "DVI_KEPT_MIB", value_name = "MIB", default_value_t = Options::default().kept_mib)]
     pub kept_mib: NonZeroUsize,
+
+    /// Days that an ended job is kept
+    #[arg(long, env = "DVI_KEPT_DAYS", value_name = "DAYS", default_value_t = Options::default().kept_days)]
+    pub kept_days: NonZeroU64,
 
     /// Longest time a client may take to send the headers of a request, and again its body, in seconds
     #[arg(long, env = "DVI_READ_SECONDS", value_name = "SECONDS", default_value_t = Options::default().read_seconds)]
@@ -80,18 +101,23 @@ pub struct Options {
 impl Default for Options {
     fn default() -> Self {
         let count = |n| NonZeroUsize::new(n).unwrap_or(NonZeroUsize::MIN);
-        let seconds = |n| NonZeroU64::new(n).unwrap_or(NonZeroU64::MIN);
+        let number = |n| NonZeroU64::new(n).unwrap_or(NonZeroU64::MIN);
         Self {
             listen: (Ipv4Addr::LOCALHOST, 8080).into(),
+            data: None,
+            ephemeral: false,
+            ask_tokens: false,
+            insecure: false,
             workers: available_parallelism().unwrap_or(NonZeroUsize::MIN),
             queue: count(1000),
             client_share: count(750),
-            wall_seconds: seconds(300),
+            wall_seconds: number(300),
             body_mib: count(8),
             result_mib: count(256),
             kept_jobs: count(10_000),
             kept_mib: count(1024),
-            read_seconds: seconds(30),
+            kept_days: number(30),
+            read_seconds: number(30),
             streams: count(1000),
             grace_seconds: 30,
         }
@@ -99,6 +125,16 @@ impl Default for Options {
 }
 
 impl Options {
+    /// The folder of jobs, if they are to outlive the process.
+    pub fn jobs_folder(&self) -> Option<&Path> {
+        self.data.as_deref().filter(|_| !self.ephemeral)
+    }
+
+    /// Whether clients must name a token: where others than this machine can connect, or where that is wished.
+    pub fn asks_tokens(&self) -> bool {
+        self.ask_tokens || !(self.insecure || self.listen.ip().is_loopback())
+    }
+
     /// The largest body of a request, in bytes.
     pub fn body_bytes(&self) -> usize {
         bytes(self.body_mib)
@@ -138,7 +174,11 @@ impl Options {
             share: self.client_share.get(),
             wall: Duration::from_secs(self.wall_seconds.get()),
             result_bytes: bytes(self.result_mib),
-            retention: Retention { jobs: self.kept_jobs.get(), bytes: bytes(self.kept_mib) },
+            retention: Retention {
+                jobs: self.kept_jobs.get(),
+                bytes: bytes(self.kept_mib),
+                age: Duration::from_secs(self.kept_days.get().saturating_mul(24 * 3600)),
+            },
         }
     }
 }

@@ -4,7 +4,8 @@
 //!    cut off.
 //! 2. When asked to stop: refuse new jobs and give the others the grace time. Connections go on being accepted, so that
 //!    clients can fetch what ends and a load balancer sees `/readyz` off.
-//! 3. When no job is left, or at the end of the grace time or asked a second time: cancel what is left.
+//! 3. When no job is left, or at the end of the grace time or asked a second time: leave what is left to the next
+//!    process, or cancel it where there is no disk to keep it.
 //! 4. End the streams of events, let answers in hand go out, and close.
 
 use super::http::Shared;
@@ -15,6 +16,7 @@ use hyper::server::conn::http1;
 use hyper::service::service_fn;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::server::graceful::GracefulShutdown;
+use jiff::Timestamp;
 use std::time::Duration;
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::mpsc::Receiver;
@@ -23,6 +25,9 @@ use tower_service::Service;
 
 /// The time that cancelled solves have to reach their next step, and then that answers have to go out.
 const LAST_CALL: Duration = Duration::from_secs(5);
+
+/// How often jobs are looked through for those that are too old.
+const TIDY: Duration = Duration::from_secs(60);
 
 /// A pause after a failed `accept`: it fails at once for as long as there are no file descriptors.
 const BREATH: Duration = Duration::from_millis(50);
@@ -53,13 +58,21 @@ pub async fn serve(listener: TcpListener, router: Router, shared: Shared, mut st
             () = sleep(grace) => {}
             Some(()) = stop.recv() => {}
         }
-        shared.jobs.cancel_all();
+        shared.jobs.park_all().await;
         if timeout(LAST_CALL, shared.jobs.idle()).await.is_err() {
             tracing::warn!("some solves did not stop and are abandoned");
+        }
+        shared.jobs.flush().await;
+    };
+    let expiring = async {
+        loop {
+            sleep(TIDY).await;
+            shared.jobs.expire(Timestamp::now()).await;
         }
     };
     tokio::select! {
         () = accepting => {}
+        () = expiring => {}
         () = stopping => {}
     }
     shared.closing.send_replace(true);

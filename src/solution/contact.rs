@@ -105,7 +105,7 @@ impl<'p> Outputs<'p> {
             ),
             _ => error.to_string(),
         };
-        Failure { code: error.code(), message, time, state: self.states.clone() }
+        Failure { code: error.code().into(), message, time, state: self.states.clone() }
     }
 
     /// Adds to `q` and `v`, which are there, gaps, impulses and energies.

@@ -162,7 +162,7 @@ fn failure(plan: &Plan, error: &StepError, time: f64, state: &[f64]) -> Failure 
         ),
         _ => error.to_string(),
     };
-    Failure { code: error.code(), message, time, state: state.to_vec() }
+    Failure { code: error.code().into(), message, time, state: state.to_vec() }
 }
 
 /// What is known before the run: what the theory says, what is built, what is left out and why.

@@ -23,6 +23,7 @@ pub use study::{Series, Study, StudyRun};
 pub use trajectory::{Field, Trajectory};
 
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use utoipa::ToSchema;
 
 /// How a solve ended.
@@ -38,11 +39,11 @@ pub enum Status {
 }
 
 /// Why a solve did not reach its end time.
-#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Failure {
     /// A stable word for programs, such as `step_too_small`.
     #[schema(value_type = String)]
-    pub code: &'static str,
+    pub code: Cow<'static, str>,
     /// What happened and what to try, for people.
     pub message: String,
     /// The time reached.
@@ -52,7 +53,7 @@ pub struct Failure {
 }
 
 /// The answer to a specification. Every number in it is finite.
-#[derive(Clone, Debug, Serialize, ToSchema)]
+#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
 pub struct Solution {
     /// How it ended.
     pub status: Status,
@@ -61,11 +62,12 @@ pub struct Solution {
     pub error: Option<Failure>,
     /// Values over time.
     pub trajectory: Trajectory,
-    /// The evidence.
+    /// The evidence, which is not read back: it is written for people.
+    #[serde(skip_deserializing)]
     #[schema(value_type = Object)]
     pub diagnostics: Diagnostics,
     /// Error against run time, where it was asked for.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none", skip_deserializing)]
     #[schema(value_type = Option<Object>)]
     pub study: Option<Study>,
 }

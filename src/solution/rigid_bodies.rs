@@ -67,7 +67,12 @@ impl<'a> Course<'a> {
         let mut simulation = Simulation::new(scene, settings);
         if scene.resolve && !simulation.resolve(control) {
             let message = "the bodies overlap at the start, and there is no way found to move them apart".to_owned();
-            return Err(Failure { code: "interpenetration", message, time: plan.start, state: plan.initial.clone() });
+            return Err(Failure {
+                code: "interpenetration".into(),
+                message,
+                time: plan.start,
+                state: plan.initial.clone(),
+            });
         }
         let mut course = Self {
             scene,
@@ -157,7 +162,7 @@ impl Stepper for Course<'_> {
                 ),
                 StepFailure::Joints => ("joints", format!("the joints cannot all hold at t = {next}")),
             };
-            Failure { code, message, time: next, state: self.states.clone() }
+            Failure { code: code.into(), message, time: next, state: self.states.clone() }
         })
     }
 

@@ -125,7 +125,7 @@ impl<'a> Run<'a> {
             }
             if let Some((code, message)) = limit(stepper, plan, self.control, &self.recorder) {
                 let state = stepper.states().to_vec();
-                break Err((Status::Stopped, Failure { code, message, time: stepper.t(), state }));
+                break Err((Status::Stopped, Failure { code: code.into(), message, time: stepper.t(), state }));
             }
             if let Err(failure) = stepper.step() {
                 break Err(verdict(self.control, failure));
@@ -159,7 +159,7 @@ impl<'a> Run<'a> {
 /// Why there is no step: because the outside gave it no time, or because it failed.
 pub(super) fn verdict(control: &Control, failure: Failure) -> (Status, Failure) {
     match stopped(control, failure.time) {
-        Some((code, message)) => (Status::Stopped, Failure { code, message, ..failure }),
+        Some((code, message)) => (Status::Stopped, Failure { code: code.into(), message, ..failure }),
         None => (Status::Failed, failure),
     }
 }

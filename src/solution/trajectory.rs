@@ -1,7 +1,10 @@
 //! The trajectory in columns.
 
 use crate::problem::Event;
-use serde::ser::{Serialize, SerializeMap, SerializeStruct, Serializer};
+use serde::de::{Deserializer, MapAccess, Visitor};
+use serde::ser::{SerializeMap, SerializeStruct, Serializer};
+use serde::{Deserialize, Serialize};
+use std::fmt;
 use utoipa::ToSchema;
 
 /// One output over time.
@@ -14,11 +17,12 @@ pub struct Field {
 }
 
 /// Values over time, in columns of equal length.
-#[derive(Clone, Debug, Default, PartialEq, ToSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, ToSchema)]
 pub struct Trajectory {
     /// The times, increasing.
     pub t: Vec<f64>,
     /// The outputs that were asked for.
+    #[serde(deserialize_with = "columns")]
     #[schema(value_type = BTreeMap<String, Vec<f64>>)]
     pub fields: Vec<Field>,
     /// The switches.
@@ -53,4 +57,27 @@ impl Serialize for Columns<'_> {
         }
         map.end()
     }
+}
+
+/// The fields of one object, in its order.
+fn columns<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<Field>, D::Error> {
+    struct Visit;
+
+    impl<'de> Visitor<'de> for Visit {
+        type Value = Vec<Field>;
+
+        fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+            f.write_str("an object of columns")
+        }
+
+        fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Self::Value, A::Error> {
+            let mut fields = Vec::new();
+            while let Some((name, values)) = map.next_entry()? {
+                fields.push(Field { name, values });
+            }
+            Ok(fields)
+        }
+    }
+
+    deserializer.deserialize_map(Visit)
 }

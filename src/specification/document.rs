@@ -11,7 +11,7 @@ use super::ordered::Ordered;
 use super::output::Output;
 use super::rigid_bodies::RigidBodiesProblem;
 use super::study::StudyRequest;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 /// A problem, the time to solve it over, and how. Only `problem` and `time.end` are required.
@@ -73,7 +73,7 @@ impl Problem {
 }
 
 /// The time horizon, in seconds unless the model says otherwise.
-#[derive(Clone, Copy, Debug, Deserialize, ToSchema)]
+#[derive(Clone, Copy, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Time {
     /// Where the initial values hold.

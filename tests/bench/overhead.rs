@@ -1,5 +1,5 @@
 //! What the service costs beside an echo of the same body: `cargo bench --bench overhead`, which drives both with `wrk`
-//! in turns, so that both see the same machine.
+//! in turns, so that both see the same machine. *Stored* jobs are asynchronous: on the disk before they are answered.
 
 use axum::Router;
 use axum::body::Bytes;
@@ -9,8 +9,11 @@ use hyper::body::Incoming;
 use hyper::service::service_fn;
 use hyper_util::rt::TokioIo;
 use std::net::SocketAddr;
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
+use std::time::Instant;
 use tokio::net::TcpListener;
 use tokio::runtime::{Builder, Runtime};
 use tokio::sync::mpsc::channel;
@@ -22,19 +25,23 @@ const SECONDS: u32 = 3;
 fn main() {
     // As the program logs, so that what is measured is what it does.
     tracing_subscriber::fmt().with_env_filter("info").with_writer(std::io::stderr).init();
-    let script = std::env::temp_dir().join(format!("dvi-overhead-{}.lua", std::process::id()));
-    let headers = r#"wrk.headers["content-type"] = "application/json""#;
-    std::fs::write(&script, format!("wrk.method = \"POST\"\nwrk.body = '{BODY}'\n{headers}\n")).expect("a script");
+    let folder = std::env::temp_dir().join(format!("dvi-overhead-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let (waits, leaves) = (script(&folder, "waits", ""), script(&folder, "leaves", "respond-async"));
     let runtime = Builder::new_multi_thread().enable_all().build().expect("a runtime");
-    let (echo, service) = (start_echo(&runtime), start_service(&runtime));
+    let (echo, (service, _)) = (start_echo(&runtime), start_service(&runtime, Options::default()));
+    let many = NonZeroUsize::new(10_000_000).expect("more than one");
+    let stored = Options { data: Some(folder.clone()), queue: many, client_share: many, ..Options::default() };
+    let (store, jobs) = start_service(&runtime, stored);
     println!("{:>12} {:>8} {:>10} {:>12} {:>16}", "connections", "", "p50", "requests/s", "CPU us a request");
-    for connections in [1, 16, 64] {
-        for (name, address) in [("echo", echo), ("solve", service), ("echo", echo), ("solve", service)] {
-            let before = cpu_seconds();
+    for connections in [1, 16, 64, 512] {
+        let turns = [("echo", echo, &waits), ("solve", service, &waits), ("stored", store, &leaves)];
+        for (name, address, script) in turns.into_iter().chain(turns) {
+            let (before, start) = (cpu_seconds(), Instant::now());
             let report = Command::new("wrk")
                 .args(["--latency", "-t1", &format!("-c{connections}"), &format!("-d{SECONDS}s")])
                 .arg("-s")
-                .arg(&script)
+                .arg(script)
                 .arg(format!("http://{address}/solve"))
                 .output()
                 .expect("wrk, which is a Debian package");
@@ -43,14 +50,29 @@ fn main() {
             let requests = report.split_once(" requests in").and_then(|(before, _)| before.split_whitespace().last());
             assert!(!report.contains("Non-2xx"), "{report}");
             let requests: f64 = requests.and_then(|count| count.parse().ok()).expect("a count of requests");
-            let (p50, rate) = (after("50%").unwrap_or("?"), after("Requests/sec:").unwrap_or("?"));
+            let p50 = after("50%").unwrap_or("?");
+            // A stored job counts when it has ended.
+            runtime.block_on(async {
+                jobs.jobs().idle().await;
+                jobs.jobs().flush().await;
+            });
+            let rate = requests / start.elapsed().as_secs_f64();
             let cpu = (cpu_seconds() - before) * 1e6 / requests;
-            println!("{connections:>12} {name:>8} {p50:>10} {rate:>12} {cpu:>16.1}");
+            println!("{connections:>12} {name:>8} {p50:>10} {rate:>12.0} {cpu:>16.1}");
         }
     }
-    // The script is in the temporary folder; it may stay if it must.
-    let _ = std::fs::remove_file(script);
+    // It is in the temporary folder, where it may stay if it must.
+    let _ = std::fs::remove_dir_all(folder);
     runtime.shutdown_background();
+}
+
+/// What `wrk` is to send.
+fn script(folder: &Path, name: &str, prefer: &str) -> PathBuf {
+    let path = folder.join(name).with_extension("lua");
+    let headers =
+        format!("wrk.headers[\"content-type\"] = \"application/json\"\nwrk.headers[\"prefer\"] = \"{prefer}\"");
+    std::fs::write(&path, format!("wrk.method = \"POST\"\nwrk.body = '{BODY}'\n{headers}\n")).expect("a script");
+    path
 }
 
 /// The processor time of this process, which other work on the machine disturbs less than it does the clock.
@@ -60,15 +82,16 @@ fn cpu_seconds() -> f64 {
     ticks.map(|field| field.parse::<f64>().unwrap_or(f64::NAN)).sum::<f64>() / 100.0
 }
 
-fn start_service(runtime: &Runtime) -> SocketAddr {
+fn start_service(runtime: &Runtime, options: Options) -> (SocketAddr, Arc<Service>) {
     let listener = runtime.block_on(TcpListener::bind("127.0.0.1:0")).expect("a port");
     let address = listener.local_addr().expect("its address");
-    let service = Service::start(Options::default(), Arc::new(dvi::solve)).expect("workers");
+    let service = Arc::new(Service::start(options, Arc::new(dvi::solve)).expect("workers"));
+    let serving = Arc::clone(&service);
     runtime.spawn(async move {
         let (_stop, stopped) = channel(1);
-        service.serve(listener, stopped).await;
+        serving.serve(listener, stopped).await;
     });
-    address
+    (address, service)
 }
 
 fn start_echo(runtime: &Runtime) -> SocketAddr {

@@ -124,7 +124,7 @@ impl Site {
     /// The state of the job at `path`, when it has ended.
     pub async fn ended(&self, path: &str) -> Value {
         let id = path.rsplit('/').next().unwrap().parse().unwrap();
-        self.service.jobs().find(id).unwrap().ended().await;
+        self.service.jobs().find(id).unwrap().settled().await;
         self.get(path).await.json()
     }
 }
@@ -160,7 +160,14 @@ impl Call {
         self
     }
 
-    pub async fn send(self, site: &Site) -> Reply {
+    /// As the owner of the job that the path names, unless it is as somebody else.
+    pub async fn send(mut self, site: &Site) -> Reply {
+        let id = self.0.uri().path().split('/').nth(2).and_then(|id| id.parse().ok());
+        if self.0.extensions().get::<Client>().is_none()
+            && let Some(job) = id.and_then(|id| site.service.jobs().find(id))
+        {
+            self.0.extensions_mut().insert(job.client);
+        }
         self.send_to(site.router.clone()).await
     }
 

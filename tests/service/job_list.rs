@@ -69,8 +69,8 @@ async fn jobs_are_found_by_their_status() {
     let site = Site::new(one_worker(), gate.solver());
     let (running, waiting) = (labelled(&site, 1, "r").await, labelled(&site, 1, "w").await);
     gate.entered(1).await;
-    assert_eq!(paths(&list(&site, 1, "?status=running").await), [running.clone()]);
-    assert_eq!(paths(&list(&site, 1, "?status=accepted").await), [waiting.clone()]);
+    assert_eq!(paths(&list(&site, 1, "?status=running").await), [running.as_str()]);
+    assert_eq!(paths(&list(&site, 1, "?status=accepted").await), [waiting.as_str()]);
     Call::new("POST", &format!("{waiting}/cancel")).client(1).send(&site).await;
     gate.let_through(1);
     site.ended(&running).await;

@@ -21,7 +21,7 @@ async fn solves_are_counted_by_problem_and_ending() {
         match specification.label() {
             Some("panics") => panic!("on purpose"),
             Some("fails") => {
-                let error = Failure { code: "step_too_small", message: String::new(), time: 0.5, state: vec![] };
+                let error = Failure { code: "step_too_small".into(), message: String::new(), time: 0.5, state: vec![] };
                 dvi::solution::Solution { status: Status::Failed, error: Some(error), ..solution }
             }
             _ => solution,

@@ -136,6 +136,7 @@ fn help_shows_every_bound_with_its_default_and_its_variable() {
         ("--result-mib", "DVI_RESULT_MIB", "256"),
         ("--kept-jobs", "DVI_KEPT_JOBS", "10000"),
         ("--kept-mib", "DVI_KEPT_MIB", "1024"),
+        ("--kept-days", "DVI_KEPT_DAYS", "30"),
         ("--read-seconds", "DVI_READ_SECONDS", "30"),
         ("--streams", "DVI_STREAMS", "1000"),
         ("--grace-seconds", "DVI_GRACE_SECONDS", "30"),
@@ -160,7 +161,8 @@ fn a_reader_that_has_seen_enough_is_no_failure() {
 #[test]
 fn a_service_says_where_it_listens_and_a_signal_ends_it_in_order() {
     for name in ["TERM", "INT"] {
-        let mut child = dvi(&["serve", "--listen", "127.0.0.1:0", "--log-format", "json"]).spawn().unwrap();
+        let mut child =
+            dvi(&["serve", "--ephemeral", "--listen", "127.0.0.1:0", "--log-format", "json"]).spawn().unwrap();
         let mut log = BufReader::new(child.stderr.take().unwrap());
         let mut line = String::new();
         log.read_line(&mut line).unwrap();
@@ -190,7 +192,7 @@ fn a_service_says_where_it_listens_and_a_signal_ends_it_in_order() {
 fn an_address_that_is_taken_is_named() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let address = taken.local_addr().unwrap().to_string();
-    let output = run(&["serve", "--listen", &address], "");
+    let output = run(&["serve", "--ephemeral", "--listen", &address], "");
     assert_eq!(output.status.code(), Some(5));
     assert!(String::from_utf8(output.stderr).unwrap().contains(&address));
 }

@@ -13,7 +13,7 @@ struct Serving {
 impl Serving {
     fn start() -> Self {
         let mut process = Command::new(env!("CARGO_BIN_EXE_dvi"))
-            .args(["serve", "--listen", "127.0.0.1:0", "--log-format", "json"])
+            .args(["serve", "--listen", "127.0.0.1:0", "--log-format", "json", "--ephemeral"])
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();

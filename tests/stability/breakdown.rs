@@ -88,6 +88,6 @@ fn a_fixed_step_that_meets_a_pole_says_so() {
     let case = Case::until(2.0).state("x", 0.0, "sin(t - 1)/(t - 1)");
     let solution = case.method(json!({"step": 0.5, "stages": 3})).run();
     let failure = solution.error.expect("a failure");
-    assert_eq!((failure.code, failure.time), ("not_finite", 0.5));
+    assert_eq!((&*failure.code, failure.time), ("not_finite", 0.5));
     assert!(failure.message.contains("rate of `x`"), "{}", failure.message);
 }

@@ -8,7 +8,16 @@ use axum::Json;
 use axum::extract::State;
 
 /// Check a specification without solving it.
-#[utoipa::path(post, path = "/check", tag = "solve", request_body(content = crate::specification::Document, content_type = "application/json"), responses((status = 200, description = "The specification is correct; what it comes to", body = serde_json::Value), Problem))]
+#[utoipa::path(
+    post,
+    path = "/check",
+    tag = "solve",
+    request_body(content = crate::specification::Document, content_type = "application/json"),
+    responses(
+        (status = 200, description = "The specification is correct; what it comes to", body = serde_json::Value),
+        Problem
+    )
+)]
 pub async fn check(State(shared): State<Shared>, document: Document) -> Answer<Json<Summary>> {
     Ok(Json(document.specification(&shared).await?.summary()))
 }

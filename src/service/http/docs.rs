@@ -1,4 +1,4 @@
-//! An OpenAPI description as a page of HTML: operations by their tag, each with what it takes and what it answers, then
+//! An `OpenAPI` description as a page of HTML: operations by their tag, each with what it takes and what it answers, then
 //! the schemas.
 
 use serde_json::{Map, Value};

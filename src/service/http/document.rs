@@ -19,7 +19,7 @@ use tokio::time::timeout;
 const SMALL: usize = 4 << 10;
 
 /// The bytes of the body.
-pub struct Document(Vec<u8>);
+pub struct Document(Arc<[u8]>);
 
 impl Document {
     /// Reads and checks it as a specification. A large one is read on a thread of its own, few at a time, because
@@ -27,16 +27,22 @@ impl Document {
     ///
     /// # Errors
     /// All that is wrong with it.
-    pub async fn specification(self, shared: &Shared) -> Answer<Arc<Specification>> {
-        let read = if self.0.len() <= SMALL {
-            Specification::from_json(&self.0)
+    pub async fn specification(&self, shared: &Shared) -> Answer<Arc<Specification>> {
+        let bytes = self.bytes();
+        let read = if bytes.len() <= SMALL {
+            Specification::from_json(&bytes)
         } else {
             // The semaphore is never closed and the reader does not panic; if it did, that would be ours to answer for.
             let internal = |_| Problem::plain(Kind::Internal);
             let _permit = shared.readers.acquire().await.map_err(|_| Problem::plain(Kind::Internal))?;
-            spawn_blocking(move || Specification::from_json(&self.0)).await.map_err(internal)?
+            spawn_blocking(move || Specification::from_json(&bytes)).await.map_err(internal)?
         };
         Ok(Arc::new(read?))
+    }
+
+    /// As it was posted.
+    pub fn bytes(&self) -> Arc<[u8]> {
+        Arc::clone(&self.0)
     }
 }
 
@@ -49,7 +55,7 @@ impl FromRequest<Shared> for Document {
             return Err(Problem::plain(Kind::UnsupportedMediaType));
         }
         match timeout(shared.options.read_time(), collect(body, shared.options.body_bytes())).await {
-            Ok(read) => read.map(Self),
+            Ok(read) => read.map(|bytes| Self(bytes.into())),
             Err(_) => Err(Problem::plain(Kind::BodyTimeout)),
         }
     }

@@ -33,7 +33,19 @@ const GLANCE: Duration = Duration::from_millis(200);
 const SILENCE: Duration = Duration::from_secs(15);
 
 /// Follow a job as it goes.
-#[utoipa::path(get, path = "/jobs/{id}/events", tag = "jobs", params(("id" = String, Path, description = "The id of a job, as `Location` gave it"), ("last-event-id" = Option<u64>, Header, description = "The switches told before")), responses((status = 200, description = "Events `progress`, `switch` and `done`", body = String, content_type = "text/event-stream"), Problem))]
+#[utoipa::path(
+    get,
+    path = "/jobs/{id}/events",
+    tag = "jobs",
+    params(
+        ("id" = String, Path, description = "The id of a job, as `Location` gave it"),
+        ("last-event-id" = Option<u64>, Header, description = "The switches told before")
+    ),
+    responses(
+        (status = 200, description = "Events `progress`, `switch` and `done`", body = String, content_type = "text/event-stream"),
+        Problem
+    )
+)]
 pub async fn follow_job(
     State(shared): State<Shared>,
     Named(job): Named,
@@ -70,13 +82,17 @@ pub async fn follow(shared: &Shared, job: &Job, seen: u64, sink: &EventSink) -> 
     let closed = async move { closing.wait_for(|closing| *closing).await.is_ok() };
     let mut looks = interval(GLANCE);
     looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
-    let ended = job.ended();
-    tokio::pin!(ended, closed);
+    let settled = job.settled();
+    tokio::pin!(settled, closed);
     loop {
         tokio::select! {
             biased;
             () = sink.gone() => return Err(Gone),
-            _ = &mut ended => break,
+            ended = &mut settled => match ended {
+                Some(_) => break,
+                // It is left to the next process.
+                None => return Ok(None),
+            },
             _ = &mut closed => return Ok(None),
             _ = looks.tick() => followed.look(shared, job, sink).await?,
         }

@@ -21,19 +21,40 @@ pub struct Version {
 }
 
 /// Tell whether the service is alive.
-#[utoipa::path(get, path = "/healthz", tag = "service", responses((status = 200, description = "It is alive", body = Well), Problem))]
+#[utoipa::path(
+    get,
+    path = "/healthz",
+    tag = "service",
+    responses((status = 200, description = "It is alive", body = Well), Problem)
+)]
 pub async fn check_health() -> Json<Well> {
     Json(Well { status: "alive" })
 }
 
 /// Tell whether the service takes on work.
-#[utoipa::path(get, path = "/readyz", tag = "service", responses((status = 200, description = "It takes on work", body = Well), Problem))]
+#[utoipa::path(
+    get,
+    path = "/readyz",
+    tag = "service",
+    responses((status = 200, description = "It takes on work", body = Well), Problem)
+)]
 pub async fn check_readiness(State(shared): State<Shared>) -> Answer<Json<Well>> {
-    if shared.jobs.is_draining() { Err(Problem::plain(Kind::Draining)) } else { Ok(Json(Well { status: "ready" })) }
+    if shared.jobs.is_draining() {
+        return Err(Problem::plain(Kind::Draining));
+    }
+    if !shared.jobs.is_writable() {
+        return Err(Problem::plain(Kind::Unwritable));
+    }
+    Ok(Json(Well { status: "ready" }))
 }
 
 /// Tell which version runs.
-#[utoipa::path(get, path = "/version", tag = "service", responses((status = 200, description = "Name and version", body = Version), Problem))]
+#[utoipa::path(
+    get,
+    path = "/version",
+    tag = "service",
+    responses((status = 200, description = "Name and version", body = Version), Problem)
+)]
 pub async fn find_version() -> Json<Version> {
     Json(Version { name: env!("CARGO_PKG_NAME"), version: env!("CARGO_PKG_VERSION") })
 }

@@ -1,11 +1,12 @@
-//! `GET /jobs`: the client's own jobs, newest first, a page at a time. How many there are in all is not told: it would
+//! `GET /jobs`: the client's own jobs, or everyone's for who may see them, newest first, a page at a time. How many there are in all is not told: it would
 //! cost a look at each and be wrong at once.
 
+use super::access::Sight;
 use super::problem::{Answer, Problem};
 use super::query::Query;
 use super::status::StatusInfo;
 use super::{Shared, no_store};
-use crate::service::jobs::{Client, JobId};
+use crate::service::jobs::JobId;
 use axum::Json;
 use axum::extract::{FromRequestParts, State};
 use axum::http::request::Parts;
@@ -13,6 +14,7 @@ use axum::http::{HeaderValue, header};
 use axum::response::{IntoResponse, Response};
 use form_urlencoded::Serializer;
 use serde::Serialize;
+use std::cmp::Reverse;
 use utoipa::ToSchema;
 
 const STATUSES: [&str; 5] = ["accepted", "running", "successful", "failed", "dismissed"];
@@ -36,10 +38,22 @@ pub struct JobList {
 }
 
 /// List your jobs, newest first.
-#[utoipa::path(get, path = "/jobs", tag = "jobs", params(("status" = Option<String>, Query, description = "`accepted`, `running`, `successful`, `failed` or `dismissed`"), ("label" = Option<String>, Query, description = "The whole label"), ("limit" = Option<u64>, Query, minimum = 1, maximum = 1000, description = "Jobs a page, 100 unless told"), ("cursor" = Option<String>, Query, description = "From `Link` of the page before")), responses((status = 200, description = "A page; `Link` has the next", body = JobList), Problem))]
-pub async fn list_jobs(State(shared): State<Shared>, client: Client, filter: Filter) -> Response {
-    let mut jobs = shared.jobs.of_client(client);
-    jobs.sort_unstable_by(|a, b| b.id.cmp(&a.id));
+#[utoipa::path(
+    get,
+    path = "/jobs",
+    tag = "jobs",
+    params(
+        ("status" = Option<String>, Query, description = "`accepted`, `running`, `successful`, `failed` or `dismissed`"),
+        ("label" = Option<String>, Query, description = "The whole label"),
+        ("limit" = Option<u64>, Query, minimum = 1, maximum = 1000, description = "Jobs a page, 100 unless told"),
+        ("cursor" = Option<String>, Query, description = "From `Link` of the page before")
+    ),
+    responses((status = 200, description = "A page; `Link` has the next", body = JobList), Problem)
+)]
+pub async fn list_jobs(State(shared): State<Shared>, sight: Sight, filter: Filter) -> Response {
+    let mut jobs = shared.jobs.all();
+    jobs.retain(|job| sight.reaches(job));
+    jobs.sort_unstable_by_key(|job| Reverse(job.id));
     let rest = jobs.iter().filter(|job| filter.cursor.is_none_or(|last| job.id < last));
     let named = rest.filter(|job| filter.label.is_none() || job.label == filter.label);
     let told = named.map(|job| (job.id, StatusInfo::of(job, &shared.jobs)));

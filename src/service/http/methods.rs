@@ -17,7 +17,15 @@ pub struct Methods {
 }
 
 /// List what there is to choose from.
-#[utoipa::path(get, path = "/methods", tag = "catalogue", responses((status = 200, description = "Problem types, methods, tableaux with their checked conditions, solvers, limits", body = serde_json::Value), Problem))]
+#[utoipa::path(
+    get,
+    path = "/methods",
+    tag = "catalogue",
+    responses(
+        (status = 200, description = "Problem types, methods, tableaux with their checked conditions, solvers, limits", body = serde_json::Value),
+        Problem
+    )
+)]
 pub async fn list_methods(State(shared): State<Shared>) -> Json<Methods> {
     Json(Methods { catalogue: catalogue(), service: shared.options.in_force() })
 }

@@ -1,5 +1,6 @@
 //! The resources of the service, a file each, and the router that finds them.
 
+mod access;
 mod check;
 mod docs;
 mod document;
@@ -34,17 +35,14 @@ pub use openapi::description;
 pub use problem::{Kind, Problem};
 
 use super::Options;
-use super::jobs::{Client, Jobs};
+use super::access::Tokens;
+use super::jobs::Jobs;
 use super::metrics::Metrics;
 use axum::Router;
-use axum::extract::FromRequestParts;
-use axum::http::request::Parts;
 use axum::http::{HeaderName, HeaderValue, Method, Uri, header};
 use axum::middleware::{from_fn, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 use std::any::Any;
-use std::convert::Infallible;
-use std::net::{IpAddr, Ipv4Addr};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::sync::{Semaphore, watch};
@@ -63,6 +61,8 @@ pub struct Shared {
     pub options: Arc<Options>,
     /// Its figures.
     pub metrics: Arc<Metrics>,
+    /// The tokens of clients, where they are asked for.
+    pub tokens: Option<Arc<Tokens>>,
     /// Large specifications that may be read, and large pictures that may be drawn, at a time.
     pub readers: Arc<Semaphore>,
     /// Streams of events that may be open at a time.
@@ -71,8 +71,8 @@ pub struct Shared {
     pub closing: Arc<watch::Sender<bool>>,
 }
 
-/// One line a resource.
-fn routes() -> OpenApiRouter<Shared> {
+/// What clients do, one line a resource.
+fn work() -> OpenApiRouter<Shared> {
     OpenApiRouter::new()
         .routes(routes!(solve::solve))
         .routes(routes!(check::check))
@@ -80,7 +80,13 @@ fn routes() -> OpenApiRouter<Shared> {
         .routes(routes!(jobs::find_job, jobs::delete_job))
         .routes(routes!(events::follow_job))
         .routes(routes!(results::find_results))
+        .routes(routes!(jobs::find_specification))
         .routes(routes!(jobs::cancel_job))
+}
+
+/// The same for everyone, and nobody's secret.
+fn open() -> OpenApiRouter<Shared> {
+    OpenApiRouter::new()
         .routes(routes!(examples::list_examples))
         .routes(routes!(examples::find_example))
         .routes(routes!(methods::list_methods))
@@ -98,7 +104,8 @@ fn routes() -> OpenApiRouter<Shared> {
 
 /// The resources with what is common to them.
 pub fn router(shared: Shared) -> Router {
-    Router::from(routes())
+    let authorize = from_fn_with_state(shared.clone(), access::authorize);
+    Router::from(work().route_layer(authorize).merge(open()))
         .fallback(nothing_here)
         .method_not_allowed_fallback(no_such_method)
         .layer(CatchPanicLayer::custom(panicked))
@@ -118,15 +125,6 @@ async fn no_such_method(method: Method, uri: Uri) -> Box<Problem> {
 
 fn panicked(_: Box<dyn Any + Send>) -> Response {
     Problem::plain(Kind::Internal).into_response()
-}
-
-/// The client of a connection; whoever came without one counts as one client with all such.
-impl<S: Send + Sync> FromRequestParts<S> for Client {
-    type Rejection = Infallible;
-
-    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Infallible> {
-        Ok(parts.extensions.get().copied().unwrap_or(Self::at(IpAddr::V4(Ipv4Addr::UNSPECIFIED))))
-    }
 }
 
 /// The state of a job is of this moment only.

@@ -1,9 +1,9 @@
-//! `GET /openapi.json`: the description of the interface (OpenAPI 3.1), made from the handlers; and `GET /docs`: the same
+//! `GET /openapi.json`: the description of the interface (`OpenAPI` 3.1), made from the handlers; and `GET /docs`: the same
 //! to be read, as a page without scripts that asks nobody for anything.
 
 use super::docs;
 use super::problem::Problem;
-use super::routes;
+use super::{open, work};
 use axum::http::{HeaderName, HeaderValue, header};
 use axum::response::{Html, IntoResponse};
 use serde_json::Value;
@@ -13,7 +13,6 @@ use utoipa::openapi::response::{Response, ResponseBuilder};
 use utoipa::openapi::{ContentBuilder, RefOr};
 use utoipa::{IntoResponses, OpenApi, PartialSchema};
 
-const DESCRIPTION: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/api/openapi.json"));
 const STYLE: &str = include_str!("docs.css");
 const JSON: [(HeaderName, &str); 1] = [(header::CONTENT_TYPE, "application/json")];
 const CSS: [(HeaderName, &str); 1] = [(header::CONTENT_TYPE, "text/css; charset=utf-8")];
@@ -22,6 +21,11 @@ const CSS: [(HeaderName, &str); 1] = [(header::CONTENT_TYPE, "text/css; charset=
 const POLICY: HeaderValue = HeaderValue::from_static(
     "default-src 'none'; style-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
 );
+
+/// The description, made once.
+static DESCRIPTION: LazyLock<Value> = LazyLock::new(description);
+static TEXT: LazyLock<String> = LazyLock::new(|| DESCRIPTION.to_string());
+static PAGE: LazyLock<String> = LazyLock::new(|| docs::page(&DESCRIPTION));
 
 /// What is not said by the handlers.
 #[derive(OpenApi)]
@@ -39,7 +43,7 @@ struct Frame;
 
 /// The description of the interface, as it follows from the code.
 pub fn description() -> Value {
-    let mut router = utoipa_axum::router::OpenApiRouter::with_openapi(Frame::openapi()).merge(routes());
+    let mut router = utoipa_axum::router::OpenApiRouter::with_openapi(Frame::openapi()).merge(work()).merge(open());
     // A description is strings, lists and maps, which have a JSON form.
     serde_json::to_value(router.to_openapi()).unwrap_or_default()
 }
@@ -56,21 +60,34 @@ impl IntoResponses for Problem {
 }
 
 /// Fetch the description of the interface.
-#[utoipa::path(get, path = "/openapi.json", tag = "catalogue", responses((status = 200, description = "OpenAPI 3.1", body = Value)))]
+#[utoipa::path(
+    get,
+    path = "/openapi.json",
+    tag = "catalogue",
+    responses((status = 200, description = "OpenAPI 3.1", body = Value))
+)]
 pub async fn find_description() -> impl IntoResponse {
-    (JSON, DESCRIPTION)
+    (JSON, TEXT.as_str())
 }
 
 /// Read the description of the interface.
-#[utoipa::path(get, path = "/docs", tag = "catalogue", responses((status = 200, description = "A page", body = String, content_type = "text/html")))]
+#[utoipa::path(
+    get,
+    path = "/docs",
+    tag = "catalogue",
+    responses((status = 200, description = "A page", body = String, content_type = "text/html"))
+)]
 pub async fn read_description() -> impl IntoResponse {
-    static PAGE: LazyLock<String> =
-        LazyLock::new(|| docs::page(&serde_json::from_str(DESCRIPTION).unwrap_or_default()));
     ([(header::CONTENT_SECURITY_POLICY, POLICY)], Html(PAGE.as_str()))
 }
 
 /// The style of the page.
-#[utoipa::path(get, path = "/docs/style.css", tag = "catalogue", responses((status = 200, description = "A style sheet", body = String, content_type = "text/css")))]
+#[utoipa::path(
+    get,
+    path = "/docs/style.css",
+    tag = "catalogue",
+    responses((status = 200, description = "A style sheet", body = String, content_type = "text/css"))
+)]
 pub async fn find_style() -> impl IntoResponse {
     (CSS, STYLE)
 }

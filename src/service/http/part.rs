@@ -1,7 +1,8 @@
 //! Results, or an excerpt of them.
 
+use super::jobs::unreadable;
 use super::problem::{Kind, Problem};
-use crate::service::jobs::Results;
+use crate::service::jobs::{JobId, Results};
 use crate::solution::{Diagnostics, Excerpt, Failure, NoSuchField, Solution, Status, Trajectory};
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
@@ -43,10 +44,11 @@ impl Part {
     /// The part that `excerpt` asks for.
     ///
     /// # Errors
-    /// [`Kind::BadQuery`] if it names a field that is not there.
-    pub fn of(results: Arc<Results>, excerpt: Option<&Excerpt>) -> Result<Self, Box<Problem>> {
+    /// [`Kind::BadQuery`] if it names a field that is not there, [`Kind::Unreadable`] if what was stored is no solution.
+    pub fn of(job: JobId, results: Arc<Results>, excerpt: Option<&Excerpt>) -> Result<Self, Box<Problem>> {
+        let solution = results.solution().map_err(|error| unreadable(job, &error))?;
         let Some(excerpt) = excerpt else { return Ok(Self { results, excerpt: None }) };
-        let Solution { status, error, trajectory, .. } = &results.solution;
+        let Solution { status, error, trajectory, .. } = solution;
         let part = Solution {
             status: *status,
             error: error.clone(),
@@ -57,15 +59,15 @@ impl Part {
         Ok(Self { results, excerpt: Some(part) })
     }
 
-    /// Its columns.
-    pub fn solution(&self) -> &Solution {
-        self.excerpt.as_ref().unwrap_or(&self.results.solution)
+    /// Its columns, which were read when it was made.
+    pub fn solution(&self) -> Option<&Solution> {
+        self.excerpt.as_ref().or_else(|| self.results.solution().ok())
     }
 
     /// Its JSON.
     pub fn json(&self) -> Vec<u8> {
-        let Solution { status, error, trajectory, .. } = self.solution();
-        let evidence = serde_json::from_slice::<Evidence<'_>>(&self.results.json).ok();
+        let Some(Solution { status, error, trajectory, .. }) = self.solution() else { return Vec::new() };
+        let evidence = serde_json::from_slice::<Evidence<'_>>(self.results.json()).ok();
         let (diagnostics, study) = evidence.map_or((None, None), |found| (Some(found.diagnostics), found.study));
         // Every number of a solution is finite, so that it has a JSON form.
         serde_json::to_vec(&PartJson { status: *status, error, trajectory, diagnostics, study }).unwrap_or_default()

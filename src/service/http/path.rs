@@ -1,6 +1,7 @@
 //! What stands in the path of a request: a name, or the id of a job.
 
 use super::Shared;
+use super::access::Sight;
 use super::problem::{Kind, Problem};
 use crate::service::jobs::{Job, JobId};
 use axum::extract::{FromRequestParts, RawPathParams};
@@ -21,7 +22,7 @@ impl<S: Send + Sync> FromRequestParts<S> for Segment {
     }
 }
 
-/// The job that the path names.
+/// The job that the path names, if its client is the one who asks.
 pub struct Named(pub Arc<Job>);
 
 impl FromRequestParts<Shared> for Named {
@@ -32,6 +33,8 @@ impl FromRequestParts<Shared> for Named {
         let Ok(id) = text.parse::<JobId>() else {
             return Err(Problem::new(Kind::NoSuchJob, "the id of a job is a UUID, as `Location` gave it"));
         };
-        shared.jobs.find(id).map(Self).ok_or_else(|| Problem::plain(Kind::NoSuchJob).of_job(id))
+        let Ok(sight) = Sight::from_request_parts(parts, shared).await;
+        let job = shared.jobs.find(id).filter(|job| sight.reaches(job));
+        job.map(Self).ok_or_else(|| Problem::plain(Kind::NoSuchJob).of_job(id))
     }
 }

@@ -2,7 +2,7 @@
 //! (RFC 9457). The `type` of a problem is the address of its row.
 
 use super::retry_after;
-use crate::service::jobs::{Fault, JobId, Refusal};
+use crate::service::jobs::{Fault, JobId, Refusal, Unwritable};
 use crate::specification::SpecificationError;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -52,10 +52,14 @@ problems! {
         "A parameter is not known, is given twice or has no value that fits; `detail` names each.";
     CrossSite, "cross-site", FORBIDDEN, "The request comes from a page of another site",
         "Browsers may change something only from the service's own pages, as `Sec-Fetch-Site` or `Origin` tells.";
+    TokenRequired, "token-required", UNAUTHORIZED, "A token is asked for",
+        "The header `Authorization: Bearer TOKEN` is missing or its token unknown; `dvi token create` makes one.";
+    ScopeMissing, "scope-missing", FORBIDDEN, "The token does not allow this",
+        "Looking at jobs needs the scope `read`, everything else `submit`; `dvi token list` shows the scopes.";
     NotFound, "not-found", NOT_FOUND, "There is nothing at this address",
         "The address names no resource of this service; `GET /openapi.json` lists those there are.";
     NoSuchJob, "no-such-job", NOT_FOUND, "There is no such job",
-        "No job has this id: it was never given out, was deleted, or is too old to be kept.";
+        "No job of yours has this id: it was never given out, was deleted, or is too old to be kept.";
     NoSuchExample, "no-such-example", NOT_FOUND, "There is no such example",
         "No example has this name; `GET /examples` lists those there are.";
     NoSuchProblem, "no-such-problem", NOT_FOUND, "There is no such type of problem",
@@ -69,6 +73,8 @@ problems! {
          `image/svg+xml`, a solve also as `text/event-stream`.";
     BodyTimeout, "body-timeout", REQUEST_TIMEOUT, "The body took too long to arrive",
         "The whole body must arrive within the bound that `--read-seconds` sets.";
+    KeyInUse, "key-in-use", CONFLICT, "The first request under this key is still being answered",
+        "A job was posted under the same `Idempotency-Key` and is not yet on the disk; send the request again.";
     Dismissed, "dismissed", GONE, "The job was dismissed before it started",
         "The job was cancelled while it waited, so it has no results and will have none.";
     BodyTooLarge, "body-too-large", PAYLOAD_TOO_LARGE, "The body is too large",
@@ -81,6 +87,16 @@ problems! {
         "As many jobs of this client wait as `--client-share` allows; wait for one of them to end.";
     Internal, "internal", INTERNAL_SERVER_ERROR, "The service failed",
         "A fault of the service and not of the request; the log has more under the id of the request or the job.";
+    BadKey, "bad-key", BAD_REQUEST, "The idempotency key makes no sense",
+        "An `Idempotency-Key` has 1 to 255 visible ASCII characters; a UUID is a good one.";
+    KeyReused, "key-reused", UNPROCESSABLE_ENTITY, "The key stands for another specification",
+        "Something else was posted under the same `Idempotency-Key`; give every specification a key of its own.";
+    Poisoned, "poisoned", INTERNAL_SERVER_ERROR, "The job was set aside",
+        "The service ended twice while this job ran, so that it is not started again; please report its specification.";
+    Unreadable, "unreadable", INTERNAL_SERVER_ERROR, "The store could not be read",
+        "What was stored is missing or of another version; the log has more under the id of the job.";
+    Unwritable, "unwritable", SERVICE_UNAVAILABLE, "The store cannot be written",
+        "The disk took no change, so that nothing is accepted for later until it has room and the service starts anew.";
     ResultTooLarge, "result-too-large", UNPROCESSABLE_ENTITY, "The result is too large",
         "The result is larger than `--result-mib` allows; ask for fewer output times or fields.";
     TooManyStreams, "too-many-streams", SERVICE_UNAVAILABLE, "Too many streams of events are open",
@@ -129,6 +145,16 @@ impl Problem {
         Self::new(kind, kind.meaning())
     }
 
+    /// Its row of the table.
+    pub fn kind(&self) -> Kind {
+        self.kind
+    }
+
+    /// What is said of this occurrence.
+    pub fn detail(&self) -> &str {
+        &self.detail
+    }
+
     /// Concerning a job.
     pub fn of_job(mut self: Box<Self>, id: JobId) -> Box<Self> {
         self.instance = Some(format!("/jobs/{id}"));
@@ -160,8 +186,17 @@ impl From<Refusal> for Box<Problem> {
         match refusal {
             Refusal::QueueFull(time) => Problem::plain(Kind::QueueFull).after(time),
             Refusal::ClientShare(time) => Problem::plain(Kind::ClientShare).after(time),
+            Refusal::KeyReused => Problem::plain(Kind::KeyReused),
+            Refusal::KeyInUse => Problem::plain(Kind::KeyInUse).after(Duration::from_secs(1)),
+            Refusal::Unwritable => Unwritable.into(),
             Refusal::Draining => Problem::plain(Kind::Draining).after(Duration::from_secs(10)),
         }
+    }
+}
+
+impl From<Unwritable> for Box<Problem> {
+    fn from(_: Unwritable) -> Self {
+        Problem::plain(Kind::Unwritable).after(Duration::from_secs(60))
     }
 }
 
@@ -171,6 +206,9 @@ impl From<Fault> for Box<Problem> {
             Fault::Panicked => {
                 Problem::new(Kind::Internal, "the solver broke down on this specification; please report it")
             }
+            Fault::Poisoned => Problem::plain(Kind::Poisoned),
+            Fault::Unreadable => Problem::plain(Kind::Unreadable),
+            Fault::Unwritable => Unwritable.into(),
             Fault::TooLarge { limit } => Problem::new(
                 Kind::ResultTooLarge,
                 format!("the result has more than {} MiB: ask for fewer output times or fields", limit >> 20),

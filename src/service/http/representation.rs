@@ -59,7 +59,8 @@ impl Representation {
     /// table is written as the client takes it.
     ///
     /// # Errors
-    /// [`Kind::BadQuery`] if the excerpt names a field that is not there, [`Kind::Internal`] if a thread was lost.
+    /// [`Kind::BadQuery`] if the excerpt names a field that is not there, [`Kind::Internal`] if a thread was lost,
+    /// [`Kind::Unreadable`] if what was stored is not a solution.
     pub async fn body(
         self,
         job: &Job,
@@ -70,8 +71,9 @@ impl Representation {
         if self == Self::Json && excerpt.is_none() {
             return Ok(Body::from(Bytes::from_owner(JsonOf(results))));
         }
-        let large = results.json.len() > SHORT;
-        let part = aside(shared, large, move || Part::of(results, excerpt.as_ref())).await??;
+        let large = results.json().len() > SHORT;
+        let id = job.id;
+        let part = aside(shared, large, move || Part::of(id, results, excerpt.as_ref())).await??;
         let table: Box<dyn Table> = match self {
             Self::Json => return Ok(Body::from(aside(shared, large, move || part.json()).await?)),
             Self::Svg => {
@@ -113,8 +115,10 @@ async fn aside<T: Send + 'static>(
 
 fn picture(part: &Part, label: Option<&str>) -> Vec<u8> {
     let mut text = Vec::new();
-    // Writing to memory does not fail.
-    let _ = write_svg(part.solution(), label, &mut text);
+    if let Some(solution) = part.solution() {
+        // Writing to memory does not fail.
+        let _ = write_svg(solution, label, &mut text);
+    }
     text
 }
 
@@ -123,7 +127,7 @@ struct JsonOf(Arc<Results>);
 
 impl AsRef<[u8]> for JsonOf {
     fn as_ref(&self) -> &[u8] {
-        &self.0.json
+        self.0.json()
     }
 }
 
@@ -141,9 +145,9 @@ impl HttpBody for Rows {
 
     fn poll_frame(mut self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<Option<io::Result<Frame<Bytes>>>> {
         let Self { part, table, next } = &mut *self;
-        let Some(row) = next.take() else { return Poll::Ready(None) };
+        let (Some(row), Some(solution)) = (next.take(), part.solution()) else { return Poll::Ready(None) };
         let mut bytes = Vec::new();
-        let written = write_piece(&mut **table, &part.solution().trajectory, row, &mut bytes);
+        let written = write_piece(&mut **table, &solution.trajectory, row, &mut bytes);
         Poll::Ready(Some(written.map(|rest| {
             *next = rest;
             Frame::data(bytes.into())

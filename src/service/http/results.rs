@@ -7,28 +7,44 @@
 //! that say so. A problem is answered only where there is no solution at all.
 
 use super::excerpt::Asked;
+use super::jobs::unreadable;
 use super::path::Named;
 use super::problem::{Answer, Kind, Problem};
 use super::representation::Representation;
 use super::security::PICTURE;
 use super::{Shared, no_store};
-use crate::service::jobs::{self, Ending, Job};
+use crate::service::jobs::{self, Ended, Ending, Job, Timing};
 use crate::solution::Excerpt;
 use crate::solution::Solution;
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use std::hash::{DefaultHasher, Hash, Hasher};
-use std::time::Duration;
 
 /// Fetch the results of a job.
-#[utoipa::path(get, path = "/jobs/{id}/results", tag = "jobs", params(("id" = String, Path, description = "The id of a job, as `Location` gave it"), ("fields" = Option<String>, Query, description = "Names, separated by commas"), ("from" = Option<f64>, Query, description = "The least time"), ("to" = Option<f64>, Query, description = "The greatest time"), ("every" = Option<u64>, Query, minimum = 1, description = "One in how many of the times within")), responses((status = 200, description = "The results, in the form that `Accept` asks for", content(
+#[utoipa::path(
+    get,
+    path = "/jobs/{id}/results",
+    tag = "jobs",
+    params(
+        ("id" = String, Path, description = "The id of a job, as `Location` gave it"),
+        ("fields" = Option<String>, Query, description = "Names, separated by commas"),
+        ("from" = Option<f64>, Query, description = "The least time"),
+        ("to" = Option<f64>, Query, description = "The greatest time"),
+        ("every" = Option<u64>, Query, minimum = 1, description = "One in how many of the times within")
+    ),
+    responses(
+        (status = 200, description = "The results, in the form that `Accept` asks for", content(
             (Solution = "application/json"),
             (String = "text/csv"),
             (String = "application/x-ndjson"),
             (Vec<u8> = "application/vnd.apache.arrow.stream"),
             (String = "image/svg+xml"),
-        )), (status = 304, description = "The client has them, as `If-None-Match` says"), Problem))]
+        )),
+        (status = 304, description = "The client has them, as `If-None-Match` says"),
+        Problem
+    )
+)]
 pub async fn find_results(
     State(shared): State<Shared>,
     Named(job): Named,
@@ -36,7 +52,7 @@ pub async fn find_results(
     Asked(excerpt): Asked,
     headers: HeaderMap,
 ) -> Answer<Response> {
-    let jobs::State::Ended { ending, .. } = job.state() else {
+    let jobs::State::Ended(ended) = job.state() else {
         let time = shared.jobs.time_to_end(&job);
         return Err(Problem::plain(Kind::ResultsNotReady).of_job(job.id).after(time));
     };
@@ -44,7 +60,7 @@ pub async fn find_results(
     let mut response = if is_known(&tag, &headers) {
         StatusCode::NOT_MODIFIED.into_response()
     } else {
-        represent(&shared, &job, ending, representation, excerpt).await?
+        represent(&shared, &job, &ended, representation, excerpt).await?
     };
     let headers = response.headers_mut();
     if let Ok(tag) = HeaderValue::try_from(tag) {
@@ -74,31 +90,31 @@ fn is_known(tag: &str, headers: &HeaderMap) -> bool {
 pub async fn represent(
     shared: &Shared,
     job: &Job,
-    ending: Ending,
+    ended: &Ended,
     representation: Representation,
     excerpt: Option<Excerpt>,
 ) -> Answer<Response> {
-    let results = match ending {
-        Ending::Successful(results) | Ending::Failed(results) | Ending::Dismissed(Some(results)) => results,
-        Ending::Broken(fault) => return Err(Box::<Problem>::from(fault).of_job(job.id)),
-        Ending::Dismissed(None) => return Err(Problem::plain(Kind::Dismissed).of_job(job.id)),
+    let Some(held) = &ended.held else {
+        return Err(match &ended.ending {
+            Ending::Broken(fault) => Box::<Problem>::from(*fault),
+            Ending::Successful | Ending::Failed(_) | Ending::Dismissed => Problem::plain(Kind::Dismissed),
+        }
+        .of_job(job.id));
     };
+    let results = shared.jobs.results(job, held).await.map_err(|error| unreadable(job.id, &error))?;
     let mut response = (no_store(), representation.body(job, results, excerpt, shared).await?).into_response();
     let headers = response.headers_mut();
     headers.insert(header::CONTENT_TYPE, representation.content_type());
     if representation == Representation::Svg {
         headers.insert(header::CONTENT_SECURITY_POLICY, PICTURE);
     }
-    if let Some(timing) = server_timing(job) {
+    if let Some(timing) = ended.timing.and_then(server_timing) {
         headers.insert("server-timing", timing);
     }
     Ok(response)
 }
 
-fn server_timing(job: &Job) -> Option<HeaderValue> {
-    let jobs::State::Ended { started: Some(started), finished, .. } = job.state() else { return None };
-    let milliseconds = |time: Duration| time.as_secs_f64() * 1e3;
-    let queue = milliseconds(started.clock.saturating_duration_since(job.created.clock));
-    let solve = milliseconds(finished.clock.saturating_duration_since(started.clock));
+fn server_timing(timing: Timing) -> Option<HeaderValue> {
+    let (queue, solve) = (timing.queue.as_secs_f64() * 1e3, timing.solve.as_secs_f64() * 1e3);
     HeaderValue::try_from(format!("queue;dur={queue:.3}, solve;dur={solve:.3}")).ok()
 }

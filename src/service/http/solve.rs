@@ -5,56 +5,73 @@
 
 use super::document::Document;
 use super::preferences::Preferences;
-use super::problem::{Answer, Problem};
+use super::problem::{Answer, Kind, Problem};
 use super::results::represent;
 use super::solve_stream::{self, Delivery};
 use super::status::StatusInfo;
 use super::{Shared, no_store, retry_after};
-use crate::service::jobs::{Client, Job, Jobs};
+use crate::service::jobs::{self, Client, Ended, Job, Jobs, Key, Order};
 use crate::solution::Solution;
 use axum::Json;
-use axum::extract::State;
+use axum::extract::{FromRequestParts, State};
+use axum::http::request::Parts;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use std::sync::Arc;
+use std::time::Duration;
+use tokio::runtime::Handle;
 use tokio::time::timeout;
 
 /// Solve a specification.
-#[utoipa::path(post, path = "/solve", tag = "solve", request_body(content = crate::specification::Document, content_type = "application/json"), params(("prefer" = Option<String>, Header, description = "`wait=N` seconds, at most 60, or `respond-async`"), ("idempotency-key" = Option<String>, Header, description = "The same key and body give the same job")), responses((status = 200, description = "The result, in the form that `Accept` asks for", content(
+#[utoipa::path(
+    post,
+    path = "/solve",
+    tag = "solve",
+    request_body(content = crate::specification::Document, content_type = "application/json"),
+    params(
+        ("prefer" = Option<String>, Header, description = "`wait=N` seconds, at most 60, or `respond-async`"),
+        ("idempotency-key" = Option<String>, Header, description = "The same key and body give the same job")
+    ),
+    responses(
+        (status = 200, description = "The result, in the form that `Accept` asks for", content(
             (Solution = "application/json"),
             (String = "text/csv"),
             (String = "application/x-ndjson"),
             (Vec<u8> = "application/vnd.apache.arrow.stream"),
             (String = "image/svg+xml"),
             (String = "text/event-stream"),
-        )), (status = 202, description = "It takes longer; `Location` is the job", body = StatusInfo), Problem))]
+        )),
+        (status = 202, description = "It takes longer; `Location` is the job", body = StatusInfo),
+        Problem
+    )
+)]
 pub async fn solve(
     State(shared): State<Shared>,
     client: Client,
     preferences: Preferences,
     delivery: Delivery,
+    key: IdempotencyKey,
     document: Document,
 ) -> Answer<Response> {
-    // Asked before the specification is read, so that refusing costs next to nothing.
-    shared.jobs.admits(client)?;
-    let specification = document.specification(&shared).await?;
-    let job = shared.jobs.submit(client, specification)?;
     let representation = match delivery {
         Delivery::Whole(representation) => representation,
-        Delivery::Stream => return solve_stream::stream(shared, job),
+        Delivery::Stream => {
+            let job = job(&shared, client, key, &document, false).await?;
+            return solve_stream::stream(shared, job);
+        }
     };
     let wait = preferences.wait();
-    let ending = if wait.is_zero() {
+    let job = job(&shared, client, key, &document, wait.is_zero()).await?;
+    let ended = if wait.is_zero() {
+        // One that was posted before may be waited for, and kept by memory alone.
+        shared.jobs.outlive(&job).await?;
         None
     } else {
-        let departure = Departure::watch(Arc::clone(&shared.jobs), Arc::clone(&job));
-        let ending = timeout(wait, job.ended()).await.ok();
-        departure.disarm();
-        ending
+        wait_for(&shared.jobs, &job, wait).await?
     };
-    let asynchronous = ending.is_none();
-    let mut response = match ending {
-        Some(ending) => represent(&shared, &job, ending, representation, None).await?,
+    let asynchronous = ended.is_none();
+    let mut response = match ended {
+        Some(ended) => represent(&shared, &job, &ended, representation, None).await?,
         None => accepted(&shared.jobs, &job),
     };
     let headers = response.headers_mut();
@@ -68,6 +85,46 @@ pub async fn solve(
     Ok(response)
 }
 
+/// A new job, or the one that was posted before under the same key.
+async fn job(
+    shared: &Shared,
+    client: Client,
+    key: IdempotencyKey,
+    document: &Document,
+    lasting: bool,
+) -> Answer<Arc<Job>> {
+    let document_bytes = document.bytes();
+    let key = key.0.map(|name| Key::new(name, &document_bytes));
+    if let Some(key) = &key
+        && let Some(job) = shared.jobs.recall(client, key)?
+    {
+        return Ok(job);
+    }
+    // Asked before the specification is read, so that refusing costs next to nothing.
+    shared.jobs.admits(client)?;
+    let specification = document.specification(shared).await?;
+    Ok(shared.jobs.submit(Order { client, specification, document: document_bytes, key }, lasting).await?)
+}
+
+/// The end of a job, if it comes in time. If not, the job is on the disk when this returns.
+async fn wait_for(jobs: &Arc<Jobs>, job: &Arc<Job>, wait: Duration) -> Answer<Option<Arc<Ended>>> {
+    let departure = Departure::watch(Arc::clone(jobs), Arc::clone(job));
+    let ended = timeout(wait, job.settled()).await.ok().flatten();
+    departure.disarm();
+    if ended.is_some() {
+        return Ok(ended);
+    }
+    if let Err(unwritable) = jobs.outlive(job).await {
+        // Nobody is told its name.
+        jobs.forget(job).await?;
+        return Err(unwritable.into());
+    }
+    Ok(match job.state() {
+        jobs::State::Ended(ended) => Some(ended),
+        jobs::State::Accepted(_) | jobs::State::Running { .. } => None,
+    })
+}
+
 fn accepted(jobs: &Jobs, job: &Job) -> Response {
     let mut response = (StatusCode::ACCEPTED, no_store(), Json(StatusInfo::of(job, jobs))).into_response();
     let headers = response.headers_mut();
@@ -78,7 +135,8 @@ fn accepted(jobs: &Jobs, job: &Job) -> Response {
     response
 }
 
-/// Dropped with the waiting request when its client goes away, it forgets the job, whose name nobody was told.
+/// Dropped with the waiting request when its client goes away, it forgets the job, whose name nobody was told. Where there
+/// is a key, the client can come back, and another request may wait for the same job: it goes on.
 pub struct Departure {
     jobs: Arc<Jobs>,
     job: Option<Arc<Job>>,
@@ -87,7 +145,7 @@ pub struct Departure {
 impl Departure {
     /// Watches over the job of a waiting client.
     pub fn watch(jobs: Arc<Jobs>, job: Arc<Job>) -> Self {
-        Self { jobs, job: Some(job) }
+        Self { jobs, job: Some(job).filter(|job| !job.has_key()) }
     }
 
     /// The client has its answer.
@@ -98,9 +156,32 @@ impl Departure {
 
 impl Drop for Departure {
     fn drop(&mut self) {
-        if let Some(job) = &self.job {
+        if let Some(job) = self.job.take() {
             tracing::debug!(job.id = %job.id, "the client of job {} went away", job.id);
-            self.jobs.forget(job);
+            let jobs = Arc::clone(&self.jobs);
+            // Without a runtime the process is about to end, and nothing keeps the job.
+            if let Ok(runtime) = Handle::try_current() {
+                runtime.spawn(async move { jobs.forget(&job).await });
+            }
         }
+    }
+}
+
+/// What the client said in `Idempotency-Key`.
+pub struct IdempotencyKey(Option<String>);
+
+/// Longer keys are not keys any more.
+const LONGEST_KEY: usize = 255;
+
+impl<S: Send + Sync> FromRequestParts<S> for IdempotencyKey {
+    type Rejection = Box<Problem>;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Self::Rejection> {
+        let Some(name) = parts.headers.get("idempotency-key") else { return Ok(Self(None)) };
+        let name = name.to_str().unwrap_or_default();
+        if !(1..=LONGEST_KEY).contains(&name.len()) {
+            return Err(Problem::plain(Kind::BadKey));
+        }
+        Ok(Self(Some(name.to_owned())))
     }
 }

@@ -59,8 +59,8 @@ pub fn stream(shared: Shared, job: Arc<Job>) -> Answer<Response> {
 
 async fn tell(shared: &Shared, job: &Arc<Job>, sink: &EventSink) -> Result<(), Gone> {
     let Some(seen) = follow(shared, job, 0, sink).await? else { return Ok(()) };
-    let jobs::State::Ended { ending, .. } = job.state() else { return Ok(()) };
-    let mut body = match represent(shared, job, ending, Representation::Json, None).await {
+    let jobs::State::Ended(ended) = job.state() else { return Ok(()) };
+    let mut body = match represent(shared, job, &ended, Representation::Json, None).await {
         Ok(response) => response.into_body(),
         Err(problem) => return sink.event("problem", seen, &problem).await,
     };

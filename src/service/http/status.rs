@@ -1,7 +1,7 @@
 //! The state of a job on the wire: the `statusInfo` of OGC API - Processes, part 1.
 
-use crate::service::jobs::{Ending, Fault, Job, Jobs, State};
-use crate::solution::Status;
+use super::problem::Problem;
+use crate::service::jobs::{Ended, Ending, Job, Jobs, State};
 use crate::specification::Time;
 use jiff::Timestamp;
 use serde::Serialize;
@@ -22,6 +22,8 @@ pub struct StatusInfo {
     /// Jobs that will be taken before this one.
     #[serde(skip_serializing_if = "Option::is_none")]
     queue_position: Option<usize>,
+    /// Which attempt this is, from one: a job is started again when its process ended while it ran.
+    attempt: u32,
     /// The time reached in the problem.
     time: f64,
     /// Accepted steps of the method.
@@ -56,21 +58,25 @@ impl StatusInfo {
         let (status, message) = match &state {
             State::Accepted(_) => ("accepted", None),
             State::Running { .. } => ("running", None),
-            State::Ended { ending, .. } => outcome(ending),
+            State::Ended(ended) => outcome(ended),
         };
-        let (started, finished, control) = match &state {
-            State::Accepted(_) => (None, None, None),
-            State::Running { started, control } => (Some(*started), None, Some(control)),
-            State::Ended { started, finished, control, .. } => (*started, Some(*finished), control.as_ref()),
+        let (started, finished) = match &state {
+            State::Accepted(_) => (None, None),
+            State::Running { started, .. } => (Some(started.date), None),
+            State::Ended(ended) => (ended.started, Some(ended.finished)),
+        };
+        let (done, steps) = match &state {
+            State::Accepted(_) => (0.0, 0),
+            State::Running { control, .. } => (control.fraction(), control.steps()),
+            State::Ended(ended) => (ended.fraction, ended.steps),
         };
         let Time { start, end } = job.horizon;
-        let (progress, time) = match &state {
-            State::Ended { ending: Ending::Successful(_), .. } => (100, end),
-            _ => {
-                let done = control.map_or(0.0, |control| control.fraction().clamp(0.0, 1.0));
-                // Rounded down: one hundred is said of nothing that is not done.
-                ((done * 100.0).min(99.0) as u8, start + done * (end - start))
-            }
+        let (progress, time) = if status == "successful" {
+            (100, end)
+        } else {
+            let done = done.clamp(0.0, 1.0);
+            // Rounded down: one hundred is said of nothing that is not done.
+            ((done * 100.0).min(99.0) as u8, start + done * (end - start))
         };
         let queue_position = matches!(state, State::Accepted(_)).then(|| jobs.position(job)).flatten();
         let path = format!("/jobs/{}", job.id);
@@ -89,33 +95,28 @@ impl StatusInfo {
             label: job.label.clone(),
             progress,
             queue_position,
+            attempt: job.attempt(),
             time,
-            steps: control.map_or(0, |control| control.steps()),
+            steps,
             created: job.created.date,
-            started: started.map(|moment| moment.date),
-            finished: finished.map(|moment| moment.date),
+            started,
+            finished,
             links,
         }
     }
 }
 
-fn outcome(ending: &Ending) -> (&'static str, Option<String>) {
-    match ending {
-        Ending::Successful(_) => ("successful", None),
-        Ending::Failed(results) => {
-            let kept = "its results hold the trajectory so far";
-            let why = match (&results.solution.error, results.solution.status) {
-                (Some(error), _) => error.message.as_str(),
-                (None, Status::Stopped) => "a limit stopped the solve",
-                (None, _) => "the solve failed",
-            };
-            ("failed", Some(format!("{why}; {kept}")))
+fn outcome(ended: &Ended) -> (&'static str, Option<String>) {
+    let kept = "its results hold the trajectory so far";
+    match &ended.ending {
+        Ending::Successful => ("successful", None),
+        Ending::Failed(why) => ("failed", Some(format!("{why}; {kept}"))),
+        Ending::Broken(fault) => {
+            let problem = Box::<Problem>::from(*fault);
+            ("failed", Some(format!("{}: {}", problem.kind().slug(), problem.detail())))
         }
-        Ending::Broken(Fault::Panicked) => ("failed", Some("internal: the solver broke down".to_owned())),
-        Ending::Broken(Fault::TooLarge { .. }) => ("failed", Some("result-too-large".to_owned())),
-        Ending::Dismissed(Some(_)) => {
-            ("dismissed", Some("cancelled; its results hold the trajectory so far".to_owned()))
-        }
-        Ending::Dismissed(None) => ("dismissed", Some("cancelled before it started".to_owned())),
+        Ending::Dismissed if ended.held.is_some() => ("dismissed", Some(format!("cancelled; {kept}"))),
+        Ending::Dismissed if ended.started.is_some() => ("dismissed", Some("cancelled".to_owned())),
+        Ending::Dismissed => ("dismissed", Some("cancelled before it started".to_owned())),
     }
 }

@@ -7,12 +7,13 @@
 //!
 //! The words are those of OGC API - Processes, part 1, `statusCode`. *Successful* says that the end time was reached.
 //! A solve that a limit stopped did not do what it was asked, so its job is *failed*, as is one whose numerics
-//! failed; one stopped by its client is *dismissed*. All three keep the trajectory so far.
+//! failed; one stopped by its client is *dismissed*. All three keep the trajectory so far. A running job that is
+//! parked goes back to accepted, for the next process to take up.
 
-use super::queue::Client;
-use super::results::{Fault, Results};
+use super::ended::{Ended, Ending, Timing};
+use super::idempotency::Key;
+use super::{Client, Record};
 use crate::problem::Control;
-use crate::solution::Status;
 use crate::specification::{Specification, Time};
 use jiff::Timestamp;
 use std::fmt;
@@ -25,6 +26,18 @@ use uuid::Uuid;
 /// The name of a job, sorting by time of birth.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct JobId(Uuid);
+
+impl JobId {
+    /// The number by which the database knows it.
+    pub(super) fn number(self) -> u128 {
+        self.0.as_u128()
+    }
+
+    /// The name of that number.
+    pub(super) fn of_number(number: u128) -> Self {
+        Self(Uuid::from_u128(number))
+    }
+}
 
 impl fmt::Display for JobId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -50,67 +63,59 @@ pub struct Moment {
 }
 
 impl Moment {
-    fn now() -> Self {
+    /// This one.
+    pub fn now() -> Self {
         Self { date: Timestamp::now(), clock: Instant::now() }
-    }
-}
-
-/// How a job ended.
-#[derive(Clone, Debug)]
-pub enum Ending {
-    /// The end time was reached.
-    Successful(Arc<Results>),
-    /// The numerics failed or a limit stopped them; the trajectory so far is kept.
-    Failed(Arc<Results>),
-    /// There is no solution to show.
-    Broken(Fault),
-    /// Its client stopped it, after some steps or before the first.
-    Dismissed(Option<Arc<Results>>),
-}
-
-impl Ending {
-    /// The ending of a solve that returned, `cancelled` or not on the way.
-    pub fn of(results: Results, cancelled: bool) -> Self {
-        let results = Arc::new(results);
-        match results.solution.status {
-            Status::Completed => Self::Successful(results),
-            Status::Stopped if cancelled => Self::Dismissed(Some(results)),
-            Status::Stopped | Status::Failed => Self::Failed(results),
-        }
-    }
-
-    /// The bytes that keeping it takes.
-    pub fn bytes(&self) -> usize {
-        match self {
-            Self::Successful(results) | Self::Failed(results) | Self::Dismissed(Some(results)) => results.bytes(),
-            Self::Broken(_) | Self::Dismissed(None) => 0,
-        }
     }
 }
 
 /// Where a job stands.
 #[derive(Clone, Debug)]
 pub enum State {
-    /// It waits for a worker.
-    Accepted(Arc<Specification>),
+    /// It waits for a worker; its specification is in the store where it is not in hand.
+    Accepted(Option<Arc<Specification>>),
     /// A worker is at it.
     Running {
         /// Since when.
         started: Moment,
         /// How to follow it and to stop it.
         control: Arc<Control>,
+        /// What it is to become when it stops, if it was asked to.
+        halt: Option<Halt>,
     },
     /// It will not change any more.
-    Ended {
-        /// When a worker took it, if one did.
-        started: Option<Moment>,
-        /// When it ended.
-        finished: Moment,
-        /// How far it came.
-        control: Option<Arc<Control>>,
-        /// How it ended.
-        ending: Ending,
-    },
+    Ended(Arc<Ended>),
+}
+
+/// Why a running job is asked to stop.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Halt {
+    /// Its client does not want it any more.
+    Dismiss,
+    /// The process is about to end; the next one starts it again.
+    Park,
+}
+
+/// What keeps a job when the process ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Keeping {
+    /// Nothing.
+    Memory,
+    /// The disk, as soon as it has been written.
+    Storing,
+    /// The disk.
+    Disk,
+    /// Nothing ever again.
+    Forgotten,
+}
+
+/// What changes in the life of a job.
+#[derive(Debug)]
+pub(super) struct Life {
+    pub state: State,
+    pub keeping: Keeping,
+    /// It is left to the next process.
+    pub parked: bool,
 }
 
 /// A specification on its way to a solution.
@@ -126,90 +131,185 @@ pub struct Job {
     pub horizon: Time,
     /// When it was accepted.
     pub created: Moment,
-    state: Mutex<State>,
-    ended: Notify,
+    /// Under which the client may ask for it again.
+    pub(super) key: Option<Key>,
+    /// How often the process ended while it ran.
+    pub(super) crashes: u32,
+    /// The bytes of what was posted.
+    pub(super) document_bytes: usize,
+    /// What was posted, where the disk does not have it.
+    pub(super) document: Option<Arc<[u8]>>,
+    life: Mutex<Life>,
+    settled: Notify,
+}
+
+/// What a client asks for.
+#[derive(Clone, Debug)]
+pub struct Order {
+    /// Whose it is.
+    pub client: Client,
+    /// What is to be solved.
+    pub specification: Arc<Specification>,
+    /// What was posted.
+    pub document: Arc<[u8]>,
+    /// Under which it may be asked for again.
+    pub key: Option<Key>,
 }
 
 impl Job {
-    /// A job that has been accepted this moment.
-    pub fn new(client: Client, specification: Arc<Specification>) -> Self {
+    /// A job that has been accepted this moment, to be kept by memory or by the disk.
+    pub(super) fn new(order: Order, lasting: bool) -> Self {
+        let Order { client, specification, document, key } = order;
+        let keeping = if lasting { Keeping::Storing } else { Keeping::Memory };
         Self {
             id: JobId(Uuid::now_v7()),
             client,
             label: specification.label().map(str::to_owned),
             horizon: specification.time(),
             created: Moment::now(),
-            state: Mutex::new(State::Accepted(specification)),
-            ended: Notify::new(),
+            key,
+            crashes: 0,
+            document_bytes: document.len(),
+            document: (!lasting).then_some(document),
+            life: Mutex::new(Life { state: State::Accepted(Some(specification)), keeping, parked: false }),
+            settled: Notify::new(),
+        }
+    }
+
+    /// A job that an earlier process accepted.
+    pub(super) fn recovered(id: JobId, record: Record) -> Self {
+        let Record { client, label, horizon, created, document_bytes, key, crashes, ended, .. } = record;
+        let state = ended.map_or(State::Accepted(None), |ended| State::Ended(Arc::new(ended)));
+        Self {
+            id,
+            client,
+            label,
+            horizon,
+            created: Moment { date: created, clock: Instant::now() },
+            key,
+            crashes,
+            document_bytes,
+            document: None,
+            life: Mutex::new(Life { state, keeping: Keeping::Disk, parked: false }),
+            settled: Notify::new(),
         }
     }
 
     /// Where it stands now.
     pub fn state(&self) -> State {
-        self.lock().clone()
+        self.lock().state.clone()
     }
 
-    /// Accepted to running, at most `wall` long, or as long as the specification allows if that is less.
-    /// Nothing if it has been dismissed meanwhile.
-    pub fn start(&self, wall: Duration) -> Option<(Arc<Specification>, Arc<Control>)> {
-        let mut state = self.lock();
-        let State::Accepted(specification) = &*state else { return None };
-        let specification = Arc::clone(specification);
+    /// Whether the client can find it without its name.
+    pub fn has_key(&self) -> bool {
+        self.key.is_some()
+    }
+
+    /// Which attempt at it this is, from one.
+    pub fn attempt(&self) -> u32 {
+        self.crashes + 1
+    }
+
+    /// Whether the disk keeps it, or is about to.
+    pub(super) fn is_lasting(&self) -> bool {
+        self.lock().is_lasting()
+    }
+
+    /// Accepted to running, at most `wall` long. Nothing if it has been dismissed or parked meanwhile.
+    pub(super) fn start(&self, wall: Duration) -> Option<Arc<Control>> {
+        let mut life = self.lock();
+        if life.parked || !matches!(life.state, State::Accepted(_)) {
+            return None;
+        }
         let started = Moment::now();
-        let asked = specification.wall_seconds().and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
-        let wall = asked.map_or(wall, |asked| asked.min(wall));
         let control = Arc::new(match started.clock.checked_add(wall) {
             Some(deadline) => Control::with_deadline(deadline),
             None => Control::new(),
         });
-        *state = State::Running { started, control: Arc::clone(&control) };
-        Some((specification, control))
+        life.state = State::Running { started, control: Arc::clone(&control), halt: None };
+        Some(control)
     }
 
-    /// Running to its end; wakes whoever waits.
-    pub fn finish(&self, ending: Ending) {
-        let mut state = self.lock();
-        if let State::Running { started, control } = &*state {
-            let (started, control) = (Some(*started), Some(Arc::clone(control)));
-            *state = State::Ended { started, finished: Moment::now(), control, ending };
-            drop(state);
-            self.ended.notify_waiters();
+    /// Asks a running job to stop at its next step, and says whether it runs. What its client wants goes before.
+    pub(super) fn halt(&self, reason: Halt) -> bool {
+        let mut life = self.lock();
+        let State::Running { control, halt, .. } = &mut life.state else { return false };
+        *halt = Some(halt.unwrap_or(reason));
+        control.cancel();
+        true
+    }
+
+    /// Why it was asked to stop, if it was.
+    pub(super) fn halted(&self) -> Option<Halt> {
+        match &self.lock().state {
+            State::Running { halt, .. } => *halt,
+            State::Accepted(_) | State::Ended(_) => None,
         }
     }
 
-    /// Accepted to dismissed, which is said by `true`; a running job is asked to stop at its next step; an ended one
-    /// stays as it is.
-    pub fn cancel(&self) -> bool {
-        let mut state = self.lock();
-        match &*state {
-            State::Accepted(_) => {
-                let ending = Ending::Dismissed(None);
-                *state = State::Ended { started: None, finished: Moment::now(), control: None, ending };
-                drop(state);
-                self.ended.notify_waiters();
-                true
-            }
-            State::Running { control, .. } => {
-                control.cancel();
-                false
-            }
-            State::Ended { .. } => false,
+    /// The end, now, of what has been started.
+    pub(super) fn ended(&self, ending: Ending) -> Ended {
+        let finished = Moment::now();
+        match self.state() {
+            State::Running { started, control, .. } => Ended {
+                started: Some(started.date),
+                finished: finished.date,
+                timing: Some(Timing {
+                    queue: started.clock.saturating_duration_since(self.created.clock),
+                    solve: finished.clock.saturating_duration_since(started.clock),
+                }),
+                fraction: control.fraction(),
+                steps: control.steps(),
+                ending,
+                held: None,
+            },
+            State::Accepted(_) | State::Ended(_) => Ended::unsolved(ending),
         }
     }
 
-    /// Returns when the job has ended, with how.
-    pub async fn ended(&self) -> Ending {
+    /// To its end; wakes whoever waits.
+    pub(super) fn finish(&self, ended: Ended) {
+        self.lock().finish(ended);
+        self.wake();
+    }
+
+    /// Wakes whoever waits for the end.
+    pub(super) fn wake(&self) {
+        self.settled.notify_waiters();
+    }
+
+    /// Returns when the job has ended, with how, or when it has been parked, with nothing.
+    pub async fn settled(&self) -> Option<Arc<Ended>> {
         loop {
             // Taken before the look at the state: a job that ends in between wakes it all the same.
-            let ended = self.ended.notified();
-            if let State::Ended { ending, .. } = &*self.lock() {
-                return ending.clone();
+            let settled = self.settled.notified();
+            {
+                let life = self.lock();
+                if let State::Ended(ended) = &life.state {
+                    return Some(Arc::clone(ended));
+                }
+                if life.parked {
+                    return None;
+                }
             }
-            ended.await;
+            settled.await;
         }
     }
 
-    fn lock(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    pub(super) fn lock(&self) -> MutexGuard<'_, Life> {
+        self.life.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Life {
+    pub fn is_lasting(&self) -> bool {
+        matches!(self.keeping, Keeping::Storing | Keeping::Disk)
+    }
+
+    /// Ends what has not ended.
+    pub fn finish(&mut self, ended: Ended) {
+        if !matches!(self.state, State::Ended(_)) {
+            self.state = State::Ended(Arc::new(ended));
+        }
     }
 }

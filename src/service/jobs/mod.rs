@@ -4,34 +4,53 @@
 //! 2. A worker takes the first job of the client whose turn it is, and solves it under a deadline.
 //! 3. The ended job is counted in the store, which forgets what is too old, and its waiters are woken.
 //!
-//! [`Jobs::cancel`] and [`Jobs::forget`] pass the queue by: they work when it is full.
+//! [`Jobs::cancel`] and [`Jobs::forget`] pass the queue by: they work when it is full. In a durable service a job that
+//! was accepted to be waited for elsewhere outlives the process: see [`store`](self).
 
+mod client;
+mod database;
+mod disk;
 mod drain_rate;
+mod ended;
+mod files;
+mod idempotency;
+mod index;
 mod job;
+mod marks;
 mod pool;
 mod queue;
+mod record;
 mod results;
 mod store;
+mod work;
+mod writer;
 
-pub use job::{Ending, Job, JobId, Moment, State};
+pub use client::Client;
+pub use ended::{Ended, Ending, Fault, Held, Timing};
+pub use idempotency::Key;
+pub(in crate::service) use idempotency::hexadecimal;
+pub use index::{Mismatch, Retention};
+pub use job::{Halt, Job, JobId, Moment, Order, State};
 pub use pool::Pool;
-pub use queue::Client;
-pub use results::{Fault, Results};
-pub use store::Retention;
+pub use results::Results;
+pub use writer::Unwritable;
 
 use super::metrics::Metrics;
-use crate::problem::{Control, Stop};
+use crate::problem::Control;
 use crate::solution::Solution;
 use crate::specification::Specification;
 use drain_rate::DrainRate;
+use jiff::Timestamp;
+use job::Keeping;
 use queue::{FairQueue, Full};
-use std::any::Any;
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use record::Record;
+use std::io;
+use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use store::Store;
-use tokio::sync::{Notify, Semaphore};
+use tokio::sync::{Notify, RwLock, Semaphore};
 
 /// What workers call.
 pub type Solver = Arc<dyn Fn(&Specification, &Control) -> Solution + Send + Sync>;
@@ -60,6 +79,24 @@ pub enum Refusal {
     ClientShare(Duration),
     /// The service is about to stop.
     Draining,
+    /// Something else was posted under the key.
+    KeyReused,
+    /// The first job under the key is still being stored.
+    KeyInUse,
+    /// The disk takes nothing.
+    Unwritable,
+}
+
+impl From<Unwritable> for Refusal {
+    fn from(_: Unwritable) -> Self {
+        Self::Unwritable
+    }
+}
+
+impl From<Mismatch> for Refusal {
+    fn from(_: Mismatch) -> Self {
+        Self::KeyReused
+    }
 }
 
 /// All jobs of a service.
@@ -72,6 +109,8 @@ pub struct Jobs {
     /// to take goes on waiting.
     waiting: Semaphore,
     store: Store,
+    /// A job that was running when a process ended may have ended it: nothing runs beside it.
+    suspects: RwLock<()>,
     idle: Notify,
     panics: AtomicU64,
 }
@@ -87,19 +126,27 @@ struct Intake {
 const UNMEASURED: Duration = Duration::from_secs(5);
 
 impl Jobs {
-    /// No jobs yet.
-    pub fn new(bounds: Bounds, solver: Solver, metrics: Arc<Metrics>) -> Self {
-        let queue = FairQueue::new(bounds.queue, bounds.share);
-        Self {
+    /// The jobs of `folder`, those that have not ended in the queue; without a folder none, and none will outlive the
+    /// process.
+    ///
+    /// # Errors
+    /// The folder is in use, or those of the disk.
+    pub fn open(bounds: Bounds, solver: Solver, folder: Option<&Path>, metrics: Arc<Metrics>) -> io::Result<Self> {
+        let (store, accepted) = Store::open(folder, bounds.retention)?;
+        let mut queue = FairQueue::new(bounds.queue, bounds.share);
+        let waiting = Semaphore::new(accepted.len());
+        accepted.into_iter().for_each(|job| queue.push(job.client, job));
+        Ok(Self {
             solver: Arc::clone(&metrics).measured(solver),
             metrics,
             bounds,
             intake: Mutex::new(Intake { queue, running: 0, draining: false, drain_rate: DrainRate::default() }),
-            waiting: Semaphore::new(0),
-            store: Store::new(bounds.retention),
+            waiting,
+            store,
+            suspects: RwLock::default(),
             idle: Notify::new(),
             panics: AtomicU64::new(0),
-        }
+        })
     }
 
     /// Whether a job of `client` would be taken on at this moment.
@@ -114,47 +161,102 @@ impl Jobs {
         intake.queue.admits(client).map_err(|full| self.refusal(&intake, full))
     }
 
-    /// Takes on a job.
+    /// The job that the client has already posted under that key.
+    ///
+    /// # Errors
+    /// The key stands for something else, or its job is not yet on the disk.
+    pub fn recall(&self, client: Client, key: &Key) -> Result<Option<Arc<Job>>, Refusal> {
+        self.store.index().recall(client, key)?.map(known).transpose()
+    }
+
+    /// Takes on a job, or gives the one that was posted before under its key. One that is to be `lasting` is on the disk,
+    /// if there is one, when this returns.
     ///
     /// # Errors
     /// The bound that is reached.
-    pub fn submit(&self, client: Client, specification: Arc<Specification>) -> Result<Arc<Job>, Refusal> {
-        let job = Arc::new(Job::new(client, specification));
-        let mut intake = self.lock();
-        if intake.draining {
-            return Err(Refusal::Draining);
-        }
-        intake.queue.push(client, Arc::clone(&job)).map_err(|full| self.refusal(&intake, full))?;
-        // Before the lock is given back: a worker that takes the job must find it in the store.
-        self.store.insert(Arc::clone(&job));
-        drop(intake);
+    pub async fn submit(&self, order: Order, lasting: bool) -> Result<Arc<Job>, Refusal> {
+        let place = if lasting { self.store.place().await? } else { None };
+        let (client, document) = (order.client, Arc::clone(&order.document));
+        let job = Arc::new(Job::new(order, place.is_some()));
+        let answer = {
+            let mut intake = self.lock();
+            if intake.draining {
+                return Err(Refusal::Draining);
+            }
+            intake.queue.admits(client).map_err(|full| self.refusal(&intake, full))?;
+            // Before the lock is given back: a worker that takes the job must find it in the store.
+            if let Some(first) = self.store.index().insert(&job)? {
+                return known(first);
+            }
+            intake.queue.push(client, Arc::clone(&job));
+            place.map(|place| self.store.store(&job, &mut job.lock(), document, place))
+        };
         self.waiting.add_permits(1);
+        if let Some(answer) = answer
+            && let Err(unwritable) = answer.written().await
+        {
+            self.forget(&job).await?;
+            return Err(unwritable.into());
+        }
         Ok(job)
+    }
+
+    /// Gives a job to the disk, if there is one, that was to be waited for and takes longer.
+    ///
+    /// # Errors
+    /// The disk did not take it.
+    pub async fn outlive(&self, job: &Arc<Job>) -> Result<(), Unwritable> {
+        self.store.outlive(job).await
     }
 
     /// The job of that name, if it is not forgotten.
     pub fn find(&self, id: JobId) -> Option<Arc<Job>> {
-        self.store.find(id)
+        self.store.index().find(id)
     }
 
-    /// The jobs of a client that are not forgotten, in no order.
-    pub fn of_client(&self, client: Client) -> Vec<Arc<Job>> {
-        self.store.all().into_iter().filter(|job| job.client == client).collect()
+    /// Every job that is not forgotten, in no order.
+    pub fn all(&self) -> Vec<Arc<Job>> {
+        self.store.index().all()
+    }
+
+    /// What was posted for a job.
+    ///
+    /// # Errors
+    /// Those of the disk.
+    pub fn document(&self, job: &Job) -> io::Result<Arc<[u8]>> {
+        self.store.document(job)
+    }
+
+    /// What a job left.
+    ///
+    /// # Errors
+    /// Those of the disk.
+    pub async fn results(&self, job: &Job, held: &Held) -> io::Result<Arc<Results>> {
+        self.store.results(job.id, held).await
     }
 
     /// Dismisses a waiting job, asks a running one to stop at its next step, leaves an ended one as it is.
-    pub fn cancel(&self, job: &Job) {
-        self.lock().queue.remove(job.client, |waiting| waiting.id == job.id);
-        if job.cancel() {
-            self.store.keep(job.id, 0);
-            self.announce_if_idle(&self.lock());
-        }
+    ///
+    /// # Errors
+    /// The disk did not take the news, so that a later process may start the job again.
+    pub async fn cancel(&self, job: &Arc<Job>) -> Result<(), Unwritable> {
+        self.take_out(job);
+        self.store.cancel(job).await
     }
 
     /// Cancels a job and forgets it.
-    pub fn forget(&self, job: &Job) {
-        self.cancel(job);
-        self.store.forget(job.id);
+    ///
+    /// # Errors
+    /// The disk did not take the news, so that a later process knows the job again.
+    pub async fn forget(&self, job: &Arc<Job>) -> Result<(), Unwritable> {
+        self.take_out(job);
+        let cancelled = self.store.cancel(job).await;
+        self.store.forget(job).await.and(cancelled)
+    }
+
+    /// Forgets the jobs that ended too long before `now`.
+    pub async fn expire(&self, now: Timestamp) {
+        self.store.expire(now).await;
     }
 
     /// How many jobs will be taken before this waiting one; nothing if it does not wait.
@@ -166,7 +268,7 @@ impl Jobs {
     pub fn time_to_end(&self, job: &Job) -> Duration {
         match job.state() {
             State::Accepted(_) => self.position(job).map_or(Duration::ZERO, |ahead| self.lock().time_for(ahead + 1)),
-            State::Running { started, control } => {
+            State::Running { started, control, .. } => {
                 let (done, spent) = (control.fraction(), started.clock.elapsed());
                 let rest = spent.as_secs_f64() * (1.0 - done) / done;
                 Duration::try_from_secs_f64(rest).unwrap_or(spent)
@@ -191,16 +293,37 @@ impl Jobs {
         self.lock().draining
     }
 
-    /// Stops the intake; what is taken on goes on.
-    pub fn drain(&self) {
-        self.lock().draining = true;
+    /// Whether the disk, if there is one, takes what it is given.
+    pub fn is_writable(&self) -> bool {
+        self.store.is_writable()
     }
 
-    /// Dismisses every waiting job and asks every running one to stop.
-    pub fn cancel_all(&self) {
-        for job in self.store.all() {
-            self.cancel(&job);
+    /// Stops the intake. Jobs that run or are waited for go on; those that the disk keeps are left to the next process.
+    pub fn drain(&self) {
+        let mut intake = self.lock();
+        intake.draining = true;
+        intake.queue.retain(|job| !job.is_lasting());
+        self.announce_if_idle(&intake);
+    }
+
+    /// Leaves every job that has not ended to the next process, asking those that run to stop. Without a disk, dismisses
+    /// them.
+    pub async fn park_all(&self) {
+        for job in self.store.index().all() {
+            // What the disk does not take is dismissed like what has no disk.
+            let _ = self.store.outlive(&job).await;
+            if !job.is_lasting() {
+                let _ = self.cancel(&job).await;
+            } else if !job.halt(Halt::Park) {
+                self.take_out(&job);
+                self.store.park(&job).await;
+            }
         }
+    }
+
+    /// Returns when all that has happened is on the disk.
+    pub async fn flush(&self) {
+        self.store.flush().await;
     }
 
     /// Returns when no job waits or runs.
@@ -214,50 +337,10 @@ impl Jobs {
         }
     }
 
-    /// Waits for a job and solves it on this thread. False if workers have been dismissed.
-    async fn solve_next(&self) -> bool {
-        match self.waiting.acquire().await {
-            Ok(permit) => permit.forget(),
-            Err(_) => return false,
-        }
+    fn take_out(&self, job: &Job) {
         let mut intake = self.lock();
-        let Some(job) = intake.queue.pop() else { return true };
-        intake.running += 1;
-        drop(intake);
-        self.solve(&job);
-        let mut intake = self.lock();
-        intake.running -= 1;
-        intake.drain_rate.departed(Instant::now());
+        intake.queue.remove(job.client, |waiting| waiting.id == job.id);
         self.announce_if_idle(&intake);
-        true
-    }
-
-    /// Sends workers home, each at the end of the job in hand.
-    fn dismiss_workers(&self) {
-        self.waiting.close();
-    }
-
-    fn solve(&self, job: &Job) {
-        let Some((specification, control)) = job.start(self.bounds.wall) else { return };
-        self.metrics.waited(job.created.clock.elapsed());
-        let _span = tracing::info_span!("job", job.id = %job.id).entered();
-        let solved = catch_unwind(AssertUnwindSafe(|| {
-            Results::of((self.solver)(&specification, &control), self.bounds.result_bytes)
-        }));
-        let ending = match solved {
-            Ok(Ok(results)) => Ending::of(results, control.poll() == Some(Stop::Cancelled)),
-            Ok(Err(fault)) => Ending::Broken(fault),
-            Err(panic) => {
-                self.panics.fetch_add(1, Relaxed);
-                let message = message(&*panic);
-                tracing::error!(job.id = %job.id, panic.message = message, "the solver panicked in job {}", job.id);
-                Ending::Broken(Fault::Panicked)
-            }
-        };
-        // Kept before anyone is woken: whoever sees the end of a job finds the store within its bounds.
-        self.store.keep(job.id, ending.bytes());
-        job.finish(ending);
-        tracing::debug!("the job has ended");
     }
 
     fn refusal(&self, intake: &Intake, full: Full) -> Refusal {
@@ -291,11 +374,7 @@ impl Intake {
     }
 }
 
-/// What a panic said.
-fn message(panic: &(dyn Any + Send)) -> &str {
-    match (panic.downcast_ref::<&str>(), panic.downcast_ref::<String>()) {
-        (Some(text), _) => text,
-        (None, Some(text)) => text,
-        (None, None) => "no message",
-    }
+/// The job that was posted before, once it is where it is to be.
+fn known(job: Arc<Job>) -> Result<Arc<Job>, Refusal> {
+    if job.lock().keeping == Keeping::Storing { Err(Refusal::KeyInUse) } else { Ok(job) }
 }

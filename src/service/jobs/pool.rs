@@ -26,9 +26,9 @@ impl Pool {
     /// The system gives no thread.
     pub fn start(jobs: &Arc<Jobs>, workers: NonZeroUsize) -> io::Result<Self> {
         let pool = Self { jobs: Arc::clone(jobs) };
-        for _ in 0..workers.get() {
+        for worker in 0..workers.get() {
             let (jobs, runtime) = (Arc::clone(jobs), Builder::new_current_thread().build()?);
-            let work = move || runtime.block_on(async { while jobs.solve_next().await {} });
+            let work = move || runtime.block_on(async { while jobs.solve_next(worker).await {} });
             thread::Builder::new().name("dvi-worker".to_owned()).stack_size(STACK_BYTES).spawn(work)?;
         }
         Ok(pool)
@@ -49,7 +49,8 @@ mod tests {
 
     #[test]
     fn workers_leave_when_the_pool_is_dropped() {
-        let jobs = Arc::new(Jobs::new(Options::default().bounds(), Arc::new(crate::solve), Arc::default()));
+        let jobs =
+            Arc::new(Jobs::open(Options::default().bounds(), Arc::new(crate::solve), None, Arc::default()).unwrap());
         let pool = Pool::start(&jobs, NonZeroUsize::MIN).unwrap();
         let held = Arc::downgrade(&jobs);
         drop((pool, jobs));

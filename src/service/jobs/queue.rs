@@ -1,19 +1,8 @@
 //! A bounded queue in which no client can starve another: one line a client, first in first out, and the clients
 //! take turns (round robin: Nagle 1987, "On packet switches with infinite storage").
 
+use super::Client;
 use std::collections::{HashMap, VecDeque};
-use std::net::IpAddr;
-
-/// Whoever shares the service with others: all that comes from one address.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Client(IpAddr);
-
-impl Client {
-    /// The client at `address`; an IPv4 address is the same client when it comes mapped into IPv6.
-    pub fn at(address: IpAddr) -> Self {
-        Self(address.to_canonical())
-    }
-}
 
 /// Why nothing more goes in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,19 +59,14 @@ impl<T> FairQueue<T> {
         Ok(())
     }
 
-    /// Puts `item` at the end of the client's line.
-    ///
-    /// # Errors
-    /// Which bound is reached; the item is dropped.
-    pub fn push(&mut self, client: Client, item: T) -> Result<(), Full> {
-        self.admits(client)?;
+    /// Puts `item` at the end of the client's line, whatever the bounds: those are for [`FairQueue::admits`].
+    pub fn push(&mut self, client: Client, item: T) {
         let line = self.lines.entry(client).or_default();
         if line.is_empty() {
             self.turns.push_back(client);
         }
         line.push_back(item);
         self.waiting += 1;
-        Ok(())
     }
 
     /// Takes the first item of the client whose turn it is.
@@ -112,6 +96,16 @@ impl<T> FairQueue<T> {
         Some(item)
     }
 
+    /// Leaves in what `stays`, in its order.
+    pub fn retain(&mut self, mut stays: impl FnMut(&T) -> bool) {
+        self.lines.retain(|_, line| {
+            line.retain(&mut stays);
+            !line.is_empty()
+        });
+        self.turns.retain(|client| self.lines.contains_key(client));
+        self.waiting = self.lines.values().map(VecDeque::len).sum();
+    }
+
     /// How many items will be taken before the client's first that `is_sought`, if nothing more comes in.
     pub fn position(&self, client: Client, is_sought: impl FnMut(&T) -> bool) -> Option<usize> {
         let own = self.lines.get(&client)?.iter().position(is_sought)?;
@@ -127,6 +121,7 @@ impl<T> FairQueue<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::net::IpAddr;
 
     fn client(last: u8) -> Client {
         Client::at(IpAddr::from([10, 0, 0, last]))
@@ -135,7 +130,7 @@ mod tests {
     fn queue_of(arrivals: &[(u8, &'static str)]) -> FairQueue<&'static str> {
         let mut queue = FairQueue::new(100, 100);
         for (from, item) in arrivals {
-            queue.push(client(*from), *item).unwrap();
+            queue.push(client(*from), *item);
         }
         queue
     }
@@ -165,14 +160,16 @@ mod tests {
     #[test]
     fn each_bound_is_named_and_a_freed_place_is_given_again() {
         let mut queue = FairQueue::new(3, 2);
-        assert_eq!(queue.push(client(1), 1), Ok(()));
-        assert_eq!(queue.push(client(1), 2), Ok(()));
-        assert_eq!(queue.push(client(1), 3), Err(Full::Share));
-        assert_eq!(queue.push(client(2), 4), Ok(()));
-        assert_eq!(queue.push(client(3), 5), Err(Full::Queue));
+        queue.push(client(1), 1);
+        assert_eq!(queue.admits(client(1)), Ok(()));
+        queue.push(client(1), 2);
+        assert_eq!(queue.admits(client(1)), Err(Full::Share));
+        assert_eq!(queue.admits(client(2)), Ok(()));
+        queue.push(client(2), 4);
+        assert_eq!(queue.admits(client(3)), Err(Full::Queue));
         queue.pop();
-        assert_eq!(queue.push(client(1), 3), Ok(()));
-        assert_eq!(queue.waiting, 3);
+        assert_eq!(queue.admits(client(1)), Ok(()));
+        assert_eq!(queue.waiting, 2);
     }
 
     #[test]
@@ -184,7 +181,10 @@ mod tests {
     }
 
     #[test]
-    fn a_mapped_address_is_the_same_client() {
-        assert_eq!(Client::at("::ffff:10.0.0.1".parse().unwrap()), client(1));
+    fn what_stays_keeps_its_order_and_what_leaves_gives_its_place() {
+        let mut queue = queue_of(&[(1, "a1"), (1, "a2"), (2, "b1"), (3, "c1")]);
+        queue.retain(|item| !["a1", "b1"].contains(item));
+        assert_eq!((queue.waiting, queue.clients()), (2, 2));
+        assert_eq!((queue.pop(), queue.pop(), queue.pop()), (Some("a2"), Some("c1"), None));
     }
 }

@@ -1,48 +1,68 @@
-//! What a solve leaves behind: the solution, and its JSON, which is written once, on the worker's thread, so that no
-//! connection waits for the encoding of another's result.
+//! What a solve leaves behind: its JSON, which is written once, on the worker's thread, so that no connection waits
+//! for the encoding of another's result; and the solution, in hand after a solve and read back where it is needed.
 
 use crate::solution::{Solution, encodings};
 use std::io;
+use std::sync::OnceLock;
 
-/// A solution and its JSON.
+/// A solution as JSON, and as columns.
 #[derive(Debug)]
 pub struct Results {
-    /// The columns.
-    pub solution: Solution,
-    /// The whole as one JSON object.
-    pub json: Vec<u8>,
+    json: Vec<u8>,
+    solution: OnceLock<Solution>,
 }
 
-/// Why there is no solution to show.
+/// The JSON would be longer than it may be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Fault {
-    /// The solver panicked, which is a fault of ours.
-    Panicked,
-    /// The JSON would be longer than `limit` bytes.
-    TooLarge {
-        /// The most bytes a result may have.
-        limit: usize,
-    },
-}
+pub struct TooLarge;
 
 impl Results {
     /// Encodes `solution`.
     ///
     /// # Errors
-    /// [`Fault::TooLarge`] if its JSON is longer than `limit` bytes.
-    pub fn of(solution: Solution, limit: usize) -> Result<Self, Fault> {
+    /// Its JSON is longer than `limit` bytes.
+    pub fn of(solution: Solution, limit: usize) -> Result<Self, TooLarge> {
         let mut json = Bounded { bytes: Vec::new(), limit };
         // The only way in which writing to memory fails is the bound.
-        encodings::write_json(&solution, &mut json).map_err(|_| Fault::TooLarge { limit })?;
+        encodings::write_json(&solution, &mut json).map_err(|_| TooLarge)?;
         let mut json = json.bytes;
         json.shrink_to_fit();
-        Ok(Self { solution, json })
+        Ok(Self { json, solution: solution.into() })
+    }
+
+    /// What was encoded before.
+    pub fn read(json: Vec<u8>) -> Self {
+        Self { json, solution: OnceLock::new() }
+    }
+
+    /// The whole as one JSON object.
+    pub fn json(&self) -> &[u8] {
+        &self.json
+    }
+
+    /// The columns. The first call on results from a disk reads all of the JSON.
+    ///
+    /// # Errors
+    /// The JSON is not that of a solution.
+    pub fn solution(&self) -> io::Result<&Solution> {
+        if let Some(solution) = self.solution.get() {
+            return Ok(solution);
+        }
+        let solution = encodings::read_json(&self.json)?;
+        Ok(self.solution.get_or_init(|| solution))
+    }
+
+    /// Whether the columns are in hand.
+    pub fn is_read(&self) -> bool {
+        self.solution.get().is_some()
     }
 
     /// The bytes that keeping it takes.
     pub fn bytes(&self) -> usize {
-        let trajectory = &self.solution.trajectory;
-        self.json.len() + (trajectory.fields.len() + 1) * trajectory.t.len() * size_of::<f64>()
+        let columns = self.solution.get().map_or(0, |solution| {
+            (solution.trajectory.fields.len() + 1) * solution.trajectory.t.len() * size_of::<f64>()
+        });
+        self.json.len() + columns
     }
 }
 

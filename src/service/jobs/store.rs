@@ -1,83 +1,309 @@
-//! The jobs that clients may ask for: all that have not ended, and the latest that have, up to a number and a size.
-//! The oldest ending is forgotten first; the latest is always kept, whatever its size.
+//! What is known of jobs: the index in memory, and in a durable service the disk behind it.
+//!
+//! A job that its client waits for is kept by memory alone. It comes to the disk when it is accepted as an asynchronous one,
+//! or when it outlives the wait. From then on each of its states is on the disk before anyone is told of it. All changes of
+//! one job are handed to the disk under the lock of its life, so that they are made in the order in which they came about.
 
-use super::job::{Job, JobId};
-use std::collections::{HashMap, VecDeque};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use super::database::Change;
+use super::disk::Disk;
+use super::ended::{Ended, Ending, Held};
+use super::index::{Index, Retention};
+use super::job::{Halt, Job, JobId, Keeping, Life, State};
+use super::writer::{Answer, Place, Unwritable};
+use super::{Record, Results};
+use jiff::Timestamp;
+use std::io;
+use std::path::Path;
+use std::sync::Arc;
+use tokio::task::spawn_blocking;
 
-/// How much of the past is kept.
-#[derive(Clone, Copy, Debug)]
-pub struct Retention {
-    /// Ended jobs.
-    pub jobs: usize,
-    /// Bytes of their results.
-    pub bytes: usize,
-}
-
-/// Jobs by name, in memory.
+/// Jobs by name.
 #[derive(Debug)]
 pub struct Store {
-    retention: Retention,
-    held: Mutex<Held>,
-}
-
-#[derive(Debug, Default)]
-struct Held {
-    jobs: HashMap<JobId, Arc<Job>>,
-    /// Ended jobs with the bytes each takes, oldest ending first.
-    ended: VecDeque<(JobId, usize)>,
-    bytes: usize,
+    index: Index,
+    disk: Option<Arc<Disk>>,
 }
 
 impl Store {
-    /// An empty store.
-    pub fn new(retention: Retention) -> Self {
-        Self { retention, held: Mutex::default() }
-    }
-
-    /// Takes in a job that has just been accepted.
-    pub fn insert(&self, job: Arc<Job>) {
-        self.lock().jobs.insert(job.id, job);
-    }
-
-    /// The job of that name, if it is not forgotten.
-    pub fn find(&self, id: JobId) -> Option<Arc<Job>> {
-        self.lock().jobs.get(&id).map(Arc::clone)
-    }
-
-    /// Every job, in no order.
-    pub fn all(&self) -> Vec<Arc<Job>> {
-        self.lock().jobs.values().map(Arc::clone).collect()
-    }
-
-    /// Counts a job as ended, with the bytes of its result, and forgets what is then too old.
-    pub fn keep(&self, id: JobId, bytes: usize) {
-        let mut held = self.lock();
-        if !held.jobs.contains_key(&id) {
-            return;
-        }
-        held.ended.push_back((id, bytes));
-        held.bytes += bytes;
-        while held.ended.len() > 1 && (held.ended.len() > self.retention.jobs || held.bytes > self.retention.bytes) {
-            if let Some((oldest, bytes)) = held.ended.pop_front() {
-                held.jobs.remove(&oldest);
-                held.bytes -= bytes;
+    /// A store over `folder`, with the jobs of earlier processes that wait for a worker, oldest first; without a folder, an
+    /// empty one in memory.
+    ///
+    /// # Errors
+    /// The folder is in use, or those of the disk.
+    pub fn open(folder: Option<&Path>, retention: Retention) -> io::Result<(Self, Vec<Arc<Job>>)> {
+        let index = Index::new(retention);
+        let Some(folder) = folder else { return Ok((Self { index, disk: None }, Vec::new())) };
+        let (disk, records) = Disk::open(folder)?;
+        let (mut waiting, mut past) = (Vec::new(), Vec::new());
+        for (id, record) in records {
+            let finished = record.ended.as_ref().map(|ended| (ended.finished, ended.bytes()));
+            let job = Arc::new(Job::recovered(id, record));
+            // Keys were told apart when the jobs were accepted.
+            let _ = index.insert(&job);
+            match finished {
+                Some((finished, bytes)) => past.push((finished, bytes, job)),
+                None => waiting.push(job),
             }
         }
+        past.sort_by_key(|(finished, ..)| *finished);
+        let mut forgotten = Vec::new();
+        for (finished, bytes, job) in past {
+            forgotten.extend(index.keep(job.id, finished, job.document_bytes + bytes));
+        }
+        forgotten.extend(index.expire(Timestamp::now()));
+        disk.erase(forgotten.iter().map(|job| job.id).collect())?;
+        Ok((Self { index, disk: Some(Arc::new(disk)) }, waiting))
     }
 
-    /// Forgets a job, ended or not.
-    pub fn forget(&self, id: JobId) {
-        let mut held = self.lock();
-        if held.jobs.remove(&id).is_some()
-            && let Some(index) = held.ended.iter().position(|(ended, _)| *ended == id)
-            && let Some((_, bytes)) = held.ended.remove(index)
-        {
-            held.bytes -= bytes;
+    /// Whether the disk, if there is one, takes changes.
+    pub fn is_writable(&self) -> bool {
+        !self.disk.as_ref().is_some_and(|disk| disk.has_failed())
+    }
+
+    /// The index.
+    pub fn index(&self) -> &Index {
+        &self.index
+    }
+
+    /// A place for a job that is to be kept by the disk; nothing without a disk.
+    ///
+    /// # Errors
+    /// The disk takes no change.
+    pub async fn place(&self) -> Result<Option<Place>, Unwritable> {
+        match &self.disk {
+            Some(disk) if disk.has_failed() => Err(Unwritable),
+            Some(disk) => disk.place().await.map(Some),
+            None => Ok(None),
         }
     }
 
-    fn lock(&self) -> MutexGuard<'_, Held> {
-        self.held.lock().unwrap_or_else(PoisonError::into_inner)
+    /// Hands `job` to the disk.
+    pub fn store(&self, job: &Arc<Job>, life: &mut Life, document: Arc<[u8]>, place: Place) -> Answer {
+        life.keeping = Keeping::Storing;
+        let change = Change { document: Some(document), ..Change::record(job.id, &Record::of(job, life)) };
+        let stored = Arc::clone(job);
+        place.send(change, move |written| {
+            let mut life = stored.lock();
+            if life.keeping == Keeping::Storing {
+                life.keeping = if written.is_ok() { Keeping::Disk } else { Keeping::Memory };
+            }
+        })
+    }
+
+    /// Hands a job that memory alone keeps to the disk, unless it has ended; returns when the disk has it.
+    ///
+    /// # Errors
+    /// The disk did not take it.
+    pub async fn outlive(&self, job: &Arc<Job>) -> Result<(), Unwritable> {
+        if job.lock().keeping == Keeping::Disk {
+            return Ok(());
+        }
+        let Some(place) = self.place().await? else { return Ok(()) };
+        let answer = {
+            let mut life = job.lock();
+            match (&job.document, &life.state, life.keeping) {
+                (_, State::Ended(_), _) | (_, _, Keeping::Disk | Keeping::Forgotten) => return Ok(()),
+                (Some(document), _, Keeping::Memory) => self.store(job, &mut life, Arc::clone(document), place),
+                // Behind the change that stores it.
+                (_, _, Keeping::Storing | Keeping::Memory) => place.send(Change::default(), drop),
+            }
+        };
+        answer.written().await
+    }
+
+    /// Marks `job`, if the disk keeps it, as the one that a worker is at.
+    pub fn mark(&self, worker: usize, job: &Job) {
+        if let Some(disk) = self.disk.as_ref().filter(|_| job.is_lasting())
+            && let Err(error) = disk.marks().set(worker, job.id)
+        {
+            tracing::error!(job.id = %job.id, %error, "job {} could not be marked", job.id);
+        }
+    }
+
+    /// Takes the mark of a worker away.
+    pub fn unmark(&self, worker: usize, job: &Job) {
+        if let Some(disk) = self.disk.as_ref().filter(|_| job.is_lasting())
+            && let Err(error) = disk.marks().clear(worker)
+        {
+            tracing::error!(job.id = %job.id, %error, "the mark of job {} could not be removed", job.id);
+        }
+    }
+
+    /// Ends a job: keeps its results, forgets others for them, and wakes whoever waits.
+    pub async fn conclude(&self, job: &Arc<Job>, ended: Ended) {
+        let outcome = match (self.conclude_in_memory(job, ended), &self.disk) {
+            (Err(ended), Some(disk)) => self.conclude_on_disk(disk, job, *ended).await,
+            (Err(_), None) => Vec::new(),
+            (Ok(forgotten), _) => forgotten,
+        };
+        self.tidy(outcome).await;
+    }
+
+    /// Gives the end back if the disk keeps the job.
+    fn conclude_in_memory(&self, job: &Arc<Job>, ended: Ended) -> Result<Vec<Arc<Job>>, Box<Ended>> {
+        let mut life = job.lock();
+        if life.is_lasting() {
+            return Err(Box::new(ended));
+        }
+        // Kept before anyone is woken: whoever sees the end of a job finds the store within its bounds.
+        let forgotten = self.keep(job, &ended);
+        life.finish(ended);
+        drop(life);
+        job.wake();
+        Ok(forgotten)
+    }
+
+    async fn conclude_on_disk(&self, disk: &Disk, job: &Arc<Job>, ended: Ended) -> Vec<Arc<Job>> {
+        let (ended, results) = disk.put_away(job.id, ended);
+        let Ok(place) = disk.place().await else {
+            job.finish(ended.unwritable());
+            return Vec::new();
+        };
+        let life = job.lock();
+        if life.keeping == Keeping::Forgotten {
+            drop(life);
+            disk.discard(job.id);
+            job.finish(ended.unwritable());
+            return Vec::new();
+        }
+        let forgotten = self.keep(job, &ended);
+        let record = Record::of(job, &life).ended(&ended);
+        let concluded = Arc::clone(job);
+        place.take(Change { results, ..Change::record(job.id, &record) }, move |written| {
+            concluded.finish(if written.is_ok() { ended } else { ended.unwritable() });
+        });
+        forgotten
+    }
+
+    /// Dismisses a waiting job, asks a running one to stop at its next step, leaves an ended one as it is.
+    ///
+    /// # Errors
+    /// The disk did not take the news, so that a later process may start the job again.
+    pub async fn cancel(&self, job: &Arc<Job>) -> Result<(), Unwritable> {
+        let place = if job.is_lasting() { self.place().await } else { Ok(None) };
+        let (answer, forgotten) = {
+            let mut life = job.lock();
+            let mut record = Record::of(job, &life);
+            let mut forgotten = Vec::new();
+            match &mut life.state {
+                State::Accepted(_) => {
+                    let ended = Ended::unsolved(Ending::Dismissed);
+                    forgotten = self.keep(job, &ended);
+                    record = record.ended(&ended);
+                    life.finish(ended);
+                }
+                State::Running { control, halt, .. } => {
+                    *halt = Some(Halt::Dismiss);
+                    control.cancel();
+                    record.dismissed = true;
+                }
+                State::Ended(_) => return Ok(()),
+            }
+            let tell = |place: Place| place.send(Change::record(job.id, &record), drop);
+            (place.map(|place| place.filter(|_| life.is_lasting()).map(tell)), forgotten)
+        };
+        job.wake();
+        self.tidy(forgotten).await;
+        written(answer?).await
+    }
+
+    /// Forgets a job.
+    ///
+    /// # Errors
+    /// The disk did not take the news, so that a later process knows the job again.
+    pub async fn forget(&self, job: &Arc<Job>) -> Result<(), Unwritable> {
+        self.index.forget(job.id);
+        written(self.erase(vec![Arc::clone(job)]).await?).await
+    }
+
+    /// Forgets the jobs that are too old at this time.
+    pub async fn expire(&self, now: Timestamp) {
+        self.tidy(self.index.expire(now)).await;
+    }
+
+    /// Leaves a job to the next process, if the disk keeps it.
+    pub async fn park(&self, job: &Arc<Job>) {
+        let Ok(Some(place)) = self.place().await else { return };
+        {
+            let mut life = job.lock();
+            if !life.is_lasting() || matches!(life.state, State::Ended(_)) {
+                return;
+            }
+            life.parked = true;
+            life.state = State::Accepted(None);
+            place.take(Change::record(job.id, &Record::of(job, &life)), drop);
+        }
+        job.wake();
+    }
+
+    /// Returns when every change that has come in has been made.
+    pub async fn flush(&self) {
+        if let Ok(Some(place)) = self.place().await {
+            // What could not be written has been told to those who waited for it.
+            let _ = place.send(Change::default(), drop).written().await;
+        }
+    }
+
+    /// What was posted for a job.
+    ///
+    /// # Errors
+    /// Those of the disk.
+    pub fn document(&self, job: &Job) -> io::Result<Arc<[u8]>> {
+        match (&job.document, &self.disk) {
+            (Some(document), _) => Ok(Arc::clone(document)),
+            (None, Some(disk)) => disk.document(job.id).map(Arc::from),
+            (None, None) => Err(io::ErrorKind::NotFound.into()),
+        }
+    }
+
+    /// The results of a job. Those in a file are read on a thread that may wait.
+    ///
+    /// # Errors
+    /// Those of the disk.
+    pub async fn results(&self, id: JobId, held: &Held) -> io::Result<Arc<Results>> {
+        match (held, &self.disk) {
+            (Held::Memory(results), _) => Ok(Arc::clone(results)),
+            (Held::Table(_), Some(disk)) => disk.results(id, held),
+            (Held::File(_), Some(disk)) => {
+                let (disk, held) = (Arc::clone(disk), held.clone());
+                spawn_blocking(move || disk.results(id, &held)).await.map_err(io::Error::other)?
+            }
+            (_, None) => Err(io::ErrorKind::NotFound.into()),
+        }
+    }
+
+    fn keep(&self, job: &Job, ended: &Ended) -> Vec<Arc<Job>> {
+        self.index.keep(job.id, ended.finished, job.document_bytes + ended.bytes())
+    }
+
+    /// Removes jobs, no longer in the index, from the disk.
+    async fn erase(&self, jobs: Vec<Arc<Job>>) -> Result<Option<Answer>, Unwritable> {
+        let mut stored = Vec::new();
+        for job in jobs {
+            let mut life = job.lock();
+            // From here on nothing about this job goes to the disk but its removal.
+            if life.is_lasting() {
+                stored.push(job.id);
+            }
+            life.keeping = Keeping::Forgotten;
+        }
+        if stored.is_empty() {
+            return Ok(None);
+        }
+        Ok(self.place().await?.map(|place| place.send(Change::forgotten(stored), drop)))
+    }
+
+    /// Removes jobs from the disk, which nobody waits for.
+    async fn tidy(&self, jobs: Vec<Arc<Job>>) {
+        if let Err(error) = self.erase(jobs).await {
+            tracing::error!(%error, "forgotten jobs stay on the disk until the next start");
+        }
+    }
+}
+
+async fn written(answer: Option<Answer>) -> Result<(), Unwritable> {
+    match answer {
+        Some(answer) => answer.written().await,
+        None => Ok(()),
     }
 }

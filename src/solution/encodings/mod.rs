@@ -24,6 +24,14 @@ pub fn write_json(solution: &Solution, out: &mut impl Write) -> io::Result<()> {
     serde_json::to_writer(out, solution).map_err(io::Error::from)
 }
 
+/// Reads a solution that [`write_json`] wrote; its diagnostics are left out.
+///
+/// # Errors
+/// The text is another.
+pub fn read_json(text: &[u8]) -> io::Result<Solution> {
+    serde_json::from_slice(text).map_err(io::Error::from)
+}
+
 /// A table in the making: its beginning, its rows in order, its end.
 pub trait Table: Send {
     /// Writes what comes before the rows of `trajectory`.
@@ -89,7 +97,7 @@ pub fn write_table(table: &mut dyn Table, trajectory: &Trajectory, out: &mut dyn
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::solution::{Diagnostics, Field, Status};
+    use crate::solution::{Diagnostics, Event, EventKind, Failure, Field, Status};
 
     fn field(name: &str, values: &[f64]) -> Field {
         Field { name: name.to_owned(), values: values.to_vec() }
@@ -149,5 +157,27 @@ mod tests {
         write_table(&mut Lines, &trajectory, &mut text).unwrap();
         let told = "{\"t\":0.0,\"x\\\"\":1.0}\n{\"t\":0.5,\"x\\\"\":-0.0}\n";
         assert_eq!(String::from_utf8(text).unwrap(), told);
+    }
+
+    #[test]
+    fn a_solution_reads_back_with_its_columns_in_order_and_to_the_same_bits() {
+        let event = Event { t: 0.1, kind: EventKind::LiftOff, of: "foot".to_owned() };
+        let trajectory = Trajectory {
+            t: vec![0.0, 1.0 / 3.0],
+            fields: vec![field("z", &[1e23, -0.0]), field("a", &[5e-324, 0.3])],
+            events: vec![event],
+        };
+        let error = Failure { code: "step_too_small".into(), message: "\"h\"".to_owned(), time: 0.1, state: vec![2.0] };
+        let diagnostics = Diagnostics::default();
+        let solution = Solution { status: Status::Failed, error: Some(error), trajectory, diagnostics, study: None };
+        let mut json = Vec::new();
+        write_json(&solution, &mut json).unwrap();
+        let read = read_json(&json).unwrap();
+        assert_eq!(
+            (read.status, &read.error, &read.trajectory),
+            (solution.status, &solution.error, &solution.trajectory)
+        );
+        let bits = read.trajectory.fields[0].values[1].to_bits();
+        assert_eq!(bits, (-0.0_f64).to_bits());
     }
 }

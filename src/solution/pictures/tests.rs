@@ -145,6 +145,6 @@ fn what_a_user_wrote_is_text_and_not_markup() {
 fn a_solve_that_did_not_reach_its_end_says_so() {
     let mut solution = solution(vec![0.0, 1.0], vec![vec![0.0, 1.0]]);
     solution.status = Status::Failed;
-    solution.error = Some(Failure { code: "step_too_small", message: String::new(), time: 1.5, state: vec![] });
+    solution.error = Some(Failure { code: "step_too_small".into(), message: String::new(), time: 1.5, state: vec![] });
     drawn(&solution, None, |picture| assert!(words(picture).contains("failed at t = 1.5: step_too_small")));
 }

@@ -1,0 +1,27 @@
+//! Where the service keeps what is to outlive it.
+
+use clap::Args;
+use std::env;
+use std::path::PathBuf;
+
+/// The folder of the service.
+#[derive(Args)]
+pub struct Data {
+    /// Folder of the accepted jobs, their results and the tokens; made if it is not there
+    /// [default: dvi in `$XDG_STATE_HOME`, or in ~/.local/state]
+    #[arg(long, env = "DVI_DATA", value_name = "DIR", global = true)]
+    data: Option<PathBuf>,
+}
+
+impl Data {
+    /// The folder; nothing if none is given and there is no home.
+    pub fn folder(&self) -> Option<PathBuf> {
+        // The XDG Base Directory Specification, version 0.8: a relative path counts as none.
+        let state = |variable, below: &str| {
+            let folder = env::var_os(variable).map(PathBuf::from).filter(|folder| folder.is_absolute());
+            folder.map(|folder| folder.join(below))
+        };
+        let given = self.data.clone();
+        given.or_else(|| state("XDG_STATE_HOME", "dvi")).or_else(|| state("HOME", ".local/state/dvi"))
+    }
+}

@@ -1,0 +1,101 @@
+//! `dvi token`: the tokens by which clients of the service are known.
+
+use super::data::Data;
+use super::{UNREADABLE, UNWRITABLE, USAGE};
+use clap::{Args, Subcommand};
+use dvi::service::access::{self, Scope};
+use std::io;
+use std::path::Path;
+use std::process::ExitCode;
+
+/// Create, list and revoke the tokens by which clients of the service are known
+///
+/// A running service sees the change within a second.
+#[derive(Args)]
+#[command(after_help = HELP)]
+pub struct Arguments {
+    #[command(subcommand)]
+    action: Action,
+
+    #[command(flatten)]
+    data: Data,
+}
+
+const HELP: &str = "\
+Examples:
+  dvi token create --name anna                    may submit and read
+  dvi token create --name dashboard --scope read
+  dvi token list
+  dvi token revoke 0123456789abcdef
+
+  curl -H \"Authorization: Bearer $TOKEN\" -d @api/examples/diode_bridge.json SERVER/solve
+
+Exit codes:
+  0   done
+  1   there is no token of that number
+  3   the tokens could not be read
+  4   the tokens could not be written
+  64  the command line makes no sense";
+
+#[derive(Subcommand)]
+enum Action {
+    /// Create a token and print it; it is not shown again
+    Create {
+        /// Whose it is
+        #[arg(long)]
+        name: String,
+        /// What it allows; may be said more than once
+        #[arg(long = "scope", value_enum, default_values_t = [Scope::Submit, Scope::Read])]
+        scopes: Vec<Scope>,
+    },
+    /// List the tokens, without their secrets
+    List,
+    /// Revoke a token
+    Revoke {
+        /// Its number, the first part of the token
+        number: String,
+    },
+}
+
+/// There is no token of that number.
+const UNKNOWN: u8 = 1;
+
+/// Does what is asked; the exit code says how it went.
+pub fn run(arguments: &Arguments) -> ExitCode {
+    let Some(folder) = arguments.data.folder() else {
+        eprintln!("dvi: there is no home to keep tokens in: say --data DIR");
+        return ExitCode::from(USAGE);
+    };
+    let done = match &arguments.action {
+        Action::Create { name, scopes } => access::create(&folder, name, scopes).map(|token| println!("{token}")),
+        Action::List => return list(&folder),
+        Action::Revoke { number } => match access::revoke(&folder, number) {
+            Ok(false) => {
+                eprintln!("dvi: there is no token {number} in {}", folder.display());
+                return ExitCode::from(UNKNOWN);
+            }
+            done => done.map(drop),
+        },
+    };
+    told(&folder, done, UNWRITABLE)
+}
+
+fn list(folder: &Path) -> ExitCode {
+    let listed = access::list(folder).map(|rows| {
+        for row in rows {
+            let scopes: Vec<String> = row.scopes.iter().map(ToString::to_string).collect();
+            println!("{}  {:.0}  {:<12}  {}", row.number, row.created, scopes.join(","), row.name);
+        }
+    });
+    told(folder, listed, UNREADABLE)
+}
+
+fn told(folder: &Path, done: io::Result<()>, code: u8) -> ExitCode {
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("dvi: the tokens of {}: {error}", folder.display());
+            ExitCode::from(code)
+        }
+    }
+}

@@ -1,0 +1,163 @@
+//! The tokens of a service: a file that `dvi token` writes and a running service reads again when it has changed, so that
+//! a token can be revoked without a restart.
+
+use super::scope::Scope;
+use super::token::Token;
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Write};
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+use subtle::ConstantTimeEq;
+
+/// What is known of a token.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Row {
+    /// By which it is found, in hexadecimal digits.
+    pub number: String,
+    /// Its holder, in the words of whoever created it.
+    pub name: String,
+    /// What it allows.
+    pub scopes: Vec<Scope>,
+    /// When it was created.
+    pub created: Timestamp,
+    digest: String,
+}
+
+impl Row {
+    /// Whether it allows what that scope stands for.
+    pub fn allows(&self, scope: Scope) -> bool {
+        self.scopes.contains(&scope) || self.scopes.contains(&Scope::Admin)
+    }
+}
+
+/// The tokens of a running service.
+#[derive(Debug)]
+pub struct Tokens {
+    path: PathBuf,
+    read: Mutex<Read>,
+}
+
+#[derive(Debug)]
+struct Read {
+    looked: Instant,
+    version: Option<Version>,
+    rows: Arc<Vec<Row>>,
+}
+
+/// The file is replaced as a whole, so each version is a file of its own.
+type Version = (u64, i64, i64);
+
+/// A look at the file costs a system call; a token that is revoked is refused after so long at the latest.
+const STALE: Duration = Duration::from_millis(250);
+
+impl Tokens {
+    /// The tokens of a folder, none if it has none yet.
+    ///
+    /// # Errors
+    /// The file cannot be read.
+    pub fn open(folder: &Path) -> io::Result<Self> {
+        let path = path(folder);
+        let version = version(&path);
+        let rows = Arc::new(read(&path)?);
+        Ok(Self { path, read: Mutex::new(Read { looked: Instant::now(), version, rows }) })
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.rows().is_empty()
+    }
+
+    /// What is known of the token with that text; nothing if it is none of ours.
+    pub fn find(&self, text: &str) -> Option<(u64, Row)> {
+        let token: Token = text.parse().ok()?;
+        let (number, digest) = (format!("{:016x}", token.number), token.digest());
+        let rows = self.rows();
+        let row = rows.iter().find(|row| row.number == number)?;
+        bool::from(row.digest.as_bytes().ct_eq(digest.as_bytes())).then(|| (token.number, row.clone()))
+    }
+
+    fn rows(&self) -> Arc<Vec<Row>> {
+        let mut known = self.read.lock().unwrap_or_else(PoisonError::into_inner);
+        if known.looked.elapsed() > STALE {
+            known.looked = Instant::now();
+            let version = version(&self.path);
+            if version != known.version {
+                // Nobody is let in by a file that cannot be read.
+                let rows = read(&self.path).unwrap_or_else(|error| {
+                    tracing::error!(%error, "the tokens cannot be read");
+                    Vec::new()
+                });
+                (known.version, known.rows) = (version, Arc::new(rows));
+            }
+        }
+        Arc::clone(&known.rows)
+    }
+}
+
+/// Creates a token. Its secret is known to nobody but the caller.
+///
+/// # Errors
+/// Those of the disk.
+pub fn create(folder: &Path, name: &str, scopes: &[Scope]) -> io::Result<Token> {
+    let token = Token::create()?;
+    let (number, digest) = (format!("{:016x}", token.number), token.digest());
+    let row = Row { number, name: name.to_owned(), scopes: scopes.to_vec(), created: Timestamp::now(), digest };
+    change(folder, |rows| rows.push(row))?;
+    Ok(token)
+}
+
+/// The tokens there are, oldest first.
+///
+/// # Errors
+/// Those of the disk.
+pub fn list(folder: &Path) -> io::Result<Vec<Row>> {
+    read(&path(folder))
+}
+
+/// Removes the token of that number; false if there is none.
+///
+/// # Errors
+/// Those of the disk.
+pub fn revoke(folder: &Path, number: &str) -> io::Result<bool> {
+    change(folder, |rows| {
+        let before = rows.len();
+        rows.retain(|row| row.number != number);
+        rows.len() < before
+    })
+}
+
+fn path(folder: &Path) -> PathBuf {
+    folder.join("tokens.json")
+}
+
+fn version(path: &Path) -> Option<Version> {
+    fs::metadata(path).ok().map(|data| (data.ino(), data.mtime(), data.mtime_nsec()))
+}
+
+fn read(path: &Path) -> io::Result<Vec<Row>> {
+    match fs::read(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(Vec::new()),
+        text => Ok(serde_json::from_slice(&text?)?),
+    }
+}
+
+/// Reads, changes and replaces the file, one process at a time; others see the old one or the new one.
+fn change<T>(folder: &Path, change: impl FnOnce(&mut Vec<Row>) -> T) -> io::Result<T> {
+    fs::create_dir_all(folder)?;
+    let lock = File::create(folder.join("tokens.lock"))?;
+    lock.lock()?;
+    let path = path(folder);
+    let mut rows = read(&path)?;
+    let changed = change(&mut rows);
+    let unfinished = folder.join("tokens.part");
+    let mut file = OpenOptions::new().write(true).create(true).truncate(true).mode(0o600).open(&unfinished)?;
+    file.write_all(&serde_json::to_vec_pretty(&rows)?)?;
+    file.sync_all()?;
+    fs::rename(&unfinished, &path)?;
+    File::open(folder)?.sync_all()?;
+    Ok(changed)
+}

@@ -1,0 +1,77 @@
+//! Who asks, and whether they may: `Authorization: Bearer TOKEN` (RFC 6750), where tokens are asked for.
+//!
+//! What only looks needs the scope `read`, everything else `submit`. A job of another is not refused but unknown: whether
+//! an id has been given out is nobody's business.
+
+use super::Shared;
+use super::problem::{Kind, Problem};
+use crate::service::access::Scope;
+use crate::service::jobs::{Client, Job};
+use axum::extract::{FromRequestParts, Request, State};
+use axum::http::request::Parts;
+use axum::http::{HeaderMap, HeaderValue, Method, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use std::convert::Infallible;
+use std::net::{IpAddr, Ipv4Addr};
+
+/// Someone who may see everyone's jobs.
+#[derive(Clone, Copy, Debug)]
+struct Admin;
+
+/// Lets a request through whose token allows it, under the name of its token.
+pub async fn authorize(State(shared): State<Shared>, mut request: Request, next: Next) -> Response {
+    let Some(tokens) = &shared.tokens else { return next.run(request).await };
+    let Some((number, row)) = bearer(request.headers()).and_then(|text| tokens.find(text)) else {
+        let mut response = Problem::plain(Kind::TokenRequired).into_response();
+        response.headers_mut().insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer realm=\"dvi\""));
+        return response;
+    };
+    let looks = matches!(*request.method(), Method::GET | Method::HEAD);
+    let scope = if looks { Scope::Read } else { Scope::Submit };
+    if !row.allows(scope) {
+        return Problem::new(Kind::ScopeMissing, format!("the token does not have the scope {scope}")).into_response();
+    }
+    request.extensions_mut().insert(Client::Token(number));
+    if row.allows(Scope::Admin) {
+        request.extensions_mut().insert(Admin);
+    }
+    next.run(request).await
+}
+
+fn bearer(headers: &HeaderMap) -> Option<&str> {
+    let (scheme, token) = headers.get(header::AUTHORIZATION)?.to_str().ok()?.split_once(' ')?;
+    scheme.eq_ignore_ascii_case("bearer").then(|| token.trim())
+}
+
+/// The client of a request; whoever came without a connection counts as one client with all such.
+impl<S: Send + Sync> FromRequestParts<S> for Client {
+    type Rejection = Infallible;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Infallible> {
+        Ok(parts.extensions.get().copied().unwrap_or(Self::at(IpAddr::V4(Ipv4Addr::UNSPECIFIED))))
+    }
+}
+
+/// Whose jobs a request may name.
+#[derive(Clone, Copy, Debug)]
+pub struct Sight {
+    client: Client,
+    everyone: bool,
+}
+
+impl Sight {
+    /// Whether the job is within it.
+    pub fn reaches(self, job: &Job) -> bool {
+        self.everyone || job.client == self.client
+    }
+}
+
+impl<S: Send + Sync> FromRequestParts<S> for Sight {
+    type Rejection = Infallible;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Infallible> {
+        let client = Client::from_request_parts(parts, state).await?;
+        Ok(Self { client, everyone: parts.extensions.get::<Admin>().is_some() })
+    }
+}

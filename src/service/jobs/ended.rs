@@ -1,0 +1,118 @@
+//! The end of a job: how it ended, how far it came, and where its results are.
+
+use super::Results;
+use crate::solution::{Solution, Status};
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// How a job ended.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Ending {
+    /// The end time was reached.
+    Successful,
+    /// The numerics failed or a limit stopped them, for this reason; the trajectory so far is kept.
+    Failed(String),
+    /// There is no solution to show.
+    Broken(Fault),
+    /// Its client stopped it, after some steps or before the first.
+    Dismissed,
+}
+
+/// Why there is no solution to show.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Fault {
+    /// The solver panicked, which is a fault of ours.
+    Panicked,
+    /// The process ended twice while it ran.
+    Poisoned,
+    /// The JSON would be longer than `limit` bytes.
+    TooLarge {
+        /// The most bytes a result may have.
+        limit: usize,
+    },
+    /// The disk did not take the result.
+    Unwritable,
+    /// What was accepted once can no longer be read, as after a change of version.
+    Unreadable,
+}
+
+/// Where results are.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Held {
+    /// In memory, as long as the process lives.
+    #[serde(skip)]
+    Memory(Arc<Results>),
+    /// In the database, this many bytes.
+    Table(usize),
+    /// In a file of their own, of this many bytes.
+    File(usize),
+}
+
+/// How long a job waited and how long it ran.
+#[derive(Clone, Copy, Debug)]
+pub struct Timing {
+    /// From its acceptance to its start.
+    pub queue: Duration,
+    /// From its start to its end.
+    pub solve: Duration,
+}
+
+/// The end of a job.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Ended {
+    /// When a worker took it, if one did.
+    pub started: Option<Timestamp>,
+    /// When it ended.
+    pub finished: Timestamp,
+    /// Measured in this process.
+    #[serde(skip)]
+    pub timing: Option<Timing>,
+    /// The part of the time horizon that was done, in `[0, 1]`.
+    pub fraction: f64,
+    /// Accepted steps of the method.
+    pub steps: u64,
+    /// How it ended.
+    pub ending: Ending,
+    /// What it left.
+    pub held: Option<Held>,
+}
+
+impl Ended {
+    /// The end, now, of a job that no worker has solved in this process.
+    pub fn unsolved(ending: Ending) -> Self {
+        let finished = Timestamp::now();
+        Self { started: None, finished, timing: None, fraction: 0.0, steps: 0, ending, held: None }
+    }
+
+    /// The same without its results, which could not be put away.
+    pub fn unwritable(self) -> Self {
+        Self { ending: Ending::Broken(Fault::Unwritable), held: None, ..self }
+    }
+
+    /// The bytes that keeping it takes.
+    pub fn bytes(&self) -> usize {
+        match &self.held {
+            Some(Held::Memory(results)) => results.bytes(),
+            Some(Held::Table(bytes) | Held::File(bytes)) => *bytes,
+            None => 0,
+        }
+    }
+}
+
+impl Ending {
+    /// The ending of a solve that returned, `cancelled` by its client or not on the way.
+    pub fn of(solution: &Solution, cancelled: bool) -> Self {
+        match (solution.status, &solution.error) {
+            (Status::Completed, _) => Self::Successful,
+            (Status::Stopped, _) if cancelled => Self::Dismissed,
+            (_, Some(error)) => Self::Failed(error.message.clone()),
+            (Status::Stopped, None) => Self::Failed("a limit stopped the solve".to_owned()),
+            (Status::Failed, None) => Self::Failed("the solve failed".to_owned()),
+        }
+    }
+}

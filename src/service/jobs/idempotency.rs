@@ -1,0 +1,44 @@
+//! Requests that come again: a client that does not know whether its job was accepted sends it once more under the same
+//! `Idempotency-Key` and gets the same job. A key is of one client and lives as long as its job.
+
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+use std::fmt::Write;
+
+/// A key and what was first posted under it, as a digest.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Key {
+    /// The client's own words.
+    pub name: String,
+    digest: String,
+}
+
+impl Key {
+    /// The key `name` for `document`.
+    pub fn new(name: impl Into<String>, document: &[u8]) -> Self {
+        Self { name: name.into(), digest: hexadecimal(&Sha256::digest(document)) }
+    }
+}
+
+/// Bytes as text.
+pub(in crate::service) fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {
+        // Writing to a string does not fail.
+        let _ = write!(text, "{byte:02x}");
+        text
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_key_knows_its_document() {
+        let key = Key::new("k", b"abc");
+        assert_eq!(key, Key::new("k", b"abc"));
+        assert_ne!(key, Key::new("k", b"abd"));
+        // FIPS 180-4, the digest of "abc".
+        assert_eq!(key.digest, "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+    }
+}

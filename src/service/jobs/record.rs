@@ -1,0 +1,61 @@
+//! What the disk knows of a job, beside its specification and its results: JSON, a row a job.
+
+use super::Client;
+use super::ended::Ended;
+use super::idempotency::Key;
+use super::job::{Halt, Job, Life, State};
+use crate::specification::Time;
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+
+/// A row.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Record {
+    /// Whose it is.
+    pub client: Client,
+    /// The client's own words for it.
+    pub label: Option<String>,
+    /// The time horizon of its problem.
+    pub horizon: Time,
+    /// When it was accepted.
+    pub created: Timestamp,
+    /// The bytes of what was posted.
+    pub document_bytes: usize,
+    /// Under which the client may ask for it again.
+    pub key: Option<Key>,
+    /// How often the process ended while it ran.
+    pub crashes: u32,
+    /// It was running when it was first stored, so that no mark says so.
+    pub underway: bool,
+    /// Its client does not want it any more.
+    pub dismissed: bool,
+    /// How it ended, if it has.
+    pub ended: Option<Ended>,
+}
+
+impl Record {
+    /// The row of `job` at this point of its `life`.
+    pub fn of(job: &Job, life: &Life) -> Self {
+        let (underway, dismissed) = match &life.state {
+            State::Running { halt, .. } => (true, *halt == Some(Halt::Dismiss)),
+            State::Accepted(_) | State::Ended(_) => (false, false),
+        };
+        Self {
+            client: job.client,
+            label: job.label.clone(),
+            horizon: job.horizon,
+            created: job.created.date,
+            document_bytes: job.document_bytes,
+            key: job.key.clone(),
+            crashes: job.crashes,
+            underway,
+            dismissed,
+            ended: None,
+        }
+    }
+
+    /// The same, ended.
+    pub fn ended(self, ended: &Ended) -> Self {
+        Self { underway: false, ended: Some(ended.clone()), ..self }
+    }
+}
