@@ -3,7 +3,7 @@
 mod command;
 
 use clap::{Parser, Subcommand};
-use command::{check, methods, report, serve, solve, token};
+use command::{check, healthcheck, methods, report, serve, solve, token};
 use std::process::ExitCode;
 
 /// Solves differential variational inequalities, with evidence.
@@ -35,6 +35,7 @@ enum Command {
     Report(report::Arguments),
     Serve(serve::Arguments),
     Token(token::Arguments),
+    Healthcheck(healthcheck::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -53,5 +54,6 @@ fn main() -> ExitCode {
         Command::Report(arguments) => report::run(&arguments),
         Command::Serve(arguments) => serve::run(arguments),
         Command::Token(arguments) => token::run(&arguments),
+        Command::Healthcheck(arguments) => healthcheck::run(&arguments),
     }
 }

@@ -2,6 +2,7 @@
 
 pub mod check;
 pub mod data;
+pub mod healthcheck;
 pub mod methods;
 mod remote;
 pub mod report;
@@ -18,6 +19,8 @@ use std::process::ExitCode;
 
 /// The end time was not reached.
 pub const UNFINISHED: u8 = 1;
+/// The service is not alive.
+pub const UNHEALTHY: u8 = 1;
 /// The specification has errors.
 pub const BAD_SPECIFICATION: u8 = 2;
 /// The specification could not be read.

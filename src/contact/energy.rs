@@ -8,7 +8,7 @@
 //! what impacts cost. With the work of the forces that have no potential the balance of a run is
 //!
 //! ```text
-//! E(t) - E(0) = work - friction - impacts + defect
+//! E(t) - E(0) = work - friction - viscosity - impacts + defect
 //! ```
 //!
 //! and the defect, which an exact solution does not have, measures the discretisation.
@@ -30,6 +30,9 @@ pub struct Energy {
     pub work_of_forces: f64,
     /// Dissipated by friction; negative where a moving surface drives.
     pub dissipated_by_friction: f64,
+    /// Dissipated by viscosity; absent where there is none.
+    #[serde(skip_serializing_if = "is_none")]
+    pub dissipated_by_viscosity: f64,
     /// Lost in impacts.
     pub lost_in_impacts: f64,
     /// What the balance lacks at the end: the change of energy less the work, plus what was dissipated and lost.
@@ -75,7 +78,12 @@ impl Energy {
     pub fn close(&mut self, kinetic: f64, potential: f64) {
         (self.kinetic_at_end, self.potential_at_end) = (kinetic, potential);
         let change = (kinetic - self.kinetic_at_start) + (potential - self.potential_at_start);
-        self.defect = change - self.work_of_forces + self.dissipated_by_friction + self.lost_in_impacts;
+        let dissipated = self.dissipated_by_friction + self.dissipated_by_viscosity + self.lost_in_impacts;
+        self.defect = change - self.work_of_forces + dissipated;
         self.largest_defect = self.largest_defect.max(self.defect.abs());
     }
+}
+
+fn is_none(energy: &f64) -> bool {
+    *energy == 0.0
 }

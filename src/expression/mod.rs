@@ -23,6 +23,7 @@ mod operator;
 mod power;
 mod scope;
 mod structure;
+mod substitution;
 mod tape;
 #[cfg(test)]
 mod tests;

@@ -2,7 +2,9 @@
 //! names that their columns go by.
 
 pub mod circuit;
+pub mod elastic;
 pub mod filippov;
+pub mod finite_elements;
 mod linear;
 mod mechanical;
 mod mechanical_model;

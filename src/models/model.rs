@@ -5,6 +5,7 @@ use super::{Linear, MechanicalModel, Outputs, Symbolic};
 use crate::analysis::{Analysis, analyse};
 use crate::problem::{Dvi, Structure};
 use crate::solution::Warning;
+use std::ops::Range;
 
 /// What a specification comes to.
 #[derive(Clone, Debug)]
@@ -33,6 +34,15 @@ impl Model {
             Self::Dvi(model) => model.names().cloned().collect(),
             Self::Mechanical(model) => model.output_names.clone(),
             Self::RigidBodies(scene) => scene.output_names(),
+        }
+    }
+
+    /// The outputs that are kept where nothing is asked for, as places in their names.
+    pub fn default_outputs(&self) -> Range<usize> {
+        let all = self.output_names().len();
+        match self {
+            Self::Dvi(model) if model.outputs.stand_for_unknowns => all - model.outputs.names.len()..all,
+            _ => 0..all,
         }
     }
 

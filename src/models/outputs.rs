@@ -1,20 +1,47 @@
 //! Outputs that are neither states nor variables but functions of them, `w(t, x, z)`.
 
+use super::elastic::EnergyForm;
 use crate::expression::{Graph, Node, Tape};
 
-/// Further outputs by name; none by default.
+/// Further outputs by name; none unless they are given.
 #[derive(Clone, Debug, Default)]
 pub struct Outputs {
     /// Their names.
     pub names: Vec<String>,
     values: Tape,
     inputs: Vec<f64>,
+    /// The energies, whose names are the last; none where the problem has none.
+    energy: Option<EnergyForm>,
+    /// Whether they are kept in place of the unknowns where nothing is asked for: the unknowns are many.
+    pub stand_for_unknowns: bool,
 }
+
+/// The names of the energies.
+const ENERGIES: [&str; 2] = ["kinetic_energy", "potential_energy"];
 
 impl Outputs {
     /// Compiles nodes whose inputs are `t`, then `x`, then `z`, one for each name; `unknowns` is the length of `(x, z)`.
     pub fn new(graph: &Graph, names: Vec<String>, nodes: &[Node], unknowns: usize) -> Self {
-        Self { names, values: Tape::compile(graph, nodes), inputs: vec![0.0; 1 + unknowns] }
+        Self {
+            names,
+            values: Tape::compile(graph, nodes),
+            inputs: vec![0.0; 1 + unknowns],
+            energy: None,
+            stand_for_unknowns: false,
+        }
+    }
+
+    /// The same with the energies behind them, in place of the unknowns where nothing is asked for.
+    pub fn with_energy(mut self, energy: EnergyForm) -> Self {
+        self.names.extend(ENERGIES.map(String::from));
+        self.energy = Some(energy);
+        self.stand_for_unknowns = true;
+        self
+    }
+
+    /// The energies, where the problem has them.
+    pub fn energy(&self) -> Option<&EnergyForm> {
+        self.energy.as_ref()
     }
 
     /// Writes their values behind `(x, z)` in `y`.
@@ -25,6 +52,14 @@ impl Outputs {
         let (unknowns, values) = y.split_at_mut(self.inputs.len() - 1);
         self.inputs[0] = t;
         self.inputs[1..].copy_from_slice(unknowns);
+        let values = match &self.energy {
+            Some(energy) => {
+                let (values, energies) = values.split_at_mut(values.len() - ENERGIES.len());
+                (energies[0], energies[1]) = energy.at(unknowns);
+                values
+            }
+            None => values,
+        };
         self.values.evaluate(&self.inputs, values);
     }
 }

@@ -29,6 +29,8 @@ pub struct Layout {
     pub mass: Vec<(usize, f64)>,
     /// Whether a row is one of the rates: `M` has an entry there.
     pub is_rate: Vec<bool>,
+    /// Whether a state has a mass: `M` has an entry in its column.
+    pub has_mass: Vec<bool>,
     /// The place of each entry of the problem's pattern; of a moving bound, in the row of its variable.
     pub jacobian: Vec<usize>,
     /// The place of the diagonal of each bounded variable.
@@ -109,14 +111,17 @@ impl Layout {
             }
         };
         let mut is_rate = vec![false; unknowns];
-        mass.iter().for_each(|&(i, _, _)| is_rate[i] = true);
+        let mut has_mass = vec![false; n];
+        for &(i, j, _) in &mass {
+            (is_rate[i], has_mass[j]) = (true, true);
+        }
         let mass = mass.iter().map(|&(i, j, value)| (place((i, j)), value)).collect();
         let (jacobian, diagonal) = (jacobian.map(place).collect(), diagonal.map(place).collect());
         let all = |pairs: Vec<Vec<(usize, usize)>>| -> Vec<Vec<usize>> {
             pairs.into_iter().map(|pairs| pairs.into_iter().map(place).collect()).collect()
         };
         let (spread, own) = (all(spread), all(own));
-        Ok(Self { unknowns, storage, places, mass, is_rate, jacobian, diagonal, spread, own })
+        Ok(Self { unknowns, storage, places, mass, is_rate, has_mass, jacobian, diagonal, spread, own })
     }
 
     /// Multiplies each row of the matrix in these places by its factor.

@@ -12,6 +12,8 @@ pub struct NewtonControl {
     pub kappa: f64,
     /// The most iterations.
     pub most: usize,
+    /// What rounding may have left in each component of `y` in the last step: at a switch, that in its time as well.
+    pub rounding: Vec<f64>,
     /// The size of each component of `y` at the beginning of the step, beside which rounding errors are measured.
     pub size: Vec<f64>,
     /// The bound on `|G_i|` of bounded variables inside their interval, relative to the size of its terms.
@@ -27,8 +29,13 @@ impl NewtonControl {
     /// method lets pass makes of it.
     pub fn noise_of_g(&self, system: &System<'_>, k: usize, y: &[f64]) -> f64 {
         let terms = system.terms(k, |j| self.size[j].max(y[j].abs()));
-        let passed = system.terms(k, |j| if j < system.states { self.kappa / self.weight[j] } else { 0.0 });
+        let passed = system.terms(k, |j| self.passed(system, j));
         (self.vi_tolerance * terms).max(passed).max(UNDERFLOW)
+    }
+
+    /// An error of state `j` that Newton's method or rounding lets pass; none of variables.
+    fn passed(&self, system: &System<'_>, j: usize) -> f64 {
+        if j < system.states { (self.kappa / self.weight[j]).max(self.rounding[j]) } else { 0.0 }
     }
 
     /// The size below which a distance of variable `k` at `y` from a bound is noise, likewise.
@@ -51,9 +58,19 @@ impl NewtonControl {
     /// The size below which the distance of the bounds of variable `k` at `y` is noise, likewise.
     pub fn noise_of_width(&self, system: &System<'_>, k: usize, y: &[f64]) -> f64 {
         let at = system.states + k;
-        let passed = system.terms_of_bounds(k, |j| if j < system.states { self.kappa / self.weight[j] } else { 0.0 });
+        let passed = system.terms_of_bounds(k, |j| self.passed(system, j));
         (self.vi_tolerance * self.size[at].max(y[at].abs())).max(passed)
     }
+}
+
+/// `sqrt(sum x^2 / count)` of `terms`, of which the `sum` of squares is known; where that overflows, what the largest of
+/// them alone gives.
+pub fn mean_square_root(sum: f64, count: usize, terms: impl Iterator<Item = f64>) -> f64 {
+    if sum < f64::INFINITY {
+        return (sum / count as f64).sqrt();
+    }
+    let larger = |most: f64, x: f64| if x.abs() > most || x.is_nan() { x.abs() } else { most };
+    terms.fold(0.0, larger) / (count as f64).sqrt()
 }
 
 /// The sizes below which what is measured on a block is noise.

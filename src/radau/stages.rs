@@ -3,7 +3,7 @@
 
 use super::face::{Monitor, Place, monitors};
 use super::factors::Factors;
-use super::newton_control::NewtonControl;
+use super::newton_control::{NewtonControl, mean_square_root};
 use super::settings::Cause;
 use super::system::System;
 use super::tableau::Tableau;
@@ -175,7 +175,8 @@ impl Stages {
             }
         }
         combine(&tableau.t, &self.w, &mut self.z, n);
-        Some((sum / (s * n) as f64).sqrt())
+        let terms = self.right[..s * n].chunks_exact(n).flat_map(|row| row.iter().zip(weight).map(|(dw, w)| dw * w));
+        Some(mean_square_root(sum, s * n, terms))
     }
 
     /// Newton's method on the present face from the `Z` at hand, with `W = T^-1 Z`.
@@ -264,14 +265,9 @@ impl Stages {
     /// The weighted norm of `y` over the stages.
     pub fn size(&self, y0: &[f64], weight: &[f64], s: usize) -> f64 {
         let n = self.unknowns;
-        let mut sum = 0.0;
-        for z in self.z[..s * n].chunks_exact(n) {
-            for ((y0, z), weight) in y0.iter().zip(z).zip(weight) {
-                let y = (y0.abs() + z.abs()) * weight;
-                sum += y * y;
-            }
-        }
-        (sum / (s * n) as f64).sqrt()
+        let stages = self.z[..s * n].chunks_exact(n);
+        let terms = stages.flat_map(|z| y0.iter().zip(z).zip(weight).map(|((y0, z), w)| (y0.abs() + z.abs()) * w));
+        mean_square_root(terms.clone().map(|y| y * y).sum(), s * n, terms)
     }
 
     /// Evaluates `Phi` at every stage and judges the bounded variables there; `None` if a number is not finite.

@@ -131,6 +131,7 @@ impl<'p> Radau<'p> {
         system.project(&mut y);
         let control = NewtonControl {
             weight: vec![0.0; unknowns],
+            rounding: vec![0.0; unknowns],
             size: vec![0.0; unknowns],
             kappa: 0.0,
             most: 0,
@@ -364,7 +365,10 @@ impl<'p> Radau<'p> {
             let taken = self.t - t;
             self.lag = (t - (self.t - taken)) + (step - taken);
         }
-        for (y, z) in self.y.iter_mut().zip(&self.stages.z[(s - 1) * n..s * n]) {
+        let clock = if self.switching.ends_at_switch() { 8.0 * (self.t.abs() + h) / h } else { 0.0 };
+        let ends = self.stages.z[(s - 1) * n..s * n].iter().zip(&mut self.control.rounding);
+        for (y, (z, rounding)) in self.y.iter_mut().zip(ends) {
+            *rounding = f64::EPSILON * (4.0 * y.abs().max(z.abs()) + clock * z.abs());
             *y += z;
         }
         self.counts.accepted += 1;

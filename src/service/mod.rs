@@ -5,6 +5,7 @@ pub mod http;
 pub mod jobs;
 mod metrics;
 mod options;
+mod page;
 mod server;
 
 pub use options::Options;

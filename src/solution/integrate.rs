@@ -1,5 +1,6 @@
 //! A differential variational inequality from start to end by Radau IIA: its failures, switches and evidence by name.
 
+use super::energy_balance::EnergyBalance;
 use super::run::{Ended, Plan, Stepper, run_to_end};
 use super::{
     Contraction, Diagnostics, Evaluations, Event, EventKind, Face, Failure, Solution, Status, Steps, Tried, ViCounts,
@@ -46,7 +47,8 @@ pub(super) fn integrate_once(
             .map_err(failed)?;
         // Where the run begins is no switch.
         radau.take_switches();
-        Ok(Course { radau, plan, outputs: model.outputs.clone() })
+        let balance = model.outputs.energy().map(|form| EnergyBalance::new(form.clone(), &radau));
+        Ok(Course { radau, plan, outputs: model.outputs.clone(), balance })
     })
 }
 
@@ -55,6 +57,7 @@ struct Course<'p> {
     radau: Radau<'p>,
     plan: &'p Plan,
     outputs: Outputs,
+    balance: Option<EnergyBalance>,
 }
 
 impl Stepper for Course<'_> {
@@ -95,10 +98,14 @@ impl Stepper for Course<'_> {
 
     fn observe(&mut self, switched: bool, diagnostics: &mut Diagnostics) {
         judge(&mut self.radau, self.plan, switched, diagnostics);
+        if let Some(balance) = &mut self.balance {
+            balance.step(&mut self.radau);
+        }
     }
 
     fn finish(&mut self, diagnostics: &mut Diagnostics) {
         count(&mut self.radau, self.plan, diagnostics);
+        diagnostics.energy = self.balance.as_ref().map(|balance| balance.energy);
     }
 }
 

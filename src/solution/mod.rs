@@ -3,6 +3,7 @@
 mod contact;
 mod diagnostics;
 pub mod encodings;
+mod energy_balance;
 mod excerpt;
 mod global_error;
 mod integrate;

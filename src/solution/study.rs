@@ -4,7 +4,7 @@ use super::Status;
 use serde::{Deserialize, Serialize};
 
 /// What a study found.
-#[derive(Clone, Debug, Default, Serialize)]
+#[derive(Clone, Debug, Default, Deserialize, Serialize)]
 pub struct Study {
     /// What the errors are measured against.
     pub reference: String,

@@ -67,7 +67,7 @@ impl Specification {
             let absolute_tolerances = method.absolute_tolerances(&model.state_names(), &place, &mut found);
             let names = model.output_names();
             let names: Vec<&str> = names.iter().map(String::as_str).collect();
-            let output_fields = output.fields(&names, &place_of_output, &mut found);
+            let output_fields = output.fields(&names, model.default_outputs(), &place_of_output, &mut found);
             if let Some(model) = model.dvi() {
                 check_solver(&model.structure().set, method.vi_solver, &place, &mut found);
             }
@@ -183,6 +183,7 @@ fn lower(problem: &Problem, start: Option<f64>, errors: &mut Errors) -> Option<M
         Problem::RigidBodies(problem) => problem.bodies.len(),
         Problem::Filippov(problem) => problem.states.len() + problem.variables(),
         Problem::Circuit(problem) => problem.components.as_ref().map_or(0, Vec::len),
+        Problem::Elastic(problem) => problem.unknowns(),
     };
     let place = place.key(problem.name());
     if unknowns > MOST_UNKNOWNS {
@@ -197,6 +198,7 @@ fn lower(problem: &Problem, start: Option<f64>, errors: &mut Errors) -> Option<M
         Problem::RigidBodies(problem) => problem.lower(&place, start),
         Problem::Filippov(problem) => problem.lower(&place, start),
         Problem::Circuit(problem) => problem.lower(&place, start),
+        Problem::Elastic(problem) => problem.lower(&place, start),
     };
     errors.append(found);
     model

@@ -2,6 +2,7 @@
 
 use super::circuit::CircuitProblem;
 use super::dvi::DviProblem;
+use super::elastic::ElasticProblem;
 use super::expression::Expression;
 use super::filippov::FilippovProblem;
 use super::lcs::LcsProblem;
@@ -56,6 +57,8 @@ pub enum Problem {
     Filippov(FilippovProblem),
     /// An electrical circuit with ideal diodes and switches, in components or as a netlist.
     Circuit(CircuitProblem),
+    /// An elastic or viscoelastic body in dynamic contact with obstacles.
+    Elastic(Box<ElasticProblem>),
 }
 
 impl Problem {
@@ -68,6 +71,7 @@ impl Problem {
             Self::RigidBodies(_) => "rigid_bodies",
             Self::Filippov(_) => "filippov",
             Self::Circuit(_) => "circuit",
+            Self::Elastic(_) => "elastic",
         }
     }
 }
@@ -108,6 +112,7 @@ impl Problem {
             Self::RigidBodies(_) => ("rigid_bodies", &NO_PARAMETERS),
             Self::Filippov(problem) => ("filippov", &problem.parameters),
             Self::Circuit(problem) => ("circuit", &problem.parameters),
+            Self::Elastic(problem) => ("circuit", &problem.parameters),
         }
     }
 }

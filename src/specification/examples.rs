@@ -20,6 +20,7 @@ pub struct Example {
 
 /// Every file of `api/examples`.
 pub const EXAMPLES: &[Example] = examples! {
+    "bar_impact"
     "bottleneck"
     "bouncing_ball"
     "buck_converter"
@@ -42,8 +43,10 @@ pub const EXAMPLES: &[Example] = examples! {
     "rocking_block"
     "rolling_ball"
     "sliding_mode"
+    "string_obstacle"
     "switching_circle"
     "three_regions"
     "van_der_pol"
+    "viscoelastic_block"
     "woodpecker"
 };

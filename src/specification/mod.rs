@@ -13,6 +13,7 @@ mod circuit;
 mod deserializer;
 mod document;
 mod dvi;
+mod elastic;
 mod error;
 mod examples;
 mod expression;
@@ -31,6 +32,7 @@ mod output;
 mod parameters;
 mod place;
 mod plan;
+mod range;
 mod reading;
 mod repairs;
 mod rigid_bodies;
@@ -51,6 +53,9 @@ pub use circuit::{
 };
 pub use document::{Document, Limits, Problem, Time};
 pub use dvi::{DviProblem, State, Variable};
+pub use elastic::{
+    BarBody, BoxBody, ElasticBody, ElasticContact, ElasticProblem, ElasticStart, PlaneLaw, RectangleBody, StringBody,
+};
 pub use error::SpecificationError;
 pub use examples::{EXAMPLES, Example};
 pub use expression::Expression;

@@ -9,6 +9,7 @@ use super::wording::{abridged, listed};
 use crate::expression::nearest;
 use serde::Deserialize;
 use std::collections::HashMap;
+use std::ops::Range;
 use utoipa::ToSchema;
 
 /// What is kept of the trajectory. Nothing that is not asked for is computed or stored.
@@ -18,7 +19,8 @@ pub struct Output {
     /// The times to report at. Default `"steps"`.
     #[serde(default)]
     pub times: Times,
-    /// The states and variables to keep, by name. Default all.
+    /// The states, variables and further outputs to keep, by name. Default all; of problems in space, those that tell of
+    /// the whole.
     pub fields: Option<Vec<String>>,
     /// Estimate the error of the states at the end, by a second, more accurate run: about twice the work.
     #[serde(default)]
@@ -71,8 +73,14 @@ impl Output {
     }
 
     /// The places in `(x, z)` of the fields to keep.
-    pub(super) fn fields(&self, names: &[&str], place: &Place<'_>, errors: &mut Errors) -> Vec<usize> {
-        let Some(fields) = &self.fields else { return (0..names.len()).collect() };
+    pub(super) fn fields(
+        &self,
+        names: &[&str],
+        default: Range<usize>,
+        place: &Place<'_>,
+        errors: &mut Errors,
+    ) -> Vec<usize> {
+        let Some(fields) = &self.fields else { return default.collect() };
         let place = place.key("fields");
         let positions: HashMap<&str, usize> = names.iter().copied().zip(0..).collect();
         let mut taken = vec![false; names.len()];

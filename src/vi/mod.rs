@@ -100,6 +100,16 @@ impl Accuracy {
         self.componentwise < other.componentwise
     }
 
+    /// Whether a point is better: far from a solution by its residual, where all rows are equal; among solutions by its worst
+    /// row, which the residual does not see where the terms of that row are small. False also if this is NaN.
+    fn improves_on(&self, other: &Self) -> bool {
+        match (self.is_solved(), other.is_solved()) {
+            (true, true) => self.is_closer_than(other),
+            (false, false) => self.residual < other.residual,
+            (solved, _) => solved,
+        }
+    }
+
     fn report(&self, failure: Outcome, iterations: usize) -> Report {
         let outcome = if self.is_solved() { Outcome::Solved } else { failure };
         Report { outcome, residual: self.residual, iterations }
@@ -123,7 +133,8 @@ impl AffineVi<'_> {
     }
 
     /// Scales `S` that bring `z` and `S w` to one unit: the inverse of the largest entry of `A` within a block, or else
-    /// within its rows; one where those are zero.
+    /// within its rows; one where those are zero. Where `q` alone moves a point further than across the block the scale is
+    /// that which moves it so far: a projection from far away loses its digits.
     fn scales(&self, scale: &mut Vec<f64>) {
         let m = self.q.len();
         let inverse = |largest: f64| if largest > 0.0 { 1.0 / largest } else { 1.0 };
@@ -135,16 +146,12 @@ impl AffineVi<'_> {
             _ => 1.0,
         }));
         for block in self.set.blocks() {
-            let among = |i: usize| block.members.iter().fold(0.0_f64, |most, &j| most.max(self.matrix[(i, j)].abs()));
-            let own = block.members.iter().fold(0.0_f64, |most, &i| most.max(among(i)));
-            let all = || block.members.iter().fold(0.0_f64, |most, &i| most.max(row(i)));
-            let s = match if own > 0.0 { own } else { all() } {
-                // Nothing but the forces tells: they are to move a point across the block.
-                0.0 => {
-                    block.shape.size() * inverse(block.members.iter().fold(0.0, |most, &i| most.max(self.q[i].abs())))
-                }
-                largest => inverse(largest),
-            };
+            let over = |size: &dyn Fn(usize) -> f64| block.members.iter().fold(0.0_f64, |most, &i| most.max(size(i)));
+            let own = over(&|i| over(&|j| self.matrix[(i, j)].abs()));
+            let largest = if own > 0.0 { own } else { over(&row) };
+            let across = block.shape.size().unwrap_or(if largest > 0.0 { f64::INFINITY } else { 1.0 });
+            let force = over(&|i| self.q[i].abs());
+            let s = if largest * across > force || force == 0.0 { inverse(largest) } else { across / force };
             block.members.iter().for_each(|&i| scale[i] = s);
         }
     }

@@ -3,6 +3,7 @@
 
 mod circuits;
 mod documents;
+mod elastic;
 mod equations;
 mod examples;
 mod filippov;

@@ -4,6 +4,7 @@
 mod certificates;
 mod circuits;
 mod contact;
+mod elastic;
 mod filippov;
 mod friction;
 mod global_error;

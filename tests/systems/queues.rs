@@ -2,6 +2,7 @@
 
 use crate::systems::harness::{distance, last, solve};
 use crate::systems::reference::example;
+use serde_json::json;
 
 #[test]
 fn two_queues_in_tandem_follow_the_reflection_map() {
@@ -34,5 +35,19 @@ fn commuters_leave_as_vickrey_says() {
     };
     for exact in [first, on_time, last_arrival] {
         assert!(nearest(exact) < 1e-8, "no switch within {:e} of {exact}", nearest(exact));
+    }
+}
+
+#[test]
+fn all_commuters_arrive_where_newtons_method_steps_over_the_switches() {
+    let mut specification = example("bottleneck");
+    for exponent in [5, 6, 7, 8, 9] {
+        let rtol = 10.0_f64.powi(-exponent);
+        specification["method"] = json!({"rtol": rtol, "switches": "step_over", "vi_solver": "semismooth_newton"});
+        let solution = solve(&specification);
+        for name in ["departed", "arrived"] {
+            let error = (last(&solution, name) - 6000.0).abs();
+            assert!(error < 100.0 * rtol * 6000.0, "rtol {rtol:e}: {error:e} of 6000 have not {name}");
+        }
     }
 }

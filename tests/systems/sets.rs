@@ -94,6 +94,23 @@ fn a_square_is_the_same_as_a_box_and_as_a_polyhedron() {
 }
 
 #[test]
+fn forces_from_a_polyhedron_are_those_of_a_vertex_however_short_the_steps_are() {
+    // max v . (u, w) over the triangle at v = (1, 1/2), as long as v hardly changes.
+    for step in [1e-2, 1e-5, 1e-8, 1e-11, 1e-14] {
+        for solver in ["auto", "semismooth_newton"] {
+            let solution = solve(&json!({"problem": {"dvi": {
+                "states": {"v": {"initial": 1, "rate": "-u"}, "q": {"initial": 0.5, "rate": "-w"}},
+                "variables": {"u": {"inequality": "-v"}, "w": {"inequality": "-q"}},
+                "set": [{"polyhedron": {"of": ["u", "w"], "A": [[1, 2], [-3, 1], [1, -3]], "b": [2, 0.3, 0.4]}}]}},
+                "time": {"end": 10.0 * step}, "method": {"step": step, "vi_solver": solver}}));
+            for (name, value) in [("u", 1.36), ("w", 0.32)] {
+                assert!((last(&solution, name) - value).abs() < 1e-12, "{solver}, step {step:e}: {name}");
+            }
+        }
+    }
+}
+
+#[test]
 fn a_point_held_in_a_cone_slides_down_its_side() {
     // Gravity along -s, the cone s >= |v| itself as the unilateral constraint on velocities: from rest inside the
     // boundary the fall is free, on the boundary the multiplier of the cone carries half of it.

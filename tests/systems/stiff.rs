@@ -54,18 +54,16 @@ fn errors_are_a_few_tolerances_at_any_tolerance() {
     let problems = read("tests/reference/smooth.json")["problems"].take();
     for problem in problems.as_array().expect("problems") {
         let name = problem["name"].as_str().expect("a name");
-        // The pendulum with its constraint differentiated twice leaves its circle with the square of time; it is held to
-        // its reference in the form that does not.
-        if name == "pend_i1" {
-            continue;
-        }
+        // The pendulum with its constraint differentiated twice leaves its circle with the square of time: by the
+        // variational equations a change of `y3` by `rtol` at the start alone changes the end by 152 of them.
+        let bound = if name == "pend_i1" { 152.0 } else { 30.0 };
         // Codes have ended in NaN on the ring modulator and called it success.
-        let exponents = if name == "ring" { 3..=9 } else { 3..=10 };
+        let exponents = if name == "ring" { 3..=9 } else { 3..=11 };
         for exponent in exponents {
             let rtol = 10.0_f64.powi(-exponent);
             let error = error(problem, rtol);
             println!("{name} rtol {rtol:e}: {error:.3}");
-            assert!(error <= 30.0, "{name} at rtol {rtol:e}: error {error} rtol");
+            assert!(error <= bound, "{name} at rtol {rtol:e}: error {error} rtol");
         }
     }
 }

@@ -107,12 +107,16 @@ impl Shape {
         }
     }
 
-    /// A length by which the block is measured: the radius of a ball; one where the shape has none of its own.
-    pub fn size(&self) -> f64 {
-        match self {
-            Shape::Ball { radius } if *radius > 0.0 => *radius,
-            _ => 1.0,
-        }
+    /// A length by which the block is measured, unless it is a cone: the radius of a ball, the side of a simplex, the largest
+    /// distance of a row of a polyhedron from the origin.
+    pub fn size(&self) -> Option<f64> {
+        let size = match self {
+            Shape::Ball { radius } => *radius,
+            Shape::Simplex => 1.0,
+            Shape::SecondOrderCone => 0.0,
+            Shape::Polyhedron(polyhedron) => polyhedron.reach(),
+        };
+        (size > 0.0).then_some(size)
     }
 
     /// Whether the block is bounded: whether only zero recedes.

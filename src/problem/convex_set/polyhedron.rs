@@ -55,6 +55,11 @@ impl Polyhedron {
         self.offsets[i]
     }
 
+    /// The largest distance of a row's plane from the origin.
+    pub(super) fn reach(&self) -> f64 {
+        self.offsets.iter().fold(0.0, |most, b| b.abs().max(most))
+    }
+
     /// The dimension of the space.
     pub fn dimension(&self) -> usize {
         self.dimension

@@ -17,6 +17,7 @@
 //! Newton's method leaves of these does not shrink with the step, and would hold up the run.
 
 use super::{Method, Radau};
+use crate::radau::newton_control::mean_square_root;
 
 /// The tolerances that one step may err by where its order is reduced.
 const STIFF: f64 = 3.0;
@@ -120,6 +121,6 @@ impl Radau<'_> {
 
 /// The root of the mean square of `e`, weighted.
 fn rms(e: &[f64], weight: &[f64]) -> f64 {
-    let sum: f64 = e.iter().zip(weight).map(|(e, w)| (e * w) * (e * w)).sum();
-    (sum / e.len() as f64).sqrt()
+    let terms = e.iter().zip(weight).map(|(e, w)| e * w);
+    mean_square_root(terms.clone().map(|e| e * e).sum(), e.len(), terms)
 }

@@ -34,10 +34,10 @@ mod status;
 pub use openapi::description;
 pub use problem::{Kind, Problem};
 
-use super::Options;
 use super::access::Tokens;
 use super::jobs::Jobs;
 use super::metrics::Metrics;
+use super::{Options, page};
 use axum::Router;
 use axum::http::{HeaderName, HeaderValue, Method, Uri, header};
 use axum::middleware::{from_fn, from_fn_with_state};
@@ -106,6 +106,7 @@ fn open() -> OpenApiRouter<Shared> {
 pub fn router(shared: Shared) -> Router {
     let authorize = from_fn_with_state(shared.clone(), access::authorize);
     Router::from(work().route_layer(authorize).merge(open()))
+        .merge(page::routes())
         .fallback(nothing_here)
         .method_not_allowed_fallback(no_such_method)
         .layer(CatchPanicLayer::custom(panicked))

@@ -10,6 +10,7 @@ use crate::specification::error::SpecificationError;
 use crate::specification::expression::Expression;
 use crate::specification::lowering::Lowering;
 use crate::specification::place::Place;
+use crate::specification::range;
 use crate::specification::wording::{abridged, listed};
 use nalgebra::{Isometry3, Matrix3, Quaternion, UnitQuaternion, Vector3};
 use serde::Deserialize;
@@ -157,8 +158,8 @@ impl RigidBody {
             return None;
         };
         let mass = match (&self.mass, &self.density) {
-            (Some(mass), None) => vectors::positive(mass, "mass", &place.key("mass"), lowering),
-            (None, Some(density)) => vectors::positive(density, "density", &place.key("density"), lowering) * volume,
+            (Some(mass), None) => range::positive(mass, "mass", &place.key("mass"), lowering),
+            (None, Some(density)) => range::positive(density, "density", &place.key("density"), lowering) * volume,
             (given, _) => {
                 let detail = if given.is_some() { "both mass and density are given" } else { "no mass is given" };
                 let error = SpecificationError::new(place.to_string(), "mass_or_density", detail);
@@ -177,7 +178,7 @@ impl RigidBody {
 
 /// Principal moments: each above zero, and none above the sum of the others.
 fn principal(moments: &Vector, place: &Place<'_>, lowering: &mut Lowering) -> Option<Vector3<f64>> {
-    let value = Vector3::from_fn(|i, _| vectors::positive(&moments[i], "moment of inertia", &place.index(i), lowering));
+    let value = Vector3::from_fn(|i, _| range::positive(&moments[i], "moment of inertia", &place.index(i), lowering));
     let excess = 2.0 * value.max() - value.sum();
     if excess > 1e-9 * value.sum() {
         let detail = format!("the moment {} is greater than the sum of the two others, by {excess}", value.max());

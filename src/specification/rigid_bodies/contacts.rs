@@ -1,6 +1,5 @@
 //! What holds where bodies touch: friction and restitution, by pairs of materials.
 
-use super::vectors::in_range;
 use super::{Expression, Ordered};
 use crate::contact::law::Cone;
 use crate::expression::nearest;
@@ -9,6 +8,7 @@ use crate::specification::error::SpecificationError;
 use crate::specification::lowering::Lowering;
 use crate::specification::mechanical::ConeName;
 use crate::specification::place::Place;
+use crate::specification::range::in_range;
 use crate::specification::wording::{abridged, listed};
 use serde::Deserialize;
 use utoipa::ToSchema;

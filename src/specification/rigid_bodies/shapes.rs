@@ -6,6 +6,7 @@ use crate::specification::error::SpecificationError;
 use crate::specification::expression::Expression;
 use crate::specification::lowering::Lowering;
 use crate::specification::place::Place;
+use crate::specification::range;
 use nalgebra::Vector3;
 use serde::Deserialize;
 use utoipa::ToSchema;
@@ -103,7 +104,7 @@ impl RigidShape {
     /// The shape, if it is one.
     pub(super) fn lower(&self, place: &Place<'_>, lowering: &mut Lowering) -> Option<Shape> {
         let length = |value: &Expression, place: &Place<'_>, key: &str, lowering: &mut Lowering| {
-            vectors::positive(value, key, &place.key(key), lowering)
+            range::positive(value, key, &place.key(key), lowering)
         };
         match self {
             Self::Sphere(sphere) => {
@@ -124,7 +125,7 @@ impl RigidShape {
                 let (place, size) = (place.key("box"), &cuboid.size);
                 let place = place.key("size");
                 let side =
-                    |i: usize, lowering: &mut Lowering| vectors::positive(&size[i], "side", &place.index(i), lowering);
+                    |i: usize, lowering: &mut Lowering| range::positive(&size[i], "side", &place.index(i), lowering);
                 let half = Vector3::new(side(0, lowering), side(1, lowering), side(2, lowering)) * 0.5;
                 Some(Shape::Polyhedron(Polyhedron::cuboid(half)))
             }

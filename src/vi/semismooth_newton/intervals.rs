@@ -20,7 +20,7 @@ use crate::problem::Control;
 use crate::vi::elimination::solve_augmented;
 use crate::vi::equilibration::Equilibration;
 use crate::vi::fischer_burmeister::psi;
-use crate::vi::{Accuracy, AffineVi, EXACT, Outcome, Report, is_interrupted};
+use crate::vi::{Accuracy, AffineVi, EXACT, Outcome, Report, TOLERANCE, is_interrupted};
 use nalgebra::DMatrixViewMut;
 
 /// Newton steps; practical problems take five to thirty.
@@ -112,8 +112,9 @@ impl IntervalNewton {
         let mut iterations = 0;
         let mut converging = true;
         let mut failure = Outcome::Limit;
-        // A solved problem is worth further steps as long as they converge fast.
-        while iterations < ITERATIONS && best.componentwise > EXACT && (converging || !best.is_solved()) {
+        // A problem solved in every row is worth further steps as long as they converge fast; one solved but for rows
+        // whose terms are small beside those of the others, as long as there are any.
+        while iterations < ITERATIONS && best.componentwise > EXACT && (converging || best.componentwise > TOLERANCE) {
             if is_interrupted(control, iterations) {
                 failure = Outcome::Interrupted;
                 break;
@@ -127,7 +128,7 @@ impl IntervalNewton {
                 break;
             }
             let found = self.offer(vi, z, Some(best));
-            converging = found.residual <= FAST * best.residual;
+            converging = found.residual <= FAST * best.residual || found.componentwise <= FAST * best.componentwise;
             best = found;
         }
         if best.residual.is_nan() {
@@ -195,7 +196,7 @@ impl IntervalNewton {
         let [w, terms] = &mut self.work;
         let found = vi.measure(&self.candidate, w, terms);
         match best {
-            Some(best) if found.residual.is_nan() || found.residual >= best.residual => best,
+            Some(best) if !found.improves_on(&best) => best,
             _ => {
                 z.copy_from_slice(&self.candidate);
                 found

@@ -26,6 +26,19 @@ fn solve(problem: &Problem, solver: &mut dyn ViSolver) -> Vec<f64> {
 }
 
 #[test]
+fn forces_that_a_matrix_hardly_opposes_push_to_a_vertex() {
+    // max z1 + z2/2 over a triangle: its vertices are (1.36, 0.32), (0.2, 0.9) and (-0.1625, -0.1875).
+    let rows = [1.0, 2.0, -3.0, 1.0, 1.0, -3.0];
+    let triangle = Polyhedron::new(2, &rows, &[2.0, 0.3, 0.4]).expect("a triangle");
+    for scale in [1e-2, 1e-5, 1e-8, 1e-11, 1e-14, 1e-17, 0.0] {
+        let matrix = DMatrix::from_row_slice(2, 2, &[2.0, 1.0, -1.0, 1.0]) * scale;
+        let problem = Problem::new(matrix, vec![-1.0, -0.5], block(2, Shape::Polyhedron(triangle.clone())));
+        let z = solve(&problem, &mut SemismoothNewton::new(2));
+        assert!(largest_difference(&z, &[1.36, 0.32]) < 1e-13, "{scale:e}: {z:?}");
+    }
+}
+
+#[test]
 fn a_projection_is_the_answer_where_the_matrix_is_the_identity() {
     let mut random = Random(20);
     for m in 1..30 {

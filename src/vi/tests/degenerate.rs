@@ -36,6 +36,15 @@ fn kostrevas_example_does_not_cycle() {
 }
 
 #[test]
+fn a_row_in_a_small_unit_is_solved_beside_one_in_a_large_unit() {
+    // A rate that acts for an instant, beside a cost: zero misses the first row by 1e-15 of the terms of the second.
+    let matrix = DMatrix::from_row_slice(2, 2, &[1e-14, 8.0, 0.0, 1.0]);
+    for z in Problem::complementarity(matrix, vec![-2.5e-11, 4775.0]).solve_by_all() {
+        assert!(largest_difference(&z, &[2500.0, 0.0]) < 1e-9, "{z:?}");
+    }
+}
+
+#[test]
 fn contacts_that_share_a_body_have_one_motion() {
     // w = J (J^T z + v): the impulses z are not unique, the velocity J^T z + v is (strict convexity in it).
     let mut random = Random(3);

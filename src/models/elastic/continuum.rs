@@ -1,0 +1,122 @@
+//! A body on its grid: what its nodes carry, how they are loaded and held, and where they may come into contact.
+//!
+//! A displacement is numbered `node * components + component`.
+
+use super::Lame;
+use crate::expression::Node;
+use crate::factorisation::SparseMatrix;
+use crate::models::finite_elements::{Assembly, Element, Grid, Neighbours, Quadrature};
+
+/// A body before it is set in motion.
+#[derive(Clone, Debug)]
+pub struct Continuum {
+    /// Its grid.
+    pub grid: Grid,
+    /// The displacements of a node: as many as the grid has directions, one for a string.
+    pub components: usize,
+    /// Mass per volume; per length for a string, as the section of a bar is one.
+    pub density: f64,
+    /// Hooke's law.
+    pub lame: Lame,
+    /// The viscous stress is this time multiplied by the elastic stress of the rates; zero for an elastic body.
+    pub relaxation: f64,
+    /// The force on each displacement, in `t` alone.
+    pub loads: Vec<Node>,
+    /// Whether each displacement stays what it is at the start.
+    pub clamped: Vec<bool>,
+    /// What may come into contact, at most once on either side of a displacement; none of it is clamped.
+    pub contacts: Vec<ContactNode>,
+}
+
+/// A displacement that an obstacle bounds.
+#[derive(Clone, Debug)]
+pub struct ContactNode {
+    /// The displacement.
+    pub displacement: usize,
+    /// 1 if it is bounded above, -1 if below.
+    pub towards: f64,
+    /// How far it may go, in `t` alone.
+    pub gap: Node,
+    /// The displacements that carry its mass instead, in equal parts; not clamped, and in no contact.
+    pub carriers: Vec<usize>,
+    /// Coulomb's coefficient of friction; zero for none.
+    pub friction: f64,
+    /// The displacements along the obstacle that have a mass and are not clamped: at most two.
+    pub tangential: Vec<usize>,
+    /// The number of the side that it belongs to.
+    pub side: usize,
+}
+
+impl Continuum {
+    /// `K`, between all displacements.
+    pub fn stiffness(&self) -> SparseMatrix {
+        let local = self.lame.stiffness(&Element::of(&self.grid, Quadrature::Exact), self.components);
+        let mut assembly = Assembly::new(&self.grid, self.components, Neighbours::OfElements);
+        (0..self.grid.elements()).for_each(|element| assembly.add(element, 1.0, &local));
+        assembly.finish()
+    }
+
+    /// The mass that each displacement moves; zero where contact is possible.
+    pub fn masses(&self) -> Vec<f64> {
+        let share = self.density * self.volume_share();
+        let mut masses = vec![0.0; self.grid.nodes() * self.components];
+        for element in 0..self.grid.elements() {
+            for node in self.grid.corners(element) {
+                masses[node * self.components..(node + 1) * self.components].iter_mut().for_each(|m| *m += share);
+            }
+        }
+        for contact in &self.contacts {
+            let mass = std::mem::take(&mut masses[contact.displacement]);
+            contact.carriers.iter().for_each(|&carrier| masses[carrier] += mass / contact.carriers.len() as f64);
+        }
+        masses
+    }
+
+    /// What a corner has of the volume of its element.
+    fn volume_share(&self) -> f64 {
+        let element = Element::of(&self.grid, Quadrature::Nodal);
+        element.volume() / (1_u32 << self.grid.dimension()) as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::expression::Graph;
+    use crate::models::finite_elements::Axis;
+
+    #[test]
+    fn the_mass_of_contact_nodes_goes_inwards_and_none_is_lost() {
+        let mut graph = Graph::new();
+        let zero = graph.constant(0.0);
+        let axis = |upper, elements| Axis { lower: 0.0, upper, elements };
+        let grid = Grid::new(vec![axis(3.0, 3), axis(2.0, 2)]);
+        let contact = |node: usize| ContactNode {
+            displacement: 2 * node + 1,
+            towards: -1.0,
+            gap: zero,
+            carriers: vec![2 * (node + 4) + 1],
+            friction: 0.0,
+            tangential: Vec::new(),
+            side: 0,
+        };
+        let continuum = Continuum {
+            components: 2,
+            density: 5.0,
+            lame: Lame::solid(1.0, 0.3),
+            relaxation: 0.0,
+            loads: vec![zero; 24],
+            clamped: vec![false; 24],
+            contacts: (0..4).map(contact).collect(),
+            grid,
+        };
+        let masses = continuum.masses();
+        for component in 0..2 {
+            let total: f64 = masses.iter().skip(component).step_by(2).sum();
+            assert!((total - 30.0).abs() < 1e-12, "{component}: {total}");
+        }
+        // Along the obstacle the corner keeps a quarter of an element, towards it nothing.
+        assert_eq!((masses[0], masses[1]), (1.25, 0.0));
+        assert_eq!((masses[8], masses[9]), (2.5, 3.75));
+    }
+}

@@ -1,0 +1,122 @@
+//! The energies of a body, `T = sum m v^2 / 2` and `V = u^T K u / 2 - f^T u` with the loads that do not change, and what
+//! changes them:
+//!
+//! ```text
+//! d/dt (T + V) = f(t)^T u' - sum n r u_N' - u'^T C u' - q^T v
+//! ```
+//!
+//! with the loads that change, the forces of contact, which do work where an obstacle moves, and what viscosity and
+//! friction dissipate.
+
+use super::{Continuum, Place, Rough, Slip, Unknowns};
+use crate::expression::{Graph, Node, Tape};
+use crate::factorisation::SparseMatrix;
+use std::sync::Arc;
+
+/// Energies and powers as functions of time, `(x, z)` and the rates of the displacements in contact.
+#[derive(Clone, Debug)]
+pub struct EnergyForm {
+    places: Arc<[Place]>,
+    /// The mass of each displacement.
+    masses: Arc<[f64]>,
+    stiffness: Arc<SparseMatrix>,
+    relaxation: f64,
+    /// The constant load on each displacement.
+    loads: Arc<[f64]>,
+    /// The displacements with loads that change, and those with obstacles that move, with their forces.
+    driven: Vec<usize>,
+    forces: Tape,
+    slips: Arc<[Slip]>,
+}
+
+/// What changes the energy, by unit of time.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Power {
+    /// Of loads and of obstacles that move.
+    pub supplied: f64,
+    /// Dissipated by viscosity.
+    pub viscous: f64,
+    /// Dissipated by friction.
+    pub frictional: f64,
+}
+
+impl EnergyForm {
+    /// The energies of a body whose contacts press on it with these forces, in `t`, `x` and `z`.
+    pub fn new(
+        graph: &mut Graph,
+        continuum: &Continuum,
+        unknowns: &Unknowns,
+        (masses, stiffness): (&[f64], SparseMatrix),
+        (reactions, rough): (&[Node], &[Rough]),
+    ) -> Self {
+        let mut driven = Vec::new();
+        let mut forces = Vec::new();
+        for (d, &load) in continuum.loads.iter().enumerate().filter(|(d, _)| unknowns.places[*d].unknown().is_some()) {
+            if graph.value(load).is_none() {
+                driven.push(d);
+                forces.push(load);
+            }
+        }
+        for (node, &reaction) in continuum.contacts.iter().zip(reactions) {
+            if graph.value(node.gap).is_none() {
+                driven.push(node.displacement);
+                forces.push(if node.towards > 0.0 { graph.negate(reaction) } else { reaction });
+            }
+        }
+        Self {
+            places: unknowns.places.as_slice().into(),
+            masses: masses.into(),
+            stiffness: Arc::new(stiffness),
+            relaxation: continuum.relaxation,
+            loads: continuum.loads.iter().map(|&load| graph.value(load).unwrap_or(0.0)).collect(),
+            driven,
+            forces: Tape::compile(graph, &forces),
+            slips: rough.iter().flat_map(|rough| rough.slips.iter().copied()).collect(),
+        }
+    }
+
+    /// Kinetic and potential energy at `y = (x, z)`.
+    pub fn at(&self, y: &[f64]) -> (f64, f64) {
+        let kinetic = self.places.iter().zip(self.masses.iter()).map(|(place, mass)| match *place {
+            Place::Inner(_, v) => 0.5 * mass * y[v] * y[v],
+            Place::Clamped(_) | Place::Contact(..) => 0.0,
+        });
+        let displacement = |d: usize| self.places[d].value(y);
+        let work: f64 = self.loads.iter().enumerate().map(|(d, load)| load * displacement(d)).sum();
+        (kinetic.sum(), 0.5 * self.quadratic(displacement) - work)
+    }
+
+    /// Whether anything changes the sum of the energies.
+    pub fn is_closed(&self) -> bool {
+        self.relaxation == 0.0 && self.driven.is_empty() && self.slips.is_empty()
+    }
+
+    /// What changes the energies at `t` and `y = (x, z)`, where `rates` are those of `y`.
+    pub fn power(&mut self, t: f64, y: &[f64], rates: &[f64]) -> Power {
+        let mut inputs = Vec::with_capacity(1 + y.len());
+        inputs.push(t);
+        inputs.extend(y);
+        let mut forces = vec![0.0; self.driven.len()];
+        self.forces.evaluate(&inputs, &mut forces);
+        let velocity = |d: usize| match self.places[d] {
+            Place::Clamped(_) => 0.0,
+            Place::Inner(_, v) => y[v],
+            Place::Contact(u, _) => rates[u],
+        };
+        let supplied = self.driven.iter().zip(&forces).map(|(&d, force)| force * velocity(d)).sum();
+        let frictional = self.slips.iter().map(|slip| y[slip.force] * y[slip.velocity]).sum();
+        let viscous = if self.relaxation > 0.0 { self.relaxation * self.quadratic(velocity) } else { 0.0 };
+        Power { supplied, viscous, frictional }
+    }
+
+    /// `w^T K w`
+    fn quadratic(&self, w: impl Fn(usize) -> f64) -> f64 {
+        let columns = 0..self.places.len();
+        columns
+            .map(|d| {
+                let column = self.stiffness.row_idx_of_col(d).zip(self.stiffness.val_of_col(d));
+                w(d) * column.map(|(row, value)| value * w(row)).sum::<f64>()
+            })
+            .sum()
+    }
+}

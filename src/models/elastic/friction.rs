@@ -1,0 +1,77 @@
+//! Coulomb's friction between a body and an obstacle at rest: along the obstacle a contact node keeps its mass, and the
+//! force `q` against its sliding dissipates the most that the pressing force allows,
+//!
+//! ```text
+//! m v' = .. - q,    |q| <= p,    -<v, q~ - q> >= 0  for all |q~| <= p,    0 = mu r - p
+//! ```
+//!
+//! The limit `p` is an algebraic state, so that the set depends on states alone.
+
+use super::{Continuum, Place, Unknowns};
+use crate::expression::Graph;
+use crate::models::LinearRows;
+use crate::problem::{MovingBound, Shape, Side};
+
+/// A contact with friction.
+#[derive(Clone, Debug)]
+pub struct Rough {
+    /// The contact.
+    pub contact: usize,
+    /// The place of its limit in `(x, z)`.
+    pub limit: usize,
+    /// Where it may slide: a displacement, with the places of its velocity and of the force against it in `(x, z)`.
+    pub slips: Vec<Slip>,
+}
+
+/// A direction in which a contact may slide.
+#[derive(Clone, Copy, Debug)]
+pub struct Slip {
+    /// The displacement.
+    pub displacement: usize,
+    /// The place of its velocity in `(x, z)`.
+    pub velocity: usize,
+    /// The place of the force against it in `(x, z)`.
+    pub force: usize,
+}
+
+/// Adds the friction of all contacts that have it to the equations of a body without, in which their forces are variables.
+pub(super) fn add(graph: &mut Graph, rows: &mut LinearRows, continuum: &Continuum, unknowns: &Unknowns) -> Vec<Rough> {
+    let states = unknowns.states();
+    let zero = graph.constant(0.0);
+    let contacts = continuum.contacts.iter().enumerate().filter(|(_, contact)| contact.friction > 0.0);
+    let mut all = Vec::with_capacity(unknowns.rough);
+    for (k, (contact, node)) in contacts.enumerate() {
+        let limit = unknowns.limit(k);
+        rows.matrix.push((limit, states + contact, node.friction));
+        rows.matrix.push((limit, limit, -1.0));
+        let mut slips = Vec::new();
+        for &displacement in &node.tangential {
+            let Place::Inner(_, velocity) = unknowns.places[displacement] else { continue };
+            let force = states + rows.inequality_forcing.len();
+            rows.inequality_forcing.push(zero);
+            rows.matrix.push((force, velocity, -1.0));
+            rows.matrix.push((velocity, force, -1.0));
+            rows.set.lower.push(f64::NEG_INFINITY);
+            rows.set.upper.push(f64::INFINITY);
+            slips.push(Slip { displacement, velocity, force });
+        }
+        all.push(Rough { contact, limit, slips });
+    }
+    for Rough { limit, slips, .. } in &all {
+        let radius = graph.input(1 + limit);
+        let members: Vec<usize> = slips.iter().map(|slip| slip.force - states).collect();
+        match *members {
+            [variable] => {
+                let lower = graph.negate(radius);
+                rows.moving.push((MovingBound { variable, side: Side::Lower }, lower));
+                rows.moving.push((MovingBound { variable, side: Side::Upper }, radius));
+            }
+            [variable, ..] => {
+                rows.set.bind(members, Shape::Ball { radius: 0.0 });
+                rows.moving.push((MovingBound { variable, side: Side::Radius }, radius));
+            }
+            [] => {}
+        }
+    }
+    all
+}

@@ -1,0 +1,203 @@
+//! The differential variational inequality that a body on its grid comes to.
+
+use super::friction::{self, Rough};
+use super::{ContactNode, Continuum, EnergyForm, Place, Unknowns};
+use crate::expression::{Graph, Node};
+use crate::factorisation::SparseMatrix;
+use crate::models::LinearRows;
+use crate::problem::{ConvexSet, Mass, MovingBound, Side};
+
+/// A body as a linear system, with what its unknowns mean.
+#[derive(Clone, Debug)]
+pub struct Semidiscrete {
+    /// The equations.
+    pub rows: LinearRows,
+    /// The states at the start.
+    pub initial: Vec<f64>,
+    /// Where the displacements are.
+    pub unknowns: Unknowns,
+    /// The energies.
+    pub energy: EnergyForm,
+    /// The force with which each contact presses on the body, in `t`, `x` and `z`.
+    pub reactions: Vec<Node>,
+    /// Where there is friction.
+    pub rough: Vec<Rough>,
+}
+
+/// Lowers a body that starts with these displacements and velocities.
+pub fn semidiscretise(
+    graph: &mut Graph,
+    continuum: &Continuum,
+    displacement: &[f64],
+    velocity: &[f64],
+) -> Semidiscrete {
+    let (stiffness, masses) = (continuum.stiffness(), continuum.masses());
+    let unknowns = Unknowns::new(continuum, displacement);
+    let mut initial = vec![0.0; unknowns.states()];
+    for (d, place) in unknowns.places.iter().enumerate() {
+        match *place {
+            Place::Inner(u, v) => (initial[u], initial[v]) = (displacement[d], velocity[d]),
+            Place::Contact(u, _) if unknowns.has_forces => initial[u] = displacement[d],
+            Place::Contact(..) | Place::Clamped(_) => {}
+        }
+    }
+    let forces = forces(graph, continuum, &unknowns, &stiffness);
+    let body = Body { continuum, unknowns: &unknowns, stiffness: &stiffness, masses: &masses, forces };
+    let mut rows = if unknowns.has_forces { body.with_forces(graph) } else { body.with_bounds(graph) };
+    let reactions = body.reactions(graph, &rows);
+    let rough = friction::add(graph, &mut rows, continuum, &unknowns);
+    let energy = EnergyForm::new(graph, continuum, &unknowns, (&masses, stiffness), (&reactions, &rough));
+    Semidiscrete { rows, initial, unknowns, energy, reactions, rough }
+}
+
+/// The loads, with what clamped displacements exert.
+fn forces(graph: &mut Graph, continuum: &Continuum, unknowns: &Unknowns, stiffness: &SparseMatrix) -> Vec<Node> {
+    let mut held = vec![0.0; continuum.loads.len()];
+    for entry in stiffness.triplet_iter() {
+        if let Place::Clamped(value) = unknowns.places[entry.col] {
+            held[entry.row] -= entry.val * value;
+        }
+    }
+    let both = continuum.loads.iter().zip(held);
+    both.map(|(&load, held)| {
+        let held = graph.constant(held);
+        graph.add(load, held)
+    })
+    .collect()
+}
+
+/// What the equations are made of.
+struct Body<'a> {
+    continuum: &'a Continuum,
+    unknowns: &'a Unknowns,
+    stiffness: &'a SparseMatrix,
+    masses: &'a [f64],
+    forces: Vec<Node>,
+}
+
+impl Body<'_> {
+    /// `u_I' = v,  v' = m^-1 (f - K u)_I;  u_N in K(t),  G = (K u - f)_N`
+    fn with_bounds(&self, graph: &mut Graph) -> LinearRows {
+        let &Unknowns { inner, contact, .. } = self.unknowns;
+        let zero = graph.constant(0.0);
+        let mut state_forcing = vec![zero; self.unknowns.states()];
+        let mut inequality_forcing = vec![zero; contact];
+        let mut matrix: Vec<(usize, usize, f64)> = (0..inner).map(|i| (i, inner + i, 1.0)).collect();
+        for (d, &place) in self.unknowns.places.iter().enumerate() {
+            match place {
+                Place::Inner(_, v) => state_forcing[v] = scaled(graph, self.forces[d], 1.0 / self.masses[d]),
+                Place::Contact(_, c) => inequality_forcing[c] = graph.negate(self.forces[d]),
+                Place::Clamped(_) => {}
+            }
+        }
+        for (row, column, value) in self.couplings() {
+            match self.unknowns.places[row] {
+                Place::Inner(_, v) => matrix.push((v, column, -value / self.masses[row])),
+                Place::Contact(place, _) => matrix.push((place, column, value)),
+                Place::Clamped(_) => {}
+            }
+        }
+        let mut set = ConvexSet::free(contact);
+        let mut moving = Vec::new();
+        for node in &self.continuum.contacts {
+            let Place::Contact(_, variable) = self.unknowns.places[node.displacement] else { continue };
+            let (side, end) = match node.towards > 0.0 {
+                true => (Side::Upper, node.gap),
+                false => (Side::Lower, graph.negate(node.gap)),
+            };
+            let bound = MovingBound { variable, side };
+            match graph.value(end) {
+                Some(value) => bound.place(value, &mut set),
+                None => moving.push((bound, end)),
+            }
+        }
+        LinearRows { mass: Mass::Identity, matrix, state_forcing, inequality_forcing, set, moving }
+    }
+
+    /// `u_I' = v,  m v' + C_IN u_N' = (f - K u)_I - C_II v,  C_NN u_N' = (f - K u)_N - C_NI v - n r;  G = gap - n u_N`
+    fn with_forces(&self, graph: &mut Graph) -> LinearRows {
+        let (inner, nodes) = (self.unknowns.inner, self.continuum.contacts.len());
+        let states = self.unknowns.states();
+        let zero = graph.constant(0.0);
+        let mut state_forcing = vec![zero; states];
+        let mut mass: Vec<(usize, usize, f64)> = (0..inner).map(|i| (i, i, 1.0)).collect();
+        let mut matrix: Vec<(usize, usize, f64)> = (0..inner).map(|i| (i, inner + i, 1.0)).collect();
+        for (d, &place) in self.unknowns.places.iter().enumerate() {
+            if let Some(row) = equation(place) {
+                state_forcing[row] = self.forces[d];
+            }
+            if let Place::Inner(_, v) = place {
+                mass.push((v, v, self.masses[d]));
+            }
+        }
+        let relaxation = self.continuum.relaxation;
+        for (d, column, value) in self.couplings() {
+            let Some(row) = equation(self.unknowns.places[d]) else { continue };
+            matrix.push((row, column, -value));
+            if relaxation == 0.0 {
+                continue;
+            }
+            match column.checked_sub(inner) {
+                // The rate of an inner displacement is a state, that of one in contact is not.
+                None => matrix.push((row, column + inner, -relaxation * value)),
+                Some(_) => mass.push((row, column, relaxation * value)),
+            }
+        }
+        let mut inequality_forcing = Vec::with_capacity(nodes);
+        for (k, node) in self.continuum.contacts.iter().enumerate() {
+            let Place::Contact(u, _) = self.unknowns.places[node.displacement] else { continue };
+            matrix.push((u, states + k, -node.towards));
+            matrix.push((states + k, u, -node.towards));
+            inequality_forcing.push(node.gap);
+        }
+        LinearRows {
+            mass: Mass::Constant(mass),
+            matrix,
+            state_forcing,
+            inequality_forcing,
+            set: ConvexSet::nonnegative(nodes),
+            moving: Vec::new(),
+        }
+    }
+
+    /// The force of every contact: `r`, or `-n G` where displacements are bounded.
+    fn reactions(&self, graph: &mut Graph, rows: &LinearRows) -> Vec<Node> {
+        let states = self.unknowns.states();
+        let contacts = &self.continuum.contacts;
+        if self.unknowns.has_forces {
+            return (0..contacts.len()).map(|k| graph.input(1 + states + k)).collect();
+        }
+        let mut residuals = rows.inequality_forcing.clone();
+        for &(row, column, value) in rows.matrix.iter().filter(|(row, ..)| *row >= states) {
+            let unknown = graph.input(1 + column);
+            let term = scaled(graph, unknown, value);
+            residuals[row - states] = graph.add(residuals[row - states], term);
+        }
+        let of = |contact: &ContactNode| match self.unknowns.places[contact.displacement] {
+            Place::Contact(_, c) => Some(scaled(graph, residuals[c], -contact.towards)),
+            Place::Clamped(_) | Place::Inner(..) => None,
+        };
+        contacts.iter().filter_map(of).collect()
+    }
+
+    /// The nonzeros of `K` in the rows of all displacements and the columns of those that move, as
+    /// `(displacement, unknown, value)`.
+    fn couplings(&self) -> impl Iterator<Item = (usize, usize, f64)> {
+        let nonzeros = self.stiffness.triplet_iter().filter(|entry| *entry.val != 0.0);
+        nonzeros.filter_map(|entry| Some((entry.row, self.unknowns.places[entry.col].unknown()?, *entry.val)))
+    }
+}
+
+/// The row of the balance of momentum.
+fn equation(place: Place) -> Option<usize> {
+    match place {
+        Place::Inner(_, v) => Some(v),
+        Place::Contact(u, _) => Some(u),
+        Place::Clamped(_) => None,
+    }
+}
+
+fn scaled(graph: &mut Graph, node: Node, factor: f64) -> Node {
+    let factor = graph.constant(factor);
+    graph.multiply(factor, node)
+}

@@ -1,0 +1,96 @@
+// What a solve, or a check, tells beside the trajectory, in tables: a column a run. It shows whatever the service
+// tells, by the names it gives, so that nothing new is ever left out.
+
+import { element } from "./element.js";
+import { number, seconds } from "./numbers.js";
+
+const UNIQUENESS = {
+  unique: "a solution exists and is unique",
+  exists_not_certified: "a solution exists; it is not certified to be unique",
+  not_certified: "neither existence nor uniqueness is certified",
+  not_unique: "solutions are not unique in general",
+  not_analysed: "existence and uniqueness were not analysed",
+};
+
+const WORDS = { vi: "variational inequalities", wall_seconds: "wall time" };
+
+const words = (name) => WORDS[name] ?? name.replaceAll("_", " ");
+
+const LONGEST = 200; // rows of a list
+
+// Everything in `diagnostics` of one run, or of two to be compared.
+export function evidence(runs) {
+  const all = runs.map((run) => run.diagnostics);
+  const keys = new Set(all.flatMap((diagnostics) => Object.keys(diagnostics)));
+  keys.delete("warnings"); // they stand above the plots
+  const names = [...keys];
+  const isScalar = (name) => all.every((one) => isShort(one[name] ?? 0));
+  const isRecord = (name) => all.every((one) => isPlain(one[name] ?? {}));
+  const rows = names.filter(isScalar).map((name) => row(name, all.map((one) => one[name])));
+  const parts = [table("Summary", rows)];
+  for (const name of names.filter((name) => !isScalar(name) && isRecord(name))) {
+    const entries = [...new Set(all.flatMap((one) => Object.keys(one[name] ?? {})))];
+    const rows = entries.map((key) => row(key, all.map((one) => one[name]?.[key])));
+    if (rows.length > 0) parts.push(table(words(name), rows));
+  }
+  const listed = names.filter((name) => !isScalar(name) && !isRecord(name));
+  runs.forEach((run, i) => {
+    const whose = runs.length > 1 ? ` of the ${i === 0 ? "first" : "second"}` : "";
+    for (const name of listed) parts.push(list(`${words(name)}${whose}`, run.diagnostics[name] ?? []));
+    parts.push(list(`events${whose}`, run.events));
+  });
+  return parts.filter((part) => part !== null);
+}
+
+// The answer of a check: the few things that decide, each in words.
+export function analysis(summary) {
+  const size = `${count(summary.states, "state")}, ${count(summary.variables, "variable")}`;
+  const index = summary.index == null ? "" : `Index ${summary.index}. `;
+  const parts = [
+    element("p", { class: "good" }, `Correct: ${size}; method ${summary.method}.`),
+    element("p", { class: "hint" }, `${index}${sentence(told("uniqueness", summary.uniqueness))} ${sentence(summary.because)}`),
+  ];
+  for (const warning of summary.warnings ?? []) parts.push(element("p", { class: "warning" }, warning.message ?? warning));
+  return parts;
+}
+
+const count = (n, word) => `${number(n)} ${word}${n === 1 ? "" : "s"}`;
+
+const sentence = (text) => (text ? `${text[0].toUpperCase()}${text.slice(1)}.` : "");
+
+// A number, a sentence, or a few numbers: what fits into one cell.
+const isShort = (value) =>
+  Array.isArray(value) ? value.length <= 8 && value.every((one) => typeof one === "number") : typeof value !== "object";
+
+const isPlain = (value) => value !== null && typeof value === "object" && !Array.isArray(value);
+
+// A cell a run; what is long and the same for all is said once.
+function row(name, values) {
+  const texts = values.map((value) => told(name, value));
+  const once = texts.length > 1 && texts[0].length > 40 && texts.every((text) => text === texts[0]);
+  const cells = once
+    ? [element("td", { colspan: texts.length }, texts[0])]
+    : texts.map((text) => element("td", {}, text));
+  return element("tr", {}, element("th", { scope: "row" }, words(name)), ...cells);
+}
+
+function told(name, value) {
+  if (value == null) return "–";
+  if (name === "uniqueness") return UNIQUENESS[value] ?? words(value);
+  if (name === "wall_seconds") return seconds(value);
+  if (typeof value === "number") return number(value);
+  if (Array.isArray(value)) return value.map((one) => told("", one)).join(", ") || "none";
+  if (typeof value === "object") return Object.entries(value).map(([key, one]) => `${words(key)} ${told(key, one)}`).join(", ") || "none";
+  return String(value);
+}
+
+function table(title, rows) {
+  return element("table", {}, element("caption", {}, title), element("tbody", {}, ...rows));
+}
+
+function list(title, items) {
+  if (items.length === 0) return null;
+  const shown = items.slice(0, LONGEST).map((item) => element("li", {}, told("", item)));
+  if (items.length > LONGEST) shown.push(element("li", {}, `and ${number(items.length - LONGEST)} more, in the download`));
+  return element("details", {}, element("summary", {}, `${title} (${number(items.length)})`), element("ol", {}, ...shown));
+}

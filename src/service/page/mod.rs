@@ -1,0 +1,124 @@
+//! `GET /`: the page, for people. Its files are part of the program and need neither a build step nor the network.
+//!
+//! The content security policy lets it run the scripts and styles of this service alone, none of them inline, and talk
+//! to nobody else: what is in a label or a message can never become code. The plots are drawn by uPlot (`vendor/`).
+
+use super::http::{Kind, Problem};
+use axum::Router;
+use axum::extract::Path;
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::response::{IntoResponse, Response};
+use axum::routing::get;
+use std::hash::{DefaultHasher, Hash, Hasher};
+
+/// What the browser may load, run and call.
+const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self'; \
+                      base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+
+/// A file of the page.
+struct File {
+    name: &'static str,
+    media_type: &'static str,
+    text: &'static str,
+}
+
+macro_rules! files {
+    ($($name:literal: $media_type:literal;)*) => {
+        &[$(File { name: $name, media_type: $media_type, text: include_str!($name) }),*]
+    };
+}
+
+const INDEX: &str = "index.html";
+
+const FILES: &[File] = files! {
+    "index.html": "text/html; charset=utf-8";
+    "icon.svg": "image/svg+xml";
+    "page.css": "text/css; charset=utf-8";
+    "page.js": "text/javascript; charset=utf-8";
+    "comparison.js": "text/javascript; charset=utf-8";
+    "editor.js": "text/javascript; charset=utf-8";
+    "element.js": "text/javascript; charset=utf-8";
+    "evidence.js": "text/javascript; charset=utf-8";
+    "numbers.js": "text/javascript; charset=utf-8";
+    "places.js": "text/javascript; charset=utf-8";
+    "plots.js": "text/javascript; charset=utf-8";
+    "service.js": "text/javascript; charset=utf-8";
+    "vendor/uplot.css": "text/css; charset=utf-8";
+    "vendor/uplot.js": "text/javascript; charset=utf-8";
+};
+
+/// The page at `/` and its files under `/page/`.
+pub fn routes<S: Clone + Send + Sync + 'static>() -> Router<S> {
+    Router::new()
+        .route("/", get(async |headers: HeaderMap| find_file(INDEX, &headers)))
+        .route("/page/{*name}", get(async |Path(name): Path<String>, headers: HeaderMap| find_file(&name, &headers)))
+}
+
+/// The file of that name, or the word that the browser has it already.
+fn find_file(name: &str, headers: &HeaderMap) -> Response {
+    let Some(file) = FILES.iter().find(|file| file.name == name) else {
+        return Problem::plain(Kind::NotFound).into_response();
+    };
+    let tag = file.tag();
+    let known = headers.get(header::IF_NONE_MATCH).is_some_and(|value| Some(value) == tag.as_ref());
+    let mut response = if known { StatusCode::NOT_MODIFIED.into_response() } else { file.text.into_response() };
+    let headers = response.headers_mut();
+    headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(file.media_type));
+    headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-cache"));
+    headers.extend(tag.map(|tag| (header::ETAG, tag)));
+    headers.insert(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(POLICY));
+    response
+}
+
+impl File {
+    /// Another program with another text gives another tag.
+    fn tag(&self) -> Option<HeaderValue> {
+        let mut hasher = DefaultHasher::new();
+        self.text.hash(&mut hasher);
+        HeaderValue::try_from(format!("\"{:016x}\"", hasher.finish())).ok()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn get(name: &str, known: Option<HeaderValue>) -> Response {
+        find_file(name, &known.into_iter().map(|tag| (header::IF_NONE_MATCH, tag)).collect())
+    }
+
+    #[test]
+    fn every_file_is_given_under_the_policy() {
+        for file in FILES {
+            let response = get(file.name, None);
+            assert_eq!(response.status(), StatusCode::OK, "{}", file.name);
+            assert_eq!(response.headers()[header::CONTENT_SECURITY_POLICY], POLICY);
+            assert_eq!(response.headers()[header::CONTENT_TYPE], file.media_type);
+        }
+        assert_eq!(get("../mod.rs", None).status(), StatusCode::NOT_FOUND);
+    }
+
+    #[test]
+    fn a_file_the_browser_has_is_not_sent_again() {
+        let tag = get(INDEX, None).headers()[header::ETAG].clone();
+        assert_eq!(get(INDEX, Some(tag.clone())).status(), StatusCode::NOT_MODIFIED);
+        assert_eq!(get("page.js", Some(tag)).status(), StatusCode::OK);
+    }
+
+    #[test]
+    fn what_the_files_name_is_there_and_nothing_is_inline() {
+        let own = FILES.iter().filter(|file| !file.name.starts_with("vendor/"));
+        for file in own {
+            for address in file.text.split(['"', '\'']).filter_map(|piece| piece.strip_prefix("/page/")) {
+                assert!(FILES.iter().any(|file| file.name == address), "{}: {address}", file.name);
+            }
+            for module in file.text.split('"').filter_map(|piece| piece.strip_prefix("./")) {
+                assert!(FILES.iter().any(|file| file.name == module), "{}: {module}", file.name);
+            }
+            for inline in ["style=", "onclick=", "<style", "javascript:", "innerHTML", "http://", "https://"] {
+                let shown = file.text.replace("http://www.w3.org/2000/svg", "");
+                assert!(!shown.contains(inline), "{}: {inline}", file.name);
+            }
+        }
+    }
+}

@@ -1,0 +1,69 @@
+// Where in a JSON text a JSON pointer (RFC 6901) points.
+//
+// The text may be broken: what stands before the break still has its place. The scan keeps the path to where it is on
+// a stack of its own, and of that path only what a wanted pointer shares with it: depth costs neither recursion nor
+// memory beyond its size.
+
+// The line, from 0, on which each of `pointers` begins: the key of a member, or an element. A pointer to what is not
+// there, such as a missing key, gets the line of the nearest thing around it.
+export function linesOf(text, pointers) {
+  const root = place();
+  const wanted = pointers.map((pointer) => {
+    const path = [root];
+    for (const key of pointer.split("/").slice(1)) {
+      const { children } = path.at(-1);
+      const name = key.replaceAll("~1", "/").replaceAll("~0", "~");
+      if (!children.has(name)) children.set(name, place());
+      path.push(children.get(name));
+    }
+    return path;
+  });
+  find(text, root);
+  return wanted.map((path) => lineAt(text, path.findLast((place) => place.start !== null)?.start ?? 0));
+}
+
+export function lineAt(text, offset) {
+  let line = 0;
+  for (let at = text.indexOf("\n"); at !== -1 && at < offset; at = text.indexOf("\n", at + 1)) line += 1;
+  return line;
+}
+
+const place = () => ({ start: null, children: new Map() });
+
+// Sets where `root` and the places under it start. Of members with the same key the last counts.
+function find(text, root) {
+  const open = []; // the containers around the scan: {place, index}, the index of a list only
+  let keyed = false; // whether the key of a member has been read, and its value comes next
+  let member = null; // the place of that member, if it is wanted
+  const token = /"(?:[^"\\]|\\.)*"?|[{}[\],:]|[^\s{}[\],:"]+/gs;
+  for (const { 0: found, index: at } of text.matchAll(token)) {
+    const inside = open.at(-1);
+    const inList = inside?.index !== undefined;
+    if (found === ":") continue;
+    if (found === ",") {
+      if (inList) inside.index += 1;
+      keyed = false;
+    } else if (found === "}" || found === "]") {
+      open.pop();
+      keyed = false;
+    } else if (inside && !inList && !keyed) {
+      keyed = true;
+      member = inside.place?.children.get(unquoted(found)) ?? null;
+      if (member) member.start = at;
+    } else {
+      const value = !inside ? root : inList ? inside.place?.children.get(String(inside.index)) : member;
+      if (value && !keyed) value.start = at;
+      if (found === "{") open.push({ place: value });
+      if (found === "[") open.push({ place: value, index: 0 });
+      if (found === "{" || found === "[") keyed = false;
+    }
+  }
+}
+
+function unquoted(string) {
+  try {
+    return JSON.parse(string);
+  } catch {
+    return string;
+  }
+}

@@ -1,0 +1,194 @@
+//! Shapes and materials.
+
+use super::{ElasticProblem, MOST_DISPLACEMENTS};
+use crate::models::elastic::Lame;
+use crate::models::finite_elements::{Axis, Grid};
+use crate::specification::error::SpecificationError;
+use crate::specification::expression::Expression;
+use crate::specification::lowering::Lowering;
+use crate::specification::place::Place;
+use crate::specification::range::{in_range, positive};
+use serde::Deserialize;
+use utoipa::ToSchema;
+
+/// A body by its shape.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum ElasticBody {
+    /// A string under tension; its displacement is across it.
+    String(StringBody),
+    /// A bar; its displacement is along it.
+    Bar(BarBody),
+    /// A rectangle in its plane.
+    Rectangle(RectangleBody),
+    /// A box.
+    Box(BoxBody),
+}
+
+/// A string.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct StringBody {
+    /// Where it begins and ends.
+    #[schema(value_type = [Expression; 2])]
+    pub x: [Expression; 2],
+}
+
+/// A bar.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BarBody {
+    /// Where it begins and ends.
+    #[schema(value_type = [Expression; 2])]
+    pub x: [Expression; 2],
+}
+
+/// A rectangle.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct RectangleBody {
+    /// Where it begins and ends.
+    #[schema(value_type = [Expression; 2])]
+    pub x: [Expression; 2],
+    /// The same along `y`.
+    #[schema(value_type = [Expression; 2])]
+    pub y: [Expression; 2],
+    /// What holds across the plane.
+    pub plane: PlaneLaw,
+}
+
+/// What holds across the plane of a rectangle.
+#[derive(Clone, Copy, Debug, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum PlaneLaw {
+    /// Plane strain: no strain across the plane.
+    Strain,
+    /// Plane stress: no stress across the plane.
+    Stress,
+}
+
+/// A box.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BoxBody {
+    /// Where it begins and ends.
+    #[schema(value_type = [Expression; 2])]
+    pub x: [Expression; 2],
+    /// The same along `y`.
+    #[schema(value_type = [Expression; 2])]
+    pub y: [Expression; 2],
+    /// The same along `z`.
+    #[schema(value_type = [Expression; 2])]
+    pub z: [Expression; 2],
+}
+
+/// The grid of a body and what moves at its nodes.
+pub(super) struct Geometry {
+    pub grid: Grid,
+    /// The displacements of a node.
+    pub components: usize,
+    pub is_string: bool,
+}
+
+/// What a body is made of.
+pub(super) struct Law {
+    pub density: f64,
+    pub lame: Lame,
+    pub relaxation: f64,
+}
+
+impl ElasticBody {
+    fn extents(&self) -> (&'static str, Vec<&[Expression; 2]>) {
+        match self {
+            Self::String(body) => ("string", vec![&body.x]),
+            Self::Bar(body) => ("bar", vec![&body.x]),
+            Self::Rectangle(body) => ("rectangle", vec![&body.x, &body.y]),
+            Self::Box(body) => ("box", vec![&body.x, &body.y, &body.z]),
+        }
+    }
+}
+
+impl ElasticProblem {
+    /// The grid, if there is one.
+    pub(super) fn geometry(&self, place: &Place<'_>, lowering: &mut Lowering) -> Option<Geometry> {
+        let (shape, extents) = self.body.extents();
+        let at = place.key("elements");
+        if self.elements.len() != extents.len() {
+            let detail = format!("{} numbers of elements for a {shape}", self.elements.len());
+            let error = SpecificationError::new(at.to_string(), "wrong_shape", detail);
+            lowering.errors.push(error.expected(format!("one for each of its axes, {}", extents.len())));
+            return None;
+        }
+        let mut displacements = extents.len() as u64;
+        for (k, &elements) in self.elements.iter().enumerate() {
+            if elements == 0 {
+                let error = SpecificationError::new(at.index(k).to_string(), "out_of_range", "no elements");
+                lowering.errors.push(error.expected("one or more"));
+            }
+            displacements = displacements.saturating_mul(elements.saturating_add(1));
+        }
+        if displacements > MOST_DISPLACEMENTS {
+            let detail = format!("the nodes of these elements have {displacements} displacements");
+            let error = SpecificationError::new(at.to_string(), "too_many_unknowns", detail);
+            lowering.errors.push(error.expected(format!("at most {MOST_DISPLACEMENTS}")));
+            return None;
+        }
+        let body = place.key("body");
+        let body = body.key(shape);
+        let mut axes = Vec::with_capacity(extents.len());
+        for ((&extent, name), &elements) in extents.iter().zip(["x", "y", "z"]).zip(&self.elements) {
+            let place = body.key(name);
+            let [lower, upper] = [0, 1].map(|k| lowering.constant(&extent[k], &place.index(k)));
+            let (Some(lower), Some(upper)) = (lower, upper) else { continue };
+            if upper <= lower || !(upper - lower).is_finite() {
+                let detail = format!("the body ends at {upper}, where it begins at {lower}");
+                let error = SpecificationError::new(place.to_string(), "empty_interval", detail);
+                lowering.errors.push(error.expected("an end above the beginning"));
+            }
+            axes.push(Axis { lower, upper, elements: elements as usize });
+        }
+        if axes.len() < extents.len() || self.elements.contains(&0) {
+            return None;
+        }
+        let is_string = matches!(self.body, ElasticBody::String(_));
+        Some(Geometry { components: axes.len(), grid: Grid::new(axes), is_string })
+    }
+
+    /// What the body is made of, if that is given as it should be.
+    pub(super) fn law(&self, geometry: &Geometry, place: &Place<'_>, lowering: &mut Lowering) -> Option<Law> {
+        let density = positive(&self.density, "density", &place.key("density"), lowering);
+        let dimension = geometry.grid.dimension();
+        let (key, modulus, other) = match geometry.is_string {
+            true => ("tension", &self.tension, ("young", &self.young)),
+            false => ("young", &self.young, ("tension", &self.tension)),
+        };
+        let refused = [other, ("poisson", if dimension == 1 { &self.poisson } else { &None })];
+        for (key, _) in refused.iter().filter(|(_, given)| given.is_some()) {
+            let detail = format!("a {} has no `{key}`", self.body.extents().0);
+            lowering.errors.push(
+                SpecificationError::new(place.key(key).to_string(), "conflict", detail).expected("to be left out"),
+            );
+        }
+        let mut optional = |given: &Option<Expression>, what, key, range: (fn(f64) -> bool, &str)| {
+            given.as_ref().and_then(|value| in_range(value, what, range, &place.key(key), lowering)).unwrap_or(0.0)
+        };
+        let below_half = "from 0 up to but not including 0.5";
+        let poisson =
+            optional(&self.poisson, "Poisson's ratio", "poisson", (|value| (0.0..0.5).contains(&value), below_half));
+        let viscosity = optional(&self.viscosity, "viscosity", "viscosity", (|value| value >= 0.0, "of 0 or more"));
+        let Some(modulus) = modulus else {
+            let detail = format!("a {} needs a `{key}`", self.body.extents().0);
+            lowering.errors.report(place, "missing_key", detail);
+            return None;
+        };
+        let modulus = positive(modulus, key, &place.key(key), lowering);
+        let lame = match &self.body {
+            ElasticBody::String(_) | ElasticBody::Bar(_) => Lame::axial(modulus),
+            ElasticBody::Rectangle(RectangleBody { plane: PlaneLaw::Stress, .. }) => {
+                Lame::plane_stress(modulus, poisson)
+            }
+            ElasticBody::Rectangle(_) | ElasticBody::Box(_) => Lame::solid(modulus, poisson),
+        };
+        Some(Law { density, lame, relaxation: viscosity / modulus })
+    }
+}

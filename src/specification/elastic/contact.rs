@@ -1,0 +1,204 @@
+//! Obstacles, and the nodes that they may meet.
+
+use super::ElasticProblem;
+use super::body::Geometry;
+use super::field::Field;
+use super::sides::unknown;
+use crate::models::elastic::ContactNode;
+use crate::models::finite_elements::Side;
+use crate::specification::error::SpecificationError;
+use crate::specification::expression::Expression;
+use crate::specification::lowering::Lowering;
+use crate::specification::place::Place;
+use crate::specification::range::in_range;
+use serde::Deserialize;
+use std::collections::HashSet;
+use utoipa::ToSchema;
+
+/// An obstacle.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ElasticContact {
+    /// How far the body may go towards it from where it is undeformed, in `t` and the coordinates. Not below the
+    /// displacement of the start.
+    pub gap: Expression,
+    /// Where along a string the obstacle is, both ends included; two equal numbers are a point. Default everywhere. Every
+    /// other node can meet it, the even ones counted from 0.
+    pub between: Option<(Expression, Expression)>,
+    /// Coulomb's coefficient of friction with the obstacle, which is at rest; not of strings and bars. Default 0, smooth.
+    pub friction: Option<Expression>,
+}
+
+/// Nodes on a side that can meet an obstacle.
+struct Meeting {
+    displacement: usize,
+    carriers: Vec<usize>,
+    point: [f64; 3],
+}
+
+const STRING_SIDES: [&str; 2] = ["below", "above"];
+
+impl ElasticProblem {
+    /// All that may come into contact, and the names of the sides.
+    pub(super) fn contacts(
+        &self,
+        geometry: &Geometry,
+        clamped: &[bool],
+        displacement: &[f64],
+        place: &Place<'_>,
+        lowering: &mut Lowering,
+    ) -> (Vec<ContactNode>, Vec<String>) {
+        let elements = place.key("elements");
+        let place = place.key("contact");
+        let (mut contacts, mut sides) = (Vec::new(), Vec::new());
+        for (name, contact) in self.contact.iter() {
+            let place = place.key(name);
+            let met = match geometry.is_string {
+                true => self.met_by_string(name, contact, geometry, (&place, &elements), lowering),
+                false => self.met_by_side(name, contact, geometry, (&place, &elements), lowering),
+            };
+            let Some((towards, mut met)) = met else { continue };
+            met.retain(|node| !clamped[node.displacement]);
+            if met.is_empty() {
+                let detail = "no node that moves can meet this obstacle";
+                let error = SpecificationError::new(place.to_string(), "no_contact_node", detail);
+                lowering
+                    .errors
+                    .push(error.expected("a side that is not clamped; of a string, a node at an even place"));
+                continue;
+            }
+            let side = sides.len();
+            sides.push(name.to_owned());
+            let friction = friction(contact, geometry, &place, lowering);
+            let place = place.key("gap");
+            let mut field = Field::read(&contact.gap, &geometry.grid, &place, lowering);
+            let mut passed = false;
+            for Meeting { displacement: d, carriers, point } in met {
+                let gap = field.at(point, lowering);
+                let tangential = geometry.others_of(d).filter(|&other| !clamped[other]).collect();
+                contacts.push(ContactNode { displacement: d, towards, gap, carriers, friction, tangential, side });
+                let Some(t) = lowering.start.filter(|_| !passed) else { continue };
+                let at_start = lowering.graph.substitute(gap, &[(0, t)]).ok();
+                let Some(gap) = at_start.and_then(|node| lowering.graph.value(node)) else { continue };
+                let gone = towards * displacement[d];
+                if gone > gap + ROUNDING * (gone.abs() + gap.abs()) {
+                    passed = true;
+                    let detail =
+                        format!("at x = {}, t = {t} the body is {} beyond this obstacle", point[0], gone - gap);
+                    let error = SpecificationError::new(place.to_string(), "penetrates_obstacle", detail);
+                    lowering.errors.push(error.expected("a gap that is not below the displacement of the start"));
+                }
+            }
+        }
+        let is_contact: HashSet<usize> = contacts.iter().map(|contact| contact.displacement).collect();
+        for contact in &mut contacts {
+            contact.tangential.retain(|displacement| !is_contact.contains(displacement));
+            if contact.tangential.is_empty() {
+                contact.friction = 0.0;
+            }
+        }
+        (contacts, sides)
+    }
+
+    fn met_by_side(
+        &self,
+        name: &str,
+        contact: &ElasticContact,
+        geometry: &Geometry,
+        (place, elements): (&Place<'_>, &Place<'_>),
+        lowering: &mut Lowering,
+    ) -> Option<(f64, Vec<Meeting>)> {
+        let side = geometry.side(name, place, lowering)?;
+        if contact.between.is_some() {
+            let error = SpecificationError::new(place.key("between").to_string(), "conflict", "this is for strings");
+            lowering.errors.push(error.expected("to be left out"));
+        }
+        if geometry.grid.axes()[side.direction].elements < 2 {
+            let place = elements.index(side.direction);
+            let detail = format!("there is one layer of elements behind `{name}`, all of whose mass is in contact");
+            let error = SpecificationError::new(place.to_string(), "out_of_range", detail);
+            lowering.errors.push(error.expected("2 or more"));
+            return None;
+        }
+        let (grid, components) = (&geometry.grid, geometry.components);
+        let Side { direction, is_upper } = side;
+        let meeting = |node: usize| {
+            let mut inwards = grid.indices(node);
+            inwards[direction] = if is_upper { inwards[direction] - 1 } else { 1 };
+            Meeting {
+                displacement: node * components + direction,
+                carriers: vec![grid.node(inwards) * components + direction],
+                point: grid.coordinates(node),
+            }
+        };
+        Some((if is_upper { 1.0 } else { -1.0 }, grid.nodes_on(side).map(meeting).collect()))
+    }
+
+    fn met_by_string(
+        &self,
+        name: &str,
+        contact: &ElasticContact,
+        geometry: &Geometry,
+        (place, elements): (&Place<'_>, &Place<'_>),
+        lowering: &mut Lowering,
+    ) -> Option<(f64, Vec<Meeting>)> {
+        let towards = match name {
+            "below" => -1.0,
+            "above" => 1.0,
+            _ => {
+                unknown(name, STRING_SIDES.to_vec(), place, lowering);
+                return None;
+            }
+        };
+        let axis = geometry.grid.axes()[0];
+        let count = axis.elements;
+        if count % 2 == 1 {
+            let detail = format!(
+                "{count} is odd, and every other node of a string, the first and the last among them, bears no mass"
+            );
+            let error = SpecificationError::new(elements.index(0).to_string(), "odd_elements", detail);
+            lowering.errors.push(error.expected("an even number"));
+            return None;
+        }
+        let place = place.key("between");
+        let (lower, upper) = match &contact.between {
+            Some((lower, upper)) => (
+                lowering.constant(lower, &place.index(0)).unwrap_or(axis.lower),
+                lowering.constant(upper, &place.index(1)).unwrap_or(axis.upper),
+            ),
+            None => (axis.lower, axis.upper),
+        };
+        let slack = ROUNDING * (axis.upper - axis.lower);
+        let meeting = |node: usize| Meeting {
+            displacement: node,
+            carriers: [node.checked_sub(1), Some(node + 1)].into_iter().flatten().filter(|&n| n <= count).collect(),
+            point: geometry.grid.coordinates(node),
+        };
+        let even = (0..=count).step_by(2).map(meeting);
+        let met = even.filter(|node| (lower - slack..=upper + slack).contains(&node.point[0])).collect();
+        Some((towards, met))
+    }
+}
+
+impl Geometry {
+    /// The other displacements of the same node.
+    fn others_of(&self, displacement: usize) -> impl Iterator<Item = usize> {
+        let first = displacement - displacement % self.components;
+        (first..first + self.components).filter(move |&other| other != displacement)
+    }
+}
+
+/// The coefficient of friction.
+fn friction(contact: &ElasticContact, geometry: &Geometry, place: &Place<'_>, lowering: &mut Lowering) -> f64 {
+    let Some(friction) = &contact.friction else { return 0.0 };
+    let place = place.key("friction");
+    if geometry.components == 1 {
+        let error = SpecificationError::new(place.to_string(), "conflict", "this body cannot slide along an obstacle");
+        lowering.errors.push(error.expected("to be left out"));
+    }
+    let range: (fn(f64) -> bool, _) = (|value| value >= 0.0, "of 0 or more");
+    in_range(friction, "coefficient of friction", range, &place, lowering).unwrap_or(0.0)
+}
+
+/// Numbers nearer to each other than this share of them are equal.
+const ROUNDING: f64 = 1e-12;

@@ -1,0 +1,60 @@
+//! Expressions in time and place, at the nodes of a grid.
+
+use crate::expression::Node;
+use crate::models::finite_elements::Grid;
+use crate::specification::error::SpecificationError;
+use crate::specification::expression::Expression;
+use crate::specification::lowering::Lowering;
+use crate::specification::place::Place;
+
+/// The expression at a point, in `t` alone; zero where there is none, which is reported.
+pub(super) struct Field<'a> {
+    node: Option<Node>,
+    dimension: usize,
+    place: &'a Place<'a>,
+}
+
+impl<'a> Field<'a> {
+    pub(super) fn read(expression: &Expression, grid: &Grid, place: &'a Place<'a>, lowering: &mut Lowering) -> Self {
+        Self { node: lowering.node(expression, place), dimension: grid.dimension(), place }
+    }
+
+    pub(super) fn at(&mut self, point: [f64; 3], lowering: &mut Lowering) -> Node {
+        let zero = lowering.graph.constant(0.0);
+        let Some(node) = self.node else { return zero };
+        let numbers: Vec<(usize, f64)> = (1..=self.dimension).zip(point).collect();
+        match lowering.graph.substitute(node, &numbers) {
+            Ok(node) => match lowering.graph.value(node).filter(|value| !value.is_finite()) {
+                None => node,
+                Some(value) => {
+                    let detail = format!("this is {value} at {}", point_named(point, self.dimension));
+                    self.fail("not_finite", detail, "a finite value at every node", lowering)
+                }
+            },
+            Err(error) => self.fail(error.code, error.message, "fewer elements, or a shorter expression", lowering),
+        }
+    }
+
+    /// The value at a point, where time has no say.
+    pub(super) fn value(&mut self, point: [f64; 3], lowering: &mut Lowering) -> f64 {
+        let node = self.at(point, lowering);
+        lowering.graph.value(node).unwrap_or_else(|| {
+            self.fail("depends_on_time", "this depends on `t`".into(), "an expression in the coordinates", lowering);
+            0.0
+        })
+    }
+
+    /// Says what is wrong, once.
+    fn fail(&mut self, code: &'static str, detail: String, expected: &str, lowering: &mut Lowering) -> Node {
+        let error = SpecificationError::new(self.place.to_string(), code, detail);
+        lowering.errors.push(error.expected(expected));
+        self.node = None;
+        lowering.graph.constant(0.0)
+    }
+}
+
+fn point_named(point: [f64; 3], dimension: usize) -> String {
+    let named: Vec<String> =
+        ["x", "y", "z"].iter().zip(point).take(dimension).map(|(name, value)| format!("{name} = {value}")).collect();
+    named.join(", ")
+}

@@ -1,0 +1,153 @@
+//! Elastic and viscoelastic bodies in dynamic contact. The equations are those of
+//! [`models::elastic`](crate::models::elastic).
+
+mod body;
+mod contact;
+mod field;
+mod loads;
+mod outputs;
+mod sides;
+
+pub use body::{BarBody, BoxBody, ElasticBody, PlaneLaw, RectangleBody, StringBody};
+pub use contact::ElasticContact;
+pub use loads::ElasticStart;
+
+use super::error::SpecificationError;
+use super::expression::Expression;
+use super::lowering::Lowering;
+use super::ordered::Ordered;
+use super::place::Place;
+use super::start;
+use crate::models::elastic::{Continuum, semidiscretise};
+use crate::models::{DviModel, Equations, Linear, Model};
+use crate::solution::Warning;
+use body::Geometry;
+use serde::Deserialize;
+use utoipa::ToSchema;
+
+/// A string, a bar, a rectangle or a box in small displacements, which obstacles bound: `rho u_tt = div s + f` with
+/// `s = A e(u) + B e(u_t)`, and `0 <= pressure`, `n.u <= gap`, one of them an equality, where contact is possible.
+///
+/// The outputs are named by the places of nodes along the axes, from 0: `u(3)` and `v(3)`, displacement and velocity, of a
+/// string or a bar; `ux(3,0)`, `uy(3,0)`, `vx(3,0)`, .. of others. Only the probes, the force on the body at each side with
+/// contact, `force_SIDE`, `kinetic_energy` and `potential_energy` are kept by default; `output.fields` asks for others.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ElasticProblem {
+    /// Constants by name; each may be an expression in the others, in no circle.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
+    pub parameters: Ordered<Expression>,
+    /// The shape of the body.
+    pub body: ElasticBody,
+    /// The number of elements along each axis.
+    pub elements: Vec<u64>,
+    /// Mass by volume; by length for a string. A bar has a section of 1, a rectangle a thickness of 1. Above 0.
+    pub density: Expression,
+    /// Young's modulus, above 0; of all bodies but strings.
+    pub young: Option<Expression>,
+    /// Poisson's ratio, from 0 up to but not including 0.5, of rectangles and boxes. Default 0.
+    pub poisson: Option<Expression>,
+    /// The tension of a string, above 0.
+    pub tension: Option<Expression>,
+    /// The modulus of the viscous stress, in the unit of `young` or `tension` times that of time: the stress of a bar is
+    /// `young*e + viscosity*e_t`. In more dimensions it has the same Poisson's ratio. Default 0, elastic.
+    pub viscosity: Option<Expression>,
+    /// The force by volume, in `t` and the coordinates, a component for each direction; by length across a string.
+    pub force: Option<Vec<Expression>>,
+    /// The force by area on a side, in the same way, by the name of the side.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, Vec<Expression>>)]
+    pub traction: Ordered<Vec<Expression>>,
+    /// The sides that keep their displacement of the start: `x_min`, `x_max`, `y_min`, ...
+    #[serde(default)]
+    pub clamped: Vec<String>,
+    /// The obstacles by the side that they are at; of a string, by `below` and `above`.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, ElasticContact>)]
+    pub contact: Ordered<ElasticContact>,
+    /// Displacement and velocity at the start. Default 0.
+    #[serde(default)]
+    pub initial: ElasticStart,
+    /// Points by name, whose displacement is an output: of that name, or with `_x`, `_y`, `_z` behind it where there are
+    /// several components.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, Vec<Expression>>)]
+    pub probes: Ordered<Vec<Expression>>,
+}
+
+/// The most displacements of nodes.
+const MOST_DISPLACEMENTS: u64 = 100_000;
+
+impl ElasticProblem {
+    /// Displacements and velocities, as far as `elements` tells.
+    pub(super) fn unknowns(&self) -> usize {
+        let nodes = self.elements.iter().fold(1_u64, |nodes, &axis| nodes.saturating_mul(axis.saturating_add(1)));
+        usize::try_from(nodes.saturating_mul(2 * self.elements.len() as u64)).unwrap_or(usize::MAX)
+    }
+
+    /// Lowers the problem as far as it can be; the model is of use only if no error was found.
+    pub(super) fn lower(&self, place: &Place<'_>, start: Option<f64>) -> (Lowering, Option<Model>) {
+        let mut lowering = Lowering::new(start, &self.parameters, place);
+        let Some(geometry) = self.geometry(place, &mut lowering) else { return (lowering, None) };
+        let names = ["x", "y", "z"].into_iter().take(geometry.grid.dimension());
+        lowering.bind_unknowns(names, |_| place.to_string());
+        let clamped = self.clamped(&geometry, place, &mut lowering);
+        let loads = self.loads(&geometry, place, &mut lowering);
+        let (displacement, velocity) = self.initial.lower(&geometry, &place.key("initial"), &mut lowering);
+        let (contacts, sides) = self.contacts(&geometry, &clamped, &displacement, place, &mut lowering);
+        let law = self.law(&geometry, place, &mut lowering);
+        let probes = self.probes(&geometry, place, &mut lowering);
+        let (Some(law), true) = (law, lowering.errors.is_empty()) else { return (lowering, None) };
+        let continuum = Continuum {
+            components: geometry.components,
+            density: law.density,
+            lame: law.lame,
+            relaxation: law.relaxation,
+            loads,
+            clamped,
+            contacts,
+            grid: geometry.grid.clone(),
+        };
+        let lowered = semidiscretise(&mut lowering.graph, &continuum, &displacement, &velocity);
+        if lowered.unknowns.inner == 0 {
+            let detail = "no node of the body moves";
+            lowering.errors.report(&place.key("clamped"), "nothing_moves", detail);
+            return (lowering, None);
+        }
+        let names = outputs::names(&geometry, &continuum, &lowered, &sides);
+        let outputs = outputs::lower(&probes, &continuum, &lowered, &sides, &mut lowering);
+        let equations = match Linear::new(&mut lowering.graph, lowered.rows) {
+            Ok(equations) => Equations::Linear(equations),
+            Err((_, error)) => {
+                let place = place.key("contact");
+                lowering.errors.push(SpecificationError::new(place.to_string(), error.code, error.message));
+                return (lowering, None);
+            }
+        };
+        let model = DviModel {
+            state_names: names.states,
+            variable_names: names.variables,
+            outputs,
+            initial: lowered.initial,
+            equations,
+            warnings: open_questions(&geometry, &continuum),
+        };
+        if let Some(t) = lowering.start {
+            start::check(&model, t, |_| place.to_string(), &mut lowering.errors);
+        }
+        (lowering, Some(Model::Dvi(Box::new(model))))
+    }
+}
+
+/// What the theory leaves open of the body itself, of which its elements are an approximation.
+fn open_questions(geometry: &Geometry, continuum: &Continuum) -> Vec<Warning> {
+    let elastic = continuum.relaxation == 0.0 && !continuum.contacts.is_empty();
+    if !elastic || geometry.grid.dimension() == 1 {
+        return Vec::new();
+    }
+    let message = "without viscosity, existence and uniqueness for the body itself are open, whatever holds for its \
+                   elements; with `viscosity` above 0 solutions exist"
+        .to_owned();
+    vec![Warning { code: "uniqueness_open", message }]
+}

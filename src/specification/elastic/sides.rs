@@ -1,0 +1,50 @@
+//! Sides by name.
+
+use super::ElasticProblem;
+use super::body::Geometry;
+use crate::expression::nearest;
+use crate::models::finite_elements::Side;
+use crate::specification::error::SpecificationError;
+use crate::specification::lowering::Lowering;
+use crate::specification::place::Place;
+use crate::specification::wording::{abridged, listed};
+
+impl Geometry {
+    /// The side of that name; what is none is reported.
+    pub(super) fn side(&self, name: &str, place: &Place<'_>, lowering: &mut Lowering) -> Option<Side> {
+        let found = Side::all(self.grid.dimension()).find(|side| side.name() == name);
+        if found.is_none() {
+            let names = || Side::all(self.grid.dimension()).map(Side::name);
+            unknown(name, names().collect(), place, lowering);
+        }
+        found
+    }
+}
+
+/// Reports a name that is none of those there are.
+pub(super) fn unknown(name: &str, names: Vec<&str>, place: &Place<'_>, lowering: &mut Lowering) {
+    let detail = format!("`{}` is no side of this body", abridged(name));
+    let error = SpecificationError::new(place.to_string(), "unknown_name", detail);
+    let near = nearest(name, names.iter().copied());
+    lowering.errors.push(error.expected(listed(names.iter().copied())).did_you_mean(near));
+}
+
+impl ElasticProblem {
+    /// Which displacements are held.
+    pub(super) fn clamped(&self, geometry: &Geometry, place: &Place<'_>, lowering: &mut Lowering) -> Vec<bool> {
+        let place = place.key("clamped");
+        let components = geometry.components;
+        let mut clamped = vec![false; geometry.grid.nodes() * components];
+        for (k, name) in self.clamped.iter().enumerate() {
+            let place = place.index(k);
+            if self.clamped[..k].contains(name) {
+                let detail = format!("`{}` is clamped already", abridged(name));
+                lowering.errors.report(&place, "duplicate_name", detail);
+            } else if let Some(side) = geometry.side(name, &place, lowering) {
+                let nodes = geometry.grid.nodes_on(side);
+                nodes.for_each(|node| clamped[node * components..(node + 1) * components].fill(true));
+            }
+        }
+        clamped
+    }
+}

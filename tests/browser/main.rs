@@ -1,0 +1,11 @@
+//! The page in a real browser: a headless Chromium, driven as its user would, by keys and by what is on the screen.
+//!
+//! Needs Debian's package `chromium`; `DVI_CHROMIUM` names another program.
+
+mod comparing;
+mod driver;
+mod looks;
+mod numbers;
+mod places;
+mod server;
+mod solving;

@@ -1,0 +1,49 @@
+//! The program, serving on a port of its own until it is dropped.
+
+use std::io::{BufRead, BufReader};
+use std::process::{Child, Command, Stdio};
+
+pub struct Server {
+    child: Child,
+    pub address: String,
+}
+
+impl Server {
+    /// One for this machine alone, that keeps nothing.
+    pub fn start() -> Self {
+        Self::start_with(&["--listen", "127.0.0.1:0", "--ephemeral"])
+    }
+
+    /// One that asks for tokens, and such a token.
+    pub fn guarded(name: &str) -> (Self, String) {
+        let data = format!("{}/{name}", env!("CARGO_TARGET_TMPDIR"));
+        let _ = std::fs::remove_dir_all(&data);
+        let create = ["token", "create", "--name", name, "--data", &data];
+        let token = Command::new(env!("CARGO_BIN_EXE_dvi")).args(create).output().unwrap().stdout;
+        let server = Self::start_with(&["--listen", "127.0.0.1:0", "--ask-tokens", "--data", &data]);
+        (server, String::from_utf8(token).unwrap().trim().to_owned())
+    }
+
+    fn start_with(arguments: &[&str]) -> Self {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_dvi"))
+            .arg("serve")
+            .args(arguments)
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut log = BufReader::new(child.stderr.take().unwrap()).lines();
+        let line = log.find_map(|line| line.ok().filter(|line| line.contains("serving on"))).unwrap();
+        let at = line.find("http://").unwrap();
+        let address = line[at..].split_whitespace().next().unwrap().to_owned();
+        // A server whose log nobody reads would wait for a reader.
+        std::thread::spawn(move || log.for_each(drop));
+        Self { child, address }
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
