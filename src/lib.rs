@@ -19,6 +19,7 @@
 
 pub mod analysis;
 pub mod contact;
+pub mod convolution;
 pub mod expression;
 pub mod factorisation;
 pub mod models;
@@ -61,6 +62,10 @@ fn solve_once(specification: &Specification, control: &Control) -> Solution {
         Model::RigidBodies(scene) => {
             let (settings, analysis) = (specification.contact_plan().settings, specification.analysis());
             solution::step_rigid_bodies(scene, &plan, &settings, analysis, control)
+        }
+        Model::Convolution(model) => {
+            let (convolution, analysis) = (specification.convolution_plan(model), specification.analysis());
+            solution::integrate_convolution(model, &plan, &convolution, analysis, control)
         }
     };
     solution.diagnostics.warnings.extend(model.warnings().iter().cloned());

@@ -4,15 +4,17 @@
 mod certificates;
 mod index;
 mod linearisation;
+mod memory;
 mod uniqueness;
 
 pub use certificates::Certificates;
 pub use index::{Index, index};
 pub use linearisation::Linearisation;
+pub use memory::analyse_memory;
 pub use uniqueness::{Uniqueness, uniqueness};
 
 use crate::problem::{Dvi, FaceEquations, Mass};
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
 /// Up to this many states and variables a problem is analysed; the analysis is dense.
 const MOST_UNKNOWNS: usize = 300;
@@ -21,9 +23,10 @@ const MOST_UNKNOWNS: usize = 300;
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Analysis {
     /// How often `G` must be differentiated until it determines `z`: 0, 1, 2, ..; the highest of its parts. Absent where
-    /// no number of differentiations does, or where the problem is too large to be analysed.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub index: Option<usize>,
+    /// no number of differentiations does, or where the problem is too large to be analysed. With memory, the exponent of
+    /// the kernel, which need not be whole.
+    #[serde(skip_serializing_if = "Option::is_none", serialize_with = "whole_where_it_is")]
+    pub index: Option<f64>,
     /// How many variables each differentiation determines, the undifferentiated `G` first; more than one number above
     /// zero is a mixed index.
     pub levels: Vec<usize>,
@@ -31,6 +34,13 @@ pub struct Analysis {
     pub uniqueness: Uniqueness,
     /// Why, with the figures.
     pub because: String,
+}
+
+fn whole_where_it_is<S: Serializer>(index: &Option<f64>, serializer: S) -> Result<S::Ok, S::Error> {
+    match index {
+        Some(index) if index.fract() == 0.0 => serializer.serialize_u64(*index as u64),
+        index => index.serialize(serializer),
+    }
 }
 
 /// Analyses the problem at `(t, y)`, `y = (x, z)`, on the variables that are not fixed.
@@ -61,7 +71,7 @@ fn of(problem: &mut dyn Dvi, t: f64, linearise: impl FnOnce(&mut dyn Dvi) -> Opt
     let refuse = |because| Analysis { index: None, levels: Vec::new(), uniqueness: Uniqueness::NotAnalysed, because };
     if structure.variables == 0 && structure.mass == Mass::Identity {
         let because = "there are no variables: an ordinary differential equation".to_owned();
-        return Analysis { index: Some(0), levels: Vec::new(), uniqueness: Uniqueness::Unique, because };
+        return Analysis { index: Some(0.0), levels: Vec::new(), uniqueness: Uniqueness::Unique, because };
     }
     if unknowns > MOST_UNKNOWNS {
         return refuse(format!("{unknowns} states and variables are more than the {MOST_UNKNOWNS} that are analysed"));
@@ -73,7 +83,7 @@ fn of(problem: &mut dyn Dvi, t: f64, linearise: impl FnOnce(&mut dyn Dvi) -> Opt
     let Some(index) = index(&linearisation) else { return refuse(overflow()) };
     let (uniqueness, because) =
         uniqueness(&linearisation, &index).unwrap_or_else(|| (Uniqueness::NotAnalysed, overflow()));
-    Analysis { index: index.value(), levels: index.levels, uniqueness, because }
+    Analysis { index: index.value().map(|value| value as f64), levels: index.levels, uniqueness, because }
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 //! names that their columns go by.
 
 pub mod circuit;
+mod convolution;
 pub mod elastic;
 pub mod filippov;
 pub mod finite_elements;
@@ -13,6 +14,7 @@ mod outputs;
 pub mod rigid_bodies;
 mod symbolic;
 
+pub use convolution::ConvolutionModel;
 pub use linear::{Linear, LinearRows};
 pub use mechanical::{MechanicalRows, SymbolicMechanics, Underivable};
 pub use mechanical_model::{ENERGIES, MechanicalModel};

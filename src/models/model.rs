@@ -1,9 +1,9 @@
 //! Problems with their names and their start, to be solved any number of times.
 
 use super::rigid_bodies::Scene;
-use super::{Linear, MechanicalModel, Outputs, Symbolic};
+use super::{ConvolutionModel, Linear, MechanicalModel, Outputs, Symbolic};
 use crate::analysis::{Analysis, analyse};
-use crate::problem::{Dvi, Structure};
+use crate::problem::{ConvexSet, Dvi, Structure};
 use crate::solution::Warning;
 use std::ops::Range;
 
@@ -16,15 +16,18 @@ pub enum Model {
     Mechanical(Box<MechanicalModel>),
     /// Rigid bodies in space, for time stepping.
     RigidBodies(Scene),
+    /// A problem with memory, for convolution quadrature.
+    Convolution(Box<ConvolutionModel>),
 }
 
 impl Model {
-    /// The names of the states.
+    /// The names of the states; with memory, which has none, of the variables.
     pub fn state_names(&self) -> Vec<String> {
         match self {
             Self::Dvi(model) => model.state_names.clone(),
             Self::Mechanical(model) => model.state_names.clone(),
             Self::RigidBodies(scene) => scene.state_names(),
+            Self::Convolution(model) => model.forcing.variable_names.clone(),
         }
     }
 
@@ -34,6 +37,7 @@ impl Model {
             Self::Dvi(model) => model.names().cloned().collect(),
             Self::Mechanical(model) => model.output_names.clone(),
             Self::RigidBodies(scene) => scene.output_names(),
+            Self::Convolution(model) => model.output_names.clone(),
         }
     }
 
@@ -46,12 +50,13 @@ impl Model {
         }
     }
 
-    /// The states at the start.
+    /// The states at the start; with memory zeros, as nothing is given there.
     pub fn initial(&self) -> Vec<f64> {
         match self {
             Self::Dvi(model) => model.initial.clone(),
             Self::Mechanical(model) => model.initial.clone(),
             Self::RigidBodies(scene) => scene.initial(),
+            Self::Convolution(model) => vec![0.0; model.variables()],
         }
     }
 
@@ -61,6 +66,7 @@ impl Model {
             Self::Dvi(model) => &model.warnings,
             Self::Mechanical(model) => &model.warnings,
             Self::RigidBodies(scene) => &scene.warnings,
+            Self::Convolution(model) => &model.forcing.warnings,
         }
     }
 
@@ -70,6 +76,7 @@ impl Model {
             Self::Dvi(model) => model.analyse(t),
             Self::Mechanical(model) => model.analyse(),
             Self::RigidBodies(scene) => scene.analyse(),
+            Self::Convolution(model) => model.analyse(),
         }
     }
 
@@ -77,8 +84,16 @@ impl Model {
     pub fn dvi(&self) -> Option<&DviModel> {
         match self {
             Self::Dvi(model) => Some(model),
-            Self::Mechanical(_) => None,
-            Self::RigidBodies(_) => None,
+            Self::Mechanical(_) | Self::RigidBodies(_) | Self::Convolution(_) => None,
+        }
+    }
+
+    /// The set that variables are in, where the user gives one.
+    pub fn set(&self) -> Option<&ConvexSet> {
+        match self {
+            Self::Dvi(model) => Some(&model.structure().set),
+            Self::Convolution(model) => Some(&model.forcing.structure().set),
+            Self::Mechanical(_) | Self::RigidBodies(_) => None,
         }
     }
 }

@@ -137,6 +137,15 @@ impl Tableau {
             };
         }
     }
+
+    /// The values at `theta` of the Lagrange polynomials of the nodes `c_1, .., c_s` alone, into `values` of length `s`:
+    /// the polynomial through values at the stages.
+    pub fn stages_at(&self, theta: f64, values: &mut [f64]) {
+        for (i, value) in values.iter_mut().enumerate() {
+            let others = self.c.iter().enumerate().filter(|&(j, _)| j != i);
+            *value = others.map(|(_, c)| (theta - c) / (self.c[i] - c)).product();
+        }
+    }
 }
 
 /// The integral of `prod_i (1 - theta / c_i)` from zero, without its vanishing constant.

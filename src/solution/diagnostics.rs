@@ -52,6 +52,22 @@ pub struct GlobalError {
     pub reference_steps: u64,
 }
 
+/// How the uniform mesh of a problem with memory was found: its steps were halved until two runs agreed.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Refinement {
+    /// How often the step was halved.
+    pub halvings: u32,
+    /// Of each variable, the mean over time of the distance between the last run and the one before, at its steps: what
+    /// the last but one is off by, so that the last is off by less.
+    #[serde(serialize_with = "by_name")]
+    pub mean_distance: Vec<(String, f64)>,
+    /// The largest of it and of half the distance before, in units of `atol + rtol max |z|`; the aim is 1.
+    pub scaled: f64,
+    /// The factor by which it last shrank, as a power of two: the order that was met.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub order: Option<f64>,
+}
+
 /// What was evaluated, and how often.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Evaluations {
@@ -135,6 +151,9 @@ pub struct Diagnostics {
     /// What the values at the end may be off by; present where it was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub global_error: Option<GlobalError>,
+    /// How the step was chosen; present for a problem with memory without a `step`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub refinement: Option<Refinement>,
     /// The parts that were built.
     pub built: Vec<&'static str>,
     /// The parts that this problem did not need, each with the reason.

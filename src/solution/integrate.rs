@@ -185,7 +185,7 @@ pub fn describe(structure: &Structure, settings: &Settings, analysis: &Analysis)
         let message = format!("uniqueness is not guaranteed: {}", analysis.because);
         diagnostics.warnings.push(Warning { code: "uniqueness_not_guaranteed", message });
     }
-    if analysis.index == Some(2) && !structure.constant_jacobian {
+    if analysis.index == Some(2.0) && !structure.constant_jacobian {
         let message = "the index at the start is 2 (CB = 0): bounds may be crossed, but where one is reached and kept the \
                        states jump; implicit Euler takes that in its stride (`\"stages\": 1` with a fixed `step`)";
         diagnostics.warnings.push(Warning { code: "index_two", message: message.to_owned() });

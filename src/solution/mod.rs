@@ -1,6 +1,7 @@
 //! What a solve hands back: the trajectory in columns, events, diagnostics, and how it ended.
 
 mod contact;
+mod convolution;
 mod diagnostics;
 pub mod encodings;
 mod energy_balance;
@@ -15,7 +16,10 @@ mod trajectory;
 
 pub use crate::problem::{Event, EventKind};
 pub use contact::{ContactPlan, describe_contact, integrate_contact};
-pub use diagnostics::{Contraction, Diagnostics, Evaluations, Face, GlobalError, Steps, Tried, ViCounts, Warning};
+pub use convolution::{ConvolutionPlan, Mesh, describe_convolution, integrate_convolution};
+pub use diagnostics::{
+    Contraction, Diagnostics, Evaluations, Face, GlobalError, Refinement, Steps, Tried, ViCounts, Warning,
+};
 pub use excerpt::{Excerpt, NoSuchField};
 pub use integrate::{describe, integrate};
 pub use rigid_bodies::{describe_rigid_bodies, step_rigid_bodies};

@@ -1,5 +1,6 @@
 //! A specification that has passed every check.
 
+use super::convolution;
 use super::document::{Document, Limits, Problem, Time};
 use super::error::{Errors, SpecificationError};
 use super::lowering::{Lowering, MOST_UNKNOWNS};
@@ -68,23 +69,28 @@ impl Specification {
             let names = model.output_names();
             let names: Vec<&str> = names.iter().map(String::as_str).collect();
             let output_fields = output.fields(&names, model.default_outputs(), &place_of_output, &mut found);
-            if let Some(model) = model.dvi() {
-                check_solver(&model.structure().set, method.vi_solver, &place, &mut found);
+            if let Some(set) = model.set() {
+                check_solver(set, method.vi_solver, &place, &mut found);
             }
             let analysis = (errors.is_empty() && found.is_empty()).then(|| model.analyse(time.start))?;
             match &model {
                 Model::Dvi(model) => check_index(&analysis, model, &method, &mut found),
                 Model::Mechanical(_) | Model::RigidBodies(_) => {}
+                Model::Convolution(model) => convolution::check(model, &method, time, &mut found),
             }
             method.check_for(&model, &place, &mut found);
             if output.global_error && model.dvi().is_none() {
-                let detail = "two runs that meet impacts at different times are not compared";
+                let detail = match model {
+                    Model::Convolution(_) => {
+                        "with memory the error is estimated where there is no `step`, and only there"
+                    }
+                    _ => "two runs that meet impacts at different times are not compared",
+                };
                 found.report(&place_of_output.key("global_error"), "conflict", detail);
             }
             let study = study.and_then(|study| {
-                let (key, parameters) = problem.parameters();
                 let of_problem = root.key("problem");
-                let parameters = (parameters, &of_problem.key(key));
+                let parameters = (problem.parameters(), &of_problem.key(problem.name()));
                 study.check((&model, &method, time), parameters, &root.key("study"), &mut found)
             });
             Some(Self {
@@ -183,6 +189,7 @@ fn lower(problem: &Problem, start: Option<f64>, errors: &mut Errors) -> Option<M
         Problem::RigidBodies(problem) => problem.bodies.len(),
         Problem::Filippov(problem) => problem.states.len() + problem.variables(),
         Problem::Circuit(problem) => problem.components.as_ref().map_or(0, Vec::len),
+        Problem::Convolution(problem) => problem.variables.len(),
         Problem::Elastic(problem) => problem.unknowns(),
     };
     let place = place.key(problem.name());
@@ -198,6 +205,7 @@ fn lower(problem: &Problem, start: Option<f64>, errors: &mut Errors) -> Option<M
         Problem::RigidBodies(problem) => problem.lower(&place, start),
         Problem::Filippov(problem) => problem.lower(&place, start),
         Problem::Circuit(problem) => problem.lower(&place, start),
+        Problem::Convolution(problem) => problem.lower(&place, start),
         Problem::Elastic(problem) => problem.lower(&place, start),
     };
     errors.append(found);
@@ -229,7 +237,7 @@ fn check_index(analysis: &Analysis, model: &DviModel, method: &Method, errors: &
     let set = &model.structure().set;
     let bounded = !model.structure().moving.is_empty() || (0..set.dimension()).any(|k| !set.is_free(k));
     match analysis.index {
-        Some(index) if index >= 3 && !method.accept_index_three => {
+        Some(index) if index >= 3.0 && !method.accept_index_three => {
             let detail = format!(
                 "the index is {index}: the variables show only in derivative number {index} of the inequalities, so that \
                  solutions exist for special data only, and limits of approximate solutions need not be solutions"
@@ -240,7 +248,7 @@ fn check_index(analysis: &Analysis, model: &DviModel, method: &Method, errors: &
             errors.push(error.expected(expected));
         }
         // Where the matrices vary, those at the start do not tell what happens at a bound: it may be crossed without rest.
-        Some(2)
+        Some(2.0)
             if bounded
                 && model.structure().constant_jacobian
                 && !(method.step.is_some() && matches!(method.stages, Stages::Fixed(1))) =>

@@ -1,6 +1,7 @@
 //! The document as a whole: what a user posts, before it is checked.
 
 use super::circuit::CircuitProblem;
+use super::convolution::ConvolutionProblem;
 use super::dvi::DviProblem;
 use super::elastic::ElasticProblem;
 use super::expression::Expression;
@@ -57,6 +58,8 @@ pub enum Problem {
     Filippov(FilippovProblem),
     /// An electrical circuit with ideal diodes and switches, in components or as a netlist.
     Circuit(CircuitProblem),
+    /// A problem with memory: an inequality for the convolution of the variables with a kernel.
+    Convolution(ConvolutionProblem),
     /// An elastic or viscoelastic body in dynamic contact with obstacles.
     Elastic(Box<ElasticProblem>),
 }
@@ -71,6 +74,7 @@ impl Problem {
             Self::RigidBodies(_) => "rigid_bodies",
             Self::Filippov(_) => "filippov",
             Self::Circuit(_) => "circuit",
+            Self::Convolution(_) => "convolution",
             Self::Elastic(_) => "elastic",
         }
     }
@@ -103,16 +107,17 @@ pub struct Limits {
 static NO_PARAMETERS: Ordered<Expression> = Ordered::new();
 
 impl Problem {
-    /// Its key, and its parameters, where it can have any.
-    pub(super) fn parameters(&self) -> (&'static str, &Ordered<Expression>) {
+    /// Its parameters, where it can have any.
+    pub(super) fn parameters(&self) -> &Ordered<Expression> {
         match self {
-            Self::Dvi(problem) => ("dvi", &problem.parameters),
-            Self::Lcs(problem) => ("lcs", &problem.parameters),
-            Self::Mechanical(problem) => ("mechanical", &problem.parameters),
-            Self::RigidBodies(_) => ("rigid_bodies", &NO_PARAMETERS),
-            Self::Filippov(problem) => ("filippov", &problem.parameters),
-            Self::Circuit(problem) => ("circuit", &problem.parameters),
-            Self::Elastic(problem) => ("circuit", &problem.parameters),
+            Self::Dvi(problem) => &problem.parameters,
+            Self::Lcs(problem) => &problem.parameters,
+            Self::Mechanical(problem) => &problem.parameters,
+            Self::RigidBodies(_) => &NO_PARAMETERS,
+            Self::Filippov(problem) => &problem.parameters,
+            Self::Circuit(problem) => &problem.parameters,
+            Self::Convolution(problem) => &problem.parameters,
+            Self::Elastic(problem) => &problem.parameters,
         }
     }
 }

@@ -33,6 +33,8 @@ pub const EXAMPLES: &[Example] = examples! {
     "friction_belt"
     "friction_disk"
     "hires"
+    "memory_abel"
+    "memory_relaxation"
     "newton_cradle"
     "pendulum"
     "pollu"

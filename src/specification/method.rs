@@ -29,7 +29,7 @@ pub struct Method {
     /// Absolute tolerance of the local error, one number or one for each state. Default `rtol/1000`, which also holds
     /// for the states that are not named. It should lie below the smallest value that matters.
     pub atol: Option<AbsoluteTolerance>,
-    /// A fixed step. Without it the step follows the error.
+    /// A fixed step. Without it the step follows the error; with memory, it is halved until runs agree.
     #[schema(exclusive_minimum = 0.0)]
     pub step: Option<f64>,
     /// The first step to try.
@@ -90,6 +90,7 @@ choices! {
         "auto" Auto: "The one that fits the problem."
         "radau" Radau: "Radau IIA with a variational inequality at every stage, of order 2s - 1 for s stages."
         "contact" Contact: "The steppers of mechanical systems with impacts and friction."
+        "convolution" Convolution: "Convolution quadrature on Radau IIA with a fixed step, for problems with memory."
     }
 }
 
@@ -199,9 +200,15 @@ impl Method {
             (Model::Dvi(_), MethodName::Contact) => {
                 refuse("name", "this problem has no contacts", "`auto` or `radau`");
             }
+            (Model::Convolution(_), MethodName::Radau | MethodName::Contact) => {
+                refuse("name", "this problem has a memory", "`auto` or `convolution`");
+            }
+            (Model::Dvi(_) | Model::Mechanical(_) | Model::RigidBodies(_), MethodName::Convolution) => {
+                refuse("name", "this problem has no memory", "`auto`");
+            }
             _ => {}
         }
-        if let Model::Dvi(_) = model {
+        if let Model::Dvi(_) | Model::Convolution(_) = model {
             for (key, given) in [("impacts", self.impacts.is_some()), ("impact_law", self.impact_law.is_some())] {
                 if given {
                     refuse(key, "only mechanical systems have impacts", "to be left out");

@@ -10,6 +10,7 @@ mod catalogue;
 mod checked;
 mod choices;
 mod circuit;
+mod convolution;
 mod deserializer;
 mod document;
 mod dvi;
@@ -51,6 +52,7 @@ pub use checked::Specification;
 pub use circuit::{
     Capacitor, CircuitProblem, Component, CurrentSource, Diode, Inductor, Resistor, Switch, VoltageSource, Zener,
 };
+pub use convolution::{ConvolutionProblem, ConvolutionVariable, FractionalKernel, KernelOfTime};
 pub use document::{Document, Limits, Problem, Time};
 pub use dvi::{DviProblem, State, Variable};
 pub use elastic::{

@@ -14,7 +14,7 @@ pub(super) const MOST_STEPS: u64 = 10_000_000;
 /// The numbers that a trajectory may hold: 256 MiB of them.
 pub(super) const MOST_VALUES: usize = 1 << 25;
 /// The natural-map residual to reach where none is given, relative to the terms of `G`.
-const VI_TOLERANCE: f64 = 1e-10;
+pub(super) const VI_TOLERANCE: f64 = 1e-10;
 /// The relative residual of the law of contact where none is given: bodies at rest are not to creep.
 const CONTACT_TOLERANCE: f64 = 1e-12;
 /// The same for bodies in space, whose many redundant contacts leave no more digits.
@@ -60,14 +60,7 @@ impl Specification {
                 Switches::Locate => radau::Switches::Locate,
                 Switches::StepOver => radau::Switches::StepOver,
             },
-            vi_solver: match method.vi_solver {
-                ViSolverName::Auto => SolverKind::Auto,
-                ViSolverName::Lemke => SolverKind::Lemke,
-                ViSolverName::SemismoothNewton => SolverKind::SemismoothNewton,
-                ViSolverName::ActiveSet => SolverKind::ActiveSet,
-                ViSolverName::Conic => SolverKind::Conic,
-                ViSolverName::BlockGaussSeidel => SolverKind::BlockGaussSeidel,
-            },
+            vi_solver: solver(method.vi_solver),
             vi_tolerance: method.vi_tolerance.unwrap_or(VI_TOLERANCE),
         }
     }
@@ -90,5 +83,17 @@ impl Specification {
         let by_step = if method.step.is_some() { Impacts::TimeStepping } else { Impacts::Locate };
         let located = method.impacts.unwrap_or(by_step) == Impacts::Locate;
         ContactPlan { settings, located: located.then(|| self.settings()) }
+    }
+}
+
+/// The solver of that name.
+pub(super) fn solver(name: ViSolverName) -> SolverKind {
+    match name {
+        ViSolverName::Auto => SolverKind::Auto,
+        ViSolverName::Lemke => SolverKind::Lemke,
+        ViSolverName::SemismoothNewton => SolverKind::SemismoothNewton,
+        ViSolverName::ActiveSet => SolverKind::ActiveSet,
+        ViSolverName::Conic => SolverKind::Conic,
+        ViSolverName::BlockGaussSeidel => SolverKind::BlockGaussSeidel,
     }
 }

@@ -3,7 +3,7 @@
 use super::checked::Specification;
 use crate::analysis::Analysis;
 use crate::models::Model;
-use crate::solution::{Warning, describe, describe_contact, describe_rigid_bodies};
+use crate::solution::{Warning, describe, describe_contact, describe_convolution, describe_rigid_bodies};
 use serde::Serialize;
 
 /// Sizes, what the theory says, and what a solve would build.
@@ -44,6 +44,7 @@ impl Specification {
             Model::Dvi(model) => describe(model.structure(), &self.settings(), self.analysis()),
             Model::Mechanical(model) => describe_contact(model, &self.contact_plan(), self.analysis()),
             Model::RigidBodies(scene) => describe_rigid_bodies(scene, &self.contact_plan().settings, self.analysis()),
+            Model::Convolution(model) => describe_convolution(model, &self.convolution_plan(model), self.analysis()),
         };
         let mut warnings = described.warnings;
         warnings.extend(model.warnings().iter().cloned());
@@ -95,6 +96,13 @@ impl Sizes {
                     constant_jacobian: structure.constant_mass && structure.constant_forces,
                 }
             }
+            Model::Convolution(model) => Self {
+                states: 0,
+                variables: model.variables(),
+                moving_bounds: model.forcing.structure().moving.len(),
+                jacobian_nonzeros: model.at_zero.iter().filter(|entry| **entry != 0.0).count(),
+                constant_jacobian: true,
+            },
             Model::RigidBodies(_) => Self {
                 states: model.state_names().len(),
                 variables: 0,

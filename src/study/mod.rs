@@ -24,7 +24,7 @@ const TIGHTER: f64 = 100.0;
 const LEAST_RTOL: f64 = 1e-13;
 /// The tolerance of a reference for runs with fixed steps.
 const REFERENCE_RTOL: f64 = 1e-12;
-/// The step of a reference for bodies in space, so many in the finest.
+/// The step of a reference where steps have one size, so many in the finest.
 const FINER: f64 = 32.0;
 
 /// Runs a study of a problem.
@@ -92,7 +92,7 @@ fn reference(model: &Model, rungs: &[Rung]) -> (Rung, String) {
         Rung::Tolerance(x) | Rung::Step(x) => finest.min(*x),
     });
     let by_step = matches!(rungs.first(), Some(Rung::Step(_)));
-    if by_step && matches!(model, Model::RigidBodies(_)) {
+    if by_step && matches!(model, Model::RigidBodies(_) | Model::Convolution(_)) {
         let step = finest / FINER;
         return (Rung::Step(step), format!("a run with the step {step:e}"));
     }
@@ -159,8 +159,9 @@ fn order(before: &StudyRun, run: &StudyRun) -> Option<f64> {
 fn name(model: &Model, stages: Stages) -> String {
     match (model, stages) {
         (Model::Mechanical(_) | Model::RigidBodies(_), _) => "contact".to_owned(),
+        (Model::Convolution(_), Stages::Auto) => "convolution".to_owned(),
         (Model::Dvi(_), Stages::Auto) => "stages chosen".to_owned(),
-        (Model::Dvi(_), Stages::Fixed(1)) => "1 stage".to_owned(),
-        (Model::Dvi(_), Stages::Fixed(stages)) => format!("{stages} stages"),
+        (Model::Dvi(_) | Model::Convolution(_), Stages::Fixed(1)) => "1 stage".to_owned(),
+        (Model::Dvi(_) | Model::Convolution(_), Stages::Fixed(stages)) => format!("{stages} stages"),
     }
 }

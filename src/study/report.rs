@@ -63,6 +63,7 @@ pub fn chapter(example: &Example) -> Option<Chapter> {
             vec![("", with(by_tolerance, json!([3, 5, "auto"]))), (FIXED, with(by_step, json!([1, 2, 3])))]
         }
         Model::Mechanical(_) => vec![(", located", by_tolerance), (FIXED, by_step)],
+        Model::Convolution(_) => vec![(FIXED, with(by_step, json!([1, 2, 3])))],
         Model::RigidBodies(_) => vec![(FIXED, by_step)],
     };
     let mut chapter = Chapter {

@@ -126,7 +126,7 @@ fn markup_in_a_label_is_text() {
 
 #[test]
 fn a_token_is_asked_for_where_the_service_wants_one() {
-    let (server, token) = Server::guarded("browser-token");
+    let (server, token) = Server::guarded("guarded");
     let page = Page::of(server, "token", "/");
     page.replace_text(DECAY);
     page.wait("!document.getElementById('access').hidden");

@@ -1,5 +1,6 @@
 //! Measured orders of convergence, against closed forms.
 
 mod blocks;
+mod memory;
 mod orders;
 mod switches;

@@ -172,11 +172,13 @@ const KILLS: u32 = 24;
 fn no_kill_at_any_moment_loses_doubles_or_spoils_an_accepted_job() {
     let kills = std::env::var("DVI_KILLS").map_or(KILLS, |text| text.parse().unwrap());
     let folder = Folder::new();
+    // All of them: a job that is too old is forgotten with its key.
+    let keeping = ["--workers", "2", "--kept-jobs", "1000000"];
     // By the key under which each was posted: its path, once that was told.
     let mut accepted: HashMap<u32, Option<String>> = HashMap::new();
     let mut random = std::process::id();
     for round in 0..kills {
-        let server = Server::start(&folder, &["--workers", "2"]);
+        let server = Server::start(&folder, &keeping);
         random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
         let life = Duration::from_micros(u64::from(random >> 14) % 150_000);
         let (address, stop) = (server.address().to_owned(), AtomicBool::new(false));
@@ -202,7 +204,7 @@ fn no_kill_at_any_moment_loses_doubles_or_spoils_an_accepted_job() {
         });
         accepted.extend(told);
     }
-    let server = Server::start(&folder, &["--workers", "2"]);
+    let server = Server::start(&folder, &keeping);
     let mut paths = HashMap::new();
     for (k, path) in &accepted {
         // What was being accepted at the kill may be known or not; asked again, it is there once.

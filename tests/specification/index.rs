@@ -25,7 +25,7 @@ fn chain(distance: usize) -> Value {
 #[test]
 fn index_one_is_accepted() {
     let specification = Specification::from_json(chain(0).to_string().as_bytes()).unwrap();
-    assert_eq!(specification.analysis().index, Some(1));
+    assert_eq!(specification.analysis().index, Some(1.0));
 }
 
 #[test]
@@ -67,6 +67,6 @@ fn a_simplex_is_analysed_on_the_plane_it_lies_in() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/api/examples/three_regions.json");
     let specification = Specification::from_json(&std::fs::read(path).unwrap()).unwrap();
     let analysis = specification.analysis();
-    assert_eq!((analysis.index, analysis.levels.as_slice()), (Some(1), &[0, 2][..]));
+    assert_eq!((analysis.index, analysis.levels.as_slice()), (Some(1.0), &[0, 2][..]));
     assert!(analysis.because.contains("least eigenvalue 1.500e0"), "{}", analysis.because);
 }

@@ -10,6 +10,7 @@ mod filippov;
 mod hostile;
 mod index;
 mod mechanical;
+mod memory;
 mod rigid_bodies;
 mod schema;
 mod semantics;

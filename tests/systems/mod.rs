@@ -9,6 +9,7 @@ mod filippov;
 mod friction;
 mod global_error;
 pub mod harness;
+pub mod memory;
 mod netlists;
 mod nonunique;
 mod pendulum;

@@ -195,6 +195,6 @@ fn the_face_of_a_block_is_analysed_on_its_tangent_space() {
     let faces = &solution.diagnostics.faces;
     assert_eq!(faces.len(), 1, "{faces:?}");
     assert!((faces[0].t - 0.5).abs() < 1e-6 && faces[0].on_boundary == ["p", "q", "r"], "{faces:?}");
-    assert_eq!((faces[0].analysis.index, faces[0].analysis.levels.as_slice()), (Some(1), [1, 1].as_slice()));
+    assert_eq!((faces[0].analysis.index, faces[0].analysis.levels.as_slice()), (Some(1.0), [1, 1].as_slice()));
     assert_eq!(faces[0].analysis.uniqueness, Uniqueness::Unique, "{}", faces[0].analysis.because);
 }

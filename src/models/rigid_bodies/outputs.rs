@@ -45,7 +45,7 @@ impl Scene {
         let because = "unilateral constraints on positions: velocities jump in impacts. A solution exists for the velocities \
                        and impulses (Monteiro Marques 1993, Stewart 1998); with friction it need not be unique";
         Analysis {
-            index: Some(2),
+            index: Some(2.0),
             levels: Vec::new(),
             uniqueness: Uniqueness::ExistsNotCertified,
             because: because.to_owned(),

@@ -10,8 +10,8 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 use utoipa::openapi::response::{Response, ResponseBuilder};
-use utoipa::openapi::{ContentBuilder, RefOr};
-use utoipa::{IntoResponses, OpenApi, PartialSchema};
+use utoipa::openapi::{ContentBuilder, Ref, RefOr};
+use utoipa::{IntoResponses, OpenApi, ToSchema};
 
 const STYLE: &str = include_str!("docs.css");
 const JSON: [(HeaderName, &str); 1] = [(header::CONTENT_TYPE, "application/json")];
@@ -31,7 +31,7 @@ static PAGE: LazyLock<String> = LazyLock::new(|| docs::page(&DESCRIPTION));
 #[derive(OpenApi)]
 #[openapi(
     info(title = "dvi", description = "Differential variational inequalities, solved with evidence."),
-    components(schemas(crate::specification::Document)),
+    components(schemas(crate::specification::Document, Problem)),
     tags(
         (name = "solve", description = "Solve and check specifications"),
         (name = "jobs", description = "What was accepted, from its acceptance until it is forgotten"),
@@ -51,7 +51,7 @@ pub fn description() -> Value {
 /// Every operation may refuse, and says why in one form.
 impl IntoResponses for Problem {
     fn responses() -> BTreeMap<String, RefOr<Response>> {
-        let content = ContentBuilder::new().schema(Some(Self::schema())).build();
+        let content = ContentBuilder::new().schema(Some(Ref::from_schema_name(Self::name()))).build();
         let response = ResponseBuilder::new()
             .description("A problem of the table at `/problems`, by its status (RFC 9457)")
             .content("application/problem+json", content);

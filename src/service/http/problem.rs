@@ -107,6 +107,7 @@ problems! {
 
 /// One occurrence of a problem.
 #[derive(Debug, Serialize, ToSchema)]
+#[schema(as = ProblemDetails)]
 pub struct Problem {
     #[serde(rename = "type", serialize_with = "address")]
     #[schema(value_type = String)]

@@ -1,0 +1,79 @@
+//! The kernel `m(t)` of a convolution: a sum of scalar functions of time, each times a constant matrix.
+
+use super::product_integration::product_integration;
+use super::quadrature::fractional;
+use super::weights::Weights;
+use crate::expression::Tape;
+use crate::problem::Control;
+use crate::radau::Tableau;
+
+/// A scalar function of time, integrated a number of times: the power `t^(a-1) / Gamma(a)`, or `t^(a-1) g(t)` with a smooth
+/// function `g`.
+#[derive(Clone, Debug)]
+pub struct Function {
+    /// `a`: from 0 to below 1 for a power, where 0 stands for the identity, and above 0 to 1 beside a factor.
+    pub exponent: f64,
+    /// `g`, a program of the one input `t`.
+    pub factor: Option<Tape>,
+    /// How often it is integrated from zero.
+    pub integrations: usize,
+}
+
+/// A function and the matrix it multiplies.
+#[derive(Clone, Debug)]
+pub struct Term {
+    /// The function.
+    pub function: Function,
+    /// The matrix as `(row, column, value)`, each place at most once.
+    pub matrix: Vec<(usize, usize, f64)>,
+}
+
+/// The sum of its terms.
+#[derive(Clone, Debug)]
+pub struct Kernel {
+    /// The terms.
+    pub terms: Vec<Term>,
+}
+
+/// Why there are no weights.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum NoWeights {
+    /// The kernel is not finite at this time.
+    NotFinite(f64),
+    /// [`Control`] asked to stop.
+    Interrupted,
+}
+
+impl Function {
+    /// The kernel `t^(alpha-1) / Gamma(alpha)` of the integral of order `alpha > 0`.
+    pub fn power(alpha: f64) -> Self {
+        Self { exponent: alpha.fract(), factor: None, integrations: alpha.trunc() as usize }
+    }
+
+    /// The exponent of the integrated function, where the factor is not zero at zero.
+    pub fn index(&self) -> f64 {
+        self.exponent + self.integrations as f64
+    }
+
+    /// The first `length` weights for steps of `h`.
+    ///
+    /// # Errors
+    /// A kernel that is not finite, or an interruption.
+    pub fn weights(&self, tableau: &Tableau, h: f64, length: usize, control: &Control) -> Result<Weights, NoWeights> {
+        let mut weights = match &self.factor {
+            Some(factor) => product_integration(tableau, self.exponent, &mut factor.clone(), h, length, control)?,
+            None if self.exponent == 0.0 => Weights::identity(tableau.stages(), length),
+            None => {
+                let unit = fractional(tableau, self.exponent, length, control);
+                let mut weights = unit.ok_or(NoWeights::Interrupted)?;
+                weights.scale(h.powf(self.exponent));
+                weights
+            }
+        };
+        for _ in 0..self.integrations {
+            weights.integrate(tableau);
+            weights.scale(h);
+        }
+        Ok(weights)
+    }
+}

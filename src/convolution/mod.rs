@@ -1,0 +1,21 @@
+//! Problems with memory: variational inequalities whose law is a convolution,
+//!
+//! ```text
+//! z in K,    <(m * z)(t) + q(t), z~ - z> >= 0  for all z~ in K,    (m * z)(t) = int_0^t m(t - s) z(s) ds
+//! ```
+//!
+//! discretised on the stages of Radau IIA with a step `h`: `w_n = q(t_n + c h) + sum_{k <= n} W_{n-k} Z_k`, `Z_n` the
+//! values of `z` at the stages. The weights are those of convolution quadrature where the kernel is a power
+//! ([`quadrature`]), and of product integration where it is an expression ([`product_integration`]); what the past
+//! contributes is summed by blocks ([`history`]); each step is one variational inequality ([`stepper`]).
+
+pub mod gauss_jacobi;
+pub mod history;
+pub mod kernel;
+pub mod product_integration;
+pub mod quadrature;
+pub mod stepper;
+pub mod weights;
+
+pub use kernel::{Function, Kernel, Term};
+pub use stepper::{Convolution, Settings, StepError};

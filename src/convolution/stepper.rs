@@ -1,0 +1,321 @@
+//! Steps through a convolution inequality. In step `n` the values `Z` of `z` at the stages solve one variational inequality,
+//!
+//! ```text
+//! Z_i in K(t_n + c_i h),    <d_i w_i, z~ - Z_i> >= 0,    w = W_0 Z + sum_{k<n} W_{n-k} Z_k + q(t_n + c h)
+//! ```
+//!
+//! where the factors `d_i = b_i / c_i > 0` change no solution, and make the matrix positive definite for a kernel of index
+//! at most one with a positive definite matrix.
+
+use super::history::{History, Part};
+use super::kernel::{Kernel, NoWeights};
+use super::weights::Weights;
+use crate::problem::{Control, ConvexSet, Dvi, MovingBound, Side, Workspace};
+use crate::radau::Tableau;
+use crate::vi::{AffineVi, Outcome, SolverKind, ViSolver};
+use nalgebra::DMatrix;
+
+/// What a step takes.
+#[derive(Clone, Copy, Debug)]
+pub struct Settings {
+    /// The stages, from 1 to 9.
+    pub stages: usize,
+    /// The solver of the variational inequality of a step.
+    pub vi_solver: SolverKind,
+    /// The natural-map residual that is accepted where the solver gives up, relative to the terms.
+    pub vi_tolerance: f64,
+}
+
+/// Why a step cannot be made.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum StepError {
+    /// The kernel has no value.
+    #[error("the kernel is not finite at t = {lag:?} after its beginning")]
+    Kernel {
+        /// The time since the beginning of the kernel.
+        lag: f64,
+    },
+    /// `q` or a moving bound has no value.
+    #[error("row {row} is not finite at t = {t:?}")]
+    NotFinite {
+        /// The variable, or the number of variables and the moving bound.
+        row: usize,
+        /// When.
+        t: f64,
+    },
+    /// A lower bound has passed an upper one, or a radius zero.
+    #[error("the set of variable {variable} is empty at t = {t:?}")]
+    EmptySet {
+        /// The variable.
+        variable: usize,
+        /// When.
+        t: f64,
+    },
+    /// The variational inequality has no solution that could be found.
+    #[error(
+        "the variational inequality of the step to t = {t:?} was not solved ({outcome}, residual {residual:e}): it may have \
+         no solution, as where a kernel does not oppose its variable"
+    )]
+    Unsolved {
+        /// The end of the step.
+        t: f64,
+        /// How the solver ended.
+        outcome: &'static str,
+        /// The natural-map residual.
+        residual: f64,
+    },
+    /// [`Control`] asked to stop.
+    #[error("interrupted at t = {t:?}")]
+    Interrupted {
+        /// The time reached.
+        t: f64,
+    },
+}
+
+impl StepError {
+    /// A stable word for programs.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::Kernel { .. } | Self::NotFinite { .. } => "not_finite",
+            Self::EmptySet { .. } => "empty_set",
+            Self::Unsolved { .. } => "vi_unsolved",
+            Self::Interrupted { .. } => "interrupted",
+        }
+    }
+}
+
+/// A run over a uniform mesh.
+pub struct Convolution<'p> {
+    /// The tableau.
+    pub tableau: &'static Tableau,
+    forcing: Forcing<'p>,
+    history: History,
+    /// `D W_0`, stage by stage.
+    matrix: DMatrix<f64>,
+    /// `W_0` as it is.
+    first: DMatrix<f64>,
+    /// `K` at each stage.
+    set: ConvexSet,
+    solver: Box<dyn ViSolver>,
+    tolerance: f64,
+    start: f64,
+    /// The step.
+    pub h: f64,
+    /// `Z` of the last step, stage by stage.
+    pub z: Vec<f64>,
+    /// `w` of the last step, stage by stage.
+    pub w: Vec<f64>,
+    /// The integral of `z` to the beginning of the last step.
+    pub integral: Vec<f64>,
+    past: Vec<f64>,
+    q: Vec<f64>,
+    /// The pivots and iterations of the solver.
+    pub iterations: u64,
+    lagrange: Vec<f64>,
+    increments: Vec<f64>,
+    work: Workspace,
+}
+
+/// `q` and the moving bounds, as functions of time.
+struct Forcing<'p> {
+    problem: &'p mut dyn Dvi,
+    zeros: Vec<f64>,
+    values: Vec<f64>,
+}
+
+impl<'p> Convolution<'p> {
+    /// A run of `steps` steps over `[start, end]`; `problem` has no states, its inequality is `q`.
+    ///
+    /// # Errors
+    /// A kernel that is not finite, or an interruption.
+    pub fn new(
+        problem: &'p mut dyn Dvi,
+        kernel: &Kernel,
+        settings: &Settings,
+        start: f64,
+        end: f64,
+        steps: usize,
+        control: &Control,
+    ) -> Result<Self, StepError> {
+        let tableau = Tableau::of(settings.stages);
+        let (s, m, h) = (settings.stages, problem.structure().variables, (end - start) / steps as f64);
+        let mut parts = Vec::with_capacity(kernel.terms.len());
+        for term in &kernel.terms {
+            let weights = term.function.weights(tableau, h, steps, control).map_err(|error| match error {
+                NoWeights::NotFinite(lag) => StepError::Kernel { lag },
+                NoWeights::Interrupted => StepError::Interrupted { t: start },
+            })?;
+            parts.push(Part { weights, matrix: term.matrix.clone() });
+        }
+        let first = first(s, m, &parts);
+        let mut matrix = first.clone();
+        for (i, mut row) in matrix.row_iter_mut().enumerate() {
+            row *= tableau.d[i / m];
+        }
+        let values = vec![0.0; problem.structure().rows()];
+        Ok(Self {
+            tableau,
+            set: problem.structure().set.power(s),
+            forcing: Forcing { problem, zeros: vec![0.0; m], values },
+            history: History::new(s, m, steps, parts),
+            matrix,
+            first,
+            solver: settings.vi_solver.build(s * m),
+            tolerance: settings.vi_tolerance,
+            start,
+            h,
+            z: vec![0.0; s * m],
+            w: vec![0.0; s * m],
+            integral: vec![0.0; m],
+            past: vec![0.0; s * m],
+            q: vec![0.0; s * m],
+            iterations: 0,
+            lagrange: vec![0.0; s],
+            increments: vec![0.0; s],
+            work: Workspace::default(),
+        })
+    }
+
+    /// The number of variables.
+    pub fn variables(&self) -> usize {
+        self.integral.len()
+    }
+
+    /// The steps made.
+    pub fn steps(&self) -> usize {
+        self.history.steps()
+    }
+
+    /// The end of step number `step`, counted from one; the start for zero.
+    pub fn time(&self, step: usize) -> f64 {
+        self.start + step as f64 * self.h
+    }
+
+    /// The values of a variable at the ends of all steps.
+    pub fn ends(&self, variable: usize) -> &[f64] {
+        self.history.sequence(self.tableau.stages() - 1, variable)
+    }
+
+    /// The name of the solver that answered last.
+    pub fn solver(&self) -> &'static str {
+        self.solver.name()
+    }
+
+    /// `K` at a stage of the last step, as a bound of each variable from below and above.
+    pub fn interval(&self, stage: usize, variable: usize) -> (f64, f64) {
+        let place = stage * self.variables() + variable;
+        (self.set.lower[place], self.set.upper[place])
+    }
+
+    /// Makes the next step; there is one.
+    ///
+    /// # Errors
+    /// Values that are not finite, an empty set, no solution, an interruption.
+    pub fn step(&mut self, control: &Control) -> Result<(), StepError> {
+        let m = self.variables();
+        let steps = self.steps();
+        if steps > 0 {
+            self.advance_integral();
+        }
+        self.history.contribution(&mut self.past);
+        for i in 0..self.tableau.stages() {
+            let t = self.start + (steps as f64 + self.tableau.c[i]) * self.h;
+            let q = self.forcing.at(t, i * m, &mut self.set)?;
+            for (past, q) in self.past[i * m..].iter_mut().zip(q) {
+                *past += q;
+            }
+        }
+        for (place, (q, past)) in self.q.iter_mut().zip(&self.past).enumerate() {
+            *q = self.tableau.d[place / m] * past;
+        }
+        let vi = AffineVi { matrix: &self.matrix, q: &self.q, set: &self.set };
+        let report = self.solver.solve(&vi, &mut self.z, control);
+        self.iterations += report.iterations as u64;
+        let end = self.time(steps + 1);
+        let is_close = || {
+            let rows = self.matrix.row_iter().zip(&self.q);
+            let terms = rows.map(|(row, q)| q.abs() + row.iter().zip(&self.z).map(|(a, z)| (a * z).abs()).sum::<f64>());
+            report.residual <= self.tolerance * terms.fold(0.0, f64::max)
+        };
+        match report.outcome {
+            Outcome::Solved => {}
+            Outcome::Interrupted => return Err(StepError::Interrupted { t: self.time(steps) }),
+            _ if is_close() => {}
+            outcome => {
+                let (outcome, residual) = (outcome.name(), report.residual);
+                return Err(StepError::Unsolved { t: end, outcome, residual });
+            }
+        }
+        self.w.copy_from_slice(&self.past);
+        for (column, z) in self.first.column_iter().zip(&self.z) {
+            self.w.iter_mut().zip(column.iter()).for_each(|(w, a)| *w += a * z);
+        }
+        self.history.append(&self.z);
+        Ok(())
+    }
+
+    fn advance_integral(&mut self) {
+        let m = self.variables();
+        for (stage, b) in self.z.chunks_exact(m).zip(&self.tableau.b) {
+            self.integral.iter_mut().zip(stage).for_each(|(integral, z)| *integral += self.h * b * z);
+        }
+    }
+
+    /// Writes `z`, its integral and `w` at `theta` of the last step, by their collocation polynomials. `z` is the point of
+    /// `K` nearest to the polynomial, which is no farther from the solution.
+    ///
+    /// # Errors
+    /// A moving bound that is no bound.
+    pub fn interpolate(&mut self, theta: f64, set: &mut ConvexSet, out: &mut [f64]) -> Result<(), StepError> {
+        let (s, m) = (self.tableau.stages(), self.variables());
+        let t = self.start + (self.steps() as f64 - 1.0 + theta) * self.h;
+        self.forcing.at(t, 0, set)?;
+        self.tableau.stages_at(theta, &mut self.lagrange);
+        self.tableau.increments_at(theta, &mut self.increments);
+        let (lagrange, increments) = (&self.lagrange, &self.increments);
+        let (z, rest) = out.split_at_mut(m);
+        let (integral, w) = rest.split_at_mut(m);
+        for k in 0..m {
+            let at = |values: &[f64]| (0..s).map(|i| lagrange[i] * values[i * m + k]).sum::<f64>();
+            (z[k], w[k]) = (at(&self.z), at(&self.w));
+            let increment = |i: usize| (0..s).map(|j| self.tableau.a[(i, j)] * self.z[j * m + k]).sum::<f64>();
+            integral[k] = self.integral[k] + self.h * (0..s).map(|i| increments[i] * increment(i)).sum::<f64>();
+        }
+        set.project_all(z, &mut self.work);
+        Ok(())
+    }
+}
+
+/// `W_0` over stages and variables.
+fn first(s: usize, m: usize, parts: &[Part]) -> DMatrix<f64> {
+    let mut matrix = DMatrix::zeros(s * m, s * m);
+    for Part { weights, matrix: entries } in parts {
+        let weight = |weights: &Weights, i, j| weights.sequence(i, j)[0];
+        for &(row, column, value) in entries {
+            for (i, j) in (0..s * s).map(|place| (place / s, place % s)) {
+                matrix[(i * m + row, j * m + column)] += value * weight(weights, i, j);
+            }
+        }
+    }
+    matrix
+}
+
+impl Forcing<'_> {
+    /// Gives `q` at `t`, and sets the bounds that move for the variables from `offset` on in `set`.
+    fn at(&mut self, t: f64, offset: usize, set: &mut ConvexSet) -> Result<&[f64], StepError> {
+        self.problem.evaluate(t, &self.zeros, &mut self.values);
+        if let Some(row) = self.values.iter().position(|value| !value.is_finite()) {
+            return Err(StepError::NotFinite { row, t });
+        }
+        let (q, bounds) = self.values.split_at(self.zeros.len());
+        for (moving, &value) in self.problem.structure().moving.iter().zip(bounds) {
+            let MovingBound { variable, side } = *moving;
+            let place = offset + variable;
+            MovingBound { variable: place, side }.place(value, set);
+            if set.lower[place] > set.upper[place] || (side == Side::Radius && value < 0.0) {
+                return Err(StepError::EmptySet { variable, t });
+            }
+        }
+        Ok(q)
+    }
+}

@@ -1,0 +1,360 @@
+//! A problem with memory from start to end: its outputs, switches and failures by name, and the choice of its step.
+//!
+//! The mesh is uniform, since the weights belong to one step. Where none is given the whole run is repeated with half the
+//! step until three runs agree, in the mean over time: where a bound is left `z` behaves like `(t - t_s)^(1-a)`, so that no
+//! uniform mesh is accurate at every moment.
+
+use super::run::{Plan, Run, Stepper, verdict};
+use super::{Diagnostics, Event, EventKind, Failure, Refinement, Solution, Status, Steps, ViCounts, Warning};
+use crate::analysis::{Analysis, Uniqueness};
+use crate::convolution::{Convolution, Settings, StepError};
+use crate::models::ConvolutionModel;
+use crate::problem::{Control, ConvexSet, Dvi};
+use std::time::Instant;
+
+/// How the horizon is divided.
+#[derive(Clone, Debug)]
+pub enum Mesh {
+    /// So many steps.
+    Fixed(usize),
+    /// Twice as many again and again, until three runs agree.
+    Halved {
+        /// Steps of the first run.
+        first: usize,
+        /// The most steps.
+        most: usize,
+        /// Relative tolerance.
+        rtol: f64,
+        /// Absolute tolerance of each variable.
+        atol: Vec<f64>,
+    },
+}
+
+/// How a problem with memory is integrated.
+#[derive(Clone, Debug)]
+pub struct ConvolutionPlan {
+    /// The choices of a step.
+    pub settings: Settings,
+    /// The steps.
+    pub mesh: Mesh,
+    /// The most steps that fit into memory.
+    pub most: usize,
+}
+
+/// Integrates a problem with memory.
+pub fn integrate_convolution(
+    model: &ConvolutionModel,
+    plan: &Plan,
+    convolution: &ConvolutionPlan,
+    analysis: &Analysis,
+    control: &Control,
+) -> Solution {
+    let began = Instant::now();
+    let diagnostics = describe_convolution(model, convolution, analysis);
+    let mut problem = model.forcing.problem();
+    let (mut steps, most) = match convolution.mesh {
+        Mesh::Fixed(steps) => (steps, steps),
+        Mesh::Halved { first, most, .. } => (first, most.min(usize::try_from(plan.most_steps).unwrap_or(most))),
+    };
+    let mut halvings = 0;
+    let mut before: Option<Coarse> = None;
+    loop {
+        // Nobody knows how many runs it takes: each is half of what is left.
+        let share = if steps * 2 > most { 1.0 } else { 0.5 };
+        let done = 1.0 - 0.5_f64.powi(halvings);
+        let mut run = Run::new(plan, control, diagnostics.clone());
+        if steps > convolution.most {
+            let message = format!(
+                "{steps} steps, all of which are remembered, take more memory than a run may have: {} are possible",
+                convolution.most
+            );
+            let failure =
+                Failure { code: "too_many_steps".into(), message, time: plan.start, state: plan.initial.clone() };
+            return run.end(Err((Status::Failed, failure))).solution;
+        }
+        let made = control.part(done..done + (1.0 - done) * share, || {
+            let mut course = Course::new(model, &mut *problem, plan, &convolution.settings, steps, control)
+                .map_err(|failure| verdict(control, failure))?;
+            let ended = run.drive(&mut course);
+            course.finish(&mut run.diagnostics);
+            ended.map(|()| Coarse::of(&course.convolution))
+        });
+        let ended = match (made, &convolution.mesh) {
+            (Ok(coarse), Mesh::Halved { rtol, atol, .. }) => {
+                let found = before.as_ref().map(|before| before.refined(&coarse, plan, *rtol, atol, halvings));
+                // Where a switch falls within a step changes from run to run, and with it the error: one distance alone
+                // may be small by chance.
+                let agrees = halvings > 1 && found.as_ref().is_some_and(|(refinement, _)| refinement.scaled <= 1.0);
+                if !agrees && steps * 2 <= most {
+                    let distances = found.map(|(_, distances)| distances);
+                    before = Some(Coarse { distances, ..coarse });
+                    (steps, halvings) = (steps * 2, halvings + 1);
+                    continue;
+                }
+                if !agrees {
+                    run.diagnostics.warnings.push(unresolved(steps, found.as_ref().map(|(refinement, _)| refinement)));
+                }
+                run.diagnostics.refinement = found.map(|(refinement, _)| refinement);
+                Ok(())
+            }
+            (Ok(_), Mesh::Fixed(_)) => Ok(()),
+            (Err((status, mut failure)), _) => {
+                if status == Status::Stopped && halvings > 0 {
+                    failure
+                        .message
+                        .push_str("; the run with twice the step had come to the end: a fixed `step` gives it");
+                }
+                Err((status, failure))
+            }
+        };
+        let mut solution = run.end(ended).solution;
+        solution.diagnostics.wall_seconds = began.elapsed().as_secs_f64();
+        return solution;
+    }
+}
+
+/// A run with which the next is compared.
+struct Coarse {
+    /// Of each variable, the values at the ends of the steps.
+    ends: Vec<Vec<f64>>,
+    /// How far each was from the run before it.
+    distances: Option<Vec<f64>>,
+}
+
+impl Coarse {
+    fn of(convolution: &Convolution<'_>) -> Self {
+        let ends = (0..convolution.variables()).map(|k| convolution.ends(k).to_vec()).collect();
+        Self { ends, distances: None }
+    }
+
+    /// How far the run with twice the steps is from this one, with the distances as such.
+    fn refined(&self, fine: &Self, plan: &Plan, rtol: f64, atol: &[f64], halvings: i32) -> (Refinement, Vec<f64>) {
+        let mean = |coarse: &[f64], fine: &[f64]| {
+            let pairs = coarse.iter().zip(fine.iter().skip(1).step_by(2));
+            pairs.map(|(a, b)| (a - b).abs()).sum::<f64>() / coarse.len() as f64
+        };
+        let distances: Vec<f64> = self.ends.iter().zip(&fine.ends).map(|(a, b)| mean(a, b)).collect();
+        let half_the_last = |k: usize| self.distances.as_ref().map_or(0.0, |last| 0.5 * last[k]);
+        let size = |values: &[f64]| values.iter().fold(0.0_f64, |most, z| most.max(z.abs()));
+        let estimates = (0..distances.len()).map(|k| distances[k].max(half_the_last(k)));
+        let scaled = estimates.enumerate().map(|(k, estimate)| estimate / (atol[k] + rtol * size(&fine.ends[k])));
+        let largest = |distances: &[f64]| distances.iter().copied().fold(0.0, f64::max);
+        let order = self.distances.as_ref().map(|last| (largest(last) / largest(&distances)).log2());
+        let refinement = Refinement {
+            halvings: halvings as u32,
+            mean_distance: plan.names.iter().cloned().zip(distances.iter().copied()).collect(),
+            scaled: scaled.fold(0.0, f64::max),
+            order: order.filter(|order| order.is_finite()),
+        };
+        (refinement, distances)
+    }
+}
+
+fn unresolved(steps: usize, refinement: Option<&Refinement>) -> Warning {
+    let distance = refinement.map_or_else(
+        || "there was no run to compare it with".to_owned(),
+        |refinement| format!("it still differs from that with half as many by {:.1e} tolerances", refinement.scaled),
+    );
+    Warning {
+        code: "tolerance_not_reached",
+        message: format!("the run with {steps} steps is the last that is made; {distance} in the mean over time"),
+    }
+}
+
+/// A run with the names that its columns go by.
+struct Course<'p> {
+    convolution: Convolution<'p>,
+    names: &'p [String],
+    control: &'p Control,
+    set: ConvexSet,
+    bounded: Vec<usize>,
+    is_constant: bool,
+    /// The steps told; the first is made at once, since `z` at the start is that of its polynomial.
+    told: usize,
+    total: usize,
+    end: f64,
+    /// Where each variable in an interval last was: at the lower bound, inside, at the upper one.
+    places: Vec<Option<i8>>,
+    /// The largest value so far, against which a distance from a bound is rounding.
+    largest: f64,
+    events: Vec<Event>,
+    values: Vec<f64>,
+}
+
+/// A variable this close to a bound, against the largest there was, is at it.
+const AT_BOUND: f64 = 1e-12;
+
+impl<'p> Course<'p> {
+    fn new(
+        model: &'p ConvolutionModel,
+        problem: &'p mut dyn Dvi,
+        plan: &'p Plan,
+        settings: &Settings,
+        steps: usize,
+        control: &'p Control,
+    ) -> Result<Self, Failure> {
+        let structure = model.forcing.structure();
+        let (set, m) = (structure.set.clone(), model.variables());
+        let is_constant = structure.moving.is_empty();
+        let moves = |k: usize| structure.moving.iter().any(|bound| bound.variable == k);
+        let bounded = (0..m).filter(|&k| !set.is_free(k) || moves(k)).collect();
+        let names = &plan.names[..m];
+        let failed = |error: &StepError| failure(error, names, plan.start, &plan.initial);
+        let mut convolution = Convolution::new(problem, &model.kernel, settings, plan.start, plan.end, steps, control)
+            .map_err(|error| failed(&error))?;
+        convolution.step(control).map_err(|error| failed(&error))?;
+        let mut course = Self {
+            convolution,
+            names,
+            control,
+            set,
+            bounded,
+            is_constant,
+            told: 0,
+            total: steps,
+            end: plan.end,
+            places: vec![None; m],
+            largest: 0.0,
+            events: Vec::new(),
+            values: vec![0.0; 3 * m],
+        };
+        course.find_switches();
+        Ok(course)
+    }
+
+    /// Compares where the variables are from stage to stage of the last step.
+    fn find_switches(&mut self) {
+        let convolution = &self.convolution;
+        let m = self.names.len();
+        self.largest = convolution.z.iter().fold(self.largest, |most, z| most.max(z.abs()));
+        let rounding = AT_BOUND * self.largest;
+        for (i, c) in convolution.tableau.c.iter().enumerate() {
+            for &k in self.bounded.iter().filter(|&&k| self.set.block_of(k).is_none()) {
+                let (lower, upper) = convolution.interval(i, k);
+                let z = convolution.z[i * m + k];
+                let place = i8::from(upper - z <= rounding) - i8::from(z - lower <= rounding);
+                let last = self.places[k].replace(place);
+                if last.is_some_and(|last| last != place) {
+                    let t = convolution.time(convolution.steps() - 1) + c * convolution.h;
+                    let kind = if place == 0 { EventKind::Activated } else { EventKind::Deactivated };
+                    self.events.push(Event { t, kind, of: self.names[k].clone() });
+                }
+            }
+        }
+    }
+
+    fn ends(&self) -> &[f64] {
+        let m = self.names.len();
+        &self.convolution.z[self.convolution.z.len() - m..]
+    }
+}
+
+impl Stepper for Course<'_> {
+    fn t(&self) -> f64 {
+        if self.told == self.total { self.end } else { self.convolution.time(self.told) }
+    }
+
+    fn is_done(&self) -> bool {
+        self.told == self.total
+    }
+
+    fn accepted(&self) -> u64 {
+        self.told as u64
+    }
+
+    fn states(&self) -> &[f64] {
+        self.ends()
+    }
+
+    fn step(&mut self) -> Result<(), Failure> {
+        if self.told == self.convolution.steps() {
+            let stepped = self.convolution.step(self.control);
+            stepped.map_err(|error| failure(&error, self.names, self.t(), self.ends()))?;
+            self.find_switches();
+        }
+        self.told += 1;
+        Ok(())
+    }
+
+    fn outputs(&mut self, t: f64, out: &mut [f64]) {
+        let last = self.convolution.steps();
+        let theta = if t == self.t() && self.told == last {
+            1.0
+        } else {
+            ((t - self.convolution.time(last - 1)) / self.convolution.h).clamp(0.0, 1.0)
+        };
+        if self.convolution.interpolate(theta, &mut self.set, out).is_err() {
+            // Bounds that cross between two stages have no say here: what was found at the stages is told.
+            let m = self.names.len();
+            out[..m].copy_from_slice(self.ends());
+        }
+    }
+
+    fn take_events(&mut self, events: &mut Vec<Event>) {
+        events.append(&mut self.events);
+    }
+
+    fn observe(&mut self, switched: bool, diagnostics: &mut Diagnostics) {
+        if self.bounded.is_empty() || self.convolution.interpolate(1.0, &mut self.set, &mut self.values).is_err() {
+            return;
+        }
+        let m = self.names.len();
+        let certificates = diagnostics.complementarity.get_or_insert_default();
+        let (z, g) = (&self.values[..m], &self.values[2 * m..]);
+        certificates.observe(&self.set, &self.bounded, z, g, self.is_constant && !switched);
+        if let Some(vi) = &mut diagnostics.vi {
+            vi.largest_residual = certificates.natural_map;
+        }
+    }
+
+    fn finish(&mut self, diagnostics: &mut Diagnostics) {
+        diagnostics.stages = self.convolution.tableau.stages();
+        diagnostics.steps = Steps { accepted: self.told as u64, ..Steps::default() };
+        if let Some(vi) = &mut diagnostics.vi {
+            (vi.solver, vi.solves) = (self.convolution.solver(), self.convolution.steps() as u64);
+            vi.pivots = self.convolution.iterations;
+        }
+    }
+}
+
+fn failure(error: &StepError, names: &[String], time: f64, state: &[f64]) -> Failure {
+    let name = |k: usize| names.get(k).map_or("?", String::as_str);
+    let message = match *error {
+        StepError::NotFinite { row, t } => {
+            let what = if row < names.len() { format!("`q` of `{}`", name(row)) } else { "a bound".to_owned() };
+            format!(
+                "{what} is not finite at t = {t:?}: a division by zero, a function outside its domain, or a number too large"
+            )
+        }
+        StepError::EmptySet { variable, t } => {
+            format!(
+                "the interval of `{}` is empty at t = {t:?}: its lower bound passes its upper bound",
+                name(variable)
+            )
+        }
+        _ => error.to_string(),
+    };
+    Failure { code: error.code().into(), message, time, state: state.to_vec() }
+}
+
+/// What is known before the run: what the theory says, what is built, what is left out and why.
+pub fn describe_convolution(model: &ConvolutionModel, plan: &ConvolutionPlan, analysis: &Analysis) -> Diagnostics {
+    let is_power = model.kernel.terms.iter().all(|term| term.function.factor.is_none());
+    let quadrature = if is_power { "convolution quadrature" } else { "product integration" };
+    let mut diagnostics = Diagnostics {
+        method: "convolution",
+        built: vec![quadrature, "history by blocks", "variational inequality"],
+        analysis: Some(analysis.clone()),
+        vi: Some(ViCounts::default()),
+        ..Diagnostics::default()
+    };
+    if !matches!(analysis.uniqueness, Uniqueness::Unique | Uniqueness::NotAnalysed) {
+        let message = format!("uniqueness is not guaranteed: {}", analysis.because);
+        diagnostics.warnings.push(Warning { code: "uniqueness_not_guaranteed", message });
+    }
+    match plan.mesh {
+        Mesh::Fixed(_) => diagnostics.left_out.push("error estimate: the step is fixed".to_owned()),
+        Mesh::Halved { .. } => diagnostics.built.push("halved steps"),
+    }
+    diagnostics
+}

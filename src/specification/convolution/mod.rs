@@ -1,0 +1,148 @@
+//! A problem with memory: an inequality for the convolution of the variables with a kernel. The equations are those of
+//! [`models::ConvolutionModel`](crate::models::ConvolutionModel).
+
+mod kernel;
+mod plan;
+
+pub(super) use plan::check;
+
+use super::dvi::refused;
+use super::error::SpecificationError;
+use super::expression::Expression;
+use super::lowering::Lowering;
+use super::matrix::Matrix;
+use super::ordered::Ordered;
+use super::place::Place;
+use super::set::{self, Block, LoweredSet};
+use super::start;
+use crate::models::{ConvolutionModel, DviModel, Equations, Model, Outputs, Rows, Symbolic};
+use crate::problem::{Mass, Workspace};
+use crate::solution::Warning;
+use serde::Deserialize;
+use utoipa::ToSchema;
+
+/// `z in K`, `<(m * z)(t) + q(t), z~ - z> >= 0` for all `z~ in K`, with `(m * z)(t)` the integral of `m(t - s) z(s)` over `s`
+/// from the start to `t`. Told are `z`, its integral and `G = m * z + q`.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ConvolutionProblem {
+    /// Constants by name; each may be an expression in the others, in no circle.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
+    pub parameters: Ordered<Expression>,
+    /// The variables `z` by name, at least one. Their order is that of the kernel's rows and columns.
+    #[schema(value_type = std::collections::BTreeMap<String, ConvolutionVariable>)]
+    pub variables: Ordered<ConvolutionVariable>,
+    /// `m`.
+    pub kernel: KernelOfTime,
+    /// The set `K` as a product of blocks, each variable in exactly one; bounds may vary with `t`.
+    pub set: Option<Vec<Block>>,
+}
+
+/// A variable `z_i`.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ConvolutionVariable {
+    /// `q_i`, an expression in `t`.
+    pub q: Expression,
+}
+
+/// A kernel: either `fractional` or `entries`.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct KernelOfTime {
+    /// A power of time and a matrix.
+    pub fractional: Option<FractionalKernel>,
+    /// A matrix of expressions in `t`, the time between cause and effect, smooth from zero on.
+    pub entries: Option<Matrix>,
+    /// `a`, above 0 and at most 2: the kernel is `t^(a-1)` times the `entries`. Default 1.
+    pub exponent: Option<Expression>,
+}
+
+/// The kernel `t^(a-1) / Gamma(a) M`.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct FractionalKernel {
+    /// `a`, above 0 and at most 2: the index of the problem.
+    pub exponent: Expression,
+    /// `M`, constant. Default the identity.
+    pub matrix: Option<Matrix>,
+}
+
+impl ConvolutionProblem {
+    /// Lowers the problem as far as it can be; the model is of use only if no error was found.
+    pub(super) fn lower(&self, place: &Place<'_>, start: Option<f64>) -> (Lowering, Option<Model>) {
+        let mut lowering = Lowering::new(start, &self.parameters, place);
+        let m = self.variables.len();
+        let variables = place.key("variables");
+        if m == 0 {
+            let error = SpecificationError::new(variables.to_string(), "empty_variables", "there are no variables");
+            lowering.errors.push(error.expected("at least one variable"));
+            return (lowering, None);
+        }
+        // The variables have no names yet: neither `q` nor the kernel may depend on them.
+        let mut inequality = Vec::with_capacity(m);
+        for (name, variable) in self.variables.iter() {
+            let node = lowering.node(&variable.q, &variables.key(name).key("q"));
+            inequality.push(node.unwrap_or_else(|| lowering.graph.constant(0.0)));
+        }
+        let kernel = self.kernel.lower(m, &place.key("kernel"), &mut lowering);
+        lowering.bind_unknowns(self.variables.names(), |i| variables.key(self.variables.name(i)).to_string());
+        let variable_names: Vec<String> = self.variables.names().map(String::from).collect();
+        let pointer = |i: usize| variables.key(self.variables.name(i)).to_string();
+        let LoweredSet { set, moving, moving_pointers } =
+            set::lower(self.set.as_deref(), 0, &variable_names, place, pointer, &mut lowering);
+
+        let rows = Rows { mass: Mass::Identity, rates: Vec::new(), inequality, set, moving };
+        let row_pointer = |row: usize| match row.checked_sub(m) {
+            Some(bound) => moving_pointers[bound].clone(),
+            None => variables.key(self.variables.name(row)).key("q").to_string(),
+        };
+        let equations = match Symbolic::new(&mut lowering.graph, rows) {
+            Ok(equations) => Equations::Symbolic(equations),
+            Err(refusals) => {
+                for refusal in refusals {
+                    lowering.errors.push(refused(refusal, &[], &variable_names, row_pointer));
+                }
+                return (lowering, None);
+            }
+        };
+        let mut forcing = DviModel {
+            state_names: Vec::new(),
+            variable_names,
+            outputs: Outputs::default(),
+            initial: Vec::new(),
+            equations,
+            warnings: Vec::new(),
+        };
+        if let Some(t) = lowering.start.filter(|_| lowering.errors.is_empty()) {
+            start::check(&forcing, t, row_pointer, &mut lowering.errors);
+            forcing.warnings.extend(impulse(&forcing, t));
+        }
+        let model = kernel.map(|(kernel, index, at_zero)| {
+            Model::Convolution(Box::new(ConvolutionModel::new(forcing, kernel, index, at_zero)))
+        });
+        (lowering, model)
+    }
+}
+
+/// Where the memory is empty `z` minimises `<q, z>` over `K`, which it does at no finite point where `-q` points into a
+/// direction of `K`.
+fn impulse(forcing: &DviModel, t: f64) -> Option<Warning> {
+    let structure = forcing.structure();
+    let (m, mut set) = (structure.variables, structure.set.clone());
+    let mut values = vec![0.0; structure.rows()];
+    forcing.problem().evaluate(t, &vec![0.0; m], &mut values);
+    for (bound, &value) in structure.moving.iter().zip(&values[m..]) {
+        bound.place(value, &mut set);
+    }
+    let against: Vec<f64> = values[..m].iter().map(|q| -q).collect();
+    let unbounded = !set.support(&against, &mut Workspace::default()).is_finite();
+    unbounded.then(|| Warning {
+        code: "impulse_at_start",
+        message:
+            "at the start, where nothing is remembered, `q` alone does not satisfy the inequality: the variables are \
+                  unbounded there, and the values near it are means over a step; their integral and `G` converge"
+                .to_owned(),
+    })
+}

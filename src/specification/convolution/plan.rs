@@ -1,0 +1,77 @@
+//! From a checked problem with memory to what its run is told. All values are remembered, so that memory bounds the steps.
+
+use crate::convolution::Settings;
+use crate::models::ConvolutionModel;
+use crate::solution::{ConvolutionPlan, Mesh};
+use crate::specification::checked::Specification;
+use crate::specification::document::Time;
+use crate::specification::error::{Errors, SpecificationError};
+use crate::specification::method::Method;
+use crate::specification::plan::{VI_TOLERANCE, solver};
+use crate::specification::stages::Stages;
+
+/// The numbers that a run may keep: 512 MiB of them.
+const MOST_NUMBERS: usize = 1 << 26;
+/// The most unknowns of a step, whose matrix is dense.
+const MOST_UNKNOWNS: usize = 2_000;
+/// Steps of the first run, and the most of the last, where none are given.
+const FIRST_MESH: usize = 64;
+const LAST_MESH: usize = 1 << 17;
+
+impl Specification {
+    /// The choices for a problem with memory.
+    pub fn convolution_plan(&self, model: &ConvolutionModel) -> ConvolutionPlan {
+        let (method, time) = (self.method(), self.time());
+        let within = |step: Option<f64>| step.map(|step| steps_of(time, step));
+        let most = most_steps(model, method.stages);
+        let mesh = match within(method.step) {
+            Some(steps) => Mesh::Fixed(steps),
+            None => {
+                let first = within(method.first_step.or(method.max_step)).unwrap_or(FIRST_MESH);
+                let last = within(method.min_step).unwrap_or(LAST_MESH).min(most);
+                let (rtol, atol) = (method.rtol, self.absolute_tolerances().to_vec());
+                Mesh::Halved { first: first.min(last), most: last, rtol, atol }
+            }
+        };
+        let settings = Settings {
+            stages: stages(method.stages),
+            vi_solver: solver(method.vi_solver),
+            vi_tolerance: method.vi_tolerance.unwrap_or(VI_TOLERANCE),
+        };
+        ConvolutionPlan { settings, mesh, most }
+    }
+}
+
+/// Refuses a run that would not fit into memory.
+pub fn check(model: &ConvolutionModel, method: &Method, time: Time, errors: &mut Errors) {
+    let most = most_steps(model, method.stages);
+    if most == 0 {
+        let detail = format!("{} variables make variational inequalities too large to be solved", model.variables());
+        errors.push(SpecificationError::new("/problem/convolution/variables", "too_many_unknowns", detail));
+    } else if let Some(steps) = method.step.map(|step| steps_of(time, step)).filter(|steps| *steps > most) {
+        let detail = format!("{steps} steps, all of which are remembered, take more memory than a run may have");
+        let error = SpecificationError::new("/method/step", "too_many_steps", detail);
+        errors.push(error.expected(format!("at most {most} steps")));
+    }
+}
+
+fn stages(stages: Stages) -> usize {
+    match stages {
+        Stages::Fixed(s) => s as usize,
+        Stages::Auto => 3,
+    }
+}
+
+/// The most steps: two numbers of each stage and variable are kept, and of each kernel the weights and their transforms.
+fn most_steps(model: &ConvolutionModel, chosen: Stages) -> usize {
+    let (s, m) = (stages(chosen), model.variables());
+    if s * m > MOST_UNKNOWNS {
+        return 0;
+    }
+    MOST_NUMBERS / (2 * s * m + 3 * s * s * model.kernel.terms.len()).max(1)
+}
+
+/// The steps of one length, at most `step`, that the horizon is divided into.
+fn steps_of(time: Time, step: f64) -> usize {
+    ((time.end - time.start) / step * (1.0 - 4.0 * f64::EPSILON)).ceil().max(1.0) as usize
+}

@@ -1,0 +1,60 @@
+//! Convolution quadrature has order `min(2s - 1, s + 1 - a)` in `z` where `z` is smooth, over bumps of `u` and `w` in turn
+//! with the switches between them.
+
+use crate::systems::harness::{distance, solve};
+use crate::systems::memory::{abel, gamma};
+use serde_json::json;
+
+/// The degree of the bumps, B-splines on knots half apart.
+const DEGREE: i32 = 5;
+const WIDTH: f64 = 0.5;
+
+/// The truncated powers `coefficient (t - knot)_+^5` of a bump.
+fn powers(start: f64) -> Vec<(f64, f64)> {
+    let mut binomial = 1.0;
+    let factorial: f64 = (1..=DEGREE).map(f64::from).product();
+    (0..=DEGREE + 1)
+        .map(|j| {
+            let power = (start + WIDTH * f64::from(j), binomial / (factorial * WIDTH.powi(DEGREE)));
+            binomial *= -f64::from(DEGREE + 1 - j) / f64::from(j + 1);
+            power
+        })
+        .collect()
+}
+
+fn bump(start: f64, t: f64) -> f64 {
+    powers(start).iter().map(|(knot, factor)| factor * (t - knot).max(0.0).powi(DEGREE)).sum()
+}
+
+/// The largest error of `u` over bumps of `u` from 0.3 and 6.9, with bumps of `w` from 3.6 and 10.2 between.
+fn error(alpha: f64, stages: usize, step: f64) -> f64 {
+    let mut q = String::from("0");
+    for start in [3.6, 10.2] {
+        for (knot, factor) in powers(start) {
+            q += &format!(" + ({factor:e})*max(t - {knot}, 0)^{DEGREE}");
+        }
+    }
+    for start in [0.3, 6.9] {
+        for (knot, factor) in powers(start) {
+            let factor = factor * gamma(f64::from(DEGREE) + 1.0) / gamma(f64::from(DEGREE) + 1.0 + alpha);
+            q += &format!(" - ({factor:e})*max(t - {knot}, 0)^{}", f64::from(DEGREE) + alpha);
+        }
+    }
+    let solution = solve(&abel(alpha, &q, 13.5, json!({"step": step, "stages": stages})));
+    distance(&solution, "u", |t| bump(0.3, t) + bump(6.9, t))
+}
+
+#[test]
+fn the_order_is_that_of_the_theory_over_switches() {
+    for (alpha, stages) in
+        [(0.25, 2), (0.5, 2), (0.75, 2), (1.0, 2), (1.5, 2), (0.25, 3), (0.5, 3), (0.75, 3), (1.0, 3), (1.5, 3)]
+    {
+        let theory = (2.0 * stages as f64 - 1.0).min(stages as f64 + 1.0 - alpha);
+        let (coarse, fine) = (error(alpha, stages, 0.05), error(alpha, stages, 0.0125));
+        let order = (coarse / fine).log2() / 2.0;
+        assert!(
+            order > theory - 0.3,
+            "alpha = {alpha}, s = {stages}: {coarse:e} -> {fine:e}, order {order}, not {theory}"
+        );
+    }
+}

@@ -1,0 +1,199 @@
+//! Problems with memory against closed forms: Abel's kernel, bumps with any number of switches, a kernel that relaxes, balls.
+
+use crate::systems::harness::{column, distance, events, last, solve};
+use crate::systems::reference::example;
+use serde_json::{Value, json};
+
+/// `Gamma(x)` for `x > 0`, by Stirling's series far from zero.
+pub fn gamma(x: f64) -> f64 {
+    if x < 20.0 {
+        return gamma(x + 1.0) / x;
+    }
+    let inverse = 1.0 / x;
+    let square = inverse * inverse;
+    let series = inverse * (1.0 / 12.0 - square * (1.0 / 360.0 - square * (1.0 / 1260.0 - square / 1680.0)));
+    (std::f64::consts::TAU / x).sqrt() * (x * (x.ln() - 1.0) + series).exp()
+}
+
+/// One variable `u >= 0` under the kernel of exponent `alpha`.
+pub fn abel(alpha: f64, q: &str, end: f64, method: Value) -> Value {
+    json!({
+        "problem": {"convolution": {
+            "variables": {"u": {"q": q}},
+            "kernel": {"fractional": {"exponent": alpha}},
+            "set": [{"nonnegative": ["u"]}]
+        }},
+        "time": {"end": end},
+        "method": method
+    })
+}
+
+#[test]
+fn the_inverse_of_abels_integral_is_half_a_power() {
+    // u = (2/pi) sqrt(t) solves int (t-s)^(-1/2) u ds = t, and its integral to 1 is 4 / (3 pi).
+    let kernels = [
+        json!({"fractional": {"exponent": 0.5, "matrix": [["sqrt(pi)"]]}}),
+        json!({"entries": [[1]], "exponent": 0.5}),
+    ];
+    for kernel in kernels {
+        let solution = solve(&json!({
+            "problem": {"convolution": {
+                "variables": {"u": {"q": "-t"}},
+                "kernel": kernel,
+                "set": [{"nonnegative": ["u"]}]
+            }},
+            "time": {"end": 1},
+            "method": {"step": 0.002}
+        }));
+        let exact = 2.0 / std::f64::consts::PI;
+        assert!((last(&solution, "u") - exact).abs() < 1e-7, "{kernel}: {}", last(&solution, "u") - exact);
+        let integral = last(&solution, "integral_u") - 2.0 / 3.0 * exact;
+        assert!(integral.abs() < 1e-6, "{kernel}: {integral:e}");
+        assert_eq!(solution.diagnostics.analysis.as_ref().and_then(|analysis| analysis.index), Some(0.5));
+    }
+}
+
+#[test]
+fn a_variable_starts_when_its_force_has_gone() {
+    // q = (1-t)^m, m odd: u = Gamma(m+1)/Gamma(m+1-a) (t-1)_+^(m-a).
+    for (alpha, m) in [(0.25, 3), (0.5, 3), (0.75, 3), (1.0, 3), (1.5, 5)] {
+        let document = abel(alpha, &format!("(1 - t)^{m}"), 2.0, json!({"step": 0.005}));
+        let solution = solve(&document);
+        let power = f64::from(m) - alpha;
+        let factor = gamma(f64::from(m) + 1.0) / gamma(power + 1.0);
+        let found = distance(&solution, "u", |t| factor * (t - 1.0).max(0.0).powf(power));
+        assert!(found < 1e-4, "alpha = {alpha}: {found:e}");
+        let starts = events(&solution, "u");
+        assert!(starts.len() == 1 && (starts[0] - 1.0).abs() < 0.1, "alpha = {alpha}: {starts:?}");
+    }
+}
+
+#[test]
+fn the_step_is_halved_until_two_runs_agree() {
+    let mut document = example("memory_abel");
+    document["output"]["times"] = json!("steps");
+    let solution = solve(&document);
+    let refinement = solution.diagnostics.refinement.as_ref().expect("no step is given");
+    assert!(refinement.scaled <= 1.0, "{refinement:?}");
+    let factor = 1.0 / gamma(1.5);
+    let pairs = solution.trajectory.t.iter().zip(column(&solution, "u"));
+    let total: f64 = pairs.map(|(t, u)| (u - factor * (t - 1.0).max(0.0).sqrt()).abs()).sum();
+    let mean = total / solution.trajectory.t.len() as f64;
+    // What is told is the distance of the last run but one.
+    assert!(mean > 0.0 && mean < refinement.mean_distance[0].1, "{mean:e} against {refinement:?}");
+    assert!(mean < 1e-4 * factor * 2.0_f64.sqrt());
+}
+
+#[test]
+fn exponent_one_is_the_complementarity_system_of_an_integral() {
+    // 0 <= z, 0 <= int z + q, complementary: int z is the largest of -q so far (Skorokhod's reflection).
+    let q = "0.2 - sin(t) - 0.1*t";
+    let solution = solve(&abel(1.0, q, 10.0, json!({"step": 0.005})));
+    let system = solve(&json!({
+        "problem": {"lcs": {"A": [[0]], "B": [[1]], "C": [[1]], "D": [[0]], "g": [q], "initial": [0], "set": [{"nonnegative": ["z1"]}]}},
+        "time": {"end": 10}, "method": {"rtol": 1e-9, "max_step": 0.005}, "output": {"times": {"every": 0.005}}
+    }));
+    let pairs = column(&solution, "integral_u").iter().zip(column(&system, "x1"));
+    let most = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    assert!(most < 1e-5, "{most:e}");
+    let mut largest = 0.0_f64;
+    for (&t, &found) in solution.trajectory.t.iter().zip(column(&solution, "integral_u")) {
+        largest = largest.max(t.sin() + 0.1 * t - 0.2);
+        assert!((found - largest).abs() < 1e-5, "at {t}: {found}, not {largest}");
+    }
+}
+
+#[test]
+fn a_kernel_that_relaxes_is_a_differential_equation() {
+    // w = exp(-t/tau) * z is w' = z - w / tau: a system without memory, of index one.
+    let solution = solve(&json!({
+        "problem": {"convolution": {
+            "parameters": {"tau": 0.5},
+            "variables": {"z": {"q": "-sin(2*t)"}},
+            "kernel": {"entries": [["exp(-t/tau)"]]},
+            "set": [{"box": {"of": ["z"], "lower": 0, "upper": 2.5}}]
+        }},
+        "time": {"end": 5}, "method": {"step": 0.005}
+    }));
+    let system = solve(&json!({
+        "problem": {"dvi": {
+            "states": {"w": {"initial": 0, "rate": "z - 2*w"}},
+            "variables": {"z": {"inequality": "w - sin(2*t)"}},
+            "set": [{"box": {"of": ["z"], "lower": 0, "upper": 2.5}}]
+        }},
+        "time": {"end": 5}, "method": {"rtol": 1e-10, "max_step": 0.005}, "output": {"times": {"every": 0.005}}
+    }));
+    let g = column(&system, "w").iter().zip(&system.trajectory.t).map(|(w, t)| w - (2.0 * t).sin());
+    let most = g.zip(column(&solution, "G_z")).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    assert!(most < 1e-4, "{most:e}");
+}
+
+#[test]
+fn kernels_that_vanish_at_zero_have_a_higher_index() {
+    // z = 6 t solves (t * z)(t) = t^3; as a power, as entries, and with the power in front.
+    let kernels =
+        [json!({"fractional": {"exponent": 2}}), json!({"entries": [["t"]]}), json!({"entries": [[1]], "exponent": 2})];
+    for kernel in kernels {
+        let solution = solve(&json!({
+            "problem": {"convolution": {"variables": {"z": {"q": "-t^3"}}, "kernel": kernel, "set": [{"nonnegative": ["z"]}]}},
+            "time": {"end": 1}, "method": {"step": 0.01}
+        }));
+        let found = distance(&solution, "z", |t| 6.0 * t);
+        assert!(found < 1e-8, "{kernel}: {found:e}");
+        assert_eq!(solution.diagnostics.analysis.as_ref().and_then(|analysis| analysis.index), Some(2.0));
+        assert!(solution.diagnostics.warnings.iter().any(|warning| warning.code == "uniqueness_not_guaranteed"));
+    }
+}
+
+#[test]
+fn each_entry_has_an_index_of_its_own() {
+    // z1 = 3 t^2 solves 1 * z1 = t^3, and z2 = 6 t solves t * z2 = t^3.
+    let solution = solve(&json!({
+        "problem": {"convolution": {
+            "variables": {"z1": {"q": "-t^3"}, "z2": {"q": "-t^3"}},
+            "kernel": {"entries": [[1, 0], [0, "t"]]},
+            "set": [{"free": ["z1", "z2"]}]
+        }},
+        "time": {"end": 1}, "method": {"step": 0.01}
+    }));
+    for (name, found) in
+        [("z1", distance(&solution, "z1", |t| 3.0 * t * t)), ("z2", distance(&solution, "z2", |t| 6.0 * t))]
+    {
+        assert!(found < 1e-8, "{name}: {found:e}");
+    }
+}
+
+#[test]
+fn a_ball_holds_a_rotating_force() {
+    // Inside the ball z solves I^a z = t^3 (c, s); at its boundary G is normal to it.
+    let solution = solve(&json!({
+        "problem": {"convolution": {
+            "variables": {"x": {"q": "-0.6*t^3"}, "y": {"q": "-0.8*t^3"}},
+            "kernel": {"fractional": {"exponent": 0.5}},
+            "set": [{"ball": {"of": ["x", "y"], "radius": 1}}]
+        }},
+        "time": {"end": 1}, "method": {"step": 0.01}
+    }));
+    let factor = gamma(4.0) / gamma(3.5);
+    let (x, y) = (column(&solution, "x"), column(&solution, "y"));
+    for (i, t) in solution.trajectory.t.iter().enumerate() {
+        let free = factor * t.powf(2.5);
+        let norm = x[i].hypot(y[i]);
+        assert!((0.8 * x[i] - 0.6 * y[i]).abs() < 1e-9, "the force turns at {t}");
+        if free < 0.98 {
+            assert!((norm - free).abs() < 1e-4, "at {t}: {norm}, not {free}");
+        } else if free > 1.05 {
+            assert!((norm - 1.0).abs() < 1e-9, "at {t}: {norm}");
+        }
+    }
+}
+
+#[test]
+fn a_start_outside_is_told() {
+    // q = -1 at once: u = t^(-1/2) / Gamma(1/2), which is infinite at the start, and its integral 2 sqrt(t / pi).
+    let solution = solve(&abel(0.5, "-1", 1.0, json!({"step": 0.001})));
+    assert!(solution.diagnostics.warnings.iter().any(|warning| warning.code == "impulse_at_start"));
+    let exact = 1.0 / std::f64::consts::PI.sqrt();
+    assert!((last(&solution, "u") - exact).abs() < 1e-6, "{}", last(&solution, "u") - exact);
+    assert!((last(&solution, "integral_u") - 2.0 * exact).abs() < 1e-3);
+}
