@@ -32,6 +32,7 @@ pub struct Metrics {
     vi_solves: Family<[Label; 1], Counter>,
     answers: Family<[Label; 1], Counter>,
     waiting: Gauge,
+    waiting_bytes: Gauge,
     running: Gauge,
     panics: Gauge,
 }
@@ -52,6 +53,7 @@ impl Default for Metrics {
             vi_solves: Family::default(),
             answers: Family::default(),
             waiting: Gauge::default(),
+            waiting_bytes: Gauge::default(),
             running: Gauge::default(),
             panics: Gauge::default(),
         };
@@ -73,6 +75,12 @@ impl Default for Metrics {
         registry.register("vi_solves", "Variational inequalities solved at stages", metrics.vi_solves.clone());
         registry.register("answers", "Answers by their status", metrics.answers.clone());
         registry.register("jobs_waiting", "Jobs in the queue", metrics.waiting.clone());
+        registry.register_with_unit(
+            "waiting",
+            "Specifications of the jobs in the queue",
+            Unit::Bytes,
+            metrics.waiting_bytes.clone(),
+        );
         registry.register("jobs_running", "Jobs that workers have in hand", metrics.running.clone());
         registry.register("panics", "Solves that broke down since the start", metrics.panics.clone());
         metrics
@@ -106,6 +114,7 @@ impl Metrics {
         let (waiting, running) = jobs.load();
         // No queue is longer than the greatest of these.
         self.waiting.set(i64::try_from(waiting).unwrap_or(i64::MAX));
+        self.waiting_bytes.set(i64::try_from(jobs.waiting_bytes()).unwrap_or(i64::MAX));
         self.running.set(i64::try_from(running).unwrap_or(i64::MAX));
         self.panics.set(i64::try_from(jobs.panics()).unwrap_or(i64::MAX));
         let mut text = String::new();

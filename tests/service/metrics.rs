@@ -70,3 +70,48 @@ async fn the_figures_of_one_service_are_not_those_of_another() {
     Call::solve(DECAY).send(&one).await;
     assert!(!other.get("/metrics").await.text().contains("dvi_solves_total{"));
 }
+
+/// A service with a solve behind it, so that every figure has been counted once, and what it tells.
+async fn told() -> String {
+    let solver: dvi::service::jobs::Solver = Arc::new(|_, _| {
+        let mut solution = halving(Status::Completed);
+        solution.diagnostics.vi = Some(ViCounts { solves: 1, ..ViCounts::default() });
+        solution
+    });
+    let site = Site::new(one_worker(), solver);
+    Call::solve(DECAY).send(&site).await;
+    site.get("/metrics").await.text().to_owned()
+}
+
+#[tokio::test]
+async fn every_figure_is_explained_to_who_runs_the_service() {
+    let text = told().await;
+    let mut told: Vec<(&str, &str)> =
+        text.lines().filter_map(|line| line.strip_prefix("# TYPE ")?.split_once(' ')).collect();
+    let explained = include_str!("../../deploy/README.md").lines().filter_map(|line| {
+        let mut cells = line.strip_prefix("| `dvi_")?.split('|').map(str::trim);
+        Some((cells.next()?.strip_suffix('`')?, cells.next()?))
+    });
+    let mut explained: Vec<(String, &str)> = explained.map(|(name, kind)| (format!("dvi_{name}"), kind)).collect();
+    told.sort_unstable();
+    explained.sort_unstable();
+    assert_eq!(told, explained.iter().map(|(name, kind)| (name.as_str(), *kind)).collect::<Vec<_>>());
+}
+
+#[tokio::test]
+async fn the_dashboard_asks_for_figures_and_labels_that_there_are() {
+    let text = told().await;
+    let dashboard = include_str!("../../deploy/grafana.json");
+    let is_word = |c: char| c.is_ascii_alphanumeric() || c == '_';
+    let names: Vec<&str> = dashboard.split(|c| !is_word(c)).filter(|word| word.starts_with("dvi_")).collect();
+    assert!(names.len() > 10, "{names:?}");
+    for name in names {
+        let is_sample = |line: &str| line.strip_prefix(name).is_some_and(|rest| rest.starts_with(['{', ' ']));
+        assert!(text.lines().any(is_sample), "no {name} in {text}");
+    }
+    for list in dashboard.split(" by (").skip(1).map(|rest| rest.split(')').next().unwrap()) {
+        for label in list.split(',').map(str::trim) {
+            assert!(text.contains(&format!("{label}=\"")), "no label {label} in {text}");
+        }
+    }
+}

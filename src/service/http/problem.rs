@@ -83,6 +83,8 @@ problems! {
         "A specification is sent as `application/json`, not compressed; curl's default type is taken for JSON.";
     QueueFull, "queue-full", TOO_MANY_REQUESTS, "The queue is full",
         "As many jobs wait as `--queue` allows; ask again after the seconds in `Retry-After`.";
+    QueueBytes, "queue-bytes", TOO_MANY_REQUESTS, "The specifications that wait are too large",
+        "What waits has as many MiB as `--queue-mib` allows; ask again after the seconds in `Retry-After`.";
     ClientShare, "client-share", TOO_MANY_REQUESTS, "This client's share of the queue is full",
         "As many jobs of this client wait as `--client-share` allows; wait for one of them to end.";
     Internal, "internal", INTERNAL_SERVER_ERROR, "The service failed",
@@ -99,6 +101,8 @@ problems! {
         "The disk took no change, so that nothing is accepted for later until it has room and the service starts anew.";
     ResultTooLarge, "result-too-large", UNPROCESSABLE_ENTITY, "The result is too large",
         "The result is larger than `--result-mib` allows; ask for fewer output times or fields.";
+    TooMuchMemory, "too-much-memory", UNPROCESSABLE_ENTITY, "The solve takes too much memory",
+        "The estimate is more than `--memory-mib` allows; ask for fewer times or fields, a coarser mesh or longer steps.";
     TooManyStreams, "too-many-streams", SERVICE_UNAVAILABLE, "Too many streams of events are open",
         "As many streams of events are open as `--streams` allows; ask `GET /jobs/{id}` meanwhile.";
     Draining, "draining", SERVICE_UNAVAILABLE, "The service is about to stop",
@@ -186,7 +190,12 @@ impl From<Refusal> for Box<Problem> {
     fn from(refusal: Refusal) -> Self {
         match refusal {
             Refusal::QueueFull(time) => Problem::plain(Kind::QueueFull).after(time),
+            Refusal::QueueBytes(time) => Problem::plain(Kind::QueueBytes).after(time),
             Refusal::ClientShare(time) => Problem::plain(Kind::ClientShare).after(time),
+            Refusal::Memory(bytes) => {
+                let detail = format!("about {} MiB are needed: {}", bytes >> 20, Kind::TooMuchMemory.meaning());
+                Problem::new(Kind::TooMuchMemory, detail)
+            }
             Refusal::KeyReused => Problem::plain(Kind::KeyReused),
             Refusal::KeyInUse => Problem::plain(Kind::KeyInUse).after(Duration::from_secs(1)),
             Refusal::Unwritable => Unwritable.into(),

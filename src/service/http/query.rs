@@ -19,7 +19,7 @@ impl Query {
     pub fn text(&mut self, name: &'static str) -> Option<String> {
         self.known.push(name);
         let index = self.given.iter().position(|(given, _)| given == name)?;
-        Some(self.given.swap_remove(index).1)
+        Some(self.given.remove(index).1)
     }
 
     /// A parameter as a value.

@@ -101,7 +101,7 @@ async fn job(
         return Ok(job);
     }
     // Asked before the specification is read, so that refusing costs next to nothing.
-    shared.jobs.admits(client)?;
+    shared.jobs.admits(client, document_bytes.len())?;
     let specification = document.specification(shared).await?;
     Ok(shared.jobs.submit(Order { client, specification, document: document_bytes, key }, lasting).await?)
 }

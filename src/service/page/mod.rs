@@ -38,6 +38,7 @@ const FILES: &[File] = files! {
     "comparison.js": "text/javascript; charset=utf-8";
     "editor.js": "text/javascript; charset=utf-8";
     "element.js": "text/javascript; charset=utf-8";
+    "events.js": "text/javascript; charset=utf-8";
     "evidence.js": "text/javascript; charset=utf-8";
     "numbers.js": "text/javascript; charset=utf-8";
     "places.js": "text/javascript; charset=utf-8";
