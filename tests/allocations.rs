@@ -1,7 +1,10 @@
-//! A solver allocates at the first problem of a size and set, and not at later ones, whatever their numbers.
+//! A solver allocates at the first problem of a size and set, and not at later ones, whatever their numbers; and a solve
+//! takes about the memory that was foretold.
 
 use allocation_counter::measure;
+
 use dvi::problem::{Control, ConvexSet, Shape};
+use dvi::specification::Specification;
 use dvi::vi::{AffineVi, Outcome, SolverKind};
 use nalgebra::DMatrix;
 
@@ -45,4 +48,61 @@ fn solvers_over_blocks_allocate_at_the_first_problem_only() {
     for kind in [Auto, SemismoothNewton, BlockGaussSeidel] {
         assert_eq!(allocations(kind, true), 0, "{}", kind.name());
     }
+}
+
+/// What a solve is said to take, and the most that it holds at a time, in bytes.
+fn memory(document: &str) -> (f64, f64) {
+    let specification = Specification::from_json(document.as_bytes()).unwrap();
+    let held = measure(|| assert!(dvi::solve(&specification, &Control::new()).error.is_none()));
+    (specification.memory_bytes() as f64, held.bytes_max as f64)
+}
+
+#[track_caller]
+fn assert_foretold(document: &str) {
+    let (foretold, held) = memory(document);
+    assert!((0.5..2.0).contains(&(foretold / held)), "{foretold} bytes foretold, {held} held");
+}
+
+/// `x' = -x + z/n`, `G = C x + z`, whose matrices are full.
+fn full(n: usize, m: usize) -> String {
+    let matrix = |rows: usize, columns: usize, diagonal: f64| -> Vec<Vec<f64>> {
+        let entry = |i, j| if i == j { diagonal } else { 1e-3 * ((i + 3 * j) as f64).sin() };
+        (0..rows).map(|i| (0..columns).map(|j| entry(i, j)).collect()).collect()
+    };
+    let set = match m {
+        0 => serde_json::json!([]),
+        _ => serde_json::json!([{"box": {"of": (1..=m).map(|k| format!("z{k}")).collect::<Vec<_>>(), "lower": 0}}]),
+    };
+    serde_json::json!({
+        "problem": {"lcs": {
+            "initial": vec![1.0; n],
+            "A": matrix(n, n, -1.0), "B": matrix(n, m, 0.1), "C": matrix(m, n, 0.1), "D": matrix(m, m, 1.0), "set": set,
+        }},
+        "time": {"end": 0.1},
+        "method": {"stages": 3},
+        "output": {"times": {"count": 2}},
+    })
+    .to_string()
+}
+
+#[test]
+fn a_solve_with_full_matrices_takes_the_memory_that_is_foretold() {
+    assert_foretold(&full(300, 0));
+    assert_foretold(&full(20, 200));
+}
+
+#[test]
+fn a_solve_with_many_times_takes_the_memory_that_is_foretold() {
+    assert_foretold(
+        r#"{"problem":{"dvi":{"states":{"x":{"initial":1,"rate":"-x"},"y":{"initial":1,"rate":"x-y"}}}},
+            "time":{"end":1},"output":{"times":{"count":500001}}}"#,
+    );
+}
+
+#[test]
+fn a_solve_that_remembers_every_step_takes_the_memory_that_is_foretold() {
+    assert_foretold(
+        r#"{"problem":{"convolution":{"kernel":{"entries":[["exp(-t)"]]},"variables":{"z":{"q":"-sin(t)"}},"set":[{"box":{"of":["z"],"lower":0}}]}},
+            "time":{"end":1},"method":{"step":1e-5},"output":{"times":{"count":2}}}"#,
+    );
 }

@@ -6,12 +6,14 @@ pub mod healthcheck;
 pub mod methods;
 mod peers;
 mod progress;
+mod remote;
 pub mod report;
 pub mod serve;
 pub mod solve;
 pub mod token;
 
 use dvi::specification::{Specification, SpecificationError};
+use serde::Deserialize;
 use std::fmt::Write as _;
 use std::io::{self, Read};
 use std::path::Path;
@@ -29,18 +31,43 @@ pub const UNREADABLE: u8 = 3;
 pub const UNWRITABLE: u8 = 4;
 /// The service could not start.
 pub const UNSERVABLE: u8 = 5;
+/// A server did not answer, or refused.
+pub const UNANSWERED: u8 = 6;
 /// The command line makes no sense (`EX_USAGE` of sysexits).
 pub const USAGE: u8 = 64;
 
+/// An error of a specification, found here or by a server.
+#[derive(Deserialize)]
+pub struct Told {
+    pointer: String,
+    code: String,
+    detail: String,
+    expected: Option<String>,
+    did_you_mean: Option<String>,
+}
+
+impl From<SpecificationError> for Told {
+    fn from(error: SpecificationError) -> Self {
+        let SpecificationError { pointer, code, detail, expected, did_you_mean } = error;
+        Self { pointer, code: code.to_owned(), detail, expected, did_you_mean }
+    }
+}
+
 /// Reads and checks a file, or standard input where it is called `-`. What is wrong is told on standard error.
 pub fn read(file: &Path) -> Result<Specification, ExitCode> {
-    let text = bytes_of(file).map_err(|error| {
-        eprintln!("dvi: cannot read {}: {error}", file.display());
-        ExitCode::from(UNREADABLE)
-    })?;
+    let text = bytes(file)?;
     Specification::from_json(&text).map_err(|errors| {
+        let errors: Vec<Told> = errors.into_iter().map(Told::from).collect();
         eprint!("{}", report(file, &errors));
         ExitCode::from(BAD_SPECIFICATION)
+    })
+}
+
+/// The bytes of a file, or of standard input where it is called `-`.
+pub fn bytes(file: &Path) -> Result<Vec<u8>, ExitCode> {
+    bytes_of(file).map_err(|error| {
+        eprintln!("dvi: cannot read {}: {error}", file.display());
+        ExitCode::from(UNREADABLE)
     })
 }
 
@@ -54,7 +81,7 @@ fn bytes_of(file: &Path) -> io::Result<Vec<u8>> {
 }
 
 /// The errors for people: a paragraph each, the place first.
-fn report(file: &Path, errors: &[SpecificationError]) -> String {
+fn report(file: &Path, errors: &[Told]) -> String {
     let count = if errors.len() == 1 { "1 error".to_owned() } else { format!("{} errors", errors.len()) };
     let mut text = format!("{}: {count}\n", file.display());
     for error in errors {
@@ -104,6 +131,6 @@ spring.json: 2 errors
   (the whole document): x + * y
         ^ [syntax]
 ";
-        assert_eq!(report(Path::new("spring.json"), &errors), told);
+        assert_eq!(report(Path::new("spring.json"), &errors.map(Told::from)), told);
     }
 }

@@ -1,6 +1,7 @@
-//! `dvi solve`: one solve in this process. The result goes to standard output, all else to standard error.
+//! `dvi solve`: one solve in this process, or by a server. The result goes to standard output, all else to standard error.
 
-use super::{UNFINISHED, UNWRITABLE, read};
+use super::remote::{self, Server};
+use super::{UNFINISHED, UNWRITABLE, bytes, read};
 use clap::{Args, ValueEnum};
 use dvi::problem::Control;
 use dvi::solution::{Solution, Status, encodings, pictures};
@@ -26,6 +27,14 @@ pub struct Arguments {
     /// The form of the result
     #[arg(long, value_enum, default_value_t = Format::Json)]
     format: Format,
+
+    /// The address of a running service that is to solve it in place of this process
+    #[arg(long, env = "DVI_SERVER", value_name = "URL")]
+    server: Option<Server>,
+
+    /// The token to show to the server
+    #[arg(long, env = "DVI_TOKEN", value_name = "TOKEN", hide_env_values = true, requires = "server")]
+    token: Option<String>,
 }
 
 const HELP: &str = "\
@@ -35,13 +44,15 @@ Exit codes:
   2   the specification has errors, told on standard error with their JSON pointers
   3   the specification could not be read
   4   the result could not be written
+  6   the server did not answer, or refused
   64  the command line makes no sense
 
 Examples:
   dvi solve api/examples/diode_bridge.json
   dvi solve --format csv spring.json | head
   dvi solve --format svg spring.json > spring.svg
-  generate-specification | dvi solve - > result.json";
+  generate-specification | dvi solve - > result.json
+  dvi solve --server http://localhost:8080 spring.json";
 
 /// A form of the result.
 #[derive(Clone, Copy, ValueEnum)]
@@ -50,8 +61,24 @@ enum Format {
     Json,
     /// The trajectory as a table
     Csv,
+    /// The trajectory as JSON lines, an object a time
+    Ndjson,
+    /// The trajectory as an Arrow stream
+    Arrow,
     /// The trajectory as a picture
     Svg,
+}
+
+impl Format {
+    fn media_type(self) -> &'static str {
+        match self {
+            Self::Json => "application/json",
+            Self::Csv => "text/csv",
+            Self::Ndjson => "application/x-ndjson",
+            Self::Arrow => "application/vnd.apache.arrow.stream",
+            Self::Svg => "image/svg+xml",
+        }
+    }
 }
 
 /// The time between two looks at the progress.
@@ -59,6 +86,15 @@ const GLANCE: Duration = Duration::from_millis(100);
 
 /// Solves and writes; the exit code says how it went.
 pub fn run(arguments: &Arguments) -> ExitCode {
+    if let Some(server) = &arguments.server {
+        return match bytes(&arguments.file) {
+            Ok(specification) => {
+                let server = server.clone().showing(arguments.token.as_deref());
+                remote::run(&server, &arguments.file, specification, arguments.format.media_type())
+            }
+            Err(code) => code,
+        };
+    }
     let specification = match read(&arguments.file) {
         Ok(specification) => specification,
         Err(code) => return code,
@@ -137,7 +173,9 @@ fn write(solution: &Solution, label: Option<&str>, format: Format) -> io::Result
             encodings::write_json(solution, &mut out)?;
             out.write_all(b"\n")?;
         }
-        Format::Csv => encodings::write_csv(&solution.trajectory, &mut out)?,
+        Format::Csv => encodings::write_table(&mut encodings::Csv, &solution.trajectory, &mut out)?,
+        Format::Ndjson => encodings::write_table(&mut encodings::Lines, &solution.trajectory, &mut out)?,
+        Format::Arrow => encodings::write_table(&mut encodings::Arrow::default(), &solution.trajectory, &mut out)?,
         Format::Svg => pictures::write_svg(solution, label, &mut out)?,
     }
     out.flush()

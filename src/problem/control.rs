@@ -1,8 +1,14 @@
-//! How the outside talks to a running solve: cancel, deadline, progress.
+//! How the outside talks to a running solve: cancel, deadline, progress, and what happens on the way.
 
+use super::Event;
+use std::collections::VecDeque;
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
+
+/// The events that are at hand while a solve runs: the latest. Its trajectory has them all.
+const MOST_EVENTS: usize = 256;
 
 /// Why a solve was asked to stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,6 +29,14 @@ pub struct Control {
     /// Where the part of the work that runs begins, and how much of the whole it is.
     begin: AtomicU64,
     share: AtomicU64,
+    happened: Mutex<Happened>,
+}
+
+/// The latest events, and how many there have been in all.
+#[derive(Debug, Default)]
+struct Happened {
+    latest: VecDeque<Event>,
+    count: u64,
 }
 
 impl Default for Control {
@@ -34,6 +48,7 @@ impl Default for Control {
             steps: AtomicU64::new(0),
             begin: AtomicU64::new(0.0_f64.to_bits()),
             share: AtomicU64::new(1.0_f64.to_bits()),
+            happened: Mutex::default(),
         }
     }
 }
@@ -88,5 +103,68 @@ impl Control {
     /// The accepted steps so far.
     pub fn steps(&self) -> u64 {
         self.steps.load(Relaxed)
+    }
+
+    /// Records what happened in the last step. Runs for later parts of the work meet the same again, and are not heard.
+    pub fn tell(&self, events: &[Event]) {
+        if events.is_empty() || f64::from_bits(self.begin.load(Relaxed)) > 0.0 {
+            return;
+        }
+        let mut happened = self.happened();
+        happened.count += events.len() as u64;
+        for event in &events[events.len().saturating_sub(MOST_EVENTS)..] {
+            if happened.latest.len() == MOST_EVENTS {
+                happened.latest.pop_front();
+            }
+            happened.latest.push_back(event.clone());
+        }
+    }
+
+    /// The events after the first `seen`, as far as they are still at hand, each with its number, from one. Whoever has
+    /// seen more than there were has followed another solve, and gets all.
+    pub fn events_after(&self, seen: u64) -> Vec<(u64, Event)> {
+        let happened = self.happened();
+        let seen = if seen > happened.count { 0 } else { seen };
+        let before = happened.count - happened.latest.len() as u64;
+        let numbered = (before + 1..).zip(happened.latest.iter().cloned());
+        numbered.skip(seen.saturating_sub(before).min(MOST_EVENTS as u64) as usize).collect()
+    }
+
+    fn happened(&self) -> MutexGuard<'_, Happened> {
+        self.happened.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::problem::EventKind;
+
+    fn events(times: std::ops::Range<u32>) -> Vec<Event> {
+        times.map(|t| Event { t: f64::from(t), kind: EventKind::Stick, of: "foot".to_owned() }).collect()
+    }
+
+    #[test]
+    fn the_latest_events_are_at_hand_under_their_numbers() {
+        let control = Control::new();
+        assert!(control.events_after(0).is_empty());
+        control.tell(&events(0..3));
+        control.tell(&events(3..300));
+        control.tell(&events(300..1000));
+        let kept = control.events_after(0);
+        let numbers: Vec<(u64, f64)> = kept.iter().map(|(number, event)| (*number, event.t)).collect();
+        assert_eq!(numbers, (745..=1000).map(|n| (n, (n - 1) as f64)).collect::<Vec<_>>());
+        assert_eq!(control.events_after(997).first().map(|(number, _)| *number), Some(998));
+        assert!(control.events_after(1000).is_empty());
+        assert_eq!(control.events_after(1001), kept);
+    }
+
+    #[test]
+    fn only_the_first_run_of_several_is_heard() {
+        let control = Control::new();
+        control.part(0.0..0.5, || control.part(0.0..0.5, || control.tell(&events(0..2))));
+        control.part(0.0..0.5, || control.part(0.5..1.0, || control.tell(&events(0..2))));
+        control.part(0.5..1.0, || control.tell(&events(0..2)));
+        assert_eq!(control.events_after(0).len(), 2);
     }
 }

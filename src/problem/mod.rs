@@ -9,12 +9,14 @@
 
 mod control;
 mod convex_set;
+mod event;
 mod mechanical;
 
 pub use control::{Control, Stop};
 pub use convex_set::{
     Block, BlockWorkspace, ConvexSet, Derivative, Face, FaceEquations, Monitor, Polyhedron, Shape, Workspace,
 };
+pub use event::{Event, EventKind};
 pub use mechanical::{Constraints, ContactData, Energies, Mechanical, MechanicalStructure, Sensitivity};
 
 /// What a moving bound is.

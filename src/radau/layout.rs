@@ -1,6 +1,7 @@
 //! Where the entries of `diag(M, 0)` and `-Phi_y` stand in memory: column after column where the system is small or
 //! full, else by the union of both patterns, which holds for every face and is analysed once.
 
+use super::memory::check_memory;
 use super::settings::StepError;
 use crate::factorisation::Analysis;
 use crate::problem::{Mass, Structure};
@@ -13,8 +14,10 @@ const DENSE_AT_MOST: usize = 40;
 /// factorisation is up to three times as fast, measured on chains, grids and random patterns.
 const SPARSITY: usize = 16;
 
-/// The most memory, in bytes, that one dense part of a run may take.
-pub const MOST_BYTES: usize = 2 << 30;
+/// Whether a matrix with so many entries that may be nonzero is stored without the others.
+pub fn is_sparse(unknowns: usize, entries: usize) -> bool {
+    unknowns > DENSE_AT_MOST && entries <= unknowns.saturating_mul(unknowns) / SPARSITY
+}
 
 /// The places of the entries, numbered.
 #[derive(Debug)]
@@ -91,16 +94,14 @@ impl Layout {
             .collect();
         pairs.sort_unstable_by_key(|pair| (pair.col, pair.row));
         pairs.dedup();
-        let is_sparse = unknowns > DENSE_AT_MOST && pairs.len() <= unknowns * unknowns / SPARSITY;
-        let (storage, places) = if is_sparse {
+        let (storage, places) = if is_sparse(unknowns, pairs.len()) {
             let too_large = || StepError::TooLarge { what: "sparse factors", unknowns };
             let pattern = SymbolicSparseColMat::try_new_from_indices(unknowns, unknowns, &pairs);
             let (pattern, _) = pattern.map_err(|_| too_large())?;
             let analysis = Analysis::new(pattern.as_ref()).ok_or_else(too_large)?;
             (Storage::Sparse { pattern, analysis }, pairs.len())
         } else {
-            // The Jacobian, a real and a complex matrix.
-            check_memory("dense factors", unknowns, 4)?;
+            check_memory("dense factors", unknowns)?;
             (Storage::Dense, unknowns * unknowns)
         };
         let place = |(i, j): (usize, usize)| match &storage {
@@ -137,14 +138,4 @@ impl Layout {
             }
         }
     }
-}
-
-/// Refuses `matrices` dense matrices of `unknowns` rows that would take more memory than one run may.
-///
-/// # Errors
-/// [`StepError::TooLarge`].
-pub fn check_memory(what: &'static str, unknowns: usize, matrices: usize) -> Result<(), StepError> {
-    let numbers = unknowns.saturating_mul(unknowns).saturating_mul(matrices);
-    let fits = numbers <= MOST_BYTES / size_of::<f64>();
-    if fits { Ok(()) } else { Err(StepError::TooLarge { what, unknowns }) }
 }

@@ -19,6 +19,7 @@ mod error_control;
 mod face;
 mod factors;
 mod layout;
+mod memory;
 mod newton_control;
 mod settings;
 mod stage_vi;
@@ -31,7 +32,7 @@ mod tableau;
 
 pub use conditions::{AlgebraicStability, Conditions, Order, PositiveDiagonal, Vanishing};
 pub use face::{ActiveFace, Place};
-pub use layout::MOST_BYTES;
+pub use memory::{MOST_BYTES, matrix_numbers};
 pub use settings::{Cause, Settings, StageChoice, StepError, Switches};
 pub use stepper::{Counts, Radau, Variables};
 pub use switches::Switch;

@@ -12,7 +12,7 @@
 
 use super::face::{ActiveFace, Place, place};
 use super::factors::Factors;
-use super::layout::check_memory;
+use super::memory::check_memory;
 use super::newton_control::{NewtonControl, UNDERFLOW};
 use super::settings::{Cause, StepError};
 use super::stages::Stages;
@@ -70,8 +70,7 @@ impl StageVi {
     pub fn new(system: &System<'_>, stages: usize, solver: SolverKind) -> Result<Self, StepError> {
         let unknowns = system.unknowns;
         let coupled = stages * system.bounded.len();
-        // `S`, and up to three of its size in a solver.
-        check_memory("the inequalities of all stages", coupled, 4)?;
+        check_memory("the inequalities of all stages", coupled)?;
         let factor = system.set.restricted(&system.bounded);
         let mut held = ActiveFace { places: vec![Place::Inside; unknowns - system.states], ..system.face.clone() };
         system.bounded.iter().for_each(|&k| held.places[k] = Place::Held);

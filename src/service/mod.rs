@@ -3,6 +3,7 @@
 pub mod access;
 pub mod http;
 pub mod jobs;
+mod metrics;
 mod options;
 mod page;
 mod server;
@@ -13,11 +14,12 @@ use access::Tokens;
 use axum::Router;
 use http::Shared;
 use jobs::{Jobs, Pool, Solver};
+use metrics::Metrics;
 use std::io;
 use std::sync::Arc;
 use tokio::net::TcpListener;
-use tokio::sync::Semaphore;
 use tokio::sync::mpsc::Receiver;
+use tokio::sync::{Semaphore, watch};
 
 /// A service with its workers running. They stop when it is dropped.
 pub struct Service {
@@ -31,11 +33,16 @@ impl Service {
     /// # Errors
     /// The folder is in use or cannot be written, or the system gives no threads.
     pub fn start(options: Options, solver: Solver) -> io::Result<Self> {
+        let metrics = Arc::new(Metrics::default());
         let tokens = if options.asks_tokens() { Some(Arc::new(tokens(&options)?)) } else { None };
-        let jobs = Arc::new(Jobs::open(options.bounds(), solver, options.jobs_folder())?);
+        let jobs = Jobs::open(options.bounds(), solver, options.jobs_folder(), Arc::clone(&metrics))?;
+        let jobs = Arc::new(jobs);
         let pool = Pool::start(&jobs, options.workers)?;
         let readers = Arc::new(Semaphore::new(options.workers.get()));
-        Ok(Self { shared: Shared { jobs, options: Arc::new(options), tokens, readers }, _pool: pool })
+        let streams = Arc::new(Semaphore::new(options.streams.get()));
+        let closing = Arc::new(watch::Sender::new(false));
+        let options = Arc::new(options);
+        Ok(Self { shared: Shared { jobs, options, metrics, tokens, readers, streams, closing }, _pool: pool })
     }
 
     /// Its resources.

@@ -1,7 +1,7 @@
 //! The bounds of the service: each a flag with an environment variable, each with a default that suits one machine
 //! shared by a few people.
 
-use super::jobs::{Bounds, Retention};
+use super::jobs::{Bounds, Retention, Room};
 use clap::{Args, Command};
 use serde::Serialize;
 use serde_json::Value;
@@ -57,6 +57,10 @@ pub struct Options {
     #[arg(long, env = "DVI_QUEUE", value_name = "JOBS", default_value_t = Options::default().queue)]
     pub queue: NonZeroUsize,
 
+    /// Specifications that may wait, in MiB in all; one more is refused with 429
+    #[arg(long, env = "DVI_QUEUE_MIB", value_name = "MIB", default_value_t = Options::default().queue_mib)]
+    pub queue_mib: NonZeroUsize,
+
     /// Jobs of one client, told by its token or else by its address, that may wait
     #[arg(long, env = "DVI_CLIENT_SHARE", value_name = "JOBS", default_value_t = Options::default().client_share)]
     pub client_share: NonZeroUsize,
@@ -64,6 +68,10 @@ pub struct Options {
     /// Longest time a job may run, in seconds; its trajectory so far is kept
     #[arg(long, env = "DVI_WALL_SECONDS", value_name = "SECONDS", default_value_t = Options::default().wall_seconds)]
     pub wall_seconds: NonZeroU64,
+
+    /// Memory that a solve may take, in MiB, estimated before it runs; one that takes more is refused with 422
+    #[arg(long, env = "DVI_MEMORY_MIB", value_name = "MIB", default_value_t = Options::default().memory_mib)]
+    pub memory_mib: NonZeroUsize,
 
     /// Largest specification, in MiB
     #[arg(long, env = "DVI_BODY_MIB", value_name = "MIB", default_value_t = Options::default().body_mib)]
@@ -89,6 +97,10 @@ pub struct Options {
     #[arg(long, env = "DVI_READ_SECONDS", value_name = "SECONDS", default_value_t = Options::default().read_seconds)]
     pub read_seconds: NonZeroU64,
 
+    /// Streams of events open at a time; one more is refused with 503
+    #[arg(long, env = "DVI_STREAMS", value_name = "STREAMS", default_value_t = Options::default().streams)]
+    pub streams: NonZeroUsize,
+
     /// Time that jobs have to end after SIGTERM or SIGINT before they are cancelled, in seconds
     #[arg(long, env = "DVI_GRACE_SECONDS", value_name = "SECONDS", default_value_t = Options::default().grace_seconds)]
     pub grace_seconds: u64,
@@ -106,14 +118,17 @@ impl Default for Options {
             insecure: false,
             workers: available_parallelism().unwrap_or(NonZeroUsize::MIN),
             queue: count(1000),
+            queue_mib: count(256),
             client_share: count(750),
             wall_seconds: number(300),
+            memory_mib: count(2048),
             body_mib: count(8),
             result_mib: count(256),
             kept_jobs: count(10_000),
             kept_mib: count(1024),
             kept_days: number(30),
             read_seconds: number(30),
+            streams: count(1000),
             grace_seconds: 30,
         }
     }
@@ -165,8 +180,8 @@ impl Options {
     /// What concerns jobs.
     pub fn bounds(&self) -> Bounds {
         Bounds {
-            queue: self.queue.get(),
-            share: self.client_share.get(),
+            queue: Room { places: self.queue.get(), share: self.client_share.get(), bytes: bytes(self.queue_mib) },
+            memory: bytes(self.memory_mib),
             wall: Duration::from_secs(self.wall_seconds.get()),
             result_bytes: bytes(self.result_mib),
             retention: Retention {

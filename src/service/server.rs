@@ -6,7 +6,7 @@
 //!    clients can fetch what ends and a load balancer sees `/readyz` off.
 //! 3. When no job is left, or at the end of the grace time or asked a second time: leave what is left to the next
 //!    process, or cancel it where there is no disk to keep it.
-//! 4. Let answers in hand go out, and close.
+//! 4. End the streams of events, let answers in hand go out, and close.
 
 use super::http::Shared;
 use super::jobs::Client;
@@ -75,6 +75,7 @@ pub async fn serve(listener: TcpListener, router: Router, shared: Shared, mut st
         () = expiring => {}
         () = stopping => {}
     }
+    shared.closing.send_replace(true);
     if timeout(LAST_CALL, connections.shutdown()).await.is_err() {
         tracing::warn!("some connections did not take their answers and are cut off");
     }

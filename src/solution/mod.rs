@@ -5,6 +5,7 @@ mod convolution;
 mod diagnostics;
 pub mod encodings;
 mod energy_balance;
+mod excerpt;
 mod global_error;
 mod integrate;
 mod obstacle;
@@ -14,23 +15,26 @@ mod run;
 mod study;
 mod trajectory;
 
+pub use crate::problem::{Event, EventKind};
 pub use contact::{ContactPlan, describe_contact, integrate_contact};
 pub use convolution::{ConvolutionPlan, Mesh, describe_convolution, integrate_convolution};
 pub use diagnostics::{
     Contraction, Diagnostics, Evaluations, Face, GlobalError, Refinement, Steps, Tried, ViCounts, Warning,
 };
+pub use excerpt::{Excerpt, NoSuchField};
 pub use integrate::{describe, integrate};
 pub use obstacle::{describe_obstacle, integrate_obstacle};
 pub use rigid_bodies::{describe_rigid_bodies, step_rigid_bodies};
 pub use run::{Plan, Stepper, run};
 pub use study::{Series, Study, StudyRun};
-pub use trajectory::{Event, EventKind, Field, Trajectory};
+pub use trajectory::{Field, Trajectory};
 
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
+use utoipa::ToSchema;
 
 /// How a solve ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Status {
     /// The end time was reached.
@@ -42,9 +46,10 @@ pub enum Status {
 }
 
 /// Why a solve did not reach its end time.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Failure {
     /// A stable word for programs, such as `step_too_small`.
+    #[schema(value_type = String)]
     pub code: Cow<'static, str>,
     /// What happened and what to try, for people.
     pub message: String,
@@ -55,7 +60,7 @@ pub struct Failure {
 }
 
 /// The answer to a specification. Every number in it is finite.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
 pub struct Solution {
     /// How it ended.
     pub status: Status,
@@ -66,8 +71,10 @@ pub struct Solution {
     pub trajectory: Trajectory,
     /// The evidence, which is not read back: it is written for people.
     #[serde(skip_deserializing)]
+    #[schema(value_type = Object)]
     pub diagnostics: Diagnostics,
     /// Error against run time, where it was asked for.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none", skip_deserializing)]
+    #[schema(value_type = Option<Object>)]
     pub study: Option<Study>,
 }

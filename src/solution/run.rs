@@ -130,7 +130,9 @@ impl<'a> Run<'a> {
             if let Err(failure) = stepper.step() {
                 break Err(verdict(self.control, failure));
             }
-            let switched = self.recorder.step(stepper);
+            let events = self.recorder.step(stepper);
+            self.control.tell(events);
+            let switched = !events.is_empty();
             stepper.observe(switched, &mut self.diagnostics);
             let done = (stepper.t() - plan.start) / (plan.end - plan.start);
             self.control.report(done, stepper.accepted());
@@ -237,15 +239,14 @@ impl<'a> Recorder<'a> {
         }
     }
 
-    /// Takes over the outputs and the events of the last step; whether there were any events.
-    fn step(&mut self, stepper: &mut impl Stepper) -> bool {
-        let events = self.trajectory.events.len();
+    /// Takes over the outputs of the last step and its events, which it gives.
+    fn step(&mut self, stepper: &mut impl Stepper) -> &[Event] {
+        let before = self.trajectory.events.len();
         stepper.take_events(&mut self.trajectory.events);
-        let switched = self.trajectory.events.len() > events;
         let end = stepper.t();
         let Some(times) = &self.plan.times else {
             self.sample(stepper, end);
-            return switched;
+            return &self.trajectory.events[before..];
         };
         while let Some(&t) = times.get(self.next)
             && t <= end
@@ -253,7 +254,7 @@ impl<'a> Recorder<'a> {
             self.sample(stepper, t);
             self.next += 1;
         }
-        switched
+        &self.trajectory.events[before..]
     }
 
     fn sample(&mut self, stepper: &mut impl Stepper, t: f64) {

@@ -1,9 +1,11 @@
 //! The trajectory in columns.
 
+use crate::problem::Event;
 use serde::de::{Deserializer, MapAccess, Visitor};
 use serde::ser::{SerializeMap, SerializeStruct, Serializer};
 use serde::{Deserialize, Serialize};
 use std::fmt;
+use utoipa::ToSchema;
 
 /// One output over time.
 #[derive(Clone, Debug, PartialEq)]
@@ -14,42 +16,14 @@ pub struct Field {
     pub values: Vec<f64>,
 }
 
-/// What happened to a variable at a switch of the active face of `K`, or to a contact.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum EventKind {
-    /// It left its bound: the inequality became an equation.
-    Activated,
-    /// It came to rest on a bound.
-    Deactivated,
-    /// A contact closed.
-    Impact,
-    /// A contact opened that had been closed for a while.
-    LiftOff,
-    /// A contact ceased to slip.
-    Stick,
-    /// A contact began to slip.
-    Slip,
-}
-
-/// A switch of the active face.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Event {
-    /// When.
-    pub t: f64,
-    /// What.
-    pub kind: EventKind,
-    /// The variable or the contact.
-    pub of: String,
-}
-
 /// Values over time, in columns of equal length.
-#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, ToSchema)]
 pub struct Trajectory {
     /// The times, increasing.
     pub t: Vec<f64>,
     /// The outputs that were asked for.
     #[serde(deserialize_with = "columns")]
+    #[schema(value_type = BTreeMap<String, Vec<f64>>)]
     pub fields: Vec<Field>,
     /// The switches.
     pub events: Vec<Event>,

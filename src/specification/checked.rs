@@ -20,6 +20,7 @@ use crate::problem::ConvexSet;
 #[derive(Clone, Debug)]
 pub struct Specification {
     label: Option<String>,
+    problem: &'static str,
     model: Model,
     time: Time,
     pub(super) method: Method,
@@ -89,13 +90,13 @@ impl Specification {
                 found.report(&place_of_output.key("global_error"), "conflict", detail);
             }
             let study = study.and_then(|study| {
-                let (key, parameters) = problem.parameters();
                 let of_problem = root.key("problem");
-                let parameters = (parameters, &of_problem.key(key));
+                let parameters = (problem.parameters(), &of_problem.key(problem.name()));
                 study.check((&model, &method, time), parameters, &root.key("study"), &mut found)
             });
             Some(Self {
                 label,
+                problem: problem.name(),
                 model,
                 time,
                 method,
@@ -116,6 +117,11 @@ impl Specification {
     /// The user's own words for it, at most 200 characters.
     pub fn label(&self) -> Option<&str> {
         self.label.as_deref()
+    }
+
+    /// The type of the problem, by its key.
+    pub fn problem(&self) -> &'static str {
+        self.problem
     }
 
     /// The problem, with names and initial values.
@@ -177,18 +183,18 @@ impl Specification {
 /// The model, where the problem has one; its errors go to `errors`.
 fn lower(problem: &Problem, start: Option<f64>, errors: &mut Errors) -> Option<Model> {
     let place = Place::Root.key("problem");
-    let (key, unknowns) = match problem {
-        Problem::Dvi(problem) => ("dvi", problem.states.len() + problem.variables.len()),
-        Problem::Lcs(problem) => ("lcs", problem.initial.len() + problem.variables()),
-        Problem::Mechanical(problem) => ("mechanical", 2 * problem.coordinates.len()),
-        Problem::RigidBodies(problem) => ("rigid_bodies", problem.bodies.len()),
-        Problem::Filippov(problem) => ("filippov", problem.states.len() + problem.variables()),
-        Problem::Obstacle(problem) => ("obstacle", problem.nodes()),
-        Problem::Circuit(problem) => ("circuit", problem.components.as_ref().map_or(0, Vec::len)),
-        Problem::Convolution(problem) => ("convolution", problem.variables.len()),
-        Problem::Elastic(problem) => ("elastic", problem.unknowns()),
+    let unknowns = match problem {
+        Problem::Dvi(problem) => problem.states.len() + problem.variables.len(),
+        Problem::Lcs(problem) => problem.initial.len() + problem.variables(),
+        Problem::Mechanical(problem) => 2 * problem.coordinates.len(),
+        Problem::RigidBodies(problem) => problem.bodies.len(),
+        Problem::Filippov(problem) => problem.states.len() + problem.variables(),
+        Problem::Obstacle(problem) => problem.nodes(),
+        Problem::Circuit(problem) => problem.components.as_ref().map_or(0, Vec::len),
+        Problem::Convolution(problem) => problem.variables.len(),
+        Problem::Elastic(problem) => problem.unknowns(),
     };
-    let place = place.key(key);
+    let place = place.key(problem.name());
     if unknowns > MOST_UNKNOWNS {
         let error = SpecificationError::new(place.to_string(), "too_many_unknowns", format!("{unknowns} unknowns"));
         errors.push(error.expected(format!("at most {MOST_UNKNOWNS} states and variables")));

@@ -67,6 +67,23 @@ pub enum Problem {
     Elastic(Box<ElasticProblem>),
 }
 
+impl Problem {
+    /// The key of its type.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Dvi(_) => "dvi",
+            Self::Lcs(_) => "lcs",
+            Self::Mechanical(_) => "mechanical",
+            Self::RigidBodies(_) => "rigid_bodies",
+            Self::Filippov(_) => "filippov",
+            Self::Obstacle(_) => "obstacle",
+            Self::Circuit(_) => "circuit",
+            Self::Convolution(_) => "convolution",
+            Self::Elastic(_) => "elastic",
+        }
+    }
+}
+
 /// The time horizon, in seconds unless the model says otherwise.
 #[derive(Clone, Copy, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -94,18 +111,18 @@ pub struct Limits {
 static NO_PARAMETERS: Ordered<Expression> = Ordered::new();
 
 impl Problem {
-    /// Its key, and its parameters, where it can have any.
-    pub(super) fn parameters(&self) -> (&'static str, &Ordered<Expression>) {
+    /// Its parameters, where it can have any.
+    pub(super) fn parameters(&self) -> &Ordered<Expression> {
         match self {
-            Self::Dvi(problem) => ("dvi", &problem.parameters),
-            Self::Lcs(problem) => ("lcs", &problem.parameters),
-            Self::Mechanical(problem) => ("mechanical", &problem.parameters),
-            Self::RigidBodies(_) => ("rigid_bodies", &NO_PARAMETERS),
-            Self::Filippov(problem) => ("filippov", &problem.parameters),
-            Self::Circuit(problem) => ("circuit", &problem.parameters),
-            Self::Obstacle(problem) => ("obstacle", &problem.parameters),
-            Self::Elastic(problem) => ("elastic", &problem.parameters),
-            Self::Convolution(problem) => ("convolution", &problem.parameters),
+            Self::Dvi(problem) => &problem.parameters,
+            Self::Lcs(problem) => &problem.parameters,
+            Self::Mechanical(problem) => &problem.parameters,
+            Self::RigidBodies(_) => &NO_PARAMETERS,
+            Self::Filippov(problem) => &problem.parameters,
+            Self::Obstacle(problem) => &problem.parameters,
+            Self::Circuit(problem) => &problem.parameters,
+            Self::Convolution(problem) => &problem.parameters,
+            Self::Elastic(problem) => &problem.parameters,
         }
     }
 }

@@ -2,9 +2,10 @@
 
 use super::place::Place;
 use serde::Serialize;
+use utoipa::ToSchema;
 
 /// One thing wrong with a specification.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 pub struct SpecificationError {
     /// The JSON pointer (RFC 6901) of the offender.
     pub pointer: String,

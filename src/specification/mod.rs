@@ -26,6 +26,7 @@ mod lowering;
 mod mass;
 mod matrix;
 mod mechanical;
+mod memory;
 mod method;
 mod mismatch;
 mod obstacle;

@@ -24,6 +24,8 @@ pub struct Summary {
     pub jacobian_nonzeros: usize,
     /// Whether the Jacobian is the same everywhere.
     pub constant_jacobian: bool,
+    /// Memory that a solve is known to take before it runs, in bytes.
+    pub memory_bytes: usize,
     /// Index and uniqueness at the start, and why.
     #[serde(flatten)]
     pub analysis: Analysis,
@@ -58,6 +60,7 @@ impl Specification {
             moving_bounds,
             jacobian_nonzeros,
             constant_jacobian,
+            memory_bytes: self.memory_bytes(),
             analysis: self.analysis().clone(),
             method: described.method,
             built: described.built,

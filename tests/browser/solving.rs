@@ -74,6 +74,8 @@ fn a_job_that_runs_shows_how_far_it_is_and_can_be_cancelled() {
     page.tab_to("#cancel");
     page.press("Enter", false);
     page.wait("document.getElementById('outcome').dataset.status === 'dismissed'");
+    let asked = "performance.getEntriesByType('resource').filter((entry) => /\\/jobs\\/[^/]*(\\/events)?$/.test(entry.name)).length";
+    assert_eq!(page.value(asked), 1, "it is told how the job goes, without asking again");
     assert!(page.text("#message").contains("cancelled"), "{}", page.text("#message"));
     assert_eq!(page.value("document.getElementById('solve').disabled"), false);
     assert_eq!(page.complaints(), Vec::<String>::new());

@@ -43,6 +43,41 @@ async fn a_full_queue_says_when_to_come_back() {
 }
 
 #[tokio::test]
+async fn what_waits_is_bounded_in_bytes_too() {
+    let gate = Gate::new();
+    let site = Site::new(Options { queue_mib: count(1), ..one_worker() }, gate.solver());
+    let large = format!("{DECAY}{}", " ".repeat(600 << 10));
+    let post = async || Call::solve(large.clone()).header("prefer", "respond-async").send(&site).await;
+    assert_eq!(post().await.status, StatusCode::ACCEPTED);
+    gate.entered(1).await;
+    assert_eq!(post().await.status, StatusCode::ACCEPTED, "what runs does not wait");
+    let refused = post().await;
+    refused.problem(429, "queue-bytes");
+    assert!((1..=600).contains(&refused.header("retry-after").parse::<u64>().unwrap()));
+    let small = site.accept(1).await;
+    gate.let_through(3);
+    assert_eq!(site.ended(&small).await["status"], "successful");
+    assert_eq!(site.service.jobs().waiting_bytes(), 0);
+}
+
+#[tokio::test]
+async fn a_solve_that_would_take_too_much_memory_is_refused_with_what_it_would_take() {
+    let site = Site::new(Options { memory_mib: count(2), ..one_worker() }, instant());
+    let with_times =
+        |count: u32| DECAY.replace("}}}},", &format!("}}}}}}}},\"output\":{{\"times\":{{\"count\":{count}}}}},"));
+    let refused = Call::solve(with_times(400_000)).header("idempotency-key", "k").send(&site).await;
+    let problem = refused.problem(422, "too-much-memory");
+    // 400,000 times and values of eight bytes.
+    let detail = problem["detail"].as_str().unwrap();
+    assert!(detail.contains("6 MiB") && detail.contains("--memory-mib"), "{detail}");
+    assert_eq!(site.get("/jobs").await.json()["jobs"], serde_json::json!([]));
+    let bytes = Call::check(with_times(400_000)).send(&site).await.json()["memory_bytes"].as_u64().unwrap();
+    assert!((6_400_000..6_500_000).contains(&bytes), "{bytes}");
+    let fits = Call::solve(with_times(100_000)).header("idempotency-key", "k").send(&site).await;
+    assert_eq!(fits.status, StatusCode::OK, "a refused request does not use up its key");
+}
+
+#[tokio::test]
 async fn one_client_cannot_have_the_whole_queue() {
     let gate = Gate::new();
     let site = Site::new(Options { queue: count(10), client_share: count(2), ..one_worker() }, gate.solver());

@@ -153,3 +153,25 @@ async fn a_second_signal_cuts_the_grace_time_short() {
     gate.cancelled(1).await;
     running.served.await.unwrap();
 }
+
+#[tokio::test]
+async fn streams_of_events_do_not_hold_up_the_end_of_the_service() {
+    let (done, ended) = std::sync::mpsc::channel::<()>();
+    let ended = std::sync::Mutex::new(ended);
+    let stubborn: Solver = Arc::new(move |_, _| {
+        let _ = ended.lock().unwrap().recv();
+        crate::harness::halving(dvi::solution::Status::Completed)
+    });
+    let running = Running::start(Options { grace_seconds: 0, ..one_worker() }, stubborn).await;
+    let accepted = running.answer(&post("prefer: respond-async\r\n")).await;
+    let path = accepted.lines().find_map(|line| line.strip_prefix("location: ")).expect(&accepted).to_owned();
+    let mut follower = running.send(&get(&format!("{path}/events"))).await;
+    let mut first = [0; 12];
+    follower.read_exact(&mut first).await.unwrap();
+    assert_eq!(&first, b"HTTP/1.1 200");
+    running.stop.send(()).await.unwrap();
+    let told = read(&mut follower).await;
+    assert!(told.contains("event: progress") && !told.contains("event: done"), "{told}");
+    running.served.await.unwrap();
+    drop(done);
+}

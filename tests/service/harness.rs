@@ -161,14 +161,23 @@ impl Call {
     }
 
     /// As the owner of the job that the path names, unless it is as somebody else.
-    pub async fn send(mut self, site: &Site) -> Reply {
+    pub async fn send(self, site: &Site) -> Reply {
+        self.by_owner(site).send_to(site.router.clone()).await
+    }
+
+    /// The same; the body of the answer is not read.
+    pub async fn body(self, site: &Site) -> Body {
+        site.router.clone().oneshot(self.by_owner(site).0).await.unwrap().into_body()
+    }
+
+    fn by_owner(mut self, site: &Site) -> Self {
         let id = self.0.uri().path().split('/').nth(2).and_then(|id| id.parse().ok());
         if self.0.extensions().get::<Client>().is_none()
             && let Some(job) = id.and_then(|id| site.service.jobs().find(id))
         {
             self.0.extensions_mut().insert(job.client);
         }
-        self.send_to(site.router.clone()).await
+        self
     }
 
     pub async fn send_to(self, router: Router) -> Reply {

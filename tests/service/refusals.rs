@@ -66,9 +66,11 @@ async fn a_job_that_is_not_there_is_not_found_whatever_its_name() {
 }
 
 #[tokio::test]
-async fn an_address_of_nothing_lists_what_there_is() {
-    let problem = site().get("/jobz").await.problem(404, "not-found");
-    assert!(problem["detail"].as_str().unwrap().contains("POST /solve"), "{problem}");
+async fn an_address_of_nothing_names_the_list_of_what_there_is() {
+    let site = site();
+    let problem = site.get("/jobz").await.problem(404, "not-found");
+    let list = problem["detail"].as_str().unwrap().split([' ', ';']).find(|word| word.ends_with(".json")).unwrap();
+    assert!(site.get(list).await.json()["paths"]["/solve"]["post"].is_object(), "{problem}");
 }
 
 #[tokio::test]

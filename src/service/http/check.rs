@@ -2,12 +2,22 @@
 
 use super::Shared;
 use super::document::Document;
-use super::problem::Answer;
+use super::problem::{Answer, Problem};
 use crate::specification::Summary;
 use axum::Json;
 use axum::extract::State;
 
 /// Check a specification without solving it.
+#[utoipa::path(
+    post,
+    path = "/check",
+    tag = "solve",
+    request_body(content = crate::specification::Document, content_type = "application/json"),
+    responses(
+        (status = 200, description = "The specification is correct; what it comes to", body = serde_json::Value),
+        Problem
+    )
+)]
 pub async fn check(State(shared): State<Shared>, document: Document) -> Answer<Json<Summary>> {
     Ok(Json(document.specification(&shared).await?.summary()))
 }

@@ -7,9 +7,10 @@ use axum::Json;
 use axum::http::{HeaderName, header};
 use axum::response::IntoResponse;
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 /// An example in the list.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, ToSchema)]
 pub struct Entry {
     name: &'static str,
     title: String,
@@ -31,11 +32,24 @@ impl From<&Example> for Entry {
 }
 
 /// List the examples.
+#[utoipa::path(
+    get,
+    path = "/examples",
+    tag = "catalogue",
+    responses((status = 200, description = "All examples", body = Vec<Entry>), Problem)
+)]
 pub async fn list_examples() -> Json<Vec<Entry>> {
     Json(EXAMPLES.iter().map(Entry::from).collect())
 }
 
 /// Fetch an example.
+#[utoipa::path(
+    get,
+    path = "/examples/{name}",
+    tag = "catalogue",
+    params(("name" = String, Path, description = "A name from the list")),
+    responses((status = 200, description = "A specification", body = crate::specification::Document), Problem)
+)]
 pub async fn find_example(Segment(name): Segment) -> Answer<impl IntoResponse> {
     const JSON: [(HeaderName, &str); 1] = [(header::CONTENT_TYPE, "application/json")];
     let example = EXAMPLES.iter().find(|example| example.name == name);

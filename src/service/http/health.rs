@@ -5,26 +5,39 @@ use super::problem::{Answer, Kind, Problem};
 use axum::Json;
 use axum::extract::State;
 use serde::Serialize;
+use utoipa::ToSchema;
 
 /// That all is well.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, ToSchema)]
 pub struct Well {
     status: &'static str,
 }
 
 /// What runs here.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, ToSchema)]
 pub struct Version {
     name: &'static str,
     version: &'static str,
 }
 
 /// Tell whether the service is alive.
+#[utoipa::path(
+    get,
+    path = "/healthz",
+    tag = "service",
+    responses((status = 200, description = "It is alive", body = Well), Problem)
+)]
 pub async fn check_health() -> Json<Well> {
     Json(Well { status: "alive" })
 }
 
 /// Tell whether the service takes on work.
+#[utoipa::path(
+    get,
+    path = "/readyz",
+    tag = "service",
+    responses((status = 200, description = "It takes on work", body = Well), Problem)
+)]
 pub async fn check_readiness(State(shared): State<Shared>) -> Answer<Json<Well>> {
     if shared.jobs.is_draining() {
         return Err(Problem::plain(Kind::Draining));
@@ -36,6 +49,12 @@ pub async fn check_readiness(State(shared): State<Shared>) -> Answer<Json<Well>>
 }
 
 /// Tell which version runs.
+#[utoipa::path(
+    get,
+    path = "/version",
+    tag = "service",
+    responses((status = 200, description = "Name and version", body = Version), Problem)
+)]
 pub async fn find_version() -> Json<Version> {
     Json(Version { name: env!("CARGO_PKG_NAME"), version: env!("CARGO_PKG_VERSION") })
 }

@@ -4,7 +4,7 @@ use super::path::Named;
 use super::problem::{Answer, Kind, Problem};
 use super::status::StatusInfo;
 use super::{Shared, no_store};
-use crate::service::jobs::Job;
+use crate::service::jobs::JobId;
 use axum::Json;
 use axum::body::Bytes;
 use axum::extract::State;
@@ -13,31 +13,59 @@ use axum::response::IntoResponse;
 use std::io;
 
 /// Show where a job stands.
+#[utoipa::path(
+    get,
+    path = "/jobs/{id}",
+    tag = "jobs",
+    params(("id" = String, Path, description = "The id of a job, as `Location` gave it")),
+    responses((status = 200, description = "Where the job stands", body = StatusInfo), Problem)
+)]
 pub async fn find_job(State(shared): State<Shared>, Named(job): Named) -> impl IntoResponse {
     (no_store(), Json(StatusInfo::of(&job, &shared.jobs)))
 }
 
 /// Show what was posted.
+#[utoipa::path(
+    get,
+    path = "/jobs/{id}/specification",
+    tag = "jobs",
+    params(("id" = String, Path, description = "The id of a job, as `Location` gave it")),
+    responses((status = 200, description = "What was posted", body = crate::specification::Document), Problem)
+)]
 pub async fn find_specification(State(shared): State<Shared>, Named(job): Named) -> Answer<impl IntoResponse> {
-    let document = shared.jobs.document(&job).map_err(|error| unreadable(&job, &error))?;
+    let document = shared.jobs.document(&job).map_err(|error| unreadable(job.id, &error))?;
     Ok(([(header::CONTENT_TYPE, HeaderValue::from_static("application/json"))], Bytes::from_owner(document)))
 }
 
-/// What has been stored of `job` cannot be read, which only the log explains.
-pub fn unreadable(job: &Job, error: &io::Error) -> Box<Problem> {
-    tracing::error!(job.id = %job.id, %error, "what is stored of job {} cannot be read", job.id);
-    Problem::plain(Kind::Unreadable).of_job(job.id)
+/// What has been stored of a job cannot be read, which only the log explains.
+pub fn unreadable(job: JobId, error: &io::Error) -> Box<Problem> {
+    tracing::error!(job.id = %job, %error, "what is stored of job {job} cannot be read");
+    Problem::plain(Kind::Unreadable).of_job(job)
 }
 
 /// Stop a job and keep its trajectory so far.
 ///
 /// A running job stops at its next step. Of a job that has ended, this changes nothing.
+#[utoipa::path(
+    post,
+    path = "/jobs/{id}/cancel",
+    tag = "jobs",
+    params(("id" = String, Path, description = "The id of a job, as `Location` gave it")),
+    responses((status = 200, description = "Where the job stands", body = StatusInfo), Problem)
+)]
 pub async fn cancel_job(State(shared): State<Shared>, Named(job): Named) -> Answer<impl IntoResponse> {
     shared.jobs.cancel(&job).await?;
     Ok((no_store(), Json(StatusInfo::of(&job, &shared.jobs))))
 }
 
 /// Stop a job and forget it.
+#[utoipa::path(
+    delete,
+    path = "/jobs/{id}",
+    tag = "jobs",
+    params(("id" = String, Path, description = "The id of a job, as `Location` gave it")),
+    responses((status = 204, description = "It is forgotten"), Problem)
+)]
 pub async fn delete_job(State(shared): State<Shared>, Named(job): Named) -> Answer<StatusCode> {
     shared.jobs.forget(&job).await?;
     Ok(StatusCode::NO_CONTENT)

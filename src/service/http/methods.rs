@@ -1,6 +1,7 @@
 //! `GET /methods`: what there is to choose from, each method with its checked conditions, and the limits in force.
 
 use super::Shared;
+use super::problem::Problem;
 use crate::service::options::Bound;
 use crate::specification::{Catalogue, catalogue};
 use axum::Json;
@@ -16,6 +17,15 @@ pub struct Methods {
 }
 
 /// List what there is to choose from.
+#[utoipa::path(
+    get,
+    path = "/methods",
+    tag = "catalogue",
+    responses(
+        (status = 200, description = "Problem types, methods, tableaux with their checked conditions, solvers, limits", body = serde_json::Value),
+        Problem
+    )
+)]
 pub async fn list_methods(State(shared): State<Shared>) -> Json<Methods> {
     Json(Methods { catalogue: catalogue(), service: shared.options.in_force() })
 }

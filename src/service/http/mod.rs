@@ -2,37 +2,55 @@
 
 mod access;
 mod check;
+mod docs;
 mod document;
+mod event_stream;
+mod events;
 mod examples;
+mod excerpt;
 mod health;
+mod job_list;
 mod jobs;
 mod methods;
+mod metrics;
+mod negotiation;
 mod observe;
+mod openapi;
+mod origin;
+mod part;
 mod path;
 mod preferences;
 mod problem;
 mod problems;
+mod query;
 mod representation;
 mod results;
 mod schema;
+mod security;
 mod solve;
+mod solve_stream;
 mod status;
 
+pub use openapi::description;
 pub use problem::{Kind, Problem};
 
 use super::access::Tokens;
 use super::jobs::Jobs;
+use super::metrics::Metrics;
 use super::{Options, page};
 use axum::Router;
 use axum::http::{HeaderName, HeaderValue, Method, Uri, header};
 use axum::middleware::{from_fn, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
-use axum::routing::{get, post};
 use std::any::Any;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::sync::Semaphore;
+use tokio::sync::{Semaphore, watch};
+use tower_http::CompressionLevel;
 use tower_http::catch_panic::CatchPanicLayer;
+use tower_http::compression::CompressionLayer;
+use utoipa_axum::router::OpenApiRouter;
+use utoipa_axum::routes;
 
 /// What handlers share.
 #[derive(Clone)]
@@ -41,46 +59,65 @@ pub struct Shared {
     pub jobs: Arc<Jobs>,
     /// Its bounds.
     pub options: Arc<Options>,
+    /// Its figures.
+    pub metrics: Arc<Metrics>,
     /// The tokens of clients, where they are asked for.
     pub tokens: Option<Arc<Tokens>>,
     /// Large specifications that may be read, and large pictures that may be drawn, at a time.
     pub readers: Arc<Semaphore>,
+    /// Streams of events that may be open at a time.
+    pub streams: Arc<Semaphore>,
+    /// Becomes true when every stream is to end.
+    pub closing: Arc<watch::Sender<bool>>,
 }
 
-/// One line a resource.
+/// What clients do, one line a resource.
+fn work() -> OpenApiRouter<Shared> {
+    OpenApiRouter::new()
+        .routes(routes!(solve::solve))
+        .routes(routes!(check::check))
+        .routes(routes!(job_list::list_jobs))
+        .routes(routes!(jobs::find_job, jobs::delete_job))
+        .routes(routes!(events::follow_job))
+        .routes(routes!(results::find_results))
+        .routes(routes!(jobs::find_specification))
+        .routes(routes!(jobs::cancel_job))
+}
+
+/// The same for everyone, and nobody's secret.
+fn open() -> OpenApiRouter<Shared> {
+    OpenApiRouter::new()
+        .routes(routes!(examples::list_examples))
+        .routes(routes!(examples::find_example))
+        .routes(routes!(methods::list_methods))
+        .routes(routes!(problems::list_problems))
+        .routes(routes!(problems::find_problem))
+        .routes(routes!(schema::find_schema))
+        .routes(routes!(openapi::find_description))
+        .routes(routes!(openapi::read_description))
+        .routes(routes!(openapi::find_style))
+        .routes(routes!(health::check_health))
+        .routes(routes!(health::check_readiness))
+        .routes(routes!(health::find_version))
+        .routes(routes!(metrics::list_metrics))
+}
+
+/// The resources with what is common to them.
 pub fn router(shared: Shared) -> Router {
-    let work = Router::new()
-        .route("/solve", post(solve::solve))
-        .route("/check", post(check::check))
-        .route("/jobs/{id}", get(jobs::find_job).delete(jobs::delete_job))
-        .route("/jobs/{id}/results", get(results::find_results))
-        .route("/jobs/{id}/specification", get(jobs::find_specification))
-        .route("/jobs/{id}/cancel", post(jobs::cancel_job))
-        .route_layer(from_fn_with_state(shared.clone(), access::authorize));
-    // The same for everyone, and nobody's secret.
-    let open = Router::new()
-        .route("/examples", get(examples::list_examples))
-        .route("/examples/{name}", get(examples::find_example))
-        .route("/methods", get(methods::list_methods))
-        .route("/problems", get(problems::list_problems))
-        .route("/problems/{slug}", get(problems::find_problem))
-        .route("/schema", get(schema::find_schema))
-        .route("/healthz", get(health::check_health))
-        .route("/readyz", get(health::check_readiness))
-        .route("/version", get(health::find_version));
-    work.merge(open)
+    let authorize = from_fn_with_state(shared.clone(), access::authorize);
+    Router::from(work().route_layer(authorize).merge(open()))
         .merge(page::routes())
         .fallback(nothing_here)
         .method_not_allowed_fallback(no_such_method)
         .layer(CatchPanicLayer::custom(panicked))
-        .layer(from_fn(observe::observe))
+        .layer(CompressionLayer::new().quality(CompressionLevel::Fastest))
+        .layer(from_fn(origin::refuse_other_sites))
+        .layer(from_fn_with_state(shared.clone(), observe::observe))
         .with_state(shared)
 }
 
 async fn nothing_here(uri: Uri) -> Box<Problem> {
-    let here = "GET /, POST /solve, POST /check, GET /jobs/{id}, GET /jobs/{id}/results, GET /jobs/{id}/specification, \
-                POST /jobs/{id}/cancel, DELETE /jobs/{id}, GET /examples, GET /methods, GET /problems, GET /schema, GET /healthz, GET /readyz, GET /version";
-    Problem::new(Kind::NotFound, format!("{} names nothing; there are {here}", uri.path()))
+    Problem::new(Kind::NotFound, format!("{} names nothing; /openapi.json and /docs tell what there is", uri.path()))
 }
 
 async fn no_such_method(method: Method, uri: Uri) -> Box<Problem> {

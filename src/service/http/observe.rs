@@ -1,6 +1,9 @@
-//! One span a request, under an id that the client may give in `X-Request-Id` and that is given back to it.
+//! One span a request, under an id that the client may give in `X-Request-Id` and that is given back to it. Whatever the
+//! answer is, it is counted and leaves under the same security headers.
 
-use axum::extract::Request;
+use super::Shared;
+use super::security::secure;
+use axum::extract::{Request, State};
 use axum::http::{HeaderName, HeaderValue, StatusCode};
 use axum::middleware::Next;
 use axum::response::Response;
@@ -14,7 +17,7 @@ const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 const LONGEST: usize = 128;
 
 /// Runs the request in its span, logs how it went and gives its id to the answer.
-pub async fn observe(request: Request, next: Next) -> Response {
+pub async fn observe(State(shared): State<Shared>, request: Request, next: Next) -> Response {
     let given =
         request.headers().get(&REQUEST_ID).filter(|id| (1..=LONGEST).contains(&id.len()) && id.to_str().is_ok());
     let id = given.cloned().or_else(|| HeaderValue::try_from(Uuid::now_v7().to_string()).ok());
@@ -34,6 +37,8 @@ pub async fn observe(request: Request, next: Next) -> Response {
     }
     .instrument(span)
     .await;
+    shared.metrics.answered(response.status());
+    secure(response.headers_mut());
     if let Some(id) = id {
         response.headers_mut().insert(REQUEST_ID, id);
     }

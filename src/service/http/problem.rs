@@ -8,6 +8,7 @@ use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::{Serialize, Serializer};
 use std::time::Duration;
+use utoipa::ToSchema;
 
 macro_rules! problems {
     ($($kind:ident, $slug:literal, $status:ident, $title:literal, $meaning:literal;)*) => {
@@ -47,12 +48,16 @@ problems! {
         "The body is not a valid specification; `errors` lists all that is wrong with it, each with a JSON pointer.";
     BadRequest, "bad-request", BAD_REQUEST, "The request could not be read",
         "The body broke off or was not well-formed HTTP; send it again.";
+    BadQuery, "bad-query", BAD_REQUEST, "The query of the address makes no sense",
+        "A parameter is not known, is given twice or has no value that fits; `detail` names each.";
+    CrossSite, "cross-site", FORBIDDEN, "The request comes from a page of another site",
+        "Browsers may change something only from the service's own pages, as `Sec-Fetch-Site` or `Origin` tells.";
     TokenRequired, "token-required", UNAUTHORIZED, "A token is asked for",
         "The header `Authorization: Bearer TOKEN` is missing or its token unknown; `dvi token create` makes one.";
     ScopeMissing, "scope-missing", FORBIDDEN, "The token does not allow this",
         "Looking at jobs needs the scope `read`, everything else `submit`; `dvi token list` shows the scopes.";
     NotFound, "not-found", NOT_FOUND, "There is nothing at this address",
-        "The address names no resource of this service; `detail` lists those there are.";
+        "The address names no resource of this service; `GET /openapi.json` lists those there are.";
     NoSuchJob, "no-such-job", NOT_FOUND, "There is no such job",
         "No job of yours has this id: it was never given out, was deleted, or is too old to be kept.";
     NoSuchExample, "no-such-example", NOT_FOUND, "There is no such example",
@@ -64,7 +69,8 @@ problems! {
     MethodNotAllowed, "method-not-allowed", METHOD_NOT_ALLOWED, "The resource has no such method",
         "The address exists but not with this method; `Allow` lists its methods.";
     NotAcceptable, "not-acceptable", NOT_ACCEPTABLE, "No form of the answer is acceptable",
-        "Nothing in `Accept` fits; results are given as `application/json`, `text/csv` and `image/svg+xml`.";
+        "Nothing in `Accept` fits; results are given as `application/json`, `text/csv`, `application/x-ndjson`, `application/vnd.apache.arrow.stream` and \
+         `image/svg+xml`, a solve also as `text/event-stream`.";
     BodyTimeout, "body-timeout", REQUEST_TIMEOUT, "The body took too long to arrive",
         "The whole body must arrive within the bound that `--read-seconds` sets.";
     KeyInUse, "key-in-use", CONFLICT, "The first request under this key is still being answered",
@@ -77,6 +83,8 @@ problems! {
         "A specification is sent as `application/json`, not compressed; curl's default type is taken for JSON.";
     QueueFull, "queue-full", TOO_MANY_REQUESTS, "The queue is full",
         "As many jobs wait as `--queue` allows; ask again after the seconds in `Retry-After`.";
+    QueueBytes, "queue-bytes", TOO_MANY_REQUESTS, "The specifications that wait are too large",
+        "What waits has as many MiB as `--queue-mib` allows; ask again after the seconds in `Retry-After`.";
     ClientShare, "client-share", TOO_MANY_REQUESTS, "This client's share of the queue is full",
         "As many jobs of this client wait as `--client-share` allows; wait for one of them to end.";
     Internal, "internal", INTERNAL_SERVER_ERROR, "The service failed",
@@ -93,14 +101,20 @@ problems! {
         "The disk took no change, so that nothing is accepted for later until it has room and the service starts anew.";
     ResultTooLarge, "result-too-large", UNPROCESSABLE_ENTITY, "The result is too large",
         "The result is larger than `--result-mib` allows; ask for fewer output times or fields.";
+    TooMuchMemory, "too-much-memory", UNPROCESSABLE_ENTITY, "The solve takes too much memory",
+        "The estimate is more than `--memory-mib` allows; ask for fewer times or fields, a coarser mesh or longer steps.";
+    TooManyStreams, "too-many-streams", SERVICE_UNAVAILABLE, "Too many streams of events are open",
+        "As many streams of events are open as `--streams` allows; ask `GET /jobs/{id}` meanwhile.";
     Draining, "draining", SERVICE_UNAVAILABLE, "The service is about to stop",
         "The service takes on no more jobs because it has been asked to stop; ask its successor.";
 }
 
 /// One occurrence of a problem.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, ToSchema)]
+#[schema(as = ProblemDetails)]
 pub struct Problem {
     #[serde(rename = "type", serialize_with = "address")]
+    #[schema(value_type = String)]
     kind: Kind,
     title: &'static str,
     status: u16,
@@ -110,6 +124,7 @@ pub struct Problem {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     errors: Vec<SpecificationError>,
     #[serde(skip)]
+    #[schema(ignore)]
     retry_after: Option<Duration>,
 }
 
@@ -175,7 +190,12 @@ impl From<Refusal> for Box<Problem> {
     fn from(refusal: Refusal) -> Self {
         match refusal {
             Refusal::QueueFull(time) => Problem::plain(Kind::QueueFull).after(time),
+            Refusal::QueueBytes(time) => Problem::plain(Kind::QueueBytes).after(time),
             Refusal::ClientShare(time) => Problem::plain(Kind::ClientShare).after(time),
+            Refusal::Memory(bytes) => {
+                let detail = format!("about {} MiB are needed: {}", bytes >> 20, Kind::TooMuchMemory.meaning());
+                Problem::new(Kind::TooMuchMemory, detail)
+            }
             Refusal::KeyReused => Problem::plain(Kind::KeyReused),
             Refusal::KeyInUse => Problem::plain(Kind::KeyInUse).after(Duration::from_secs(1)),
             Refusal::Unwritable => Unwritable.into(),

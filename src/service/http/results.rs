@@ -1,35 +1,99 @@
-//! `GET /jobs/{id}/results`.
+//! `GET /jobs/{id}/results`, the whole or an excerpt.
+//!
+//! Results do not change, so that a client that has them is told so (`ETag`, RFC 9110, section 13.1.2). The tag is a weak
+//! one: it is the same however the bytes are compressed on the way.
 //!
 //! A solve that failed or was stopped has results all the same: the trajectory so far, with `status` and `error`
 //! that say so. A problem is answered only where there is no solution at all.
 
+use super::excerpt::Asked;
 use super::jobs::unreadable;
 use super::path::Named;
 use super::problem::{Answer, Kind, Problem};
 use super::representation::Representation;
+use super::security::PICTURE;
 use super::{Shared, no_store};
 use crate::service::jobs::{self, Ended, Ending, Job, Timing};
+use crate::solution::Excerpt;
+use crate::solution::Solution;
 use axum::extract::State;
-use axum::http::{HeaderValue, header};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use std::hash::{DefaultHasher, Hash, Hasher};
 
 /// Fetch the results of a job.
+#[utoipa::path(
+    get,
+    path = "/jobs/{id}/results",
+    tag = "jobs",
+    params(
+        ("id" = String, Path, description = "The id of a job, as `Location` gave it"),
+        ("fields" = Option<String>, Query, description = "Names, separated by commas"),
+        ("from" = Option<f64>, Query, description = "The least time"),
+        ("to" = Option<f64>, Query, description = "The greatest time"),
+        ("every" = Option<u64>, Query, minimum = 1, description = "One in how many of the times within")
+    ),
+    responses(
+        (status = 200, description = "The results, in the form that `Accept` asks for", content(
+            (Solution = "application/json"),
+            (String = "text/csv"),
+            (String = "application/x-ndjson"),
+            (Vec<u8> = "application/vnd.apache.arrow.stream"),
+            (String = "image/svg+xml"),
+        )),
+        (status = 304, description = "The client has them, as `If-None-Match` says"),
+        Problem
+    )
+)]
 pub async fn find_results(
     State(shared): State<Shared>,
     Named(job): Named,
     representation: Representation,
+    Asked(excerpt): Asked,
+    headers: HeaderMap,
 ) -> Answer<Response> {
     let jobs::State::Ended(ended) = job.state() else {
         let time = shared.jobs.time_to_end(&job);
         return Err(Problem::plain(Kind::ResultsNotReady).of_job(job.id).after(time));
     };
-    let mut response = represent(&shared, &job, &ended, representation).await?;
-    response.headers_mut().insert(header::VARY, HeaderValue::from_static("accept"));
+    let tag = entity_tag(&job, representation, excerpt.as_ref());
+    let mut response = if is_known(&tag, &headers) {
+        StatusCode::NOT_MODIFIED.into_response()
+    } else {
+        represent(&shared, &job, &ended, representation, excerpt).await?
+    };
+    let headers = response.headers_mut();
+    if let Ok(tag) = HeaderValue::try_from(tag) {
+        headers.insert(header::ETAG, tag);
+    }
+    headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("private, no-cache"));
+    headers.insert(header::VARY, HeaderValue::from_static("accept"));
     Ok(response)
 }
 
+/// The same for the same bytes, before they are compressed: the version of the program is in it, since another may
+/// write them otherwise.
+fn entity_tag(job: &Job, representation: Representation, excerpt: Option<&Excerpt>) -> String {
+    let mut hasher = DefaultHasher::new();
+    format!("{representation:?} {excerpt:?} {}", env!("CARGO_PKG_VERSION")).hash(&mut hasher);
+    format!("W/\"{}-{:016x}\"", job.id, hasher.finish())
+}
+
+/// Whether the client has what `tag` stands for.
+fn is_known(tag: &str, headers: &HeaderMap) -> bool {
+    let opaque = |tag: &str| tag.trim().trim_start_matches("W/").to_owned();
+    let lines = headers.get_all(header::IF_NONE_MATCH).iter().filter_map(|line| line.to_str().ok());
+    lines.flat_map(|line| line.split(',')).any(|known| known.trim() == "*" || opaque(known) == opaque(tag))
+}
+
 /// The results of a job that has ended, with the time it waited and the time it took.
-pub async fn represent(shared: &Shared, job: &Job, ended: &Ended, representation: Representation) -> Answer<Response> {
+pub async fn represent(
+    shared: &Shared,
+    job: &Job,
+    ended: &Ended,
+    representation: Representation,
+    excerpt: Option<Excerpt>,
+) -> Answer<Response> {
     let Some(held) = &ended.held else {
         return Err(match &ended.ending {
             Ending::Broken(fault) => Box::<Problem>::from(*fault),
@@ -37,10 +101,13 @@ pub async fn represent(shared: &Shared, job: &Job, ended: &Ended, representation
         }
         .of_job(job.id));
     };
-    let results = shared.jobs.results(job, held).await.map_err(|error| unreadable(job, &error))?;
-    let mut response = (no_store(), representation.body(job, results, shared).await?).into_response();
+    let results = shared.jobs.results(job, held).await.map_err(|error| unreadable(job.id, &error))?;
+    let mut response = (no_store(), representation.body(job, results, excerpt, shared).await?).into_response();
     let headers = response.headers_mut();
     headers.insert(header::CONTENT_TYPE, representation.content_type());
+    if representation == Representation::Svg {
+        headers.insert(header::CONTENT_SECURITY_POLICY, PICTURE);
+    }
     if let Some(timing) = ended.timing.and_then(server_timing) {
         headers.insert("server-timing", timing);
     }

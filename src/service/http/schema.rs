@@ -1,5 +1,6 @@
 //! `GET /schema`: the JSON Schema of what is posted to `/solve`.
 
+use super::problem::Problem;
 use axum::http::{HeaderName, header};
 use axum::response::IntoResponse;
 
@@ -7,6 +8,15 @@ const SCHEMA: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/api/spec
 const CONTENT_TYPE: [(HeaderName, &str); 1] = [(header::CONTENT_TYPE, "application/schema+json")];
 
 /// Fetch the JSON Schema of a specification.
+#[utoipa::path(
+    get,
+    path = "/schema",
+    tag = "catalogue",
+    responses(
+        (status = 200, description = "A JSON Schema", body = serde_json::Value, content_type = "application/schema+json"),
+        Problem
+    )
+)]
 pub async fn find_schema() -> impl IntoResponse {
     (CONTENT_TYPE, SCHEMA)
 }

@@ -6,11 +6,12 @@
 use super::document::Document;
 use super::preferences::Preferences;
 use super::problem::{Answer, Kind, Problem};
-use super::representation::Representation;
 use super::results::represent;
+use super::solve_stream::{self, Delivery};
 use super::status::StatusInfo;
 use super::{Shared, no_store, retry_after};
 use crate::service::jobs::{self, Client, Ended, Job, Jobs, Key, Order};
+use crate::solution::Solution;
 use axum::Json;
 use axum::extract::{FromRequestParts, State};
 use axum::http::request::Parts;
@@ -22,14 +23,43 @@ use tokio::runtime::Handle;
 use tokio::time::timeout;
 
 /// Solve a specification.
+#[utoipa::path(
+    post,
+    path = "/solve",
+    tag = "solve",
+    request_body(content = crate::specification::Document, content_type = "application/json"),
+    params(
+        ("prefer" = Option<String>, Header, description = "`wait=N` seconds, at most 60, or `respond-async`"),
+        ("idempotency-key" = Option<String>, Header, description = "The same key and body give the same job")
+    ),
+    responses(
+        (status = 200, description = "The result, in the form that `Accept` asks for", content(
+            (Solution = "application/json"),
+            (String = "text/csv"),
+            (String = "application/x-ndjson"),
+            (Vec<u8> = "application/vnd.apache.arrow.stream"),
+            (String = "image/svg+xml"),
+            (String = "text/event-stream"),
+        )),
+        (status = 202, description = "It takes longer; `Location` is the job", body = StatusInfo),
+        Problem
+    )
+)]
 pub async fn solve(
     State(shared): State<Shared>,
     client: Client,
     preferences: Preferences,
-    representation: Representation,
+    delivery: Delivery,
     key: IdempotencyKey,
     document: Document,
 ) -> Answer<Response> {
+    let representation = match delivery {
+        Delivery::Whole(representation) => representation,
+        Delivery::Stream => {
+            let job = job(&shared, client, key, &document, false).await?;
+            return solve_stream::stream(shared, job);
+        }
+    };
     let wait = preferences.wait();
     let job = job(&shared, client, key, &document, wait.is_zero()).await?;
     let ended = if wait.is_zero() {
@@ -41,7 +71,7 @@ pub async fn solve(
     };
     let asynchronous = ended.is_none();
     let mut response = match ended {
-        Some(ended) => represent(&shared, &job, &ended, representation).await?,
+        Some(ended) => represent(&shared, &job, &ended, representation, None).await?,
         None => accepted(&shared.jobs, &job),
     };
     let headers = response.headers_mut();
@@ -71,14 +101,14 @@ async fn job(
         return Ok(job);
     }
     // Asked before the specification is read, so that refusing costs next to nothing.
-    shared.jobs.admits(client)?;
+    shared.jobs.admits(client, document_bytes.len())?;
     let specification = document.specification(shared).await?;
     Ok(shared.jobs.submit(Order { client, specification, document: document_bytes, key }, lasting).await?)
 }
 
 /// The end of a job, if it comes in time. If not, the job is on the disk when this returns.
 async fn wait_for(jobs: &Arc<Jobs>, job: &Arc<Job>, wait: Duration) -> Answer<Option<Arc<Ended>>> {
-    let departure = Departure::watch(jobs, job);
+    let departure = Departure::watch(Arc::clone(jobs), Arc::clone(job));
     let ended = timeout(wait, job.settled()).await.ok().flatten();
     departure.disarm();
     if ended.is_some() {
@@ -107,26 +137,28 @@ fn accepted(jobs: &Jobs, job: &Job) -> Response {
 
 /// Dropped with the waiting request when its client goes away, it forgets the job, whose name nobody was told. Where there
 /// is a key, the client can come back, and another request may wait for the same job: it goes on.
-struct Departure<'a> {
-    jobs: &'a Arc<Jobs>,
-    job: Option<&'a Arc<Job>>,
+pub struct Departure {
+    jobs: Arc<Jobs>,
+    job: Option<Arc<Job>>,
 }
 
-impl<'a> Departure<'a> {
-    fn watch(jobs: &'a Arc<Jobs>, job: &'a Arc<Job>) -> Self {
-        Self { jobs, job: (!job.has_key()).then_some(job) }
+impl Departure {
+    /// Watches over the job of a waiting client.
+    pub fn watch(jobs: Arc<Jobs>, job: Arc<Job>) -> Self {
+        Self { jobs, job: Some(job).filter(|job| !job.has_key()) }
     }
 
-    fn disarm(mut self) {
+    /// The client has its answer.
+    pub fn disarm(mut self) {
         self.job = None;
     }
 }
 
-impl Drop for Departure<'_> {
+impl Drop for Departure {
     fn drop(&mut self) {
-        if let Some(job) = self.job.map(Arc::clone) {
+        if let Some(job) = self.job.take() {
             tracing::debug!(job.id = %job.id, "the client of job {} went away", job.id);
-            let jobs = Arc::clone(self.jobs);
+            let jobs = Arc::clone(&self.jobs);
             // Without a runtime the process is about to end, and nothing keeps the job.
             if let Ok(runtime) = Handle::try_current() {
                 runtime.spawn(async move { jobs.forget(&job).await });

@@ -5,9 +5,10 @@ use crate::service::jobs::{Ended, Ending, Job, Jobs, State};
 use crate::specification::Time;
 use jiff::Timestamp;
 use serde::Serialize;
+use utoipa::ToSchema;
 
 /// Where a job stands.
-#[derive(Debug, Serialize)]
+#[derive(Debug, PartialEq, Serialize, ToSchema)]
 pub struct StatusInfo {
     id: String,
     status: &'static str,
@@ -16,6 +17,7 @@ pub struct StatusInfo {
     #[serde(skip_serializing_if = "Option::is_none")]
     label: Option<String>,
     /// The part of the time horizon that is done, in per cent.
+    #[schema(maximum = 100)]
     progress: u8,
     /// Jobs that will be taken before this one.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -26,15 +28,18 @@ pub struct StatusInfo {
     time: f64,
     /// Accepted steps of the method.
     steps: u64,
+    #[schema(value_type = String, format = DateTime)]
     created: Timestamp,
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<String>, format = DateTime)]
     started: Option<Timestamp>,
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<String>, format = DateTime)]
     finished: Option<Timestamp>,
     links: Vec<Link>,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, PartialEq, Serialize, ToSchema)]
 struct Link {
     href: String,
     rel: &'static str,
@@ -42,6 +47,11 @@ struct Link {
 }
 
 impl StatusInfo {
+    /// The word for where it stands.
+    pub fn status(&self) -> &'static str {
+        self.status
+    }
+
     /// The state of `job` at this moment.
     pub fn of(job: &Job, jobs: &Jobs) -> Self {
         let state = job.state();
@@ -75,6 +85,7 @@ impl StatusInfo {
         if finished.is_some() {
             links.push(link("/results", "http://www.opengis.net/def/rel/ogc/1.0/results", "its results"));
         } else {
+            links.push(link("/events", "monitor", "what happens, as server-sent events"));
             links.push(link("/cancel", "cancel", "POST here to stop it and keep the trajectory so far"));
         }
         Self {

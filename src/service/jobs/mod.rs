@@ -32,16 +32,18 @@ pub(in crate::service) use idempotency::hexadecimal;
 pub use index::{Mismatch, Retention};
 pub use job::{Halt, Job, JobId, Moment, Order, State};
 pub use pool::Pool;
+pub use queue::Room;
 pub use results::Results;
 pub use writer::Unwritable;
 
+use super::metrics::Metrics;
 use crate::problem::Control;
 use crate::solution::Solution;
 use crate::specification::Specification;
 use drain_rate::DrainRate;
 use jiff::Timestamp;
 use job::Keeping;
-use queue::{FairQueue, Full};
+use queue::{FairQueue, Full, Heavy};
 use record::Record;
 use std::io;
 use std::path::Path;
@@ -57,10 +59,10 @@ pub type Solver = Arc<dyn Fn(&Specification, &Control) -> Solution + Send + Sync
 /// How much is taken on.
 #[derive(Clone, Copy, Debug)]
 pub struct Bounds {
-    /// Jobs that may wait.
-    pub queue: usize,
-    /// Of those, one client's.
-    pub share: usize,
+    /// What may wait.
+    pub queue: Room,
+    /// Bytes that a solve may take, by the estimate.
+    pub memory: usize,
     /// Time a job may run.
     pub wall: Duration,
     /// Bytes of the JSON of one result.
@@ -74,8 +76,12 @@ pub struct Bounds {
 pub enum Refusal {
     /// Every place in the queue is taken; there should be one after this time.
     QueueFull(Duration),
+    /// The specifications that wait are as large as they may be; there should be room after this time.
+    QueueBytes(Duration),
     /// The client has its share of the queue; it should have a place after this time.
     ClientShare(Duration),
+    /// The solve would take this many bytes, which are more than it may.
+    Memory(usize),
     /// The service is about to stop.
     Draining,
     /// Something else was posted under the key.
@@ -101,6 +107,7 @@ impl From<Mismatch> for Refusal {
 /// All jobs of a service.
 pub struct Jobs {
     solver: Solver,
+    metrics: Arc<Metrics>,
     bounds: Bounds,
     intake: Mutex<Intake>,
     /// One permit a waiting job. A job taken out of the queue leaves its permit behind: a worker that finds nothing
@@ -129,13 +136,14 @@ impl Jobs {
     ///
     /// # Errors
     /// The folder is in use, or those of the disk.
-    pub fn open(bounds: Bounds, solver: Solver, folder: Option<&Path>) -> io::Result<Self> {
+    pub fn open(bounds: Bounds, solver: Solver, folder: Option<&Path>, metrics: Arc<Metrics>) -> io::Result<Self> {
         let (store, accepted) = Store::open(folder, bounds.retention)?;
-        let mut queue = FairQueue::new(bounds.queue, bounds.share);
+        let mut queue = FairQueue::new(bounds.queue);
         let waiting = Semaphore::new(accepted.len());
         accepted.into_iter().for_each(|job| queue.push(job.client, job));
         Ok(Self {
-            solver,
+            solver: Arc::clone(&metrics).measured(solver),
+            metrics,
             bounds,
             intake: Mutex::new(Intake { queue, running: 0, draining: false, drain_rate: DrainRate::default() }),
             waiting,
@@ -146,16 +154,19 @@ impl Jobs {
         })
     }
 
-    /// Whether a job of `client` would be taken on at this moment.
+    /// Whether a job of `client` with a document of so many bytes would be taken on at this moment.
     ///
     /// # Errors
     /// The bound that is reached.
-    pub fn admits(&self, client: Client) -> Result<(), Refusal> {
-        let intake = self.lock();
+    pub fn admits(&self, client: Client, document_bytes: usize) -> Result<(), Refusal> {
+        self.admit(&self.lock(), client, document_bytes)
+    }
+
+    fn admit(&self, intake: &Intake, client: Client, document_bytes: usize) -> Result<(), Refusal> {
         if intake.draining {
             return Err(Refusal::Draining);
         }
-        intake.queue.admits(client).map_err(|full| self.refusal(&intake, full))
+        intake.queue.admits(client, document_bytes).map_err(|full| self.refusal(intake, full))
     }
 
     /// The job that the client has already posted under that key.
@@ -172,15 +183,16 @@ impl Jobs {
     /// # Errors
     /// The bound that is reached.
     pub async fn submit(&self, order: Order, lasting: bool) -> Result<Arc<Job>, Refusal> {
+        let memory = order.specification.memory_bytes();
+        if memory > self.bounds.memory {
+            return Err(Refusal::Memory(memory));
+        }
         let place = if lasting { self.store.place().await? } else { None };
         let (client, document) = (order.client, Arc::clone(&order.document));
         let job = Arc::new(Job::new(order, place.is_some()));
         let answer = {
             let mut intake = self.lock();
-            if intake.draining {
-                return Err(Refusal::Draining);
-            }
-            intake.queue.admits(client).map_err(|full| self.refusal(&intake, full))?;
+            self.admit(&intake, client, document.len())?;
             // Before the lock is given back: a worker that takes the job must find it in the store.
             if let Some(first) = self.store.index().insert(&job)? {
                 return known(first);
@@ -209,6 +221,11 @@ impl Jobs {
     /// The job of that name, if it is not forgotten.
     pub fn find(&self, id: JobId) -> Option<Arc<Job>> {
         self.store.index().find(id)
+    }
+
+    /// Every job that is not forgotten, in no order.
+    pub fn all(&self) -> Vec<Arc<Job>> {
+        self.store.index().all()
     }
 
     /// What was posted for a job.
@@ -267,6 +284,17 @@ impl Jobs {
             }
             State::Ended { .. } => Duration::ZERO,
         }
+    }
+
+    /// How many jobs wait, and how many run.
+    pub fn load(&self) -> (usize, usize) {
+        let intake = self.lock();
+        (intake.queue.len(), intake.running)
+    }
+
+    /// The bytes of the specifications that wait.
+    pub fn waiting_bytes(&self) -> usize {
+        self.lock().queue.bytes()
     }
 
     /// How often the solver has panicked.
@@ -332,9 +360,10 @@ impl Jobs {
     fn refusal(&self, intake: &Intake, full: Full) -> Refusal {
         // One in ten of the places: whoever comes back then finds one, even if others come back too.
         match full {
-            Full::Queue => Refusal::QueueFull(intake.time_for(self.bounds.queue.div_ceil(10))),
+            Full::Queue => Refusal::QueueFull(intake.time_for(self.bounds.queue.places.div_ceil(10))),
+            Full::Bytes => Refusal::QueueBytes(intake.time_for(intake.queue.len().div_ceil(10))),
             Full::Share => {
-                Refusal::ClientShare(intake.time_for(self.bounds.share.div_ceil(10) * intake.queue.clients()))
+                Refusal::ClientShare(intake.time_for(self.bounds.queue.share.div_ceil(10) * intake.queue.clients()))
             }
         }
     }
@@ -347,6 +376,12 @@ impl Jobs {
 
     fn lock(&self) -> MutexGuard<'_, Intake> {
         self.intake.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Heavy for Arc<Job> {
+    fn bytes(&self) -> usize {
+        self.document_bytes
     }
 }
 

@@ -49,7 +49,8 @@ mod tests {
 
     #[test]
     fn workers_leave_when_the_pool_is_dropped() {
-        let jobs = Arc::new(Jobs::open(Options::default().bounds(), Arc::new(crate::solve), None).unwrap());
+        let jobs =
+            Arc::new(Jobs::open(Options::default().bounds(), Arc::new(crate::solve), None, Arc::default()).unwrap());
         let pool = Pool::start(&jobs, NonZeroUsize::MIN).unwrap();
         let held = Arc::downgrade(&jobs);
         drop((pool, jobs));

@@ -9,8 +9,27 @@ use std::collections::{HashMap, VecDeque};
 pub enum Full {
     /// Every place is taken.
     Queue,
+    /// With the item, what waits would be too large.
+    Bytes,
     /// The client holds as many places as one client may.
     Share,
+}
+
+/// How much may wait.
+#[derive(Clone, Copy, Debug)]
+pub struct Room {
+    /// Items.
+    pub places: usize,
+    /// Of those, one client's.
+    pub share: usize,
+    /// Bytes of all; a single item may have more.
+    pub bytes: usize,
+}
+
+/// What waits takes memory.
+pub trait Heavy {
+    /// The bytes that count.
+    fn bytes(&self) -> usize;
 }
 
 /// Waiting items, by client.
@@ -20,14 +39,24 @@ pub struct FairQueue<T> {
     /// The clients with something waiting, next one first.
     turns: VecDeque<Client>,
     waiting: usize,
-    places: usize,
-    share: usize,
+    bytes: usize,
+    room: Room,
 }
 
-impl<T> FairQueue<T> {
-    /// An empty queue of `places`, of which one client may hold `share`.
-    pub fn new(places: usize, share: usize) -> Self {
-        Self { lines: HashMap::new(), turns: VecDeque::new(), waiting: 0, places, share }
+impl<T: Heavy> FairQueue<T> {
+    /// An empty queue.
+    pub fn new(room: Room) -> Self {
+        Self { lines: HashMap::new(), turns: VecDeque::new(), waiting: 0, bytes: 0, room }
+    }
+
+    /// The bytes of what waits.
+    pub fn bytes(&self) -> usize {
+        self.bytes
+    }
+
+    /// How many wait.
+    pub fn len(&self) -> usize {
+        self.waiting
     }
 
     /// Whether none waits.
@@ -40,16 +69,19 @@ impl<T> FairQueue<T> {
         self.turns.len()
     }
 
-    /// Whether `client` may put in another item.
+    /// Whether `client` may put in another item, of so many bytes.
     ///
     /// # Errors
     /// Which bound is reached.
-    pub fn admits(&self, client: Client) -> Result<(), Full> {
-        if self.waiting >= self.places {
+    pub fn admits(&self, client: Client, bytes: usize) -> Result<(), Full> {
+        if self.waiting >= self.room.places {
             return Err(Full::Queue);
         }
-        if self.lines.get(&client).is_some_and(|line| line.len() >= self.share) {
+        if self.lines.get(&client).is_some_and(|line| line.len() >= self.room.share) {
             return Err(Full::Share);
+        }
+        if self.waiting > 0 && self.bytes.saturating_add(bytes) > self.room.bytes {
+            return Err(Full::Bytes);
         }
         Ok(())
     }
@@ -60,8 +92,9 @@ impl<T> FairQueue<T> {
         if line.is_empty() {
             self.turns.push_back(client);
         }
-        line.push_back(item);
         self.waiting += 1;
+        self.bytes += item.bytes();
+        line.push_back(item);
     }
 
     /// Takes the first item of the client whose turn it is.
@@ -70,6 +103,7 @@ impl<T> FairQueue<T> {
         let line = self.lines.get_mut(&client)?;
         let item = line.pop_front()?;
         self.waiting -= 1;
+        self.bytes -= item.bytes();
         if line.is_empty() {
             self.lines.remove(&client);
         } else {
@@ -84,6 +118,7 @@ impl<T> FairQueue<T> {
         let index = line.iter().position(is_sought)?;
         let item = line.remove(index)?;
         self.waiting -= 1;
+        self.bytes -= item.bytes();
         if line.is_empty() {
             self.lines.remove(&client);
             self.turns.retain(|turn| *turn != client);
@@ -99,6 +134,7 @@ impl<T> FairQueue<T> {
         });
         self.turns.retain(|client| self.lines.contains_key(client));
         self.waiting = self.lines.values().map(VecDeque::len).sum();
+        self.bytes = self.lines.values().flatten().map(Heavy::bytes).sum();
     }
 
     /// How many items will be taken before the client's first that `is_sought`, if nothing more comes in.
@@ -118,12 +154,20 @@ mod tests {
     use super::*;
     use std::net::IpAddr;
 
+    impl Heavy for &str {
+        fn bytes(&self) -> usize {
+            self.len()
+        }
+    }
+
+    const WIDE: Room = Room { places: 100, share: 100, bytes: 100 };
+
     fn client(last: u8) -> Client {
         Client::at(IpAddr::from([10, 0, 0, last]))
     }
 
     fn queue_of(arrivals: &[(u8, &'static str)]) -> FairQueue<&'static str> {
-        let mut queue = FairQueue::new(100, 100);
+        let mut queue = FairQueue::new(WIDE);
         for (from, item) in arrivals {
             queue.push(client(*from), *item);
         }
@@ -154,17 +198,28 @@ mod tests {
 
     #[test]
     fn each_bound_is_named_and_a_freed_place_is_given_again() {
-        let mut queue = FairQueue::new(3, 2);
-        queue.push(client(1), 1);
-        assert_eq!(queue.admits(client(1)), Ok(()));
-        queue.push(client(1), 2);
-        assert_eq!(queue.admits(client(1)), Err(Full::Share));
-        assert_eq!(queue.admits(client(2)), Ok(()));
-        queue.push(client(2), 4);
-        assert_eq!(queue.admits(client(3)), Err(Full::Queue));
+        let mut queue = FairQueue::new(Room { places: 3, share: 2, bytes: 10 });
+        queue.push(client(1), "a1");
+        assert_eq!(queue.admits(client(1), 2), Ok(()));
+        queue.push(client(1), "a2");
+        assert_eq!(queue.admits(client(1), 2), Err(Full::Share));
+        assert_eq!(queue.admits(client(2), 6), Ok(()));
+        assert_eq!(queue.admits(client(2), 7), Err(Full::Bytes));
+        queue.push(client(2), "b1");
+        assert_eq!(queue.admits(client(3), 2), Err(Full::Queue));
         queue.pop();
-        assert_eq!(queue.admits(client(1)), Ok(()));
-        assert_eq!(queue.waiting, 2);
+        assert_eq!(queue.admits(client(1), 2), Ok(()));
+        assert_eq!((queue.waiting, queue.bytes), (2, 4));
+    }
+
+    #[test]
+    fn what_is_larger_than_all_that_may_wait_waits_alone() {
+        let mut queue = FairQueue::new(Room { bytes: 3, ..WIDE });
+        assert_eq!(queue.admits(client(1), 8), Ok(()));
+        queue.push(client(1), "enormous");
+        assert_eq!(queue.admits(client(2), 1), Err(Full::Bytes));
+        assert_eq!(queue.remove(client(1), |_| true), Some("enormous"));
+        assert_eq!((queue.admits(client(2), 1), queue.bytes), (Ok(()), 0));
     }
 
     #[test]
@@ -179,7 +234,7 @@ mod tests {
     fn what_stays_keeps_its_order_and_what_leaves_gives_its_place() {
         let mut queue = queue_of(&[(1, "a1"), (1, "a2"), (2, "b1"), (3, "c1")]);
         queue.retain(|item| !["a1", "b1"].contains(item));
-        assert_eq!((queue.waiting, queue.clients()), (2, 2));
+        assert_eq!((queue.waiting, queue.bytes, queue.clients()), (2, 4, 2));
         assert_eq!((queue.pop(), queue.pop(), queue.pop()), (Some("a2"), Some("c1"), None));
     }
 }

@@ -86,6 +86,7 @@ impl Jobs {
         let asked = specification.wall_seconds().and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
         let wall = asked.map_or(self.bounds.wall, |asked| asked.min(self.bounds.wall));
         let Some(control) = job.start(wall) else { return Outcome::Gone };
+        self.metrics.waited(job.created.clock.elapsed());
         let solution = (self.solver)(&specification, &control);
         let halted = job.halted();
         if halted == Some(Halt::Park) && solution.status == Status::Stopped {

@@ -6,7 +6,7 @@
 use super::http::{Kind, Problem};
 use axum::Router;
 use axum::extract::Path;
-use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -38,6 +38,7 @@ const FILES: &[File] = files! {
     "comparison.js": "text/javascript; charset=utf-8";
     "editor.js": "text/javascript; charset=utf-8";
     "element.js": "text/javascript; charset=utf-8";
+    "events.js": "text/javascript; charset=utf-8";
     "evidence.js": "text/javascript; charset=utf-8";
     "numbers.js": "text/javascript; charset=utf-8";
     "places.js": "text/javascript; charset=utf-8";
@@ -66,17 +67,9 @@ fn find_file(name: &str, headers: &HeaderMap) -> Response {
     headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(file.media_type));
     headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-cache"));
     headers.extend(tag.map(|tag| (header::ETAG, tag)));
-    for (name, value) in GUARDS {
-        headers.insert(name, HeaderValue::from_static(value));
-    }
+    headers.insert(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(POLICY));
     response
 }
-
-const GUARDS: [(HeaderName, &str); 3] = [
-    (header::CONTENT_SECURITY_POLICY, POLICY),
-    (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
-    (header::REFERRER_POLICY, "no-referrer"),
-];
 
 impl File {
     /// Another program with another text gives another tag.

@@ -26,6 +26,7 @@ const plots = new Plots(byId("plots"), byId("hover"));
 let shown = null; // the run in view: {id, label, t, fields, events, diagnostics}
 let other = null; // the run it is compared with
 let followed = null; // the id of the job whose progress is in view
+let leave = null; // leaves it
 
 // ---- writing and checking
 
@@ -109,12 +110,12 @@ async function watch(id) {
 }
 
 async function follow(id) {
+  leave?.abort();
+  leave = new AbortController();
   followed = id;
   byId("progress").hidden = false;
-  const status = await service.follow(id, (status) => {
-    if (followed === id) tellProgress(status);
-  });
-  if (followed !== id) return;
+  const status = await service.follow(id, tellProgress, leave.signal);
+  if (status === null) return;
   byId("progress").hidden = true;
   await show(status);
 }

@@ -1,5 +1,7 @@
 // The service as this page uses it. What fails throws a `Refused` with the problem (RFC 9457) that says why.
 
+import { events } from "./events.js";
+
 export class Refused extends Error {
   constructor(problem) {
     super(problem.detail ?? problem.title);
@@ -39,7 +41,6 @@ export const examples = () => json("/examples");
 export const example = async (name) => (await ask(`/examples/${encodeURIComponent(name)}`)).text();
 export const check = (text, signal) => json("/check", { ...posted(text), signal });
 export const submit = (text) => json("/solve", posted(text, { prefer: "respond-async" }));
-export const job = (id) => json(`/jobs/${encodeURIComponent(id)}`);
 export const cancel = (id) => json(`/jobs/${encodeURIComponent(id)}/cancel`, { method: "POST" });
 export const forget = (id) => ask(`/jobs/${encodeURIComponent(id)}`, { method: "DELETE" });
 export const results = (id) => json(`/jobs/${encodeURIComponent(id)}/results`, accepting("application/json"));
@@ -48,14 +49,25 @@ export const download = async (id, type) =>
 
 const accepting = (type) => ({ headers: { accept: type } });
 
-export const ended = (status) => !["accepted", "running"].includes(status.status);
+const PAUSE = 1; // seconds before a stream that broke off is asked for again
 
-// Tells `report` every state of the job until it has ended; the last one is the answer.
-export async function follow(id, report) {
-  for (let pause = 50; ; pause = Math.min(pause * 1.5, 1000)) {
-    const status = await job(id);
-    report(status);
-    if (ended(status)) return status;
-    await new Promise((resume) => setTimeout(resume, pause));
+// Tells `report` every state of the job until it has ended; the last one is the answer, nothing if `signal` says to leave.
+export async function follow(id, report, signal) {
+  const asked = { ...accepting("text/event-stream"), signal };
+  for (;;) {
+    let pause = PAUSE;
+    try {
+      for await (const { event, data } of events(await ask(`/jobs/${encodeURIComponent(id)}/events`, asked))) {
+        if (event === "switch") continue;
+        const status = JSON.parse(data);
+        report(status);
+        if (event === "done") return status;
+      }
+    } catch (error) {
+      if (signal.aborted) return null;
+      if (error instanceof Refused && !error.problem.retryAfter) throw error;
+      pause = error.problem?.retryAfter ?? PAUSE;
+    }
+    await new Promise((resume) => setTimeout(resume, pause * 1000));
   }
 }

@@ -40,6 +40,14 @@ impl Specification {
         };
         ConvolutionPlan { settings, mesh, most }
     }
+
+    /// The numbers that the first run keeps.
+    pub(in crate::specification) fn convolution_numbers(&self, model: &ConvolutionModel) -> usize {
+        let steps = match self.convolution_plan(model).mesh {
+            Mesh::Fixed(steps) | Mesh::Halved { first: steps, .. } => steps,
+        };
+        steps.saturating_mul(numbers_a_step(model, self.method().stages))
+    }
 }
 
 /// Refuses a run that would not fit into memory.
@@ -62,13 +70,18 @@ fn stages(stages: Stages) -> usize {
     }
 }
 
-/// The most steps: two numbers of each stage and variable are kept, and of each kernel the weights and their transforms.
+/// The most steps that fit into memory; none where a single one is too large.
 fn most_steps(model: &ConvolutionModel, chosen: Stages) -> usize {
-    let (s, m) = (stages(chosen), model.variables());
-    if s * m > MOST_UNKNOWNS {
+    if stages(chosen) * model.variables() > MOST_UNKNOWNS {
         return 0;
     }
-    MOST_NUMBERS / (2 * s * m + 3 * s * s * model.kernel.terms.len()).max(1)
+    MOST_NUMBERS / numbers_a_step(model, chosen)
+}
+
+/// What is kept of a step: two numbers of each stage and variable, and of each kernel the weights and their transforms.
+fn numbers_a_step(model: &ConvolutionModel, chosen: Stages) -> usize {
+    let (s, m) = (stages(chosen), model.variables());
+    (2 * s * m + 3 * s * s * model.kernel.terms.len()).max(1)
 }
 
 /// The steps of one length, at most `step`, that the horizon is divided into.

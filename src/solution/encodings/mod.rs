@@ -1,8 +1,16 @@
-//! A solution as text. Numbers are the shortest decimals that read back to the same double, the same digits in both.
+//! A solution in the forms of others. Numbers in text are the shortest decimals that read back to the same double, the
+//! same digits everywhere.
 //!
-//! - JSON: one object, columns as arrays.
-//! - CSV (RFC 4180, lines ended by a line feed): the header `t,name,...`, then a row a time. Events and diagnostics
-//!   are in the JSON alone.
+//! - JSON: one object, columns as arrays. It alone has events and diagnostics.
+//! - Tables, written some rows at a time: [CSV](Csv), [JSON lines](Lines), [Arrow](Arrow).
+
+mod arrow;
+mod csv;
+mod lines;
+
+pub use arrow::Arrow;
+pub use csv::Csv;
+pub use lines::Lines;
 
 use super::{Solution, Trajectory};
 use std::io::{self, Write};
@@ -24,53 +32,66 @@ pub fn read_json(text: &[u8]) -> io::Result<Solution> {
     serde_json::from_slice(text).map_err(io::Error::from)
 }
 
-/// Writes the trajectory as CSV.
-///
-/// # Errors
-/// Those of `out`.
-pub fn write_csv(trajectory: &Trajectory, out: &mut impl Write) -> io::Result<()> {
-    write_csv_header(trajectory, out)?;
-    write_csv_rows(trajectory, 0..trajectory.t.len(), out)
+/// A table in the making: its beginning, its rows in order, its end.
+pub trait Table: Send {
+    /// Writes what comes before the rows of `trajectory`.
+    ///
+    /// # Errors
+    /// Those of `out`.
+    fn begin(&mut self, trajectory: &Trajectory, out: &mut dyn Write) -> io::Result<()>;
+
+    /// Writes the rows of those `times`, which there are.
+    ///
+    /// # Errors
+    /// Those of `out`.
+    fn rows(&mut self, trajectory: &Trajectory, times: Range<usize>, out: &mut dyn Write) -> io::Result<()>;
+
+    /// Writes what comes after them.
+    ///
+    /// # Errors
+    /// Those of `out`.
+    fn end(&mut self, out: &mut dyn Write) -> io::Result<()>;
 }
 
-/// Writes the header of the CSV: `t` and the names of the fields.
+/// Writes a trajectory as a table, on from row `next`, where nothing is before the first: one piece, of about as many
+/// numbers as `PIECE`. The row to go on from, while there is more.
 ///
 /// # Errors
 /// Those of `out`.
-pub fn write_csv_header(trajectory: &Trajectory, out: &mut impl Write) -> io::Result<()> {
-    out.write_all(b"t")?;
-    for field in &trajectory.fields {
-        out.write_all(b",")?;
-        write_text(&field.name, out)?;
+pub fn write_piece(
+    table: &mut dyn Table,
+    trajectory: &Trajectory,
+    next: usize,
+    out: &mut dyn Write,
+) -> io::Result<Option<usize>> {
+    let rows = trajectory.t.len();
+    let last = next.saturating_add((PIECE / (trajectory.fields.len() + 1)).max(1)).min(rows);
+    if next == 0 {
+        table.begin(trajectory, out)?;
     }
-    out.write_all(b"\n")
+    if next < last {
+        table.rows(trajectory, next..last, out)?;
+    }
+    if last < rows {
+        return Ok(Some(last));
+    }
+    table.end(out)?;
+    Ok(None)
 }
 
-/// Writes the rows of those `times` that there are; a value that is missing is left empty.
+/// Numbers in a piece of a table, about 64 KiB of text.
+const PIECE: usize = 4096;
+
+/// Writes a trajectory as a table.
 ///
 /// # Errors
 /// Those of `out`.
-pub fn write_csv_rows(trajectory: &Trajectory, times: Range<usize>, out: &mut impl Write) -> io::Result<()> {
-    for (row, t) in trajectory.t.iter().enumerate().take(times.end).skip(times.start) {
-        serde_json::to_writer(&mut *out, t)?;
-        for field in &trajectory.fields {
-            out.write_all(b",")?;
-            if let Some(value) = field.values.get(row) {
-                serde_json::to_writer(&mut *out, value)?;
-            }
-        }
-        out.write_all(b"\n")?;
+pub fn write_table(table: &mut dyn Table, trajectory: &Trajectory, out: &mut dyn Write) -> io::Result<()> {
+    let mut next = Some(0);
+    while let Some(row) = next {
+        next = write_piece(table, trajectory, row, out)?;
     }
     Ok(())
-}
-
-/// A field of text, quoted where RFC 4180, section 2, asks for it.
-fn write_text(text: &str, out: &mut impl Write) -> io::Result<()> {
-    if text.contains(['"', ',', '\n', '\r']) {
-        write!(out, "\"{}\"", text.replace('"', "\"\""))
-    } else {
-        out.write_all(text.as_bytes())
-    }
 }
 
 #[cfg(test)]
@@ -86,7 +107,7 @@ mod tests {
     fn names_with_commas_and_quotes_are_quoted() {
         let fields = vec![field("x", &[]), field("i(R1,a)", &[]), field("the \"rod\"", &[])];
         let mut csv = Vec::new();
-        write_csv(&Trajectory { fields, ..Trajectory::default() }, &mut csv).unwrap();
+        write_table(&mut Csv, &Trajectory { fields, ..Trajectory::default() }, &mut csv).unwrap();
         assert_eq!(String::from_utf8(csv).unwrap(), "t,x,\"i(R1,a)\",\"the \"\"rod\"\"\"\n");
     }
 
@@ -95,7 +116,7 @@ mod tests {
         let values = [0.1, 1.0 / 3.0, -0.0, 5e-324, f64::MAX, 2.2250738585072014e-308, 1e23, 123456789.0];
         let trajectory = Trajectory { t: values.to_vec(), fields: vec![field("x", &values)], ..Trajectory::default() };
         let mut csv = Vec::new();
-        write_csv(&trajectory, &mut csv).unwrap();
+        write_table(&mut Csv, &trajectory, &mut csv).unwrap();
         let csv = String::from_utf8(csv).unwrap();
         let read: Vec<u64> =
             csv.lines().skip(1).flat_map(|row| row.split(',')).map(|x| x.parse::<f64>().unwrap().to_bits()).collect();
@@ -116,6 +137,26 @@ mod tests {
         assert_eq!(read["trajectory"]["t"], serde_json::json!([0.0, 0.5]));
         assert_eq!(read["trajectory"]["fields"]["x"], serde_json::json!([1.0, 2.0]));
         assert!(read.get("error").is_none());
+    }
+
+    #[test]
+    fn a_table_in_pieces_is_the_whole_table() {
+        let t: Vec<f64> = (0..3 * PIECE).map(|k| k as f64).collect();
+        let trajectory = Trajectory { fields: vec![field("x", &t)], t, events: vec![] };
+        let mut csv = Vec::new();
+        write_table(&mut Csv, &trajectory, &mut csv).unwrap();
+        let csv = String::from_utf8(csv).unwrap();
+        let rows: Vec<String> = (0..3 * PIECE).map(|k| format!("{k}.0,{k}.0")).collect();
+        assert!(csv.lines().skip(1).eq(rows.iter()));
+    }
+
+    #[test]
+    fn a_line_is_an_object_with_its_time_first() {
+        let trajectory = Trajectory { t: vec![0.0, 0.5], fields: vec![field("x\"", &[1.0, -0.0])], events: vec![] };
+        let mut text = Vec::new();
+        write_table(&mut Lines, &trajectory, &mut text).unwrap();
+        let told = "{\"t\":0.0,\"x\\\"\":1.0}\n{\"t\":0.5,\"x\\\"\":-0.0}\n";
+        assert_eq!(String::from_utf8(text).unwrap(), told);
     }
 
     #[test]

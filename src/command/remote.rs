@@ -1,0 +1,264 @@
+//! `dvi solve --server URL`: the same solve, made by a running service.
+//!
+//! 1. The specification is posted as it is; the service checks it.
+//! 2. A solve that takes longer than a moment is followed until it ends. Ctrl-C cancels it there.
+//! 3. The result goes to standard output as the service sends it.
+
+use super::{BAD_SPECIFICATION, Told, UNANSWERED, UNFINISHED, UNWRITABLE, report};
+use axum::body::{Body, HttpBody, to_bytes};
+use axum::http::{HeaderMap, Method, Request, StatusCode, Uri, header, uri::Scheme};
+use hyper::body::Incoming;
+use hyper::client::conn::http1::handshake;
+use hyper_util::rt::TokioIo;
+use serde::Deserialize;
+use std::future::poll_fn;
+use std::io::{self, IsTerminal, Write};
+use std::path::Path;
+use std::pin::{Pin, pin};
+use std::process::ExitCode;
+use std::str::FromStr;
+use std::time::Duration;
+use tokio::net::TcpStream;
+use tokio::signal::ctrl_c;
+use tokio::time::sleep;
+
+/// A service to ask.
+#[derive(Clone, Debug)]
+pub struct Server {
+    authority: String,
+    address: String,
+    /// What stands before every path, where the service is behind another.
+    prefix: String,
+    token: Option<String>,
+}
+
+impl FromStr for Server {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let uri: Uri = text.parse().map_err(|error| format!("{error}"))?;
+        if uri.scheme() != Some(&Scheme::HTTP) {
+            return Err("an address such as http://localhost:8080; what is encrypted needs a proxy".to_owned());
+        }
+        let authority = uri.authority().ok_or("there is no host")?;
+        let address = format!("{}:{}", authority.host(), authority.port_u16().unwrap_or(80));
+        Ok(Self {
+            authority: authority.to_string(),
+            address,
+            prefix: uri.path().trim_end_matches('/').to_owned(),
+            token: None,
+        })
+    }
+}
+
+/// The time the service has for an answer before it becomes a job.
+const MOMENT: &str = "wait=5";
+/// The time between two looks at a job.
+const GLANCE: Duration = Duration::from_millis(500);
+/// The most bytes of an answer that is not a result.
+const MOST: usize = 16 << 20;
+
+/// Why there is no result.
+enum Trouble {
+    /// The service could not be reached or broke off.
+    Lost(String),
+    /// It says no.
+    Refused(Refusal),
+    /// Standard output does not take the result.
+    Unwritable(io::Error),
+}
+
+/// What of a problem (RFC 9457) is told.
+#[derive(Deserialize)]
+struct Refusal {
+    title: String,
+    detail: String,
+    #[serde(default)]
+    errors: Vec<Told>,
+}
+
+/// What of the state of a job decides how to go on.
+#[derive(Deserialize)]
+struct Status {
+    status: String,
+    progress: u8,
+    steps: u64,
+    message: Option<String>,
+}
+
+/// Has `specification`, from `file`, solved; the exit code says how it went.
+pub fn run(server: &Server, file: &Path, specification: Vec<u8>, media_type: &'static str) -> ExitCode {
+    let runtime = match tokio::runtime::Builder::new_current_thread().enable_all().build() {
+        Ok(runtime) => runtime,
+        Err(error) => {
+            eprintln!("dvi: {error}");
+            return ExitCode::from(UNANSWERED);
+        }
+    };
+    match runtime.block_on(server.solve(specification, media_type)) {
+        Ok(status) if status.status == "successful" => ExitCode::SUCCESS,
+        Ok(status) => {
+            eprintln!("dvi: {}", status.message.unwrap_or(status.status));
+            ExitCode::from(UNFINISHED)
+        }
+        Err(Trouble::Refused(refusal)) if !refusal.errors.is_empty() => {
+            eprint!("{}", report(file, &refusal.errors));
+            ExitCode::from(BAD_SPECIFICATION)
+        }
+        Err(Trouble::Refused(refusal)) => {
+            eprintln!("dvi: {}: {}: {}", server.authority, refusal.title, refusal.detail);
+            ExitCode::from(UNANSWERED)
+        }
+        Err(Trouble::Lost(why)) => {
+            eprintln!("dvi: {}: {why}", server.authority);
+            ExitCode::from(UNANSWERED)
+        }
+        Err(Trouble::Unwritable(error)) => {
+            eprintln!("dvi: cannot write the result: {error}");
+            ExitCode::from(UNWRITABLE)
+        }
+    }
+}
+
+impl Server {
+    /// The same, shown a token.
+    pub fn showing(self, token: Option<&str>) -> Self {
+        Self { token: token.map(|token| format!("Bearer {token}")), ..self }
+    }
+
+    async fn solve(&self, specification: Vec<u8>, media_type: &'static str) -> Result<Status, Trouble> {
+        let request = Request::builder()
+            .header(header::CONTENT_TYPE, "application/json")
+            .header(header::ACCEPT, media_type)
+            .header("prefer", MOMENT);
+        let (status, headers, body) = self.send(request, Method::POST, "/solve", Body::from(specification)).await?;
+        let job = job_of(&headers).ok_or_else(|| Trouble::Lost("the answer names no job".to_owned()))?;
+        if status != StatusCode::ACCEPTED {
+            // Before the result, while the service is sure to know it.
+            let ended = self.status(&job).await?;
+            write(body).await?;
+            return Ok(ended);
+        }
+        let ended = self.follow(&job).await?;
+        let request = Request::builder().header(header::ACCEPT, media_type);
+        let (.., body) = self.send(request, Method::GET, &format!("{job}/results"), Body::empty()).await?;
+        write(body).await?;
+        Ok(ended)
+    }
+
+    /// Waits for the end of a job.
+    async fn follow(&self, job: &str) -> Result<Status, Trouble> {
+        let mut interrupted = pin!(ctrl_c());
+        let mut cancelled = false;
+        let drawn = io::stderr().is_terminal();
+        loop {
+            let status = self.status(job).await?;
+            if drawn {
+                // A terminal that is gone needs no progress.
+                let _ = write!(io::stderr(), "\r\x1b[K{} {} %  {} steps", status.status, status.progress, status.steps);
+            }
+            if !matches!(status.status.as_str(), "accepted" | "running") {
+                if drawn {
+                    let _ = write!(io::stderr(), "\r\x1b[K");
+                }
+                return Ok(status);
+            }
+            tokio::select! {
+                () = sleep(GLANCE) => {}
+                _ = &mut interrupted, if !cancelled => {
+                    cancelled = true;
+                    drop(self.send(Request::builder(), Method::POST, &format!("{job}/cancel"), Body::empty()).await?);
+                }
+            }
+        }
+    }
+
+    async fn status(&self, job: &str) -> Result<Status, Trouble> {
+        let (.., body) = self.send(Request::builder(), Method::GET, job, Body::empty()).await?;
+        read(body).await
+    }
+
+    /// Sends a request on a connection of its own; an answer that is a problem is trouble.
+    async fn send(
+        &self,
+        request: axum::http::request::Builder,
+        method: Method,
+        path: &str,
+        body: Body,
+    ) -> Result<(StatusCode, HeaderMap, Incoming), Trouble> {
+        let stream = TcpStream::connect(&self.address).await.map_err(lost)?;
+        let (mut sender, connection) = handshake(TokioIo::new(stream)).await.map_err(lost)?;
+        tokio::spawn(connection);
+        let request = match &self.token {
+            Some(token) => request.header(header::AUTHORIZATION, token),
+            None => request,
+        };
+        let request = request
+            .method(method)
+            .uri(format!("{}{path}", self.prefix))
+            .header(header::HOST, &self.authority)
+            .body(body)
+            .map_err(lost)?;
+        let (parts, body) = sender.send_request(request).await.map_err(lost)?.into_parts();
+        if parts.status.is_success() {
+            return Ok((parts.status, parts.headers, body));
+        }
+        let refusal = read(body).await.unwrap_or_else(|_| Refusal {
+            title: parts.status.to_string(),
+            detail: "the answer does not say why".to_owned(),
+            errors: Vec::new(),
+        });
+        Err(Trouble::Refused(refusal))
+    }
+}
+
+fn lost(error: impl std::fmt::Display) -> Trouble {
+    Trouble::Lost(error.to_string())
+}
+
+/// The path of the job, from `Location` or the link that monitors it.
+fn job_of(headers: &HeaderMap) -> Option<String> {
+    let text = |name| headers.get(name).and_then(|value| value.to_str().ok());
+    let link = || text(header::LINK)?.strip_prefix('<')?.split_once('>').map(|(path, _)| path);
+    text(header::LOCATION).or_else(link).map(str::to_owned)
+}
+
+async fn read<T: for<'a> Deserialize<'a>>(body: Incoming) -> Result<T, Trouble> {
+    let bytes = to_bytes(Body::new(body), MOST).await.map_err(lost)?;
+    serde_json::from_slice(&bytes).map_err(lost)
+}
+
+/// Passes a result on to standard output.
+async fn write(mut body: Incoming) -> Result<(), Trouble> {
+    let mut out = io::stdout().lock();
+    while let Some(frame) = poll_fn(|context| Pin::new(&mut body).poll_frame(context)).await {
+        let frame = frame.map_err(lost)?;
+        let Some(data) = frame.data_ref() else { continue };
+        match out.write_all(data) {
+            // The reader has seen enough, as `head` does.
+            Err(error) if error.kind() == io::ErrorKind::BrokenPipe => return Ok(()),
+            written => written.map_err(Trouble::Unwritable)?,
+        }
+    }
+    out.flush().map_err(Trouble::Unwritable)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_address_may_have_a_port_and_a_path() {
+        let server: Server = "http://lab.example/dvi/".parse().unwrap();
+        assert_eq!((server.address.as_str(), server.prefix.as_str()), ("lab.example:80", "/dvi"));
+        let server: Server = "http://[::1]:8080".parse().unwrap();
+        assert_eq!((server.address.as_str(), server.prefix.as_str()), ("[::1]:8080", ""));
+    }
+
+    #[test]
+    fn what_is_no_address_of_a_service_is_refused() {
+        for text in ["localhost:8080", "https://lab.example", "/solve", ""] {
+            assert!(text.parse::<Server>().is_err(), "{text}");
+        }
+    }
+}

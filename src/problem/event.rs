@@ -1,0 +1,33 @@
+//! What happens on the way of a solve: switches of the active face of `K`, impacts, contacts that open and close.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// What happened to a variable at a switch of the active face of `K`, or to a contact.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum EventKind {
+    /// It left its bound: the inequality became an equation.
+    Activated,
+    /// It came to rest on a bound.
+    Deactivated,
+    /// A contact closed.
+    Impact,
+    /// A contact opened that had been closed for a while.
+    LiftOff,
+    /// A contact ceased to slip.
+    Stick,
+    /// A contact began to slip.
+    Slip,
+}
+
+/// A switch of the active face.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Event {
+    /// When.
+    pub t: f64,
+    /// What.
+    pub kind: EventKind,
+    /// The variable or the contact.
+    pub of: String,
+}

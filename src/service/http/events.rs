@@ -1,0 +1,161 @@
+//! `GET /jobs/{id}/events`: a job as it goes, as server-sent events.
+//!
+//! - `progress`: where the job stands, whenever that has changed;
+//! - `switch`: what happened in the trajectory, `{number, t, kind, of}`; the latest are at hand while the job runs, and
+//!   a gap between numbers says that the reader was too slow for some (the results have all);
+//! - `done`: where the job stands at its end, the last event.
+//!
+//! The id of an event is the number of switches told, so `Last-Event-ID` goes on after the last of them. A stream
+//! that ends without `done` was ended with the service.
+
+use super::Shared;
+use super::event_stream::{EventSink, Gone, event_stream};
+use super::path::Named;
+use super::problem::{Answer, Kind, Problem};
+use super::status::StatusInfo;
+use crate::problem::{Control, Event};
+use crate::service::jobs::{self, Job};
+use axum::extract::{FromRequestParts, State};
+use axum::http::request::Parts;
+use axum::response::Response;
+use serde::Serialize;
+use std::convert::Infallible;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::sync::OwnedSemaphorePermit;
+use tokio::time::{Instant, MissedTickBehavior, interval};
+use tracing::Instrument;
+
+/// The time between two looks at a job.
+const GLANCE: Duration = Duration::from_millis(200);
+
+/// The longest silence: proxies commonly take a connection for dead after a minute or half of one.
+const SILENCE: Duration = Duration::from_secs(15);
+
+/// Follow a job as it goes.
+#[utoipa::path(
+    get,
+    path = "/jobs/{id}/events",
+    tag = "jobs",
+    params(
+        ("id" = String, Path, description = "The id of a job, as `Location` gave it"),
+        ("last-event-id" = Option<u64>, Header, description = "The switches told before")
+    ),
+    responses(
+        (status = 200, description = "Events `progress`, `switch` and `done`", body = String, content_type = "text/event-stream"),
+        Problem
+    )
+)]
+pub async fn follow_job(
+    State(shared): State<Shared>,
+    Named(job): Named,
+    LastEventId(seen): LastEventId,
+) -> Answer<Response> {
+    let place = place(&shared)?;
+    let (sink, response) = event_stream();
+    let told = async move {
+        // A client that goes early is no failure.
+        let _ = follow(&shared, &job, seen, &sink).await;
+        drop(place);
+    };
+    tokio::spawn(told.in_current_span());
+    Ok(response)
+}
+
+/// A place among the streams that there may be.
+///
+/// # Errors
+/// [`Kind::TooManyStreams`].
+pub fn place(shared: &Shared) -> Answer<OwnedSemaphorePermit> {
+    let taken = Arc::clone(&shared.streams).try_acquire_owned();
+    taken.map_err(|_| Problem::plain(Kind::TooManyStreams).after(Duration::from_secs(10)))
+}
+
+/// Tells of a job from the switch after the first `seen` to its end. The number of switches told, if it ended while
+/// the service ran on.
+///
+/// # Errors
+/// The client has gone.
+pub async fn follow(shared: &Shared, job: &Job, seen: u64, sink: &EventSink) -> Result<Option<u64>, Gone> {
+    let mut followed = Followed { seen, ..Followed::default() };
+    let mut closing = shared.closing.subscribe();
+    let closed = async move { closing.wait_for(|closing| *closing).await.is_ok() };
+    let mut looks = interval(GLANCE);
+    looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    let settled = job.settled();
+    tokio::pin!(settled, closed);
+    loop {
+        tokio::select! {
+            biased;
+            () = sink.gone() => return Err(Gone),
+            ended = &mut settled => match ended {
+                Some(_) => break,
+                // It is left to the next process.
+                None => return Ok(None),
+            },
+            _ = &mut closed => return Ok(None),
+            _ = looks.tick() => followed.look(shared, job, sink).await?,
+        }
+    }
+    followed.switches(sink).await?;
+    sink.event("done", followed.seen, &StatusInfo::of(job, &shared.jobs)).await?;
+    Ok(Some(followed.seen))
+}
+
+/// What a client has been told.
+#[derive(Default)]
+struct Followed {
+    seen: u64,
+    /// In hand from the first look that finds the job running.
+    control: Option<Arc<Control>>,
+    status: Option<StatusInfo>,
+    last: Option<Instant>,
+}
+
+impl Followed {
+    async fn look(&mut self, shared: &Shared, job: &Job, sink: &EventSink) -> Result<(), Gone> {
+        if let jobs::State::Running { control, .. } = job.state() {
+            self.control = Some(control);
+        }
+        self.switches(sink).await?;
+        let status = StatusInfo::of(job, &shared.jobs);
+        if self.status.as_ref() != Some(&status) {
+            self.last = Some(Instant::now());
+            sink.event("progress", self.seen, &status).await?;
+            self.status = Some(status);
+        } else if self.last.is_none_or(|last| last.elapsed() >= SILENCE) {
+            self.last = Some(Instant::now());
+            sink.keep_alive().await?;
+        }
+        Ok(())
+    }
+
+    async fn switches(&mut self, sink: &EventSink) -> Result<(), Gone> {
+        let Some(control) = &self.control else { return Ok(()) };
+        for (number, event) in control.events_after(self.seen) {
+            self.seen = number;
+            sink.event("switch", number, &Numbered { number, event: &event }).await?;
+        }
+        Ok(())
+    }
+}
+
+/// An event of the trajectory with its number.
+#[derive(Serialize)]
+struct Numbered<'a> {
+    number: u64,
+    #[serde(flatten)]
+    event: &'a Event,
+}
+
+/// How many switches the client has been told of before; what makes no sense is none.
+pub struct LastEventId(pub u64);
+
+impl<S: Send + Sync> FromRequestParts<S> for LastEventId {
+    type Rejection = Infallible;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Infallible> {
+        let given = parts.headers.get("last-event-id").and_then(|id| id.to_str().ok()?.trim().parse().ok());
+        Ok(Self(given.unwrap_or(0)))
+    }
+}

@@ -1,0 +1,103 @@
+//! `GET /jobs`: the client's own jobs, or everyone's for who may see them, newest first, a page at a time. How many there are in all is not told: it would
+//! cost a look at each and be wrong at once.
+
+use super::access::Sight;
+use super::problem::{Answer, Problem};
+use super::query::Query;
+use super::status::StatusInfo;
+use super::{Shared, no_store};
+use crate::service::jobs::JobId;
+use axum::Json;
+use axum::extract::{FromRequestParts, State};
+use axum::http::request::Parts;
+use axum::http::{HeaderValue, header};
+use axum::response::{IntoResponse, Response};
+use form_urlencoded::Serializer;
+use serde::Serialize;
+use std::cmp::Reverse;
+use utoipa::ToSchema;
+
+const STATUSES: [&str; 5] = ["accepted", "running", "successful", "failed", "dismissed"];
+const DEFAULT_LIMIT: usize = 100;
+const MOST: usize = 1000;
+
+/// Which jobs are asked for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Filter {
+    status: Option<String>,
+    label: Option<String>,
+    limit: usize,
+    /// The last job of the page before.
+    cursor: Option<JobId>,
+}
+
+/// A page of the list.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct JobList {
+    jobs: Vec<StatusInfo>,
+}
+
+/// List your jobs, newest first.
+#[utoipa::path(
+    get,
+    path = "/jobs",
+    tag = "jobs",
+    params(
+        ("status" = Option<String>, Query, description = "`accepted`, `running`, `successful`, `failed` or `dismissed`"),
+        ("label" = Option<String>, Query, description = "The whole label"),
+        ("limit" = Option<u64>, Query, minimum = 1, maximum = 1000, description = "Jobs a page, 100 unless told"),
+        ("cursor" = Option<String>, Query, description = "From `Link` of the page before")
+    ),
+    responses((status = 200, description = "A page; `Link` has the next", body = JobList), Problem)
+)]
+pub async fn list_jobs(State(shared): State<Shared>, sight: Sight, filter: Filter) -> Response {
+    let mut jobs = shared.jobs.all();
+    jobs.retain(|job| sight.reaches(job));
+    jobs.sort_unstable_by_key(|job| Reverse(job.id));
+    let rest = jobs.iter().filter(|job| filter.cursor.is_none_or(|last| job.id < last));
+    let named = rest.filter(|job| filter.label.is_none() || job.label == filter.label);
+    let told = named.map(|job| (job.id, StatusInfo::of(job, &shared.jobs)));
+    let mut found = told.filter(|(_, told)| filter.status.as_deref().is_none_or(|status| told.status() == status));
+    let page: Vec<(JobId, StatusInfo)> = found.by_ref().take(filter.limit).collect();
+    let next = page.last().map(|(last, _)| *last).filter(|_| found.next().is_some());
+    let jobs = page.into_iter().map(|(_, told)| told).collect();
+    let mut response = (no_store(), Json(JobList { jobs })).into_response();
+    if let Some(link) = next.and_then(|last| HeaderValue::try_from(filter.link(last)).ok()) {
+        response.headers_mut().insert(header::LINK, link);
+    }
+    response
+}
+
+impl Filter {
+    /// The value of `Link` for the page after `last`.
+    fn link(&self, last: JobId) -> String {
+        let mut query = Serializer::new(String::new());
+        for (name, value) in [("status", &self.status), ("label", &self.label)] {
+            if let Some(value) = value {
+                query.append_pair(name, value);
+            }
+        }
+        query.append_pair("limit", &self.limit.to_string()).append_pair("cursor", &last.to_string());
+        format!("</jobs?{}>; rel=\"next\"", query.finish())
+    }
+}
+
+impl<S: Send + Sync> FromRequestParts<S> for Filter {
+    type Rejection = Box<Problem>;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Answer<Self> {
+        let Ok(mut query) = Query::from_request_parts(parts, state).await;
+        let within = format_args!("a whole number from 1 to {MOST}").to_string();
+        let filter = Self {
+            status: query
+                .checked("status", STATUSES.join(", "), |text| STATUSES.contains(&text).then(|| text.to_owned())),
+            label: query.text("label"),
+            limit: query
+                .checked("limit", within, |text| text.parse().ok().filter(|limit| (1..=MOST).contains(limit)))
+                .unwrap_or(DEFAULT_LIMIT),
+            cursor: query.value("cursor", "what `Link` gave"),
+        };
+        query.end()?;
+        Ok(filter)
+    }
+}

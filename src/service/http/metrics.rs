@@ -1,0 +1,24 @@
+//! `GET /metrics`: figures for Prometheus, in the text form of `OpenMetrics` 1.0.
+
+use super::Shared;
+use super::problem::Problem;
+use axum::extract::State;
+use axum::http::{HeaderName, header};
+use axum::response::IntoResponse;
+
+const CONTENT_TYPE: [(HeaderName, &str); 1] =
+    [(header::CONTENT_TYPE, "application/openmetrics-text; version=1.0.0; charset=utf-8")];
+
+/// Fetch the figures of the service.
+#[utoipa::path(
+    get,
+    path = "/metrics",
+    tag = "service",
+    responses(
+        (status = 200, description = "OpenMetrics text", body = String, content_type = "application/openmetrics-text"),
+        Problem
+    )
+)]
+pub async fn list_metrics(State(shared): State<Shared>) -> impl IntoResponse {
+    (CONTENT_TYPE, shared.metrics.text(&shared.jobs))
+}

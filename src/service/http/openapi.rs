@@ -1,0 +1,93 @@
+//! `GET /openapi.json`: the description of the interface (`OpenAPI` 3.1), made from the handlers; and `GET /docs`: the same
+//! to be read, as a page without scripts that asks nobody for anything.
+
+use super::docs;
+use super::problem::Problem;
+use super::{open, work};
+use axum::http::{HeaderName, HeaderValue, header};
+use axum::response::{Html, IntoResponse};
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::sync::LazyLock;
+use utoipa::openapi::response::{Response, ResponseBuilder};
+use utoipa::openapi::{ContentBuilder, Ref, RefOr};
+use utoipa::{IntoResponses, OpenApi, ToSchema};
+
+const STYLE: &str = include_str!("docs.css");
+const JSON: [(HeaderName, &str); 1] = [(header::CONTENT_TYPE, "application/json")];
+const CSS: [(HeaderName, &str); 1] = [(header::CONTENT_TYPE, "text/css; charset=utf-8")];
+
+/// The policy of the page: its own style, and nothing else.
+const POLICY: HeaderValue = HeaderValue::from_static(
+    "default-src 'none'; style-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+);
+
+/// The description, made once.
+static DESCRIPTION: LazyLock<Value> = LazyLock::new(description);
+static TEXT: LazyLock<String> = LazyLock::new(|| DESCRIPTION.to_string());
+static PAGE: LazyLock<String> = LazyLock::new(|| docs::page(&DESCRIPTION));
+
+/// What is not said by the handlers.
+#[derive(OpenApi)]
+#[openapi(
+    info(title = "dvi", description = "Differential variational inequalities, solved with evidence."),
+    components(schemas(crate::specification::Document, Problem)),
+    tags(
+        (name = "solve", description = "Solve and check specifications"),
+        (name = "jobs", description = "What was accepted, from its acceptance until it is forgotten"),
+        (name = "catalogue", description = "What there is to choose from"),
+        (name = "service", description = "How the service is")
+    )
+)]
+struct Frame;
+
+/// The description of the interface, as it follows from the code.
+pub fn description() -> Value {
+    let mut router = utoipa_axum::router::OpenApiRouter::with_openapi(Frame::openapi()).merge(work()).merge(open());
+    // A description is strings, lists and maps, which have a JSON form.
+    serde_json::to_value(router.to_openapi()).unwrap_or_default()
+}
+
+/// Every operation may refuse, and says why in one form.
+impl IntoResponses for Problem {
+    fn responses() -> BTreeMap<String, RefOr<Response>> {
+        let content = ContentBuilder::new().schema(Some(Ref::from_schema_name(Self::name()))).build();
+        let response = ResponseBuilder::new()
+            .description("A problem of the table at `/problems`, by its status (RFC 9457)")
+            .content("application/problem+json", content);
+        BTreeMap::from([("default".to_owned(), response.build().into())])
+    }
+}
+
+/// Fetch the description of the interface.
+#[utoipa::path(
+    get,
+    path = "/openapi.json",
+    tag = "catalogue",
+    responses((status = 200, description = "OpenAPI 3.1", body = Value))
+)]
+pub async fn find_description() -> impl IntoResponse {
+    (JSON, TEXT.as_str())
+}
+
+/// Read the description of the interface.
+#[utoipa::path(
+    get,
+    path = "/docs",
+    tag = "catalogue",
+    responses((status = 200, description = "A page", body = String, content_type = "text/html"))
+)]
+pub async fn read_description() -> impl IntoResponse {
+    ([(header::CONTENT_SECURITY_POLICY, POLICY)], Html(PAGE.as_str()))
+}
+
+/// The style of the page.
+#[utoipa::path(
+    get,
+    path = "/docs/style.css",
+    tag = "catalogue",
+    responses((status = 200, description = "A style sheet", body = String, content_type = "text/css"))
+)]
+pub async fn find_style() -> impl IntoResponse {
+    (CSS, STYLE)
+}

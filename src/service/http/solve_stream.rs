@@ -1,0 +1,74 @@
+//! `POST /solve` with `Accept: text/event-stream`: the job as it goes, then `result` with the whole solution as JSON, or
+//! `problem` where there is none.
+
+use super::Shared;
+use super::event_stream::{EventSink, Gone, MEDIA_TYPE, event_stream};
+use super::events::{follow, place};
+use super::negotiation::{MediaType, choose};
+use super::problem::{Answer, Kind, Problem};
+use super::representation::Representation;
+use super::results::represent;
+use super::solve::Departure;
+use crate::service::jobs::{self, Job};
+use axum::body::HttpBody;
+use axum::extract::FromRequestParts;
+use axum::http::request::Parts;
+use axum::response::Response;
+use std::future::poll_fn;
+use std::pin::Pin;
+use std::sync::Arc;
+use tracing::Instrument;
+
+/// How a solve is answered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Delivery {
+    /// At once, in this form.
+    Whole(Representation),
+    /// As it goes.
+    Stream,
+}
+
+impl<S: Send + Sync> FromRequestParts<S> for Delivery {
+    type Rejection = Box<Problem>;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Self::Rejection> {
+        let mut offered: Vec<(Self, MediaType)> =
+            Representation::OFFERED.iter().map(|(form, media_type)| (Self::Whole(*form), *media_type)).collect();
+        offered.push((Self::Stream, MEDIA_TYPE));
+        choose(&parts.headers, &offered).ok_or_else(|| Problem::plain(Kind::NotAcceptable))
+    }
+}
+
+/// Answers with the stream of a job that has just been accepted; the job is forgotten if its client goes away.
+///
+/// # Errors
+/// [`Kind::TooManyStreams`].
+pub fn stream(shared: Shared, job: Arc<Job>) -> Answer<Response> {
+    let departure = Departure::watch(Arc::clone(&shared.jobs), Arc::clone(&job));
+    let place = place(&shared)?;
+    let (sink, response) = event_stream();
+    let told = async move {
+        if tell(&shared, &job, &sink).await.is_ok() {
+            departure.disarm();
+        }
+        drop(place);
+    };
+    tokio::spawn(told.in_current_span());
+    Ok(response)
+}
+
+async fn tell(shared: &Shared, job: &Arc<Job>, sink: &EventSink) -> Result<(), Gone> {
+    let Some(seen) = follow(shared, job, 0, sink).await? else { return Ok(()) };
+    let jobs::State::Ended(ended) = job.state() else { return Ok(()) };
+    let mut body = match represent(shared, job, &ended, Representation::Json, None).await {
+        Ok(response) => response.into_body(),
+        Err(problem) => return sink.event("problem", seen, &problem).await,
+    };
+    sink.begin("result", seen).await?;
+    while let Some(Ok(frame)) = poll_fn(|context| Pin::new(&mut body).poll_frame(context)).await {
+        if let Ok(data) = frame.into_data() {
+            sink.data(data).await?;
+        }
+    }
+    sink.end().await
+}

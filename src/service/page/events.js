@@ -1,0 +1,24 @@
+// Server-sent events (WHATWG HTML, section 9.2) as they come in an answer. A browser's own reader of them, `EventSource`,
+// cannot tell a token.
+
+export async function* events(response) {
+  const reader = response.body.pipeThrough(new TextDecoderStream()).getReader();
+  let text = "";
+  try {
+    for (;;) {
+      const { done, value } = await reader.read();
+      if (done) return;
+      const blocks = (text + value).split("\n\n");
+      text = blocks.pop();
+      yield* blocks.map(eventOf).filter((event) => event.data !== undefined);
+    }
+  } finally {
+    reader.cancel().catch(() => {}); // a stream that broke off has nothing to cancel
+  }
+}
+
+// Lines without a name are comments, which keep the connection alive.
+function eventOf(block) {
+  const lines = block.split("\n").map((line) => [line.slice(0, line.indexOf(":")), line.slice(line.indexOf(":") + 2)]);
+  return Object.fromEntries(lines.filter(([name]) => name !== ""));
+}

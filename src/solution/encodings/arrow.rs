@@ -1,0 +1,101 @@
+//! The streaming form of Arrow's interprocess communication (`application/vnd.apache.arrow.stream`): a schema, record
+//! batches of columns of doubles, none of them null, and the mark of the end.
+
+use super::Table;
+use crate::solution::Trajectory;
+use arrow_array::{ArrayRef, Float64Array, RecordBatch};
+use arrow_ipc::writer::StreamWriter;
+use arrow_schema::{ArrowError, DataType, Schema};
+use std::io::{self, Write};
+use std::ops::Range;
+use std::sync::Arc;
+
+/// Writes an Arrow stream.
+#[derive(Default)]
+pub struct Arrow(Option<(Arc<Schema>, StreamWriter<Vec<u8>>)>);
+
+impl Arrow {
+    /// Hands on what has been written.
+    fn pass_on(&mut self, out: &mut dyn Write) -> io::Result<()> {
+        let Some((_, writer)) = &mut self.0 else { return Ok(()) };
+        let written = writer.get_mut();
+        out.write_all(written)?;
+        written.clear();
+        Ok(())
+    }
+}
+
+impl Table for Arrow {
+    fn begin(&mut self, trajectory: &Trajectory, out: &mut dyn Write) -> io::Result<()> {
+        let names = std::iter::once("t").chain(trajectory.fields.iter().map(|field| field.name.as_str()));
+        let columns: Vec<arrow_schema::Field> =
+            names.map(|name| arrow_schema::Field::new(name, DataType::Float64, false)).collect();
+        let schema = Arc::new(Schema::new(columns));
+        let writer = StreamWriter::try_new(Vec::new(), &schema).map_err(broken)?;
+        self.0 = Some((schema, writer));
+        self.pass_on(out)
+    }
+
+    fn rows(&mut self, trajectory: &Trajectory, times: Range<usize>, out: &mut dyn Write) -> io::Result<()> {
+        let Some((schema, writer)) = &mut self.0 else { return Ok(()) };
+        let columns = std::iter::once(&trajectory.t).chain(trajectory.fields.iter().map(|field| &field.values));
+        let columns = columns.map(|column| {
+            let part = column.get(times.clone()).unwrap_or_default();
+            Arc::new(Float64Array::from(part.to_vec())) as ArrayRef
+        });
+        let batch = RecordBatch::try_new(Arc::clone(schema), columns.collect()).map_err(broken)?;
+        writer.write(&batch).map_err(broken)?;
+        self.pass_on(out)
+    }
+
+    fn end(&mut self, out: &mut dyn Write) -> io::Result<()> {
+        if let Some((_, writer)) = &mut self.0 {
+            writer.finish().map_err(broken)?;
+        }
+        self.pass_on(out)
+    }
+}
+
+fn broken(error: ArrowError) -> io::Error {
+    io::Error::other(error)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::write_table;
+    use super::*;
+    use crate::solution::Field;
+    use arrow_array::cast::AsArray;
+    use arrow_array::types::Float64Type;
+    use arrow_ipc::reader::StreamReader;
+
+    #[test]
+    fn a_reader_finds_the_columns_to_the_same_bits_in_batches() {
+        let t: Vec<f64> = (0..5000).map(|k| f64::from(k) / 3.0).collect();
+        let values: Vec<f64> = t.iter().map(|t| -t * 1e-300).collect();
+        let field = Field { name: "i(R1,a)".to_owned(), values: values.clone() };
+        let trajectory = Trajectory { t: t.clone(), fields: vec![field], events: vec![] };
+        let mut bytes = Vec::new();
+        write_table(&mut Arrow::default(), &trajectory, &mut bytes).unwrap();
+        assert_eq!(bytes[..4], [0xff; 4], "a message begins with the mark of a continuation");
+        let reader = StreamReader::try_new(bytes.as_slice(), None).unwrap();
+        let names: Vec<String> = reader.schema().fields().iter().map(|field| field.name().clone()).collect();
+        assert_eq!(names, ["t", "i(R1,a)"]);
+        let batches: Vec<RecordBatch> = reader.map(Result::unwrap).collect();
+        assert!(batches.len() > 1);
+        let column = |k: usize| -> Vec<u64> {
+            let parts = batches.iter().map(|batch| batch.column(k).as_primitive::<Float64Type>());
+            parts.flat_map(|part| part.values().iter().map(|value| value.to_bits()).collect::<Vec<_>>()).collect()
+        };
+        assert_eq!(column(0), t.iter().map(|t| t.to_bits()).collect::<Vec<_>>());
+        assert_eq!(column(1), values.iter().map(|value| value.to_bits()).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn an_empty_trajectory_is_a_schema_and_an_end() {
+        let mut bytes = Vec::new();
+        write_table(&mut Arrow::default(), &Trajectory::default(), &mut bytes).unwrap();
+        assert_eq!(StreamReader::try_new(bytes.as_slice(), None).unwrap().count(), 0);
+        assert_eq!(bytes[bytes.len() - 8..], [0xff, 0xff, 0xff, 0xff, 0, 0, 0, 0]);
+    }
+}

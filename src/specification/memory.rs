@@ -1,0 +1,49 @@
+//! The memory that a solve takes, as far as it is known before it runs: its trajectory at the times asked for, and its
+//! matrices. What turns out on the way (the fill of sparse factors, the contacts of bodies, the steps where no times are
+//! asked for) is bounded as it does.
+
+use super::checked::Specification;
+use super::stages::Stages;
+use crate::models::Model;
+use crate::radau::matrix_numbers;
+
+/// The stages that a run with a choice of them begins with.
+const FEWEST_STAGES: usize = 3;
+/// The numbers for each neighbour of a node: two matrices with their indices, on the grid and on all coarser ones.
+const NUMBERS_A_NEIGHBOUR: usize = 6;
+
+impl Specification {
+    /// The bytes that a solve is known to take.
+    pub fn memory_bytes(&self) -> usize {
+        self.trajectory_numbers().saturating_add(self.matrix_numbers()).saturating_mul(size_of::<f64>())
+    }
+
+    fn trajectory_numbers(&self) -> usize {
+        let times = self.output_times().map_or(0, <[f64]>::len);
+        times.saturating_mul(1 + self.output_fields().len())
+    }
+
+    fn matrix_numbers(&self) -> usize {
+        match self.model() {
+            Model::Dvi(model) => {
+                let stages = match self.method().stages {
+                    Stages::Fixed(stages) => stages as usize,
+                    Stages::Auto => FEWEST_STAGES,
+                };
+                matrix_numbers(model.structure(), stages)
+            }
+            // The mass, what is implicit, two Jacobians; the responses to impulses.
+            Model::Mechanical(model) => {
+                let structure = model.structure();
+                let (n, rows) = (structure.coordinates, structure.rows());
+                n.saturating_mul(n).saturating_mul(4).saturating_add(n.saturating_mul(rows))
+            }
+            Model::RigidBodies(_) => 0,
+            Model::Obstacle(obstacle) => {
+                let neighbours = 3_usize.pow(obstacle.grid.dimension() as u32);
+                obstacle.grid.nodes().saturating_mul(neighbours).saturating_mul(NUMBERS_A_NEIGHBOUR)
+            }
+            Model::Convolution(model) => self.convolution_numbers(model),
+        }
+    }
+}

@@ -1,0 +1,92 @@
+//! `dvi solve --server`: the program as the client of a running service.
+
+use crate::harness::DECAY;
+use std::io::{BufRead, BufReader, Write};
+use std::process::{Child, Command, Output, Stdio};
+
+/// A service of its own, ended with the test.
+struct Serving {
+    process: Child,
+    url: String,
+}
+
+impl Serving {
+    fn start() -> Self {
+        let mut process = Command::new(env!("CARGO_BIN_EXE_dvi"))
+            .args(["serve", "--listen", "127.0.0.1:0", "--log-format", "json", "--ephemeral"])
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut line = String::new();
+        BufReader::new(process.stderr.take().unwrap()).read_line(&mut line).unwrap();
+        let entry: serde_json::Value = serde_json::from_str(&line).unwrap();
+        let url = format!("http://{}", entry["fields"]["address"].as_str().unwrap());
+        Self { process, url }
+    }
+
+    fn solve(&self, format: &str, specification: &str) -> Output {
+        solve(&self.url, format, specification)
+    }
+}
+
+impl Drop for Serving {
+    fn drop(&mut self) {
+        // It may have ended by itself.
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+fn solve(url: &str, format: &str, specification: &str) -> Output {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_dvi"))
+        .args(["solve", "--server", url, "--format", format, "-"])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    child.stdin.take().unwrap().write_all(specification.as_bytes()).unwrap();
+    child.wait_with_output().unwrap()
+}
+
+#[test]
+fn a_server_solves_as_the_program_does() {
+    let serving = Serving::start();
+    let output = serving.solve("json", DECAY);
+    assert_eq!((output.status.code(), output.stderr.as_slice()), (Some(0), b"".as_slice()), "{output:?}");
+    let result: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let x = result["trajectory"]["fields"]["x"].as_array().unwrap().last().unwrap().as_f64().unwrap();
+    assert!((x - (-1.0_f64).exp()).abs() < 1e-5, "{x}");
+    let table = String::from_utf8(serving.solve("csv", DECAY).stdout).unwrap();
+    assert_eq!(table.lines().next(), Some("t,x"));
+    assert!(serving.solve("arrow", DECAY).stdout.starts_with(&[0xff; 4]));
+}
+
+#[test]
+fn a_solve_that_ends_early_has_its_own_exit_code_in_every_form() {
+    let serving = Serving::start();
+    // x = 1/(1 - t): there is nothing beyond t = 1.
+    let explosive = DECAY.replace("\"-x\"", "\"x^2\"").replace("\"end\":1", "\"end\":2");
+    for format in ["json", "csv"] {
+        let output = serving.solve(format, &explosive);
+        assert_eq!(output.status.code(), Some(1), "{output:?}");
+        assert!(!output.stdout.is_empty() && !output.stderr.is_empty(), "{output:?}");
+    }
+}
+
+#[test]
+fn the_errors_that_a_server_finds_are_told_with_their_places() {
+    let output = Serving::start().solve("json", &DECAY.replace("\"-x\"", "\"-y\""));
+    assert_eq!((output.status.code(), output.stdout.len()), (Some(2), 0), "{output:?}");
+    let told = String::from_utf8(output.stderr).unwrap();
+    assert!(told.starts_with("-: 1 error\n") && told.contains("/problem/dvi/states/x/rate: "), "{told}");
+}
+
+#[test]
+fn a_server_that_is_not_there_is_named() {
+    let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let output = solve(&format!("http://{free}"), "json", DECAY);
+    assert_eq!(output.status.code(), Some(6), "{output:?}");
+    assert!(String::from_utf8(output.stderr).unwrap().contains(&free.to_string()));
+    assert_eq!(solve("localhost", "json", DECAY).status.code(), Some(64));
+}
