@@ -6,6 +6,7 @@ pub mod jobs;
 mod metrics;
 mod options;
 mod page;
+mod patience;
 mod server;
 
 pub use options::Options;

@@ -93,7 +93,7 @@ pub struct Options {
     #[arg(long, env = "DVI_KEPT_DAYS", value_name = "DAYS", default_value_t = Options::default().kept_days)]
     pub kept_days: NonZeroU64,
 
-    /// Longest time a client may take to send the headers of a request, and again its body, in seconds
+    /// Longest time a client may take to send the headers of a request, then its body, and to take each piece of an answer, in seconds
     #[arg(long, env = "DVI_READ_SECONDS", value_name = "SECONDS", default_value_t = Options::default().read_seconds)]
     pub read_seconds: NonZeroU64,
 
@@ -150,7 +150,7 @@ impl Options {
         bytes(self.body_mib)
     }
 
-    /// The longest time for the headers of a request, and for its body.
+    /// The longest time for the headers of a request, for its body, and for a piece of an answer.
     pub fn read_time(&self) -> Duration {
         Duration::from_secs(self.read_seconds.get())
     }

@@ -1,7 +1,7 @@
 //! Connections, from the first to the last.
 //!
-//! 1. Accept, and serve each connection on a task of its own; a client that does not send its headers in time is
-//!    cut off.
+//! 1. Accept, and serve each connection on a task of its own; a client that does not send its headers in time,
+//!    or does not take its answer, is cut off.
 //! 2. When asked to stop: refuse new jobs and give the others the grace time. Connections go on being accepted, so that
 //!    clients can fetch what ends and a load balancer sees `/readyz` off.
 //! 3. When no job is left, or at the end of the grace time or asked a second time: leave what is left to the next
@@ -10,6 +10,7 @@
 
 use super::http::Shared;
 use super::jobs::Client;
+use super::patience::Patient;
 use axum::Router;
 use hyper::body::Incoming;
 use hyper::server::conn::http1;
@@ -40,7 +41,10 @@ pub async fn serve(listener: TcpListener, router: Router, shared: Shared, mut st
     let accepting = async {
         loop {
             match listener.accept().await {
-                Ok((stream, from)) => serve_connection(&http, &connections, stream, Client::at(from.ip()), &router),
+                Ok((stream, from)) => {
+                    let client = Client::at(from.ip());
+                    serve_connection(&http, &connections, stream, shared.options.read_time(), client, &router);
+                }
                 Err(error) => {
                     tracing::warn!(%error, "no connection could be accepted");
                     sleep(BREATH).await;
@@ -86,6 +90,7 @@ fn serve_connection(
     http: &http1::Builder,
     connections: &GracefulShutdown,
     stream: TcpStream,
+    patience: Duration,
     client: Client,
     router: &Router,
 ) {
@@ -99,7 +104,7 @@ fn serve_connection(
         request.extensions_mut().insert(client);
         router.clone().call(request)
     });
-    let connection = connections.watch(http.serve_connection(TokioIo::new(stream), service));
+    let connection = connections.watch(http.serve_connection(TokioIo::new(Patient::new(stream, patience)), service));
     tokio::spawn(async move {
         if let Err(error) = connection.await {
             tracing::debug!(%error, "a connection ended in an error");

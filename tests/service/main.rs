@@ -8,6 +8,7 @@ mod connections;
 mod durable;
 mod events;
 mod harness;
+mod hostile;
 mod job_list;
 mod jobs;
 mod metrics;

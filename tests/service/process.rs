@@ -75,6 +75,13 @@ impl Server {
         &self.address
     }
 
+    /// The memory that it holds.
+    pub fn resident_kib(&self) -> u64 {
+        let status = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())).unwrap();
+        let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();
+        line.trim_end_matches("kB").trim().parse().unwrap()
+    }
+
     /// Ends it without a word, as a crash does.
     pub fn kill(mut self) {
         self.child.kill().unwrap();
