@@ -1,13 +1,15 @@
 //! The table of stiff and extreme cases, which `dvi report` shows: every row comes out as it must, but for those that are
 //! known to fail.
 
+use dvi::problem::Control;
 use dvi::study::stability::{Outcome, cases, parts, run};
 
 /// Rows that fail, and are shown as such.
 const KNOWN_FAILURES: [&str; 2] = ["stiff_bar young=9e8", "stiff_bar young=9e12"];
 
 fn check(part: &str) {
-    let outcomes: Vec<Outcome> = cases().iter().filter(|case| case.part == part).map(run).collect();
+    let outcomes: Vec<Outcome> =
+        cases().iter().filter(|case| case.part == part).map(|case| run(case, &Control::new())).collect();
     assert!(!outcomes.is_empty(), "there is no part `{part}`");
     let wrong: Vec<&Outcome> =
         outcomes.iter().filter(|outcome| outcome.passed() == KNOWN_FAILURES.contains(&outcome.name.as_str())).collect();

@@ -40,7 +40,7 @@ fn overview(chapters: &[Chapter]) -> String {
             } else {
                 format!("<em>{}</em>", escaped(&chapter.reference))
             },
-            number(&format!("{:.1e}", errors.fold(f64::NAN, f64::min))),
+            number(&errors.reduce(f64::min).map_or_else(|| "none".to_owned(), |least| format!("{least:.1e}"))),
         ]
     });
     table(&["system", "", "errors are measured against", "least error"], rows)

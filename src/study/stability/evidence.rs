@@ -1,11 +1,16 @@
 //! All that a report says of stability: the table, the stability function, contraction, and the energy of contacts.
 
 use super::{Outcome, cases, run};
+use crate::problem::Control;
 use crate::study::contraction::{Contraction, contractions};
 use crate::study::energies::{Balance, balances};
 use crate::study::linear_stability::{Ray, rays};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
+use std::time::{Duration, Instant};
+
+/// The longest that one row may take in a report.
+const LONGEST: Duration = Duration::from_secs(20);
 
 /// What was measured.
 #[derive(Clone, Debug, Default, Deserialize, Serialize)]
@@ -31,7 +36,7 @@ impl Stability {
                 part = case.part;
                 progress(part);
             }
-            outcomes.push(run(case));
+            outcomes.push(run(case, &Control::with_deadline(Instant::now() + LONGEST)));
         }
         progress("stability function");
         let rays = rays();

@@ -271,6 +271,7 @@ fn listed(codes: &[&str]) -> String {
 mod tests {
     use super::super::run;
     use super::*;
+    use crate::problem::Control;
 
     /// Whether `x = 2 - t` until it rests at zero, pushed by a variable, passes an expectation.
     fn passes(expectation: &str) -> bool {
@@ -280,7 +281,7 @@ mod tests {
             "time": {"end": 3}});
         let expect = vec![serde_json::from_str(expectation).expect("an expectation")];
         let (name, title) = ("test".to_owned(), String::new());
-        run(&Case { part: "test", name, title, specification, expect }).passed()
+        run(&Case { part: "test", name, title, specification, expect }, &Control::new()).passed()
     }
 
     #[test]
