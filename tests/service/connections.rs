@@ -158,12 +158,15 @@ async fn a_second_signal_cuts_the_grace_time_short() {
 async fn streams_of_events_do_not_hold_up_the_end_of_the_service() {
     let (done, ended) = std::sync::mpsc::channel::<()>();
     let ended = std::sync::Mutex::new(ended);
+    let (began, mut beginning) = tokio::sync::mpsc::unbounded_channel();
     let stubborn: Solver = Arc::new(move |_, _| {
+        let _ = began.send(());
         let _ = ended.lock().unwrap().recv();
         crate::harness::halving(dvi::solution::Status::Completed)
     });
     let running = Running::start(Options { grace_seconds: 0, ..one_worker() }, stubborn).await;
     let accepted = running.answer(&post("prefer: respond-async\r\n")).await;
+    beginning.recv().await.expect("a solve that begins");
     let path = accepted.lines().find_map(|line| line.strip_prefix("location: ")).expect(&accepted).to_owned();
     let mut follower = running.send(&get(&format!("{path}/events"))).await;
     let mut first = [0; 12];
