@@ -2,7 +2,7 @@
 //! same digits everywhere.
 //!
 //! - JSON: one object, columns as arrays. It alone has events and diagnostics.
-//! - Tables, written some rows at a time: [CSV](Csv), [JSON lines](Lines), [Arrow](Arrow).
+//! - Tables, written some rows at a time: [CSV](Csv), [JSON lines](Lines), [Arrow].
 
 mod arrow;
 mod csv;
