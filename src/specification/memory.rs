@@ -9,8 +9,9 @@ use crate::radau::matrix_numbers;
 
 /// The stages that a run with a choice of them begins with.
 const FEWEST_STAGES: usize = 3;
-/// The numbers for each neighbour of a node: two matrices with their indices, on the grid and on all coarser ones.
-const NUMBERS_A_NEIGHBOUR: usize = 6;
+/// The numbers that a node of a grid takes for itself and each of its neighbours, in the matrices and their factors:
+/// measured.
+const NUMBERS_A_NEIGHBOUR: usize = 22;
 
 impl Specification {
     /// The bytes that a solve is known to take.
