@@ -9,9 +9,10 @@ use crate::radau::matrix_numbers;
 
 /// The stages that a run with a choice of them begins with.
 const FEWEST_STAGES: usize = 3;
-/// The numbers that a node of a grid takes for itself and each of its neighbours, in the matrices and their factors:
-/// measured.
-const NUMBERS_A_NEIGHBOUR: usize = 22;
+/// The numbers that a node of a grid takes for itself, and for each of its neighbours, in the matrices, their factors and
+/// those of the coarser grids: measured.
+const NUMBERS_A_NODE: usize = 60;
+const NUMBERS_A_NEIGHBOUR: usize = 6;
 
 impl Specification {
     /// The bytes that a solve is known to take.
@@ -42,7 +43,7 @@ impl Specification {
             Model::RigidBodies(_) => 0,
             Model::Obstacle(obstacle) => {
                 let neighbours = 3_usize.pow(obstacle.grid.dimension() as u32);
-                obstacle.grid.nodes().saturating_mul(neighbours).saturating_mul(NUMBERS_A_NEIGHBOUR)
+                obstacle.grid.nodes().saturating_mul(NUMBERS_A_NODE + neighbours * NUMBERS_A_NEIGHBOUR)
             }
             Model::Convolution(model) => self.convolution_numbers(model),
         }
