@@ -106,3 +106,16 @@ fn a_solve_that_remembers_every_step_takes_the_memory_that_is_foretold() {
             "time":{"end":1},"method":{"step":1e-5},"output":{"times":{"count":2}}}"#,
     );
 }
+
+#[test]
+fn a_solve_on_a_grid_takes_the_memory_that_is_foretold() {
+    let over = |domain: &str, elements: u32| {
+        format!(
+            r#"{{"problem":{{"obstacle":{{"domain":{{{domain}}},"elements":{elements},"diffusion":1,"obstacle":"-x^2",
+                "initial":"1","boundary":{{"x_min":{{"dirichlet":0}},"x_max":{{"dirichlet":0}}}}}}}},
+                "time":{{"end":0.01}},"output":{{"times":{{"count":2}}}}}}"#
+        )
+    };
+    assert_foretold(&over(r#""x":[-2,2]"#, 20_000));
+    assert_foretold(&over(r#""x":[-2,2],"y":[-2,2]"#, 128));
+}

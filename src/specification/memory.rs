@@ -9,7 +9,9 @@ use crate::radau::matrix_numbers;
 
 /// The stages that a run with a choice of them begins with.
 const FEWEST_STAGES: usize = 3;
-/// The numbers for each neighbour of a node: two matrices with their indices, on the grid and on all coarser ones.
+/// The numbers that a node of a grid takes for itself, and for each of its neighbours, in the matrices, their factors and
+/// those of the coarser grids: measured.
+const NUMBERS_A_NODE: usize = 60;
 const NUMBERS_A_NEIGHBOUR: usize = 6;
 
 impl Specification {
@@ -41,7 +43,7 @@ impl Specification {
             Model::RigidBodies(_) => 0,
             Model::Obstacle(obstacle) => {
                 let neighbours = 3_usize.pow(obstacle.grid.dimension() as u32);
-                obstacle.grid.nodes().saturating_mul(neighbours).saturating_mul(NUMBERS_A_NEIGHBOUR)
+                obstacle.grid.nodes().saturating_mul(NUMBERS_A_NODE + neighbours * NUMBERS_A_NEIGHBOUR)
             }
             Model::Convolution(model) => self.convolution_numbers(model),
         }
