@@ -47,7 +47,7 @@ impl Doubts {
 }
 
 impl Radau<'_> {
-    /// The doubt about a step of size `h` that ends at a switch: whether it is the first.
+    /// The doubt about a step of size `h` that ends at a switch: another one may lie before it.
     pub(super) fn doubt_before(&mut self, h: f64) -> f64 {
         // The stages of a curved face may be those of the VI, which looks at no monitors.
         if self.system.is_curved() {
@@ -86,16 +86,19 @@ impl Radau<'_> {
         Between { dip: None, doubt }
     }
 
+    /// The polynomial through the values of monitor `index` of `count`, at `theta`.
+    fn interpolated(&self, index: usize, count: usize, start: f64, theta: f64) -> f64 {
+        let mut basis = [0.0; 16];
+        let basis = &mut basis[..self.tableau().stages()];
+        self.tableau().increments_at(theta, basis);
+        let increments = basis.iter().enumerate();
+        start + increments.map(|(i, l)| l * (self.stages.monitors[i * count + index].value - start)).sum::<f64>()
+    }
+
     /// The rest of the interpolation of one monitor in units of what it may be, from its value `there`, at `theta`.
     fn doubt_of(&self, index: usize, count: usize, start: f64, theta: f64, there: &Monitor) -> f64 {
         let tableau = self.tableau();
-        let mut basis = [0.0; 16];
-        let basis = &mut basis[..tableau.stages()];
-        let mut polynomial = |theta: f64| {
-            tableau.increments_at(theta, basis);
-            let increments = basis.iter().enumerate();
-            start + increments.map(|(i, l)| l * (self.stages.monitors[i * count + index].value - start)).sum::<f64>()
-        };
+        let polynomial = |theta: f64| self.interpolated(index, count, start, theta);
         let rest = (there.value - polynomial(theta)).abs() - NOISE * there.noise;
         if rest <= 0.0 {
             return 0.0;
@@ -125,12 +128,7 @@ impl Radau<'_> {
         if least >= 2.0 * (most - least) {
             return None;
         }
-        let mut basis = [0.0; 16];
-        let basis = &mut basis[..tableau.stages()];
-        let mut value = |theta: f64| {
-            tableau.increments_at(theta, basis);
-            start.value + basis.iter().enumerate().map(|(i, l)| l * (at_stage(i) - start.value)).sum::<f64>()
-        };
+        let value = |theta: f64| self.interpolated(index, count, start.value, theta);
         let mut points = vec![(0.0, start.value)];
         for &node in &tableau.c {
             let middle = 0.5 * (points[points.len() - 1].0 + node);

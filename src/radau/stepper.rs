@@ -39,6 +39,8 @@ impl Counts {
 
 /// So many times a step along a curved face is halved, before its stages are solved without it.
 const HALVINGS: usize = 12;
+/// So many times a step is halved whose face is left at no point that can be found, before its stages are solved without it.
+const SEARCHES: usize = 4;
 
 /// A method with its tolerances.
 pub(super) struct Method {
@@ -274,7 +276,7 @@ impl<'p> Radau<'p> {
     fn attempt(&mut self, h: f64) -> Result<Attempt, StepError> {
         let mut size = h;
         let mut may_turn = true;
-        let mut halvings = if self.settings.step.is_some() { 0 } else { 4 };
+        let mut searches = if self.settings.step.is_some() { 0 } else { SEARCHES };
         for _ in 0..=self.system.bounded.len() + HALVINGS {
             self.prepare(size)?;
             self.predict(size);
@@ -311,8 +313,8 @@ impl<'p> Radau<'p> {
                     return Ok(Attempt::Solved { h, iterations, coupled: false, doubt });
                 }
                 Located::Now => {}
-                Located::Nowhere if halvings > 0 && self.switching.locates() => {
-                    halvings -= 1;
+                Located::Nowhere if searches > 0 && self.switching.locates() => {
+                    searches -= 1;
                     size *= 0.5;
                 }
                 Located::Nowhere => break,
