@@ -30,7 +30,7 @@ const NEAR: f64 = 0.01;
 /// Contacts of the islands but the largest that are worth another thread.
 const WORTH_A_THREAD: usize = 200;
 
-/// Overlaps that are left alone, in parts of the smaller body's size.
+/// Overlaps that are left alone, and gaps that are none, in parts of the smaller body's size.
 const OVERLAP: f64 = 5e-7;
 
 /// Rounds of moving bodies apart within a step, and at the start where they may lie in each other.
@@ -177,6 +177,7 @@ impl<'a> Simulation<'a> {
             motion.velocity += kick;
         }
         self.remember();
+        self.close();
         self.solve(h, control)?;
         if self.report.residual > UNSOLVED && control.poll().is_none() {
             return Err(StepFailure::Unsolved { residual: self.report.residual });
@@ -237,9 +238,18 @@ impl<'a> Simulation<'a> {
 
     /// The deepest overlap beyond `fraction` of the smaller body.
     fn depth(&self, fraction: f64) -> f64 {
-        let reach = |body: u32| self.scene.bodies[body as usize].collider.shape.reach();
-        let excess = |contact: &Contact| -contact.gap - fraction * reach(contact.key.0).min(reach(contact.key.1));
+        let excess = |contact: &Contact| -contact.gap - fraction * size(self.scene, contact);
         self.contacts.iter().map(excess).fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// Takes gaps that are rounding for none. More contacts at rest than there are freedoms cannot all close by such gaps
+    /// at once: velocities `gap/h` that no motion has would drive impulses up without end.
+    fn close(&mut self) {
+        for contact in &mut self.contacts {
+            if contact.gap < OVERLAP * size(self.scene, contact) {
+                contact.gap = contact.gap.min(0.0);
+            }
+        }
     }
 
     /// Gives each contact the impulse that it had in the last step.
@@ -369,4 +379,10 @@ impl<'a> Simulation<'a> {
         let height = |motion: &Motion| motion.mass * self.scene.gravity.dot(&motion.pose.translation.vector);
         [kinetic, -self.moving.iter().map(height).sum::<f64>()]
     }
+}
+
+/// The size of the smaller body at a contact.
+fn size(scene: &Scene, contact: &Contact) -> f64 {
+    let reach = |body: u32| scene.bodies[body as usize].collider.shape.reach();
+    reach(contact.key.0).min(reach(contact.key.1))
 }

@@ -22,6 +22,8 @@ pub(super) struct Anderson {
     /// Changes of `f` and of `G(x)`, oldest overwritten first.
     changes_f: Vec<Vec<Vector3<f64>>>,
     changes_g: Vec<Vec<Vector3<f64>>>,
+    /// The products of the changes of `f`.
+    gram: [[f64; MEMORY]; MEMORY],
     last_f: Vec<Vector3<f64>>,
     last_g: Vec<Vector3<f64>>,
     /// Changes taken in all.
@@ -41,14 +43,16 @@ impl Anderson {
     pub fn advance(&mut self, x: &mut [Vector3<f64>], g: &[Vector3<f64>]) {
         let f: Vec<Vector3<f64>> = g.iter().zip(&*x).map(|(g, x)| g - x).collect();
         if self.last_f.len() == f.len() {
-            let change = |new: &[Vector3<f64>], old: &[Vector3<f64>]| new.iter().zip(old).map(|(a, b)| a - b).collect();
-            let (change_f, change_g) = (change(&f, &self.last_f), change(g, &self.last_g));
+            let place = self.taken % MEMORY;
             if self.changes_f.len() < MEMORY {
-                self.changes_f.push(change_f);
-                self.changes_g.push(change_g);
-            } else {
-                self.changes_f[self.taken % MEMORY] = change_f;
-                self.changes_g[self.taken % MEMORY] = change_g;
+                self.changes_f.push(Vec::new());
+                self.changes_g.push(Vec::new());
+            }
+            change(&f, &self.last_f, &mut self.changes_f[place]);
+            change(g, &self.last_g, &mut self.changes_g[place]);
+            for j in 0..self.changes_f.len() {
+                let product = dot(&self.changes_f[place], &self.changes_f[j]);
+                (self.gram[place][j], self.gram[j][place]) = (product, product);
             }
             self.taken += 1;
         }
@@ -66,20 +70,19 @@ impl Anderson {
     /// `gamma`, by normal equations with unit diagonal.
     fn mixture(&self, f: &[Vector3<f64>]) -> DVector<f64> {
         let m = self.changes_f.len();
-        let mut gram = DMatrix::zeros(m, m);
-        for i in 0..m {
-            for j in 0..=i {
-                gram[(i, j)] = dot(&self.changes_f[i], &self.changes_f[j]);
-                gram[(j, i)] = gram[(i, j)];
-            }
-        }
-        let scale = DVector::from_fn(m, |i, _| if gram[(i, i)] > 0.0 { gram[(i, i)].sqrt().recip() } else { 0.0 });
+        let gram = &self.gram;
+        let scale = DVector::from_fn(m, |i, _| if gram[i][i] > 0.0 { gram[i][i].sqrt().recip() } else { 0.0 });
         let right = DVector::from_fn(m, |i, _| scale[i] * dot(&self.changes_f[i], f));
         let scaled =
-            DMatrix::from_fn(m, m, |i, j| gram[(i, j)] * scale[i] * scale[j] + if i == j { DEPENDENT } else { 0.0 });
+            DMatrix::from_fn(m, m, |i, j| gram[i][j] * scale[i] * scale[j] + if i == j { DEPENDENT } else { 0.0 });
         let solved = scaled.cholesky().map(|factor| factor.solve(&right));
         solved.map_or_else(|| DVector::zeros(m), |gamma| gamma.component_mul(&scale))
     }
+}
+
+fn change(new: &[Vector3<f64>], old: &[Vector3<f64>], into: &mut Vec<Vector3<f64>>) {
+    into.clear();
+    into.extend(new.iter().zip(old).map(|(a, b)| a - b));
 }
 
 fn dot(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {

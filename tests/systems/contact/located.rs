@@ -117,6 +117,21 @@ fn a_sliding_block_stops_at_the_time_of_the_theory_and_stays() {
 }
 
 #[test]
+fn a_spinning_disk_is_stopped_by_the_friction_of_its_whole_face() {
+    // Of uniform pressure: the mean of |r x w| over the face, by which friction acts on the spin, is 2/3 R |w|.
+    let problem = json!({"parameters": {"R": 0.1, "m": 1.5},
+        "coordinates": {"angle": {"initial": 0, "velocity": 20}, "z": {"initial": 0}},
+        "mass": [["m*R^2/2", 0], [0, "m"]], "potential": "9.81*m*z",
+        "contacts": [{"name": "face", "gap": "z",
+                      "friction": {"coefficient": 0.3, "slip": ["2/3*R*angle_dot"]}}]});
+    let solution = located(problem, 1.0);
+    let stop = *events(&solution, "face").last().unwrap();
+    assert!((stop - 0.509_683_995_922_528).abs() < 1e-12, "{stop}");
+    assert!((last(&solution, "angle") - 5.096_839_959_225_281).abs() < 1e-12, "{}", last(&solution, "angle"));
+    assert!(last(&solution, "angle_dot").abs() < 1e-15, "{}", last(&solution, "angle_dot"));
+}
+
+#[test]
 fn a_spring_with_friction_turns_at_the_points_of_the_theory() {
     let problem = json!({"coordinates": {"x": {"initial": 0.5}, "y": {"initial": 0}}, "mass": [[1, 0], [0, 1]],
         "potential": "9.81*y + 50*x^2",

@@ -37,7 +37,8 @@ fn a_block_that_rocks_comes_to_rest_at_the_limit_of_its_blows_and_stays() {
     }
     let blows = solution.trajectory.events.iter().filter(|event| event.kind == EventKind::Impact);
     let last_blow = blows.map(|event| event.t).fold(0.0, f64::max);
-    assert!((last_blow - rest).abs() < 1e-7, "{last_blow}");
+    // At a spin of 1e-7 per second corners rise by less than the rounding of their gaps, 5e-7 s before the limit.
+    assert!((last_blow - rest).abs() < 1e-6, "{last_blow}");
 }
 
 #[test]
@@ -54,4 +55,36 @@ fn a_block_rests_on_a_slope_though_half_of_the_friction_is_more_than_its_upper_c
     assert!(goes_on_by_itself(&solution), "{:?}", solution.diagnostics.warnings);
     assert!(solution.trajectory.events.is_empty(), "{:?}", solution.trajectory.events);
     assert!((last(&solution, "x") - 0.2).abs() < 1e-13, "{}", last(&solution, "x"));
+}
+
+#[test]
+fn a_table_on_four_feet_slides_when_the_push_reaches_the_friction_of_all() {
+    // The centre of mass, which is pushed, is not in the middle of the feet, so that each carries another load.
+    let feet = [(-0.7, -0.3), (0.3, -0.3), (0.3, 0.5), (-0.7, 0.5)];
+    let contacts: Vec<Value> = feet
+        .iter()
+        .enumerate()
+        .map(|(i, (a, b))| {
+            json!({"name": format!("foot_{i}"), "gap": format!("z + ({a})*pitch + ({b})*roll"),
+                   "friction": {"coefficient": 0.4,
+                                "slip": [format!("x_dot - ({b})*yaw_dot"), format!("y_dot + ({a})*yaw_dot")]}})
+        })
+        .collect();
+    let inertia = [("pitch", 1.1), ("roll", 0.8), ("x", 10.0), ("y", 10.0), ("yaw", 1.7), ("z", 10.0)];
+    let coordinates: serde_json::Map<String, Value> =
+        inertia.iter().map(|(name, _)| ((*name).to_owned(), json!({"initial": 0}))).collect();
+    let mass: Vec<Vec<f64>> =
+        (0..6).map(|i| (0..6).map(|j| if i == j { inertia[i].1 } else { 0.0 }).collect()).collect();
+    let problem = json!({"coordinates": coordinates, "mass": mass, "potential": "98.1*z",
+                         "forces": {"x": "12*t", "y": "5*t"}, "contacts": contacts});
+    let solution = located(problem, 4.0);
+    let starts: Vec<f64> =
+        solution.trajectory.events.iter().filter(|event| event.kind == EventKind::Slip).map(|event| event.t).collect();
+    let limit = 0.4 * 98.1 / 13.0;
+    assert!(!starts.is_empty() && starts.iter().all(|t| (t - limit).abs() < 1e-8), "{:?}, not {limit}", starts.first());
+    assert!(solution.diagnostics.steps.accepted < 200, "{:?}", solution.diagnostics.steps);
+    // From then on m x'' = 13 (t - limit) along the push.
+    let moved = 13.0 * (4.0 - limit).powi(3) / 60.0;
+    let (x, y) = (last(&solution, "x"), last(&solution, "y"));
+    assert!((x - moved * 12.0 / 13.0).abs() < 1e-7 && (y - moved * 5.0 / 13.0).abs() < 1e-7, "{x} {y} {moved}");
 }
