@@ -1,6 +1,6 @@
 //! Ten times more than the service can do, for a minute: `cargo bench --bench overload`; `SECONDS=5` before it for less.
 //!
-//! `wrk` sends jobs of some milliseconds as fast as it is answered, every other one to be waited for. What must come of it:
+//! `wrk` sends jobs of some milliseconds as fast as it is answered, now and then one to be waited for. What must come of it:
 //! every answer is a result, an acceptance, or a refusal with a time to come back after; every job that was accepted is solved;
 //! and the memory of the program does not grow. Each is asserted but the last, which is printed as it goes.
 
@@ -15,13 +15,13 @@ use std::time::Duration;
 /// What `wrk` does; at its end it says how often it was answered how.
 const SCRIPT: &str = r#"
 local turn, results, acceptances, refusals, others = 0, 0, 0, 0, 0
-local body = '{"problem":{"dvi":{"states":{"x":{"initial":1,"rate":"-x + cos(300*t)"}}}},"time":{"end":10}}'
+local body = '{"problem":{"dvi":{"states":{"x":{"initial":1,"rate":"-x + cos(300*t)"}}}},"time":{"end":10},"output":{"times":{"count":11}}}'
 local function asking(prefer)
   return wrk.format("POST", "/solve", {["content-type"] = "application/json", ["prefer"] = prefer}, body)
 end
 function request()
   turn = turn + 1
-  return asking(turn % 2 == 0 and "respond-async" or "wait=1")
+  return asking(turn % 128 == 0 and "wait=1" or "respond-async")
 end
 function response(status, headers)
   if status == 200 then results = results + 1
@@ -45,7 +45,7 @@ fn main() {
     std::fs::write(&script, SCRIPT).expect("a script");
     let (server, address) = serve(&folder);
     let load = Command::new("wrk")
-        .args(["-t1", "-c64", &format!("-d{seconds}s"), "-s"])
+        .args(["-t1", "-c128", &format!("-d{seconds}s"), "-s"])
         .arg(&script)
         .arg(format!("http://{address}"))
         .stdout(Stdio::piped())
@@ -93,9 +93,20 @@ fn assert_ended(address: &str) {
     }
 }
 
-fn serve(folder: &Path) -> (Child, String) {
+/// The program, ended with the bench however that ends.
+struct Server(Child);
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        // It may have ended by itself.
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+fn serve(folder: &Path) -> (Server, String) {
     let mut server = Command::new(env!("CARGO_BIN_EXE_dvi"))
-        .args(["serve", "--listen", "127.0.0.1:0", "--log-format", "json", "--data"])
+        .args(["serve", "--listen", "127.0.0.1:0", "--log-format", "json", "--kept-jobs", "1000", "--data"])
         .arg(folder)
         .stderr(Stdio::piped())
         .spawn()
@@ -105,17 +116,17 @@ fn serve(folder: &Path) -> (Child, String) {
     log.read_line(&mut line).expect("a line");
     thread::spawn(move || log.lines().map_while(Result::ok).for_each(|line| eprintln!("{line}")));
     let entry: Value = serde_json::from_str(&line).expect("an entry");
-    (server, entry["fields"]["address"].as_str().expect("an address").to_owned())
+    (Server(server), entry["fields"]["address"].as_str().expect("an address").to_owned())
 }
 
-fn stop(mut server: Child) {
-    let asked = Command::new("kill").args(["-s", "TERM", &server.id().to_string()]).status().expect("kill");
-    assert!(asked.success() && server.wait().expect("its end").success());
+fn stop(mut server: Server) {
+    let asked = Command::new("kill").args(["-s", "TERM", &server.0.id().to_string()]).status().expect("kill");
+    assert!(asked.success() && server.0.wait().expect("its end").success());
 }
 
 /// The memory that the program holds, in MiB.
-fn resident(server: &Child) -> f64 {
-    let status = std::fs::read_to_string(format!("/proc/{}/status", server.id())).expect("Linux");
+fn resident(server: &Server) -> f64 {
+    let status = std::fs::read_to_string(format!("/proc/{}/status", server.0.id())).expect("Linux");
     let kib = status.lines().find_map(|line| line.strip_prefix("VmRSS:")?.split_whitespace().next()?.parse().ok());
     kib.map_or(f64::NAN, |kib: f64| kib / 1024.0)
 }

@@ -45,8 +45,9 @@ fn main() {
 }
 
 fn search(time: Duration, seed: u64, current: &Path) {
-    let mut corpus = examples();
-    let mut mutation = Mutation::new(seed, &corpus);
+    // Those that are correct, and those with errors.
+    let mut corpus = [examples(), Vec::new()];
+    let mut mutation = Mutation::new(seed, &corpus[0]);
     let mut seen: HashSet<String> = HashSet::new();
     let (start, mut read, mut correct) = (Instant::now(), 0_u64, 0_u64);
     let mut told = Duration::ZERO;
@@ -70,13 +71,14 @@ fn search(time: Duration, seed: u64, current: &Path) {
         );
         (slowest, largest) = (slowest.max(spent), largest.max(bytes));
         read += 1;
-        correct += u64::from(outcome.starts_with("correct"));
-        if document.len() <= LARGEST && seen.insert(outcome) {
-            corpus.push(document);
+        correct += u64::from(outcome.is_correct);
+        let new = outcome.marks.into_iter().filter(|mark| seen.insert(mark.clone())).count();
+        if document.len() <= LARGEST && new > 0 {
+            corpus[usize::from(!outcome.is_correct)].push(document);
         }
         if start.elapsed() >= told + Duration::from_secs(30) {
             told = start.elapsed();
-            let (kept, mib) = (corpus.len(), largest >> 20);
+            let (kept, mib) = (corpus[0].len() + corpus[1].len(), largest >> 20);
             println!(
                 "{:>4} s: {read} read, {correct} correct, {kept} kept, {slowest:?} and {mib} MiB at most",
                 told.as_secs()
@@ -88,15 +90,21 @@ fn search(time: Duration, seed: u64, current: &Path) {
     let _ = fs::remove_file(current);
 }
 
-/// What came of a document, in words by which it is told from others; the time of the processor and the memory that
-/// reading it took.
-fn attempt(document: &[u8]) -> (String, Duration, u64) {
+/// What came of a document.
+struct Outcome {
+    is_correct: bool,
+    /// Words by which it is told from others.
+    marks: Vec<String>,
+}
+
+/// What came of a document; the time of the processor and the memory that reading it took.
+fn attempt(document: &[u8]) -> (Outcome, Duration, u64) {
     let (mut read, start) = (None, processor_time());
     let memory = measure(|| read = Some(Specification::from_json(document)));
     let spent = processor_time() - start;
     let outcome = match read.expect("it was read") {
-        Ok(specification) => format!("correct {}", solve(&specification)),
-        Err(errors) => errors.iter().map(place_and_code).collect(),
+        Ok(specification) => Outcome { is_correct: true, marks: vec![solve(&specification)] },
+        Err(errors) => Outcome { is_correct: false, marks: errors.iter().map(place_and_code).collect() },
     };
     (outcome, spent, memory.bytes_max)
 }
@@ -104,14 +112,15 @@ fn attempt(document: &[u8]) -> (String, Duration, u64) {
 /// The place without its names and numbers, of which there is no end.
 fn place_and_code(SpecificationError { pointer, code, .. }: &SpecificationError) -> String {
     let words = pointer.split('/').filter(|word| word.len() > 2 && word.bytes().all(|byte| byte.is_ascii_lowercase()));
-    format!("{} {code}\n", words.collect::<Vec<_>>().join("/"))
+    format!("{} {code}", words.collect::<Vec<_>>().join("/"))
 }
 
 fn solve(specification: &Specification) -> String {
     let deadline = Instant::now() + SOLVE;
     let solution = dvi::solve(specification, &Control::with_deadline(deadline));
     assert!(Instant::now() < deadline + LATE, "a solve did not stop for {:?}", deadline.elapsed());
-    format!("{} {:?} {:?}", specification.problem(), solution.status, solution.error.map(|error| error.code))
+    let steps = solution.diagnostics.steps.accepted.checked_ilog2();
+    format!("{} {:?} {steps:?} {:?}", specification.problem(), solution.status, solution.error.map(|error| error.code))
 }
 
 /// That of this thread.

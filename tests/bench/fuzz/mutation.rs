@@ -45,17 +45,18 @@ impl Mutation {
         self.values.push(value);
     }
 
-    /// A document of the corpus with some changes.
-    pub fn change(&mut self, corpus: &[Vec<u8>]) -> Vec<u8> {
-        let mut document = corpus[self.below(corpus.len())].clone();
+    /// A document with some changes, more often one of the first corpus than one of the second.
+    pub fn change(&mut self, corpus: &[Vec<Vec<u8>>; 2]) -> Vec<u8> {
+        let rare = usize::from(self.below(4) == 0 && !corpus[1].is_empty());
+        let mut document = corpus[rare][self.below(corpus[rare].len())].clone();
         if let Ok(mut value) = serde_json::from_slice::<Value>(&document) {
-            for _ in 0..=self.below(4) {
+            for _ in 0..=self.seldom() {
                 let place = self.below(places(&value));
                 self.change_at(&mut value, &mut { place });
             }
             document = value.to_string().into_bytes();
         }
-        if self.below(8) == 0 {
+        if self.below(16) == 0 {
             for _ in 0..=self.below(4) {
                 self.change_bytes(&mut document);
             }
@@ -84,12 +85,16 @@ impl Mutation {
     }
 
     fn changed(&mut self, value: Value) -> Value {
-        match (value, self.below(6)) {
+        match (value, self.below(12)) {
             (_, 0) => self.value(),
             (value, 1) => self.wrapped(value),
             (Value::Object(map), _) => Value::Object(self.changed_object(map)),
             (Value::Array(items), _) => Value::Array(self.changed_array(items)),
             (Value::String(text), _) => Value::String(self.changed_text(text)),
+            (Value::Number(number), 2..8) => {
+                json!(number.as_f64().unwrap_or_default() * [0.5, 2.0, -1.0][self.below(3)])
+            }
+            (Value::Number(_), _) => json!(NUMBERS[self.below(NUMBERS.len())]),
             (_, _) => self.scalar(),
         }
     }
@@ -122,7 +127,7 @@ impl Mutation {
 
     fn changed_text(&mut self, text: String) -> String {
         let mut symbols: Vec<char> = text.chars().collect();
-        for _ in 0..=self.below(3) {
+        for _ in 0..=self.seldom() {
             let from = self.below(symbols.len() + 1);
             let to = (from + self.below(6)).min(symbols.len());
             let word = match self.below(4) {
@@ -194,6 +199,11 @@ impl Mutation {
 
     fn of<T: Clone>(&mut self, items: &[T]) -> Option<T> {
         items.get(self.below(items.len())).cloned()
+    }
+
+    /// Zero in half of all cases, one in a quarter, and so on.
+    fn seldom(&mut self) -> u32 {
+        self.next().trailing_zeros()
     }
 
     fn below(&mut self, bound: usize) -> usize {
