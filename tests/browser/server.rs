@@ -21,7 +21,9 @@ impl Server {
         let create = |scopes: &[&str]| {
             let mut create = Command::new(env!("CARGO_BIN_EXE_dvi"));
             create.args(["token", "create", "--name", name, "--data", &data]);
-            scopes.iter().for_each(|scope| drop(create.args(["--scope", scope])));
+            for scope in scopes {
+                create.args(["--scope", scope]);
+            }
             String::from_utf8(create.output().unwrap().stdout).unwrap().trim().to_owned()
         };
         let tokens = scopes.map(create);
