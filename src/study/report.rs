@@ -25,7 +25,7 @@ const TIMES: u32 = 33;
 const FIXED: &str = " at fixed steps";
 
 /// The methods that show in the picture of all systems, of which each has one of either kind.
-const CHOSEN: [&str; 3] = ["stages chosen", "contact, located", "3 stages at fixed steps"];
+const CHOSEN: [&str; 4] = ["stages chosen", "contact, located", "tr_bdf2", "3 stages at fixed steps"];
 const FIRST_ORDER: [&str; 2] = ["1 stage at fixed steps", "contact at fixed steps"];
 
 /// Answers from outside, by the name of the example. Where another program gives them and is not published, it is in
