@@ -69,6 +69,11 @@ impl Control {
         Self { deadline: Some(deadline), ..Self::default() }
     }
 
+    /// When the solve is to stop, wherever it is then.
+    pub fn deadline(&self) -> Option<Instant> {
+        self.deadline
+    }
+
     /// Asks the solve to stop at its next step; the trajectory so far is kept.
     pub fn cancel(&self) {
         self.cancelled.store(true, Relaxed);

@@ -97,6 +97,10 @@ pub struct Options {
     #[arg(long, env = "DVI_READ_SECONDS", value_name = "SECONDS", default_value_t = Options::default().read_seconds)]
     pub read_seconds: NonZeroU64,
 
+    /// Connections open at a time; one more waits until another closes
+    #[arg(long, env = "DVI_CONNECTIONS", value_name = "CONNECTIONS", default_value_t = Options::default().connections)]
+    pub connections: NonZeroUsize,
+
     /// Streams of events open at a time; one more is refused with 503
     #[arg(long, env = "DVI_STREAMS", value_name = "STREAMS", default_value_t = Options::default().streams)]
     pub streams: NonZeroUsize,
@@ -128,6 +132,7 @@ impl Default for Options {
             kept_mib: count(1024),
             kept_days: number(30),
             read_seconds: number(30),
+            connections: count(16_384),
             streams: count(1000),
             grace_seconds: 30,
         }

@@ -4,7 +4,7 @@ use crate::harness::{DECAY, Gate, instant, one_worker};
 use dvi::service::jobs::Solver;
 use dvi::service::{Options, Service};
 use std::net::SocketAddr;
-use std::num::NonZeroU64;
+use std::num::{NonZeroU64, NonZeroUsize};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
@@ -106,6 +106,18 @@ async fn a_body_that_stalls_is_answered_with_a_timeout() {
     let answer = running.answer(stalled).await;
     assert!(answer.starts_with("HTTP/1.1 408"), "{answer}");
     assert!(answer.contains("/problems/body-timeout"), "{answer}");
+}
+
+#[tokio::test]
+async fn a_connection_over_the_bound_waits_until_another_closes() {
+    let running = Running::start(Options { connections: NonZeroUsize::MIN, ..one_worker() }, instant()).await;
+    let first = TcpStream::connect(running.address).await.unwrap();
+    let mut second = running.send(&get("/metrics")).await;
+    let early = tokio::time::timeout(Duration::from_millis(200), second.readable()).await;
+    assert!(early.is_err(), "the second is served beside the first");
+    drop(first);
+    let answer = read(&mut second).await;
+    assert!(answer.contains("\ndvi_connections 1\n"), "{answer}");
 }
 
 #[tokio::test]

@@ -138,6 +138,7 @@ fn help_shows_every_bound_with_its_default_and_its_variable() {
         ("--kept-mib", "DVI_KEPT_MIB", "1024"),
         ("--kept-days", "DVI_KEPT_DAYS", "30"),
         ("--read-seconds", "DVI_READ_SECONDS", "30"),
+        ("--connections", "DVI_CONNECTIONS", "16384"),
         ("--streams", "DVI_STREAMS", "1000"),
         ("--grace-seconds", "DVI_GRACE_SECONDS", "30"),
         ("--log-format", "DVI_LOG_FORMAT", "text"),

@@ -1,6 +1,7 @@
 //! Jobs from acceptance to oblivion: a fair bounded queue, a bounded pool of workers, a store of what they made.
 //!
 //! 1. [`Jobs::submit`] puts a job in the store and in the queue, or says which bound is reached.
+//!    One that nobody has to wait for is [solved at a glance](glance) instead.
 //! 2. A worker takes the first job of the client whose turn it is, and solves it under a deadline.
 //! 3. The ended job is counted in the store, which forgets what is too old, and its waiters are woken.
 //!
@@ -13,6 +14,7 @@ mod disk;
 mod drain_rate;
 mod ended;
 mod files;
+mod glance;
 mod idempotency;
 mod index;
 mod job;
@@ -142,7 +144,7 @@ impl Jobs {
         let waiting = Semaphore::new(accepted.len());
         accepted.into_iter().for_each(|job| queue.push(job.client, job));
         Ok(Self {
-            solver: Arc::clone(&metrics).measured(solver),
+            solver,
             metrics,
             bounds,
             intake: Mutex::new(Intake { queue, running: 0, draining: false, drain_rate: DrainRate::default() }),
@@ -186,6 +188,9 @@ impl Jobs {
         let memory = order.specification.memory_bytes();
         if memory > self.bounds.memory {
             return Err(Refusal::Memory(memory));
+        }
+        if !lasting && let Some(job) = self.solve_at_a_glance(&order).await {
+            return Ok(job);
         }
         let place = if lasting { self.store.place().await? } else { None };
         let (client, document) = (order.client, Arc::clone(&order.document));

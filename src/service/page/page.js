@@ -294,6 +294,7 @@ async function start() {
   addEventListener("tokenrequired", () => (byId("access").hidden = false));
   byId("use").addEventListener("click", () => {
     service.useToken(byId("token").value.trim());
+    byId("token").value = "";
     byId("access").hidden = true;
     checkText();
     openAddressed();
