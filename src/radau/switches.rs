@@ -156,7 +156,8 @@ impl Radau<'_> {
             };
             if end <= least {
                 self.switching.remember(&self.system.face);
-                let changed = self.choose_face(size) && !self.switching.before.is_same(&self.system.face);
+                let changed = self.choose_face(size) && !self.switching.before.is_same(&self.system.face)
+                    || self.choose_face_beyond_noise(size);
                 self.switching.record(self.t, &self.system.set, &self.system.face, &[]);
                 self.restart();
                 return Ok(if changed { Located::Now } else { Located::Nowhere });
