@@ -89,6 +89,11 @@ impl Constraints {
         self.drift[row] + dot(self.row(row), v)
     }
 
+    /// The size of the terms that `u_i` is the sum of.
+    pub fn terms(&self, row: usize, v: &[f64]) -> f64 {
+        self.drift[row].abs() + self.row(row).iter().zip(v).map(|(j, v)| (j * v).abs()).sum::<f64>()
+    }
+
     /// Row `i` of `J`.
     pub fn row(&self, row: usize) -> &[f64] {
         let n = self.transposed.nrows();

@@ -7,13 +7,20 @@
 //!
 //! determine accelerations and multipliers at each `(t, q, v)`: the hidden constraint of index three taken twice
 //! differentiated, so that `lambda` has the accuracy of `q` and `v`. Drift is taken out where a mode begins.
+//!
+//! Where held rows depend on each other, a body on more feet than it needs, `a` is one and `lambda` are many. Taken are
+//! those nearest to some loads `l` in the metric of `sum (lambda_n - l_n)^2/l_n + |lambda_t - l_t|^2/(mu l_n)`: with normal
+//! forces of the law of contact for `l`, each foot gives the same share of its friction, so that none slips before all must.
 
 use super::mode::{Status, held};
 use crate::problem::{Constraints, ConvexSet, Dvi, Mass, Mechanical, MechanicalStructure, Sensitivity, Structure};
-use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
+use nalgebra::{DMatrix, DVector, Matrix2, Vector2, Vector3};
 
 /// A pivot below this fraction of the largest is that of rows that depend on each other.
 const DEPENDENT: f64 = 1e-11;
+
+/// Shares of the largest force are told apart down to this one.
+const LEAST_SHARE: f64 = 1e-6;
 
 /// Iterations of the singular value decomposition, far more than it takes.
 const ITERATIONS: usize = 10_000;
@@ -25,6 +32,9 @@ pub struct Flight {
     structure: Structure,
     mode: Vec<Status>,
     rows: Vec<usize>,
+    /// The loads of the held rows, and the roots of the weights of the metric.
+    load: DVector<f64>,
+    scale: DVector<f64>,
     constraints: Constraints,
     mass: DMatrix<f64>,
     gamma: Vec<f64>,
@@ -81,18 +91,32 @@ impl Flight {
             lambda: vec![0.0; shape.rows()],
             mode: Vec::new(),
             rows: Vec::new(),
+            load: DVector::zeros(0),
+            scale: DVector::zeros(0),
             problem,
             shape,
         };
-        let open = vec![Status::Open; flight.shape.contacts.len()];
-        flight.set_mode(&open);
+        let contacts = flight.shape.contacts.len();
+        flight.set_mode(&vec![Status::Open; contacts], &vec![Vector3::zeros(); contacts]);
         flight
     }
 
-    /// Takes up a mode.
-    pub fn set_mode(&mut self, mode: &[Status]) {
+    /// Takes up a mode, with the loads on all contacts.
+    pub fn set_mode(&mut self, mode: &[Status], loads: &[Vector3<f64>]) {
         self.mode = mode.to_vec();
         self.rows = held(&self.shape, mode);
+        let all = self.shape.rows();
+        let (mut load, mut scale) = (vec![0.0; all], vec![1.0; all]);
+        let largest = loads.iter().fold(f64::MIN_POSITIVE, |most, load| most.max(load.x));
+        for (k, contact) in self.shape.contacts.iter().enumerate() {
+            let share = loads[k].x / largest;
+            let rows = std::iter::once(self.shape.normal(k)).chain(self.shape.tangents(k));
+            for ((row, part), most) in rows.zip(loads[k].iter()).zip([1.0, contact.mu, contact.mu]) {
+                (load[row], scale[row]) = (*part, (most * share).max(LEAST_SHARE).sqrt());
+            }
+        }
+        self.load = DVector::from_iterator(self.rows.len(), self.rows.iter().map(|&row| load[row]));
+        self.scale = DVector::from_iterator(self.rows.len(), self.rows.iter().map(|&row| scale[row]));
     }
 
     /// The constraints at the last evaluation.
@@ -161,10 +185,16 @@ impl Flight {
             }
         }
         let y = mass.solve(&g);
-        let inverse = invert(&c * &y)?;
+        let gram = &c * &y;
+        let (inverse, unique) = invert(&gram, &self.scale)?;
         let solved = Solved { mass, c, y, inverse };
         let bias = DMatrix::from_fn(self.rows.len(), 1, |i, _| -self.gamma[self.rows[i]]);
-        let (a, lambda) = solved.solve(&DMatrix::from_column_slice(n, 1, &self.f), &bias);
+        let (mut a, mut lambda) = solved.solve(&DMatrix::from_column_slice(n, 1, &self.f), &bias);
+        if !unique {
+            let shift = &self.load - &solved.inverse * (gram * &self.load);
+            a += &solved.y * &shift;
+            lambda += shift;
+        }
         self.a.copy_from_slice(a.as_slice());
         self.lambda.fill(0.0);
         for (&row, lambda) in self.rows.iter().zip(lambda.iter()) {
@@ -201,10 +231,10 @@ impl Flight {
     }
 }
 
-/// The inverse, or the pseudo-inverse of a singular matrix.
-fn invert(matrix: DMatrix<f64>) -> Option<DMatrix<f64>> {
+/// The inverse and true, or the pseudo-inverse of a singular matrix in these units of its rows and columns, and false.
+fn invert(matrix: &DMatrix<f64>, scale: &DVector<f64>) -> Option<(DMatrix<f64>, bool)> {
     if matrix.nrows() == 0 {
-        return Some(matrix);
+        return Some((matrix.clone(), true));
     }
     if !matrix.iter().all(|x| x.is_finite()) {
         return None;
@@ -212,11 +242,13 @@ fn invert(matrix: DMatrix<f64>) -> Option<DMatrix<f64>> {
     let factors = matrix.clone().full_piv_lu();
     let pivots: DVector<f64> = factors.u().diagonal().abs();
     if pivots.min() > DEPENDENT * pivots.max() {
-        return factors.try_inverse();
+        return factors.try_inverse().map(|inverse| (inverse, true));
     }
-    let svd = matrix.try_svd(true, true, f64::EPSILON, ITERATIONS)?;
+    let scale = DMatrix::from_diagonal(scale);
+    let svd = (&scale * matrix * &scale).try_svd(true, true, f64::EPSILON, ITERATIONS)?;
     let least = DEPENDENT * svd.singular_values.max();
-    svd.pseudo_inverse(least).ok()
+    let inverse = svd.pseudo_inverse(least).ok()?;
+    Some((&scale * inverse * &scale, false))
 }
 
 impl Dvi for Flight {

@@ -76,7 +76,7 @@ impl<'l, 'p> Leg<'l, 'p> {
         let mut radau = None;
         if let Some(mode) = &mode {
             for flight in [&mut *main, &mut *trial, &mut *cut, &mut *watch] {
-                flight.set_mode(mode);
+                flight.set_mode(mode, &located.loads);
             }
             let x = [located.state.q.as_slice(), &located.state.v].concat();
             let remaining = located.end - located.state.t;

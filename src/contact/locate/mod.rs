@@ -31,8 +31,11 @@ const CLOSED: f64 = 1e-10;
 /// Velocities below this fraction of their terms are rounding.
 const ROUNDING: f64 = 1e-11;
 
-/// A slip that friction leaves below this fraction of what it would be without is none.
+/// A slip that friction leaves below this fraction of what forces and impulses make of velocities is none.
 const HELD: f64 = 1e-7;
+
+/// Friction that is left unused by a contact that others help, as a fraction of what there is.
+const SPARE: f64 = 1e-4;
 
 /// The probe for a mode, as a fraction of the horizon.
 const PROBE: f64 = 1e-7;
@@ -72,6 +75,9 @@ pub struct Located<'p> {
     pub accumulations: u64,
     /// What each contact does; `None` where time stepping is to go on.
     mode: Option<Vec<Status>>,
+    /// The force on each contact from which those of the mode are the nearest, where they are not unique: the normal force
+    /// of the law; its friction too, where a share of friction has turned out to be too large.
+    loads: Vec<Vector3<f64>>,
     structure: MechanicalStructure,
     constraints: Constraints,
     last_impact: Vec<f64>,
@@ -113,6 +119,7 @@ impl<'p> Located<'p> {
             passes: 0,
             accumulations: 0,
             mode: None,
+            loads: vec![Vector3::zeros(); contacts],
             constraints: Constraints::new(&structure),
             structure,
             last_impact: vec![f64::NEG_INFINITY; contacts],
@@ -249,9 +256,7 @@ impl<'p> Located<'p> {
 
     /// What is rounding in the normal velocity of a contact.
     fn rounding(&self, k: usize, v: &[f64]) -> f64 {
-        let row = self.structure.normal(k);
-        let terms: f64 = self.constraints.row(row).iter().zip(v).map(|(j, v)| (j * v).abs()).sum();
-        ROUNDING * (terms + self.constraints.drift[row].abs())
+        ROUNDING * self.constraints.terms(self.structure.normal(k), v)
     }
 
     /// Finds the mode in which motion goes on, and puts `q` and `v` exactly on what it holds.
@@ -259,24 +264,24 @@ impl<'p> Located<'p> {
         self.mode = None;
         self.look();
         let contacts = self.structure.contacts.len();
-        let v = &self.state.v;
-        let candidates: Vec<usize> = (0..contacts)
-            .filter(|&k| ending != Some(Ending::LetsGo(k)))
-            .filter(|&k| self.is_closed(k) && self.normal(k, v) <= self.rounding(k, v))
-            .collect();
+        let candidates: Vec<usize> =
+            (0..contacts).filter(|&k| ending != Some(Ending::LetsGo(k)) && self.is_closed(k)).collect();
         let mut mode = vec![Status::Open; contacts];
+        self.loads = vec![Vector3::zeros(); contacts];
         if !candidates.is_empty() {
-            let probed = match self.step.probe(&self.state, PROBE * self.horizon, &candidates, control) {
+            let h = PROBE * self.horizon;
+            let probed = match self.step.probe(&self.state, h, &candidates, control) {
                 Ok(Some(probed)) => probed,
                 // Friction that drives a contact into what it slides on, or a law without a solution at this scale.
                 Ok(None) | Err(ContactError::Unsolved { .. }) => return Ok(()),
                 Err(error) => return Err(error),
             };
             let largest = probed.iter().fold(0.0_f64, |most, probed| most.max(probed.r.x));
-            for (&k, probed) in candidates.iter().zip(&probed) {
-                if probed.r.x > ROUNDING * largest {
-                    mode[k] = self.status(k, probed, ending);
-                }
+            for probed in probed.iter().filter(|probed| probed.r.x > ROUNDING * largest) {
+                let k = probed.contact;
+                mode[k] = self.status(k, probed, ending);
+                let broke = matches!(ending, Some(Ending::Breaks(..)));
+                self.loads[k] = if broke { probed.r / h } else { Vector3::x() * (probed.r.x / h) };
             }
         }
         self.hold(&mode)?;
@@ -288,17 +293,20 @@ impl<'p> Located<'p> {
         if self.structure.contacts[k].slips == 0 {
             return Status::Smooth;
         }
+        let tangent = |u: &Vector3<f64>| Vector2::new(u.y, u.z);
+        // A contact that breaks slips, unless others can hold for it.
+        let most = self.structure.contacts[k].mu * probed.r.x;
         if let Some(Ending::Breaks(contact, direction)) = ending
             && contact == k
+            && tangent(&probed.r).norm() > (1.0 - SPARE) * most
         {
             return Status::Slip(direction);
         }
-        let tangent = |u: &Vector3<f64>| Vector2::new(u.y, u.z);
-        let (before, after, free) = (tangent(&probed.before), tangent(&probed.after), tangent(&probed.free));
+        let (before, after) = (tangent(&probed.before), tangent(&probed.after));
         let stopped = matches!(ending, Some(Ending::Stops(contact)) if contact == k);
         if before.norm() > probed.rounding && !stopped {
             Status::Slip(before.normalize())
-        } else if after.norm() <= HELD * (free - before).norm() {
+        } else if after.norm() <= HELD * probed.change {
             Status::Stick
         } else {
             Status::Slip(after.normalize())

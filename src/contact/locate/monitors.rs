@@ -56,14 +56,14 @@ pub fn monitors(
     out.clear();
     let constraints = flight.constraints();
     let forces = (0..mode.len()).fold(0.0_f64, |most, k| most.max(flight.lambda[structure.normal(k)].abs()));
-    let terms = |row: usize, x: &[f64]| -> f64 { constraints.row(row).iter().zip(x).map(|(j, x)| (j * x).abs()).sum() };
     for (k, status) in mode.iter().enumerate() {
         let row = structure.normal(k);
         let force = flight.lambda[row];
         let noise = ROUNDING_OF_FORCES * forces;
         if *status == Status::Open {
             let value = constraints.values[structure.joints + k];
-            let noise = ROUNDING * terms(row, q).max(f64::MIN_POSITIVE);
+            let terms: f64 = constraints.row(row).iter().zip(q).map(|(j, q)| (j * q).abs()).sum();
+            let noise = ROUNDING * terms.max(f64::MIN_POSITIVE);
             let rate = Some(constraints.velocity(row, v));
             out.push(Monitor { value, noise, rate, ending: Ending::Closes(k) });
             continue;
@@ -81,8 +81,7 @@ pub fn monitors(
             }
             Status::Slip(direction) => {
                 let value = flight.slip(k, v).dot(&direction);
-                let size =
-                    structure.tangents(k).map(|row| terms(row, v) + constraints.drift[row].abs()).fold(0.0, f64::max);
+                let size = structure.tangents(k).map(|row| constraints.terms(row, v)).fold(0.0, f64::max);
                 out.push(Monitor { value, noise: ROUNDING * size, rate: None, ending: Ending::Stops(k) });
             }
             Status::Open | Status::Smooth => {}

@@ -7,13 +7,15 @@ use crate::problem::Control;
 use crate::vi::Outcome;
 use nalgebra::Vector3;
 
-/// A slip this small beside its terms, or beside its change within a step, is none.
+/// A velocity this small beside its terms, or beside its change within a step, is none.
 const ROUNDING: f64 = 1e-11;
 const SMALL: f64 = 1e-6;
 
 /// What the law makes of a contact in a step that is no part of the trajectory.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Probed {
+    /// Which it is.
+    pub contact: usize,
     /// Its impulse.
     pub r: Vector3<f64>,
     /// `u` at the state probed.
@@ -24,12 +26,14 @@ pub struct Probed {
     pub after: Vector3<f64>,
     /// What is rounding in slips.
     pub rounding: f64,
+    /// The size of what forces and its own impulse add to `u`.
+    pub change: f64,
 }
 
 impl VelocityStep<'_> {
-    /// What the law makes of contacts that are closed, without restitution, in a step so short that only directions
-    /// count; the place is that where free motion leads, so that curved ways count too. `None` where friction drives a
-    /// contact into what it slides on.
+    /// What the law makes of contacts that are closed and do not part, without restitution, in a step so short that only
+    /// directions count; the place is that where free motion leads, so that curved ways count too. `None` where friction
+    /// drives a contact into what it slides on.
     ///
     /// # Errors
     /// See [`VelocityStep::advance`].
@@ -37,7 +41,7 @@ impl VelocityStep<'_> {
         &mut self,
         state: &State,
         h: f64,
-        contacts: &[usize],
+        closed: &[usize],
         control: &Control,
     ) -> Result<Option<Vec<Probed>>, ContactError> {
         let lost = ContactError::Singular { t: state.t };
@@ -57,11 +61,20 @@ impl VelocityStep<'_> {
         }
         let violation: Vec<f64> = (0..self.structure.joints).map(|i| self.constraints.velocity(i, &v)).collect();
         self.delassus.obey_joints(&violation, &mut v);
-        let near = Near::new(&self.structure, &self.constraints, &mut self.delassus, contacts).ok_or(lost)?;
+        let parts = |&k: &usize| {
+            let row = self.structure.normal(k);
+            let (before, free) = (now.velocity(row, &state.v), self.constraints.velocity(row, &v));
+            before > (SMALL * (free - before).abs()).max(ROUNDING * now.terms(row, &state.v))
+        };
+        let contacts: Vec<usize> = closed.iter().copied().filter(|k| !parts(k)).collect();
+        if contacts.is_empty() {
+            return Ok(Some(Vec::new()));
+        }
+        let near = Near::new(&self.structure, &self.constraints, &mut self.delassus, &contacts).ok_or(lost)?;
         self.factorised = None;
         let before = near.velocities(&self.structure, &now, &state.v);
         let free = near.velocities(&self.structure, &self.constraints, &v);
-        let rounding = self.rounding_of_slips(contacts, &state.v, &before, &free);
+        let rounding = self.rounding_of_slips(&contacts, &state.v, &before, &free);
         if let Some(i) = near.painleve(&before, &rounding) {
             self.work.painleve.get_or_insert((state.t, contacts[i]));
             return Ok(None);
@@ -75,22 +88,20 @@ impl VelocityStep<'_> {
             return Err(ContactError::Unsolved { t: state.t, contacts: contacts.len(), residual: report.residual });
         }
         let probed = |i: usize| Probed {
+            contact: contacts[i],
             r: r[i],
             before: before[i],
             free: free[i],
             after: law.after(i, &r),
             rounding: rounding[i],
+            change: (free[i] - before[i]).norm() + near.delassus.diagonal(i).trace() * r[i].norm(),
         };
         Ok(Some((0..contacts.len()).map(probed).collect()))
     }
 
     /// The size of the terms that a slip of contact `k` is the sum of, at velocities `v`; infinite without friction.
     pub(in crate::contact) fn size_of_slip(&self, k: usize, v: &[f64]) -> f64 {
-        let terms = |row: usize| {
-            let products = self.constraints.row(row).iter().zip(v).map(|(j, v)| (j * v).abs());
-            products.sum::<f64>() + self.constraints.drift[row].abs()
-        };
-        self.structure.tangents(k).map(terms).reduce(f64::max).unwrap_or(f64::INFINITY)
+        self.structure.tangents(k).map(|row| self.constraints.terms(row, v)).reduce(f64::max).unwrap_or(f64::INFINITY)
     }
 
     /// Slips that are none: rounding of their terms, and small beside what forces make of them within the step.

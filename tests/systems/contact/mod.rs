@@ -3,6 +3,7 @@
 mod friction;
 mod impacts;
 mod located;
+mod rest;
 mod scenes;
 
 use crate::systems::harness::solve;
