@@ -1,7 +1,7 @@
 //! Jobs from acceptance to oblivion: a fair bounded queue, a bounded pool of workers, a store of what they made.
 //!
 //! 1. [`Jobs::submit`] puts a job in the store and in the queue, or says which bound is reached.
-//!    One that nobody has to wait for is [solved at a glance](glance) instead.
+//!    One that nobody has to wait for is solved at a glance instead.
 //! 2. A worker takes the first job of the client whose turn it is, and solves it under a deadline.
 //! 3. The ended job is counted in the store, which forgets what is too old, and its waiters are woken.
 //!
