@@ -41,10 +41,11 @@ pub async fn serve(listener: TcpListener, router: Router, shared: Shared, mut st
     http.timer(TokioTimer::new()).header_read_timeout(shared.options.read_time());
     let connections = GracefulShutdown::new();
     let accepting = async {
-        // It is never closed.
-        while let Ok(place) = Arc::clone(&shared.connections).acquire_owned().await {
+        loop {
             match listener.accept().await {
                 Ok((stream, from)) => {
+                    // Places are there until the end.
+                    let Ok(place) = Arc::clone(&shared.connections).acquire_owned().await else { return };
                     let client = Client::at(from.ip());
                     serve_connection(&http, &connections, stream, shared.options.read_time(), client, &router, place);
                 }

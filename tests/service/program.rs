@@ -132,6 +132,7 @@ fn help_shows_every_bound_with_its_default_and_its_variable() {
         ("--queue", "DVI_QUEUE", "1000"),
         ("--client-share", "DVI_CLIENT_SHARE", "750"),
         ("--wall-seconds", "DVI_WALL_SECONDS", "300"),
+        ("--steps", "DVI_STEPS", "10000000"),
         ("--body-mib", "DVI_BODY_MIB", "8"),
         ("--result-mib", "DVI_RESULT_MIB", "256"),
         ("--kept-jobs", "DVI_KEPT_JOBS", "10000"),

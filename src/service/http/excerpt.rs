@@ -5,7 +5,6 @@ use super::query::Query;
 use crate::solution::Excerpt;
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
-use std::num::NonZeroUsize;
 
 /// The part that the address asks for; nothing for the whole.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,16 +20,11 @@ impl<S: Send + Sync> FromRequestParts<S> for Asked {
             fields: query.text("fields").map(|list| names(&list)),
             from: query.number("from").unwrap_or(whole.from),
             to: query.number("to").unwrap_or(whole.to),
-            every: query.checked("every", "a whole number from one to 2147483647", stride).unwrap_or(whole.every),
+            every: query.value("every", "a whole number from one").unwrap_or(whole.every),
         };
         query.end()?;
         Ok(Self((asked != whole).then_some(asked)))
     }
-}
-
-/// One in how many; clients hold it in 32 bits.
-fn stride(text: &str) -> Option<NonZeroUsize> {
-    text.parse().ok().filter(|every: &NonZeroUsize| every.get() <= i32::MAX as usize)
 }
 
 /// The names of a list; a comma within parentheses is part of a name.
@@ -51,6 +45,7 @@ fn names(list: &str) -> Vec<String> {
 mod tests {
     use super::*;
     use axum::http::Request;
+    use std::num::NonZeroUsize;
 
     async fn asked(address: &str) -> Result<Option<Excerpt>, String> {
         let (mut parts, ()) = Request::builder().uri(address).body(()).unwrap().into_parts();
@@ -73,7 +68,7 @@ mod tests {
 
     #[tokio::test]
     async fn all_that_is_wrong_is_told_at_once() {
-        let wrong = asked("/r?from=soon&to=inf&every=2147483648&form=csv&to=3").await.unwrap_err();
+        let wrong = asked("/r?from=soon&to=inf&every=0&form=csv&to=3").await.unwrap_err();
         for told in [
             "from is a finite number",
             "to is a finite number",

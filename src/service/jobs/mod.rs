@@ -1,7 +1,7 @@
 //! Jobs from acceptance to oblivion: a fair bounded queue, a bounded pool of workers, a store of what they made.
 //!
 //! 1. [`Jobs::submit`] puts a job in the store and in the queue, or says which bound is reached.
-//!    One that nobody has to wait for is [solved at a glance](glance) instead.
+//!    One that nobody has to wait for is solved at a glance instead.
 //! 2. A worker takes the first job of the client whose turn it is, and solves it under a deadline.
 //! 3. The ended job is counted in the store, which forgets what is too old, and its waiters are woken.
 //!
@@ -41,7 +41,7 @@ pub use writer::Unwritable;
 use super::metrics::Metrics;
 use crate::problem::Control;
 use crate::solution::Solution;
-use crate::specification::Specification;
+use crate::specification::{Specification, SpecificationError};
 use drain_rate::DrainRate;
 use jiff::Timestamp;
 use job::Keeping;
@@ -63,6 +63,8 @@ pub type Solver = Arc<dyn Fn(&Specification, &Control) -> Solution + Send + Sync
 pub struct Bounds {
     /// What may wait.
     pub queue: Room,
+    /// Accepted steps that a solve may make.
+    pub steps: u64,
     /// Bytes that a solve may take, by the estimate.
     pub memory: usize,
     /// Time a job may run.
@@ -177,6 +179,14 @@ impl Jobs {
     /// The key stands for something else, or its job is not yet on the disk.
     pub fn recall(&self, client: Client, key: &Key) -> Result<Option<Arc<Job>>, Refusal> {
         self.store.index().recall(client, key)?.map(known).transpose()
+    }
+
+    /// Reads a specification as one that is to be solved here.
+    ///
+    /// # Errors
+    /// All that is wrong with it.
+    pub fn read(&self, document: &[u8]) -> Result<Specification, Vec<SpecificationError>> {
+        Specification::from_json(document).map(|specification| specification.within_steps(self.bounds.steps))
     }
 
     /// Takes on a job, or gives the one that was posted before under its key. One that is to be `lasting` is on the disk,

@@ -1,5 +1,5 @@
 //! Workers: threads that each take a job, solve it to its end and take the next. The threads that serve connections
-//! solve only what is over [at a glance](super::glance), so a long solve delays no answer; and the number of workers bounds
+//! solve only what is over at a glance, so a long solve delays no answer; and the number of workers bounds
 //! the work in hand.
 //!
 //! Each worker is a runtime of one thread. Workers that share one wake each other in search of work whenever one of

@@ -109,7 +109,7 @@ impl Jobs {
             return Ok(specification);
         }
         let document = self.store.document(job)?;
-        let read = Specification::from_json(&document);
+        let read = self.read(&document);
         read.map(Arc::new).map_err(|errors| io::Error::other(format!("{errors:?}")))
     }
 }
