@@ -4,7 +4,11 @@ mod command;
 
 use clap::{Parser, Subcommand};
 use command::{check, healthcheck, methods, report, serve, solve, token};
+use mimalloc::MiMalloc;
 use std::process::ExitCode;
+
+#[global_allocator]
+static ALLOCATOR: MiMalloc = MiMalloc;
 
 /// Solves differential variational inequalities, with evidence.
 ///

@@ -1,10 +1,11 @@
 //! `dvi report`: every system of the theory at a ladder of tolerances and steps, and stability at the limits, as one HTML
 //! page with its tables.
 
+use super::UNWRITABLE;
 use super::peers::Peers;
 use super::progress::Progress;
-use super::{UNWRITABLE, USAGE};
 use clap::Args;
+use clap::builder::PossibleValuesParser;
 use dvi::specification::{EXAMPLES, Example};
 use dvi::study::html;
 use dvi::study::report::{Chapter, chapter, picture};
@@ -29,7 +30,7 @@ pub struct Arguments {
     out: PathBuf,
 
     /// Run this system alone; may be given again
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", value_parser = names(), hide_possible_values = true)]
     only: Vec<String>,
 
     /// Run the stability chapter alone
@@ -54,16 +55,16 @@ Examples:
 /// Steps of progress in the stability chapter beside the parts of its table.
 const MEASUREMENTS: usize = 3;
 
+/// The systems there are. What is none of them is answered with the nearest.
+fn names() -> PossibleValuesParser {
+    PossibleValuesParser::new(EXAMPLES.iter().map(|example| example.name))
+}
+
 /// Runs and writes; progress goes to standard error.
 pub fn run(arguments: &Arguments) -> ExitCode {
     let wanted = |name: &str| arguments.only.is_empty() || arguments.only.iter().any(|only| only == name);
     let examples: Vec<&Example> =
         EXAMPLES.iter().filter(|example| !arguments.stability && wanted(example.name)).collect();
-    if let Some(unknown) = arguments.only.iter().find(|name| EXAMPLES.iter().all(|example| example.name != *name)) {
-        let names: Vec<&str> = EXAMPLES.iter().map(|example| example.name).collect();
-        eprintln!("dvi: no system is called `{unknown}`; there are {}", names.join(", "));
-        return ExitCode::from(USAGE);
-    }
     match report(&examples, arguments) {
         Ok(page) => {
             println!("{}", page.display());
@@ -88,7 +89,7 @@ fn report(examples: &[&Example], arguments: &Arguments) -> io::Result<PathBuf> {
         progress.next(example.name);
         let found = kept(out, example.name, *fresh, || {
             let mut chapter: Chapter = chapter(example)?;
-            chapter.series.extend(peers.solve(example.name));
+            chapter.peers = peers.solve(example.name);
             Some(chapter)
         })?;
         if let Some(chapter) = found {

@@ -19,6 +19,11 @@ pub enum Stop {
     Deadline,
 }
 
+/// What long work that was asked to stop ends in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("stopped from outside")]
+pub struct Interrupted;
+
 /// Shared between a solve and whoever started it. The solve polls it every step; nothing blocks.
 #[derive(Debug)]
 pub struct Control {
@@ -64,6 +69,11 @@ impl Control {
         Self { deadline: Some(deadline), ..Self::default() }
     }
 
+    /// When the solve is to stop, wherever it is then.
+    pub fn deadline(&self) -> Option<Instant> {
+        self.deadline
+    }
+
     /// Asks the solve to stop at its next step; the trajectory so far is kept.
     pub fn cancel(&self) {
         self.cancelled.store(true, Relaxed);
@@ -75,6 +85,14 @@ impl Control {
             return Some(Stop::Cancelled);
         }
         self.deadline.filter(|deadline| Instant::now() >= *deadline).map(|_| Stop::Deadline)
+    }
+
+    /// Goes on, or gives up long work that does not end with a step.
+    ///
+    /// # Errors
+    /// If the solve should stop.
+    pub fn go_on(&self) -> Result<(), Interrupted> {
+        self.poll().map_or(Ok(()), |_| Err(Interrupted))
     }
 
     /// Runs a part of all the work, such as `0.0..0.5`: what it reports is taken for this part. Parts may have parts.

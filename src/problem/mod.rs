@@ -12,7 +12,7 @@ mod convex_set;
 mod event;
 mod mechanical;
 
-pub use control::{Control, Stop};
+pub use control::{Control, Interrupted, Stop};
 pub use convex_set::{
     Block, BlockWorkspace, ConvexSet, Derivative, Face, FaceEquations, Monitor, Polyhedron, Shape, Workspace,
 };

@@ -47,15 +47,6 @@ impl Doubts {
 }
 
 impl Radau<'_> {
-    /// The doubt about a step of size `h` that ends at a switch: another one may lie before it.
-    pub(super) fn doubt_before(&mut self, h: f64) -> f64 {
-        // The stages of a curved face may be those of the VI, which looks at no monitors.
-        if self.system.is_curved() {
-            return 0.0;
-        }
-        self.between(h).doubt
-    }
-
     /// Looks at the monitors between the stages of the step at hand, of size `h`.
     pub(super) fn between(&mut self, h: f64) -> Between {
         if self.stage_vi.is_none() || !self.switching.locates() {

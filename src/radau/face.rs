@@ -124,6 +124,26 @@ impl Monitor {
     }
 }
 
+/// Whether each variable is one in an interval, and at its switch at `y`, to within noise; `system` was evaluated there last.
+pub fn undecided(system: &System<'_>, control: &NewtonControl, y: &[f64]) -> Vec<bool> {
+    let distance = |k: usize| {
+        let (z, g) = (y[system.states + k], system.values[system.states + k]);
+        let (lower, upper) = (system.set.lower[k], system.set.upper[k]);
+        match system.face.places[k] {
+            Place::Lower => (g, control.noise_of_g(system, k, y)),
+            Place::Upper => (-g, control.noise_of_g(system, k, y)),
+            Place::Inside => ((z - lower).min(upper - z), control.noise_of_z(system, k, y)),
+            Place::Held | Place::Boundary(_) | Place::Vertex => (f64::INFINITY, 0.0),
+        }
+    };
+    let mut undecided = vec![false; system.unknowns - system.states];
+    for &k in &system.intervals {
+        let (distance, noise) = distance(k);
+        undecided[k] = distance <= noise;
+    }
+    undecided
+}
+
 /// The monitors of the face at `y`, where `system` was evaluated last, in an order that depends on the face alone.
 pub fn monitors(system: &mut System<'_>, control: &NewtonControl, y: &[f64], out: &mut Vec<Monitor>) {
     out.clear();

@@ -5,6 +5,7 @@
 //! shrink with the step: where `K` has bounds it is the impulse that the theory names (`x+ = x + B p`, with `p` in `K`
 //! complementary to `G(x+)`), and the run starts after it; where all variables are free it is an error of the user.
 
+use super::face::undecided;
 use super::factors::Factors;
 use super::settings::{Settings, StepError};
 use super::stage_vi::StageVi;
@@ -15,9 +16,11 @@ use super::tableau::Tableau;
 
 /// How long the step that finds a face is, beside the steps of the run.
 const PROBE: f64 = 1e-4;
+/// The same where that is too short to tell.
+const LONGER: [f64; 4] = [1e-3, 1e-2, 1e-1, 1.0];
 /// How long the step is that shows whether a start is consistent, beside the steps of the run: the shortest of these whose
 /// equations are solved. Constraints hidden in combinations of the rows of `M x' = F` are lost to rounding beside `M/h`.
-const INSTANTS: [f64; 4] = [1e-12, 1e-10, 1e-8, 1e-6];
+const INSTANTS: [f64; 5] = [1e-12, 1e-10, 1e-8, 1e-6, 1e-4];
 
 /// The implicit Euler step that finds a face.
 pub(super) struct Probe {
@@ -98,6 +101,43 @@ impl Radau<'_> {
             consistent.solve(&mut self.system, &self.control, self.t, &mut self.y);
         }
         true
+    }
+
+    /// The face at `(t, y)` of variables that are at their switch, to within noise, and of which the first moment does not
+    /// tell whether they stay: an ever longer step, up to `h`, is taken until it does. Whether one of them leaves.
+    pub(super) fn choose_face_beyond_noise(&mut self, h: f64) -> bool {
+        let n = self.system.states;
+        if !self.system.evaluate(self.t, &self.y) {
+            return false;
+        }
+        let mut open = undecided(&self.system, &self.control, &self.y);
+        let before = self.system.face.clone();
+        for part in LONGER {
+            if !open.contains(&true) || !self.probe(part * h, true) {
+                break;
+            }
+            let end: Vec<f64> = self.y.iter().zip(&self.switching.probe.stages.z).map(|(y, z)| y + z).collect();
+            if !self.system.evaluate(self.t + part * h, &end) {
+                break;
+            }
+            let still = undecided(&self.system, &self.control, &end);
+            let chosen = std::mem::replace(&mut self.system.face, before.clone());
+            for (k, (open, still)) in open.iter_mut().zip(still).enumerate() {
+                if *open && !still && chosen.places[k] != before.places[k] {
+                    self.system.face.places[k] = chosen.places[k];
+                    self.y[n + k] = end[n + k];
+                }
+                *open &= still;
+            }
+            if self.system.face != before {
+                if let Some(consistent) = &mut self.consistent {
+                    consistent.solve(&mut self.system, &self.control, self.t, &mut self.y);
+                }
+                return true;
+            }
+        }
+        self.system.face = before;
+        false
     }
 
     /// One Euler step of size `eta` from `(t, y)`; its increment is left in the stages of the probe. If `snap`,

@@ -308,10 +308,7 @@ impl<'p> Radau<'p> {
                 Newton::Slow(_) | Newton::Failed(_) => break,
             };
             match located {
-                Located::At(h) => {
-                    let doubt = self.doubt_before(h);
-                    return Ok(Attempt::Solved { h, iterations, coupled: false, doubt });
-                }
+                Located::At { h, doubt } => return Ok(Attempt::Solved { h, iterations, coupled: false, doubt }),
                 Located::Now => {}
                 Located::Nowhere if searches > 0 && self.switching.locates() => {
                     searches -= 1;

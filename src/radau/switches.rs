@@ -6,6 +6,7 @@
 //! order `s + 1`.) The next face is not guessed: it is that of an implicit Euler step with the VI, so short that only
 //! the directions at the switch count, in which variables at their switch start exactly there.
 
+use super::between::Between;
 use super::crossings::Crossing;
 use super::face::{ActiveFace, Monitor, Place, monitors};
 use super::settings::{Settings, StepError, Switches};
@@ -30,8 +31,9 @@ pub struct Switch {
 
 /// Where a violated monitor changes sign.
 pub(super) enum Located {
-    /// At the end of a step of this size, whose stages are at hand.
-    At(f64),
+    /// At the end of a step of size `h`, whose stages are at hand; the monitors between them leave some doubt whether it is
+    /// the first.
+    At { h: f64, doubt: f64 },
     /// At the beginning of the step: the face there is changed, and the step should be tried again.
     Now,
     /// Not to be found, or not to be looked for.
@@ -136,7 +138,7 @@ impl Radau<'_> {
 
     /// Finds where the first violated monitor of the step at hand, of size `h`, changes sign; `dip` is a fraction of the
     /// step at which one is violated though at no stage.
-    pub(super) fn locate(&mut self, h: f64, dip: Option<f64>) -> Result<Located, StepError> {
+    pub(super) fn locate(&mut self, h: f64, mut dip: Option<f64>) -> Result<Located, StepError> {
         if !self.switching.locates() {
             return Ok(Located::Nowhere);
         }
@@ -154,16 +156,26 @@ impl Radau<'_> {
             };
             if end <= least {
                 self.switching.remember(&self.system.face);
-                let changed = self.choose_face(size) && !self.switching.before.is_same(&self.system.face);
+                let changed = self.choose_face(size) && !self.switching.before.is_same(&self.system.face)
+                    || self.choose_face_beyond_noise(size);
                 self.switching.record(self.t, &self.system.set, &self.system.face, &[]);
                 self.restart();
                 return Ok(if changed { Located::Now } else { Located::Nowhere });
             }
             size = end;
-            if !self.is_violated_within(size, &crossing) {
-                self.switching.remember(&self.system.face);
-                self.switching.pending = true;
-                return Ok(Located::At(size));
+            if self.is_violated_within(size, &crossing) {
+                continue;
+            }
+            // The stages of a curved face may be those of the VI, which looks at no monitors.
+            let between = if self.system.is_curved() { Between::default() } else { self.between(size) };
+            // The first step on a face may have to bring the states onto it, which is no reason to leave it at once.
+            match between.dip.filter(|_| self.continues) {
+                Some(theta) => dip = Some(theta * size / h),
+                None => {
+                    self.switching.remember(&self.system.face);
+                    self.switching.pending = true;
+                    return Ok(Located::At { h: size, doubt: between.doubt });
+                }
             }
         }
         Ok(Located::Nowhere)

@@ -3,10 +3,8 @@
 //! A solve is measured where it is called, on the worker's thread. What changes by itself, such as the length of the
 //! queue, is looked up when the figures are asked for.
 
-use super::jobs::{Jobs, Solver};
-use crate::problem::Control;
+use super::jobs::Jobs;
 use crate::solution::{Solution, Status};
-use crate::specification::Specification;
 use axum::http::StatusCode;
 use prometheus_client::encoding::text::encode;
 use prometheus_client::metrics::counter::Counter;
@@ -15,7 +13,7 @@ use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::{Histogram, exponential_buckets};
 use prometheus_client::registry::{Registry, Unit};
 use std::borrow::Cow;
-use std::sync::Arc;
+use std::thread::panicking;
 use std::time::{Duration, Instant};
 
 /// A label and its value.
@@ -34,6 +32,7 @@ pub struct Metrics {
     waiting: Gauge,
     waiting_bytes: Gauge,
     running: Gauge,
+    connections: Gauge,
     panics: Gauge,
 }
 
@@ -55,6 +54,7 @@ impl Default for Metrics {
             waiting: Gauge::default(),
             waiting_bytes: Gauge::default(),
             running: Gauge::default(),
+            connections: Gauge::default(),
             panics: Gauge::default(),
         };
         let registry = &mut metrics.registry;
@@ -66,7 +66,7 @@ impl Default for Metrics {
         );
         registry.register_with_unit(
             "wait",
-            "Time of jobs in the queue, of those that a worker took",
+            "Time of jobs in the queue, of those that were taken up",
             Unit::Seconds,
             metrics.wait_seconds.clone(),
         );
@@ -82,21 +82,40 @@ impl Default for Metrics {
             metrics.waiting_bytes.clone(),
         );
         registry.register("jobs_running", "Jobs that workers have in hand", metrics.running.clone());
+        registry.register("connections", "Connections that are open", metrics.connections.clone());
         registry.register("panics", "Solves that broke down since the start", metrics.panics.clone());
         metrics
     }
 }
 
 impl Metrics {
-    /// The same solver, measured.
-    pub fn measured(self: Arc<Self>, solver: Solver) -> Solver {
-        Arc::new(move |specification: &Specification, control: &Control| {
-            let measure =
-                Measure { metrics: &self, problem: specification.problem(), start: Instant::now(), code: None };
-            let solution = solver(specification, control);
-            measure.end(&solution);
-            solution
-        })
+    /// Runs a solve and measures it; one that panics counts as well.
+    pub fn measure(&self, problem: &'static str, solve: impl FnOnce() -> Solution) -> Solution {
+        let in_hand = InHand { metrics: self, problem, start: Instant::now() };
+        let solution = solve();
+        self.solved(problem, in_hand.start.elapsed(), &solution);
+        solution
+    }
+
+    /// Counts a solve that took this time.
+    pub fn solved(&self, problem: &'static str, time: Duration, solution: &Solution) {
+        let code = match (&solution.error, solution.status) {
+            (_, Status::Completed) => "completed".into(),
+            (Some(error), _) => error.code.clone(),
+            (None, Status::Stopped) => "stopped".into(),
+            (None, Status::Failed) => "failed".into(),
+        };
+        let label = [("problem", problem.into())];
+        self.steps.get_or_create(&label).inc_by(solution.diagnostics.steps.accepted);
+        if let Some(vi) = &solution.diagnostics.vi {
+            self.vi_solves.get_or_create(&label).inc_by(vi.solves);
+        }
+        self.ended(problem, code, time);
+    }
+
+    fn ended(&self, problem: &'static str, code: Cow<'static, str>, time: Duration) {
+        self.ended.get_or_create(&[("problem", problem.into()), ("code", code)]).inc();
+        self.solve_seconds.get_or_create(&[("problem", problem.into())]).observe(time.as_secs_f64());
     }
 
     /// Counts the time that a job has waited for its worker.
@@ -109,13 +128,14 @@ impl Metrics {
         self.answers.get_or_create(&[("status", status.as_str().to_owned().into())]).inc();
     }
 
-    /// All figures as `OpenMetrics` text.
-    pub fn text(&self, jobs: &Jobs) -> String {
+    /// All figures as `OpenMetrics` text, with so many connections open.
+    pub fn text(&self, jobs: &Jobs, connections: usize) -> String {
         let (waiting, running) = jobs.load();
         // No queue is longer than the greatest of these.
         self.waiting.set(i64::try_from(waiting).unwrap_or(i64::MAX));
         self.waiting_bytes.set(i64::try_from(jobs.waiting_bytes()).unwrap_or(i64::MAX));
         self.running.set(i64::try_from(running).unwrap_or(i64::MAX));
+        self.connections.set(i64::try_from(connections).unwrap_or(i64::MAX));
         self.panics.set(i64::try_from(jobs.panics()).unwrap_or(i64::MAX));
         let mut text = String::new();
         // Writing to a string does not fail.
@@ -125,36 +145,16 @@ impl Metrics {
 }
 
 /// A solve in hand; where it panics, dropping it says so.
-struct Measure<'a> {
+struct InHand<'a> {
     metrics: &'a Metrics,
     problem: &'static str,
     start: Instant,
-    code: Option<Cow<'static, str>>,
 }
 
-impl Measure<'_> {
-    fn end(mut self, solution: &Solution) {
-        let code = match (&solution.error, solution.status) {
-            (_, Status::Completed) => "completed".into(),
-            (Some(error), _) => error.code.clone(),
-            (None, Status::Stopped) => "stopped".into(),
-            (None, Status::Failed) => "failed".into(),
-        };
-        self.code = Some(code);
-        let label = [("problem", self.problem.into())];
-        self.metrics.steps.get_or_create(&label).inc_by(solution.diagnostics.steps.accepted);
-        if let Some(vi) = &solution.diagnostics.vi {
-            self.metrics.vi_solves.get_or_create(&label).inc_by(vi.solves);
-        }
-    }
-}
-
-impl Drop for Measure<'_> {
+impl Drop for InHand<'_> {
     fn drop(&mut self) {
-        let code = self.code.take().unwrap_or("panicked".into());
-        let problem = Cow::Borrowed(self.problem);
-        self.metrics.ended.get_or_create(&[("problem", problem.clone()), ("code", code)]).inc();
-        let time = self.start.elapsed().as_secs_f64();
-        self.metrics.solve_seconds.get_or_create(&[("problem", problem)]).observe(time);
+        if panicking() {
+            self.metrics.ended(self.problem, "panicked".into(), self.start.elapsed());
+        }
     }
 }

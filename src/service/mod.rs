@@ -13,10 +13,11 @@ pub use options::Options;
 
 use access::Tokens;
 use axum::Router;
-use http::Shared;
+use http::{Common, Shared};
 use jobs::{Jobs, Pool, Solver};
 use metrics::Metrics;
 use std::io;
+use std::num::NonZeroUsize;
 use std::sync::Arc;
 use tokio::net::TcpListener;
 use tokio::sync::mpsc::Receiver;
@@ -39,16 +40,17 @@ impl Service {
         let jobs = Jobs::open(options.bounds(), solver, options.jobs_folder(), Arc::clone(&metrics))?;
         let jobs = Arc::new(jobs);
         let pool = Pool::start(&jobs, options.workers)?;
-        let readers = Arc::new(Semaphore::new(options.workers.get()));
-        let streams = Arc::new(Semaphore::new(options.streams.get()));
-        let closing = Arc::new(watch::Sender::new(false));
-        let options = Arc::new(options);
-        Ok(Self { shared: Shared { jobs, options, metrics, tokens, readers, streams, closing }, _pool: pool })
+        let readers = places(options.workers);
+        let streams = Arc::new(places(options.streams));
+        let connections = Arc::new(places(options.connections));
+        let closing = watch::Sender::new(false);
+        let shared = Arc::new(Common { jobs, options, metrics, tokens, readers, streams, connections, closing });
+        Ok(Self { shared, _pool: pool })
     }
 
     /// Its resources.
     pub fn router(&self) -> Router {
-        http::router(self.shared.clone())
+        http::router(Arc::clone(&self.shared))
     }
 
     /// Its jobs.
@@ -59,8 +61,13 @@ impl Service {
     /// Serves connections until something comes through `stop`, then lets jobs end within the grace time; a second
     /// one cuts that short.
     pub async fn serve(&self, listener: TcpListener, stop: Receiver<()>) {
-        server::serve(listener, self.router(), self.shared.clone(), stop).await;
+        server::serve(listener, self.router(), Arc::clone(&self.shared), stop).await;
     }
+}
+
+/// As many as are asked for, or as there can be.
+fn places(count: NonZeroUsize) -> Semaphore {
+    Semaphore::new(count.get().min(Semaphore::MAX_PERMITS))
 }
 
 fn tokens(options: &Options) -> io::Result<Tokens> {

@@ -69,6 +69,10 @@ pub struct Options {
     #[arg(long, env = "DVI_WALL_SECONDS", value_name = "SECONDS", default_value_t = Options::default().wall_seconds)]
     pub wall_seconds: NonZeroU64,
 
+    /// Accepted steps that a solve may make, at most 10,000,000; its trajectory so far is kept
+    #[arg(long, env = "DVI_STEPS", value_name = "STEPS", default_value_t = Options::default().steps)]
+    pub steps: NonZeroU64,
+
     /// Memory that a solve may take, in MiB, estimated before it runs; one that takes more is refused with 422
     #[arg(long, env = "DVI_MEMORY_MIB", value_name = "MIB", default_value_t = Options::default().memory_mib)]
     pub memory_mib: NonZeroUsize,
@@ -97,6 +101,10 @@ pub struct Options {
     #[arg(long, env = "DVI_READ_SECONDS", value_name = "SECONDS", default_value_t = Options::default().read_seconds)]
     pub read_seconds: NonZeroU64,
 
+    /// Connections open at a time; one more waits until another closes
+    #[arg(long, env = "DVI_CONNECTIONS", value_name = "CONNECTIONS", default_value_t = Options::default().connections)]
+    pub connections: NonZeroUsize,
+
     /// Streams of events open at a time; one more is refused with 503
     #[arg(long, env = "DVI_STREAMS", value_name = "STREAMS", default_value_t = Options::default().streams)]
     pub streams: NonZeroUsize,
@@ -121,6 +129,7 @@ impl Default for Options {
             queue_mib: count(256),
             client_share: count(750),
             wall_seconds: number(300),
+            steps: number(10_000_000),
             memory_mib: count(2048),
             body_mib: count(8),
             result_mib: count(256),
@@ -128,6 +137,7 @@ impl Default for Options {
             kept_mib: count(1024),
             kept_days: number(30),
             read_seconds: number(30),
+            connections: count(16_384),
             streams: count(1000),
             grace_seconds: 30,
         }
@@ -181,6 +191,7 @@ impl Options {
     pub fn bounds(&self) -> Bounds {
         Bounds {
             queue: Room { places: self.queue.get(), share: self.client_share.get(), bytes: bytes(self.queue_mib) },
+            steps: self.steps.get(),
             memory: bytes(self.memory_mib),
             wall: Duration::from_secs(self.wall_seconds.get()),
             result_bytes: bytes(self.result_mib),

@@ -1,7 +1,7 @@
 //! Connections, from the first to the last.
 //!
 //! 1. Accept, and serve each connection on a task of its own; a client that does not send its headers in time,
-//!    or does not take its answer, is cut off.
+//!    or does not take its answer, is cut off. While as many are open as may be, the next wait in the system's queue.
 //! 2. When asked to stop: refuse new jobs and give the others the grace time. Connections go on being accepted, so that
 //!    clients can fetch what ends and a load balancer sees `/readyz` off.
 //! 3. When no job is left, or at the end of the grace time or asked a second time: leave what is left to the next
@@ -18,8 +18,10 @@ use hyper::service::service_fn;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::server::graceful::GracefulShutdown;
 use jiff::Timestamp;
+use std::sync::Arc;
 use std::time::Duration;
 use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::OwnedSemaphorePermit;
 use tokio::sync::mpsc::Receiver;
 use tokio::time::{sleep, timeout};
 use tower_service::Service;
@@ -42,8 +44,10 @@ pub async fn serve(listener: TcpListener, router: Router, shared: Shared, mut st
         loop {
             match listener.accept().await {
                 Ok((stream, from)) => {
+                    // Places are there until the end.
+                    let Ok(place) = Arc::clone(&shared.connections).acquire_owned().await else { return };
                     let client = Client::at(from.ip());
-                    serve_connection(&http, &connections, stream, shared.options.read_time(), client, &router);
+                    serve_connection(&http, &connections, stream, shared.options.read_time(), client, &router, place);
                 }
                 Err(error) => {
                     tracing::warn!(%error, "no connection could be accepted");
@@ -93,6 +97,7 @@ fn serve_connection(
     patience: Duration,
     client: Client,
     router: &Router,
+    place: OwnedSemaphorePermit,
 ) {
     // Answers are written whole: waiting for more to send with them only delays them.
     if let Err(error) = stream.set_nodelay(true) {
@@ -106,6 +111,7 @@ fn serve_connection(
     });
     let connection = connections.watch(http.serve_connection(TokioIo::new(Patient::new(stream, patience)), service));
     tokio::spawn(async move {
+        let _until_its_end = place;
         if let Err(error) = connection.await {
             tracing::debug!(%error, "a connection ended in an error");
         }

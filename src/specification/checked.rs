@@ -114,6 +114,13 @@ impl Specification {
         specification
     }
 
+    /// The same problem, to be solved in at most so many accepted steps.
+    #[must_use]
+    pub fn within_steps(mut self, most: u64) -> Self {
+        self.limits.steps = Some(self.step_limit().unwrap_or(MOST_STEPS).min(most));
+        self
+    }
+
     /// The user's own words for it, at most 200 characters.
     pub fn label(&self) -> Option<&str> {
         self.label.as_deref()

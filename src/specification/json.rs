@@ -44,16 +44,18 @@ impl Json {
     pub(super) fn remove_duplicates(&mut self, path: &mut Vec<Step>, found: &mut impl FnMut(&[Step])) {
         match self {
             Json::Object(members) => {
-                let mut seen = HashSet::new();
-                members.retain(|(name, _)| {
-                    let first = seen.insert(name.clone());
-                    if !first {
-                        path.push(Step::Key(name.clone()));
-                        found(path);
-                        path.pop();
-                    }
-                    first
-                });
+                if repeat_a_name(members) {
+                    let mut seen = HashSet::new();
+                    members.retain(|(name, _)| {
+                        let first = seen.insert(name.clone());
+                        if !first {
+                            path.push(Step::Key(name.clone()));
+                            found(path);
+                            path.pop();
+                        }
+                        first
+                    });
+                }
                 for (name, value) in members.iter_mut().filter(|(_, value)| value.is_container()) {
                     path.push(Step::Key(name.clone()));
                     value.remove_duplicates(path, found);
@@ -75,6 +77,17 @@ impl Json {
         matches!(self, Json::List(_) | Json::Object(_))
     }
 }
+
+/// Whether two members have the same name. Few names are compared with each other, which takes no memory.
+fn repeat_a_name(members: &[(String, Json)]) -> bool {
+    if members.len() <= FEW {
+        return (1..members.len()).any(|k| members[..k].iter().any(|(name, _)| *name == members[k].0));
+    }
+    let mut seen = HashSet::with_capacity(members.len());
+    !members.iter().all(|(name, _)| seen.insert(name))
+}
+
+const FEW: usize = 8;
 
 impl<'de> Deserialize<'de> for Json {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {

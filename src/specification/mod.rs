@@ -15,6 +15,7 @@ mod deserializer;
 mod document;
 mod dvi;
 mod elastic;
+mod elements;
 mod error;
 mod examples;
 mod expression;
@@ -60,6 +61,7 @@ pub use dvi::{DviProblem, State, Variable};
 pub use elastic::{
     BarBody, BoxBody, ElasticBody, ElasticContact, ElasticProblem, ElasticStart, PlaneLaw, RectangleBody, StringBody,
 };
+pub use elements::{Elements, ElementsOf};
 pub use error::SpecificationError;
 pub use examples::{EXAMPLES, Example};
 pub use expression::Expression;
@@ -68,9 +70,7 @@ pub use lcs::LcsProblem;
 pub use matrix::{Matrix, SparseMatrix};
 pub use mechanical::{ConeName, Contact, Coordinate, Friction, Interpenetration, Joint, MechanicalProblem};
 pub use method::{ImpactLawName, Impacts, Method, MethodName, Switches, ViSolverName};
-pub use obstacle::{
-    Boundary, BoundaryCondition, Directions, Domain, Elements, ElementsOf, MassName, ObstacleProblem, PerDirection,
-};
+pub use obstacle::{Boundary, BoundaryCondition, Directions, Domain, MassName, ObstacleProblem, PerDirection};
 pub use ordered::Ordered;
 pub use output::Output;
 pub use rigid_bodies::{

@@ -24,11 +24,12 @@ const TIMES: u32 = 33;
 /// What is said of runs with a fixed step.
 const FIXED: &str = " at fixed steps";
 
-/// The methods that show in the picture of all systems, of which each has one of either kind.
-const CHOSEN: [&str; 3] = ["stages chosen", "contact, located", "3 stages at fixed steps"];
+/// The methods that show in the picture of all systems: of each the first that it has been run by.
+const CHOSEN: [&str; 5] = ["stages chosen", "contact, located", "tr_bdf2", "3 stages", "3 stages at fixed steps"];
 const FIRST_ORDER: [&str; 2] = ["1 stage at fixed steps", "contact at fixed steps"];
 
-/// Answers from outside, by the name of the example.
+/// Answers from outside, by the name of the example. Where another program gives them and is not published, it is in
+/// `tests/peers/answers`.
 const EXACT: &str = include_str!("exact.json");
 
 /// What a report tells of one system.
@@ -44,6 +45,8 @@ pub struct Chapter {
     pub outside: bool,
     /// The runs.
     pub series: Vec<Series>,
+    /// Those of other programs.
+    pub peers: Vec<Series>,
 }
 
 /// What is known of a system.
@@ -89,6 +92,7 @@ pub fn chapter(example: &Example) -> Option<Chapter> {
         reference: String::new(),
         outside: known.is_some(),
         series: Vec::new(),
+        peers: Vec::new(),
     };
     for (how, mut study) in ladders {
         if let Some(known) = &known {
@@ -110,10 +114,15 @@ pub fn chapter(example: &Example) -> Option<Chapter> {
 }
 
 impl Chapter {
+    /// The runs here and those of other programs.
+    pub fn all(&self) -> impl Iterator<Item = &Series> {
+        self.series.iter().chain(&self.peers)
+    }
+
     /// Its rows as CSV, with a header.
     pub fn csv(&self) -> String {
         let mut text = String::from("system,method,rtol,step,status,steps,wall_seconds,error_at_end,order\n");
-        for series in &self.series {
+        for series in self.all() {
             for run in &series.runs {
                 let cell = |value: Option<f64>| value.map_or_else(String::new, |value| value.to_string());
                 let status = json!(run.status);
@@ -141,9 +150,10 @@ impl Chapter {
 /// chosen here without being told.
 pub fn picture(chapters: &[Chapter]) -> String {
     let pick = |chapter: &Chapter, methods: &[&str], name: &str| {
-        let series = chapter.series.iter().filter(|series| methods.contains(&series.method.as_str()));
-        let found = curves(&series.cloned().collect::<Vec<_>>());
-        Curve { name: name.to_owned(), points: found.into_iter().next().map(|curve| curve.points).unwrap_or_default() }
+        let found = curves(&chapter.series).into_iter().filter(|curve| !curve.points.is_empty());
+        let rank = |curve: &Curve| methods.iter().position(|method| *method == curve.name).unwrap_or(usize::MAX);
+        let first = found.filter(|curve| rank(curve) < usize::MAX).min_by_key(rank);
+        Curve { name: name.to_owned(), points: first.map(|curve| curve.points).unwrap_or_default() }
     };
     let panels: Vec<(&str, Vec<Curve>)> = chapters
         .iter()

@@ -29,7 +29,7 @@ pub use dense::DenseActiveSet;
 
 use super::{Outcome, Report, TOLERANCE};
 use crate::factorisation::SparseMatrix;
-use crate::problem::{Control, ConvexSet};
+use crate::problem::{Control, ConvexSet, Interrupted};
 use coarse::Coarse;
 use line_search::LineSearch;
 use operator::Operator;
@@ -81,6 +81,15 @@ pub enum Unsuitable {
     /// The factors do not fit into memory.
     #[error("the factors of the matrix do not fit into memory")]
     Memory,
+    /// The outside asked to stop.
+    #[error("stopped from outside")]
+    Interrupted,
+}
+
+impl From<Interrupted> for Unsuitable {
+    fn from(_: Interrupted) -> Self {
+        Self::Interrupted
+    }
 }
 
 /// Solves `z in K, <A z + q, z~ - z> >= 0` for one `A` and many `q` and `K`, each from the active set of the last.
@@ -101,7 +110,10 @@ impl ActiveSet {
     /// # Errors
     /// If the matrix is not square, has a diagonal entry that is not positive, or its factors do not fit into memory.
     pub fn new(matrix: &SparseMatrix) -> Result<Self, Unsuitable> {
-        let finest = Operator::new(matrix, None)?;
+        let finest = match Operator::tridiagonal(matrix)? {
+            Some(finest) => finest,
+            None => Operator::sparse(matrix, &[], &Control::new())?,
+        };
         let coarser = coarse::by_elimination(&finest);
         Ok(Self::from_operators(finest, coarser))
     }
@@ -109,18 +121,20 @@ impl ActiveSet {
     /// For a matrix whose rows are the nodes of a grid of `shape[0] x shape[1] x ..` nodes, the last index fastest.
     ///
     /// # Errors
-    /// As for [`ActiveSet::new`], and if the grid has another number of nodes than the matrix has rows.
-    pub fn on_grid(matrix: &SparseMatrix, shape: &[usize]) -> Result<Self, Unsuitable> {
+    /// As for [`ActiveSet::new`], if the grid has another number of nodes than the matrix has rows, and if `control` asks to
+    /// stop.
+    pub fn on_grid(matrix: &SparseMatrix, shape: &[usize], control: &Control) -> Result<Self, Unsuitable> {
         let expected = shape.iter().product();
         if matrix.nrows() != expected {
             return Err(Unsuitable::Shape { rows: matrix.nrows(), columns: matrix.ncols(), expected });
         }
-        let finest = Operator::new(matrix, Some(shape))?;
-        let coarser = match finest {
-            Operator::Tridiagonal(_) => coarse::by_elimination(&finest),
-            Operator::Sparse(_) => coarse::by_interpolation(matrix, shape)?,
-        };
-        Ok(Self::from_operators(finest, coarser))
+        if let Some(finest) = Operator::tridiagonal(matrix)? {
+            let coarser = coarse::by_elimination(&finest);
+            return Ok(Self::from_operators(finest, coarser));
+        }
+        let below = grid::hierarchy(matrix, shape, control)?;
+        let finest = Operator::sparse(matrix, &below, control)?;
+        Ok(Self::from_operators(finest, coarse::by_interpolation(&below, control)?))
     }
 
     /// Solves `(A z)_i = r_i` for the variables that were inside their intervals in the last answer, the others zero, in

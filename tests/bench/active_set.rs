@@ -48,7 +48,8 @@ fn obstacle(rows: usize, columns: usize, t: f64, lower: &mut [f64]) {
 /// One step after another; the obstacle is evaluated outside the time taken.
 fn run(bencher: Bencher, rows: usize, columns: usize) {
     let n = rows * columns;
-    let mut solver = ActiveSet::on_grid(&matrix(rows, columns), &[rows, columns]).expect("an M-matrix");
+    let mut solver =
+        ActiveSet::on_grid(&matrix(rows, columns), &[rows, columns], &Control::new()).expect("an M-matrix");
     let mut u = vec![0.0; n];
     let mut q = vec![0.0; n];
     let mut set = ConvexSet::nonnegative(n);

@@ -9,3 +9,4 @@ mod numbers;
 mod places;
 mod server;
 mod solving;
+mod studies;

@@ -14,14 +14,21 @@ impl Server {
         Self::start_with(&["--listen", "127.0.0.1:0", "--ephemeral"])
     }
 
-    /// One that asks for tokens, and such a token.
-    pub fn guarded(name: &str) -> (Self, String) {
+    /// One that asks for tokens, and a token for each list of scopes.
+    pub fn guarded<const N: usize>(name: &str, scopes: [&[&str]; N]) -> (Self, [String; N]) {
         let data = format!("{}/{name}", env!("CARGO_TARGET_TMPDIR"));
         let _ = std::fs::remove_dir_all(&data);
-        let create = ["token", "create", "--name", name, "--data", &data];
-        let token = Command::new(env!("CARGO_BIN_EXE_dvi")).args(create).output().unwrap().stdout;
+        let create = |scopes: &[&str]| {
+            let mut create = Command::new(env!("CARGO_BIN_EXE_dvi"));
+            create.args(["token", "create", "--name", name, "--data", &data]);
+            for scope in scopes {
+                create.args(["--scope", scope]);
+            }
+            String::from_utf8(create.output().unwrap().stdout).unwrap().trim().to_owned()
+        };
+        let tokens = scopes.map(create);
         let server = Self::start_with(&["--listen", "127.0.0.1:0", "--ask-tokens", "--data", &data]);
-        (server, String::from_utf8(token).unwrap().trim().to_owned())
+        (server, tokens)
     }
 
     fn start_with(arguments: &[&str]) -> Self {

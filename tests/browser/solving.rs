@@ -128,7 +128,7 @@ fn markup_in_a_label_is_text() {
 
 #[test]
 fn a_token_is_asked_for_where_the_service_wants_one() {
-    let (server, token) = Server::guarded("guarded");
+    let (server, [token]) = Server::guarded("guarded", [&["submit", "read"]]);
     let page = Page::of(server, "token", "/");
     page.replace_text(DECAY);
     page.wait("!document.getElementById('access').hidden");
@@ -140,4 +140,26 @@ fn a_token_is_asked_for_where_the_service_wants_one() {
     page.solve(DECAY);
     assert_eq!(page.text("#label"), "Decay");
     assert_eq!(page.complaints(), Vec::<String>::new());
+}
+
+#[test]
+fn a_token_that_only_reads_is_said_to_do_so_and_another_is_asked_for() {
+    let (server, [reads, solves]) = Server::guarded("reading", [&["read"], &["submit", "read"]]);
+    let page = Page::of(server, "reading", "/");
+    let give = |token: &str| {
+        page.wait("!document.getElementById('access').hidden");
+        page.tab_to("#token");
+        page.paste(token);
+        page.tab_to("#use");
+        page.press("Enter", false);
+    };
+    page.replace_text(DECAY);
+    give(&reads);
+    page.wait(
+        "document.getElementById('check').innerText.startsWith('Your token lets you look at jobs, but not check')",
+    );
+    give(&solves);
+    page.wait("document.getElementById('check').innerText.startsWith('Correct')");
+    page.solve(DECAY);
+    assert_eq!(page.text("#label"), "Decay");
 }

@@ -4,6 +4,8 @@ use crate::harness::{Arrival, Call, DECAY, Gate, Scripted, Site, count, instant,
 use axum::body::Body;
 use axum::http::StatusCode;
 use dvi::service::Options;
+use std::num::NonZeroU64;
+use std::sync::Arc;
 
 #[tokio::test]
 async fn a_late_client_runs_before_the_rest_of_a_busy_one() {
@@ -58,6 +60,18 @@ async fn what_waits_is_bounded_in_bytes_too() {
     gate.let_through(3);
     assert_eq!(site.ended(&small).await["status"], "successful");
     assert_eq!(site.service.jobs().waiting_bytes(), 0);
+}
+
+#[tokio::test]
+async fn a_solve_stops_at_the_steps_that_the_service_allows_unless_it_is_to_stop_before() {
+    let site = Site::new(Options { steps: NonZeroU64::new(3).unwrap(), ..one_worker() }, Arc::new(dvi::solve));
+    let fewer = DECAY.replacen('{', "{\"limits\":{\"steps\":2},", 1);
+    let more = DECAY.replacen('{', "{\"limits\":{\"steps\":1000},", 1);
+    for (document, steps) in [(DECAY, 3), (&fewer, 2), (&more, 3)] {
+        let result = Call::solve(document.to_owned()).send(&site).await.json();
+        assert_eq!((&result["status"], &result["error"]["code"]), (&"stopped".into(), &"steps".into()), "{result}");
+        assert_eq!(result["diagnostics"]["steps"]["accepted"], steps);
+    }
 }
 
 #[tokio::test]

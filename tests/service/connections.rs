@@ -1,10 +1,11 @@
 //! What only a socket shows: clients that go away, clients that are slow, and the end of the service.
 
-use crate::harness::{DECAY, Gate, instant, one_worker};
+use crate::harness::{DECAY, Gate, halving, instant, one_worker};
 use dvi::service::jobs::Solver;
 use dvi::service::{Options, Service};
+use dvi::solution::Status;
 use std::net::SocketAddr;
-use std::num::NonZeroU64;
+use std::num::{NonZeroU64, NonZeroUsize};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
@@ -109,6 +110,42 @@ async fn a_body_that_stalls_is_answered_with_a_timeout() {
 }
 
 #[tokio::test]
+async fn a_client_that_does_not_take_its_answer_is_cut_off() {
+    // More than the system holds for a connection, at both of its ends.
+    let values: Vec<f64> = (0..2_000_000).map(|k| f64::from(k) / 3.0).collect();
+    let long: Solver = Arc::new(move |_, _| {
+        let mut solution = halving(Status::Completed);
+        solution.trajectory.fields[0].values.clone_from(&values);
+        solution.trajectory.t.clone_from(&values);
+        solution
+    });
+    let running = Running::start(Options { read_seconds: NonZeroU64::MIN, ..one_worker() }, long).await;
+    let mut slow = running.send(&post("")).await;
+    slow.readable().await.unwrap();
+    let begun = Instant::now();
+    while !running.answer(&get("/metrics")).await.contains("\ndvi_connections 1\n") {
+        assert!(begun.elapsed() < Duration::from_secs(60), "still connected");
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    }
+    let mut taken = Vec::new();
+    // The end of what was on its way may be told as an error.
+    let _ = slow.read_to_end(&mut taken).await;
+    assert!(!String::from_utf8(taken).unwrap().ends_with('}'), "it was all on its way");
+}
+
+#[tokio::test]
+async fn a_connection_over_the_bound_waits_until_another_closes() {
+    let running = Running::start(Options { connections: NonZeroUsize::MIN, ..one_worker() }, instant()).await;
+    let first = TcpStream::connect(running.address).await.unwrap();
+    let mut second = running.send(&get("/metrics")).await;
+    let early = tokio::time::timeout(Duration::from_millis(200), second.readable()).await;
+    assert!(early.is_err(), "the second is served beside the first");
+    drop(first);
+    let answer = read(&mut second).await;
+    assert!(answer.contains("\ndvi_connections 1\n"), "{answer}");
+}
+
+#[tokio::test]
 async fn a_service_asked_to_stop_answers_who_waits_and_ends() {
     let gate = Gate::new();
     let running = Running::start(one_worker(), gate.solver()).await;
@@ -162,7 +199,7 @@ async fn streams_of_events_do_not_hold_up_the_end_of_the_service() {
     let stubborn: Solver = Arc::new(move |_, _| {
         let _ = began.send(());
         let _ = ended.lock().unwrap().recv();
-        crate::harness::halving(dvi::solution::Status::Completed)
+        halving(Status::Completed)
     });
     let running = Running::start(Options { grace_seconds: 0, ..one_worker() }, stubborn).await;
     let accepted = running.answer(&post("prefer: respond-async\r\n")).await;

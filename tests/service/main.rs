@@ -7,6 +7,7 @@ mod check;
 mod connections;
 mod durable;
 mod events;
+mod glance;
 mod harness;
 mod hostile;
 mod job_list;

@@ -2,6 +2,7 @@
 
 use crate::harness::DECAY;
 use std::io::{BufRead, BufReader, Write};
+use std::net::{TcpListener, TcpStream};
 use std::process::{Child, Command, Output, Stdio};
 
 /// A service of its own, ended with the test.
@@ -45,7 +46,8 @@ fn solve(url: &str, format: &str, specification: &str) -> Output {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    child.stdin.take().unwrap().write_all(specification.as_bytes()).unwrap();
+    // A program that cannot understand its command line has ended without reading.
+    let _ = child.stdin.take().unwrap().write_all(specification.as_bytes());
     child.wait_with_output().unwrap()
 }
 
@@ -84,9 +86,12 @@ fn the_errors_that_a_server_finds_are_told_with_their_places() {
 
 #[test]
 fn a_server_that_is_not_there_is_named() {
-    let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
-    let output = solve(&format!("http://{free}"), "json", DECAY);
+    // The near end of a connection: nobody listens there, and nobody else is given it as long as it is held.
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let held = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+    let deaf = held.local_addr().unwrap();
+    let output = solve(&format!("http://{deaf}"), "json", DECAY);
     assert_eq!(output.status.code(), Some(6), "{output:?}");
-    assert!(String::from_utf8(output.stderr).unwrap().contains(&free.to_string()));
+    assert!(String::from_utf8(output.stderr).unwrap().contains(&deaf.to_string()));
     assert_eq!(solve("localhost", "json", DECAY).status.code(), Some(64));
 }

@@ -1,10 +1,13 @@
 //! Documents nobody meant to write: whatever the bytes, there is an answer, and an answer that refuses says why.
 
 use crate::documents::{block, linear};
-use dvi::specification::Specification;
+use dvi::specification::{EXAMPLES, Specification};
 use proptest::prelude::*;
 use serde_json::{Value, json};
 use std::time::{Duration, Instant};
+
+#[path = "../bench/fuzz/mutation.rs"]
+mod mutation;
 
 fn answered(text: &[u8]) {
     if let Err(errors) = Specification::from_json(text) {
@@ -37,6 +40,20 @@ proptest! {
                 text[place] = *byte;
             }
             answered(&text);
+        }
+    }
+}
+
+/// As `cargo bench --bench fuzz` does it for longer; what has errors is changed further.
+#[test]
+fn examples_changed_at_random_are_answered() {
+    let mut corpus = [EXAMPLES.iter().map(|example| example.text.into()).collect::<Vec<Vec<u8>>>(), Vec::new()];
+    let mut mutation = mutation::Mutation::new(2, &corpus[0]);
+    for _ in 0..3000 {
+        let document = mutation.change(&corpus);
+        answered(&document);
+        if document.len() < 4096 {
+            corpus[1].push(document);
         }
     }
 }

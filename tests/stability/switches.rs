@@ -155,3 +155,22 @@ fn pulses_between_which_no_state_moves_are_all_found() {
         }
     }
 }
+
+#[test]
+fn a_pulse_in_the_step_before_a_located_switch_is_found() {
+    // x' = max(0, g): the zeros of g, and its integral where it is positive, from two million samples.
+    use std::f64::consts::PI;
+    let g = |t: f64| (5.0 * t).cos() + (0.3 * t).cos() - 1.6;
+    let (end, samples) = (200.0 * PI, 2_000_000);
+    let values: Vec<f64> = (0..samples).map(|i| g((f64::from(i) + 0.5) * end / f64::from(samples))).collect();
+    let zeros = values.windows(2).filter(|pair| (pair[0] < 0.0) != (pair[1] < 0.0)).count();
+    let integral = values.iter().map(|value| value.max(0.0)).sum::<f64>() * end / f64::from(samples);
+    for method in [json!({"rtol": 1e-3}), json!({"rtol": 1e-6}), json!({"rtol": 1e-9})] {
+        let inequality = "z - (cos(5*t) + cos(0.3*t) - 1.6)";
+        let case = Case::until(end).state("x", 0.0, "z").nonnegative("z", inequality).times(json!([end]));
+        let solution = case.method(method.clone()).solve();
+        assert_eq!(instants(&solution).len(), zeros, "{method}");
+        let error = (last(&solution, "x") / integral - 1.0).abs();
+        assert!(error < 1e-4, "{method}: off by {error:e}");
+    }
+}

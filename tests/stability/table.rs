@@ -4,8 +4,10 @@
 use dvi::problem::Control;
 use dvi::study::stability::{Outcome, cases, parts, run};
 
-/// Rows that fail, and are shown as such.
-const KNOWN_FAILURES: [&str; 2] = ["stiff_bar young=9e8", "stiff_bar young=9e12"];
+/// Rows that fail, and are shown as such. An impact shorter than the fixed step has its force at one of the two stages, and
+/// throws back faster than it was met: of a rigid body with 5/4 of its speed. From 9e8 on rounding in `K u` of a body far
+/// from where it began is beyond the tolerance as well.
+const KNOWN_FAILURES: [&str; 3] = ["stiff_bar young=9e7", "stiff_bar young=9e8", "stiff_bar young=9e12"];
 
 fn check(part: &str) {
     let outcomes: Vec<Outcome> =

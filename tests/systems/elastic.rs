@@ -2,6 +2,7 @@
 //! uniform stress, Coulomb's law and finer grids.
 
 use crate::systems::harness::{column, distance, events, last, solve};
+use crate::systems::reference::example;
 use dvi::solution::Solution;
 use serde_json::{Value, json};
 use std::f64::consts::PI;
@@ -19,7 +20,7 @@ fn run(elastic: &Value, end: f64, tolerance: f64, times: usize) -> Solution {
 /// A bar of length 10 that moves at -10 towards a wall 5 away, with waves at 30.
 fn thrown_bar(elements: usize) -> Value {
     json!({
-        "body": {"bar": {"x": [0, 10]}}, "elements": [elements], "density": 1, "young": 900,
+        "body": {"bar": {"x": [0, 10]}}, "elements": elements, "density": 1, "young": 900,
         "contact": {"x_min": {"gap": 5}}, "initial": {"velocity": ["-10"]},
         "probes": {"near": [0], "far": [10]}
     })
@@ -64,7 +65,7 @@ fn what_energy_is_lost_is_lost_by_the_steps_alone() {
 #[test]
 fn a_wall_that_moves_into_a_bar_does_the_work_that_the_bar_takes_up() {
     let bar = json!({
-        "body": {"bar": {"x": [0, 10]}}, "elements": [100], "density": 1, "young": 900,
+        "body": {"bar": {"x": [0, 10]}}, "elements": 100, "density": 1, "young": 900,
         "contact": {"x_min": {"gap": "-10*t"}}
     });
     // Until the wave is back, the force is `rho c v`.
@@ -81,7 +82,7 @@ fn a_wall_that_moves_into_a_bar_does_the_work_that_the_bar_takes_up() {
 /// A string of length 1 with waves at 1, held at its ends.
 fn string(elements: usize, between: [f64; 2], initial: &Value) -> Value {
     json!({
-        "body": {"string": {"x": [0, 1]}}, "elements": [elements], "density": 1, "tension": 1,
+        "body": {"string": {"x": [0, 1]}}, "elements": elements, "density": 1, "tension": 1,
         "clamped": ["x_min", "x_max"], "contact": {"below": {"gap": 0, "between": between}},
         "initial": initial, "probes": {"middle": [0.5], "quarter": [0.25]}
     })
@@ -128,10 +129,12 @@ fn a_string_that_falls_on_a_point_is_held_by_it_until_its_halves_turn_back() {
 
 /// A unit square or cube of `young` 1000 and `poisson` 0.3 on a floor, with the pressure 10 on its top, at rest in the end.
 fn pressed(body: &Value, elements: &[usize], floor: &str, top: &str) -> Value {
+    let counts: serde_json::Map<String, Value> =
+        ["x", "y", "z"].iter().zip(elements).map(|(key, &n)| ((*key).to_owned(), n.into())).collect();
     let mut down = vec![0.0; elements.len()];
     *down.last_mut().expect("a direction") = -10.0;
     json!({
-        "body": body, "elements": elements, "density": 1e-3, "young": 1000, "poisson": 0.3, "viscosity": 100,
+        "body": body, "elements": counts, "density": 1e-3, "young": 1000, "poisson": 0.3, "viscosity": 100,
         "traction": {top: down}, "contact": {floor: {"gap": 0}},
         "probes": {"left": vec![0; elements.len()], "right": vec![1; elements.len()]}
     })
@@ -160,7 +163,7 @@ fn uniform_stress_passes_through_a_contact_exactly() {
 /// A block that falls on a floor curved like a cylinder of radius 1, deep enough to touch it off the middle.
 fn dropped_block(columns: usize, viscosity: f64) -> Value {
     json!({
-        "body": {"rectangle": {"x": [-1, 1], "y": [0, 1], "plane": "strain"}}, "elements": [columns, columns / 2],
+        "body": {"rectangle": {"x": [-1, 1], "y": [0, 1], "plane": "strain"}}, "elements": {"x": columns, "y": columns / 2},
         "density": 1, "young": 100, "poisson": 0.3, "viscosity": viscosity,
         "contact": {"y_min": {"gap": "0.02 + x^2/2"}}, "initial": {"velocity": [0, "-1"]},
         "probes": {"top": [0, 1]}
@@ -194,7 +197,7 @@ fn without_viscosity_the_block_keeps_its_energy_and_its_uniqueness_is_said_to_be
 /// A block of mass 2 on a rough floor, pressed down by 20 and pushed from the left by up to 10.
 fn pushed_block(viscosity: f64, push: f64) -> Value {
     json!({
-        "body": {"rectangle": {"x": [0, 2], "y": [0, 1], "plane": "strain"}}, "elements": [4, 2],
+        "body": {"rectangle": {"x": [0, 2], "y": [0, 1], "plane": "strain"}}, "elements": {"x": 4, "y": 2},
         "density": 1, "young": 1000, "poisson": 0.3, "viscosity": viscosity,
         "traction": {"y_max": [0, "-10*min(t/0.2, 1)"], "x_min": [format!("{push}*min(t/2, 1)"), 0]},
         "contact": {"y_min": {"gap": 0, "friction": 0.3}}, "probes": {"corner": [2, 1]}
@@ -216,4 +219,21 @@ fn a_block_on_a_rough_floor_sticks_below_the_limit_of_coulomb_and_slides_above_i
     assert!((acceleration - 2.0).abs() < 0.05, "{acceleration}");
     let energy = sliding.diagnostics.energy.expect("a balance");
     assert!(energy.dissipated_by_friction > 1.0 && energy.largest_defect < 0.01 * energy.work_of_forces, "{energy:?}");
+}
+
+#[test]
+fn a_pressed_and_pushed_block_ends_where_another_program_has_it_at_every_tolerance() {
+    // tests/peers/answers/viscoelastic_block.py: the same elements, implicit Euler, extrapolated to seven digits.
+    let answers = [("pushed_corner_x", 0.0194062942), ("pushed_corner_y", -0.0044296766), ("foot_x", 0.0121661748)];
+    for rtol in [1e-3, 1e-4, 1e-5] {
+        let mut block = example("viscoelastic_block");
+        block["method"] = json!({"rtol": rtol});
+        let solution = solve(&block);
+        for (name, answer) in answers {
+            let error = (last(&solution, name) / answer - 1.0).abs();
+            assert!(error < 10.0 * rtol, "{name} at {rtol:e}: off by {error:e}");
+        }
+        // Before the load arrives forces and distances on the floor are noise, which is no reason for short steps.
+        assert!(solution.diagnostics.steps.accepted < 1000, "{:?}", solution.diagnostics.steps);
+    }
 }

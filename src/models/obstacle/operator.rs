@@ -8,17 +8,23 @@
 //! and Southwell 1955; Scharfetter and Gummel 1969): still of second order where the grid resolves `a / b`, free of
 //! oscillations where it does not. With nodal quadrature the entries off the diagonal are never positive.
 
-use super::semidiscrete::finite;
-use super::{Obstacle, Offence};
+use super::semidiscrete::{AT_ONCE, finite};
+use super::{Cause, Obstacle, Offence};
 use crate::factorisation::SparseMatrix;
 use crate::models::finite_elements::{Assembly, Element};
+use crate::problem::Control;
 use nalgebra::DMatrix;
 
 /// `A` at time `t`, assembled in a zero matrix.
 ///
 /// # Errors
-/// A coefficient that is not finite, or diffusion below zero.
-pub(super) fn stiffness(problem: &mut Obstacle, mut matrix: Assembly, t: f64) -> Result<SparseMatrix, Offence> {
+/// A coefficient that is not finite, or diffusion below zero; or `control` asks to stop.
+pub(super) fn stiffness(
+    problem: &mut Obstacle,
+    mut matrix: Assembly,
+    t: f64,
+    control: &Control,
+) -> Result<SparseMatrix, Cause> {
     let Obstacle { grid, quadrature, diffusion, advection, reaction, .. } = problem;
     let element = Element::of(grid, *quadrature);
     let directions = 0..grid.dimension();
@@ -30,12 +36,15 @@ pub(super) fn stiffness(problem: &mut Obstacle, mut matrix: Assembly, t: f64) ->
         local.zip_apply(matrix, |local, value| *local += factor * value);
     };
     for index in 0..grid.elements() {
+        if index % AT_ONCE == 0 {
+            control.go_on().map_err(|_| Cause::Interrupted { t })?;
+        }
         let at = grid.centre(index);
         local.fill(0.0);
         for q in directions.clone() {
             let a = finite("diffusion", &mut diffusion[q], t, at)?;
             if a < 0.0 {
-                return Err(Offence::NegativeDiffusion { value: a, at, t });
+                return Err(Offence::NegativeDiffusion { value: a, at, t }.into());
             }
             let b = match advection.get_mut(q) {
                 Some(field) => finite("advection", field, t, at)?,

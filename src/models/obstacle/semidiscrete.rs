@@ -1,10 +1,10 @@
 //! Space discretised: `M`, `A(t)`, `f(t)` and the bounds of `K(t)` at the nodes of the grid.
 
 use super::operator::stiffness;
-use super::{Condition, Field, Obstacle, Offence};
+use super::{Cause, Condition, Field, Obstacle, Offence};
 use crate::factorisation::SparseMatrix;
 use crate::models::finite_elements::{Assembly, Element, Neighbours, Quadrature, Side};
-use crate::problem::ConvexSet;
+use crate::problem::{Control, ConvexSet, Interrupted};
 
 /// The equations of the nodal values `u`, with the matrices and vectors as of the time they were asked for last.
 pub struct Semidiscrete {
@@ -36,12 +36,18 @@ struct Varying {
     set: bool,
 }
 
+/// Elements assembled between two looks at whether to stop: about a millisecond's work.
+pub(super) const AT_ONCE: usize = 1 << 13;
+
 /// How far a value may be on the wrong side of an obstacle and still be taken for one on it, relative to its size.
 const ROUNDING: f64 = 1e-10;
 
 impl Semidiscrete {
     /// Assembles what does not depend on time; the rest is there after [`Self::operator_at`] and [`Self::vectors_at`].
-    pub fn new(problem: Obstacle) -> Self {
+    ///
+    /// # Errors
+    /// If `control` asks to stop.
+    pub fn new(problem: Obstacle, control: &Control) -> Result<Self, Interrupted> {
         let grid = &problem.grid;
         let n = grid.nodes();
         let neighbours = match problem.quadrature {
@@ -51,7 +57,12 @@ impl Semidiscrete {
         let blank = Assembly::new(grid, 1, neighbours);
         let mut mass = blank.clone();
         let local = Element::of(grid, problem.quadrature).mass();
-        (0..grid.elements()).for_each(|element| mass.add(element, 1.0, &local));
+        for element in 0..grid.elements() {
+            if element % AT_ONCE == 0 {
+                control.go_on()?;
+            }
+            mass.add(element, 1.0, &local);
+        }
         let mass = mass.finish();
         let mut weights = vec![0.0; n];
         for entry in mass.triplet_iter() {
@@ -70,7 +81,7 @@ impl Semidiscrete {
             set: problem.lower.iter().chain(&problem.upper).any(varies)
                 || problem.conditions.iter().any(|condition| varies(condition.field())),
         };
-        Self {
+        Ok(Self {
             stiffness: mass.clone(),
             mass,
             load: vec![0.0; n],
@@ -82,18 +93,18 @@ impl Semidiscrete {
             has_vectors: false,
             varying,
             problem,
-        }
+        })
     }
 
     /// Brings `A` to time `t`; whether it is another than before.
     ///
     /// # Errors
-    /// A coefficient that is not finite, or diffusion below zero.
-    pub fn operator_at(&mut self, t: f64) -> Result<bool, Offence> {
+    /// A coefficient that is not finite, or diffusion below zero; or `control` asks to stop.
+    pub fn operator_at(&mut self, t: f64, control: &Control) -> Result<bool, Cause> {
         if self.has_operator && !self.varying.operator {
             return Ok(false);
         }
-        self.stiffness = stiffness(&mut self.problem, self.blank.clone(), t)?;
+        self.stiffness = stiffness(&mut self.problem, self.blank.clone(), t, control)?;
         self.has_operator = true;
         Ok(true)
     }

@@ -75,7 +75,7 @@ impl Stage {
         control: &Control,
     ) -> Result<f64, Unsolved> {
         if changed || self.solver.as_ref().is_none_or(|(of, _)| *of != shift) {
-            self.set_up(system, shift)?;
+            self.set_up(system, shift, control)?;
         }
         let Some((_, solver)) = &mut self.solver else { return Err(Unsolved::Singular) };
         for (q, load) in self.q.iter_mut().zip(&system.load) {
@@ -109,14 +109,15 @@ impl Stage {
         self.solver.as_mut().is_some_and(|(_, solver)| solver.solve_inside(error, control))
     }
 
-    fn set_up(&mut self, system: &Semidiscrete, shift: f64) -> Result<(), Unsolved> {
+    fn set_up(&mut self, system: &Semidiscrete, shift: f64, control: &Control) -> Result<(), Unsolved> {
         let (_, values) = self.matrix.parts_mut();
         for ((value, mass), stiffness) in values.iter_mut().zip(system.mass.val()).zip(system.stiffness.val()) {
             *value = mass + shift * stiffness;
         }
         self.work.matrices += 1;
         self.solver = None;
-        let solver = ActiveSet::on_grid(&self.matrix, &self.shape).map_err(|unsuitable| match unsuitable {
+        let solver = ActiveSet::on_grid(&self.matrix, &self.shape, control).map_err(|unsuitable| match unsuitable {
+            Unsuitable::Interrupted => Unsolved::Interrupted,
             Unsuitable::Memory => Unsolved::Memory,
             Unsuitable::Shape { .. } | Unsuitable::Diagonal { .. } => Unsolved::Singular,
         })?;

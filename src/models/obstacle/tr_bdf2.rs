@@ -88,7 +88,7 @@ impl<'c> TrBdf2<'c> {
         settings: Settings,
         control: &'c Control,
     ) -> Result<Self, Cause> {
-        let mut system = Semidiscrete::new(problem);
+        let mut system = Semidiscrete::new(problem, control).map_err(|_| Cause::Interrupted { t: start })?;
         system.vectors_at(start)?;
         let u = system.initial(start)?;
         let n = u.len();
@@ -200,7 +200,7 @@ impl<'c> TrBdf2<'c> {
     fn solve(&mut self, i: usize, shift: f64, t: f64) -> Result<Result<(), &'static str>, Cause> {
         self.system.vectors_at(t)?;
         self.counts.vectors += 1;
-        let changed = self.system.operator_at(t)?;
+        let changed = self.system.operator_at(t, self.control)?;
         self.counts.operators += u64::from(changed);
         let u = &mut self.trial[i];
         let solved = self.stage.solve(&self.system, (shift, changed), &self.base, u, self.control);

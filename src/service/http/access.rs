@@ -3,9 +3,8 @@
 //! What only looks needs the scope `read`, everything else `submit`. A job of another is not refused but unknown: whether
 //! an id has been given out is nobody's business.
 
-use super::Shared;
 use super::problem::{Kind, Problem};
-use crate::service::access::Scope;
+use crate::service::access::{Scope, Tokens};
 use crate::service::jobs::{Client, Job};
 use axum::extract::{FromRequestParts, Request, State};
 use axum::http::request::Parts;
@@ -14,14 +13,14 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use std::convert::Infallible;
 use std::net::{IpAddr, Ipv4Addr};
+use std::sync::Arc;
 
 /// Someone who may see everyone's jobs.
 #[derive(Clone, Copy, Debug)]
 struct Admin;
 
 /// Lets a request through whose token allows it, under the name of its token.
-pub async fn authorize(State(shared): State<Shared>, mut request: Request, next: Next) -> Response {
-    let Some(tokens) = &shared.tokens else { return next.run(request).await };
+pub async fn authorize(State(tokens): State<Arc<Tokens>>, mut request: Request, next: Next) -> Response {
     let Some((number, row)) = bearer(request.headers()).and_then(|text| tokens.find(text)) else {
         let mut response = Problem::plain(Kind::TokenRequired).into_response();
         response.headers_mut().insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer realm=\"dvi\""));

@@ -30,12 +30,13 @@ impl Document {
     pub async fn specification(&self, shared: &Shared) -> Answer<Arc<Specification>> {
         let bytes = self.bytes();
         let read = if bytes.len() <= SMALL {
-            Specification::from_json(&bytes)
+            shared.jobs.read(&bytes)
         } else {
             // The semaphore is never closed and the reader does not panic; if it did, that would be ours to answer for.
             let internal = |_| Problem::plain(Kind::Internal);
             let _permit = shared.readers.acquire().await.map_err(|_| Problem::plain(Kind::Internal))?;
-            spawn_blocking(move || Specification::from_json(&bytes)).await.map_err(internal)?
+            let jobs = Arc::clone(&shared.jobs);
+            spawn_blocking(move || jobs.read(&bytes)).await.map_err(internal)?
         };
         Ok(Arc::new(read?))
     }

@@ -9,10 +9,12 @@ use axum::response::{IntoResponse, Response};
 use hyper::body::Frame;
 use serde::Serialize;
 use std::convert::Infallible;
+use std::fmt;
 use std::pin::Pin;
 use std::task::{Context, Poll};
 use std::time::Duration;
 use tokio::sync::mpsc::{Receiver, Sender, channel};
+use utoipa::ToSchema;
 
 /// The media type.
 pub const MEDIA_TYPE: MediaType = ("text", "event-stream");
@@ -26,6 +28,17 @@ const PATIENCE: Duration = Duration::from_secs(60);
 /// The client has gone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Gone;
+
+/// An event, by its fields.
+#[derive(ToSchema)]
+pub struct ServerSentEvent {
+    /// `progress`, `switch` and `done` of a job; of a solve also `result` or `problem`.
+    event: String,
+    /// What a client that comes back gives as `Last-Event-ID`.
+    id: String,
+    /// JSON, in one line.
+    data: String,
+}
 
 /// Where events are written.
 pub struct EventSink(Sender<Bytes>);
@@ -42,6 +55,12 @@ pub fn event_stream() -> (EventSink, Response) {
     (EventSink(sender), response)
 }
 
+impl fmt::Display for ServerSentEvent {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "event: {}\nid: {}\ndata: {}\n\n", self.event, self.id, self.data)
+    }
+}
+
 impl EventSink {
     /// Writes an event; `id` is what a client that comes back gives as `Last-Event-ID`.
     ///
@@ -50,7 +69,7 @@ impl EventSink {
     pub async fn event(&self, name: &str, id: u64, data: &impl Serialize) -> Result<(), Gone> {
         // What is told has a JSON form, which is one line.
         let data = serde_json::to_string(data).unwrap_or_default();
-        self.write(format!("event: {name}\nid: {id}\ndata: {data}\n\n")).await
+        self.write(ServerSentEvent { event: name.to_owned(), id: id.to_string(), data }.to_string()).await
     }
 
     /// Begins an event whose data comes in pieces of one line.

@@ -9,7 +9,7 @@
 //! that ends without `done` was ended with the service.
 
 use super::Shared;
-use super::event_stream::{EventSink, Gone, event_stream};
+use super::event_stream::{EventSink, Gone, ServerSentEvent, event_stream};
 use super::path::Named;
 use super::problem::{Answer, Kind, Problem};
 use super::status::StatusInfo;
@@ -39,10 +39,10 @@ const SILENCE: Duration = Duration::from_secs(15);
     tag = "jobs",
     params(
         ("id" = String, Path, description = "The id of a job, as `Location` gave it"),
-        ("last-event-id" = Option<u64>, Header, description = "The switches told before")
+        ("last-event-id" = Option<String>, Header, description = "The switches told before")
     ),
     responses(
-        (status = 200, description = "Events `progress`, `switch` and `done`", body = String, content_type = "text/event-stream"),
+        (status = 200, description = "Events `progress`, `switch` and `done`", body = ServerSentEvent, content_type = "text/event-stream"),
         Problem
     )
 )]

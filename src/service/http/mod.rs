@@ -40,7 +40,7 @@ use super::metrics::Metrics;
 use super::{Options, page};
 use axum::Router;
 use axum::http::{HeaderName, HeaderValue, Method, Uri, header};
-use axum::middleware::{from_fn, from_fn_with_state};
+use axum::middleware::from_fn_with_state;
 use axum::response::{IntoResponse, Response};
 use std::any::Any;
 use std::sync::Arc;
@@ -53,22 +53,26 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 /// What handlers share.
-#[derive(Clone)]
-pub struct Shared {
+pub type Shared = Arc<Common>;
+
+/// The service as its handlers see it.
+pub struct Common {
     /// The jobs of the service.
     pub jobs: Arc<Jobs>,
     /// Its bounds.
-    pub options: Arc<Options>,
+    pub options: Options,
     /// Its figures.
     pub metrics: Arc<Metrics>,
     /// The tokens of clients, where they are asked for.
     pub tokens: Option<Arc<Tokens>>,
     /// Large specifications that may be read, and large pictures that may be drawn, at a time.
-    pub readers: Arc<Semaphore>,
+    pub readers: Semaphore,
     /// Streams of events that may be open at a time.
     pub streams: Arc<Semaphore>,
+    /// Connections that may be open at a time.
+    pub connections: Arc<Semaphore>,
     /// Becomes true when every stream is to end.
-    pub closing: Arc<watch::Sender<bool>>,
+    pub closing: watch::Sender<bool>,
 }
 
 /// What clients do, one line a resource.
@@ -104,15 +108,21 @@ fn open() -> OpenApiRouter<Shared> {
 
 /// The resources with what is common to them.
 pub fn router(shared: Shared) -> Router {
-    let authorize = from_fn_with_state(shared.clone(), access::authorize);
-    Router::from(work().route_layer(authorize).merge(open()))
+    let work = match &shared.tokens {
+        Some(tokens) => work().route_layer(from_fn_with_state(Arc::clone(tokens), access::authorize)),
+        None => work(),
+    };
+    // As one layer: between layers a router boxes its service and its answer, which takes longer than these do.
+    let common = (
+        from_fn_with_state(Arc::clone(&shared), observe::observe),
+        CompressionLayer::new().quality(CompressionLevel::Fastest),
+        CatchPanicLayer::custom(panicked),
+    );
+    Router::from(work.merge(open()))
         .merge(page::routes())
         .fallback(nothing_here)
         .method_not_allowed_fallback(no_such_method)
-        .layer(CatchPanicLayer::custom(panicked))
-        .layer(CompressionLayer::new().quality(CompressionLevel::Fastest))
-        .layer(from_fn(origin::refuse_other_sites))
-        .layer(from_fn_with_state(shared.clone(), observe::observe))
+        .layer(common)
         .with_state(shared)
 }
 

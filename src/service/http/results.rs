@@ -31,7 +31,7 @@ use std::hash::{DefaultHasher, Hash, Hasher};
         ("fields" = Option<String>, Query, description = "Names, separated by commas"),
         ("from" = Option<f64>, Query, description = "The least time"),
         ("to" = Option<f64>, Query, description = "The greatest time"),
-        ("every" = Option<u64>, Query, minimum = 1, description = "One in how many of the times within")
+        ("every" = Option<u64>, Query, minimum = 1, format = "uint64", description = "One in how many of the times within")
     ),
     responses(
         (status = 200, description = "The results, in the form that `Accept` asks for", content(

@@ -4,6 +4,7 @@
 //! job lives on.
 
 use super::document::Document;
+use super::event_stream::ServerSentEvent;
 use super::preferences::Preferences;
 use super::problem::{Answer, Kind, Problem};
 use super::results::represent;
@@ -39,7 +40,7 @@ use tokio::time::timeout;
             (String = "application/x-ndjson"),
             (Vec<u8> = "application/vnd.apache.arrow.stream"),
             (String = "image/svg+xml"),
-            (String = "text/event-stream"),
+            (ServerSentEvent = "text/event-stream"),
         )),
         (status = 202, description = "It takes longer; `Location` is the job", body = StatusInfo),
         Problem

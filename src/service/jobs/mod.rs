@@ -1,6 +1,7 @@
 //! Jobs from acceptance to oblivion: a fair bounded queue, a bounded pool of workers, a store of what they made.
 //!
 //! 1. [`Jobs::submit`] puts a job in the store and in the queue, or says which bound is reached.
+//!    One that nobody has to wait for is solved at a glance instead.
 //! 2. A worker takes the first job of the client whose turn it is, and solves it under a deadline.
 //! 3. The ended job is counted in the store, which forgets what is too old, and its waiters are woken.
 //!
@@ -13,6 +14,7 @@ mod disk;
 mod drain_rate;
 mod ended;
 mod files;
+mod glance;
 mod idempotency;
 mod index;
 mod job;
@@ -39,7 +41,7 @@ pub use writer::Unwritable;
 use super::metrics::Metrics;
 use crate::problem::Control;
 use crate::solution::Solution;
-use crate::specification::Specification;
+use crate::specification::{Specification, SpecificationError};
 use drain_rate::DrainRate;
 use jiff::Timestamp;
 use job::Keeping;
@@ -61,6 +63,8 @@ pub type Solver = Arc<dyn Fn(&Specification, &Control) -> Solution + Send + Sync
 pub struct Bounds {
     /// What may wait.
     pub queue: Room,
+    /// Accepted steps that a solve may make.
+    pub steps: u64,
     /// Bytes that a solve may take, by the estimate.
     pub memory: usize,
     /// Time a job may run.
@@ -142,7 +146,7 @@ impl Jobs {
         let waiting = Semaphore::new(accepted.len());
         accepted.into_iter().for_each(|job| queue.push(job.client, job));
         Ok(Self {
-            solver: Arc::clone(&metrics).measured(solver),
+            solver,
             metrics,
             bounds,
             intake: Mutex::new(Intake { queue, running: 0, draining: false, drain_rate: DrainRate::default() }),
@@ -177,6 +181,14 @@ impl Jobs {
         self.store.index().recall(client, key)?.map(known).transpose()
     }
 
+    /// Reads a specification as one that is to be solved here.
+    ///
+    /// # Errors
+    /// All that is wrong with it.
+    pub fn read(&self, document: &[u8]) -> Result<Specification, Vec<SpecificationError>> {
+        Specification::from_json(document).map(|specification| specification.within_steps(self.bounds.steps))
+    }
+
     /// Takes on a job, or gives the one that was posted before under its key. One that is to be `lasting` is on the disk,
     /// if there is one, when this returns.
     ///
@@ -186,6 +198,9 @@ impl Jobs {
         let memory = order.specification.memory_bytes();
         if memory > self.bounds.memory {
             return Err(Refusal::Memory(memory));
+        }
+        if !lasting && let Some(job) = self.solve_at_a_glance(&order).await {
+            return Ok(job);
         }
         let place = if lasting { self.store.place().await? } else { None };
         let (client, document) = (order.client, Arc::clone(&order.document));

@@ -1,5 +1,6 @@
 //! Workers: threads that each take a job, solve it to its end and take the next. The threads that serve connections
-//! never solve, so a long solve delays no answer; and the number of workers bounds the work in hand.
+//! solve only what is over at a glance, so a long solve delays no answer; and the number of workers bounds
+//! the work in hand.
 //!
 //! Each worker is a runtime of one thread. Workers that share one wake each other in search of work whenever one of
 //! them is woken, which takes more time than a small solve.

@@ -87,7 +87,7 @@ impl Jobs {
         let wall = asked.map_or(self.bounds.wall, |asked| asked.min(self.bounds.wall));
         let Some(control) = job.start(wall) else { return Outcome::Gone };
         self.metrics.waited(job.created.clock.elapsed());
-        let solution = (self.solver)(&specification, &control);
+        let solution = self.metrics.measure(specification.problem(), || (self.solver)(&specification, &control));
         let halted = job.halted();
         if halted == Some(Halt::Park) && solution.status == Status::Stopped {
             return Outcome::Stopped;
@@ -109,7 +109,7 @@ impl Jobs {
             return Ok(specification);
         }
         let document = self.store.document(job)?;
-        let read = Specification::from_json(&document);
+        let read = self.read(&document);
         read.map(Arc::new).map_err(|errors| io::Error::other(format!("{errors:?}")))
     }
 }

@@ -44,6 +44,7 @@ const FILES: &[File] = files! {
     "places.js": "text/javascript; charset=utf-8";
     "plots.js": "text/javascript; charset=utf-8";
     "service.js": "text/javascript; charset=utf-8";
+    "study.js": "text/javascript; charset=utf-8";
     "vendor/uplot.css": "text/css; charset=utf-8";
     "vendor/uplot.js": "text/javascript; charset=utf-8";
 };

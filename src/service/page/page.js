@@ -10,6 +10,7 @@ import { number, seconds } from "./numbers.js";
 import { lineAt, linesOf } from "./places.js";
 import { Plots } from "./plots.js";
 import * as service from "./service.js";
+import { study } from "./study.js";
 
 const PAUSE = 250; // milliseconds without a keystroke before a check
 const PANELS = 6; // fields shown at first
@@ -132,8 +133,8 @@ function tellProgress(status) {
 // ---- showing what has ended
 
 async function fetchRun(id, label) {
-  const { trajectory, diagnostics, status, error } = await service.results(id);
-  return { id, label, status, error, ...trajectory, diagnostics };
+  const { trajectory, diagnostics, status, error, study } = await service.results(id);
+  return { id, label, status, error, ...trajectory, diagnostics, study };
 }
 
 async function show(status) {
@@ -152,6 +153,7 @@ async function show(status) {
   } catch (refusal) {
     tellMessage(refusal.message);
   }
+  byId("study").replaceChildren(...(shown?.study ? study(shown.study) : []));
   offerDownloads();
   offerFields();
   offerOthers();
@@ -292,6 +294,7 @@ async function start() {
   addEventListener("tokenrequired", () => (byId("access").hidden = false));
   byId("use").addEventListener("click", () => {
     service.useToken(byId("token").value.trim());
+    byId("token").value = "";
     byId("access").hidden = true;
     checkText();
     openAddressed();

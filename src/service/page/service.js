@@ -13,6 +13,12 @@ export class Refused extends Error {
 const token = () => sessionStorage.getItem("token");
 export const useToken = (text) => sessionStorage.setItem("token", text);
 
+// What a token lacks, in the words of this page.
+const lacking = (options) =>
+  (options.method ?? "GET") === "GET"
+    ? "Your token does not let you look at jobs; use another."
+    : "Your token lets you look at jobs, but not check, solve or cancel them; use another.";
+
 async function ask(address, options = {}) {
   const headers = token() ? { ...options.headers, authorization: `Bearer ${token()}` } : options.headers;
   let response;
@@ -22,9 +28,11 @@ async function ask(address, options = {}) {
     throw new Refused({ title: "The service does not answer", detail: "The service does not answer.", errors: [] });
   }
   if (response.ok) return response;
-  if (response.status === 401) dispatchEvent(new Event("tokenrequired"));
   const type = response.headers.get("content-type") ?? "";
   const problem = type.includes("json") ? await response.json() : { title: `The service answered ${response.status}` };
+  const lacks = problem.type === "/problems/scope-missing";
+  if (lacks) problem.detail = lacking(options);
+  if (lacks || response.status === 401) dispatchEvent(new Event("tokenrequired"));
   const wait = response.headers.get("retry-after");
   throw new Refused(wait ? { ...problem, retryAfter: Number(wait) } : problem);
 }

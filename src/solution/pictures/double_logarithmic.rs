@@ -1,15 +1,20 @@
-//! Curves on two axes in powers of ten: a line for each, with a dot at each of its points.
+//! Curves on two axes in powers of ten: a line for each, with a mark at each of its points.
 
-use super::elements::{line, plain, tenths, text};
-use super::panel::{MOST_LINES, polyline};
+use super::elements::{line, plain, text};
+use super::legend::{Legend, mark, polyline};
 use super::thinning::Point;
 use super::{LARGE_CHARACTERS, LEFT, LINE_CHARACTERS, RIGHT, WIDTH};
 use svg::Document;
-use svg::node::element::{Circle, Rectangle, Style, TSpan, Text, Title};
+use svg::node::element::{Rectangle, Style, Title};
 
+/// Where the names are, and where the axes begin where these are in one row.
+const NAMES: f64 = 56.0;
 const TOP: f64 = 70.0;
-const FLOOR: f64 = 400.0;
-const HEIGHT: f64 = 460.0;
+/// From the upper end of the axes to the lower, and on to the end of the picture.
+const HEIGHT: f64 = 330.0;
+const FOOT: f64 = 60.0;
+/// The size of a mark.
+const RADIUS: f64 = 3.5;
 /// Decades that have room for a label each.
 const MOST_LABELS: i32 = 10;
 
@@ -54,13 +59,16 @@ impl Decades {
 pub fn double_logarithmic(curves: &[Curve], title: &str, below: &str, abscissa: &str) -> String {
     let all = || curves.iter().flat_map(|curve| &curve.points);
     let x = Decades::spanning(all().map(|point| point.0), LEFT, RIGHT);
-    let y = Decades::spanning(all().map(|point| point.1), FLOOR, TOP);
+    let legend = Legend::new(curves.iter().map(|curve| curve.name.as_str()), LEFT, RIGHT);
+    let top = TOP + legend.extra();
+    let floor = top + HEIGHT;
+    let y = Decades::spanning(all().map(|point| point.1), floor, top);
     let title = plain(title, LINE_CHARACTERS);
     let class = if title.chars().count() > LARGE_CHARACTERS { "long title" } else { "title" };
     let mut picture = Document::new()
-        .set("viewBox", (0.0, 0.0, WIDTH, HEIGHT))
+        .set("viewBox", (0.0, 0.0, WIDTH, floor + FOOT))
         .set("width", WIDTH)
-        .set("height", HEIGHT)
+        .set("height", floor + FOOT)
         .set("role", "img")
         .add(Title::new(title.as_str()))
         .add(Style::new(include_str!("style.css")))
@@ -74,32 +82,18 @@ pub fn double_logarithmic(curves: &[Curve], title: &str, below: &str, abscissa: 
     for decade in x.ticks() {
         let at = x.place(10f64.powi(decade));
         picture =
-            picture.add(line("grid", (at, TOP), (at, FLOOR))).add(text(power(decade), "middle", at, FLOOR + 18.0));
+            picture.add(line("grid", (at, top), (at, floor))).add(text(power(decade), "middle", at, floor + 18.0));
     }
     for (k, curve) in curves.iter().enumerate() {
         let shown: Vec<Point> = curve.points.iter().map(|point| (x.place(point.0), y.place(point.1))).collect();
         picture = picture.add(polyline(&shown, k));
-        for (at, height) in shown {
-            let dot = Circle::new().set("cx", tenths(at)).set("cy", tenths(height)).set("r", 3.5);
-            picture = picture.add(dot.set("class", format!("mark{}", k % MOST_LINES)));
-        }
+        picture = shown.into_iter().fold(picture, |picture, point| picture.add(mark(point, k, RADIUS)));
     }
     picture
-        .add(legend(curves.iter().map(|curve| curve.name.as_str()), 56.0))
-        .add(text(plain(below, LINE_CHARACTERS), "faint", LEFT, FLOOR + 38.0))
-        .add(text(abscissa, "faint end", RIGHT, FLOOR + 38.0))
+        .add(legend.drawn(NAMES))
+        .add(text(plain(below, LINE_CHARACTERS), "faint", LEFT, floor + 38.0))
+        .add(text(abscissa, "faint end", RIGHT, floor + 38.0))
         .to_string()
-}
-
-/// The names, each after a mark in the colour of its line.
-pub(super) fn legend<'a>(names: impl Iterator<Item = &'a str>, y: f64) -> Text {
-    let mut legend = text("", "name", LEFT, y);
-    for (k, name) in names.enumerate() {
-        let mark = TSpan::new("●").set("class", format!("mark{}", k % MOST_LINES));
-        let mark = if k == 0 { mark } else { mark.set("dx", 12) };
-        legend = legend.add(mark).add(TSpan::new(plain(name, 30)).set("dx", 5));
-    }
-    legend
 }
 
 /// `10⁻³`.

@@ -7,6 +7,7 @@
 mod axis;
 mod double_logarithmic;
 mod elements;
+mod legend;
 mod overview;
 mod panel;
 mod thinning;
@@ -40,11 +41,14 @@ const APART: f64 = 2.0;
 const LINE_CHARACTERS: usize = 80;
 const LARGE_CHARACTERS: usize = 60;
 
-/// Writes the picture of a solution, under its label.
+/// Writes the picture of a solution, under its label; that of a study shows error against run time.
 ///
 /// # Errors
 /// Those of `out`.
 pub fn write_svg(solution: &Solution, label: Option<&str>, out: &mut impl Write) -> io::Result<()> {
+    if let Some(study) = &solution.study {
+        return writeln!(out, "{}", study.picture);
+    }
     let trajectory = &solution.trajectory;
     let axis = Axis::spanning(trajectory.t.iter().copied(), 0.0);
     let mut stage = Stage { t: &trajectory.t, axis, left: LEFT, right: RIGHT, switches: Vec::new() };

@@ -1,13 +1,13 @@
 //! Error against run time of many systems at one glance: a small panel for each on the same axes in powers of ten (small
 //! multiples: E. R. Tufte, "Envisioning Information", 1990, chapter 4), so that one may be held against another.
 
-use super::double_logarithmic::{Curve, Decades, legend, power};
+use super::double_logarithmic::{Curve, Decades, power};
 use super::elements::{line, plain, tenths, text};
-use super::panel::{MOST_LINES, polyline};
+use super::legend::{Legend, mark, polyline};
 use super::thinning::Point;
 use super::{LEFT, LINE_CHARACTERS, RIGHT, WIDTH};
 use svg::Document;
-use svg::node::element::{Circle, Group, Rectangle, Style, Title};
+use svg::node::element::{Group, Rectangle, Style, Title};
 
 const COLUMNS: usize = 4;
 /// Where the first panel begins, and how high the panels and what is between them are.
@@ -16,6 +16,8 @@ const HEIGHT: f64 = 92.0;
 const BETWEEN: f64 = 26.0;
 const GAP: f64 = 14.0;
 const FOOT: f64 = 52.0;
+/// The size of a mark.
+const RADIUS: f64 = 2.0;
 /// Decades from one line of the grid to the next.
 const EVERY: i32 = 4;
 
@@ -37,7 +39,8 @@ pub fn overview(panels: &[(&str, Vec<Curve>)], title: &str, below: &str, absciss
         .add(Rectangle::new().set("class", "paper").set("width", "100%").set("height", "100%").set("rx", 8))
         .add(text(plain(title, LINE_CHARACTERS), "title", LEFT, 30.0));
     if let Some((_, curves)) = panels.first() {
-        picture = picture.add(legend(curves.iter().map(|curve| curve.name.as_str()), 54.0));
+        let legend = Legend::new(curves.iter().map(|curve| curve.name.as_str()), LEFT, RIGHT);
+        picture = picture.add(legend.drawn(54.0));
     }
     for (k, (name, curves)) in panels.iter().enumerate() {
         let (left, top) = ((k % COLUMNS) as f64 * (width + GAP), (k / COLUMNS) as f64 * (HEIGHT + BETWEEN));
@@ -73,10 +76,7 @@ fn panel(name: &str, curves: &[Curve], (x, y): (&Decades, &Decades), (first, low
     for (k, curve) in curves.iter().enumerate() {
         let shown: Vec<Point> = curve.points.iter().map(|point| (x.place(point.0), y.place(point.1))).collect();
         group = group.add(polyline(&shown, k));
-        for (at, height) in shown {
-            let dot = Circle::new().set("cx", tenths(at)).set("cy", tenths(height)).set("r", 2);
-            group = group.add(dot.set("class", format!("mark{}", k % MOST_LINES)));
-        }
+        group = shown.into_iter().fold(group, |group, point| group.add(mark(point, k, RADIUS)));
     }
     group
 }

@@ -1,13 +1,14 @@
 //! One panel: the lines of a few fields of like magnitude over the time axis that all panels share.
 
 use super::axis::Axis;
-use super::elements::{line, plain, tenths, text};
-use super::thinning::{Point, thin};
+use super::elements::{line, text};
+use super::legend::{COLOURS, names, polyline};
+use super::thinning::thin;
 use crate::solution::Field;
-use svg::node::element::{Group, Polyline, TSpan, Text};
+use svg::node::element::Group;
 
-/// Lines in a panel; more colours are not told apart.
-pub const MOST_LINES: usize = 6;
+/// Lines in a panel.
+pub const MOST_LINES: usize = COLOURS;
 
 /// Room for names above the lines, in pixels.
 pub const HEADING: f64 = 26.0;
@@ -49,7 +50,10 @@ pub fn panel(stage: &Stage<'_>, fields: &[&Field], top: f64, height: f64, colour
     let axis = Axis::spanning(fields.iter().flat_map(|field| field.values.iter().copied()), MARGIN);
     let (ceiling, floor) = (top + HEADING, top + HEADING + height);
     let y = |value: f64| floor - axis.fraction(value) * height;
-    let mut group = Group::new().add(heading(stage, fields, colour, ceiling - 8.0));
+    let line_of = |k: usize| (colour + k) % COLOURS;
+    let named: Vec<_> = fields.iter().enumerate().map(|(k, field)| (line_of(k), field.name.as_str())).collect();
+    let each = HEADING_CHARACTERS / fields.len().max(1);
+    let mut group = Group::new().add(names(&named, each, stage.left, ceiling - 8.0));
     if let Some(unit) = axis.unit() {
         group = group.add(text(unit, "faint end", stage.left - 8.0, ceiling - 8.0));
     }
@@ -68,31 +72,7 @@ pub fn panel(stage: &Stage<'_>, fields: &[&Field], top: f64, height: f64, colour
     for (k, field) in fields.iter().enumerate() {
         let finite = stage.t.iter().zip(&field.values).filter(|(t, value)| t.is_finite() && value.is_finite());
         let points = thin(finite.map(|(&t, &value)| (stage.x(t), y(value))));
-        group = group.add(polyline(&points, colour + k));
+        group = group.add(polyline(&points, line_of(k)));
     }
     group
-}
-
-/// The names, each after a mark in the colour of its line.
-fn heading(stage: &Stage<'_>, fields: &[&Field], colour: usize, y: f64) -> Text {
-    let each = HEADING_CHARACTERS / fields.len().max(1);
-    let mut heading = text("", "name", stage.left, y);
-    for (k, field) in fields.iter().enumerate() {
-        let mark = TSpan::new("●").set("class", format!("mark{}", (colour + k) % MOST_LINES));
-        let mark = if k == 0 { mark } else { mark.set("dx", 12) };
-        heading = heading.add(mark).add(TSpan::new(plain(&field.name, each)).set("dx", 5));
-    }
-    heading
-}
-
-/// A line through points.
-pub fn polyline(points: &[Point], colour: usize) -> Polyline {
-    // A line of one point has no length: drawn twice, its round ends make a dot.
-    let again = if let [only] = points { Some(only) } else { None };
-    let mut shown = String::new();
-    for (x, y) in points.iter().chain(again) {
-        let separator = if shown.is_empty() { "" } else { " " };
-        shown += &format!("{separator}{},{}", tenths(*x), tenths(*y));
-    }
-    Polyline::new().set("class", format!("line{}", colour % MOST_LINES)).set("points", shown)
 }

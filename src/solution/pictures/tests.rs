@@ -1,7 +1,7 @@
 //! Pictures are read back by an independent reader of XML.
 
 use super::*;
-use crate::solution::{Diagnostics, Event, EventKind, Failure, Trajectory};
+use crate::solution::{Diagnostics, Event, EventKind, Failure, Series, Study, StudyRun, Trajectory};
 use roxmltree::Node;
 
 fn solution(t: Vec<f64>, columns: Vec<Vec<f64>>) -> Solution {
@@ -147,4 +147,44 @@ fn a_solve_that_did_not_reach_its_end_says_so() {
     solution.status = Status::Failed;
     solution.error = Some(Failure { code: "step_too_small".into(), message: String::new(), time: 1.5, state: vec![] });
     drawn(&solution, None, |picture| assert!(words(picture).contains("failed at t = 1.5: step_too_small")));
+}
+
+#[test]
+fn the_picture_of_a_study_names_each_of_its_methods_beside_a_mark_of_its_own() {
+    let run = |wall_seconds: f64, error: f64| StudyRun {
+        rtol: Some(error),
+        step: None,
+        status: Status::Completed,
+        steps: 1,
+        wall_seconds,
+        error_at_end: Some(error),
+        largest_error: None,
+        order: None,
+    };
+    let series = |k: u32| Series {
+        method: format!("the method of number {k} at fixed steps"),
+        runs: vec![run(1e-3, 1e-2 / f64::from(k + 1)), run(1e-2, 1e-6 / f64::from(k + 1))],
+    };
+    let series: Vec<Series> = (0..8).map(series).collect();
+    let picture = work_precision(&series, None, "the exact values");
+    let mut solution = solution(vec![0.0, 1.0], vec![vec![0.0, 1.0]]);
+    solution.study = Some(Study { reference: String::new(), series, picture });
+    drawn(&solution, None, |picture| {
+        assert_eq!(lines(picture).iter().map(Vec::len).collect::<Vec<_>>(), [2; 8]);
+        let words = words(picture);
+        for k in 0..8 {
+            assert!(words.contains(&format!("the method of number {k} at fixed steps")), "{words}");
+        }
+        let mut marks: Vec<(String, String)> = Vec::new();
+        for named in picture.descendants().filter(|node| node.attribute("class") == Some("name")) {
+            let spans: Vec<Node<'_, '_>> = named.children().filter(|node| node.has_tag_name("tspan")).collect();
+            assert!(spans.len() <= 4, "two names of this length have room in a row");
+            marks.extend(spans.chunks(2).map(|pair| {
+                (pair[0].attribute("class").unwrap().to_owned(), pair[0].text().unwrap().trim().to_owned())
+            }));
+        }
+        marks.sort();
+        marks.dedup();
+        assert_eq!(marks.len(), 8);
+    });
 }

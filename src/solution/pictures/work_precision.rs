@@ -1,4 +1,4 @@
-//! Error against run time, both in powers of ten: a line for each series, a dot for each run. The better a method, the
+//! Error against run time, both in powers of ten: a line for each series, a mark for each run. The better a method, the
 //! further to the lower left its line.
 
 use super::double_logarithmic::{Curve, double_logarithmic};
@@ -8,15 +8,19 @@ use crate::solution::{Series, StudyRun};
 const LEAST_ERROR: f64 = 1e-17;
 
 /// The picture of a study: errors at the end, relative, against run times in seconds.
-pub fn work_precision(series: &[Series], label: Option<&str>, reference: &str) -> String {
+pub fn work_precision<'a>(
+    series: impl IntoIterator<Item = &'a Series>,
+    label: Option<&str>,
+    reference: &str,
+) -> String {
     let below = format!("relative error at the end, against {reference}");
     double_logarithmic(&curves(series), label.unwrap_or("Error against run time"), &below, "run time in s")
 }
 
 /// The runs of each series that have an error.
-pub fn curves(series: &[Series]) -> Vec<Curve> {
+pub fn curves<'a>(series: impl IntoIterator<Item = &'a Series>) -> Vec<Curve> {
     let point = |run: &StudyRun| Some((run.wall_seconds.max(1e-9), run.error_at_end?.max(LEAST_ERROR)));
     let curve =
         |series: &Series| Curve { name: series.method.clone(), points: series.runs.iter().filter_map(point).collect() };
-    series.iter().map(curve).collect()
+    series.into_iter().map(curve).collect()
 }

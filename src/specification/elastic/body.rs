@@ -98,6 +98,11 @@ pub(super) struct Law {
 }
 
 impl ElasticBody {
+    /// The number of its directions.
+    pub(super) fn dimension(&self) -> usize {
+        self.extents().1.len()
+    }
+
     fn extents(&self) -> (&'static str, Vec<&[Expression; 2]>) {
         match self {
             Self::String(body) => ("string", vec![&body.x]),
@@ -113,20 +118,8 @@ impl ElasticProblem {
     pub(super) fn geometry(&self, place: &Place<'_>, lowering: &mut Lowering) -> Option<Geometry> {
         let (shape, extents) = self.body.extents();
         let at = place.key("elements");
-        if self.elements.len() != extents.len() {
-            let detail = format!("{} numbers of elements for a {shape}", self.elements.len());
-            let error = SpecificationError::new(at.to_string(), "wrong_shape", detail);
-            lowering.errors.push(error.expected(format!("one for each of its axes, {}", extents.len())));
-            return None;
-        }
-        let mut displacements = extents.len() as u64;
-        for (k, &elements) in self.elements.iter().enumerate() {
-            if elements == 0 {
-                let error = SpecificationError::new(at.index(k).to_string(), "out_of_range", "no elements");
-                lowering.errors.push(error.expected("one or more"));
-            }
-            displacements = displacements.saturating_mul(elements.saturating_add(1));
-        }
+        let counts = self.elements.counts(extents.len(), (1, "body"), &at, lowering);
+        let displacements = self.displacements();
         if displacements > MOST_DISPLACEMENTS {
             let detail = format!("the nodes of these elements have {displacements} displacements");
             let error = SpecificationError::new(at.to_string(), "too_many_unknowns", detail);
@@ -136,7 +129,7 @@ impl ElasticProblem {
         let body = place.key("body");
         let body = body.key(shape);
         let mut axes = Vec::with_capacity(extents.len());
-        for ((&extent, name), &elements) in extents.iter().zip(["x", "y", "z"]).zip(&self.elements) {
+        for ((&extent, name), elements) in extents.iter().zip(["x", "y", "z"]).zip(counts) {
             let place = body.key(name);
             let [lower, upper] = [0, 1].map(|k| lowering.constant(&extent[k], &place.index(k)));
             let (Some(lower), Some(upper)) = (lower, upper) else { continue };
@@ -145,9 +138,9 @@ impl ElasticProblem {
                 let error = SpecificationError::new(place.to_string(), "empty_interval", detail);
                 lowering.errors.push(error.expected("an end above the beginning"));
             }
-            axes.push(Axis { lower, upper, elements: elements as usize });
+            axes.extend(elements.map(|elements| Axis { lower, upper, elements }));
         }
-        if axes.len() < extents.len() || self.elements.contains(&0) {
+        if axes.len() < extents.len() {
             return None;
         }
         let is_string = matches!(self.body, ElasticBody::String(_));

@@ -114,9 +114,9 @@ impl ElasticProblem {
             lowering.errors.push(error.expected("to be left out"));
         }
         if geometry.grid.axes()[side.direction].elements < 2 {
-            let place = elements.index(side.direction);
+            let place = self.elements.pointer(side.direction, elements);
             let detail = format!("there is one layer of elements behind `{name}`, all of whose mass is in contact");
-            let error = SpecificationError::new(place.to_string(), "out_of_range", detail);
+            let error = SpecificationError::new(place, "out_of_range", detail);
             lowering.errors.push(error.expected("2 or more"));
             return None;
         }
@@ -156,7 +156,7 @@ impl ElasticProblem {
             let detail = format!(
                 "{count} is odd, and every other node of a string, the first and the last among them, bears no mass"
             );
-            let error = SpecificationError::new(elements.index(0).to_string(), "odd_elements", detail);
+            let error = SpecificationError::new(self.elements.pointer(0, elements), "odd_elements", detail);
             lowering.errors.push(error.expected("an even number"));
             return None;
         }

@@ -12,6 +12,7 @@ pub use body::{BarBody, BoxBody, ElasticBody, PlaneLaw, RectangleBody, StringBod
 pub use contact::ElasticContact;
 pub use loads::ElasticStart;
 
+use super::elements::Elements;
 use super::error::SpecificationError;
 use super::expression::Expression;
 use super::lowering::Lowering;
@@ -40,8 +41,8 @@ pub struct ElasticProblem {
     pub parameters: Ordered<Expression>,
     /// The shape of the body.
     pub body: ElasticBody,
-    /// The number of elements along each axis.
-    pub elements: Vec<u64>,
+    /// The number of elements, equal ones, in each direction; one number for all, or `{"x": .., "y": ..}`.
+    pub elements: Elements,
     /// Mass by volume; by length for a string. A bar has a section of 1, a rectangle a thickness of 1. Above 0.
     pub density: Expression,
     /// Young's modulus, above 0; of all bodies but strings.
@@ -77,13 +78,17 @@ pub struct ElasticProblem {
 }
 
 /// The most displacements of nodes.
-const MOST_DISPLACEMENTS: u64 = 100_000;
+const MOST_DISPLACEMENTS: usize = 100_000;
 
 impl ElasticProblem {
     /// Displacements and velocities, as far as `elements` tells.
     pub(super) fn unknowns(&self) -> usize {
-        let nodes = self.elements.iter().fold(1_u64, |nodes, &axis| nodes.saturating_mul(axis.saturating_add(1)));
-        usize::try_from(nodes.saturating_mul(2 * self.elements.len() as u64)).unwrap_or(usize::MAX)
+        self.displacements().saturating_mul(2)
+    }
+
+    fn displacements(&self) -> usize {
+        let dimension = self.body.dimension();
+        self.elements.nodes(dimension).saturating_mul(dimension)
     }
 
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.

@@ -74,7 +74,7 @@ impl PerDirection {
 }
 
 /// Reports a direction that the domain has not.
-pub(super) fn no_direction(key: &str, place: &Place<'_>, lowering: &mut Lowering) {
+fn no_direction(key: &str, place: &Place<'_>, lowering: &mut Lowering) {
     let detail = format!("the domain has no direction `{key}`");
     lowering.errors.report(&place.key(key), "no_such_direction", detail);
 }

@@ -6,10 +6,11 @@ mod domain;
 mod sides;
 
 pub use directions::{Directions, PerDirection};
-pub use domain::{Domain, Elements, ElementsOf};
+pub use domain::Domain;
 pub use sides::{Boundary, BoundaryCondition};
 
 use super::choices::choices;
+use super::elements::Elements;
 use super::error::SpecificationError;
 use super::expression::Expression;
 use super::lowering::Lowering;
@@ -17,7 +18,8 @@ use super::ordered::Ordered;
 use super::place::Place;
 use crate::models::Model;
 use crate::models::finite_elements::{Grid, Quadrature};
-use crate::models::obstacle::{Field, Obstacle, Offence, Probe, Semidiscrete, largest_peclet};
+use crate::models::obstacle::{Cause, Field, Obstacle, Probe, Semidiscrete, largest_peclet};
+use crate::problem::Control;
 use crate::solution::Warning;
 use serde::Deserialize;
 use utoipa::ToSchema;
@@ -77,11 +79,7 @@ const COORDINATES: [&str; 3] = ["x", "y", "z"];
 impl ObstacleProblem {
     /// The number of nodes, as written; none where it is not even a number.
     pub(super) fn nodes(&self) -> usize {
-        let elements = self.elements.of(self.domain.dimension());
-        elements.iter().fold(1, |nodes: usize, &n| {
-            let n = usize::try_from(n.unwrap_or(1)).unwrap_or(usize::MAX);
-            nodes.saturating_mul(n.saturating_add(1))
-        })
+        self.elements.nodes(self.domain.dimension())
     }
 
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
@@ -123,7 +121,7 @@ impl ObstacleProblem {
             warnings: Vec::new(),
         };
         if let Some(t) = lowering.start {
-            if let Err(offence) = check(&problem, t) {
+            if let Err(Cause::Offence(offence)) = check(&problem, t) {
                 let pointer = format!("{place}/{}", offence.key());
                 let error = SpecificationError::new(pointer, offence.code(), offence.to_string());
                 lowering.errors.push(error.expected(offence.expected()));
@@ -190,9 +188,11 @@ fn unresolved(peclet: f64) -> Warning {
 }
 
 /// Whether all data are what they should be at the start.
-fn check(problem: &Obstacle, t: f64) -> Result<(), Offence> {
-    let mut system = Semidiscrete::new(problem.clone());
-    system.operator_at(t)?;
+fn check(problem: &Obstacle, t: f64) -> Result<(), Cause> {
+    let control = Control::new();
+    let mut system = Semidiscrete::new(problem.clone(), &control).map_err(|_| Cause::Interrupted { t })?;
+    system.operator_at(t, &control)?;
     system.vectors_at(t)?;
-    system.initial(t).map(drop)
+    system.initial(t)?;
+    Ok(())
 }

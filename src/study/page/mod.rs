@@ -50,8 +50,8 @@ fn overview(chapters: &[Chapter]) -> String {
 fn section(page: &mut String, chapter: &Chapter) {
     // Writing to a string does not fail.
     let _ = write!(page, "<section id=\"{}\"><h2>{}</h2>", escaped(&chapter.name), escaped(&chapter.title));
-    *page += &work_precision(&chapter.series, Some(&chapter.title), &chapter.reference);
-    let runs = chapter.series.iter().flat_map(|series| series.runs.iter().map(|run| row(&series.method, run)));
+    *page += &work_precision(chapter.all(), Some(&chapter.title), &chapter.reference);
+    let runs = chapter.all().flat_map(|series| series.runs.iter().map(|run| row(&series.method, run)));
     let head = ["method", "tolerance or step", "steps", "time / s", "error", "order"];
     let _ = write!(page, "<details><summary>Numbers</summary>{}</details></section>", table(&head, runs));
 }
@@ -116,8 +116,14 @@ mod tests {
         };
         let series = vec![Series { method: "3 stages".to_owned(), runs: vec![run] }];
         let title = "<script>alert(1)</script>".to_owned();
-        let chapter =
-            Chapter { name: "relay".to_owned(), title, reference: "closed form".to_owned(), outside: true, series };
+        let chapter = Chapter {
+            name: "relay".to_owned(),
+            title,
+            reference: "closed form".to_owned(),
+            outside: true,
+            series,
+            peers: Vec::new(),
+        };
         let page = html(&[chapter], None, "none");
         assert!(!page.contains("<script"), "{page}");
         assert!(page.contains("<span class=\"number\">failed</span>") && page.contains("3 stages"), "{page}");

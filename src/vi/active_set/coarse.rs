@@ -3,13 +3,13 @@
 //! the next coarser one, which is off by a node or so along its boundary.
 
 use super::cyclic_reduction::CyclicReduction;
-use super::grid::Interpolation;
+use super::grid::{Coarser, Interpolation};
 use super::operator::Operator;
 use super::{COARSE_PASSES, Level, Unsuitable};
-use crate::factorisation::SparseMatrix;
 use crate::problem::{Control, ConvexSet};
+use std::sync::Arc;
 
-/// Grids of so few nodes are not coarsened further.
+/// Tridiagonal matrices of so few rows are not coarsened further.
 const SMALL: usize = 32;
 
 /// Sweeps of Gauss-Seidel after interpolation: what is wrong then is wrong over a few nodes.
@@ -26,7 +26,7 @@ pub(super) struct Coarse {
 
 enum Transfer {
     Elimination(CyclicReduction),
-    Interpolation(Interpolation),
+    Interpolation(Arc<Interpolation>),
 }
 
 impl Coarse {
@@ -86,16 +86,15 @@ pub(super) fn by_elimination(finest: &Operator) -> Vec<Coarse> {
     coarser
 }
 
-/// Every other node in each direction of a grid, with the Galerkin matrix of multilinear interpolation.
-pub(super) fn by_interpolation(finest: &SparseMatrix, shape: &[usize]) -> Result<Vec<Coarse>, Unsuitable> {
-    let mut coarser = Vec::new();
-    let (mut shape, mut fine) = (shape.to_vec(), finest.clone());
-    while fine.nrows() > SMALL && shape.iter().any(|&nodes| nodes > 3) {
-        let (transfer, coarse_shape) = Interpolation::new(&shape);
-        let coarse = transfer.galerkin(&fine).ok_or(Unsuitable::Memory)?;
-        let operator = Operator::new(&coarse, Some(&coarse_shape))?;
-        coarser.push(Coarse::new(Transfer::Interpolation(transfer), operator));
-        (shape, fine) = (coarse_shape, coarse);
+/// Every grid of a hierarchy, each with those below it.
+pub(super) fn by_interpolation(grids: &[Coarser], control: &Control) -> Result<Vec<Coarse>, Unsuitable> {
+    let mut coarser = Vec::with_capacity(grids.len());
+    for (k, Coarser { transfer, matrix, .. }) in grids.iter().enumerate() {
+        let operator = match Operator::tridiagonal(matrix)? {
+            Some(operator) => operator,
+            None => Operator::sparse(matrix, &grids[k + 1..], control)?,
+        };
+        coarser.push(Coarse::new(Transfer::Interpolation(Arc::clone(transfer)), operator));
     }
     Ok(coarser)
 }

@@ -1,10 +1,16 @@
 //! Multilinear interpolation from every other node of a rectangular grid, the last node of each direction included, and
 //! the Galerkin matrix `P^T A P` (Trottenberg, Oosterlee and Schueller 2001, section 2.3.3 and appendix A.2.3).
 
+use super::Unsuitable;
 use crate::factorisation::SparseMatrix;
+use crate::problem::Control;
 use faer::Par;
 use faer::sparse::Triplet;
 use faer::sparse::linalg::matmul::sparse_sparse_matmul;
+use std::sync::Arc;
+
+/// Grids of so few nodes are not coarsened further.
+const SMALL: usize = 32;
 
 /// Interpolation between two grids.
 pub(super) struct Interpolation {
@@ -12,6 +18,29 @@ pub(super) struct Interpolation {
     parents: SparseMatrix,
     /// The fine node at each coarse one.
     pub nodes: Vec<usize>,
+}
+
+/// A grid of every other node of the next finer one, with its Galerkin matrix.
+pub(super) struct Coarser {
+    /// To the finer grid. What solves on the grids shares it.
+    pub transfer: Arc<Interpolation>,
+    pub matrix: SparseMatrix,
+    /// Its nodes in each direction.
+    pub shape: Vec<usize>,
+}
+
+/// The ever coarser grids below one of this shape.
+pub(super) fn hierarchy(matrix: &SparseMatrix, shape: &[usize], control: &Control) -> Result<Vec<Coarser>, Unsuitable> {
+    let mut coarser: Vec<Coarser> = Vec::new();
+    loop {
+        let (fine, shape) = coarser.last().map_or((matrix, shape), |coarser| (&coarser.matrix, &coarser.shape));
+        if fine.nrows() <= SMALL || shape.iter().all(|&nodes| nodes <= 3) {
+            return Ok(coarser);
+        }
+        let (transfer, shape) = Interpolation::new(shape);
+        let matrix = transfer.galerkin(fine, control)?;
+        coarser.push(Coarser { transfer: Arc::new(transfer), matrix, shape });
+    }
 }
 
 impl Interpolation {
@@ -52,11 +81,14 @@ impl Interpolation {
         (Self { parents, nodes }, coarse_shape)
     }
 
-    /// `P^T A P`; `None` if memory does not suffice.
-    pub fn galerkin(&self, matrix: &SparseMatrix) -> Option<SparseMatrix> {
-        let interpolation = self.parents.transpose().to_col_major().ok()?;
-        let image = sparse_sparse_matmul(matrix.as_ref(), interpolation.as_ref(), 1.0, Par::Seq).ok()?;
-        sparse_sparse_matmul(self.parents.as_ref(), image.as_ref(), 1.0, Par::Seq).ok()
+    /// `P^T A P`, unless memory does not suffice.
+    fn galerkin(&self, matrix: &SparseMatrix, control: &Control) -> Result<SparseMatrix, Unsuitable> {
+        control.go_on()?;
+        let interpolation = self.parents.transpose().to_col_major().map_err(|_| Unsuitable::Memory)?;
+        let image = sparse_sparse_matmul(matrix.as_ref(), interpolation.as_ref(), 1.0, Par::Seq);
+        let image = image.map_err(|_| Unsuitable::Memory)?;
+        control.go_on()?;
+        sparse_sparse_matmul(self.parents.as_ref(), image.as_ref(), 1.0, Par::Seq).map_err(|_| Unsuitable::Memory)
     }
 
     /// `coarse = P^T fine`

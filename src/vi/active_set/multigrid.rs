@@ -5,10 +5,12 @@
 //! basis of Kornhuber 1994, by nodes). One sweep of Gauss-Seidel down, one backwards up: a symmetric cycle (Trottenberg,
 //! Oosterlee and Schueller 2001, section 7.8).
 
-use super::grid::Interpolation;
+use super::Unsuitable;
+use super::grid::{Coarser, Interpolation};
 use super::sparse::restrict;
 use crate::factorisation::{Cholesky, SparseMatrix};
 use crate::problem::Control;
+use std::sync::Arc;
 
 /// Grids of so few nodes are solved by factorisation.
 const SMALL: usize = 500;
@@ -37,7 +39,7 @@ struct Grid {
     restricted: SparseMatrix,
     inside: Vec<bool>,
     /// To the next coarser grid; none from the coarsest.
-    transfer: Option<Interpolation>,
+    transfer: Option<Arc<Interpolation>>,
     right: Vec<f64>,
     z: Vec<f64>,
     defect: Vec<f64>,
@@ -88,23 +90,25 @@ fn apply(grid: &Grid, z: &[f64], image: &mut [f64]) {
 }
 
 impl Multigrid {
-    /// For a symmetric matrix whose rows are the nodes of a grid; `None` if memory does not suffice.
-    pub fn new(matrix: &SparseMatrix, shape: &[usize]) -> Option<Self> {
+    /// For a symmetric matrix whose rows are the nodes of a grid, with those `below` it.
+    pub fn new(matrix: &SparseMatrix, below: &[Coarser], control: &Control) -> Result<Self, Unsuitable> {
         let n = matrix.nrows();
-        let (mut levels, mut shape) = (vec![Grid::new(matrix, true)], shape.to_vec());
-        let mut fine = matrix.clone();
-        while fine.nrows() > SMALL && shape.iter().any(|&nodes| nodes > 3) {
-            let (transfer, coarse_shape) = Interpolation::new(&shape);
-            let coarse = transfer.galerkin(&fine)?;
-            if let Some(grid) = levels.last_mut() {
-                grid.transfer = Some(transfer);
+        let mut levels = vec![Grid::new(matrix, true)];
+        let mut fine = matrix;
+        for Coarser { transfer, matrix, .. } in below {
+            if fine.nrows() <= SMALL {
+                break;
             }
-            levels.push(Grid::new(&coarse, false));
-            (shape, fine) = (coarse_shape, coarse);
+            control.go_on()?;
+            if let Some(grid) = levels.last_mut() {
+                grid.transfer = Some(Arc::clone(transfer));
+            }
+            levels.push(Grid::new(matrix, false));
+            fine = matrix;
         }
-        let coarsest = Cholesky::new(&fine)?;
+        let coarsest = Cholesky::new(fine).ok_or(Unsuitable::Memory)?;
         let zeros = || vec![0.0; n];
-        Some(Self { levels, coarsest, last: zeros(), residual: zeros(), direction: zeros(), image: zeros() })
+        Ok(Self { levels, coarsest, last: zeros(), residual: zeros(), direction: zeros(), image: zeros() })
     }
 
     /// Takes over the rows of `restricted`, of which those `inside` belong to the system. False if it is singular.

@@ -4,6 +4,7 @@
 //! sum_j A_ij z_j + s_i z_i = r_i  for i inside,    z_i given elsewhere
 //! ```
 
+use super::grid::Coarser;
 use super::sparse::Sparse;
 use super::tridiagonal::Tridiagonal;
 use super::{Face, Unsuitable};
@@ -17,8 +18,8 @@ pub(super) enum Operator {
 }
 
 impl Operator {
-    /// For a matrix on a grid of that shape, if it is one.
-    pub fn new(matrix: &SparseMatrix, shape: Option<&[usize]>) -> Result<Self, Unsuitable> {
+    /// For a tridiagonal M-matrix; none for another that an active-set method can use.
+    pub fn tridiagonal(matrix: &SparseMatrix) -> Result<Option<Self>, Unsuitable> {
         let (rows, columns) = (matrix.nrows(), matrix.ncols());
         if rows != columns {
             return Err(Unsuitable::Shape { rows, columns, expected: rows });
@@ -29,10 +30,12 @@ impl Operator {
                 return Err(Unsuitable::Diagonal { row, value });
             }
         }
-        match Tridiagonal::of_m_matrix(matrix) {
-            Some(tridiagonal) => Ok(Self::Tridiagonal(tridiagonal)),
-            None => Ok(Self::Sparse(Sparse::new(matrix, shape)?)),
-        }
+        Ok(Tridiagonal::of_m_matrix(matrix).map(Self::Tridiagonal))
+    }
+
+    /// For any other; `below` are the coarser grids, if it is on one.
+    pub fn sparse(matrix: &SparseMatrix, below: &[Coarser], control: &Control) -> Result<Self, Unsuitable> {
+        Ok(Self::Sparse(Sparse::new(matrix, below, control)?))
     }
 
     pub fn len(&self) -> usize {

@@ -2,6 +2,7 @@
 //! the pattern, and its analysis, stay: a symmetric matrix is left symmetric, and factorised by Cholesky, or solved by
 //! multigrid where the factors would not be sparse.
 
+use super::grid::Coarser;
 use super::multigrid::Multigrid;
 use super::{Face, Unsuitable};
 use crate::factorisation::{Analysis, Cholesky, SparseLu, SparseMatrix};
@@ -27,17 +28,17 @@ enum Factors {
 const MANY: usize = 20_000;
 
 impl Sparse {
-    /// For a matrix on a grid of that shape, if it is one.
-    pub fn new(matrix: &SparseMatrix, shape: Option<&[usize]>) -> Result<Self, Unsuitable> {
+    /// For a matrix; `below` are the coarser grids, if it is on one.
+    pub fn new(matrix: &SparseMatrix, below: &[Coarser], control: &Control) -> Result<Self, Unsuitable> {
+        control.go_on()?;
         let n = matrix.nrows();
         let inverse_diagonal = (0..n).map(|i| matrix.get(i, i).map_or(f64::INFINITY, |d| 1.0 / d)).collect();
-        let factors = if is_symmetric(matrix) {
-            match shape.filter(|shape| shape.len() > 1 && n >= MANY) {
-                Some(shape) => Multigrid::new(matrix, shape).map(|multigrid| Factors::Multigrid(Box::new(multigrid))),
-                None => Cholesky::new(matrix).map(Factors::Cholesky),
-            }
-        } else {
+        let factors = if !is_symmetric(matrix) {
             Analysis::new(matrix.symbolic()).and_then(|analysis| SparseLu::new(&analysis)).map(Factors::Lu)
+        } else if n >= MANY && below.first().is_some_and(|grid| grid.shape.len() > 1) {
+            Some(Factors::Multigrid(Box::new(Multigrid::new(matrix, below, control)?)))
+        } else {
+            Cholesky::new(matrix).map(Factors::Cholesky)
         };
         Ok(Self {
             matrix: matrix.clone(),

@@ -107,7 +107,8 @@ fn membrane(nodes: usize) -> (f64, f64) {
         })
         .collect();
     let set = above((0..n).map(|k| phi(r(place(k).0, place(k).1))).collect());
-    let mut solver = ActiveSet::on_grid(&laplacian([nodes, nodes], 1.0, 0.0), &[nodes, nodes]).expect("an M-matrix");
+    let mut solver = ActiveSet::on_grid(&laplacian([nodes, nodes], 1.0, 0.0), &[nodes, nodes], &Control::new())
+        .expect("an M-matrix");
     let (z, _) = solve(&mut solver, &q, &set);
     let error = z.iter().enumerate().map(|(k, z)| (z - exact(r(place(k).0, place(k).1))).abs()).fold(0.0, f64::max);
     let touching = z.iter().zip(&set.lower).filter(|(z, phi)| z == phi).count();
@@ -229,7 +230,7 @@ fn cold_warm_and_guessed_starts_end_at_the_same_point() {
     for shape in [[1, 400], [23, 30]] {
         let matrix = laplacian(shape, 40.0, 1.0);
         let mut warm = ActiveSet::new(&matrix).expect("an M-matrix");
-        let mut guessed = ActiveSet::on_grid(&matrix, &shape).expect("an M-matrix");
+        let mut guessed = ActiveSet::on_grid(&matrix, &shape, &Control::new()).expect("an M-matrix");
         for step in 0..6 {
             let (q, set) = moving_front(shape, 0.03 * f64::from(step));
             let cold = solve(&mut ActiveSet::new(&matrix).expect("an M-matrix"), &q, &set).0;
@@ -243,7 +244,7 @@ fn cold_warm_and_guessed_starts_end_at_the_same_point() {
 fn a_front_that_moves_far_costs_few_steps_at_any_size() {
     for (shape, jump) in [([1, 1_000], 0.1), ([1, 30_000], 0.1), ([60, 60], 0.2), ([120, 121], 0.2)] {
         let c = (shape[1] * shape[1]) as f64 * 1e-3;
-        let mut solver = ActiveSet::on_grid(&laplacian(shape, c, 1.0), &shape).expect("an M-matrix");
+        let mut solver = ActiveSet::on_grid(&laplacian(shape, c, 1.0), &shape, &Control::new()).expect("an M-matrix");
         for step in 0..4 {
             let (q, set) = moving_front(shape, jump * f64::from(step));
             let report = solve(&mut solver, &q, &set).1;
@@ -255,7 +256,7 @@ fn a_front_that_moves_far_costs_few_steps_at_any_size() {
 #[test]
 fn an_unchanged_active_set_costs_one_step() {
     let shape = [40, 40];
-    let mut solver = ActiveSet::on_grid(&laplacian(shape, 100.0, 1.0), &shape).expect("an M-matrix");
+    let mut solver = ActiveSet::on_grid(&laplacian(shape, 100.0, 1.0), &shape, &Control::new()).expect("an M-matrix");
     let (mut q, set) = moving_front(shape, 0.0);
     solve(&mut solver, &q, &set);
     q.iter_mut().for_each(|q| *q *= 1.0 + 1e-9);
@@ -296,7 +297,7 @@ fn what_has_no_solution_or_no_meaning_is_refused() {
 
     let zero = sparse(2, [(0, 0, 1.0), (1, 0, 1.0)].into_iter());
     assert_eq!(ActiveSet::new(&zero).err(), Some(Unsuitable::Diagonal { row: 1, value: 0.0 }));
-    let wrong = ActiveSet::on_grid(&matrix, &[2, 3]).err();
+    let wrong = ActiveSet::on_grid(&matrix, &[2, 3], &Control::new()).err();
     assert_eq!(wrong, Some(Unsuitable::Shape { rows: 4, columns: 4, expected: 6 }));
 }
 

@@ -1,6 +1,6 @@
 //! Grids in space, whose rows inside are solved by multigrid: against answers that are put in.
 
-use super::super::ActiveSet;
+use super::super::{ActiveSet, Unsuitable};
 use super::*;
 use crate::factorisation::SparseMatrix;
 use faer::sparse::Triplet;
@@ -47,7 +47,7 @@ fn an_answer_with_a_ball_of_contact_is_found_however_stiff_the_matrix() {
     for (shape, c) in SHAPES.into_iter().flat_map(|shape| [1e-3, 1.0, 1e4].map(|c| (shape, c))) {
         let matrix = matrix(shape, c);
         let (q, z) = problem(shape, &matrix);
-        let mut solver = ActiveSet::on_grid(&matrix, shape).expect("an M-matrix");
+        let mut solver = ActiveSet::on_grid(&matrix, shape, &Control::new()).expect("an M-matrix");
         let mut found = vec![1.0; z.len()];
         let report = solver.solve(&q, &ConvexSet::nonnegative(z.len()), &mut found, &Control::new());
         assert_eq!(report.outcome, Outcome::Solved, "{shape:?} {c}: {report:?}");
@@ -60,10 +60,11 @@ fn an_answer_with_a_ball_of_contact_is_found_however_stiff_the_matrix() {
 fn a_run_that_is_to_stop_is_not_solved() {
     let matrix = matrix(SHAPES[0], 1.0);
     let (q, z) = problem(SHAPES[0], &matrix);
-    let mut solver = ActiveSet::on_grid(&matrix, SHAPES[0]).expect("an M-matrix");
+    let mut solver = ActiveSet::on_grid(&matrix, SHAPES[0], &Control::new()).expect("an M-matrix");
     let control = Control::new();
     control.cancel();
     let report = solver.solve(&q, &ConvexSet::nonnegative(z.len()), &mut vec![1.0; z.len()], &control);
     assert_eq!(report.outcome, Outcome::Interrupted);
     assert!(!solver.solve_inside(&mut vec![1.0; z.len()], &control), "half an answer is none");
+    assert_eq!(ActiveSet::on_grid(&matrix, SHAPES[0], &control).err(), Some(Unsuitable::Interrupted));
 }

@@ -1,0 +1,73 @@
+//! Small solves are tried on the thread that serves their connection: to wake a worker, and to be woken by it, takes longer
+//! than they do.
+//!
+//! What is not over after a fraction of a millisecond goes to the queue as if nothing had been tried, so that a connection
+//! waits for the solve of another no longer than for the reading of its specification. Nothing is tried while jobs wait, which
+//! came first; nor what is to be on the disk or to be found under a key before it is solved, nor what may take long over one step.
+
+use super::ended::{Ended, Ending, Held, Timing};
+use super::job::Job;
+use super::results::Results;
+use super::{Jobs, Order};
+use crate::models::Model;
+use crate::problem::Control;
+use crate::solution::Status;
+use crate::specification::Specification;
+use jiff::Timestamp;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// Some times what waking a worker takes.
+const GLANCE: Duration = Duration::from_micros(200);
+
+/// The bytes of a problem of which a step takes less time than that: some ten unknowns.
+const SMALL: usize = 16 << 10;
+
+impl Jobs {
+    /// A job that has been solved, if that is done at once.
+    pub(super) async fn solve_at_a_glance(&self, order: &Order) -> Option<Arc<Job>> {
+        let specification = &order.specification;
+        if order.key.is_some() || !is_small(specification) || !self.is_free() {
+            return None;
+        }
+        let job = Arc::new(Job::new(order.clone(), false));
+        let control = Control::with_deadline(job.created.clock + GLANCE);
+        // A worker meets the panic again, and tells of it.
+        let solution = catch_unwind(AssertUnwindSafe(|| (self.solver)(specification, &control))).ok()?;
+        if solution.status != Status::Completed {
+            return None;
+        }
+        let time = job.created.clock.elapsed();
+        let results = Results::of(solution, self.bounds.result_bytes).ok()?;
+        if let Ok(solution) = results.solution() {
+            self.metrics.waited(Duration::ZERO);
+            self.metrics.solved(specification.problem(), time, solution);
+        }
+        // Without a key there is none that came before.
+        let _ = self.store.index().insert(&job);
+        let ended = Ended {
+            started: Some(job.created.date),
+            finished: Timestamp::now(),
+            timing: Some(Timing { queue: Duration::ZERO, solve: time }),
+            fraction: control.fraction(),
+            steps: control.steps(),
+            ending: Ending::Successful,
+            held: Some(Held::Memory(Arc::new(results))),
+        };
+        self.store.conclude(&job, ended).await;
+        Some(job)
+    }
+
+    /// Whether a solve would keep no job from its turn.
+    fn is_free(&self) -> bool {
+        let intake = self.lock();
+        !intake.draining && intake.queue.is_empty()
+    }
+}
+
+fn is_small(specification: &Specification) -> bool {
+    matches!(specification.model(), Model::Dvi(_))
+        && specification.study().is_none()
+        && specification.memory_bytes() <= SMALL
+}

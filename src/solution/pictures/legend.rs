@@ -1,0 +1,138 @@
+//! How lines are told apart: by six colours, then by dashes and the shape of their marks, and what says so beside them.
+
+use super::elements::{plain, tenths, text};
+use super::thinning::Point;
+use svg::node::element::{Group, Path, Polyline, TSpan, Text};
+
+/// Colours that are told apart.
+pub const COLOURS: usize = 6;
+
+/// A mark of each round of the colours, in text. After the last they begin anew.
+const SHAPES: [&str; 3] = ["●", "■", "▲"];
+
+/// Room in pixels for a mark with what is around it, and for characters of a wide typeface: the widest, and others.
+const MARK: f64 = 38.0;
+const WIDE: f64 = 13.0;
+const CHARACTER: f64 = 7.6;
+
+/// From one row of a legend to the next.
+pub const ROW: f64 = 20.0;
+
+/// Characters of a name.
+const NAME: usize = 44;
+
+/// The names of the lines, as many in a row as there is room for from `left` to `right`.
+pub struct Legend<'a> {
+    rows: Vec<Vec<(usize, &'a str)>>,
+    left: f64,
+}
+
+impl<'a> Legend<'a> {
+    /// Breaks the rows.
+    pub fn new(names: impl Iterator<Item = &'a str>, left: f64, right: f64) -> Self {
+        let (mut rows, mut at) = (vec![Vec::new()], left);
+        for (k, name) in names.enumerate() {
+            let width = MARK + name.chars().take(NAME).map(width).sum::<f64>();
+            if at + width > right && at > left {
+                rows.push(Vec::new());
+                at = left;
+            }
+            at += width;
+            rows.last_mut().expect("there is a first row").push((k, name));
+        }
+        Self { rows, left }
+    }
+
+    /// The height of all rows but the first, in pixels.
+    pub fn extra(&self) -> f64 {
+        ROW * (self.rows.len() - 1) as f64
+    }
+
+    /// The rows, the first on the line `y`.
+    pub fn drawn(&self, y: f64) -> Group {
+        let rows = self.rows.iter().enumerate();
+        rows.fold(Group::new(), |group, (k, row)| group.add(names(row, NAME, self.left, y + ROW * k as f64)))
+    }
+}
+
+/// Names in a row, each after the mark of its line and cut to `most` characters.
+pub fn names(row: &[(usize, &str)], most: usize, x: f64, y: f64) -> Text {
+    row.iter().enumerate().fold(text("", "name", x, y), |names, (place, &(k, name))| {
+        let mark = TSpan::new(SHAPES[round(k)]).set("class", colour("mark", k));
+        let mark = if place == 0 { mark } else { mark.set("dx", 12) };
+        names.add(mark).add(TSpan::new(plain(name, most)).set("dx", 5))
+    })
+}
+
+/// The `k`-th line.
+pub fn polyline(points: &[Point], k: usize) -> Polyline {
+    // A line of one point has no length: drawn twice, its round ends make a dot.
+    let again = if let [only] = points { Some(only) } else { None };
+    let mut shown = String::new();
+    for (x, y) in points.iter().chain(again) {
+        let separator = if shown.is_empty() { "" } else { " " };
+        shown += &format!("{separator}{},{}", tenths(*x), tenths(*y));
+    }
+    let class = match round(k) {
+        0 => colour("line", k),
+        round => format!("{} dashes{round}", colour("line", k)),
+    };
+    Polyline::new().set("class", class).set("points", shown)
+}
+
+/// A mark on the `k`-th line at `(x, y)`, with the area of a disc of the radius `r`.
+pub fn mark((x, y): Point, k: usize, r: f64) -> Path {
+    let [x, y, r] = [x, y, r].map(tenths);
+    let shape = match round(k) {
+        0 => format!("M{},{y}a{r},{r} 0 1 0 {},0a{r},{r} 0 1 0 {},0z", tenths(x - r), 2.0 * r, -2.0 * r),
+        1 => {
+            let half = tenths(0.9 * r);
+            format!("M{},{}h{s}v{s}h-{s}z", tenths(x - half), tenths(y - half), s = 2.0 * half)
+        }
+        _ => {
+            let half = tenths(1.3 * r);
+            format!("M{},{}h{}l-{half},-{}z", tenths(x - half), tenths(y + 0.8 * half), 2.0 * half, tenths(1.8 * half))
+        }
+    };
+    Path::new().set("class", colour("mark", k)).set("d", shape)
+}
+
+fn width(c: char) -> f64 {
+    if matches!(c, 'm' | 'w' | 'M' | 'W') { WIDE } else { CHARACTER }
+}
+
+fn colour(of: &str, k: usize) -> String {
+    format!("{of}{}", k % COLOURS)
+}
+
+fn round(k: usize) -> usize {
+    k / COLOURS % SHAPES.len()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_that_have_no_room_in_a_row_begin_a_new_one() {
+        let name = "x".repeat(20);
+        let names = vec![name.as_str(); 7];
+        let legend = Legend::new(names.into_iter(), 0.0, 600.0);
+        assert_eq!(legend.rows.iter().map(Vec::len).collect::<Vec<_>>(), [3, 3, 1]);
+        assert_eq!(legend.rows[2], [(6, name.as_str())]);
+        assert_eq!(legend.extra(), 2.0 * ROW);
+        assert_eq!(Legend::new([name.as_str()].into_iter(), 0.0, 10.0).rows.len(), 1, "a row has one name at least");
+    }
+
+    #[test]
+    fn eighteen_lines_are_told_apart_by_colour_dashes_and_marks() {
+        let points = [(0.0, 0.0), (9.0, 9.0)];
+        let mut lines: Vec<String> = (0..18).map(|k| polyline(&points, k).to_string()).collect();
+        let mut marks: Vec<String> = (0..18).map(|k| mark((5.0, 5.0), k, 3.5).to_string()).collect();
+        for drawn in [&mut lines, &mut marks] {
+            drawn.sort();
+            drawn.dedup();
+            assert_eq!(drawn.len(), 18);
+        }
+    }
+}

@@ -1,0 +1,138 @@
+//! Specifications that nobody would write: `cargo bench --bench fuzz` for ten minutes; `SECONDS=60 SEED=7` before it say
+//! otherwise.
+//!
+//! The examples are changed by [`mutation`] and read. A change whose errors have not been seen before is kept and changed
+//! further, so that errors behind errors are reached. What is correct is solved for a moment. A reading that panics, or takes
+//! longer or more memory than a document of its size may, ends the search; the document stands in the file that is named, as
+//! it does after an overflow of the stack, from which nothing returns.
+
+mod mutation;
+
+use allocation_counter::measure;
+use dvi::problem::Control;
+use dvi::specification::{Specification, SpecificationError};
+use mutation::Mutation;
+use std::collections::HashSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// That of the threads on which the service reads.
+const STACK_BYTES: usize = 2 << 20;
+/// What reading may take, on its processor, beside a time for each byte.
+const READING: Duration = Duration::from_secs(1);
+const READING_A_BYTE: Duration = Duration::from_micros(20);
+/// The memory that reading may take, beside some for each byte.
+const MEMORY: u64 = 256 << 20;
+const MEMORY_A_BYTE: u64 = 4096;
+/// The time that a solve is given, and by which it may be late.
+const SOLVE: Duration = Duration::from_millis(20);
+const LATE: Duration = Duration::from_secs(5);
+/// A larger document is not kept: it only slows the search down.
+const LARGEST: usize = 16 << 10;
+
+fn main() {
+    let number = |name: &str, default| std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(default);
+    let (seconds, seed) = (number("SECONDS", 600), number("SEED", 1));
+    let current = std::env::temp_dir().join(format!("dvi-fuzz-{}.json", std::process::id()));
+    println!("{seconds} s from seed {seed}; the document in hand stands in {}", current.display());
+    let search = move || search(Duration::from_secs(seconds), seed, &current);
+    let searching = thread::Builder::new().stack_size(STACK_BYTES).spawn(search).expect("a thread");
+    if searching.join().is_err() {
+        std::process::exit(1);
+    }
+}
+
+fn search(time: Duration, seed: u64, current: &Path) {
+    // Those that are correct, and those with errors.
+    let mut corpus = [examples(), Vec::new()];
+    let mut mutation = Mutation::new(seed, &corpus[0]);
+    let mut seen: HashSet<String> = HashSet::new();
+    let (start, mut read, mut correct) = (Instant::now(), 0_u64, 0_u64);
+    let mut told = Duration::ZERO;
+    let (mut slowest, mut largest) = (Duration::ZERO, 0);
+    while start.elapsed() < time {
+        let document = mutation.change(&corpus);
+        fs::write(current, &document).expect("a temporary file");
+        let (outcome, spent, bytes) = attempt(&document);
+        assert!(
+            spent < READING + READING_A_BYTE * document.len() as u32,
+            "{spent:?} for {} bytes in {}",
+            document.len(),
+            current.display()
+        );
+        assert!(
+            bytes < MEMORY + MEMORY_A_BYTE * document.len() as u64,
+            "{} MiB for {} bytes in {}",
+            bytes >> 20,
+            document.len(),
+            current.display()
+        );
+        (slowest, largest) = (slowest.max(spent), largest.max(bytes));
+        read += 1;
+        correct += u64::from(outcome.is_correct);
+        let new = outcome.marks.into_iter().filter(|mark| seen.insert(mark.clone())).count();
+        if document.len() <= LARGEST && new > 0 {
+            corpus[usize::from(!outcome.is_correct)].push(document);
+        }
+        if start.elapsed() >= told + Duration::from_secs(30) {
+            told = start.elapsed();
+            let (kept, mib) = (corpus[0].len() + corpus[1].len(), largest >> 20);
+            println!(
+                "{:>4} s: {read} read, {correct} correct, {kept} kept, {slowest:?} and {mib} MiB at most",
+                told.as_secs()
+            );
+        }
+    }
+    println!("{read} read, {correct} correct and solved; no panic");
+    // It is in the temporary folder, where it may stay if it must.
+    let _ = fs::remove_file(current);
+}
+
+/// What came of a document.
+struct Outcome {
+    is_correct: bool,
+    /// Words by which it is told from others.
+    marks: Vec<String>,
+}
+
+/// What came of a document; the time of the processor and the memory that reading it took.
+fn attempt(document: &[u8]) -> (Outcome, Duration, u64) {
+    let (mut read, start) = (None, processor_time());
+    let memory = measure(|| read = Some(Specification::from_json(document)));
+    let spent = processor_time() - start;
+    let outcome = match read.expect("it was read") {
+        Ok(specification) => Outcome { is_correct: true, marks: vec![solve(&specification)] },
+        Err(errors) => Outcome { is_correct: false, marks: errors.iter().map(place_and_code).collect() },
+    };
+    (outcome, spent, memory.bytes_max)
+}
+
+/// The place without its names and numbers, of which there is no end.
+fn place_and_code(SpecificationError { pointer, code, .. }: &SpecificationError) -> String {
+    let words = pointer.split('/').filter(|word| word.len() > 2 && word.bytes().all(|byte| byte.is_ascii_lowercase()));
+    format!("{} {code}", words.collect::<Vec<_>>().join("/"))
+}
+
+fn solve(specification: &Specification) -> String {
+    let deadline = Instant::now() + SOLVE;
+    let solution = dvi::solve(specification, &Control::with_deadline(deadline));
+    assert!(Instant::now() < deadline + LATE, "a solve did not stop for {:?}", deadline.elapsed());
+    let steps = solution.diagnostics.steps.accepted.checked_ilog2();
+    format!("{} {:?} {steps:?} {:?}", specification.problem(), solution.status, solution.error.map(|error| error.code))
+}
+
+/// That of this thread.
+fn processor_time() -> Duration {
+    let figures = fs::read_to_string("/proc/thread-self/schedstat").expect("Linux");
+    let nanoseconds = figures.split(' ').next().and_then(|figure| figure.parse().ok());
+    Duration::from_nanos(nanoseconds.expect("a time"))
+}
+
+fn examples() -> Vec<Vec<u8>> {
+    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("api/examples");
+    let mut paths: Vec<PathBuf> = fs::read_dir(folder).expect("examples").flatten().map(|entry| entry.path()).collect();
+    paths.sort();
+    paths.into_iter().map(|path| fs::read(path).expect("an example")).collect()
+}

@@ -1,0 +1,52 @@
+//! Small solves, which are answered without a worker where no job waits.
+
+use crate::harness::{Call, DECAY, Gate, Site, halving, one_worker};
+use axum::http::StatusCode;
+use dvi::service::jobs::Solver;
+use dvi::solution::Status;
+use std::sync::Arc;
+
+/// A solver that is held by the gate, except for what is labelled as light.
+fn light_or_held(gate: &Arc<Gate>) -> Solver {
+    let held = gate.solver();
+    Arc::new(move |specification, control| match specification.label() {
+        Some("light") => halving(Status::Completed),
+        _ => held(specification, control),
+    })
+}
+
+fn light() -> Call {
+    Call::solve(DECAY.replacen('{', "{\"label\":\"light\",", 1))
+}
+
+#[tokio::test]
+async fn a_small_solve_is_answered_though_every_worker_is_busy() {
+    let gate = Gate::new();
+    let site = Site::new(one_worker(), light_or_held(&gate));
+    site.accept(1).await;
+    gate.entered(1).await;
+    let reply = light().send(&site).await;
+    assert_eq!(reply.status, StatusCode::OK, "{reply:?}");
+    let job = reply.header("link").trim_start_matches('<').split('>').next().unwrap();
+    let status = Call::new("GET", job).send(&site).await.json();
+    assert_eq!(
+        (&status["status"], &status["progress"], &status["label"]),
+        (&"successful".into(), &100.into(), &"light".into())
+    );
+    assert!(status["created"].as_str() <= status["finished"].as_str(), "{status}");
+    let results = Call::new("GET", &format!("{job}/results")).send(&site).await;
+    assert_eq!(results.body, reply.body);
+    gate.let_through(1);
+}
+
+#[tokio::test]
+async fn a_small_solve_does_not_pass_jobs_that_wait() {
+    let gate = Gate::new();
+    let site = Site::new(one_worker(), light_or_held(&gate));
+    site.accept(1).await;
+    gate.entered(1).await;
+    site.accept(2).await;
+    let reply = light().header("prefer", "wait=1").send(&site).await;
+    assert_eq!((reply.status, &reply.json()["queue_position"]), (StatusCode::ACCEPTED, &1.into()));
+    gate.let_through(2);
+}
