@@ -29,6 +29,12 @@ impl Radau<'_> {
             }
         }
         self.system.evaluate(self.t + theta * h, &self.switching.scratch);
+        // Between the stages the polynomial of a variable need not be what the states make of it.
+        for &k in &self.system.intervals {
+            if let Some(change) = self.system.own_change(k) {
+                self.switching.scratch[self.system.states + k] += change;
+            }
+        }
         monitors(&mut self.system, &self.control, &self.switching.scratch, out);
     }
 

@@ -1,7 +1,7 @@
 //! Switches: many, at once, touched only, and stepped over.
 
 use crate::stability::harness::{Case, RELAY, column, distance, instants, last};
-use serde_json::json;
+use serde_json::{Value, json};
 
 #[test]
 fn a_bound_that_is_touched_is_no_switch_and_one_passed_within_a_step_is_two() {
@@ -156,21 +156,31 @@ fn pulses_between_which_no_state_moves_are_all_found() {
     }
 }
 
-#[test]
-fn a_pulse_in_the_step_before_a_located_switch_is_found() {
-    // x' = max(0, g): the zeros of g, and its integral where it is positive, from two million samples.
-    use std::f64::consts::PI;
-    let g = |t: f64| (5.0 * t).cos() + (0.3 * t).cos() - 1.6;
-    let (end, samples) = (200.0 * PI, 2_000_000);
+/// Solves `x' = max(0, g)` and holds it against the zeros of `g`, and its integral where it is positive, from two million
+/// samples.
+fn assert_all_pulses_are_found(g: impl Fn(f64) -> f64, text: &str, method: Value) {
+    let (end, samples) = (200.0 * std::f64::consts::PI, 2_000_000);
     let values: Vec<f64> = (0..samples).map(|i| g((f64::from(i) + 0.5) * end / f64::from(samples))).collect();
     let zeros = values.windows(2).filter(|pair| (pair[0] < 0.0) != (pair[1] < 0.0)).count();
     let integral = values.iter().map(|value| value.max(0.0)).sum::<f64>() * end / f64::from(samples);
-    for method in [json!({"rtol": 1e-3}), json!({"rtol": 1e-6}), json!({"rtol": 1e-9})] {
-        let inequality = "z - (cos(5*t) + cos(0.3*t) - 1.6)";
-        let case = Case::until(end).state("x", 0.0, "z").nonnegative("z", inequality).times(json!([end]));
-        let solution = case.method(method.clone()).solve();
-        assert_eq!(instants(&solution).len(), zeros, "{method}");
-        let error = (last(&solution, "x") / integral - 1.0).abs();
-        assert!(error < 1e-4, "{method}: off by {error:e}");
+    let case = Case::until(end).state("x", 0.0, "z").nonnegative("z", &format!("z - ({text})")).times(json!([end]));
+    let solution = case.method(method.clone()).solve();
+    assert_eq!(instants(&solution).len(), zeros, "{method}");
+    let error = (last(&solution, "x") / integral - 1.0).abs();
+    assert!(error < 1e-4, "{method}: off by {error:e}");
+}
+
+#[test]
+fn a_pulse_in_the_step_before_a_located_switch_is_found() {
+    let g = |t: f64| (5.0 * t).cos() + (0.3 * t).cos() - 1.6;
+    for rtol in [1e-3, 1e-6, 1e-9] {
+        assert_all_pulses_are_found(g, "cos(5*t) + cos(0.3*t) - 1.6", json!({"rtol": rtol}));
     }
+}
+
+#[test]
+fn a_rest_between_the_stages_of_a_long_step_is_found() {
+    // The polynomial through the five values of z stays positive where z is zero for a fifth of the step.
+    let g = |t: f64| t.sin() - 0.5 + 0.6 * (3.3 * t).sin();
+    assert_all_pulses_are_found(g, "sin(t) - 0.5 + 0.6*sin(3.3*t)", json!({"rtol": 1e-4, "stages": 5}));
 }
