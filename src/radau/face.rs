@@ -126,44 +126,36 @@ impl Monitor {
 
 /// Whether each variable is one in an interval, and at its switch at `y`, to within noise; `system` was evaluated there last.
 pub fn undecided(system: &System<'_>, control: &NewtonControl, y: &[f64]) -> Vec<bool> {
-    let distance = |k: usize| {
-        let (z, g) = (y[system.states + k], system.values[system.states + k]);
-        let (lower, upper) = (system.set.lower[k], system.set.upper[k]);
-        match system.face.places[k] {
-            Place::Lower => (g, control.noise_of_g(system, k, y)),
-            Place::Upper => (-g, control.noise_of_g(system, k, y)),
-            Place::Inside => ((z - lower).min(upper - z), control.noise_of_z(system, k, y)),
-            Place::Held | Place::Boundary(_) | Place::Vertex => (f64::INFINITY, 0.0),
-        }
-    };
     let mut undecided = vec![false; system.unknowns - system.states];
     for &k in &system.intervals {
-        let (distance, noise) = distance(k);
-        undecided[k] = distance <= noise;
+        undecided[k] = of_place(system, control, k, y).any(|Monitor { value, noise }| value <= noise);
     }
     undecided
+}
+
+/// The monitors of variable `k` of an interval at `y`, but for the width of the interval.
+fn of_place(system: &System<'_>, control: &NewtonControl, k: usize, y: &[f64]) -> impl Iterator<Item = Monitor> {
+    let (z, g) = (y[system.states + k], system.values[system.states + k]);
+    let finite = |distance: f64| Some(distance).filter(|distance| distance.is_finite());
+    let (values, noise) = match system.face.places[k] {
+        Place::Lower => ([Some(g), None], control.noise_of_g(system, k, y)),
+        Place::Upper => ([Some(-g), None], control.noise_of_g(system, k, y)),
+        Place::Inside => {
+            ([finite(z - system.set.lower[k]), finite(system.set.upper[k] - z)], control.noise_of_z(system, k, y))
+        }
+        Place::Held | Place::Boundary(_) | Place::Vertex => ([None; 2], 0.0),
+    };
+    values.into_iter().flatten().map(move |value| Monitor { value, noise })
 }
 
 /// The monitors of the face at `y`, where `system` was evaluated last, in an order that depends on the face alone.
 pub fn monitors(system: &mut System<'_>, control: &NewtonControl, y: &[f64], out: &mut Vec<Monitor>) {
     out.clear();
     for &k in &system.intervals {
-        let (z, g) = (y[system.states + k], system.values[system.states + k]);
-        let (lower, upper) = (system.set.lower[k], system.set.upper[k]);
-        let mut on_bound = |value| {
-            out.push(Monitor { value, noise: control.noise_of_g(system, k, y) });
-            if (upper - lower).is_finite() {
-                out.push(Monitor { value: upper - lower, noise: control.noise_of_width(system, k, y) });
-            }
-        };
-        match system.face.places[k] {
-            Place::Lower => on_bound(g),
-            Place::Upper => on_bound(-g),
-            Place::Inside => {
-                let distances = [z - lower, upper - z].into_iter().filter(|distance| distance.is_finite());
-                out.extend(distances.map(|value| Monitor { value, noise: control.noise_of_z(system, k, y) }));
-            }
-            Place::Held | Place::Boundary(_) | Place::Vertex => {}
+        out.extend(of_place(system, control, k, y));
+        let width = system.set.upper[k] - system.set.lower[k];
+        if width.is_finite() && matches!(system.face.places[k], Place::Lower | Place::Upper) {
+            out.push(Monitor { value: width, noise: control.noise_of_width(system, k, y) });
         }
     }
     for b in 0..system.face.blocks.len() {

@@ -40,9 +40,9 @@ impl Service {
         let jobs = Jobs::open(options.bounds(), solver, options.jobs_folder(), Arc::clone(&metrics))?;
         let jobs = Arc::new(jobs);
         let pool = Pool::start(&jobs, options.workers)?;
-        let readers = places(options.workers);
-        let streams = Arc::new(places(options.streams));
-        let connections = Arc::new(places(options.connections));
+        let readers = Semaphore::new(places(options.workers));
+        let streams = Arc::new(Semaphore::new(places(options.streams)));
+        let connections = Arc::new(Semaphore::new(places(options.connections)));
         let closing = watch::Sender::new(false);
         let shared = Arc::new(Common { jobs, options, metrics, tokens, readers, streams, connections, closing });
         Ok(Self { shared, _pool: pool })
@@ -65,9 +65,9 @@ impl Service {
     }
 }
 
-/// As many as are asked for, or as there can be.
-fn places(count: NonZeroUsize) -> Semaphore {
-    Semaphore::new(count.get().min(Semaphore::MAX_PERMITS))
+/// As many as are asked for, or as a semaphore can have.
+fn places(count: NonZeroUsize) -> usize {
+    count.get().min(Semaphore::MAX_PERMITS)
 }
 
 fn tokens(options: &Options) -> io::Result<Tokens> {

@@ -1,5 +1,6 @@
 //! How many elements a body or a domain has in each direction: one number for all, or `{"x": .., "y": ..}`.
 
+use super::directions::{DIRECTIONS, missing, surplus};
 use super::error::SpecificationError;
 use super::lowering::Lowering;
 use super::place::Place;
@@ -10,9 +11,6 @@ use std::fmt;
 use utoipa::openapi::schema::{ObjectBuilder, OneOfBuilder, Schema, Type};
 use utoipa::openapi::{Ref, RefOr};
 use utoipa::{PartialSchema, ToSchema};
-
-/// The names of the directions.
-const DIRECTIONS: [&str; 3] = ["x", "y", "z"];
 
 /// Numbers of elements.
 #[derive(Clone, Copy, Debug)]
@@ -76,14 +74,8 @@ impl Elements {
         let mut counts = vec![None; dimension];
         for (k, (key, number)) in DIRECTIONS.into_iter().zip(self.of(3)).enumerate() {
             match (number, k < dimension) {
-                (None, true) => {
-                    let detail = format!("there is no `{key}`, and the {what} has that direction");
-                    lowering.errors.report(place, "missing_key", detail);
-                }
-                (Some(_), false) if is_each => {
-                    let detail = format!("the {what} has no direction `{key}`");
-                    lowering.errors.report(&place.key(key), "no_such_direction", detail);
-                }
+                (None, true) => missing(key, what, place, lowering),
+                (Some(_), false) if is_each => surplus(key, what, place, lowering),
                 (Some(number), true) if number < fewest => {
                     let error =
                         SpecificationError::new(self.pointer(k, place), "out_of_range", format!("{number} elements"));

@@ -12,6 +12,7 @@ mod choices;
 mod circuit;
 mod convolution;
 mod deserializer;
+mod directions;
 mod document;
 mod dvi;
 mod elastic;

@@ -150,10 +150,12 @@ impl Chapter {
 /// chosen here without being told.
 pub fn picture(chapters: &[Chapter]) -> String {
     let pick = |chapter: &Chapter, methods: &[&str], name: &str| {
-        let found = curves(&chapter.series).into_iter().filter(|curve| !curve.points.is_empty());
-        let rank = |curve: &Curve| methods.iter().position(|method| *method == curve.name).unwrap_or(usize::MAX);
-        let first = found.filter(|curve| rank(curve) < usize::MAX).min_by_key(rank);
-        Curve { name: name.to_owned(), points: first.map(|curve| curve.points).unwrap_or_default() }
+        let found = curves(&chapter.series);
+        let by = |method: &&str| found.iter().find(|curve| curve.name == **method && !curve.points.is_empty());
+        Curve {
+            name: name.to_owned(),
+            points: methods.iter().find_map(by).map_or_else(Vec::new, |curve| curve.points.clone()),
+        }
     };
     let panels: Vec<(&str, Vec<Curve>)> = chapters
         .iter()

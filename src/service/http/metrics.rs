@@ -2,10 +2,10 @@
 
 use super::Shared;
 use super::problem::Problem;
+use crate::service::places;
 use axum::extract::State;
 use axum::http::{HeaderName, header};
 use axum::response::IntoResponse;
-use tokio::sync::Semaphore;
 
 const CONTENT_TYPE: [(HeaderName, &str); 1] =
     [(header::CONTENT_TYPE, "application/openmetrics-text; version=1.0.0; charset=utf-8")];
@@ -21,7 +21,6 @@ const CONTENT_TYPE: [(HeaderName, &str); 1] =
     )
 )]
 pub async fn list_metrics(State(shared): State<Shared>) -> impl IntoResponse {
-    let most = shared.options.connections.get().min(Semaphore::MAX_PERMITS);
-    let connections = most.saturating_sub(shared.connections.available_permits());
+    let connections = places(shared.options.connections).saturating_sub(shared.connections.available_permits());
     (CONTENT_TYPE, shared.metrics.text(&shared.jobs, connections))
 }

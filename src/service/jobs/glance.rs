@@ -5,15 +5,11 @@
 //! waits for the solve of another no longer than for the reading of its specification. Nothing is tried while jobs wait, which
 //! came first; nor what is to be on the disk or to be found under a key before it is solved, nor what may take long over one step.
 
-use super::ended::{Ended, Ending, Held, Timing};
 use super::job::Job;
-use super::results::Results;
 use super::{Jobs, Order};
 use crate::models::Model;
-use crate::problem::Control;
 use crate::solution::Status;
 use crate::specification::Specification;
-use jiff::Timestamp;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::Duration;
@@ -32,29 +28,17 @@ impl Jobs {
             return None;
         }
         let job = Arc::new(Job::new(order.clone(), false));
-        let control = Control::with_deadline(job.created.clock + GLANCE);
+        let control = job.start(GLANCE)?;
         // A worker meets the panic again, and tells of it.
         let solution = catch_unwind(AssertUnwindSafe(|| (self.solver)(specification, &control))).ok()?;
         if solution.status != Status::Completed {
             return None;
         }
-        let time = job.created.clock.elapsed();
-        let results = Results::of(solution, self.bounds.result_bytes).ok()?;
-        if let Ok(solution) = results.solution() {
-            self.metrics.waited(Duration::ZERO);
-            self.metrics.solved(specification.problem(), time, solution);
-        }
+        self.metrics.waited(Duration::ZERO);
+        self.metrics.solved(specification.problem(), job.created.clock.elapsed(), &solution);
+        let ended = self.ended(&job, solution, false);
         // Without a key there is none that came before.
         let _ = self.store.index().insert(&job);
-        let ended = Ended {
-            started: Some(job.created.date),
-            finished: Timestamp::now(),
-            timing: Some(Timing { queue: Duration::ZERO, solve: time }),
-            fraction: control.fraction(),
-            steps: control.steps(),
-            ending: Ending::Successful,
-            held: Some(Held::Memory(Arc::new(results))),
-        };
         self.store.conclude(&job, ended).await;
         Some(job)
     }

@@ -95,7 +95,7 @@ impl Jobs {
         Outcome::Ended(self.ended(job, solution, halted.is_some()))
     }
 
-    fn ended(&self, job: &Job, solution: Solution, cancelled: bool) -> Ended {
+    pub(super) fn ended(&self, job: &Job, solution: Solution, cancelled: bool) -> Ended {
         let ending = Ending::of(&solution, cancelled);
         let limit = self.bounds.result_bytes;
         match Results::of(solution, limit) {

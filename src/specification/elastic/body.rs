@@ -3,6 +3,7 @@
 use super::{ElasticProblem, MOST_DISPLACEMENTS};
 use crate::models::elastic::Lame;
 use crate::models::finite_elements::{Axis, Grid};
+use crate::specification::directions::DIRECTIONS;
 use crate::specification::error::SpecificationError;
 use crate::specification::expression::Expression;
 use crate::specification::lowering::Lowering;
@@ -129,7 +130,7 @@ impl ElasticProblem {
         let body = place.key("body");
         let body = body.key(shape);
         let mut axes = Vec::with_capacity(extents.len());
-        for ((&extent, name), elements) in extents.iter().zip(["x", "y", "z"]).zip(counts) {
+        for ((&extent, name), elements) in extents.iter().zip(DIRECTIONS).zip(counts) {
             let place = body.key(name);
             let [lower, upper] = [0, 1].map(|k| lowering.constant(&extent[k], &place.index(k)));
             let (Some(lower), Some(upper)) = (lower, upper) else { continue };

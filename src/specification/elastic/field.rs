@@ -2,6 +2,7 @@
 
 use crate::expression::Node;
 use crate::models::finite_elements::Grid;
+use crate::specification::directions::DIRECTIONS;
 use crate::specification::error::SpecificationError;
 use crate::specification::expression::Expression;
 use crate::specification::lowering::Lowering;
@@ -55,6 +56,6 @@ impl<'a> Field<'a> {
 
 fn point_named(point: [f64; 3], dimension: usize) -> String {
     let named: Vec<String> =
-        ["x", "y", "z"].iter().zip(point).take(dimension).map(|(name, value)| format!("{name} = {value}")).collect();
+        DIRECTIONS.iter().zip(point).take(dimension).map(|(name, value)| format!("{name} = {value}")).collect();
     named.join(", ")
 }

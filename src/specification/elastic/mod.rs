@@ -12,6 +12,7 @@ pub use body::{BarBody, BoxBody, ElasticBody, PlaneLaw, RectangleBody, StringBod
 pub use contact::ElasticContact;
 pub use loads::ElasticStart;
 
+use super::directions::DIRECTIONS;
 use super::elements::Elements;
 use super::error::SpecificationError;
 use super::expression::Expression;
@@ -95,7 +96,7 @@ impl ElasticProblem {
     pub(super) fn lower(&self, place: &Place<'_>, start: Option<f64>) -> (Lowering, Option<Model>) {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let Some(geometry) = self.geometry(place, &mut lowering) else { return (lowering, None) };
-        let names = ["x", "y", "z"].into_iter().take(geometry.grid.dimension());
+        let names = DIRECTIONS.into_iter().take(geometry.grid.dimension());
         lowering.bind_unknowns(names, |_| place.to_string());
         let clamped = self.clamped(&geometry, place, &mut lowering);
         let loads = self.loads(&geometry, place, &mut lowering);

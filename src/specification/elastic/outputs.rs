@@ -5,6 +5,7 @@ use super::body::Geometry;
 use crate::expression::Node;
 use crate::models::Outputs;
 use crate::models::elastic::{ContactNode, Continuum, Place as Unknown, Rough, Semidiscrete, Slip};
+use crate::specification::directions::DIRECTIONS;
 use crate::specification::error::SpecificationError;
 use crate::specification::lowering::Lowering;
 use crate::specification::place::Place;
@@ -21,8 +22,6 @@ pub(super) struct Probe {
     weights: Vec<(usize, f64)>,
 }
 
-const AXES: [&str; 3] = ["x", "y", "z"];
-
 /// Names every unknown by its node.
 pub(super) fn names(geometry: &Geometry, continuum: &Continuum, lowered: &Semidiscrete, sides: &[String]) -> Names {
     let rows = &lowered.rows;
@@ -34,7 +33,7 @@ pub(super) fn names(geometry: &Geometry, continuum: &Continuum, lowered: &Semidi
         indices.join(",")
     };
     for (d, &place) in lowered.unknowns.places.iter().enumerate() {
-        let axis = if geometry.components == 1 { "" } else { AXES[d % geometry.components] };
+        let axis = if geometry.components == 1 { "" } else { DIRECTIONS[d % geometry.components] };
         match place {
             Unknown::Inner(u, v) => {
                 names[u] = format!("u{axis}({})", node_of(d));
@@ -59,7 +58,7 @@ pub(super) fn names(geometry: &Geometry, continuum: &Continuum, lowered: &Semidi
         for slip in &rough.slips {
             names[slip.force] = force("friction", contact);
             if rough.slips.len() > 1 {
-                names[slip.force].push_str(AXES[slip.displacement % geometry.components]);
+                names[slip.force].push_str(DIRECTIONS[slip.displacement % geometry.components]);
             }
         }
     }
@@ -99,7 +98,7 @@ pub(super) fn lower(
     }
     nodes.extend(forces);
     for (side, name) in sides.iter().enumerate() {
-        for (axis, name_of_axis) in AXES.iter().enumerate().take(continuum.components) {
+        for (axis, name_of_axis) in DIRECTIONS.iter().enumerate().take(continuum.components) {
             let of_side = |rough: &&Rough| continuum.contacts[rough.contact].side == side;
             let along = |slip: &&Slip| slip.displacement % continuum.components == axis;
             let slips = lowered.rough.iter().filter(of_side).flat_map(|rough| &rough.slips).filter(along);
@@ -139,7 +138,7 @@ impl ElasticProblem {
                     let error = SpecificationError::new(
                         place.to_string(),
                         "out_of_range",
-                        format!("{} = {value} is outside the body", AXES[k]),
+                        format!("{} = {value} is outside the body", DIRECTIONS[k]),
                     );
                     lowering.errors.push(error.expected(format!("from {} to {}", axis.lower, axis.upper)));
                     continue;
@@ -161,7 +160,7 @@ impl ElasticProblem {
             }
             let components = geometry.components;
             probes.extend((0..components).map(|c| Probe {
-                name: if components == 1 { name.to_owned() } else { format!("{name}_{}", AXES[c]) },
+                name: if components == 1 { name.to_owned() } else { format!("{name}_{}", DIRECTIONS[c]) },
                 weights: corners.iter().map(|&(at, w)| (geometry.grid.node(at) * components + c, w)).collect(),
             }));
         }

@@ -2,6 +2,7 @@
 
 use super::field;
 use crate::models::obstacle::Field;
+use crate::specification::directions::{missing, surplus};
 use crate::specification::error::SpecificationError;
 use crate::specification::expression::Expression;
 use crate::specification::lowering::Lowering;
@@ -59,11 +60,8 @@ impl PerDirection {
                 for (k, (key, expression)) in given.into_iter().enumerate() {
                     match (expression, k < dimension) {
                         (Some(expression), true) => fields.push(field(expression, &place.key(key), lowering)),
-                        (None, true) => {
-                            let detail = format!("there is no `{key}`, and the domain has that direction");
-                            lowering.errors.report(place, "missing_key", detail);
-                        }
-                        (Some(_), false) => no_direction(key, place, lowering),
+                        (None, true) => missing(key, "domain", place, lowering),
+                        (Some(_), false) => surplus(key, "domain", place, lowering),
                         (None, false) => {}
                     }
                 }
@@ -71,12 +69,6 @@ impl PerDirection {
             }
         }
     }
-}
-
-/// Reports a direction that the domain has not.
-fn no_direction(key: &str, place: &Place<'_>, lowering: &mut Lowering) {
-    let detail = format!("the domain has no direction `{key}`");
-    lowering.errors.report(&place.key(key), "no_such_direction", detail);
 }
 
 impl PartialSchema for PerDirection {

@@ -1,7 +1,7 @@
 //! The domain, divided into elements.
 
-use super::COORDINATES;
 use crate::models::finite_elements::{Axis, Grid};
+use crate::specification::directions::DIRECTIONS;
 use crate::specification::elements::Elements;
 use crate::specification::error::SpecificationError;
 use crate::specification::expression::Expression;
@@ -46,7 +46,7 @@ impl Domain {
         let ends = [Some(&self.x), self.y.as_ref(), self.z.as_ref()];
         let counts = given.counts(dimension, (FEWEST, "domain"), &place_of_elements, lowering);
         let mut axes = Vec::with_capacity(dimension);
-        for ((ends, elements), key) in ends.into_iter().flatten().zip(counts).zip(COORDINATES) {
+        for ((ends, elements), key) in ends.into_iter().flatten().zip(counts).zip(DIRECTIONS) {
             let interval = interval(ends, &place.key(key), lowering);
             if let (Some((lower, upper)), Some(elements)) = (interval, elements) {
                 axes.push(Axis { lower, upper, elements });

@@ -10,6 +10,7 @@ pub use domain::Domain;
 pub use sides::{Boundary, BoundaryCondition};
 
 use super::choices::choices;
+use super::directions::DIRECTIONS;
 use super::elements::Elements;
 use super::error::SpecificationError;
 use super::expression::Expression;
@@ -73,9 +74,6 @@ choices! {
     }
 }
 
-/// The names of the coordinates.
-const COORDINATES: [&str; 3] = ["x", "y", "z"];
-
 impl ObstacleProblem {
     /// The number of nodes, as written; none where it is not even a number.
     pub(super) fn nodes(&self) -> usize {
@@ -87,8 +85,8 @@ impl ObstacleProblem {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let dimension = self.domain.dimension();
         let place_of_domain = place.key("domain");
-        let coordinates = &COORDINATES[..dimension];
-        lowering.bind_unknowns(coordinates.iter().copied(), |k| place_of_domain.key(COORDINATES[k]).to_string());
+        let coordinates = &DIRECTIONS[..dimension];
+        lowering.bind_unknowns(coordinates.iter().copied(), |k| place_of_domain.key(DIRECTIONS[k]).to_string());
         let grid = self.domain.grid(&self.elements, place, &mut lowering);
         let diffusion = self.diffusion.lower(dimension, true, &place.key("diffusion"), &mut lowering);
         let advection = self.advection.as_ref().map_or_else(Vec::new, |advection| {
