@@ -168,14 +168,15 @@ impl Stages {
             block += 2;
         }
         let mut sum = 0.0;
-        for (row, w) in self.right[..s * n].chunks_exact(n).zip(self.w.chunks_exact_mut(n)) {
-            for ((dw, w), weight) in row.iter().zip(w).zip(weight) {
+        for i in 0..s {
+            let rows = self.right[i * n..(i + 1) * n].iter().zip(&mut self.w[i * n..]);
+            for ((dw, w), weight) in rows.zip(weight) {
                 *w += dw;
                 sum += (dw * weight) * (dw * weight);
             }
         }
         combine(&tableau.t, &self.w, &mut self.z, n);
-        let terms = self.right[..s * n].chunks_exact(n).flat_map(|row| row.iter().zip(weight).map(|(dw, w)| dw * w));
+        let terms = || self.right[..s * n].chunks_exact(n).flat_map(|row| row.iter().zip(weight).map(|(dw, w)| dw * w));
         Some(mean_square_root(sum, s * n, terms))
     }
 
@@ -267,7 +268,7 @@ impl Stages {
         let n = self.unknowns;
         let stages = self.z[..s * n].chunks_exact(n);
         let terms = stages.flat_map(|z| y0.iter().zip(z).zip(weight).map(|((y0, z), w)| (y0.abs() + z.abs()) * w));
-        mean_square_root(terms.clone().map(|y| y * y).sum(), s * n, terms)
+        mean_square_root(terms.clone().map(|y| y * y).sum(), s * n, || terms)
     }
 
     /// Evaluates `Phi` at every stage and judges the bounded variables there; `None` if a number is not finite.

@@ -46,8 +46,9 @@ impl Radau<'_> {
         let weights = &self.methods[self.current].tableau.estimate;
         self.shifted.fill(0.0);
         for (weight, z) in weights.iter().zip(self.stages.z.chunks_exact(n)) {
+            let weight = weight / h;
             for (sum, z) in self.shifted[..states].iter_mut().zip(z) {
-                *sum += weight / h * z;
+                *sum += weight * z;
             }
         }
         if self.settings.interpolated && self.system.is_explicit_ode() {
@@ -92,7 +93,7 @@ impl Radau<'_> {
     }
 
     /// The norm of `(I - P)^(s-1) e` for the estimate `e` at hand, in units of the tolerance that is not rescaled, to the
-    /// power by which the tolerance is rescaled; of a lower power of `I - P` where that is below `enough` already.
+    /// power by which the tolerance is rescaled; nothing where a lower power of `I - P` is below `enough` already.
     fn stiff_error(&mut self, h: f64, enough: f64) -> f64 {
         let Method { tableau, tolerance } = &self.methods[self.current];
         let Some(gamma) = tableau.gamma else { return 0.0 };
@@ -112,7 +113,7 @@ impl Radau<'_> {
             }
             left = left.min(tolerance.factor / STIFF * rms(&self.shifted[..states], &self.control.weight));
             if left <= enough {
-                break;
+                return 0.0;
             }
         }
         left.powf(exponent)
@@ -122,5 +123,5 @@ impl Radau<'_> {
 /// The root of the mean square of `e`, weighted.
 fn rms(e: &[f64], weight: &[f64]) -> f64 {
     let terms = e.iter().zip(weight).map(|(e, w)| e * w);
-    mean_square_root(terms.clone().map(|e| e * e).sum(), e.len(), terms)
+    mean_square_root(terms.clone().map(|e| e * e).sum(), e.len(), || terms)
 }
