@@ -21,6 +21,8 @@ pub struct Stages {
     /// `Phi` at the stages as of the last evaluation.
     pub phi: Vec<f64>,
     right: Vec<f64>,
+    /// `diag(M, 0) W`
+    mw: Vec<f64>,
     pair: Vec<Complex<f64>>,
     y: Vec<f64>,
     /// The monitors of the face at every stage, stage by stage, as of the last convergence.
@@ -73,7 +75,8 @@ impl Stages {
             z: zeros.clone(),
             w: zeros.clone(),
             phi: zeros.clone(),
-            right: zeros,
+            right: zeros.clone(),
+            mw: zeros,
             pair: vec![Complex::new(0.0, 0.0); unknowns],
             y: vec![0.0; unknowns],
             monitors: Vec::new(),
@@ -137,9 +140,14 @@ impl Stages {
         let n = self.unknowns;
         let s = tableau.stages();
         combine(&tableau.t_inverse, &self.phi, &mut self.right, n);
+        for i in 0..s {
+            system.multiply_by_mass(&self.w[i * n..(i + 1) * n], &mut self.mw[i * n..(i + 1) * n]);
+        }
         let mut block = 0;
         if let Some(gamma) = tableau.gamma {
-            system.add_mass(-gamma / h, &self.w[..n], &mut self.right[..n]);
+            for (right, mw) in self.right[..n].iter_mut().zip(&self.mw) {
+                *right -= gamma / h * mw;
+            }
             if !factors.solve_real(&mut self.right[..n]) {
                 return None;
             }
@@ -148,15 +156,10 @@ impl Stages {
         for (k, pair) in tableau.pairs.iter().enumerate() {
             let (p, q) = (block * n, (block + 1) * n);
             let (alpha, beta) = (pair.re / h, pair.im / h);
-            {
-                let (wp, wq) = (&self.w[p..p + n], &self.w[q..q + n]);
-                system.add_mass(-alpha, wp, &mut self.right[p..p + n]);
-                system.add_mass(-beta, wq, &mut self.right[p..p + n]);
-                system.add_mass(beta, wp, &mut self.right[q..q + n]);
-                system.add_mass(-alpha, wq, &mut self.right[q..q + n]);
-            }
-            for j in 0..n {
-                self.pair[j] = Complex::new(self.right[p + j], -self.right[q + j]);
+            let right = self.right[p..q].iter().zip(&self.right[q..q + n]);
+            let mw = self.mw[p..q].iter().zip(&self.mw[q..q + n]);
+            for ((pair, (right_p, right_q)), (mw_p, mw_q)) in self.pair.iter_mut().zip(right).zip(mw) {
+                *pair = Complex::new(right_p - alpha * mw_p - beta * mw_q, alpha * mw_q - beta * mw_p - right_q);
             }
             if !factors.solve_pair(k, &mut self.pair) {
                 return None;
@@ -212,7 +215,7 @@ impl Stages {
                 return Newton::Failed(Cause::NotFinite);
             }
             // Increments at the rounding level of y itself neither shrink nor matter.
-            let rounding = norm <= 4.0 * f64::EPSILON * self.size(y0, &control.weight, tableau.stages());
+            let rounding = || norm <= 4.0 * f64::EPSILON * self.size(y0, &control.weight, tableau.stages());
             if k > 1 {
                 let ratio = norm / last_norm;
                 let theta: f64 = if k == 2 { ratio } else { (ratio * last_ratio).sqrt() };
@@ -226,10 +229,10 @@ impl Stages {
                         (false, _) => ratio.max(last_ratio),
                     };
                     factor = next / (1.0 - theta);
-                } else if k == 2 && !is_ode && !rounding {
+                } else if k == 2 && !is_ode && !rounding() {
                     // The extrapolated start was better in the states than in the variables: no rate yet.
                     factor = f64::INFINITY;
-                } else if !rounding {
+                } else if !rounding() {
                     contraction.theta = theta;
                     return Newton::Failed(Cause::Diverged);
                 }
@@ -237,13 +240,13 @@ impl Stages {
                 let left = (most - 1).saturating_sub(k) as i32;
                 let predicted = factor * norm * theta.powi(left) / control.kappa;
                 // Where they are extrapolated, the first increment is mostly theirs: the rate shows from the third on.
-                if predicted >= 1.0 && (k > 2 || is_ode) && !rounding {
+                if predicted >= 1.0 && (k > 2 || is_ode) && !rounding() {
                     let q = predicted.clamp(1e-4, 20.0);
                     return Newton::Slow(0.8 * q.powf(-1.0 / (4.0 + f64::from(left))));
                 }
             }
             last_norm = norm.max(f64::EPSILON);
-            if rounding || factor * norm <= control.kappa {
+            if factor * norm <= control.kappa || rounding() {
                 contraction.factor = factor;
                 if k > 1 {
                     system.work.contraction.observe(contraction.theta);
@@ -251,6 +254,7 @@ impl Stages {
                 if system.bounded.is_empty() {
                     return Newton::Converged { iterations: k, violated: false };
                 }
+                let rounding = rounding();
                 match self.verify(system, tableau, t, h, y0, control) {
                     None => return Newton::Failed(Cause::NotFinite),
                     Some(Verdict { satisfied, violated }) if satisfied || rounding => {

@@ -180,7 +180,8 @@ impl<'p> System<'p> {
         for (p, moving) in self.structure.moving.iter().enumerate() {
             moving.place(self.values[self.unknowns + p], &mut self.set);
         }
-        self.values.iter().all(|value| value.is_finite())
+        // Without an end at the first that is none: the loop is vectorised.
+        self.values.iter().fold(true, |finite, value| finite & value.is_finite())
     }
 
     /// Evaluates `Phi` at `(t, y)` on the present face into `phi`; false if a number is not finite.
@@ -233,18 +234,18 @@ impl<'p> System<'p> {
         self.structure.pattern.iter().zip(&self.derivatives).map(|(&(i, j), &value)| (i, j, value))
     }
 
-    /// `out += factor diag(M, 0) y`
-    pub fn add_mass(&self, factor: f64, y: &[f64], out: &mut [f64]) {
+    /// `out = diag(M, 0) y`
+    pub fn multiply_by_mass(&self, y: &[f64], out: &mut [f64]) {
         let n = self.states;
         match &self.structure.mass {
             Mass::Identity => {
-                for (out, y) in out[..n].iter_mut().zip(y) {
-                    *out += factor * y;
-                }
+                out[..n].copy_from_slice(&y[..n]);
+                out[n..].fill(0.0);
             }
             Mass::Constant(entries) => {
+                out.fill(0.0);
                 for &(i, j, value) in entries {
-                    out[i] += factor * value * y[j];
+                    out[i] += value * y[j];
                 }
             }
         }

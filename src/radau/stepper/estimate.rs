@@ -54,8 +54,7 @@ impl Radau<'_> {
         if self.settings.interpolated && self.system.is_explicit_ode() {
             self.last.jump(h, &self.shifted[..states], &mut self.jump);
         }
-        self.embedded.fill(0.0);
-        self.system.add_mass(1.0, &self.shifted, &mut self.embedded);
+        self.system.multiply_by_mass(&self.shifted, &mut self.embedded);
         let mut error = f64::INFINITY;
         for pass in 0..2 {
             if pass == 1 {
@@ -104,8 +103,8 @@ impl Radau<'_> {
         let mut left = f64::INFINITY;
         for power in 0..tableau.stages() {
             if power > 0 {
-                self.embedded.fill(0.0);
-                self.system.add_mass(gamma / h, &self.shifted, &mut self.embedded);
+                self.system.multiply_by_mass(&self.shifted, &mut self.embedded);
+                self.embedded.iter_mut().for_each(|e| *e *= gamma / h);
                 if !self.factors.solve_real(&mut self.embedded) {
                     return f64::INFINITY;
                 }
