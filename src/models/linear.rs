@@ -42,7 +42,6 @@ pub struct Linear {
     bound_derivatives: Tape,
     time_derivatives: Tape,
     breaks: Breaks,
-    inputs: Vec<f64>,
 }
 
 impl Linear {
@@ -98,15 +97,7 @@ impl Linear {
             bound_derivatives: Tape::compile(graph, &derivatives),
             time_derivatives: Tape::compile(graph, &by_time),
             breaks: Breaks::new(graph, &outputs),
-            inputs: vec![0.0; 1 + n + m],
         })
-    }
-
-    fn set_inputs(&mut self, t: f64, y: &[f64]) {
-        self.inputs[0] = t;
-        if !self.structure.moving.is_empty() {
-            self.inputs[1..].copy_from_slice(y);
-        }
     }
 }
 
@@ -116,8 +107,7 @@ impl Dvi for Linear {
     }
 
     fn evaluate(&mut self, t: f64, y: &[f64], values: &mut [f64]) {
-        self.set_inputs(t, y);
-        self.forcing.evaluate(&self.inputs, values);
+        self.forcing.evaluate(t, y, values);
         let mut first = 0;
         for (value, &end) in values.iter_mut().zip(&self.row_ends) {
             let entries = self.columns[first..end].iter().zip(&self.coefficients[first..end]);
@@ -130,14 +120,12 @@ impl Dvi for Linear {
         let (constant, varying) = values.split_at_mut(self.coefficients.len());
         constant.copy_from_slice(&self.coefficients);
         if !varying.is_empty() {
-            self.set_inputs(t, y);
-            self.bound_derivatives.evaluate(&self.inputs, varying);
+            self.bound_derivatives.evaluate(t, y, varying);
         }
     }
 
     fn time_derivative(&mut self, t: f64, y: &[f64], values: &mut [f64]) {
-        self.set_inputs(t, y);
-        self.time_derivatives.evaluate(&self.inputs, values);
+        self.time_derivatives.evaluate(t, y, values);
     }
 
     fn breaks(&mut self, t: f64) -> &[f64] {
