@@ -2,6 +2,7 @@
 
 use super::face::{Monitor, monitors};
 use super::stepper::Radau;
+use super::switches::Switching;
 use super::tableau::MOST_STAGES;
 
 /// A monitor that changes sign within a step.
@@ -30,13 +31,9 @@ impl Radau<'_> {
             }
         }
         self.system.evaluate(self.t + theta * h, &self.switching.scratch);
-        // Between the stages the polynomial of a variable need not be what the states make of it.
-        for &k in &self.system.intervals {
-            if let Some(change) = self.system.own_change(k) {
-                self.switching.scratch[self.system.states + k] += change;
-            }
-        }
-        monitors(&mut self.system, &self.control, &self.switching.scratch, out);
+        let Switching { inside, scratch, .. } = &mut self.switching;
+        inside.correct(&mut self.system, scratch);
+        monitors(&mut self.system, &self.control, scratch, out);
     }
 
     /// The earliest sign change of a violated monitor on the collocation polynomial of the step at hand.

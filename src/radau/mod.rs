@@ -18,6 +18,7 @@ mod dense_output;
 mod error_control;
 mod face;
 mod factors;
+mod inside;
 mod layout;
 mod memory;
 mod newton_control;

@@ -9,6 +9,7 @@
 use super::between::Between;
 use super::crossings::Crossing;
 use super::face::{ActiveFace, Monitor, Place, monitors};
+use super::inside::Inside;
 use super::settings::{Settings, StepError, Switches};
 use super::stages::Newton;
 use super::start::Probe;
@@ -58,6 +59,7 @@ pub(super) struct Switching {
     gap: f64,
     shrinking: u32,
     pub(super) scratch: Vec<f64>,
+    pub(super) inside: Inside,
     monitors: Vec<Monitor>,
     /// Room for those between the stages.
     pub(super) between: [Vec<Monitor>; 2],
@@ -78,6 +80,7 @@ impl Switching {
             gap: f64::INFINITY,
             shrinking: 0,
             scratch: vec![0.0; system.unknowns],
+            inside: Inside::new(system),
             monitors: Vec::new(),
             between: Default::default(),
             switches: Vec::new(),

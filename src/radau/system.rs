@@ -280,28 +280,14 @@ impl<'p> System<'p> {
         pattern.iter().zip(&self.derivatives[first..last]).map(|(&(_, j), &value)| (j, value))
     }
 
-    /// By how much variable `k` inside its interval misses `G_k = 0` as of the last evaluation and differentiation: a Newton
-    /// step; none where another variable inside enters `G_k`, or this one does not.
-    pub fn own_change(&self, k: usize) -> Option<f64> {
-        let is_inside = |k: usize| self.face.places[k] == Place::Inside;
-        if !is_inside(k) {
-            return None;
-        }
-        let row = self.states + k;
-        let mut own = 0.0;
-        for (j, value) in self.entries_of_row(row) {
-            match j.checked_sub(self.states) {
-                Some(l) if l == k => own = value,
-                Some(l) if value != 0.0 && (is_inside(l) || self.set.block_of(l).is_some()) => return None,
-                _ => {}
-            }
-        }
-        (own != 0.0).then(|| -self.values[row] / own)
+    /// The nonzeros of `dG_k/dy` as of the last differentiation, as `(column, value)`.
+    pub fn entries_of_variable(&self, k: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.entries_of_row(self.states + k)
     }
 
     /// `dG_k/dy . direction`
     pub fn slope(&self, k: usize, direction: impl Fn(usize) -> f64) -> f64 {
-        self.entries_of_row(self.states + k).map(|(j, value)| value * direction(j)).sum()
+        self.entries_of_variable(k).map(|(j, value)| value * direction(j)).sum()
     }
 
     /// Writes `-dPhi/dy` on the face to the places of the layout, from the derivatives as they are.
