@@ -19,21 +19,25 @@ pub(super) struct Crossing {
 impl Radau<'_> {
     /// The values of all monitors on the collocation polynomial of the step at hand.
     pub(super) fn monitors_at(&mut self, theta: f64, h: f64, out: &mut Vec<Monitor>) {
-        let unknowns = self.system.unknowns;
+        self.polynomial_at(theta);
+        self.system.evaluate(self.t + theta * h, &self.switching.scratch);
+        let Switching { inside, scratch, .. } = &mut self.switching;
+        inside.correct(&mut self.system, scratch);
+        monitors(&mut self.system, &self.control, scratch, out);
+    }
+
+    /// The collocation polynomial of the step at hand, into the scratch of the switches.
+    pub(super) fn polynomial_at(&mut self, theta: f64) {
         let tableau = self.tableau();
         let mut basis = [0.0; MOST_STAGES];
         let basis = &mut basis[..tableau.stages()];
         tableau.increments_at(theta, basis);
         self.switching.scratch.copy_from_slice(&self.y);
-        for (factor, z) in basis.iter().zip(self.stages.z.chunks_exact(unknowns)) {
+        for (factor, z) in basis.iter().zip(self.stages.z.chunks_exact(self.system.unknowns)) {
             for (y, z) in self.switching.scratch.iter_mut().zip(z) {
                 *y += factor * z;
             }
         }
-        self.system.evaluate(self.t + theta * h, &self.switching.scratch);
-        let Switching { inside, scratch, .. } = &mut self.switching;
-        inside.correct(&mut self.system, scratch);
-        monitors(&mut self.system, &self.control, scratch, out);
     }
 
     /// The earliest sign change of a violated monitor on the collocation polynomial of the step at hand.

@@ -19,6 +19,7 @@ mod error_control;
 mod face;
 mod factors;
 mod inside;
+mod interpolation;
 mod layout;
 mod memory;
 mod newton_control;
