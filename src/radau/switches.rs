@@ -318,7 +318,8 @@ impl Radau<'_> {
         }
     }
 
-    /// The residual of the natural map at `(t, y)`, `max |z - P_K(z - G)|`.
+    /// The residual of the natural map at `(t, y)`, `max |z - P_K(z - G)|` over the variables of which `G` depends on variables:
+    /// that of the others says nothing of `z`.
     fn natural_map(&mut self) -> f64 {
         let n = self.system.states;
         if !self.system.evaluate(self.t, &self.y) {
@@ -329,8 +330,9 @@ impl Radau<'_> {
             *moved = y - g;
         }
         system.project(&mut switching.scratch);
-        let residuals = switching.scratch[n..].iter().zip(&y[n..]);
-        residuals.map(|(projected, z)| (z - projected).abs()).fold(0.0, f64::max)
+        let is_told = |&k: &usize| system.entries_of_variable(k).any(|(j, value)| j >= n && value != 0.0);
+        let residuals = (0..y.len() - n).filter(is_told).map(|k| (y[n + k] - switching.scratch[n + k]).abs());
+        residuals.fold(0.0, f64::max)
     }
 
     /// Whether a monitor, other than the one that ends it, is violated at a stage of the step at hand.
