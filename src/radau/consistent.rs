@@ -60,6 +60,11 @@ impl Consistent {
         Some(Self { equations, inside, phi, drift: vector(), step: vector(), start: vector() })
     }
 
+    /// Whether it takes no factorisation of a sparse matrix: it can then be done between the stages of every step.
+    pub fn is_cheap(&self) -> bool {
+        matches!(self.equations, Equations::Dense(_))
+    }
+
     /// Replaces the variables inside their interval and those of blocks in `y = (x, z)` at `t`, and puts those on a bound
     /// onto it. Leaves `y` as it is and returns false if the equations are singular or the iteration fails.
     pub fn solve(&mut self, system: &mut System<'_>, control: &NewtonControl, t: f64, y: &mut [f64]) -> bool {

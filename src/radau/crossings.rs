@@ -25,7 +25,14 @@ impl Radau<'_> {
         self.polynomial_at(theta);
         self.system.evaluate(self.t + theta * h, &self.switching.scratch);
         let Switching { inside, scratch, .. } = &mut self.switching;
-        inside.correct(&mut self.system, scratch);
+        let t = self.t + theta * h;
+        if !inside.correct(&mut self.system, scratch)
+            && let Some(consistent) = &mut self.consistent
+            && consistent.is_cheap()
+            && consistent.solve(&mut self.system, &self.control, t, scratch)
+        {
+            self.system.evaluate(t, scratch);
+        }
         monitors(&mut self.system, &self.control, scratch, out);
     }
 

@@ -45,8 +45,9 @@ impl Inside {
         }
     }
 
-    /// Corrects the variables inside in `y`, where `system` was evaluated last, and all of `G` with them.
-    pub(super) fn correct(&mut self, system: &mut System<'_>, y: &mut [f64]) {
+    /// Corrects the variables inside in `y`, where `system` was evaluated last, and all of `G` with them; whether that tells all
+    /// of them. It does not where only the derivative of `G` has variables.
+    pub(super) fn correct(&mut self, system: &mut System<'_>, y: &mut [f64]) -> bool {
         let is_inside = |k: usize| system.face.places[k] == Place::Inside && system.set.block_of(k).is_none();
         let inside = (0..self.changes.len()).filter(|&k| is_inside(k));
         if self.jacobians != system.work.jacobians || !inside.clone().eq(self.inside.iter().copied()) {
@@ -67,7 +68,7 @@ impl Inside {
             Equations::Together(factors) => factors.solve(&mut self.change),
         };
         if !is_told {
-            return;
+            return self.inside.is_empty();
         }
         for (&k, change) in self.variables.iter().zip(&self.change) {
             self.changes[k] = *change;
@@ -77,6 +78,7 @@ impl Inside {
             system.values[n + k] += system.slope(k, |j| j.checked_sub(n).map_or(0.0, |k| self.changes[k]));
         }
         self.variables.iter().for_each(|&k| self.changes[k] = 0.0);
+        self.variables.len() == self.inside.len()
     }
 
     fn set_equations(&mut self, system: &System<'_>) {

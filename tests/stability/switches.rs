@@ -2,6 +2,7 @@
 
 use crate::stability::harness::{Case, RELAY, column, distance, instants, last};
 use serde_json::{Value, json};
+use std::f64::consts::PI;
 
 #[test]
 fn a_bound_that_is_touched_is_no_switch_and_one_passed_within_a_step_is_two() {
@@ -55,7 +56,7 @@ fn a_spring_with_dry_friction_stops_after_eight_half_turns() {
     // x'' + 100 x in -0.3 g Sgn x' from 1/2: each half turn takes pi/10 and 2 mu g/k = 0.05886 of the amplitude, until the
     // spring is weaker than friction.
     let case = Case::until(4.0).state("x", 0.5, "v").state("v", 0.0, "-100*x - F");
-    let turns: Vec<f64> = (0..=8).map(|k| 0.1 * std::f64::consts::PI * f64::from(k)).collect();
+    let turns: Vec<f64> = (0..=8).map(|k| 0.1 * PI * f64::from(k)).collect();
     let case = case.between("F", "-v", "-2.943", "2.943").method(json!({"rtol": 1e-10}));
     let solution = case.times(json!([&turns[..], &[3.0, 4.0]].concat())).solve();
     let exact = |k: i32| f64::powi(-1.0, k) * (0.5 - 0.05886 * f64::from(k));
@@ -72,15 +73,15 @@ fn a_spring_with_dry_friction_stops_after_eight_half_turns() {
 fn a_hundred_thousand_switches_keep_their_phase() {
     // x' = 3 cos t - sgn x settles to x(t + pi) = -x(t), positive from t_0 with 6 sin t_0 = -pi.
     let half_periods = 100_000;
-    let end = std::f64::consts::PI * f64::from(half_periods);
+    let end = PI * f64::from(half_periods);
     let case = Case::until(end).state("x", 0.0, "3*cos(t) - s").between("s", "-x", RELAY[0], RELAY[1]);
     let solution = case.method(json!({"rtol": 1e-6})).times(json!([end])).solve();
     let switches = instants(&solution);
     assert_eq!(switches.len(), half_periods as usize);
-    let first = std::f64::consts::PI - (std::f64::consts::PI / 6.0).asin();
-    let phase = switches[switches.len() - 1] % std::f64::consts::PI;
+    let first = PI - (PI / 6.0).asin();
+    let phase = switches[switches.len() - 1] % PI;
     assert!((phase - first).abs() < 1e-5, "the last switch is at {phase}, not {first}, of its half period");
-    let error = (last(&solution, "x") - std::f64::consts::FRAC_PI_2 + (std::f64::consts::PI / 6.0).asin()).abs();
+    let error = (last(&solution, "x") - std::f64::consts::FRAC_PI_2 + (PI / 6.0).asin()).abs();
     assert!(error < 1e-4, "x is off by {error:e}");
     // What is kept is what was asked for, whatever the number of steps.
     assert_eq!(solution.trajectory.t.len(), 1);
@@ -140,7 +141,6 @@ fn stepping_over_switches_with_error_control_keeps_the_tolerance() {
 #[test]
 fn pulses_between_which_no_state_moves_are_all_found() {
     // x' = max(0, sin t - c): while the sine is below c nothing bounds the step but what is known of the sign of G.
-    use std::f64::consts::PI;
     for level in [0.0, 0.9, 0.99, 0.999] {
         let start = f64::asin(level);
         let pulse = 2.0 * start.cos() - level * (PI - 2.0 * start);
@@ -159,7 +159,7 @@ fn pulses_between_which_no_state_moves_are_all_found() {
 /// Solves `x' = max(0, g)`, as one variable, beside a free one and as two that enter each other's inequalities, and holds it
 /// against the zeros of `g`, and its integral where it is positive, from two million samples.
 fn assert_all_pulses_are_found(g: impl Fn(f64) -> f64, text: &str, method: Value) {
-    let (end, samples) = (200.0 * std::f64::consts::PI, 2_000_000);
+    let (end, samples) = (200.0 * PI, 2_000_000);
     let values: Vec<f64> = (0..samples).map(|i| g((f64::from(i) + 0.5) * end / f64::from(samples))).collect();
     let zeros = values.windows(2).filter(|pair| (pair[0] < 0.0) != (pair[1] < 0.0)).count();
     let integral = values.iter().map(|value| value.max(0.0)).sum::<f64>() * end / f64::from(samples);
@@ -181,6 +181,32 @@ fn a_pulse_in_the_step_before_a_located_switch_is_found() {
     let g = |t: f64| (5.0 * t).cos() + (0.3 * t).cos() - 1.6;
     for rtol in [1e-3, 1e-6, 1e-9] {
         assert_all_pulses_are_found(g, "cos(5*t) + cos(0.3*t) - 1.6", json!({"rtol": rtol}));
+    }
+}
+
+#[test]
+fn a_block_that_a_force_moves_now_and_then_is_not_left_stuck() {
+    // v' = a sin 3t - F, |F| <= 1: it slips from where the force passes 1 until v is zero again, to and fro.
+    let a = 1.1_f64;
+    let start = (1.0 / a).asin();
+    let slip = |phase: f64| (a * (start.cos() - phase.cos()) - (phase - start)) / 3.0;
+    let (mut low, mut high) = (start + 0.1, PI);
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if slip(middle) > 0.0 { low = middle } else { high = middle }
+    }
+    for rtol in [1e-3, 1e-6, 1e-9] {
+        let case =
+            Case::until(10.0).state("x", 0.0, "v").state("v", 0.0, "1.1*sin(3*t) - F").between("F", "-v", "-1", "1");
+        let solution = case.method(json!({"rtol": rtol})).times(json!([10])).solve();
+        let times = instants(&solution);
+        // Nine half periods, and half of the tenth slip.
+        assert_eq!(times.len(), 19, "{rtol:e}: {times:?}");
+        for (k, pair) in times.chunks_exact(2).enumerate() {
+            let begins = |phase: f64| (phase + PI * k as f64) / 3.0;
+            let error = (pair[0] - begins(start)).abs().max((pair[1] - begins(low)).abs());
+            assert!(error < 30.0 * rtol, "{rtol:e}: slip {k} at {pair:?}, off by {error:e}");
+        }
     }
 }
 
