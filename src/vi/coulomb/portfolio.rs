@@ -1,19 +1,18 @@
 //! The methods in turn, as the residual bids.
 //!
 //! 1. One contact: its exact solution.
-//! 2. Block Gauss-Seidel, as long as its rate promises the tolerance in few sweeps.
+//! 2. Block Gauss-Seidel with Anderson's acceleration, as long as its rate promises the tolerance in few sweeps.
 //! 3. Proximal Newton, from the best point so far.
 //! 4. Where Newton stalls, ADMM for a while, then Newton from there, and so on with ever longer runs. ADMM keeps its own
 //!    state, so that nothing is lost when Newton fails again.
 //!
-//! 5. Instead of all that, where contacts are too many to be factorised: sweeps with Anderson's acceleration, as many as
-//!    are allowed.
+//! Where contacts are too many to be factorised, there are only sweeps, as many as are allowed.
 //!
 //! No method is trusted to say that it has succeeded: the residual is computed anew from the problem.
 
 use super::admm::Admm;
 use super::anderson::Anderson;
-use super::gauss_seidel;
+use super::gauss_seidel::Sweeps;
 use super::newton::ProximalNewton;
 use super::scaling::{Residual, Scaling};
 use super::{CoulombProblem, Evidence, solve_contact};
@@ -23,6 +22,10 @@ use nalgebra::Vector3;
 
 /// Sweeps between looks at the residual.
 const SWEEPS_AT_ONCE: usize = 10;
+
+/// Sweeps go on for as long as a dense factorisation would take, but for no more than so many times
+/// [`Limits::sweeps`].
+const WORTH_AT_MOST: usize = 10;
 
 /// ADMM iterations before Newton's second attempt, and the growth of the runs after it.
 const FIRST_RUN: usize = 100;
@@ -132,6 +135,7 @@ pub struct Coulomb {
     /// Scaled impulses: the best so far, and those of the method at work.
     best: Vec<Vector3<f64>>,
     work: Vec<Vector3<f64>>,
+    sweeps: Sweeps,
     acceleration: Anderson,
     residual: Residual,
     attempts: Vec<Attempt>,
@@ -160,10 +164,8 @@ impl Coulomb {
             self.best.clear();
             self.best.extend(self.scaling.scale(r));
             self.residual = self.scaling.residual(&self.best);
-            if self.best.len() > self.limits.factorised {
-                self.accelerate(control);
-            } else {
-                self.sweep(control);
+            self.sweep(control);
+            if self.best.len() <= self.limits.factorised {
                 self.alternate(control);
             }
             for (r, best) in r.iter_mut().zip(self.scaling.unscale(&self.best)) {
@@ -205,48 +207,43 @@ impl Coulomb {
         }
     }
 
+    /// Sweeps with Anderson's acceleration. Where Newton can follow they go on only while their rate so far promises the
+    /// tolerance within as many sweeps as are cheaper.
     fn sweep(&mut self, control: &Control) {
+        if self.is_over(control) {
+            return;
+        }
+        let n = self.best.len();
+        let can_factorise = n <= self.limits.factorised;
+        let stored = self.scaling.problem.matrix().stored();
+        let worth = self.limits.sweeps.max(n.saturating_pow(3) / stored).min(WORTH_AT_MOST * self.limits.sweeps) as f64;
         let before = self.residual;
-        let mut found = before;
         let mut sweeps = 0;
-        self.work.clone_from(&self.best);
-        while !self.is_over(control) && found.strict > self.limits.tolerance {
-            for _ in 0..SWEEPS_AT_ONCE {
-                gauss_seidel::sweep(&self.scaling.problem, &mut self.work, 1.0);
-            }
-            sweeps += SWEEPS_AT_ONCE;
-            let last = std::mem::replace(&mut found, self.scaling.residual(&self.work));
-            let digits_to_go = (found.strict / self.limits.tolerance).log10();
-            let digits_a_sweep = (last.strict / found.strict).log10() / SWEEPS_AT_ONCE as f64;
-            if found.strict.is_nan() || digits_to_go > digits_a_sweep * self.limits.sweeps as f64 {
-                break;
-            }
-        }
-        if sweeps > 0 {
-            self.record(Method::GaussSeidel, sweeps, before, found);
-        }
-    }
-
-    /// Sweeps with Anderson's acceleration.
-    fn accelerate(&mut self, control: &Control) {
-        let before = self.residual;
-        let mut found = before;
         let mut x = self.best.clone();
-        let mut sweeps = 0;
         self.work.clone_from(&self.best);
+        self.sweeps.fit(self.scaling.problem.matrix());
         self.acceleration.clear();
-        while !self.is_over(control) && found.strict > self.limits.tolerance && sweeps < self.limits.accelerated {
+        while !self.is_over(control) && (can_factorise || sweeps < self.limits.accelerated) {
             for _ in 0..SWEEPS_AT_ONCE {
                 self.work.copy_from_slice(&x);
-                gauss_seidel::sweep(&self.scaling.problem, &mut self.work, 1.0);
+                self.sweeps.sweep(&self.scaling.problem, &mut self.work);
                 self.acceleration.advance(&mut x, &self.work);
             }
             sweeps += SWEEPS_AT_ONCE;
-            found = self.scaling.residual(&self.work);
+            let found = self.scaling.residual(&self.work);
+            if found.strict < self.residual.strict {
+                self.residual = found;
+                self.best.copy_from_slice(&self.work);
+            }
+            let digits_to_go = (found.strict / self.limits.tolerance).log10();
+            let digits_a_sweep = (before.strict / found.strict).log10() / sweeps as f64;
+            let promises = digits_to_go <= digits_a_sweep * worth;
+            if found.strict.is_nan() || (can_factorise && !promises) {
+                break;
+            }
         }
-        if sweeps > 0 {
-            self.record(Method::GaussSeidel, sweeps, before, found);
-        }
+        let (method, before, after) = (Method::GaussSeidel, before.strict, self.residual.strict);
+        self.attempts.push(Attempt { method, iterations: sweeps, before, after });
     }
 
     /// Newton and ADMM in turn.
