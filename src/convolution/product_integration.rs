@@ -45,7 +45,7 @@ pub fn product_integration(
     let mut value = [0.0];
     // Adds an integrand at the lag `theta h`, its rule and singularity in `w`.
     let mut add = |weights: &mut Weights, n: usize, i: usize, theta: f64, w: f64| {
-        factor.evaluate(&[theta * h], &mut value);
+        factor.evaluate(theta * h, &[], &mut value);
         let w = w * value[0];
         if !w.is_finite() {
             return Err(NoWeights::NotFinite(theta * h));

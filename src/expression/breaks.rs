@@ -21,7 +21,7 @@ impl Breaks {
 
     /// Their values where input 0 is `t`.
     pub fn at(&mut self, t: f64) -> &[f64] {
-        self.tape.evaluate(&[t], &mut self.values);
+        self.tape.evaluate(t, &[], &mut self.values);
         &self.values
     }
 }

@@ -65,7 +65,7 @@ mod tests {
         let (input, exponent) = (graph.input(0), graph.constant(exponent));
         let power = graph.power(input, exponent);
         let mut output = [0.0];
-        Tape::compile(&graph, &[power]).evaluate(&[x], &mut output);
+        Tape::compile(&graph, &[power]).evaluate(x, &[], &mut output);
         output[0]
     }
 

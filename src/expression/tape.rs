@@ -78,12 +78,16 @@ impl Tape {
         }
     }
 
-    /// Writes the values of the outputs at `inputs`, which reach at least to the largest index that occurs. Equal
-    /// inputs give equal bits. What is not defined comes out as NaN or an infinity.
-    pub fn evaluate(&mut self, inputs: &[f64], outputs: &mut [f64]) {
+    /// Writes the values of the outputs where the first input is `first`, mostly time, and the others are `rest`, which
+    /// reach at least to the largest index that occurs. Equal inputs give equal bits. What is not defined comes out as
+    /// NaN or an infinity.
+    pub fn evaluate(&mut self, first: f64, rest: &[f64], outputs: &mut [f64]) {
         debug_assert_eq!(outputs.len(), self.outputs.len(), "as many outputs as were compiled");
         let registers = self.registers.as_mut_slice();
-        registers[..self.inputs].copy_from_slice(&inputs[..self.inputs]);
+        if let Some((input, inputs)) = registers[..self.inputs].split_first_mut() {
+            *input = first;
+            inputs.copy_from_slice(&rest[..inputs.len()]);
+        }
         let mut next = self.first;
         for block in &self.blocks {
             match block {

@@ -1,31 +1,63 @@
-//! `P A = L U` for a dense `A`, with partial pivoting, in blocks (Golub and Van Loan 2013, section 3.4).
+//! `P A = L U` for a dense `A`, with partial pivoting: small ones eliminated by nalgebra, larger ones in blocks by faer
+//! (Golub and Van Loan 2013, section 3.4).
+//!
+//! Where a matrix is solved with several times, dividing by its pivots every time takes as long as all the rest if it is
+//! complex, and calls for blocks are never paid for by one right-hand side: the pivots are inverted once, and the
+//! substitutions are plain loops over columns.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::lu::partial_pivoting::{factor, solve};
-use faer::perm::PermRef;
-use faer::traits::ComplexField;
-use faer::traits::math_utils::{is_finite, zero};
-use faer::{MatMut, MatRef, Par};
+use faer::linalg::lu::partial_pivoting::factor;
+use faer::traits::math_utils::is_finite;
+use faer::{MatMut, Par};
+use nalgebra::{Complex, DMatrix, DVectorViewMut, LU};
+
+/// A real or complex number.
+pub trait Number: nalgebra::ComplexField + faer::traits::ComplexField + From<f64> + Copy {
+    /// Up to so many rows nalgebra's unblocked elimination is faster than faer's, measured; complex arithmetic fills the
+    /// registers earlier.
+    const SMALL: usize;
+}
+
+impl Number for f64 {
+    const SMALL: usize = 30;
+}
+
+impl Number for Complex<f64> {
+    const SMALL: usize = 10;
+}
 
 /// LU factors of an `n x n` matrix.
 pub struct DenseLu<T> {
     /// The matrix column after column, and after [`DenseLu::factorise`] its factors.
     entries: Vec<T>,
+    /// Which row of the matrix each row of the factors is.
     permutation: Vec<usize>,
+    /// One over the pivots.
+    reciprocals: Vec<T>,
+    permuted: Vec<T>,
+    blocks: Option<Blocks>,
+}
+
+/// What elimination in blocks needs besides.
+struct Blocks {
     inverse: Vec<usize>,
     memory: MemBuffer,
 }
 
-impl<T: ComplexField> DenseLu<T> {
+impl<T: Number> DenseLu<T> {
     /// Room for `n x n`.
     pub fn new(n: usize) -> Self {
-        let factor = factor::lu_in_place_scratch::<usize, T>(n, n, Par::Seq, Default::default());
-        let solve = solve::solve_in_place_scratch::<usize, T>(n, 1, Par::Seq);
-        Self {
-            entries: vec![zero(); n * n],
-            permutation: (0..n).collect(),
+        let blocks = (n > T::SMALL).then(|| Blocks {
             inverse: (0..n).collect(),
-            memory: MemBuffer::new(factor.or(solve)),
+            memory: MemBuffer::new(factor::lu_in_place_scratch::<usize, T>(n, n, Par::Seq, Default::default())),
+        });
+        let zero = T::from(0.0);
+        Self {
+            entries: vec![zero; n * n],
+            permutation: (0..n).collect(),
+            reciprocals: vec![zero; n],
+            permuted: vec![zero; n],
+            blocks,
         }
     }
 
@@ -37,20 +69,49 @@ impl<T: ComplexField> DenseLu<T> {
     /// Factorises the matrix whose entries were written.
     pub fn factorise(&mut self) {
         let n = self.permutation.len();
-        let stack = MemStack::new(&mut self.memory);
-        let matrix = MatMut::from_column_major_slice_mut(&mut self.entries, n, n);
-        let (permutation, inverse) = (&mut self.permutation, &mut self.inverse);
-        factor::lu_in_place(matrix, permutation, inverse, Par::Seq, stack, Default::default());
+        match &mut self.blocks {
+            Some(Blocks { inverse, memory }) => {
+                let stack = MemStack::new(memory);
+                let matrix = MatMut::from_column_major_slice_mut(&mut self.entries, n, n);
+                factor::lu_in_place(matrix, &mut self.permutation, inverse, Par::Seq, stack, Default::default());
+            }
+            None => {
+                let lu = LU::new(DMatrix::from_column_slice(n, n, &self.entries));
+                self.entries.copy_from_slice(lu.lu_internal().as_slice());
+                self.permutation.iter_mut().enumerate().for_each(|(row, from)| *from = row);
+                lu.p().permute_rows(&mut DVectorViewMut::from_slice(&mut self.permutation, n));
+            }
+        }
+        for (k, reciprocal) in self.reciprocals.iter_mut().enumerate() {
+            *reciprocal = T::from(1.0) / self.entries[k * n + k];
+        }
     }
 
     /// Solves in place; false if the solution is not finite: the matrix is singular.
     pub fn solve(&mut self, right: &mut [T]) -> bool {
         let n = right.len();
-        let stack = MemStack::new(&mut self.memory);
-        let permutation = PermRef::new_checked(&self.permutation, &self.inverse, n);
-        let columns = MatMut::from_column_major_slice_mut(&mut *right, n, 1);
-        let factors = MatRef::from_column_major_slice(&self.entries, n, n);
-        solve::solve_in_place(factors, factors, permutation, columns, Par::Seq, stack);
+        let x = &mut self.permuted[..n];
+        for (x, &row) in x.iter_mut().zip(&self.permutation) {
+            *x = right[row];
+        }
+        for k in 0..n {
+            let (known, below) = x.split_at_mut(k + 1);
+            subtract(below, known[k], &self.entries[k * n + k + 1..]);
+        }
+        for k in (0..n).rev() {
+            let (above, rest) = x.split_at_mut(k);
+            rest[0] *= self.reciprocals[k];
+            subtract(above, rest[0], &self.entries[k * n..]);
+        }
+        right.copy_from_slice(x);
         right.iter().all(is_finite)
+    }
+}
+
+/// `x -= factor column`, as far as `x` reaches
+#[inline(always)]
+fn subtract<T: Number>(x: &mut [T], factor: T, column: &[T]) {
+    for (x, &entry) in x.iter_mut().zip(column) {
+        *x -= entry * factor;
     }
 }

@@ -1,5 +1,4 @@
-//! Factorisations of larger dense and of sparse matrices, by faer: analysed once, computed again and again in the same
-//! memory. None of them is trusted to notice a singular matrix; a solution that is not finite shows it. Beside them the
+//! Factorisations of dense and of sparse matrices, by nalgebra and faer: analysed once, computed again and again. None of them is trusted to notice a singular matrix; a solution that is not finite shows it. Beside them the
 //! spectra that ranks and verdicts rest on.
 
 mod cholesky;
@@ -10,7 +9,7 @@ mod spectrum;
 mod tests;
 
 pub use cholesky::Cholesky;
-pub use dense_lu::DenseLu;
+pub use dense_lu::{DenseLu, Number};
 pub use sparse_lu::{Analysis, SparseLu};
 pub use spectrum::{Singular, least_eigenvalue};
 

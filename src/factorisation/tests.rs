@@ -86,6 +86,15 @@ fn dense_factors_solve_what_needs_pivoting() {
         let mut right = vec![1.0; n];
         assert!(lu.solve(&mut right));
         assert!((DVector::from_vec(right) - &exact).amax() < 1e-8 * exact.amax(), "n = {n}");
+
+        // (1 + 2i) A x = (1 + 2i) b
+        let shift = Complex::new(1.0, 2.0);
+        let mut lu = DenseLu::new(n);
+        lu.entries().iter_mut().zip(&matrix).for_each(|(entry, &value)| *entry = shift * value);
+        lu.factorise();
+        let mut right = vec![shift; n];
+        assert!(lu.solve(&mut right));
+        assert!(right.iter().zip(&exact).all(|(x, e)| (x - e).norm() < 1e-8 * exact.amax()), "complex, n = {n}");
     }
 }
 

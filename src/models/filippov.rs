@@ -74,7 +74,7 @@ pub fn departures(graph: &mut Graph, regions: &[Region], t: f64, x: &[f64]) -> R
     }
     nodes.extend(regions.iter().flat_map(|region| &region.rates));
     let mut values = vec![0.0; nodes.len()];
-    Tape::compile(graph, &nodes).evaluate(&point, &mut values);
+    Tape::compile(graph, &nodes).evaluate(t, x, &mut values);
 
     let (mut indicators, mut normals, mut sizes) = (Vec::new(), Vec::new(), Vec::new());
     let mut rest = values.as_slice();

@@ -58,6 +58,7 @@ pub struct SymbolicMechanics {
     bias: Tape,
     /// Derivatives of balance, acceleration and velocity, one below the other.
     sensitivity: Sparse,
+    /// Those after `t`.
     inputs: Vec<f64>,
     scratch: Vec<f64>,
 }
@@ -229,25 +230,23 @@ impl SymbolicMechanics {
             energies: Tape::compile(graph, &energies),
             bias: Tape::compile(graph, &bias),
             sensitivity: Sparse::compile(graph, sensitivity),
-            inputs: vec![0.0; 1 + 3 * n + structure.rows()],
+            inputs: vec![0.0; 3 * n + structure.rows()],
             scratch: Vec::new(),
             structure,
         })
     }
 
-    fn place(&mut self, t: f64, q: &[f64], v: &[f64]) {
+    fn place(&mut self, q: &[f64], v: &[f64]) {
         let n = self.structure.coordinates;
-        self.inputs[0] = t;
-        self.inputs[1..=n].copy_from_slice(q);
-        self.inputs[1 + n..=2 * n].copy_from_slice(v);
+        self.inputs[..n].copy_from_slice(q);
+        self.inputs[n..2 * n].copy_from_slice(v);
     }
 
     /// With velocities zero, where they do not matter.
-    fn place_at_rest(&mut self, t: f64, q: &[f64]) {
+    fn place_at_rest(&mut self, q: &[f64]) {
         let n = self.structure.coordinates;
-        self.inputs[0] = t;
-        self.inputs[1..=n].copy_from_slice(q);
-        self.inputs[1 + n..=2 * n].fill(0.0);
+        self.inputs[..n].copy_from_slice(q);
+        self.inputs[n..2 * n].fill(0.0);
     }
 }
 
@@ -301,23 +300,23 @@ impl Mechanical for SymbolicMechanics {
     }
 
     fn mass(&mut self, t: f64, q: &[f64], mass: &mut DMatrix<f64>) {
-        self.place_at_rest(t, q);
+        self.place_at_rest(q);
         // Symmetric, so that rows and columns are the same.
-        self.mass.evaluate(&self.inputs, mass.as_mut_slice());
+        self.mass.evaluate(t, &self.inputs, mass.as_mut_slice());
     }
 
     fn forces(&mut self, t: f64, q: &[f64], v: &[f64], f: &mut [f64]) {
-        self.place(t, q, v);
-        self.forces.evaluate(&self.inputs, f);
+        self.place(q, v);
+        self.forces.evaluate(t, &self.inputs, f);
     }
 
     fn stiffness(&mut self, t: f64, q: &[f64], v: &[f64], by_q: &mut DMatrix<f64>, by_v: &mut DMatrix<f64>) {
-        self.place(t, q, v);
+        self.place(q, v);
         let n = self.structure.coordinates;
         by_q.fill(0.0);
         by_v.fill(0.0);
         self.scratch.resize(self.stiffness.places.len(), 0.0);
-        self.stiffness.tape.evaluate(&self.inputs, &mut self.scratch);
+        self.stiffness.tape.evaluate(t, &self.inputs, &mut self.scratch);
         for (&(i, j), &value) in self.stiffness.places.iter().zip(&self.scratch) {
             match j.checked_sub(n) {
                 None => by_q[(i, j)] = value,
@@ -327,39 +326,39 @@ impl Mechanical for SymbolicMechanics {
     }
 
     fn constraints(&mut self, t: f64, q: &[f64], constraints: &mut Constraints) {
-        self.place_at_rest(t, q);
-        self.values.evaluate(&self.inputs, &mut constraints.values);
-        self.drift.evaluate(&self.inputs, &mut constraints.drift);
+        self.place_at_rest(q);
+        self.values.evaluate(t, &self.inputs, &mut constraints.values);
+        self.drift.evaluate(t, &self.inputs, &mut constraints.drift);
         self.scratch.resize(self.rows.places.len(), 0.0);
-        self.rows.tape.evaluate(&self.inputs, &mut self.scratch);
+        self.rows.tape.evaluate(t, &self.inputs, &mut self.scratch);
         for (&place, &value) in self.rows.places.iter().zip(&self.scratch) {
             constraints.transposed[place] = value;
         }
     }
 
     fn energies(&mut self, t: f64, q: &[f64], v: &[f64]) -> Energies {
-        self.place(t, q, v);
+        self.place(q, v);
         let mut values = [0.0; 3];
-        self.energies.evaluate(&self.inputs, &mut values);
+        self.energies.evaluate(t, &self.inputs, &mut values);
         let [kinetic, potential, power] = values;
         Energies { kinetic, potential, power }
     }
 
     fn bias(&mut self, t: f64, q: &[f64], v: &[f64], gamma: &mut [f64]) {
-        self.place(t, q, v);
-        self.bias.evaluate(&self.inputs, gamma);
+        self.place(q, v);
+        self.bias.evaluate(t, &self.inputs, gamma);
     }
 
     fn sensitivity(&mut self, t: f64, q: &[f64], v: &[f64], a: &[f64], lambda: &[f64], out: &mut Sensitivity) {
-        self.place(t, q, v);
+        self.place(q, v);
         let (n, rows) = (self.structure.coordinates, self.structure.rows());
-        self.inputs[1 + 2 * n..=3 * n].copy_from_slice(a);
-        self.inputs[1 + 3 * n..].copy_from_slice(lambda);
+        self.inputs[2 * n..3 * n].copy_from_slice(a);
+        self.inputs[3 * n..].copy_from_slice(lambda);
         out.balance.resize_mut(n, 2 * n, 0.0);
         out.acceleration.resize_mut(rows, 2 * n, 0.0);
         out.velocity.resize_mut(rows, 2 * n, 0.0);
         self.scratch.resize(self.sensitivity.places.len(), 0.0);
-        self.sensitivity.tape.evaluate(&self.inputs, &mut self.scratch);
+        self.sensitivity.tape.evaluate(t, &self.inputs, &mut self.scratch);
         for (&(i, j), &value) in self.sensitivity.places.iter().zip(&self.scratch) {
             match (i.checked_sub(n), i.checked_sub(n + rows)) {
                 (_, Some(i)) => out.velocity[(i, j)] = value,

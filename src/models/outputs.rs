@@ -9,7 +9,8 @@ pub struct Outputs {
     /// Their names.
     pub names: Vec<String>,
     values: Tape,
-    inputs: Vec<f64>,
+    /// The length of `(x, z)`.
+    unknowns: usize,
     /// The energies, whose names are the last; none where the problem has none.
     energy: Option<EnergyForm>,
     /// Whether they are kept in place of the unknowns where nothing is asked for: the unknowns are many.
@@ -22,13 +23,7 @@ const ENERGIES: [&str; 2] = ["kinetic_energy", "potential_energy"];
 impl Outputs {
     /// Compiles nodes whose inputs are `t`, then `x`, then `z`, one for each name; `unknowns` is the length of `(x, z)`.
     pub fn new(graph: &Graph, names: Vec<String>, nodes: &[Node], unknowns: usize) -> Self {
-        Self {
-            names,
-            values: Tape::compile(graph, nodes),
-            inputs: vec![0.0; 1 + unknowns],
-            energy: None,
-            stand_for_unknowns: false,
-        }
+        Self { names, values: Tape::compile(graph, nodes), unknowns, energy: None, stand_for_unknowns: false }
     }
 
     /// The same with the energies behind them, in place of the unknowns where nothing is asked for.
@@ -49,9 +44,7 @@ impl Outputs {
         if self.names.is_empty() {
             return;
         }
-        let (unknowns, values) = y.split_at_mut(self.inputs.len() - 1);
-        self.inputs[0] = t;
-        self.inputs[1..].copy_from_slice(unknowns);
+        let (unknowns, values) = y.split_at_mut(self.unknowns);
         let values = match &self.energy {
             Some(energy) => {
                 let (values, energies) = values.split_at_mut(values.len() - ENERGIES.len());
@@ -60,6 +53,6 @@ impl Outputs {
             }
             None => values,
         };
-        self.values.evaluate(&self.inputs, values);
+        self.values.evaluate(t, unknowns, values);
     }
 }

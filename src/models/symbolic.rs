@@ -53,7 +53,6 @@ pub struct Symbolic {
     derivatives: Tape,
     time_derivatives: Tape,
     breaks: Breaks,
-    inputs: Vec<f64>,
 }
 
 impl Symbolic {
@@ -116,13 +115,7 @@ impl Symbolic {
             derivatives: Tape::compile(graph, &derivatives),
             time_derivatives: Tape::compile(graph, &by_time),
             breaks: Breaks::new(graph, &outputs),
-            inputs: vec![0.0; 1 + n + m],
         })
-    }
-
-    fn set_inputs(&mut self, t: f64, y: &[f64]) {
-        self.inputs[0] = t;
-        self.inputs[1..].copy_from_slice(y);
     }
 }
 
@@ -132,18 +125,15 @@ impl Dvi for Symbolic {
     }
 
     fn evaluate(&mut self, t: f64, y: &[f64], values: &mut [f64]) {
-        self.set_inputs(t, y);
-        self.values.evaluate(&self.inputs, values);
+        self.values.evaluate(t, y, values);
     }
 
     fn jacobian(&mut self, t: f64, y: &[f64], values: &mut [f64]) {
-        self.set_inputs(t, y);
-        self.derivatives.evaluate(&self.inputs, values);
+        self.derivatives.evaluate(t, y, values);
     }
 
     fn time_derivative(&mut self, t: f64, y: &[f64], values: &mut [f64]) {
-        self.set_inputs(t, y);
-        self.time_derivatives.evaluate(&self.inputs, values);
+        self.time_derivatives.evaluate(t, y, values);
     }
 
     fn breaks(&mut self, t: f64) -> &[f64] {

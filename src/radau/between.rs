@@ -15,6 +15,7 @@
 
 use super::face::Monitor;
 use super::stepper::Radau;
+use super::tableau::MOST_STAGES;
 
 /// The part of its polynomial by which a monitor may differ from it.
 const DOUBT: f64 = 0.5;
@@ -53,54 +54,70 @@ impl Radau<'_> {
         if self.stage_vi.is_none() || !self.switching.locates() {
             return Between::default();
         }
-        let mut values = Vec::new();
-        self.monitors_at(0.0, h, &mut values);
+        let mut room = std::mem::take(&mut self.switching.between);
+        let between = self.look_between(h, &mut room);
+        self.switching.between = room;
+        between
+    }
+
+    /// The same, with room for the monitors at the beginning and at one point.
+    fn look_between(&mut self, h: f64, [values, there]: &mut [Vec<Monitor>; 2]) -> Between {
+        self.monitors_at(0.0, h, values);
         let dips = values.iter().enumerate().filter_map(|(index, monitor)| self.dip_of(index, values.len(), monitor));
         if let Some(theta) = dips.min_by(f64::total_cmp) {
-            self.monitors_at(theta, h, &mut values);
-            if values.iter().any(Monitor::is_violated) {
-                return Between { dip: Some(theta), doubt: 0.0 };
-            }
-            self.monitors_at(0.0, h, &mut values);
-        }
-        let (mut there, mut doubt, mut left) = (Vec::new(), 0.0_f64, 0.0);
-        for &node in &self.tableau().c {
-            let theta = 0.5 * (left + node);
-            left = node;
-            self.monitors_at(theta, h, &mut there);
+            self.monitors_at(theta, h, there);
             if there.iter().any(Monitor::is_violated) {
                 return Between { dip: Some(theta), doubt: 0.0 };
             }
-            for (index, (start, there)) in values.iter().zip(&there).enumerate() {
-                doubt = doubt.max(self.doubt_of(index, values.len(), start.value, theta, there));
+        }
+        let (mut doubt, mut left) = (0.0_f64, 0.0);
+        for &node in &self.tableau().c {
+            let theta = 0.5 * (left + node);
+            left = node;
+            self.monitors_at(theta, h, there);
+            if there.iter().any(Monitor::is_violated) {
+                return Between { dip: Some(theta), doubt: 0.0 };
+            }
+            let basis = self.basis_at(theta);
+            for (index, (start, there)) in values.iter().zip(there.iter()).enumerate() {
+                let polynomial = self.combined(&basis, index, values.len(), start.value);
+                let rest = (there.value - polynomial).abs() - NOISE * there.noise;
+                if rest > 0.0 {
+                    doubt = doubt.max(self.doubt_of(index, values.len(), start.value, theta, rest, there.noise));
+                }
             }
         }
         Between { dip: None, doubt }
     }
 
-    /// The polynomial through the values of monitor `index` of `count`, at `theta`.
-    fn interpolated(&self, index: usize, count: usize, start: f64, theta: f64) -> f64 {
-        let mut basis = [0.0; 16];
-        let basis = &mut basis[..self.tableau().stages()];
-        self.tableau().increments_at(theta, basis);
-        let increments = basis.iter().enumerate();
-        start + increments.map(|(i, l)| l * (self.stages.monitors[i * count + index].value - start)).sum::<f64>()
+    /// What the increments at the stages count for at `theta`.
+    fn basis_at(&self, theta: f64) -> [f64; MOST_STAGES] {
+        let mut basis = [0.0; MOST_STAGES];
+        self.tableau().increments_at(theta, &mut basis[..self.tableau().stages()]);
+        basis
     }
 
-    /// The rest of the interpolation of one monitor in units of what it may be, from its value `there`, at `theta`.
-    fn doubt_of(&self, index: usize, count: usize, start: f64, theta: f64, there: &Monitor) -> f64 {
+    /// The polynomial through the values of monitor `index` of `count`, where the increments count for `basis`.
+    fn combined(&self, basis: &[f64], index: usize, count: usize, start: f64) -> f64 {
+        let at_stages = self.stages.monitors.chunks_exact(count);
+        start + basis.iter().zip(at_stages).map(|(l, stage)| l * (stage[index].value - start)).sum::<f64>()
+    }
+
+    /// The same at `theta`.
+    fn interpolated(&self, index: usize, count: usize, start: f64, theta: f64) -> f64 {
+        self.combined(&self.basis_at(theta), index, count, start)
+    }
+
+    /// The `rest` of the interpolation of one monitor at `theta` in units of what it may be over the step.
+    fn doubt_of(&self, index: usize, count: usize, start: f64, theta: f64, rest: f64, noise: f64) -> f64 {
         let tableau = self.tableau();
         let polynomial = |theta: f64| self.interpolated(index, count, start, theta);
-        let rest = (there.value - polynomial(theta)).abs() - NOISE * there.noise;
-        if rest <= 0.0 {
-            return 0.0;
-        }
         let w = |theta: f64| tableau.c.iter().fold(theta, |product, c| product * (theta - c));
         let (mut doubt, mut left) = (0.0_f64, 0.0);
         for &node in &tableau.c {
             for part in [0.25, 0.5, 0.75] {
                 let at = left + part * (node - left);
-                doubt = doubt.max((rest * w(at) / w(theta)).abs() / (DOUBT * polynomial(at).max(0.0) + there.noise));
+                doubt = doubt.max((rest * w(at) / w(theta)).abs() / (DOUBT * polynomial(at).max(0.0) + noise));
             }
             left = node;
         }

@@ -2,6 +2,7 @@
 
 use super::face::{Monitor, monitors};
 use super::stepper::Radau;
+use super::tableau::MOST_STAGES;
 
 /// A monitor that changes sign within a step.
 #[derive(Clone, Copy, Debug)]
@@ -19,7 +20,7 @@ impl Radau<'_> {
     pub(super) fn monitors_at(&mut self, theta: f64, h: f64, out: &mut Vec<Monitor>) {
         let unknowns = self.system.unknowns;
         let tableau = self.tableau();
-        let mut basis = [0.0; 16];
+        let mut basis = [0.0; MOST_STAGES];
         let basis = &mut basis[..tableau.stages()];
         tableau.increments_at(theta, basis);
         self.switching.scratch.copy_from_slice(&self.y);

@@ -12,14 +12,9 @@ use super::face::ActiveFace;
 use super::layout::{Layout, Storage};
 use super::system::System;
 use super::tableau::Tableau;
-use crate::factorisation::{DenseLu, SparseLu, SparseMatrix};
-use nalgebra::{Complex, DMatrix, DVectorViewMut, Dyn, LU};
+use crate::factorisation::{DenseLu, Number, SparseLu, SparseMatrix};
+use nalgebra::Complex;
 use std::sync::Arc;
-
-/// Up to so many unknowns nalgebra's unblocked elimination is faster than faer's, measured; complex arithmetic fills
-/// the registers earlier.
-const SMALL_REAL: usize = 30;
-const SMALL_COMPLEX: usize = 10;
 
 /// LU factors for one step size, and the memory for those of the next.
 pub struct Factors {
@@ -57,13 +52,13 @@ impl Factors {
         match tableau.gamma {
             None => *real = None,
             Some(gamma) => {
-                let lu = real.get_or_insert_with(|| Lu::new(layout, SMALL_REAL));
+                let lu = real.get_or_insert_with(|| Lu::new(layout));
                 lu.factorise(layout, negative_jacobian, gamma * steps);
             }
         }
         for (k, &pair) in tableau.pairs.iter().enumerate() {
             if k == complex.len() {
-                complex.push(Lu::new(layout, SMALL_COMPLEX));
+                complex.push(Lu::new(layout));
             }
             complex[k].factorise(layout, negative_jacobian, pair * steps);
         }
@@ -91,10 +86,9 @@ fn power_of_two(x: f64) -> f64 {
     f64::from_bits(x.to_bits() & f64::INFINITY.to_bits()).max(f64::MIN_POSITIVE)
 }
 
-/// Factors of one matrix, by size and density.
+/// Factors of one matrix, by density.
 #[expect(clippy::large_enum_variant, reason = "one of them lives as long as its stepper; a box would only add a hop")]
 enum Lu<T: Number> {
-    Small(LU<T, Dyn, Dyn>),
     Dense(DenseLu<T>),
     Sparse {
         matrix: SparseMatrix<T>,
@@ -104,17 +98,10 @@ enum Lu<T: Number> {
     None,
 }
 
-/// A real or complex number.
-trait Number: nalgebra::ComplexField + faer::traits::ComplexField + From<f64> {}
-impl Number for f64 {}
-impl Number for Complex<f64> {}
-
 impl<T: Number> Lu<T> {
-    fn new(layout: &Layout, small: usize) -> Self {
-        let n = layout.unknowns;
+    fn new(layout: &Layout) -> Self {
         match &layout.storage {
-            Storage::Dense if n <= small => Self::Small(LU::new(DMatrix::from_element(n, n, T::from(0.0)))),
-            Storage::Dense => Self::Dense(DenseLu::new(n)),
+            Storage::Dense => Self::Dense(DenseLu::new(layout.unknowns)),
             Storage::Sparse { pattern, analysis } => match SparseLu::new(analysis) {
                 Some(factors) => {
                     let zeros = vec![T::from(0.0); layout.places];
@@ -132,16 +119,10 @@ impl<T: Number> Lu<T> {
                 *entry = T::from(value);
             }
             for &(place, value) in &layout.mass {
-                entries[place] += shift.clone() * T::from(value);
+                entries[place] += shift * T::from(value);
             }
         };
         match self {
-            Self::Small(factors) => {
-                let n = layout.unknowns;
-                let mut matrix = DMatrix::from_element(n, n, T::from(0.0));
-                fill(matrix.as_mut_slice());
-                *factors = LU::new(matrix);
-            }
             Self::Dense(factors) => {
                 fill(factors.entries());
                 factors.factorise();
@@ -156,10 +137,6 @@ impl<T: Number> Lu<T> {
 
     fn solve(&mut self, right: &mut [T]) -> bool {
         match self {
-            Self::Small(factors) => {
-                let n = right.len();
-                factors.solve_mut(&mut DVectorViewMut::from_slice(right, n))
-            }
             Self::Dense(factors) => factors.solve(right),
             Self::Sparse { factors, .. } => factors.solve(right),
             Self::None => false,

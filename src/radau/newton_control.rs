@@ -28,8 +28,7 @@ impl NewtonControl {
     /// The size below which `G_k` at `y` is noise: the tolerance of the VI, or what an error of the states that Newton's
     /// method lets pass makes of it.
     pub fn noise_of_g(&self, system: &System<'_>, k: usize, y: &[f64]) -> f64 {
-        let terms = system.terms(k, |j| self.size[j].max(y[j].abs()));
-        let passed = system.terms(k, |j| self.passed(system, j));
+        let [terms, passed] = system.terms(k, |j| [self.size[j].max(y[j].abs()), self.passed(system, j)]);
         (self.vi_tolerance * terms).max(passed).max(UNDERFLOW)
     }
 
@@ -65,12 +64,12 @@ impl NewtonControl {
 
 /// `sqrt(sum x^2 / count)` of `terms`, of which the `sum` of squares is known; where that overflows, what the largest of
 /// them alone gives.
-pub fn mean_square_root(sum: f64, count: usize, terms: impl Iterator<Item = f64>) -> f64 {
+pub fn mean_square_root<I: Iterator<Item = f64>>(sum: f64, count: usize, terms: impl FnOnce() -> I) -> f64 {
     if sum < f64::INFINITY {
         return (sum / count as f64).sqrt();
     }
     let larger = |most: f64, x: f64| if x.abs() > most || x.is_nan() { x.abs() } else { most };
-    terms.fold(0.0, larger) / (count as f64).sqrt()
+    terms().fold(0.0, larger) / (count as f64).sqrt()
 }
 
 /// The sizes below which what is measured on a block is noise.

@@ -21,6 +21,8 @@ pub struct Stages {
     /// `Phi` at the stages as of the last evaluation.
     pub phi: Vec<f64>,
     right: Vec<f64>,
+    /// `diag(M, 0) W`
+    mw: Vec<f64>,
     pair: Vec<Complex<f64>>,
     y: Vec<f64>,
     /// The monitors of the face at every stage, stage by stage, as of the last convergence.
@@ -73,7 +75,8 @@ impl Stages {
             z: zeros.clone(),
             w: zeros.clone(),
             phi: zeros.clone(),
-            right: zeros,
+            right: zeros.clone(),
+            mw: zeros,
             pair: vec![Complex::new(0.0, 0.0); unknowns],
             y: vec![0.0; unknowns],
             monitors: Vec::new(),
@@ -137,9 +140,14 @@ impl Stages {
         let n = self.unknowns;
         let s = tableau.stages();
         combine(&tableau.t_inverse, &self.phi, &mut self.right, n);
+        for i in 0..s {
+            system.multiply_by_mass(&self.w[i * n..(i + 1) * n], &mut self.mw[i * n..(i + 1) * n]);
+        }
         let mut block = 0;
         if let Some(gamma) = tableau.gamma {
-            system.add_mass(-gamma / h, &self.w[..n], &mut self.right[..n]);
+            for (right, mw) in self.right[..n].iter_mut().zip(&self.mw) {
+                *right -= gamma / h * mw;
+            }
             if !factors.solve_real(&mut self.right[..n]) {
                 return None;
             }
@@ -148,15 +156,10 @@ impl Stages {
         for (k, pair) in tableau.pairs.iter().enumerate() {
             let (p, q) = (block * n, (block + 1) * n);
             let (alpha, beta) = (pair.re / h, pair.im / h);
-            {
-                let (wp, wq) = (&self.w[p..p + n], &self.w[q..q + n]);
-                system.add_mass(-alpha, wp, &mut self.right[p..p + n]);
-                system.add_mass(-beta, wq, &mut self.right[p..p + n]);
-                system.add_mass(beta, wp, &mut self.right[q..q + n]);
-                system.add_mass(-alpha, wq, &mut self.right[q..q + n]);
-            }
-            for j in 0..n {
-                self.pair[j] = Complex::new(self.right[p + j], -self.right[q + j]);
+            let right = self.right[p..q].iter().zip(&self.right[q..q + n]);
+            let mw = self.mw[p..q].iter().zip(&self.mw[q..q + n]);
+            for ((pair, (right_p, right_q)), (mw_p, mw_q)) in self.pair.iter_mut().zip(right).zip(mw) {
+                *pair = Complex::new(right_p - alpha * mw_p - beta * mw_q, alpha * mw_q - beta * mw_p - right_q);
             }
             if !factors.solve_pair(k, &mut self.pair) {
                 return None;
@@ -168,14 +171,15 @@ impl Stages {
             block += 2;
         }
         let mut sum = 0.0;
-        for (row, w) in self.right[..s * n].chunks_exact(n).zip(self.w.chunks_exact_mut(n)) {
-            for ((dw, w), weight) in row.iter().zip(w).zip(weight) {
+        for i in 0..s {
+            let rows = self.right[i * n..(i + 1) * n].iter().zip(&mut self.w[i * n..]);
+            for ((dw, w), weight) in rows.zip(weight) {
                 *w += dw;
                 sum += (dw * weight) * (dw * weight);
             }
         }
         combine(&tableau.t, &self.w, &mut self.z, n);
-        let terms = self.right[..s * n].chunks_exact(n).flat_map(|row| row.iter().zip(weight).map(|(dw, w)| dw * w));
+        let terms = || self.right[..s * n].chunks_exact(n).flat_map(|row| row.iter().zip(weight).map(|(dw, w)| dw * w));
         Some(mean_square_root(sum, s * n, terms))
     }
 
@@ -211,7 +215,7 @@ impl Stages {
                 return Newton::Failed(Cause::NotFinite);
             }
             // Increments at the rounding level of y itself neither shrink nor matter.
-            let rounding = norm <= 4.0 * f64::EPSILON * self.size(y0, &control.weight, tableau.stages());
+            let rounding = || norm <= 4.0 * f64::EPSILON * self.size(y0, &control.weight, tableau.stages());
             if k > 1 {
                 let ratio = norm / last_norm;
                 let theta: f64 = if k == 2 { ratio } else { (ratio * last_ratio).sqrt() };
@@ -225,10 +229,10 @@ impl Stages {
                         (false, _) => ratio.max(last_ratio),
                     };
                     factor = next / (1.0 - theta);
-                } else if k == 2 && !is_ode && !rounding {
+                } else if k == 2 && !is_ode && !rounding() {
                     // The extrapolated start was better in the states than in the variables: no rate yet.
                     factor = f64::INFINITY;
-                } else if !rounding {
+                } else if !rounding() {
                     contraction.theta = theta;
                     return Newton::Failed(Cause::Diverged);
                 }
@@ -236,13 +240,13 @@ impl Stages {
                 let left = (most - 1).saturating_sub(k) as i32;
                 let predicted = factor * norm * theta.powi(left) / control.kappa;
                 // Where they are extrapolated, the first increment is mostly theirs: the rate shows from the third on.
-                if predicted >= 1.0 && (k > 2 || is_ode) && !rounding {
+                if predicted >= 1.0 && (k > 2 || is_ode) && !rounding() {
                     let q = predicted.clamp(1e-4, 20.0);
                     return Newton::Slow(0.8 * q.powf(-1.0 / (4.0 + f64::from(left))));
                 }
             }
             last_norm = norm.max(f64::EPSILON);
-            if rounding || factor * norm <= control.kappa {
+            if factor * norm <= control.kappa || rounding() {
                 contraction.factor = factor;
                 if k > 1 {
                     system.work.contraction.observe(contraction.theta);
@@ -250,6 +254,7 @@ impl Stages {
                 if system.bounded.is_empty() {
                     return Newton::Converged { iterations: k, violated: false };
                 }
+                let rounding = rounding();
                 match self.verify(system, tableau, t, h, y0, control) {
                     None => return Newton::Failed(Cause::NotFinite),
                     Some(Verdict { satisfied, violated }) if satisfied || rounding => {
@@ -267,7 +272,7 @@ impl Stages {
         let n = self.unknowns;
         let stages = self.z[..s * n].chunks_exact(n);
         let terms = stages.flat_map(|z| y0.iter().zip(z).zip(weight).map(|((y0, z), w)| (y0.abs() + z.abs()) * w));
-        mean_square_root(terms.clone().map(|y| y * y).sum(), s * n, terms)
+        mean_square_root(terms.clone().map(|y| y * y).sum(), s * n, || terms)
     }
 
     /// Evaluates `Phi` at every stage and judges the bounded variables there; `None` if a number is not finite.
@@ -337,10 +342,7 @@ fn combine(matrix: &DMatrix<f64>, x: &[f64], out: &mut [f64], n: usize) {
 /// The same with the number of stages known to the compiler: small systems spend a quarter of their time here.
 fn combine_stages<const S: usize>(matrix: &DMatrix<f64>, x: &[f64], out: &mut [f64], n: usize) {
     // Column by column, as the matrix is stored.
-    let mut columns = [[0.0; S]; S];
-    for (column, entries) in columns.iter_mut().zip(matrix.as_slice().chunks_exact(S)) {
-        column.copy_from_slice(entries);
-    }
+    let (columns, _) = matrix.as_slice().as_chunks::<S>();
     let (x, out) = (&x[..S * n], &mut out[..S * n]);
     for l in 0..n {
         let mut sums = [0.0; S];

@@ -45,7 +45,7 @@ impl Radau<'_> {
     /// Finds the face and the variables at the start, and whether the start is consistent.
     pub(super) fn start(&mut self) -> Result<(), StepError> {
         let n = self.system.states;
-        if self.system.mass.is_none() && self.system.unknowns == n {
+        if self.system.is_explicit_ode() {
             return Ok(());
         }
         // Free variables have no guess; where they enter nonlinearly, theirs must not be far off.

@@ -59,6 +59,8 @@ pub(super) struct Switching {
     shrinking: u32,
     pub(super) scratch: Vec<f64>,
     monitors: Vec<Monitor>,
+    /// Room for those between the stages.
+    pub(super) between: [Vec<Monitor>; 2],
     /// Switches not yet taken by the caller.
     switches: Vec<Switch>,
     /// Accumulations passed.
@@ -77,6 +79,7 @@ impl Switching {
             shrinking: 0,
             scratch: vec![0.0; system.unknowns],
             monitors: Vec::new(),
+            between: Default::default(),
             switches: Vec::new(),
             accumulations: 0,
         })

@@ -9,7 +9,7 @@
 use super::face::{ActiveFace, Place};
 use super::layout::Layout;
 use super::settings::StepError;
-use crate::problem::{Control, ConvexSet, Dvi, Face, FaceEquations, Mass, Side, Workspace};
+use crate::problem::{Control, ConvexSet, Dvi, Face, FaceEquations, Mass, Side, Structure, Workspace};
 use std::sync::Arc;
 
 /// What was evaluated, and how often.
@@ -52,14 +52,14 @@ impl Rates {
 /// A problem on a face, with room for one evaluation and one Jacobian.
 pub struct System<'p> {
     problem: &'p mut dyn Dvi,
+    /// Its sizes, mass, sparsity; `K` as it moves is [`System::set`].
+    structure: Structure,
     /// Whether the outside asks to stop.
     pub outside: &'p Control,
     /// `n`
     pub states: usize,
     /// `n + m`
     pub unknowns: usize,
-    /// `M` as `(row, column, value)`; none where it is the identity.
-    pub mass: Option<Vec<(usize, usize, f64)>>,
     /// The diagonal of `M`.
     pub mass_diagonal: Vec<f64>,
     /// Where the matrices of the stage equations stand in memory.
@@ -95,16 +95,12 @@ impl<'p> System<'p> {
     /// # Errors
     /// If its matrices would not fit into memory.
     pub fn new(problem: &'p mut dyn Dvi, outside: &'p Control) -> Result<Self, StepError> {
-        let structure = problem.structure();
+        let structure = problem.structure().clone();
         let (n, unknowns) = (structure.states, structure.unknowns());
         let mut mass_diagonal = vec![0.0; n];
-        let mass = match &structure.mass {
-            Mass::Identity => None,
-            Mass::Constant(entries) => Some(entries.clone()),
-        };
-        match &mass {
-            None => mass_diagonal.fill(1.0),
-            Some(entries) => {
+        match &structure.mass {
+            Mass::Identity => mass_diagonal.fill(1.0),
+            Mass::Constant(entries) => {
                 for &(i, _, value) in entries.iter().filter(|(i, j, _)| i == j) {
                     mass_diagonal[i] += value;
                 }
@@ -128,13 +124,13 @@ impl<'p> System<'p> {
         let face = ActiveFace { places, blocks: vec![Face::Interior; blocks] };
         let (rows, nonzeros) = (structure.rows(), structure.pattern.len());
         let row_starts = (0..=rows).map(|row| structure.pattern.partition_point(|&(i, _)| i < row)).collect();
-        let layout = Arc::new(Layout::new(structure, &bounded)?);
+        let layout = Arc::new(Layout::new(&structure, &bounded)?);
         Ok(Self {
             problem,
+            structure,
             outside,
             states: n,
             unknowns,
-            mass,
             mass_diagonal,
             layout,
             set,
@@ -157,14 +153,19 @@ impl<'p> System<'p> {
         self.problem
     }
 
+    /// `M`.
+    pub fn mass(&self) -> &Mass {
+        &self.structure.mass
+    }
+
     /// Whether it is `x' = f(t, x)`: no mass matrix, no variables.
     pub fn is_explicit_ode(&self) -> bool {
-        self.mass.is_none() && self.unknowns == self.states
+        self.structure.mass == Mass::Identity && self.unknowns == self.states
     }
 
     /// Whether one Jacobian serves for all `(t, y)` on a face.
     pub fn constant_jacobian(&self) -> bool {
-        self.problem.structure().constant_jacobian && !self.is_curved()
+        self.structure.constant_jacobian && !self.is_curved()
     }
 
     /// Whether a block is on a curved face.
@@ -176,10 +177,11 @@ impl<'p> System<'p> {
     pub fn evaluate(&mut self, t: f64, y: &[f64]) -> bool {
         self.work.rates += 1;
         self.problem.evaluate(t, y, &mut self.values);
-        for (p, moving) in self.problem.structure().moving.iter().enumerate() {
+        for (p, moving) in self.structure.moving.iter().enumerate() {
             moving.place(self.values[self.unknowns + p], &mut self.set);
         }
-        self.values.iter().all(|value| value.is_finite())
+        // Without an end at the first that is none: the loop is vectorised.
+        self.values.iter().fold(true, |finite, value| finite & value.is_finite())
     }
 
     /// Evaluates `Phi` at `(t, y)` on the present face into `phi`; false if a number is not finite.
@@ -214,7 +216,7 @@ impl<'p> System<'p> {
 
     /// Evaluates the derivatives at `(t, y)`; false if a number is not finite.
     pub fn differentiate(&mut self, t: f64, y: &[f64]) -> bool {
-        if self.problem.structure().constant_jacobian && self.work.jacobians > 0 {
+        if self.structure.constant_jacobian && self.work.jacobians > 0 {
             return true;
         }
         self.work.jacobians += 1;
@@ -229,45 +231,52 @@ impl<'p> System<'p> {
 
     /// The nonzeros of the Jacobian as of the last differentiation, as `(row, column, value)`.
     pub fn entries(&self) -> impl Iterator<Item = (usize, usize, f64)> {
-        self.problem.structure().pattern.iter().zip(&self.derivatives).map(|(&(i, j), &value)| (i, j, value))
+        self.structure.pattern.iter().zip(&self.derivatives).map(|(&(i, j), &value)| (i, j, value))
     }
 
-    /// `out += factor diag(M, 0) y`
-    pub fn add_mass(&self, factor: f64, y: &[f64], out: &mut [f64]) {
+    /// `out = diag(M, 0) y`
+    pub fn multiply_by_mass(&self, y: &[f64], out: &mut [f64]) {
         let n = self.states;
-        match &self.mass {
-            None => {
-                for (out, y) in out[..n].iter_mut().zip(y) {
-                    *out += factor * y;
-                }
+        match &self.structure.mass {
+            Mass::Identity => {
+                out[..n].copy_from_slice(&y[..n]);
+                out[n..].fill(0.0);
             }
-            Some(entries) => {
+            Mass::Constant(entries) => {
+                out.fill(0.0);
                 for &(i, j, value) in entries {
-                    out[i] += factor * value * y[j];
+                    out[i] += value * y[j];
                 }
             }
         }
     }
 
-    /// `sum_j |dG_k/dy_j| size_j`: how large the terms of `G_k` are, in which its rounding errors are measured.
-    pub fn terms(&self, k: usize, size: impl Fn(usize) -> f64) -> f64 {
-        self.terms_of_row(self.states + k, size)
+    /// `sum_j |dG_k/dy_j| size_j` for several sizes: how large the terms of `G_k` are, in which its rounding errors are
+    /// measured.
+    pub fn terms<const N: usize>(&self, k: usize, sizes: impl Fn(usize) -> [f64; N]) -> [f64; N] {
+        self.terms_of_row(self.states + k, sizes)
     }
 
     /// The same of the moving bounds of variable `k`.
     pub fn terms_of_bounds(&self, k: usize, size: impl Fn(usize) -> f64) -> f64 {
-        let bounds = self.problem.structure().moving.iter().enumerate().filter(|(_, moving)| moving.variable == k);
-        bounds.map(|(p, _)| self.terms_of_row(self.unknowns + p, &size)).sum()
+        let bounds = self.structure.moving.iter().enumerate().filter(|(_, moving)| moving.variable == k);
+        bounds.map(|(p, _)| self.terms_of_row(self.unknowns + p, |j| [size(j)])[0]).sum()
     }
 
-    fn terms_of_row(&self, row: usize, size: impl Fn(usize) -> f64) -> f64 {
-        self.entries_of_row(row).map(|(j, value)| value.abs() * size(j)).sum()
+    fn terms_of_row<const N: usize>(&self, row: usize, sizes: impl Fn(usize) -> [f64; N]) -> [f64; N] {
+        let mut sums = [0.0; N];
+        for (j, value) in self.entries_of_row(row) {
+            for (sum, size) in sums.iter_mut().zip(sizes(j)) {
+                *sum += value.abs() * size;
+            }
+        }
+        sums
     }
 
     /// The nonzeros of one row of the Jacobian as of the last differentiation, as `(column, value)`.
     fn entries_of_row(&self, row: usize) -> impl Iterator<Item = (usize, f64)> {
         let (first, last) = (self.row_starts[row], self.row_starts[row + 1]);
-        let pattern = &self.problem.structure().pattern[first..last];
+        let pattern = &self.structure.pattern[first..last];
         pattern.iter().zip(&self.derivatives[first..last]).map(|(&(_, j), &value)| (j, value))
     }
 
@@ -304,7 +313,7 @@ impl<'p> System<'p> {
     /// Visits the terms of `dPhi/dy` on the face, from the derivatives as they are, as `(row, column, place, value)`.
     pub fn visit_derivatives(&self, face: &ActiveFace, mut visit: impl FnMut(usize, usize, usize, f64)) {
         let n = self.states;
-        let structure = self.problem.structure();
+        let structure = &self.structure;
         let Layout { jacobian, spread, own, diagonal, .. } = &*self.layout;
         for (at, (&(i, j), &value)) in structure.pattern.iter().zip(&self.derivatives).enumerate() {
             let (variable, side) = match i.checked_sub(self.unknowns) {

@@ -108,7 +108,7 @@ fn exact_values(exact: &Exact, times: &[f64]) -> Vec<Vec<f64>> {
     let (mut tape, mut row) = (exact.values.clone(), vec![0.0; exact.fields.len()]);
     let mut columns = vec![Vec::with_capacity(times.len()); exact.fields.len()];
     for &t in times {
-        tape.evaluate(&[t], &mut row);
+        tape.evaluate(t, &[], &mut row);
         columns.iter_mut().zip(&row).for_each(|(column, value)| column.push(*value));
     }
     columns

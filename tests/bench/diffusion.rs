@@ -9,8 +9,13 @@ use dvi::problem::{Control, ConvexSet, Mass};
 use dvi::radau::{Cause, Radau, Settings, StageChoice, Switches, Tableau, Work};
 use dvi::vi::SolverKind;
 use faer::sparse::Triplet;
+use mimalloc::MiMalloc;
 use nalgebra::Complex;
 use std::f64::consts::PI;
+
+/// That of the program.
+#[global_allocator]
+static ALLOCATOR: MiMalloc = MiMalloc;
 
 const END: f64 = 0.1;
 

@@ -10,8 +10,13 @@ mod reference;
 
 use dvi::problem::Control;
 use dvi::specification::Specification;
+use mimalloc::MiMalloc;
 use reference::{digits, example, read, switching};
 use serde_json::{Value, json};
+
+/// That of the program.
+#[global_allocator]
+static ALLOCATOR: MiMalloc = MiMalloc;
 
 /// A problem with its answer.
 struct Case {

@@ -24,7 +24,7 @@ fn parse(text: &str) -> Result<(Graph, Node), ExpressionError> {
 
 fn evaluate(graph: &Graph, nodes: &[Node], inputs: [f64; 4]) -> Vec<f64> {
     let mut outputs = vec![0.0; nodes.len()];
-    Tape::compile(graph, nodes).evaluate(&inputs, &mut outputs);
+    Tape::compile(graph, nodes).evaluate(inputs[0], &inputs[1..], &mut outputs);
     outputs
 }
 

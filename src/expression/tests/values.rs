@@ -165,10 +165,10 @@ fn lanes_have_the_bits_of_single_evaluations() {
     }
     let inputs: Vec<f64> = (0..N).map(|i| (0.37 * i as f64).sin().abs() + 0.01).collect();
     let mut together = vec![0.0; nodes.len()];
-    super::Tape::compile(&graph, &nodes).evaluate(&inputs, &mut together);
+    super::Tape::compile(&graph, &nodes).evaluate(inputs[0], &inputs[1..], &mut together);
     for (node, together) in nodes.into_iter().zip(together) {
         let mut alone = [0.0];
-        super::Tape::compile(&graph, &[node]).evaluate(&inputs, &mut alone);
+        super::Tape::compile(&graph, &[node]).evaluate(inputs[0], &inputs[1..], &mut alone);
         assert_eq!(alone[0].to_bits(), together.to_bits());
     }
 }

@@ -126,10 +126,8 @@ impl<'a> System<'a> {
             _ => self.output(graph, &equations.currents[k]),
         };
         let nodes: Vec<Node> = given.iter().map(|&(k, _)| implied(k)).collect();
-        let mut point = vec![t];
-        point.extend(x);
         let mut values = vec![0.0; nodes.len()];
-        Tape::compile(graph, &nodes).evaluate(&point, &mut values);
+        Tape::compile(graph, &nodes).evaluate(t, x, &mut values);
         // Starts are typed by people: what they round is not to be held against them.
         const ROUNDING: f64 = 1e-9;
         let pairs = given.into_iter().zip(values);

@@ -93,11 +93,8 @@ impl EnergyForm {
 
     /// What changes the energies at `t` and `y = (x, z)`, where `rates` are those of `y`.
     pub fn power(&mut self, t: f64, y: &[f64], rates: &[f64]) -> Power {
-        let mut inputs = Vec::with_capacity(1 + y.len());
-        inputs.push(t);
-        inputs.extend(y);
         let mut forces = vec![0.0; self.driven.len()];
-        self.forces.evaluate(&inputs, &mut forces);
+        self.forces.evaluate(t, y, &mut forces);
         let velocity = |d: usize| match self.places[d] {
             Place::Clamped(_) => 0.0,
             Place::Inner(_, v) => y[v],

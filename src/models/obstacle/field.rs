@@ -34,7 +34,7 @@ impl Field {
             Some(value) => value,
             None => {
                 let mut value = [0.0];
-                self.tape.evaluate(&[t, x, y, z], &mut value);
+                self.tape.evaluate(t, &[x, y, z], &mut value);
                 value[0]
             }
         }

@@ -2,6 +2,7 @@
 
 use super::super::system::System;
 use crate::factorisation::Singular;
+use crate::problem::Mass;
 use nalgebra::{DMatrix, DVector, Dyn, LU};
 
 pub(super) struct Dense {
@@ -15,9 +16,9 @@ impl Dense {
     /// `None` where `M` is singular.
     pub fn new(system: &System<'_>) -> Option<Self> {
         let n = system.states;
-        let mass = match &system.mass {
-            None => None,
-            Some(entries) => {
+        let mass = match system.mass() {
+            Mass::Identity => None,
+            Mass::Constant(entries) => {
                 let mut mass = DMatrix::zeros(n, n);
                 entries.iter().for_each(|&(i, j, value)| mass[(i, j)] += value);
                 if !mass.clone().full_piv_lu().is_invertible() {

@@ -7,6 +7,7 @@
 
 use super::super::system::System;
 use crate::factorisation::{Analysis, SparseLu, SparseMatrix};
+use crate::problem::Mass;
 use faer::sparse::{SymbolicSparseColMat, Triplet};
 
 /// `M` counts as singular if it gives a vector of ones back with a larger error.
@@ -26,7 +27,7 @@ impl Sparse {
     /// `None` where `M` is singular, or memory does not suffice.
     pub fn new(system: &System<'_>, pattern: &SymbolicSparseColMat<usize>, analysis: &Analysis) -> Option<Self> {
         let variables = system.unknowns - system.states;
-        if let Some(mass) = &system.mass
+        if let Mass::Constant(mass) = system.mass()
             && !is_regular(system.states, mass)
         {
             return None;

@@ -46,15 +46,15 @@ impl Radau<'_> {
         let weights = &self.methods[self.current].tableau.estimate;
         self.shifted.fill(0.0);
         for (weight, z) in weights.iter().zip(self.stages.z.chunks_exact(n)) {
+            let weight = weight / h;
             for (sum, z) in self.shifted[..states].iter_mut().zip(z) {
-                *sum += weight / h * z;
+                *sum += weight * z;
             }
         }
         if self.settings.interpolated && self.system.is_explicit_ode() {
             self.last.jump(h, &self.shifted[..states], &mut self.jump);
         }
-        self.embedded.fill(0.0);
-        self.system.add_mass(1.0, &self.shifted, &mut self.embedded);
+        self.system.multiply_by_mass(&self.shifted, &mut self.embedded);
         let mut error = f64::INFINITY;
         for pass in 0..2 {
             if pass == 1 {
@@ -92,7 +92,7 @@ impl Radau<'_> {
     }
 
     /// The norm of `(I - P)^(s-1) e` for the estimate `e` at hand, in units of the tolerance that is not rescaled, to the
-    /// power by which the tolerance is rescaled; of a lower power of `I - P` where that is below `enough` already.
+    /// power by which the tolerance is rescaled; nothing where a lower power of `I - P` is below `enough` already.
     fn stiff_error(&mut self, h: f64, enough: f64) -> f64 {
         let Method { tableau, tolerance } = &self.methods[self.current];
         let Some(gamma) = tableau.gamma else { return 0.0 };
@@ -103,8 +103,8 @@ impl Radau<'_> {
         let mut left = f64::INFINITY;
         for power in 0..tableau.stages() {
             if power > 0 {
-                self.embedded.fill(0.0);
-                self.system.add_mass(gamma / h, &self.shifted, &mut self.embedded);
+                self.system.multiply_by_mass(&self.shifted, &mut self.embedded);
+                self.embedded.iter_mut().for_each(|e| *e *= gamma / h);
                 if !self.factors.solve_real(&mut self.embedded) {
                     return f64::INFINITY;
                 }
@@ -112,7 +112,7 @@ impl Radau<'_> {
             }
             left = left.min(tolerance.factor / STIFF * rms(&self.shifted[..states], &self.control.weight));
             if left <= enough {
-                break;
+                return 0.0;
             }
         }
         left.powf(exponent)
@@ -122,5 +122,5 @@ impl Radau<'_> {
 /// The root of the mean square of `e`, weighted.
 fn rms(e: &[f64], weight: &[f64]) -> f64 {
     let terms = e.iter().zip(weight).map(|(e, w)| e * w);
-    mean_square_root(terms.clone().map(|e| e * e).sum(), e.len(), terms)
+    mean_square_root(terms.clone().map(|e| e * e).sum(), e.len(), || terms)
 }

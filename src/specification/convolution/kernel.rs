@@ -153,7 +153,7 @@ fn function(node: Node, exponent: f64, lowering: &mut Lowering) -> Result<(Funct
     loop {
         let factor = Tape::compile(&lowering.graph, &[g]);
         let mut at_zero = [0.0];
-        factor.clone().evaluate(&[0.0], &mut at_zero);
+        factor.clone().evaluate(0.0, &[], &mut at_zero);
         let [at_zero] = at_zero;
         if !at_zero.is_finite() {
             let detail = format!("it is, or its derivative is, {at_zero} at t = 0");

@@ -183,7 +183,7 @@ impl Answer {
         let names = specification.model().output_names();
         let mut columns = vec![Vec::with_capacity(times.len()); self.of.len()];
         for &t in times {
-            tape.evaluate(&[t], &mut row);
+            tape.evaluate(t, &[], &mut row);
             for (column, name) in columns.iter_mut().zip(self.of.keys()) {
                 let place = exact.fields.iter().position(|&field| names[field] == *name).ok_or("no such output")?;
                 column.push(row[place]);
