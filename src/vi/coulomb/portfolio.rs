@@ -23,10 +23,6 @@ use nalgebra::Vector3;
 /// Sweeps between looks at the residual.
 const SWEEPS_AT_ONCE: usize = 10;
 
-/// Sweeps go on for as long as a dense factorisation would take, but for no more than so many times
-/// [`Limits::sweeps`].
-const WORTH_AT_MOST: usize = 10;
-
 /// ADMM iterations before Newton's second attempt, and the growth of the runs after it.
 const FIRST_RUN: usize = 100;
 const RUN_GROWTH_PERCENT: usize = 60;
@@ -37,11 +33,12 @@ pub struct Limits {
     /// The relative natural map, with each contact in its own unit and in the user's, that ends the solve. Default
     /// 1e-10.
     pub tolerance: f64,
-    /// Gauss-Seidel goes on only while it promises the tolerance within this many further sweeps. Default 100.
+    /// Gauss-Seidel goes on only while it promises the tolerance within this many further sweeps, or as many as take no
+    /// longer than one dense factorisation. Default 100.
     pub sweeps: usize,
     /// Factorisations in one attempt of Newton. Default 40.
     pub factorisations: usize,
-    /// ADMM iterations in all. Default 30,000; a problem without a solution costs all of them.
+    /// ADMM iterations in all, and sweeps at most. Default 30,000; a problem without a solution costs all of them.
     pub iterations: usize,
     /// Contacts above which nothing is factorised. Default no number.
     pub factorised: usize,
@@ -216,14 +213,15 @@ impl Coulomb {
         let n = self.best.len();
         let can_factorise = n <= self.limits.factorised;
         let stored = self.scaling.problem.matrix().stored();
-        let worth = self.limits.sweeps.max(n.saturating_pow(3) / stored).min(WORTH_AT_MOST * self.limits.sweeps) as f64;
+        let worth = (n.saturating_pow(3) / stored).min(self.limits.iterations).max(self.limits.sweeps) as f64;
+        let most = if can_factorise { self.limits.iterations } else { self.limits.accelerated };
         let before = self.residual;
         let mut sweeps = 0;
         let mut x = self.best.clone();
         self.work.clone_from(&self.best);
         self.sweeps.fit(self.scaling.problem.matrix());
         self.acceleration.clear();
-        while !self.is_over(control) && (can_factorise || sweeps < self.limits.accelerated) {
+        while !self.is_over(control) && sweeps < most {
             for _ in 0..SWEEPS_AT_ONCE {
                 self.work.copy_from_slice(&x);
                 self.sweeps.sweep(&self.scaling.problem, &mut self.work);
