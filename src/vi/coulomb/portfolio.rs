@@ -220,12 +220,14 @@ impl Coulomb {
         let mut x = self.best.clone();
         self.work.clone_from(&self.best);
         self.sweeps.fit(self.scaling.problem.matrix());
-        self.acceleration.clear();
+        self.acceleration.start(&x);
         while !self.is_over(control) && sweeps < most {
-            for _ in 0..SWEEPS_AT_ONCE {
-                self.work.copy_from_slice(&x);
-                self.sweeps.sweep(&self.scaling.problem, &mut self.work);
-                self.acceleration.advance(&mut x, &self.work);
+            for turn in 1..=SWEEPS_AT_ONCE {
+                self.sweeps.sweep(&self.scaling.problem, &mut x);
+                if turn == SWEEPS_AT_ONCE {
+                    self.work.copy_from_slice(&x);
+                }
+                self.acceleration.advance(&mut x);
             }
             sweeps += SWEEPS_AT_ONCE;
             let found = self.scaling.residual(&self.work);
