@@ -9,8 +9,8 @@
 //! g(theta) - p(theta) = (g - p)(theta*) w(theta) / w(theta*),    w(theta) = theta (theta - c_1) .. (theta - c_s)
 //! ```
 //!
-//! if the derivative of order `s + 1` varies little. A variable inside its interval is there what its own equation makes of
-//! it, not what its polynomial says. The sign of `g` is known while that is less than `p`; what it is in
+//! if the derivative of order `s + 1` varies little. Variables inside their intervals are there what their equations make
+//! of them, not what their polynomials say. The sign of `g` is known while that is less than `p`; what it is in
 //! units of `p` counts as an error of the step. The errors of the states may be none: while `z = 0` they can be constant.
 
 use super::face::Monitor;

@@ -2,6 +2,7 @@
 
 use super::face::{Monitor, monitors};
 use super::stepper::Radau;
+use super::switches::Switching;
 use super::tableau::MOST_STAGES;
 
 /// A monitor that changes sign within a step.
@@ -15,28 +16,31 @@ pub(super) struct Crossing {
     pub slope: f64,
 }
 
+/// So many times an interval is halved in the search for a monitor that rises.
+const RISES: i32 = 16;
+
 impl Radau<'_> {
     /// The values of all monitors on the collocation polynomial of the step at hand.
     pub(super) fn monitors_at(&mut self, theta: f64, h: f64, out: &mut Vec<Monitor>) {
-        let unknowns = self.system.unknowns;
+        self.polynomial_at(theta);
+        self.system.evaluate(self.t + theta * h, &self.switching.scratch);
+        let Switching { inside, scratch, .. } = &mut self.switching;
+        inside.correct(&mut self.system, scratch);
+        monitors(&mut self.system, &self.control, scratch, out);
+    }
+
+    /// The collocation polynomial of the step at hand, into the scratch of the switches.
+    pub(super) fn polynomial_at(&mut self, theta: f64) {
         let tableau = self.tableau();
         let mut basis = [0.0; MOST_STAGES];
         let basis = &mut basis[..tableau.stages()];
         tableau.increments_at(theta, basis);
         self.switching.scratch.copy_from_slice(&self.y);
-        for (factor, z) in basis.iter().zip(self.stages.z.chunks_exact(unknowns)) {
+        for (factor, z) in basis.iter().zip(self.stages.z.chunks_exact(self.system.unknowns)) {
             for (y, z) in self.switching.scratch.iter_mut().zip(z) {
                 *y += factor * z;
             }
         }
-        self.system.evaluate(self.t + theta * h, &self.switching.scratch);
-        // Between the stages the polynomial of a variable need not be what the states make of it.
-        for &k in &self.system.intervals {
-            if let Some(change) = self.system.own_change(k) {
-                self.switching.scratch[self.system.states + k] += change;
-            }
-        }
-        monitors(&mut self.system, &self.control, &self.switching.scratch, out);
     }
 
     /// The earliest sign change of a violated monitor on the collocation polynomial of the step at hand.
@@ -58,7 +62,7 @@ impl Radau<'_> {
                 if !end.is_violated() {
                     continue;
                 }
-                let theta = self.root(index, (left, start.value), (right, end.value), h);
+                let theta = self.root(index, (left, *start), (right, end.value), h);
                 if first.is_none_or(|first| theta < first.theta) {
                     let slope = (end.value - start.value) / ((right - left) * h);
                     first = Some(Crossing { index, theta, slope });
@@ -73,13 +77,28 @@ impl Radau<'_> {
         None
     }
 
+    /// Where a monitor rises from its noise, nearer and nearer to `left`, and its value there.
+    fn rise(&mut self, index: usize, (left, start): (f64, Monitor), right: f64, h: f64) -> Option<(f64, f64)> {
+        let mut values = Vec::new();
+        (1..=RISES).find_map(|k| {
+            let theta = left + (right - left) * 0.5_f64.powi(k);
+            self.monitors_at(theta, h, &mut values);
+            (values[index].value > start.noise).then(|| (theta, values[index].value))
+        })
+    }
+
     /// The zero of a monitor between two points where it has opposite signs, by the Illinois method; the left point if
-    /// it is not positive there.
-    fn root(&mut self, index: usize, left: (f64, f64), right: (f64, f64), h: f64) -> f64 {
-        let ((mut a, mut fa), (mut b, mut fb)) = (left, right);
-        if fa <= 0.0 {
-            return a;
-        }
+    /// it is not positive there. A face begins where a monitor of it is zero to within noise, and may rise before it falls.
+    fn root(&mut self, index: usize, left: (f64, Monitor), right: (f64, f64), h: f64) -> f64 {
+        let (mut b, mut fb) = right;
+        let start = if left.1.value > 0.0 {
+            Some((left.0, left.1.value))
+        } else if left.1.is_violated() {
+            None
+        } else {
+            self.rise(index, left, b, h)
+        };
+        let Some((mut a, mut fa)) = start else { return left.0 };
         let mut values = Vec::new();
         let mut kept = 0;
         for _ in 0..40 {

@@ -18,6 +18,8 @@ mod dense_output;
 mod error_control;
 mod face;
 mod factors;
+mod inside;
+mod interpolation;
 mod layout;
 mod memory;
 mod newton_control;

@@ -100,6 +100,13 @@ impl StageVi {
         })
     }
 
+    /// Whether the equations of the states and the free variables can be solved for them, with the derivatives of `system`
+    /// as they are and a step of size `h`, while the bounded variables are held.
+    pub fn eliminates(&mut self, system: &mut System<'_>, tableau: &Tableau, h: f64) -> bool {
+        self.resize(tableau.stages() * system.bounded.len());
+        self.reduce(system, tableau, h)
+    }
+
     /// The solver that answered last.
     pub fn solver(&self) -> &'static str {
         self.solver.name()

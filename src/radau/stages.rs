@@ -342,7 +342,7 @@ fn combine(matrix: &DMatrix<f64>, x: &[f64], out: &mut [f64], n: usize) {
 /// The same with the number of stages known to the compiler: small systems spend a quarter of their time here.
 fn combine_stages<const S: usize>(matrix: &DMatrix<f64>, x: &[f64], out: &mut [f64], n: usize) {
     // Column by column, as the matrix is stored.
-    let (columns, _) = matrix.as_slice().as_chunks::<S>();
+    let columns = matrix.as_slice().as_chunks::<S>().0.first_chunk::<S>().expect("a square matrix");
     let (x, out) = (&x[..S * n], &mut out[..S * n]);
     for l in 0..n {
         let mut sums = [0.0; S];

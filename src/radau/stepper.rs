@@ -142,11 +142,17 @@ impl<'p> Radau<'p> {
             most: 0,
             vi_tolerance: settings.vi_tolerance,
         };
-        let stage_vi = if system.bounded.is_empty() {
-            None
-        } else {
-            Some(StageVi::new(&system, most_stages, settings.vi_solver)?)
-        };
+        let mut stage_vi = None;
+        if !system.bounded.is_empty() {
+            let mut vi = StageVi::new(&system, most_stages, settings.vi_solver)?;
+            let is_all = system.bounded.len() == unknowns - system.states;
+            // A factorisation at the start tells: a multiplier of bounded variables is in no equation of its own.
+            if !is_all && system.differentiate(t, &y) && !vi.eliminates(&mut system, methods[0].tableau, end - t) {
+                system.keep_free()?;
+                vi = StageVi::new(&system, most_stages, settings.vi_solver)?;
+            }
+            stage_vi = Some(vi);
+        }
         let mut radau = Self {
             stages: Stages::new(most_stages, unknowns),
             switching: Switching::new(&system, &settings)?,
@@ -238,7 +244,10 @@ impl<'p> Radau<'p> {
                 return self.end_step(reached < h);
             }
             let doubt = self.doubts.next(doubt);
-            let error = self.error(reached, coupled).max(doubt);
+            let mut error = self.error(reached, coupled).max(doubt);
+            if !coupled {
+                error = error.max(self.constraint_error(reached));
+            }
             let (s, most) = (self.tableau().stages(), self.control.most);
             if error < 1.0 {
                 let mut new = self.controller.accept(s, reached, error, iterations, most);

@@ -9,6 +9,7 @@
 use super::between::Between;
 use super::crossings::Crossing;
 use super::face::{ActiveFace, Monitor, Place, monitors};
+use super::inside::Inside;
 use super::settings::{Settings, StepError, Switches};
 use super::stages::Newton;
 use super::start::Probe;
@@ -58,6 +59,7 @@ pub(super) struct Switching {
     gap: f64,
     shrinking: u32,
     pub(super) scratch: Vec<f64>,
+    pub(super) inside: Inside,
     monitors: Vec<Monitor>,
     /// Room for those between the stages.
     pub(super) between: [Vec<Monitor>; 2],
@@ -78,6 +80,7 @@ impl Switching {
             gap: f64::INFINITY,
             shrinking: 0,
             scratch: vec![0.0; system.unknowns],
+            inside: Inside::new(system),
             monitors: Vec::new(),
             between: Default::default(),
             switches: Vec::new(),
@@ -151,7 +154,11 @@ impl Radau<'_> {
         // that ends there shows an earlier one of another variable.
         while let Some(crossing) = self.earliest(size, dip.map(|theta| theta * h / size)) {
             let least = 1e3 * f64::EPSILON * self.t.abs().max(size);
-            let end = if crossing.theta * size <= least {
+            // What crosses at the end that was found, to within rounding of the time, crosses with what it was found for.
+            let is_end = solves > 0 && (1.0 - crossing.theta) * size <= self.rounding_of_time(size);
+            let end = if is_end {
+                size
+            } else if crossing.theta * size <= least {
                 0.0
             } else {
                 let Some(end) = self.solve_for_end(&crossing, size, &mut solves)? else { return Ok(Located::Nowhere) };
@@ -166,7 +173,7 @@ impl Radau<'_> {
                 return Ok(if changed { Located::Now } else { Located::Nowhere });
             }
             size = end;
-            if self.is_violated_within(size, &crossing) {
+            if !is_end && self.is_violated_within(size, &crossing) {
                 continue;
             }
             // The stages of a curved face may be those of the VI, which looks at no monitors.
@@ -182,6 +189,11 @@ impl Radau<'_> {
             }
         }
         Ok(Located::Nowhere)
+    }
+
+    /// What rounding makes of the end of a step of this size.
+    fn rounding_of_time(&self, size: f64) -> f64 {
+        8.0 * f64::EPSILON * (self.t.abs() + size)
     }
 
     /// Solves the step again with its size as the unknown, so that one monitor is zero at its end; the size, or `None`
@@ -219,7 +231,7 @@ impl Radau<'_> {
             }
             last = Some((size, value));
             let correction = value / slope;
-            let rounding = 8.0 * f64::EPSILON * (self.t.abs() + size);
+            let rounding = self.rounding_of_time(size);
             let stalled = (size - before).abs() <= correction.abs() && *solves > 3 && correction.abs() < 1e-6 * size;
             if value.abs() <= 0.1 * noise || correction.abs() <= rounding || stalled {
                 return Ok(Some(size));
@@ -274,6 +286,7 @@ impl Radau<'_> {
             self.switching.pending = false;
             let before = self.y[self.system.states..].to_vec();
             self.choose_face(self.h.max(self.last.h));
+            self.keep_better(&before);
             let turned = turned(&self.system, &self.switching.before, &before, &self.y[self.system.states..]);
             self.switching.record(self.t, &self.system.set, &self.system.face, &turned);
             self.restart();
@@ -283,6 +296,43 @@ impl Radau<'_> {
         } else if self.switching.is_accumulating() {
             self.switching.shrinking = 0;
         }
+    }
+
+    /// Takes the variables of the step that ended at a switch for those after it where they satisfy the inequality and these do
+    /// not: at the apex of a cone, or where a bound is reached, the face alone need not tell them.
+    fn keep_better(&mut self, before: &[f64]) {
+        let n = self.system.states;
+        let after = self.y[n..].to_vec();
+        let found = self.natural_map();
+        self.y[n..].copy_from_slice(before);
+        for &k in &self.system.intervals {
+            let (lower, upper) = (self.system.set.lower[k], self.system.set.upper[k]);
+            match self.system.face.places[k] {
+                Place::Lower => self.y[n + k] = lower,
+                Place::Upper => self.y[n + k] = upper,
+                _ => {}
+            }
+        }
+        if self.natural_map() >= 0.1 * found {
+            self.y[n..].copy_from_slice(&after);
+        }
+    }
+
+    /// The residual of the natural map at `(t, y)`, `max |z - P_K(z - G)|` over the variables of which `G` depends on variables:
+    /// that of the others says nothing of `z`.
+    fn natural_map(&mut self) -> f64 {
+        let n = self.system.states;
+        if !self.system.evaluate(self.t, &self.y) {
+            return f64::INFINITY;
+        }
+        let Self { system, switching, y, .. } = self;
+        for ((moved, y), g) in switching.scratch.iter_mut().zip(y.iter()).zip(&system.values) {
+            *moved = y - g;
+        }
+        system.project(&mut switching.scratch);
+        let is_told = |&k: &usize| system.entries_of_variable(k).any(|(j, value)| j >= n && value != 0.0);
+        let residuals = (0..y.len() - n).filter(is_told).map(|k| (y[n + k] - switching.scratch[n + k]).abs());
+        residuals.fold(0.0, f64::max)
     }
 
     /// Whether a monitor, other than the one that ends it, is violated at a stage of the step at hand.

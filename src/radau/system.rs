@@ -67,7 +67,8 @@ pub struct System<'p> {
     /// `K`, its moving bounds as of the last evaluation.
     pub set: ConvexSet,
     workspace: Workspace,
-    /// Variables with a bound; the others are algebraic states.
+    /// The variables that variational inequalities are solved for: those with a bound, and free ones that only these
+    /// determine. The others are algebraic states.
     pub bounded: Vec<usize>,
     /// Those of them in no block.
     pub intervals: Vec<usize>,
@@ -146,6 +147,17 @@ impl<'p> System<'p> {
             derivatives: vec![0.0; nonzeros],
             work: Work::default(),
         })
+    }
+
+    /// Keeps the free variables beside those with a bound, where they cannot be eliminated while those are held.
+    ///
+    /// # Errors
+    /// If its matrices would not fit into memory.
+    pub fn keep_free(&mut self) -> Result<(), StepError> {
+        self.bounded = (0..self.unknowns - self.states).collect();
+        self.intervals = self.bounded.iter().copied().filter(|&k| self.set.block_of(k).is_none()).collect();
+        self.layout = Arc::new(Layout::new(&self.structure, &self.bounded)?);
+        Ok(())
     }
 
     /// The problem itself.
@@ -274,34 +286,20 @@ impl<'p> System<'p> {
     }
 
     /// The nonzeros of one row of the Jacobian as of the last differentiation, as `(column, value)`.
-    fn entries_of_row(&self, row: usize) -> impl Iterator<Item = (usize, f64)> {
+    pub fn entries_of_row(&self, row: usize) -> impl Iterator<Item = (usize, f64)> {
         let (first, last) = (self.row_starts[row], self.row_starts[row + 1]);
         let pattern = &self.structure.pattern[first..last];
         pattern.iter().zip(&self.derivatives[first..last]).map(|(&(_, j), &value)| (j, value))
     }
 
-    /// By how much variable `k` inside its interval misses `G_k = 0` as of the last evaluation and differentiation: a Newton
-    /// step; none where another variable inside enters `G_k`, or this one does not.
-    pub fn own_change(&self, k: usize) -> Option<f64> {
-        let is_inside = |k: usize| self.face.places[k] == Place::Inside;
-        if !is_inside(k) {
-            return None;
-        }
-        let row = self.states + k;
-        let mut own = 0.0;
-        for (j, value) in self.entries_of_row(row) {
-            match j.checked_sub(self.states) {
-                Some(l) if l == k => own = value,
-                Some(l) if value != 0.0 && (is_inside(l) || self.set.block_of(l).is_some()) => return None,
-                _ => {}
-            }
-        }
-        (own != 0.0).then(|| -self.values[row] / own)
+    /// The nonzeros of `dG_k/dy` as of the last differentiation, as `(column, value)`.
+    pub fn entries_of_variable(&self, k: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.entries_of_row(self.states + k)
     }
 
     /// `dG_k/dy . direction`
     pub fn slope(&self, k: usize, direction: impl Fn(usize) -> f64) -> f64 {
-        self.entries_of_row(self.states + k).map(|(j, value)| value * direction(j)).sum()
+        self.entries_of_variable(k).map(|(j, value)| value * direction(j)).sum()
     }
 
     /// Writes `-dPhi/dy` on the face to the places of the layout, from the derivatives as they are.

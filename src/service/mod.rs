@@ -7,6 +7,7 @@ mod metrics;
 mod options;
 mod page;
 mod patience;
+mod remainder;
 mod server;
 
 pub use options::Options;

@@ -11,6 +11,7 @@
 use super::http::Shared;
 use super::jobs::Client;
 use super::patience::Patient;
+use super::remainder::Lent;
 use axum::Router;
 use hyper::body::Incoming;
 use hyper::server::conn::http1;
@@ -105,9 +106,17 @@ fn serve_connection(
         return;
     }
     let router = router.clone();
-    let service = service_fn(move |mut request: hyper::Request<Incoming>| {
+    let service = service_fn(move |request: hyper::Request<Incoming>| {
+        let (mut request, body) = Lent::of(request);
         request.extensions_mut().insert(client);
-        router.clone().call(request)
+        let answer = router.clone().call(request);
+        async move {
+            let answer = answer.await;
+            if let Some(body) = body {
+                body.drop_rest(patience).await;
+            }
+            answer
+        }
     });
     let connection = connections.watch(http.serve_connection(TokioIo::new(Patient::new(stream, patience)), service));
     tokio::spawn(async move {

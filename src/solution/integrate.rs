@@ -48,7 +48,8 @@ pub(super) fn integrate_once(
         // Where the run begins is no switch.
         radau.take_switches();
         let balance = model.outputs.energy().map(|form| EnergyBalance::new(form.clone(), &radau));
-        Ok(Course { radau, plan, outputs: model.outputs.clone(), balance })
+        let largest = plan.initial.iter().map(|x| x.abs()).collect();
+        Ok(Course { radau, plan, atol: &settings.atol, largest, outputs: model.outputs.clone(), balance })
     })
 }
 
@@ -56,6 +57,9 @@ pub(super) fn integrate_once(
 struct Course<'p> {
     radau: Radau<'p>,
     plan: &'p Plan,
+    atol: &'p [f64],
+    /// The largest size of each state so far.
+    largest: Vec<f64>,
     outputs: Outputs,
     balance: Option<EnergyBalance>,
 }
@@ -97,6 +101,9 @@ impl Stepper for Course<'_> {
     }
 
     fn observe(&mut self, switched: bool, diagnostics: &mut Diagnostics) {
+        for (largest, x) in self.largest.iter_mut().zip(self.radau.y()) {
+            *largest = largest.max(x.abs());
+        }
         judge(&mut self.radau, self.plan, switched, diagnostics);
         if let Some(balance) = &mut self.balance {
             balance.step(&mut self.radau);
@@ -105,6 +112,7 @@ impl Stepper for Course<'_> {
 
     fn finish(&mut self, diagnostics: &mut Diagnostics) {
         count(&mut self.radau, self.plan, diagnostics);
+        warn_of_small_states(self.plan, self.atol, &self.largest, diagnostics);
         diagnostics.energy = self.balance.as_ref().map(|balance| balance.energy);
     }
 }
@@ -220,6 +228,26 @@ pub fn describe(structure: &Structure, settings: &Settings, analysis: &Analysis)
         diagnostics.built.push("order selection");
     }
     diagnostics
+}
+
+/// States this many times their absolute tolerance at the most are hardly told from zero.
+const SMALL: f64 = 10.0;
+
+/// Warns of states of which the tolerance leaves hardly a digit.
+fn warn_of_small_states(plan: &Plan, atol: &[f64], largest: &[f64], diagnostics: &mut Diagnostics) {
+    // What rounding leaves of a state that is zero says nothing.
+    let rounding = 1e-12 * largest.iter().copied().fold(0.0, f64::max);
+    let states = plan.names.iter().zip(atol).zip(largest);
+    let small = states.filter(|((_, atol), largest)| **largest > rounding && **largest < SMALL * **atol);
+    if let Some(((name, atol), largest)) = small.min_by(|a, b| (a.1 / a.0.1).total_cmp(&(b.1 / b.0.1))) {
+        diagnostics.warnings.push(Warning {
+            code: "below_tolerance",
+            message: format!(
+                "`{name}` was never larger than {largest:e}, with an absolute tolerance of {atol:e}: give an `atol` far \
+                 below the sizes that matter"
+            ),
+        });
+    }
 }
 
 /// Takes over the counters of a run.

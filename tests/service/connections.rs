@@ -110,6 +110,32 @@ async fn a_body_that_stalls_is_answered_with_a_timeout() {
 }
 
 #[tokio::test]
+async fn a_client_that_reads_no_answer_before_it_has_sent_everything_gets_its_refusal() {
+    let running = Running::start(Options { body_mib: NonZeroUsize::MIN, ..one_worker() }, instant()).await;
+    // More than the system holds for a connection, at both of its ends.
+    let body = " ".repeat(64 << 20);
+    for (content_type, status) in [("application/json", "413"), ("text/plain", "415")] {
+        let head = format!(
+            "POST /solve HTTP/1.1\r\nhost: localhost\r\ncontent-type: {content_type}\r\ncontent-length: {}\r\n\
+             connection: close\r\n\r\n",
+            body.len()
+        );
+        let mut stream = running.send(&head).await;
+        stream.write_all(body.as_bytes()).await.unwrap();
+        let answer = read(&mut stream).await;
+        assert!(answer.starts_with(&format!("HTTP/1.1 {status} ")), "{answer}");
+    }
+}
+
+#[tokio::test]
+async fn a_client_that_asks_whether_to_send_is_refused_at_once() {
+    let running = Running::start(Options { body_mib: NonZeroUsize::MIN, ..one_worker() }, instant()).await;
+    let asks = "POST /solve HTTP/1.1\r\nhost: localhost\r\nexpect: 100-continue\r\ncontent-length: 9999999\r\n\r\n";
+    let answer = running.answer(asks).await;
+    assert!(answer.starts_with("HTTP/1.1 413 "), "{answer}");
+}
+
+#[tokio::test]
 async fn a_client_that_does_not_take_its_answer_is_cut_off() {
     // More than the system holds for a connection, at both of its ends.
     let values: Vec<f64> = (0..2_000_000).map(|k| f64::from(k) / 3.0).collect();

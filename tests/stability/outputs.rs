@@ -1,6 +1,6 @@
 //! Output times and limits: at the ends, at switches, a million of them, and runs stopped half-way.
 
-use crate::stability::harness::{Case, RELAY, column, distance};
+use crate::stability::harness::{Case, RELAY, column, distance, last};
 use dvi::problem::Control;
 use dvi::solution::Status;
 use serde_json::json;
@@ -27,6 +27,41 @@ fn outputs_at_the_start_at_a_switch_and_at_the_end_are_there() {
         assert!((t - reach).abs() < 1e-9 || (s - if t < reach { 1.0 } else { 0.3 }).abs() < 1e-9, "s = {s} at {t}");
     }
     assert_eq!(relay(5.0).times(json!([0])).solve().trajectory.t, [0.0]);
+}
+
+#[test]
+fn between_the_steps_states_keep_to_what_constrains_them() {
+    use std::f64::consts::PI;
+    for rtol in [1e-4, 1e-6, 1e-9] {
+        let method = json!({"rtol": rtol});
+        // Sliding on a surface that moves: nothing of the motion shows at the ends of steps.
+        let slides = Case::until(5.0).state("x", 1.0, "-2*s").between("s", "-(x - sin(t))", "-1", "1");
+        let solution = slides.method(method.clone()).times(json!({"count": 201})).solve();
+        let x = column(&solution, "x").iter().zip(&solution.trajectory.t).filter(|(_, t)| **t > 1.0);
+        let error = x.fold(0.0_f64, |error, (x, t)| error.max((x - t.sin()).abs()));
+        // The tolerance of the embedded estimate, which is rescaled.
+        let tolerance = 0.1 * f64::powf(rtol, 2.0 / 3.0);
+        assert!(error < 5.0 * tolerance, "{rtol:e}: off the surface by {error:e}");
+        // A multiplier holds the state on a path.
+        let path = Case::until(2.0 * PI).state("v", 0.0, "i - v").free("i", "v - 10*sin(t)");
+        let solution = path.method(method).times(json!({"count": 101})).solve();
+        let error = distance(&solution, "v", |t| 10.0 * t.sin());
+        assert!(error < 50.0 * tolerance, "{rtol:e}: off the path by {error:e}");
+    }
+}
+
+#[test]
+fn a_state_below_its_tolerance_is_told() {
+    let case = || Case::until(20.0).state("x", 1e-12, "v").state("v", 0.0, "-x").times(json!([20]));
+    let is_told = |case: Case| {
+        let solution = case.solve();
+        (solution.diagnostics.warnings.iter().any(|warning| warning.code == "below_tolerance"), last(&solution, "x"))
+    };
+    assert!(is_told(case()).0);
+    let (told, x) = is_told(case().method(json!({"atol": 1e-20})));
+    assert!(!told && (x / 1e-12 - 20.0_f64.cos()).abs() < 1e-4, "{told}, {x:e}");
+    // What rounding leaves of a zero is no state that matters.
+    assert!(!is_told(Case::until(1.0).state("x", 1.0, "-x").state("w", 1e-17, "0").times(json!([1]))).0);
 }
 
 #[test]

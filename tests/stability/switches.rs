@@ -156,18 +156,24 @@ fn pulses_between_which_no_state_moves_are_all_found() {
     }
 }
 
-/// Solves `x' = max(0, g)` and holds it against the zeros of `g`, and its integral where it is positive, from two million
-/// samples.
+/// Solves `x' = max(0, g)`, as one variable, beside a free one and as two that enter each other's inequalities, and holds it
+/// against the zeros of `g`, and its integral where it is positive, from two million samples.
 fn assert_all_pulses_are_found(g: impl Fn(f64) -> f64, text: &str, method: Value) {
     let (end, samples) = (200.0 * std::f64::consts::PI, 2_000_000);
     let values: Vec<f64> = (0..samples).map(|i| g((f64::from(i) + 0.5) * end / f64::from(samples))).collect();
     let zeros = values.windows(2).filter(|pair| (pair[0] < 0.0) != (pair[1] < 0.0)).count();
     let integral = values.iter().map(|value| value.max(0.0)).sum::<f64>() * end / f64::from(samples);
-    let case = Case::until(end).state("x", 0.0, "z").nonnegative("z", &format!("z - ({text})")).times(json!([end]));
-    let solution = case.method(method.clone()).solve();
-    assert_eq!(instants(&solution).len(), zeros, "{method}");
-    let error = (last(&solution, "x") / integral - 1.0).abs();
-    assert!(error < 1e-4, "{method}: off by {error:e}");
+    let case = || Case::until(end).state("x", 0.0, "z").times(json!([end])).method(method.clone());
+    let alone = case().nonnegative("z", &format!("z - ({text})"));
+    let beside = case().nonnegative("z", &format!("z + w - 2*({text})")).free("w", "w - z");
+    let pair = |one: &str, other: &str| format!("2*{one} + {other} - 3*({text})");
+    let coupled = case().nonnegative("z", &pair("z", "w")).nonnegative("w", &pair("w", "z"));
+    for (form, case) in [("alone", alone), ("beside a free one", beside), ("coupled", coupled)] {
+        let solution = case.solve();
+        assert_eq!(instants(&solution).len(), zeros, "{form}, {method}");
+        let error = (last(&solution, "x") / integral - 1.0).abs();
+        assert!(error < 1e-4, "{form}, {method}: off by {error:e}");
+    }
 }
 
 #[test]

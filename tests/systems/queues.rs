@@ -3,6 +3,7 @@
 use crate::systems::harness::{distance, last, solve};
 use crate::systems::reference::example;
 use serde_json::json;
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 
 #[test]
 fn two_queues_in_tandem_follow_the_reflection_map() {
@@ -14,6 +15,32 @@ fn two_queues_in_tandem_follow_the_reflection_map() {
     assert!(error < 1e-9, "q2 is off by {error:e}");
     assert!((last(&solution, "idle1") - 0.5).abs() < 1e-9);
     assert!(last(&solution, "idle2").abs() < 1e-12);
+}
+
+#[test]
+fn a_free_price_that_only_bounded_variables_determine_clears_a_market() {
+    // h = 10 clears it, so that q' = 6 and p = 1 + q/4.
+    let market = json!({"problem": {"dvi": {
+        "states": {"q": {"initial": 5, "rate": "h - 4"}},
+        "variables": {"h": {"inequality": "1 + q/4 - p"}, "p": {"inequality": "h - 10"}},
+        "set": [{"nonnegative": ["h"]}, {"free": ["p"]}]}},
+        "time": {"end": 1}});
+    let solution = solve(&market);
+    assert!((last(&solution, "q") - 11.0).abs() < 1e-9 && (last(&solution, "p") - 3.75).abs() < 1e-9);
+    // Nearest to (sin t, cos t) in the unit simplex, by its multiplier: u = (1 + sin t - cos t)/2 until pi/2, then 1.
+    let simplex = json!({"problem": {"dvi": {
+        "states": {"x": {"initial": 0, "rate": "u"}},
+        "variables": {
+            "u": {"inequality": "u - sin(t) - p"}, "w": {"inequality": "w - cos(t) - p"},
+            "p": {"inequality": "u + w - 1"}
+        },
+        "set": [{"nonnegative": ["u", "w"]}, {"free": ["p"]}]}},
+        "time": {"end": 3}, "method": {"rtol": 1e-9}});
+    let solution = solve(&simplex);
+    let exact = |t: f64| if t < FRAC_PI_2 { 0.5 * (t + 1.0 - t.cos() - t.sin()) } else { t - FRAC_PI_4 };
+    let error = distance(&solution, "x", exact);
+    assert!(error < 1e-6, "x is off by {error:e}");
+    assert!((last(&solution, "x") - exact(3.0)).abs() < 1e-9);
 }
 
 #[test]

@@ -180,6 +180,26 @@ fn a_force_that_only_just_reaches_the_friction_moves_nothing() {
 }
 
 #[test]
+fn a_point_that_leaves_the_apex_of_a_cone_is_its_projection_there() {
+    // (s, v) is the projection of (sin t, cos t, 1/2): off the apex from where sin t > -|(cos t, 1/2)| on.
+    let specification = json!({"problem": {"dvi": {
+        "states": {"q": {"initial": 0, "rate": "s + v + w"}},
+        "variables": {
+            "s": {"inequality": "s - sin(t)"}, "v": {"inequality": "v - cos(t)"}, "w": {"inequality": "w - 0.5"}
+        },
+        "set": [{"second_order_cone": ["s", "v", "w"]}]}},
+        "time": {"end": 6.3}, "method": {"rtol": 1e-12}, "output": {"times": "steps"}});
+    let solution = solve(&specification);
+    let s = column(&solution, "s").iter().zip(&solution.trajectory.t);
+    let error = s.fold(0.0_f64, |error, (s, t)| {
+        let (axis, side) = (t.sin(), t.cos().hypot(0.5));
+        let exact = if side <= axis { axis } else { (0.5 * (axis + side)).max(0.0) };
+        error.max((s - exact).abs())
+    });
+    assert!(error < 1e-9, "s is off by {error:e}");
+}
+
+#[test]
 fn the_face_of_a_block_is_analysed_on_its_tangent_space() {
     // Pressed against the cone a point has one direction along its ray and one round it: of the three variables one is
     // held by |(q, r)| = p, one follows from G by the curvature, one from its derivative.

@@ -1,0 +1,113 @@
+//! The variables inside their intervals between the stages, where the polynomial through their values need not be what
+//! the states make of them. To first order they are off by
+//!
+//! ```text
+//! dz_I    with    (dG_I / dz_I) dz_I = -G_I.
+//! ```
+
+use super::face::Place;
+use super::system::System;
+use crate::factorisation::DenseLu;
+
+/// Up to so many variables that enter each other's equations are solved for; of more the polynomial is taken. It is done
+/// several times a step, and up to here costs no more than evaluations of as many equations do.
+const MOST: usize = 64;
+
+/// Their equations on one face, with one Jacobian.
+pub(super) struct Inside {
+    jacobians: u64,
+    inside: Vec<usize>,
+    /// Those of them whose equations have variables inside and in no block.
+    variables: Vec<usize>,
+    equations: Equations,
+    change: Vec<f64>,
+    /// The change of every variable.
+    changes: Vec<f64>,
+}
+
+enum Equations {
+    /// They do not tell the variables, or are too many.
+    None,
+    /// Each has one variable, and this factor of it.
+    Apart(Vec<f64>),
+    Together(DenseLu<f64>),
+}
+
+impl Inside {
+    pub(super) fn new(system: &System<'_>) -> Self {
+        Self {
+            jacobians: 0,
+            inside: Vec::new(),
+            variables: Vec::new(),
+            equations: Equations::None,
+            change: Vec::new(),
+            changes: vec![0.0; system.unknowns - system.states],
+        }
+    }
+
+    /// Corrects the variables inside in `y`, where `system` was evaluated last, and all of `G` with them.
+    pub(super) fn correct(&mut self, system: &mut System<'_>, y: &mut [f64]) {
+        let is_inside = |k: usize| system.face.places[k] == Place::Inside && system.set.block_of(k).is_none();
+        let inside = (0..self.changes.len()).filter(|&k| is_inside(k));
+        if self.jacobians != system.work.jacobians || !inside.clone().eq(self.inside.iter().copied()) {
+            self.jacobians = system.work.jacobians;
+            self.inside.clear();
+            self.inside.extend(inside);
+            self.set_equations(system);
+        }
+        let n = system.states;
+        self.change.clear();
+        self.change.extend(self.variables.iter().map(|k| -system.values[n + k]));
+        let is_told = match &mut self.equations {
+            Equations::None => false,
+            Equations::Apart(factors) => {
+                self.change.iter_mut().zip(factors).for_each(|(change, factor)| *change /= *factor);
+                true
+            }
+            Equations::Together(factors) => factors.solve(&mut self.change),
+        };
+        if !is_told {
+            return;
+        }
+        for (&k, change) in self.variables.iter().zip(&self.change) {
+            self.changes[k] = *change;
+            y[n + k] += change;
+        }
+        for k in 0..self.changes.len() {
+            system.values[n + k] += system.slope(k, |j| j.checked_sub(n).map_or(0.0, |k| self.changes[k]));
+        }
+        self.variables.iter().for_each(|&k| self.changes[k] = 0.0);
+    }
+
+    fn set_equations(&mut self, system: &System<'_>) {
+        let n = system.states;
+        let of_variables = |k: usize| {
+            let entries = system.entries_of_variable(k).filter(|&(j, value)| j >= n && value != 0.0);
+            entries.map(|(j, value)| (j - n, value))
+        };
+        self.variables.clear();
+        self.variables.extend(self.inside.iter().filter(|&&k| {
+            let is_told = of_variables(k).any(|(l, _)| self.inside.binary_search(&l).is_ok());
+            is_told && of_variables(k).all(|(l, _)| system.set.block_of(l).is_none())
+        }));
+        let variables = &self.variables;
+        let entries =
+            |k: usize| of_variables(k).filter_map(|(l, value)| Some((variables.binary_search(&l).ok()?, value)));
+        let are_apart = variables.iter().enumerate().all(|(row, &k)| entries(k).all(|(column, _)| column == row));
+        self.equations = if are_apart {
+            let factor = |&k: &usize| entries(k).next().map(|(_, value)| value);
+            variables.iter().map(factor).collect::<Option<_>>().map_or(Equations::None, Equations::Apart)
+        } else if variables.len() <= MOST {
+            let count = variables.len();
+            let mut factors = DenseLu::new(count);
+            factors.entries().fill(0.0);
+            for (row, &k) in variables.iter().enumerate() {
+                entries(k).for_each(|(column, value)| factors.entries()[column * count + row] = value);
+            }
+            factors.factorise();
+            Equations::Together(factors)
+        } else {
+            Equations::None
+        };
+    }
+}

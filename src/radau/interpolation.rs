@@ -1,0 +1,50 @@
+//! The error between the steps of the states that constraints determine.
+//!
+//! Where `G_k = 0` is asked of a variable inside its interval, and no variable is in it, or where an equation has no rate,
+//! the stages satisfy it exactly, whatever the step: the error estimate is zero, and the steps grow until the collocation
+//! polynomial says nothing of what is between the stages. Its defect in the middles of the gaps,
+//!
+//! ```text
+//! |G_k(t, y(t))| / sum_j |dG_k/dy_j| sc_j,
+//! ```
+//!
+//! with the tolerances `sc` of the states, counts as an error of the step where output is asked for between the steps.
+
+use super::face::Place;
+use super::stepper::Radau;
+
+impl Radau<'_> {
+    /// The largest defect of a constraint between the stages of the step at hand, in units of the tolerance.
+    pub(super) fn constraint_error(&mut self, h: f64) -> f64 {
+        let rows: Vec<usize> =
+            (0..self.system.unknowns).filter(|&row| self.settings.interpolated && self.is_constraint(row)).collect();
+        let (mut worst, mut left) = (0.0_f64, 0.0);
+        if rows.is_empty() {
+            return worst;
+        }
+        for &node in &self.tableau().c {
+            let theta = 0.5 * (left + node);
+            left = node;
+            self.polynomial_at(theta);
+            self.system.evaluate(self.t + theta * h, &self.switching.scratch);
+            for &row in &rows {
+                let entries = self.system.entries_of_row(row);
+                let allowed: f64 = entries.map(|(j, value)| value.abs() / self.control.weight[j]).sum();
+                if allowed > 0.0 {
+                    worst = worst.max(self.system.values[row].abs() / allowed);
+                }
+            }
+        }
+        worst
+    }
+
+    /// Whether a row is an equation between states alone.
+    fn is_constraint(&self, row: usize) -> bool {
+        let n = self.system.states;
+        let is_equation = match row.checked_sub(n) {
+            None => !self.system.layout.is_rate[row],
+            Some(k) => self.system.face.places[k] == Place::Inside && self.system.set.block_of(k).is_none(),
+        };
+        is_equation && self.system.entries_of_row(row).all(|(j, value)| j < n || value == 0.0)
+    }
+}
