@@ -82,6 +82,7 @@ pub struct Report {
 #[derive(Debug)]
 pub struct Law {
     coulomb: Coulomb,
+    problem: CoulombProblem,
     polyhedral: Polyhedral,
     target: Vec<f64>,
     closing: Vec<bool>,
@@ -113,6 +114,7 @@ impl Law {
                 factorised: MOST_FACTORISED,
                 ..Limits::default()
             }),
+            problem: CoulombProblem::default(),
             polyhedral: Polyhedral::default(),
             target: Vec::new(),
             closing: Vec::new(),
@@ -172,8 +174,8 @@ impl Law {
         let pivots = r.len() <= MOST_PIVOTED || (0..r.len()).any(faceted);
         if pivots && !(0..r.len()).any(round) {
             self.polyhedral.solve(contacts, &q, r, report, control);
-        } else if let Ok(problem) = CoulombProblem::new(contacts.delassus.clone(), q, contacts.mu.to_vec()) {
-            let solved = self.coulomb.solve(&problem, r, control);
+        } else if self.problem.replace(contacts.delassus, &q, contacts.mu).is_ok() {
+            let solved = self.coulomb.solve(&self.problem, r, control);
             let Evidence { relative, .. } = solved.evidence;
             report.solver = solved.attempts.last().map_or("start", |attempt| attempt.method.name());
             report.iterations += solved.attempts.iter().map(|attempt| attempt.iterations as u64).sum::<u64>();

@@ -6,87 +6,132 @@
 //! ```
 //!
 //! with the last changes of `x` and `f` as the columns of `X` and `F`. While the contact states stay, `G` is nearly linear
-//! and this is nearly GMRES: sweeps grow with the square root of the condition number, not with the number itself.
+//! and this is nearly GMRES: sweeps grow with the square root of the condition number, not with the number itself. Where
+//! `|f|` has grown, the states have changed: what is remembered of the old ones misleads, is forgotten, and the step is
+//! a plain sweep.
 
-use nalgebra::{DMatrix, DVector, Vector3};
+use nalgebra::{SMatrix, SVector, Vector3};
 
-/// Changes remembered. More of them hold on to contact states that are gone.
-const MEMORY: usize = 5;
+/// Changes remembered.
+const MEMORY: usize = 3;
 
 /// Directions that depend on the others to this accuracy are left out.
 const DEPENDENT: f64 = 1e-10;
 
-/// The memory of an iteration.
+/// The memory of an iteration. Vectors are kept as plain numbers, that sums and products run through fast.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Anderson {
-    /// Changes of `f` and of `G(x)`, oldest overwritten first.
-    changes_f: Vec<Vec<Vector3<f64>>>,
-    changes_g: Vec<Vec<Vector3<f64>>>,
+    /// Changes of `f` and of `G(x)`, the oldest overwritten first.
+    changes_f: [Vec<f64>; MEMORY],
+    changes_g: [Vec<f64>; MEMORY],
     /// The products of the changes of `f`.
-    gram: [[f64; MEMORY]; MEMORY],
-    last_f: Vec<Vector3<f64>>,
-    last_g: Vec<Vector3<f64>>,
+    gram: SMatrix<f64, MEMORY, MEMORY>,
     /// Changes taken in all.
     taken: usize,
+    /// The point that came last, what a sweep made of it, and the difference.
+    x: Vec<f64>,
+    g: Vec<f64>,
+    f: Vec<f64>,
+    last_f: Vec<f64>,
+    last_g: Vec<f64>,
+    /// `|f|^2` at the last point.
+    size: Option<f64>,
 }
 
 impl Anderson {
-    /// Forgets all.
-    pub fn clear(&mut self) {
-        self.changes_f.clear();
-        self.changes_g.clear();
-        self.last_f.clear();
+    /// Forgets all, and starts from `x`.
+    pub fn start(&mut self, x: &[Vector3<f64>]) {
+        self.forget();
+        self.size = None;
+        flatten(x, &mut self.x);
+    }
+
+    fn forget(&mut self) {
         self.taken = 0;
+        self.last_f.clear();
     }
 
-    /// Replaces `x`, of which `g = G(x)` was made, by the next point to try.
-    pub fn advance(&mut self, x: &mut [Vector3<f64>], g: &[Vector3<f64>]) {
-        let f: Vec<Vector3<f64>> = g.iter().zip(&*x).map(|(g, x)| g - x).collect();
-        if self.last_f.len() == f.len() {
-            let place = self.taken % MEMORY;
-            if self.changes_f.len() < MEMORY {
-                self.changes_f.push(Vec::new());
-                self.changes_g.push(Vec::new());
-            }
-            change(&f, &self.last_f, &mut self.changes_f[place]);
-            change(g, &self.last_g, &mut self.changes_g[place]);
-            for j in 0..self.changes_f.len() {
-                let product = dot(&self.changes_f[place], &self.changes_f[j]);
-                (self.gram[place][j], self.gram[j][place]) = (product, product);
-            }
-            self.taken += 1;
+    /// Replaces `G(x)`, made of the point `x` that came last, by the next point to try.
+    pub fn advance(&mut self, r: &mut [Vector3<f64>]) {
+        flatten(r, &mut self.g);
+        subtract(&self.g, &self.x, &mut self.f);
+        let size = dot(&self.f, &self.f);
+        self.x.copy_from_slice(&self.g);
+        if self.size.replace(size).is_some_and(|last| size > last) {
+            self.forget();
+            return;
         }
-        x.copy_from_slice(g);
-        for (gamma, change) in self.mixture(&f).iter().zip(&self.changes_g) {
-            for (x, change) in x.iter_mut().zip(change) {
-                *x -= change * *gamma;
-            }
+        if self.last_f.len() == self.f.len() {
+            self.take_changes();
         }
-        self.last_g.clear();
-        self.last_g.extend_from_slice(g);
-        self.last_f = f;
+        for (gamma, change) in self.mixture().iter().zip(&self.changes_g[..self.taken.min(MEMORY)]) {
+            self.x.iter_mut().zip(change).for_each(|(x, change)| *x -= change * gamma);
+        }
+        for (r, flat) in r.iter_mut().zip(self.x.chunks_exact(3)) {
+            *r = Vector3::new(flat[0], flat[1], flat[2]);
+        }
+        std::mem::swap(&mut self.g, &mut self.last_g);
+        std::mem::swap(&mut self.f, &mut self.last_f);
     }
 
-    /// `gamma`, by normal equations with unit diagonal.
-    fn mixture(&self, f: &[Vector3<f64>]) -> DVector<f64> {
-        let m = self.changes_f.len();
-        let gram = &self.gram;
-        let scale = DVector::from_fn(m, |i, _| if gram[i][i] > 0.0 { gram[i][i].sqrt().recip() } else { 0.0 });
-        let right = DVector::from_fn(m, |i, _| scale[i] * dot(&self.changes_f[i], f));
-        let scaled =
-            DMatrix::from_fn(m, m, |i, j| gram[i][j] * scale[i] * scale[j] + if i == j { DEPENDENT } else { 0.0 });
+    fn take_changes(&mut self) {
+        let place = self.taken % MEMORY;
+        subtract(&self.f, &self.last_f, &mut self.changes_f[place]);
+        subtract(&self.g, &self.last_g, &mut self.changes_g[place]);
+        self.taken += 1;
+        for j in 0..self.taken.min(MEMORY) {
+            let product = dot(&self.changes_f[place], &self.changes_f[j]);
+            (self.gram[(place, j)], self.gram[(j, place)]) = (product, product);
+        }
+    }
+
+    /// `gamma`, by normal equations with unit diagonal; zero for changes that there are none of.
+    fn mixture(&self) -> SVector<f64, MEMORY> {
+        let count = self.taken.min(MEMORY);
+        let is_change = |i: usize| i < count && self.gram[(i, i)] > 0.0;
+        let scale: SVector<f64, MEMORY> =
+            SVector::from_fn(|i, _| if is_change(i) { self.gram[(i, i)].sqrt().recip() } else { 0.0 });
+        let right =
+            SVector::from_fn(|i, _| if is_change(i) { scale[i] * dot(&self.changes_f[i], &self.f) } else { 0.0 });
+        let scaled: SMatrix<f64, MEMORY, MEMORY> =
+            SMatrix::from_fn(|i, j| match (is_change(i) && is_change(j), i == j) {
+                (true, true) => 1.0 + DEPENDENT,
+                (true, false) => self.gram[(i, j)] * scale[i] * scale[j],
+                (false, true) => 1.0,
+                (false, false) => 0.0,
+            });
         let solved = scaled.cholesky().map(|factor| factor.solve(&right));
-        solved.map_or_else(|| DVector::zeros(m), |gamma| gamma.component_mul(&scale))
+        solved.map_or_else(SVector::zeros, |gamma| gamma.component_mul(&scale))
     }
 }
 
-fn change(new: &[Vector3<f64>], old: &[Vector3<f64>], into: &mut Vec<Vector3<f64>>) {
-    into.clear();
-    into.extend(new.iter().zip(old).map(|(a, b)| a - b));
+fn flatten(v: &[Vector3<f64>], into: &mut Vec<f64>) {
+    into.resize(3 * v.len(), 0.0);
+    for (flat, v) in into.chunks_exact_mut(3).zip(v) {
+        flat.copy_from_slice(v.as_slice());
+    }
 }
 
-fn dot(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a.dot(b)).sum()
+fn subtract(a: &[f64], b: &[f64], into: &mut Vec<f64>) {
+    into.resize(a.len(), 0.0);
+    for ((difference, a), b) in into.iter_mut().zip(a).zip(b) {
+        *difference = a - b;
+    }
+}
+
+/// Products side by side, that do not wait for one sum.
+const LANES: usize = 8;
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut sums = [0.0; LANES];
+    let (a, b) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
+    let rest: f64 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| a * b).sum();
+    for (a, b) in a.zip(b) {
+        for (sum, (a, b)) in sums.iter_mut().zip(a.iter().zip(b)) {
+            *sum += a * b;
+        }
+    }
+    rest + sums.iter().sum::<f64>()
 }
 
 #[cfg(test)]
@@ -100,12 +145,27 @@ mod tests {
         let map = |x: &Vector3<f64>| Vector3::from_fn(|i, _| rates[i] * x[i] + 1.0);
         let mut x = [Vector3::zeros()];
         let mut anderson = Anderson::default();
+        anderson.start(&x);
         for _ in 0..6 {
-            let g = [map(&x[0])];
-            anderson.advance(&mut x, &g);
+            x = [map(&x[0])];
+            anderson.advance(&mut x);
         }
         for (x, rate) in x[0].iter().zip(rates) {
             assert!((x * (1.0 - rate) - 1.0).abs() < 1e-6, "{x} at {rate}");
+        }
+    }
+
+    #[test]
+    fn a_point_that_is_farther_off_than_the_last_makes_the_next_step_a_plain_one() {
+        let mut anderson = Anderson::default();
+        let mut x = [Vector3::zeros()];
+        anderson.start(&x);
+        for step in [1.0, 0.5, 10.0] {
+            let g = [x[0] + Vector3::repeat(step)];
+            x = g;
+            anderson.advance(&mut x);
+            // Half the step twice: the secant looks twice as far, and is believed as long as steps shrink.
+            assert_eq!(x == g, step != 0.5);
         }
     }
 }

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 use std::ops::Range;
 
 /// An `n x n` matrix of 3 x 3 blocks with every diagonal block present.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Debug, Default, PartialEq)]
 pub struct BlockMatrix {
     /// Where each block row begins in `columns` and `blocks`; of length `n + 1`.
     offsets: Vec<usize>,
@@ -17,29 +17,41 @@ pub struct BlockMatrix {
 impl BlockMatrix {
     /// Gathers blocks `(row, column, block)` in any order; a repeated one adds. `None` if an index is `>= n`.
     pub fn from_blocks(n: usize, blocks: impl IntoIterator<Item = (usize, usize, Matrix3<f64>)>) -> Option<Self> {
-        let mut entries: Vec<_> = (0..n).map(|k| (k, k, Matrix3::zeros())).chain(blocks).collect();
+        let mut entries: Vec<_> = blocks.into_iter().collect();
         if entries.iter().any(|&(i, j, _)| i >= n || j >= n) {
             return None;
         }
         entries.sort_by_key(|&(i, j, _)| (i, j));
-        let mut matrix = Self { offsets: vec![0; n + 1], diagonal: vec![0; n], ..Self::default() };
-        let mut last = None;
-        for (i, j, block) in entries {
-            if last == Some((i, j)) {
-                if let Some(sum) = matrix.blocks.last_mut() {
-                    *sum += block;
+        let mut matrix = Self { offsets: vec![0], diagonal: Vec::with_capacity(n), ..Self::default() };
+        let mut entries = entries.into_iter().peekable();
+        for i in 0..n {
+            let start = matrix.blocks.len();
+            while let Some((_, j, block)) = entries.next_if(|entry| entry.0 == i) {
+                if j >= i {
+                    matrix.reach_diagonal(i);
                 }
-                continue;
+                match matrix.columns[start..].last() {
+                    Some(&last) if last == j => *matrix.blocks.last_mut()? += block,
+                    _ => matrix.push(j, block),
+                }
             }
-            last = Some((i, j));
-            if i == j {
-                matrix.diagonal[i] = matrix.blocks.len();
-            }
-            matrix.columns.push(j);
-            matrix.blocks.push(block);
-            matrix.offsets[i + 1] = matrix.blocks.len();
+            matrix.reach_diagonal(i);
+            matrix.offsets.push(matrix.blocks.len());
         }
         Some(matrix)
+    }
+
+    fn push(&mut self, j: usize, block: Matrix3<f64>) {
+        self.columns.push(j);
+        self.blocks.push(block);
+    }
+
+    /// Makes room for the diagonal block of row `i`, if there is none yet.
+    fn reach_diagonal(&mut self, i: usize) {
+        if self.diagonal.len() == i {
+            self.diagonal.push(self.blocks.len());
+            self.push(i, Matrix3::zeros());
+        }
     }
 
     /// The number of block rows.
@@ -80,6 +92,7 @@ impl BlockMatrix {
     }
 
     /// Row `i` of the product with `r`.
+    #[inline]
     pub fn row_product(&self, i: usize, r: &[Vector3<f64>]) -> Vector3<f64> {
         self.row(i).fold(Vector3::zeros(), |sum, (j, block)| sum + block * r[j])
     }
@@ -96,5 +109,21 @@ impl BlockMatrix {
 
     pub(super) fn is_finite(&self) -> bool {
         self.blocks.iter().all(|block| block.iter().all(|x| x.is_finite()))
+    }
+}
+
+impl Clone for BlockMatrix {
+    fn clone(&self) -> Self {
+        let mut copy = Self::default();
+        copy.clone_from(self);
+        copy
+    }
+
+    /// Keeps the memory of what was there before: one matrix a step goes through many hands.
+    fn clone_from(&mut self, source: &Self) {
+        self.offsets.clone_from(&source.offsets);
+        self.columns.clone_from(&source.columns);
+        self.blocks.clone_from(&source.blocks);
+        self.diagonal.clone_from(&source.diagonal);
     }
 }

@@ -2,17 +2,49 @@
 //! impulses of the others held (Jean 1999, *The non-smooth contact dynamics method*). A sweep is cheap and a good start
 //! is kept; but it converges linearly, and slowly or not at all where contacts outnumber degrees of freedom.
 
-use super::cone::FrictionCone;
-use super::{CoulombProblem, solve_contact};
-use nalgebra::Vector3;
+use super::local::Diagonal;
+use super::{BlockMatrix, CoulombProblem};
+use nalgebra::{Matrix3, Vector3};
 
-/// One sweep over all contacts, over-relaxed by `omega` in `(0, 2)` (1: not at all) and kept in the cones.
-pub fn sweep(problem: &CoulombProblem, r: &mut [Vector3<f64>], omega: f64) {
-    for k in 0..r.len() {
-        let (matrix, mu) = (problem.matrix().diagonal(k), problem.mu()[k]);
-        let q = problem.velocity(k, r) - matrix * r[k];
-        if let Some(exact) = solve_contact(matrix, &q, mu) {
-            r[k] = if omega == 1.0 { exact } else { FrictionCone { mu }.project(r[k] + (exact - r[k]) * omega) };
+/// `W` as a sweep reads it: the blocks beside the diagonal in one stream, those on it prepared.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Sweeps {
+    /// Where each row ends among the blocks.
+    ends: Vec<usize>,
+    columns: Vec<u32>,
+    blocks: Vec<Matrix3<f64>>,
+    diagonal: Vec<Diagonal>,
+}
+
+impl Sweeps {
+    /// Takes over a matrix.
+    pub fn fit(&mut self, matrix: &BlockMatrix) {
+        self.ends.clear();
+        self.columns.clear();
+        self.blocks.clear();
+        self.diagonal.clear();
+        for k in 0..matrix.len() {
+            for (j, block) in matrix.row(k).filter(|&(j, _)| j != k) {
+                self.columns.push(j as u32);
+                self.blocks.push(*block);
+            }
+            self.ends.push(self.columns.len());
+            self.diagonal.push(Diagonal::new(matrix.diagonal(k)));
+        }
+    }
+
+    /// One sweep over all contacts of the problem whose matrix was taken over.
+    pub fn sweep(&self, problem: &CoulombProblem, r: &mut [Vector3<f64>]) {
+        let mut start = 0;
+        for (k, (&end, diagonal)) in self.ends.iter().zip(&self.diagonal).enumerate() {
+            let mut q = problem.q()[k];
+            for (block, &j) in self.blocks[start..end].iter().zip(&self.columns[start..end]) {
+                q += block * r[j as usize];
+            }
+            start = end;
+            if let Some(exact) = diagonal.solve(q, problem.mu()[k]) {
+                r[k] = exact;
+            }
         }
     }
 }

@@ -30,21 +30,72 @@ const DOUBLINGS: usize = 200;
 
 /// The impulse of one contact; `None` if `W_nn <= 0` while the contact closes: nothing can stop it.
 pub fn solve_contact(matrix: &Matrix3<f64>, q: &Vector3<f64>, mu: f64) -> Option<Vector3<f64>> {
-    if q.x >= 0.0 {
-        return Some(Vector3::zeros());
+    Diagonal::new(matrix).solve(*q, mu)
+}
+
+/// The matrix of one contact, by what its solution takes.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Diagonal {
+    /// Normal and tangents do not act on each other, and the tangents are alike, as those of spheres: stick and slip
+    /// have closed forms, with `1 / W_nn` and `1 / W_tt`.
+    Round { of_normal: f64, of_tangent: f64 },
+    /// Any other.
+    Full(Matrix3<f64>),
+}
+
+/// Couplings that are rounding.
+const DECOUPLED: f64 = 1e-14;
+
+impl Diagonal {
+    /// Looks at a matrix.
+    pub fn new(matrix: &Matrix3<f64>) -> Self {
+        let w_tt = 0.5 * (matrix[(1, 1)] + matrix[(2, 2)]);
+        let rest = [
+            matrix[(0, 1)],
+            matrix[(0, 2)],
+            matrix[(1, 0)],
+            matrix[(2, 0)],
+            matrix[(1, 2)],
+            matrix[(2, 1)],
+            matrix[(1, 1)] - matrix[(2, 2)],
+        ];
+        let w_nn = matrix[(0, 0)];
+        if w_nn > 0.0 && w_tt > 0.0 && rest.iter().all(|x| x.abs() <= DECOUPLED * w_tt) {
+            Self::Round { of_normal: w_nn.recip(), of_tangent: w_tt.recip() }
+        } else {
+            Self::Full(*matrix)
+        }
     }
+
+    /// The impulse for `u = W r + q`; as [`solve_contact`].
+    #[inline]
+    pub fn solve(&self, q: Vector3<f64>, mu: f64) -> Option<Vector3<f64>> {
+        if q.x >= 0.0 {
+            return Some(Vector3::zeros());
+        }
+        match *self {
+            Self::Round { of_normal, of_tangent } => {
+                let normal = -q.x * of_normal;
+                let stick = tangent(&q) * -of_tangent;
+                let (size, radius) = (stick.norm_squared(), mu * normal);
+                if size <= radius * radius {
+                    return Some(join(normal, stick));
+                }
+                Some(join(normal, stick * (radius / size.sqrt())))
+            }
+            Self::Full(ref matrix) => solve_full(matrix, &q, mu),
+        }
+    }
+}
+
+/// A contact that closes.
+fn solve_full(matrix: &Matrix3<f64>, q: &Vector3<f64>, mu: f64) -> Option<Vector3<f64>> {
     let w_nn = matrix[(0, 0)];
     if w_nn <= 0.0 {
         return None;
     }
     if mu == 0.0 {
         return Some(Vector3::new(-q.x / w_nn, 0.0, 0.0));
-    }
-    if let Some(w_tt) = decoupled(matrix) {
-        let normal = -q.x / w_nn;
-        let stick = -tangent(q) / w_tt;
-        let (size, radius) = (stick.norm(), mu * normal);
-        return Some(join(normal, if size <= radius { stick } else { stick * (radius / size) }));
     }
     let slip = Slip::new(matrix, q, w_nn);
     let least = if slip.schur.determinant() > SINGULAR * slip.trace * slip.trace { 0.0 } else { SINGULAR * slip.trace };
@@ -54,25 +105,6 @@ pub fn solve_contact(matrix: &Matrix3<f64>, q: &Vector3<f64>, mu: f64) -> Option
     }
     slip.root(mu, least)
 }
-
-/// `W_tt` of a contact whose normal and tangents do not act on each other, and whose tangents are alike, as those of
-/// spheres: stick and slip have closed forms.
-fn decoupled(matrix: &Matrix3<f64>) -> Option<f64> {
-    let w_tt = 0.5 * (matrix[(1, 1)] + matrix[(2, 2)]);
-    let rest = [
-        matrix[(0, 1)],
-        matrix[(0, 2)],
-        matrix[(1, 0)],
-        matrix[(2, 0)],
-        matrix[(1, 2)],
-        matrix[(2, 1)],
-        matrix[(1, 1)] - matrix[(2, 2)],
-    ];
-    rest.iter().all(|x| x.abs() <= DECOUPLED * w_tt).then_some(w_tt)
-}
-
-/// Couplings that are rounding.
-const DECOUPLED: f64 = 1e-14;
 
 /// The impulses that slip by `u_t = -s r_t`, for every `s`.
 struct Slip {

@@ -9,7 +9,7 @@
 //! *The bipotential method*). The problem is neither an optimisation nor monotone, and `W` is singular as soon as
 //! contacts outnumber degrees of freedom, so that no one method solves every instance (Acary, Bremond and Huber 2018,
 //! *On solving contact problems with Coulomb friction: formulations and numerical comparisons*): [`Coulomb`] runs
-//! [block Gauss-Seidel](gauss_seidel), proximal Newton and ADMM in turn, as the residual bids.
+//! block Gauss-Seidel, proximal Newton and ADMM in turn, as the residual bids.
 
 mod admm;
 mod alart_curnier;
@@ -17,7 +17,7 @@ mod anderson;
 mod blocks;
 mod cone;
 mod evidence;
-pub mod gauss_seidel;
+mod gauss_seidel;
 mod linear;
 mod local;
 mod newton;

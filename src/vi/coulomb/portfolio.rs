@@ -1,19 +1,18 @@
 //! The methods in turn, as the residual bids.
 //!
 //! 1. One contact: its exact solution.
-//! 2. Block Gauss-Seidel, as long as its rate promises the tolerance in few sweeps.
+//! 2. Block Gauss-Seidel with Anderson's acceleration, as long as its rate promises the tolerance in few sweeps.
 //! 3. Proximal Newton, from the best point so far.
 //! 4. Where Newton stalls, ADMM for a while, then Newton from there, and so on with ever longer runs. ADMM keeps its own
 //!    state, so that nothing is lost when Newton fails again.
 //!
-//! 5. Instead of all that, where contacts are too many to be factorised: sweeps with Anderson's acceleration, as many as
-//!    are allowed.
+//! Where contacts are too many to be factorised, there are only sweeps, as many as are allowed.
 //!
 //! No method is trusted to say that it has succeeded: the residual is computed anew from the problem.
 
 use super::admm::Admm;
 use super::anderson::Anderson;
-use super::gauss_seidel;
+use super::gauss_seidel::Sweeps;
 use super::newton::ProximalNewton;
 use super::scaling::{Residual, Scaling};
 use super::{CoulombProblem, Evidence, solve_contact};
@@ -34,11 +33,12 @@ pub struct Limits {
     /// The relative natural map, with each contact in its own unit and in the user's, that ends the solve. Default
     /// 1e-10.
     pub tolerance: f64,
-    /// Gauss-Seidel goes on only while it promises the tolerance within this many further sweeps. Default 100.
+    /// Gauss-Seidel goes on only while it promises the tolerance within this many further sweeps, or as many as take no
+    /// longer than one dense factorisation. Default 100.
     pub sweeps: usize,
     /// Factorisations in one attempt of Newton. Default 40.
     pub factorisations: usize,
-    /// ADMM iterations in all. Default 30,000; a problem without a solution costs all of them.
+    /// ADMM iterations in all, and sweeps at most. Default 30,000; a problem without a solution costs all of them.
     pub iterations: usize,
     /// Contacts above which nothing is factorised. Default no number.
     pub factorised: usize,
@@ -132,6 +132,7 @@ pub struct Coulomb {
     /// Scaled impulses: the best so far, and those of the method at work.
     best: Vec<Vector3<f64>>,
     work: Vec<Vector3<f64>>,
+    sweeps: Sweeps,
     acceleration: Anderson,
     residual: Residual,
     attempts: Vec<Attempt>,
@@ -160,10 +161,8 @@ impl Coulomb {
             self.best.clear();
             self.best.extend(self.scaling.scale(r));
             self.residual = self.scaling.residual(&self.best);
-            if self.best.len() > self.limits.factorised {
-                self.accelerate(control);
-            } else {
-                self.sweep(control);
+            self.sweep(control);
+            if self.best.len() <= self.limits.factorised {
                 self.alternate(control);
             }
             for (r, best) in r.iter_mut().zip(self.scaling.unscale(&self.best)) {
@@ -205,48 +204,46 @@ impl Coulomb {
         }
     }
 
+    /// Sweeps with Anderson's acceleration. Where Newton can follow they go on only while their rate so far promises the
+    /// tolerance within as many sweeps as are cheaper.
     fn sweep(&mut self, control: &Control) {
+        if self.is_over(control) {
+            return;
+        }
+        let n = self.best.len();
+        let can_factorise = n <= self.limits.factorised;
+        let stored = self.scaling.problem.matrix().stored();
+        let worth = (n.saturating_pow(3) / stored).min(self.limits.iterations).max(self.limits.sweeps) as f64;
+        let most = if can_factorise { self.limits.iterations } else { self.limits.accelerated };
         let before = self.residual;
-        let mut found = before;
         let mut sweeps = 0;
+        let mut x = self.best.clone();
         self.work.clone_from(&self.best);
-        while !self.is_over(control) && found.strict > self.limits.tolerance {
-            for _ in 0..SWEEPS_AT_ONCE {
-                gauss_seidel::sweep(&self.scaling.problem, &mut self.work, 1.0);
+        self.sweeps.fit(self.scaling.problem.matrix());
+        self.acceleration.start(&x);
+        while !self.is_over(control) && sweeps < most {
+            for turn in 1..=SWEEPS_AT_ONCE {
+                self.sweeps.sweep(&self.scaling.problem, &mut x);
+                if turn == SWEEPS_AT_ONCE {
+                    self.work.copy_from_slice(&x);
+                }
+                self.acceleration.advance(&mut x);
             }
             sweeps += SWEEPS_AT_ONCE;
-            let last = std::mem::replace(&mut found, self.scaling.residual(&self.work));
+            let found = self.scaling.residual(&self.work);
+            if found.strict < self.residual.strict {
+                self.residual = found;
+                self.best.copy_from_slice(&self.work);
+            }
             let digits_to_go = (found.strict / self.limits.tolerance).log10();
-            let digits_a_sweep = (last.strict / found.strict).log10() / SWEEPS_AT_ONCE as f64;
-            if found.strict.is_nan() || digits_to_go > digits_a_sweep * self.limits.sweeps as f64 {
+            let digits_a_sweep = (before.strict / found.strict).log10() / sweeps as f64;
+            let promises = digits_to_go <= digits_a_sweep * worth;
+            if found.strict.is_nan() || (can_factorise && !promises) {
                 break;
             }
         }
-        if sweeps > 0 {
-            self.record(Method::GaussSeidel, sweeps, before, found);
-        }
-    }
-
-    /// Sweeps with Anderson's acceleration.
-    fn accelerate(&mut self, control: &Control) {
-        let before = self.residual;
-        let mut found = before;
-        let mut x = self.best.clone();
-        let mut sweeps = 0;
-        self.work.clone_from(&self.best);
-        self.acceleration.clear();
-        while !self.is_over(control) && found.strict > self.limits.tolerance && sweeps < self.limits.accelerated {
-            for _ in 0..SWEEPS_AT_ONCE {
-                self.work.copy_from_slice(&x);
-                gauss_seidel::sweep(&self.scaling.problem, &mut self.work, 1.0);
-                self.acceleration.advance(&mut x, &self.work);
-            }
-            sweeps += SWEEPS_AT_ONCE;
-            found = self.scaling.residual(&self.work);
-        }
-        if sweeps > 0 {
-            self.record(Method::GaussSeidel, sweeps, before, found);
-        }
+        let (method, before, after) = (Method::GaussSeidel, before.strict, self.residual.strict);
+        self.attempts.push(Attempt { method, iterations: sweeps, before, after });
     }
 
     /// Newton and ADMM in turn.

@@ -47,16 +47,32 @@ pub enum Malformed {
 impl CoulombProblem {
     /// Checks and keeps the data of `n = matrix.len()` contacts.
     pub fn new(matrix: BlockMatrix, q: Vec<Vector3<f64>>, mu: Vec<f64>) -> Result<Self, Malformed> {
-        let contacts = matrix.len();
-        if q.len() != contacts || mu.len() != contacts {
-            return Err(Malformed::Shape { contacts, q: q.len(), mu: mu.len() });
+        let problem = Self { matrix, q, mu };
+        problem.check().map(|()| problem)
+    }
+
+    /// Takes over other data, in the memory of these; with an error, what is left is not to be solved.
+    pub fn replace(&mut self, matrix: &BlockMatrix, q: &[Vector3<f64>], mu: &[f64]) -> Result<(), Malformed> {
+        self.matrix.clone_from(matrix);
+        self.q.clear();
+        self.q.extend_from_slice(q);
+        self.mu.clear();
+        self.mu.extend_from_slice(mu);
+        self.check()
+    }
+
+    fn check(&self) -> Result<(), Malformed> {
+        let contacts = self.matrix.len();
+        let (q, mu) = (self.q.len(), self.mu.len());
+        if q != contacts || mu != contacts {
+            return Err(Malformed::Shape { contacts, q, mu });
         }
-        if !matrix.is_finite() || !q.iter().flatten().all(|x| x.is_finite()) {
+        if !self.matrix.is_finite() || !self.q.iter().flatten().all(|x| x.is_finite()) {
             return Err(Malformed::NotFinite);
         }
-        match mu.iter().position(|mu| !(mu.is_finite() && *mu >= 0.0)) {
-            Some(contact) => Err(Malformed::Coefficient { contact, value: mu[contact] }),
-            None => Ok(Self { matrix, q, mu }),
+        match self.mu.iter().position(|mu| !(mu.is_finite() && *mu >= 0.0)) {
+            Some(contact) => Err(Malformed::Coefficient { contact, value: self.mu[contact] }),
+            None => Ok(()),
         }
     }
 

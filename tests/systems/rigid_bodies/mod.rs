@@ -3,6 +3,8 @@
 mod arches;
 mod free;
 mod friction;
+mod heap;
+mod heaps;
 mod impacts;
 mod joints;
 mod stacks;
