@@ -45,8 +45,8 @@ impl Inside {
         }
     }
 
-    /// Corrects the variables inside in `y`, where `system` was evaluated last, and all of `G` with them; whether that tells all
-    /// of them. It does not where only the derivative of `G` has variables.
+    /// Corrects the variables inside in `y`, where `system` was evaluated last, and all of `G` with them; whether that
+    /// tells all of them. It does not where only the derivative of `G` has variables.
     pub(super) fn correct(&mut self, system: &mut System<'_>, y: &mut [f64]) -> bool {
         let is_inside = |k: usize| system.face.places[k] == Place::Inside && system.set.block_of(k).is_none();
         let inside = (0..self.changes.len()).filter(|&k| is_inside(k));

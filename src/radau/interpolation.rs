@@ -1,8 +1,8 @@
 //! The error between the steps of the states that constraints determine.
 //!
-//! Where `G_k = 0` is asked of a variable inside its interval, and no variable is in it, or where an equation has no rate,
-//! the stages satisfy it exactly, whatever the step: the error estimate is zero, and the steps grow until the collocation
-//! polynomial says nothing of what is between the stages. Its defect in the middles of the gaps,
+//! Where `G_k = 0` is asked of a variable inside its interval, and no variable is in it, or where an equation has no
+//! rate, the stages satisfy it exactly, whatever the step: the error estimate is zero, and the steps grow until the
+//! collocation polynomial says nothing of what is between the stages. Its defect in the middles of the gaps,
 //!
 //! ```text
 //! |G_k(t, y(t))| / sum_j |dG_k/dy_j| sc_j,
