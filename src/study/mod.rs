@@ -139,12 +139,19 @@ fn measure(repeats: usize, solve: impl Fn() -> Solution) -> (Solution, StudyRun)
     (first, run)
 }
 
-/// The largest errors at the end and at all times, as parts of the largest value of each column.
+/// A column this much smaller than the largest is what rounding leaves of zero.
+const ZERO: f64 = 1e-12;
+
+/// The largest errors at the end and at all times, as parts of the largest value of each column; of one that is zero, of
+/// the largest value of all.
 fn errors(trajectory: &Trajectory, values: &[Vec<f64>]) -> (Option<f64>, Option<f64>) {
+    let size_of = |exact: &Vec<f64>| exact.iter().fold(0.0_f64, |size, x| size.max(x.abs()));
+    let most = values.iter().map(size_of).fold(0.0, f64::max);
+    let most = if most > 0.0 { most } else { 1.0 };
     let (mut at_end, mut largest) = (0.0_f64, 0.0_f64);
     for (field, exact) in trajectory.fields.iter().zip(values) {
-        let size = exact.iter().fold(0.0_f64, |size, x| size.max(x.abs()));
-        let size = if size > 0.0 { size } else { 1.0 };
+        let size = size_of(exact);
+        let size = if size > ZERO * most { size } else { most };
         let mut differences = field.values.iter().zip(exact).map(|(x, exact)| (x - exact).abs() / size);
         // A maximum that keeps what is no number, so that it is not told as an error of zero.
         let worst = differences.clone().fold(0.0, |worst, x| if x > worst || x.is_nan() { x } else { worst });
