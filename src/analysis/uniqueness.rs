@@ -59,7 +59,8 @@ pub fn uniqueness(problem: &Linearisation, index: &Index) -> Option<(Uniqueness,
             Some(value) => (
                 Uniqueness::Unique,
                 format!(
-                    "every variable is free: a regular differential-algebraic equation of index {}{place}",
+                    "every variable is free, and G differentiated {value} times determines them: a regular \
+                     differential-algebraic equation, of differentiation index {}{place}",
                     value + 1
                 ),
             ),

@@ -44,10 +44,12 @@ pub enum StepError {
         t: f64,
     },
     /// A lower bound has passed an upper one, or a radius zero.
-    #[error("the set of variable {variable} is empty at t = {t:?}")]
+    #[error("the {} of variable {variable} is empty at t = {t:?}: {}", side.emptiness().0, side.emptiness().1)]
     EmptySet {
         /// The variable.
         variable: usize,
+        /// What moved there.
+        side: Side,
         /// When.
         t: f64,
     },
@@ -313,7 +315,7 @@ impl Forcing<'_> {
             let place = offset + variable;
             MovingBound { variable: place, side }.place(value, set);
             if set.lower[place] > set.upper[place] || (side == Side::Radius && value < 0.0) {
-                return Err(StepError::EmptySet { variable, t });
+                return Err(StepError::EmptySet { variable, side, t });
             }
         }
         Ok(q)

@@ -30,6 +30,16 @@ pub enum Side {
     Radius,
 }
 
+impl Side {
+    /// What is empty where this passes the other end, or zero, and why.
+    pub fn emptiness(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Lower | Self::Upper => ("interval", "its lower bound passes its upper bound"),
+            Self::Radius => ("ball", "its radius turns negative"),
+        }
+    }
+}
+
 /// A bound of `K` that varies with `(t, x)`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MovingBound {

@@ -1,5 +1,6 @@
 //! What a user may choose of the method, and how a run can fail.
 
+use crate::problem::Side;
 use crate::vi::SolverKind;
 
 /// How many stages a step has.
@@ -65,20 +66,26 @@ pub enum StepError {
         t: f64,
     },
     /// The step size fell to the rounding level of `t`, or to `min_step`.
-    #[error("the step size fell to {h:e} at t = {t:?}: {cause}")]
+    #[error("the step size fell to {h:e} at t = {t:?}{}: {cause}", limit(*least))]
     StepTooSmall {
         /// When.
         t: f64,
         /// The step size.
         h: f64,
+        /// The step size that was allowed at least, if one was given; zero otherwise.
+        least: f64,
         /// What the last rejections were for.
         cause: Cause,
     },
-    /// The lower bound of a variable rises above its upper bound.
-    #[error("the interval of variable {variable} (counted from 0) is empty from t = {t:?} on: its bounds cross")]
+    /// The lower bound of a variable rises above its upper bound, or the radius of its ball falls below zero.
+    #[error(
+        "the {} of variable {variable} (counted from 0) is empty from t = {t:?} on: {}", side.emptiness().0, side.emptiness().1
+    )]
     EmptySet {
-        /// The variable.
+        /// The variable, the first of a ball.
         variable: usize,
+        /// What moved there.
+        side: Side,
         /// The last time at which it held a number.
         t: f64,
     },
@@ -134,6 +141,11 @@ pub enum StepError {
         /// The variable.
         variable: usize,
     },
+}
+
+/// Says that a step size was not allowed to fall further.
+fn limit(least: f64) -> String {
+    if least > 0.0 { format!(", below `min_step` = {least:e}, and only a smaller one would do") } else { String::new() }
 }
 
 impl StepError {

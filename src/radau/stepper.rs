@@ -212,7 +212,7 @@ impl<'p> Radau<'p> {
             if 1.000_1 * h >= remaining {
                 h = remaining;
             } else if self.t + (h + self.lag) == self.t {
-                return Err(StepError::StepTooSmall { t: self.t, h, cause: Cause::Error });
+                return Err(StepError::StepTooSmall { t: self.t, h, least: 0.0, cause: Cause::Error });
             }
             let wished = h;
             h = self.up_to_break(h);
@@ -436,7 +436,8 @@ impl<'p> Radau<'p> {
             // What the last, shortest attempt met says more than that it failed.
             self.check_evaluation()?;
             self.check_contradiction(cause)?;
-            return Err(StepError::StepTooSmall { t: self.t, h: self.h, cause });
+            let least = if self.h < min_step { min_step } else { 0.0 };
+            return Err(StepError::StepTooSmall { t: self.t, h: self.h, least, cause });
         }
         Ok(())
     }

@@ -326,11 +326,9 @@ fn failure(error: &StepError, names: &[String], time: f64, state: &[f64]) -> Fai
                 "{what} is not finite at t = {t:?}: a division by zero, a function outside its domain, or a number too large"
             )
         }
-        StepError::EmptySet { variable, t } => {
-            format!(
-                "the interval of `{}` is empty at t = {t:?}: its lower bound passes its upper bound",
-                name(variable)
-            )
+        StepError::EmptySet { variable, side, t } => {
+            let (set, why) = side.emptiness();
+            format!("the {set} of `{}` is empty at t = {t:?}: {why}", name(variable))
         }
         _ => error.to_string(),
     };

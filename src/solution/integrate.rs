@@ -161,10 +161,11 @@ fn failure(plan: &Plan, error: &StepError, time: f64, state: &[f64]) -> Failure 
                 None => error.to_string(),
             }
         }
-        StepError::EmptySet { variable, t } => format!(
-            "the interval of `{}` is empty from t = {t:?} on: its lower bound passes its upper bound",
-            plan.names.get(plan.initial.len() + variable).map_or("?", String::as_str)
-        ),
+        StepError::EmptySet { variable, side, t } => {
+            let (set, why) = side.emptiness();
+            let name = plan.names.get(plan.initial.len() + variable).map_or("?", String::as_str);
+            format!("the {set} of `{name}` is empty from t = {t:?} on: {why}")
+        }
         StepError::NoSolution { variable, t } => format!(
             "the variational inequality has no solution at t = {t:?}: the inequality of `{}` fails whatever the variables are. \
              Raising a variable should raise its inequality, at once or in time: look at its sign, and whether the start \

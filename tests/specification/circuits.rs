@@ -89,8 +89,15 @@ fn a_switch_shorts_no_source() {
 }
 
 #[test]
+fn a_start_against_a_source_is_told_as_such_where_no_state_is_left() {
+    assert_netlist("V1 a 0 5\nC1 a 0 1u IC=2", &[("inconsistent_start", "`C1` starts from 2, but")]);
+    assert_netlist("I1 0 a 1\nL1 a 0 1 IC=0", &[("inconsistent_start", "`L1` starts from 0, but")]);
+    assert_netlist("R1 a 0 1k\nD1 a 0", &[("dead_circuit", "no source")]);
+}
+
+#[test]
 fn what_jumps_makes_no_impulse() {
-    assert_netlist("V1 a 0 PULSE(0 1 1)\nC1 a 0 1u", &[("static_circuit", "")]);
+    assert_netlist("V1 a 0 PULSE(0 1 1)\nC1 a 0 1u", &[("impulse", "`V1` jumps, and `C1`")]);
     assert_netlist(
         "V1 a 0 PULSE(0 1 1)\nC1 a b 1u\nC2 b 0 1u\nR1 b 0 1",
         &[("impulse", "`V1` jumps, and `C1`"), ("impulse", "`V1` jumps, and `C2`")],

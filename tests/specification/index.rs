@@ -70,3 +70,16 @@ fn a_simplex_is_analysed_on_the_plane_it_lies_in() {
     assert_eq!((analysis.index, analysis.levels.as_slice()), (Some(1.0), &[0, 2][..]));
     assert!(analysis.because.contains("least eigenvalue 1.500e0"), "{}", analysis.because);
 }
+
+#[test]
+fn the_index_of_a_differential_algebraic_equation_is_told_in_both_ways_of_counting() {
+    // 0 = y - x^2 determines y as it stands, and y' differentiated once.
+    let states = json!({"x": {"initial": 1, "rate": "-y"}, "y": {"initial": 1, "rate": "y - x^2"}});
+    let dvi = json!({"states": states, "mass": [[1, 0], [0, 0]]});
+    let document = json!({"problem": {"dvi": dvi}, "time": {"end": 3}}).to_string();
+    let specification = Specification::from_json(document.as_bytes()).unwrap();
+    let analysis = specification.analysis();
+    assert_eq!(analysis.index, Some(0.0));
+    let because = &analysis.because;
+    assert!(because.contains("0 times") && because.contains("differentiation index 1"), "{because}");
+}

@@ -24,7 +24,7 @@ impl Case {
     }
 
     /// A variable with its inequality, in the block of the set made by `block` from its name.
-    fn variable(mut self, name: &str, inequality: &str, block: Value) -> Self {
+    pub fn variable(mut self, name: &str, inequality: &str, block: Value) -> Self {
         self.dvi("variables")[name] = json!({"inequality": inequality});
         self.dvi("set").as_array_mut().expect("a list").push(block);
         self

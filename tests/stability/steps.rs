@@ -12,7 +12,12 @@ fn no_step_is_shorter_than_the_shortest_allowed() {
     assert!(steps[..steps.len() - 1].iter().all(|&step| step >= 0.3), "{steps:?}");
     let solution = Case::until(1.0).state("x", 1.0, "-1e3*x").method(json!({"min_step": 0.3})).run();
     assert_eq!(solution.status, Status::Failed);
-    assert_eq!(solution.error.expect("a failure").code, "step_too_small");
+    let failure = solution.error.expect("a failure");
+    assert_eq!(failure.code, "step_too_small");
+    assert!(failure.message.contains("`min_step` = 3e-1"), "{}", failure.message);
+    // Without it, nothing of the kind is said: 1/(1 - t) blows up at 1.
+    let failure = Case::until(2.0).state("x", 1.0, "x^2").run().error.expect("a blow-up");
+    assert!(!failure.message.contains("min_step"), "{}", failure.message);
 }
 
 #[test]

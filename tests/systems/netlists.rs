@@ -237,3 +237,39 @@ fn a_square_wave_charges_a_capacitor_as_its_closed_form_says() {
     let error = distance(&solution, "v(out)", |t| relaxation(t, 1e-3, &ends, |t| if is_high(t) { 5.0 } else { 0.0 }));
     assert!(error < 1e-8, "off by {error:e}");
 }
+
+#[test]
+fn a_circuit_that_stores_nothing_follows_its_sources() {
+    // A half-wave rectifier, and a limiter between 0 and 5 volts.
+    let rectified = solve(&netlist("V1 a 0 SIN(0 10 50)\nD1 a b\nR1 b 0 1k", 0.045));
+    let wave = |t: f64| 10.0 * (100.0 * std::f64::consts::PI * t).sin();
+    let error = distance(&rectified, "v(b)", |t| wave(t).max(0.0));
+    assert!(error < 1e-11, "the rectified voltage is off by {error:e}");
+    let times: Vec<f64> = rectified.trajectory.events.iter().map(|event| event.t).filter(|&t| t > 1e-9).collect();
+    assert_eq!(times.len(), 4, "{times:?}");
+    for (t, half) in times.iter().zip(1..) {
+        assert!((t - 0.01 * f64::from(half)).abs() < 1e-11, "half wave {half} ends at {t}");
+    }
+
+    let limiter = json!({"components": [
+        {"voltage_source": {"name": "V1", "nodes": ["a", "0"], "volts": "10*sin(t)"}},
+        {"resistor": {"name": "R1", "nodes": ["a", "b"], "ohms": 100}},
+        {"zener": {"name": "Z1", "nodes": ["0", "b"], "breakdown_volts": 5}},
+    ]});
+    let limited = solve(&circuit(limiter, 6.0));
+    let error = distance(&limited, "v(b)", |t| (10.0 * t.sin()).clamp(0.0, 5.0));
+    assert!(error < 1e-11, "the limited voltage is off by {error:e}");
+    let sixth = std::f64::consts::FRAC_PI_6;
+    for exact in [sixth, 5.0 * sixth, 6.0 * sixth] {
+        let times = limited.trajectory.events.iter().map(|event| (event.t - exact).abs());
+        assert!(times.fold(f64::INFINITY, f64::min) < 1e-9, "no event at {exact}");
+    }
+}
+
+#[test]
+fn a_capacitor_across_a_source_takes_the_current_of_its_slope() {
+    let solution = solve(&netlist("V1 a 0 SIN(0 2 1)\nC1 a 0 3u", 2.0));
+    let tau = 2.0 * std::f64::consts::PI;
+    let error = distance(&solution, "i(C1)", |t| 3e-6 * 2.0 * tau * (tau * t).cos());
+    assert!(error < 1e-15, "the current is off by {error:e}");
+}

@@ -1,4 +1,7 @@
 //! What the forms of a circuit are sums over: `q = (x, z, 1, e, e')`.
+//!
+//! Where nothing stores energy, voltages and currents follow the sources alone. The states are then the integrals of the
+//! sources, on which nothing depends: the steps that they need are those that see the sources.
 
 use super::{Element, Law, NormalTree};
 
@@ -29,6 +32,8 @@ impl Port {
 pub struct Columns {
     /// The capacitors of the tree and the inductors that are links: their voltage or current is a state.
     pub states: Vec<usize>,
+    /// The sources whose integral is a state, where there is no other.
+    pub integrals: Vec<usize>,
     /// The variables.
     pub ports: Vec<Port>,
     elements: usize,
@@ -61,7 +66,10 @@ impl Columns {
                 _ => {}
             }
         }
-        Self { states, ports, elements: elements.len() }
+        let is_source = |element: &Element| matches!(element.law, Law::VoltageSource(_) | Law::CurrentSource(_));
+        let sources = || (0..elements.len()).filter(|&k| is_source(&elements[k])).collect();
+        let integrals = if states.is_empty() { sources() } else { Vec::new() };
+        Self { states, integrals, ports, elements: elements.len() }
     }
 
     /// What stands in a column.
@@ -75,11 +83,11 @@ impl Columns {
     }
 
     pub(super) fn variable(&self, z: usize) -> usize {
-        self.states.len() + z
+        self.states.len() + self.integrals.len() + z
     }
 
     pub(super) fn one(&self) -> usize {
-        self.states.len() + self.ports.len()
+        self.variable(self.ports.len())
     }
 
     pub(super) fn source(&self, k: usize) -> usize {

@@ -44,8 +44,13 @@ impl Equations {
     pub fn new(elements: &[Element], tree: &NormalTree, columns: &Columns) -> Result<Self, Fault> {
         let mut assembly = Assembly::given(elements, tree, columns)?;
         assembly.resistors()?;
-        let rates = assembly.storage()?;
+        let mut rates = assembly.storage()?;
         let assembly = assembly.rest(&rates)?;
+        rates.extend(columns.integrals.iter().map(|&k| {
+            let mut rate = Form::default();
+            rate.add_term(columns.source(k), 1.0);
+            rate
+        }));
         let nodes = assembly.nodes()?;
         let Assembly { voltages, currents, .. } = assembly;
         let slack = |sign: f64, v: &Form, bound: f64| {

@@ -30,8 +30,8 @@ pub enum Fault {
         /// As it follows from the others.
         implied: f64,
     },
-    /// Nothing that stores energy.
-    Static,
+    /// Nothing that stores energy, and no source.
+    Dead,
     /// Values too far apart for the equations to be solved.
     Singular,
 }

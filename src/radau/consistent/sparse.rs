@@ -17,6 +17,8 @@ pub(super) struct Sparse {
     /// On the pattern of the stage equations, of which these are a part.
     matrix: SparseMatrix,
     factors: SparseLu<f64>,
+    /// The numbers that the factors belong to: where nothing but time and states has changed, they are the same.
+    factored: Vec<f64>,
     right: Vec<f64>,
     is_inside: Vec<bool>,
     /// Whether a row of `D` has a nonzero.
@@ -35,6 +37,7 @@ impl Sparse {
         Some(Self {
             matrix: SparseMatrix::new(pattern.clone(), vec![0.0; system.layout.places]),
             factors: SparseLu::new(analysis)?,
+            factored: Vec::new(),
             right: vec![0.0; system.unknowns],
             is_inside: vec![false; variables],
             is_direct: vec![false; variables],
@@ -88,7 +91,12 @@ impl Sparse {
                 values[place] = 1.0;
             }
         }
-        if !self.factors.factorise(&self.matrix) || !self.factors.solve(&mut self.right) {
+        if self.factored != self.matrix.val() {
+            self.factors.factorise(&self.matrix);
+            self.factored.clear();
+            self.factored.extend_from_slice(self.matrix.val());
+        }
+        if !self.factors.solve(&mut self.right) {
             return false;
         }
         step.iter_mut().zip(inside).for_each(|(step, &k)| *step = self.right[n + k]);

@@ -1,6 +1,7 @@
 //! What an attempt needs beforehand: derivatives, factors, tolerances, starting values, a first step size.
 
 use super::{Freshness, Radau};
+use crate::problem::{Shape, Side};
 use crate::radau::settings::StepError;
 use crate::radau::stages::Contraction;
 
@@ -114,7 +115,7 @@ impl Radau<'_> {
         self.check_evaluation()
     }
 
-    /// Whether the last evaluation gave numbers, and intervals that hold one.
+    /// Whether the last evaluation gave numbers, and intervals and balls that hold one.
     pub(super) fn check_evaluation(&self) -> Result<(), StepError> {
         let t = self.t;
         if let Some(row) = self.system.values.iter().position(|value| !value.is_finite()) {
@@ -122,8 +123,11 @@ impl Radau<'_> {
             return Err(StepError::NotFinite { what, component, t });
         }
         let set = &self.system.set;
-        match self.system.bounded.iter().find(|&&k| set.lower[k] > set.upper[k]) {
-            Some(&variable) => Err(StepError::EmptySet { variable, t }),
+        if let Some(&variable) = self.system.bounded.iter().find(|&&k| set.lower[k] > set.upper[k]) {
+            return Err(StepError::EmptySet { variable, side: Side::Lower, t });
+        }
+        match set.blocks().iter().find(|block| matches!(block.shape, Shape::Ball { radius } if radius < 0.0)) {
+            Some(block) => Err(StepError::EmptySet { variable: block.members[0], side: Side::Radius, t }),
             None => Ok(()),
         }
     }

@@ -73,12 +73,12 @@ impl Names<'_> {
                 SpecificationError::new((self.pointer)(element), "inconsistent_start", detail)
                     .expected("a start that Kirchhoff's laws allow, or none: it follows from the others")
             }
-            Fault::Static => SpecificationError::new(
+            Fault::Dead => SpecificationError::new(
                 self.whole.clone(),
-                "static_circuit",
-                "there is no capacitor and no inductor, so nothing changes but as the sources do",
+                "dead_circuit",
+                "there is no source and nothing that stores energy: every voltage and every current is zero",
             )
-            .expected("a capacitor or an inductor"),
+            .expected("a source, a capacitor or an inductor"),
             Fault::Singular => SpecificationError::new(
                 self.whole.clone(),
                 "singular_circuit",

@@ -21,8 +21,8 @@ const MOST_COMPONENTS: usize = 10_000;
 ///
 /// Outputs are the node voltages `v(node)`, the currents `i(name)` from the first node of a component through it to the
 /// second, and the voltages `v(name)` of diodes, zeners and switches. States are `v(C1)` of capacitors and `i(L1)` of
-/// inductors. The variables of a diode are either its current `i(D1)` or what it blocks, `forward_volts - v`, as
-/// `v_blocked(D1)`.
+/// inductors; where there are neither, `flux(V1)` and `charge(I1)`, the integrals of the sources. The variables of a
+/// diode are either its current `i(D1)` or what it blocks, `forward_volts - v`, as `v_blocked(D1)`.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CircuitProblem {

@@ -20,8 +20,8 @@ pub(super) fn model(
     let told = |faults: Vec<Fault>| -> Vec<SpecificationError> { faults.iter().map(|f| names.error(f)).collect() };
     let tree = NormalTree::new(elements, names.nodes.len()).map_err(told)?;
     let columns = Columns::new(elements, &tree);
-    if columns.states.is_empty() {
-        return Err(told(vec![Fault::Static]));
+    if columns.states.is_empty() && columns.integrals.is_empty() {
+        return Err(told(vec![Fault::Dead]));
     }
     let forms = Forms::new(elements, &tree, &columns).map_err(|fault| told(vec![fault]))?;
     let graph = &mut lowering.graph;
@@ -38,6 +38,7 @@ pub(super) fn model(
             Law::Capacitor(_, given) | Law::Inductor(_, given) => given.unwrap_or(0.0),
             _ => 0.0,
         })
+        .chain(columns.integrals.iter().map(|_| 0.0))
         .collect();
     if let Some(t) = lowering.start {
         let contradictions = system.contradictions(graph, &forms, t, &initial);
@@ -45,7 +46,8 @@ pub(super) fn model(
             return Err(told(contradictions));
         }
     }
-    let state_names: Vec<String> = columns.states.iter().map(|&k| names.of_state(&elements[k], k)).collect();
+    let states = columns.states.iter().chain(&columns.integrals);
+    let state_names: Vec<String> = states.map(|&k| names.of_state(&elements[k], k)).collect();
     let variable_names: Vec<String> = columns.ports.iter().map(|&port| names.of_port(elements, port)).collect();
     let outputs = outputs(elements, &forms, &system, names, lowering, &[&state_names, &variable_names]);
     let rows = system.rows(&mut lowering.graph, &forms);
@@ -87,7 +89,12 @@ fn outputs(
 
 impl Names<'_> {
     fn of_state(&self, element: &Element, k: usize) -> String {
-        let quantity = if matches!(element.law, Law::Inductor(..)) { "i" } else { "v" };
+        let quantity = match element.law {
+            Law::Inductor(..) => "i",
+            Law::VoltageSource(_) => "flux",
+            Law::CurrentSource(_) => "charge",
+            _ => "v",
+        };
         format!("{quantity}({})", self.components[k])
     }
 
