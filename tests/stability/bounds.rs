@@ -42,7 +42,7 @@ fn bounds_that_cross_end_the_run_where_they_do() {
 fn a_ball_whose_radius_turns_negative_ends_the_run_where_it_does() {
     let ball = json!({"ball": {"of": ["z"], "radius": "1 - t"}});
     let failure =
-        Case::until(3.0).state("x", 0.0, "z").variable("z", "z - sin(t)", ball).run().error.expect("a failure");
+        Case::until(3.2).state("x", 0.0, "z").variable("z", "z - sin(t)", ball).run().error.expect("a failure");
     assert_eq!(failure.code, "empty_set");
     assert!(failure.message.contains("the ball of `z`") && failure.message.contains("t = "), "{}", failure.message);
     assert!((failure.time - 1.0).abs() < 1e-8, "{}", failure.time);
