@@ -50,8 +50,7 @@ pub struct Method {
     /// Natural-map residual below which a variational inequality is solved.
     #[schema(exclusive_minimum = 0.0, maximum = 0.01)]
     pub vi_tolerance: Option<f64>,
-    /// How impacts of mechanical systems are met. Default `time_stepping` where a `step` is given and `stages` are not, else
-    /// `locate`.
+    /// How impacts of mechanical systems are met. Default `time_stepping` where a `step` is given, else `locate`.
     pub impacts: Option<Impacts>,
     /// How simultaneous impacts of mechanical systems come about. Default `simultaneous`.
     pub impact_law: Option<ImpactLawName>,
@@ -182,25 +181,8 @@ impl Method {
 }
 
 impl Method {
-    /// How impacts of mechanical systems are met.
-    pub(super) fn impacts(&self) -> Impacts {
-        let stepped = self.step.is_some() && self.stages == Stages::Auto;
-        self.impacts.unwrap_or(if stepped { Impacts::TimeStepping } else { Impacts::Locate })
-    }
-
     /// Checks that the method is one for this model.
     pub(super) fn check_for(&self, model: &Model, place: &Place<'_>, errors: &mut Errors) {
-        if let Model::Mechanical(mechanical) = model
-            && self.impacts() == Impacts::Locate
-        {
-            let contacts = &mechanical.structure().contacts;
-            for k in (0..contacts.len()).filter(|&k| contacts[k].facets.is_some()) {
-                let pointer = format!("/problem/mechanical/contacts/{k}/friction/cone");
-                let detail = "smooth motion between located impacts knows friction from the disk alone";
-                let error = SpecificationError::new(pointer, "conflict", detail);
-                errors.push(error.expected("`quadratic`, or `time_stepping` with a `step` as the method"));
-            }
-        }
         let mut refuse = |key: &str, detail: &str, expected: &str| {
             let error = SpecificationError::new(place.key(key).to_string(), "conflict", detail);
             errors.push(error.expected(expected));
@@ -211,12 +193,6 @@ impl Method {
                 "bodies in space take impacts as they fall into steps",
                 "`time_stepping`, or to be left out",
             );
-        }
-        if matches!(model, Model::Mechanical(_))
-            && self.impacts() == Impacts::TimeStepping
-            && self.stages != Stages::Auto
-        {
-            refuse("stages", "time stepping has no stages", "to be left out, or `impacts` to be `locate`");
         }
         match (model, self.name) {
             (Model::Mechanical(_) | Model::RigidBodies(_), MethodName::Radau) => {

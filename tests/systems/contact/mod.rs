@@ -1,6 +1,5 @@
 //! Mechanical systems with impacts and friction, held to closed forms.
 
-mod between;
 mod friction;
 mod impacts;
 mod located;
