@@ -134,7 +134,25 @@ impl<'l, 'p> Leg<'l, 'p> {
                 self.over = true;
                 self.located.hold(&self.mode)
             }
-            None => Ok(()),
+            None => {
+                self.follow_slips();
+                Ok(())
+            }
+        }
+    }
+
+    /// Takes the present directions of slips in space for those that their stops are told by: a slip may turn as far as it
+    /// likes, only not within one step.
+    fn follow_slips(&mut self) {
+        let contacts = &self.located.structure.contacts;
+        for (k, (status, contact)) in self.mode.iter_mut().zip(contacts).enumerate() {
+            let slip = self.watch.slip(k, &self.located.state.v);
+            if let Status::Slip(direction) = status
+                && contact.slips > 1
+                && slip.norm() > 0.0
+            {
+                *direction = slip.normalize();
+            }
         }
     }
 

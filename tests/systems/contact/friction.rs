@@ -85,6 +85,37 @@ fn the_exact_cone_stops_a_block_on_a_straight_line_and_four_corners_where_their_
     assert!((last(&solution, "y") - 0.520_587_457_097_504_5).abs() < 2.0 * h, "{}", last(&solution, "y"));
 }
 
+#[test]
+fn a_block_thrown_across_a_slope_turns_without_a_stop() {
+    // At an angle phi from the way down its speed is c tan(phi/2)^k / sin phi, with k = mu cot alpha: least where cos phi = k.
+    let mu = 0.4;
+    let k = mu * 3.0_f64.sqrt();
+    let along = |phi: f64| (0.5 * phi).tan().powf(k) / phi.sin();
+    let start = 0.75 * std::f64::consts::PI;
+    let c = 2.0_f64.sqrt() / along(start);
+    let coordinate = |velocity: f64| json!({"initial": 0, "velocity": velocity});
+    for rtol in [1e-4, 1e-8] {
+        let solution = solve(&json!({
+            "problem": {"mechanical": {
+                "coordinates": {"x": coordinate(1.0), "y": coordinate(-1.0), "z": coordinate(0.0)},
+                "mass": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "parameters": {"g": 9.81, "a": "pi/6"},
+                "potential": "g*cos(a)*z - g*sin(a)*y",
+                "contacts": [{"name": "p", "gap": "z", "friction": {"coefficient": mu, "slip": ["x_dot", "y_dot"]}}]
+            }},
+            "time": {"end": 1.5}, "method": {"rtol": rtol}, "output": {"times": {"count": 1501}}}));
+        let velocities = column(&solution, "x_dot").iter().zip(column(&solution, "y_dot"));
+        let mut least = f64::INFINITY;
+        for (x, y) in velocities {
+            let speed = x.hypot(*y);
+            least = least.min(speed);
+            let error = speed / (c * along(x.atan2(*y))) - 1.0;
+            assert!(error.abs() < 100.0 * rtol, "{rtol:e}: the speed {speed} is off by {error:e}");
+        }
+        let exact = c * along(k.acos());
+        assert!((least / exact - 1.0).abs() < 1e-5 + 10.0 * rtol, "{rtol:e}: least speed {least} for {exact}");
+    }
+}
+
 /// A disk or sphere of radius 0.1 on a slope; `k` is its moment of inertia over `m R^2`. Members of a JSON value are kept
 /// in alphabetical order: spin, x, y.
 fn round(k: f64, mu: f64, theta: f64, velocity: f64) -> Value {
