@@ -181,8 +181,25 @@ impl Method {
 }
 
 impl Method {
+    /// How impacts of mechanical systems are met.
+    pub(super) fn impacts(&self) -> Impacts {
+        let by_step = if self.step.is_some() { Impacts::TimeStepping } else { Impacts::Locate };
+        self.impacts.unwrap_or(by_step)
+    }
+
     /// Checks that the method is one for this model.
     pub(super) fn check_for(&self, model: &Model, place: &Place<'_>, errors: &mut Errors) {
+        if let Model::Mechanical(mechanical) = model
+            && self.impacts() == Impacts::Locate
+        {
+            let contacts = &mechanical.structure().contacts;
+            for k in (0..contacts.len()).filter(|&k| contacts[k].facets.is_some()) {
+                let pointer = format!("/problem/mechanical/contacts/{k}/friction/cone");
+                let detail = "smooth motion between located impacts knows friction from the disk alone";
+                let error = SpecificationError::new(pointer, "conflict", detail);
+                errors.push(error.expected("`quadratic`, or `time_stepping` with a `step` as the method"));
+            }
+        }
         let mut refuse = |key: &str, detail: &str, expected: &str| {
             let error = SpecificationError::new(place.key(key).to_string(), "conflict", detail);
             errors.push(error.expected(expected));

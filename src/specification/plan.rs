@@ -94,8 +94,7 @@ impl Specification {
                 _ => CONTACT_TOLERANCE,
             }),
         };
-        let by_step = if method.step.is_some() { Impacts::TimeStepping } else { Impacts::Locate };
-        let located = method.impacts.unwrap_or(by_step) == Impacts::Locate;
+        let located = method.impacts() == Impacts::Locate;
         ContactPlan { settings, located: located.then(|| self.settings()) }
     }
 }

@@ -157,3 +157,17 @@ fn coriolis_forces_are_those_of_the_textbook() {
         }
     }
 }
+
+#[test]
+fn a_polyhedral_cone_is_refused_where_impacts_are_located() {
+    let friction = json!({"coefficient": 1, "slip": ["x_dot", "y_dot"], "cone": "polyhedral", "facets": 4});
+    let document = json!({"problem": {"mechanical": {
+        "coordinates": {"x": {"initial": 0, "velocity": 1}, "y": {"initial": 0}, "z": {"initial": 0}},
+        "mass": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "potential": "9.81*z",
+        "contacts": [{"name": "plane", "gap": "z", "friction": friction}]}},
+        "time": {"end": 1}});
+    let cone = format!("{AT}/contacts/0/friction/cone");
+    assert_errors(&document, &[(cone.as_str(), "conflict", "disk")]);
+    let stepped = with(document, "/method", json!({"step": 0.01}));
+    Specification::from_json(stepped.to_string().as_bytes()).unwrap();
+}
