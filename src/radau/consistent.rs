@@ -72,13 +72,7 @@ impl Consistent {
         if !system.evaluate(t, y) {
             return false;
         }
-        for &k in &system.intervals {
-            match system.face.places[k] {
-                Place::Lower => y[n + k] = system.set.lower[k],
-                Place::Upper => y[n + k] = system.set.upper[k],
-                _ => {}
-            }
-        }
+        system.put_on_bounds(y);
         let is_inside = |k: &usize| match system.face.places[*k] {
             Place::Inside => true,
             Place::Held => false,

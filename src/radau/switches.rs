@@ -272,14 +272,7 @@ impl Radau<'_> {
             return;
         }
         if self.system.evaluate(self.t, &self.y) {
-            let n = self.system.states;
-            for &k in &self.system.intervals {
-                match self.system.face.places[k] {
-                    Place::Lower => self.y[n + k] = self.system.set.lower[k],
-                    Place::Upper => self.y[n + k] = self.system.set.upper[k],
-                    _ => {}
-                }
-            }
+            self.system.put_on_bounds(&mut self.y);
             self.system.project(&mut self.y);
         }
         if self.switching.pending {
@@ -305,14 +298,7 @@ impl Radau<'_> {
         let after = self.y[n..].to_vec();
         let found = self.natural_map();
         self.y[n..].copy_from_slice(before);
-        for &k in &self.system.intervals {
-            let (lower, upper) = (self.system.set.lower[k], self.system.set.upper[k]);
-            match self.system.face.places[k] {
-                Place::Lower => self.y[n + k] = lower,
-                Place::Upper => self.y[n + k] = upper,
-                _ => {}
-            }
-        }
+        self.system.put_on_bounds(&mut self.y);
         if self.natural_map() >= 0.1 * found {
             self.y[n..].copy_from_slice(&after);
         }

@@ -221,6 +221,17 @@ impl<'p> System<'p> {
         finite && (self.face.blocks.is_empty() || phi.iter().all(|value| value.is_finite()))
     }
 
+    /// Puts the variables of intervals in `y = (x, z)` that rest on a bound onto it, as of the last evaluation.
+    pub fn put_on_bounds(&self, y: &mut [f64]) {
+        for &k in &self.intervals {
+            match self.face.places[k] {
+                Place::Lower => y[self.states + k] = self.set.lower[k],
+                Place::Upper => y[self.states + k] = self.set.upper[k],
+                _ => {}
+            }
+        }
+    }
+
     /// Puts the variables of `y = (x, z)` into `K` as of the last evaluation.
     pub fn project(&mut self, y: &mut [f64]) {
         self.set.project_all(&mut y[self.states..], &mut self.workspace);
