@@ -11,6 +11,7 @@ mod flight;
 mod leg;
 mod mode;
 mod monitors;
+mod search;
 
 pub use leg::{Flights, Leg};
 pub use mode::Status;
@@ -160,6 +161,7 @@ impl<'p> Located<'p> {
                 if t - self.last_impact[k] < accumulate {
                     self.accumulations += 1;
                     self.velocity_step(accumulate, Forces::Inelastic, control)?;
+                    self.settle(k)?;
                 } else {
                     self.strike(control)?;
                 }
@@ -169,12 +171,10 @@ impl<'p> Located<'p> {
             Ending::Stops(_) => {}
         }
         self.choose(Some(ending), control)?;
-        if let (Ending::Stops(k), Some(mode)) = (ending, &self.mode)
-            && mode[k] == Status::Stick
-            && before.get(k) != Some(&Status::Stick)
-        {
-            self.happenings.push(Happening::Stick { t, contact: k });
-        }
+        let mode = self.mode.iter().flatten().zip(&before).enumerate();
+        let stops = matches!(ending, Ending::Stops(_));
+        let stopped = mode.filter(|(_, pair)| stops && matches!(pair, (Status::Stick, Status::Slip(_))));
+        self.happenings.extend(stopped.map(|(contact, _)| Happening::Stick { t, contact }));
         Ok(())
     }
 
@@ -196,6 +196,15 @@ impl<'p> Located<'p> {
             }
         }
         Ok(())
+    }
+
+    /// Lets contacts rest that carried something in the last step, on surfaces that move or are curved too; and contact `k`,
+    /// if it closed in no time, so that a rebound of it is rounding.
+    fn settle(&mut self, k: usize) -> Result<(), ContactError> {
+        let carries = |i: usize| self.step.contacted.r[i].x > 0.0 || i == k && self.stalls > 0;
+        let status = |i: usize| if carries(i) { Status::Smooth } else { Status::Open };
+        let mode: Vec<Status> = (0..self.structure.contacts.len()).map(status).collect();
+        self.hold(&mode)
     }
 
     /// Takes drift out of what the mode holds.
