@@ -14,15 +14,16 @@ use nalgebra::{Vector2, Vector3};
 pub struct Flights {
     main: Flight,
     trial: Flight,
+    again: Flight,
     cut: Flight,
     watch: Flight,
 }
 
 impl Flights {
-    /// Four evaluators of one system, each of which `problem` makes.
+    /// Five evaluators of one system, each of which `problem` makes.
     pub fn new(problem: impl Fn() -> Box<dyn Mechanical>) -> Self {
         let flight = || Flight::new(problem());
-        Self { main: flight(), trial: flight(), cut: flight(), watch: flight() }
+        Self { main: flight(), trial: flight(), again: flight(), cut: flight(), watch: flight() }
     }
 }
 
@@ -58,7 +59,7 @@ pub struct Leg<'l, 'p> {
     /// The last step, cut where the mode ended.
     cut: Option<Radau<'l>>,
     trial: &'l mut Flight,
-    spare: Option<&'l mut Flight>,
+    spare: Vec<&'l mut Flight>,
     watch: &'l mut Flight,
     control: &'l Control,
     over: bool,
@@ -67,11 +68,11 @@ pub struct Leg<'l, 'p> {
 impl<'l, 'p> Leg<'l, 'p> {
     /// Takes up the mode of a run.
     pub fn new(located: &'l mut Located<'p>, flights: &'l mut Flights, control: &'l Control) -> Self {
-        let Flights { main, trial, cut, watch } = flights;
+        let Flights { main, trial, again, cut, watch } = flights;
         let mode = located.mode.clone();
         let mut radau = None;
         if let Some(mode) = &mode {
-            for flight in [&mut *main, &mut *trial, &mut *cut, &mut *watch] {
+            for flight in [&mut *main, &mut *trial, &mut *again, &mut *cut, &mut *watch] {
                 flight.set_mode(mode, &located.loads);
             }
             let x = [located.state.q.as_slice(), &located.state.v].concat();
@@ -81,7 +82,7 @@ impl<'l, 'p> Leg<'l, 'p> {
             radau = Radau::new(main, settings, located.state.t, &x, located.end, control).ok();
         }
         let mode = mode.unwrap_or_default();
-        Self { mode, radau, cut: None, trial, spare: Some(cut), watch, control, over: false, located }
+        Self { mode, radau, cut: None, trial, spare: vec![cut, again], watch, control, over: false, located }
     }
 
     /// Whether the mode, or the run, is over.
@@ -109,7 +110,16 @@ impl<'l, 'p> Leg<'l, 'p> {
         self.located.begin();
         self.located.accepted += 1;
         self.located.h = Some(end - begin);
-        let (t, ending) = match self.search(begin, end) {
+        let mut end = end;
+        let mut found = self.search(begin, end);
+        if let Search::Ends(violation) = &found {
+            // The stages of a step are as exact as its tolerance; whether a gap closes is to be told more exactly.
+            end = violation.seen;
+            self.cut_at(begin, &x, end);
+            found = self.search(begin, end);
+            self.over = true;
+        }
+        let (t, ending) = match found {
             Search::Clear => (end, None),
             Search::Ends(violation) => (self.refine(begin, &x, end, &violation), Some(violation.ending)),
             Search::Until(t) => {
@@ -218,7 +228,7 @@ impl<'l, 'p> Leg<'l, 'p> {
     /// Solves the step anew up to `t`.
     fn cut_at(&mut self, begin: f64, x: &[f64], t: f64) {
         let settings = self.settings_of_cut(t - begin);
-        if let Some(flight) = self.spare.take()
+        if let Some(flight) = self.spare.pop()
             && let Ok(mut radau) = Radau::new(flight, settings, begin, x, t, self.control)
             && radau.step().is_ok()
         {

@@ -49,6 +49,8 @@ pub(super) enum Search {
 /// The violation of a monitor within a step.
 pub(super) struct Violation {
     pub t: f64,
+    /// A time behind it at which it was seen.
+    pub seen: f64,
     pub index: usize,
     /// How it falls.
     pub slope: f64,
@@ -201,7 +203,7 @@ impl Leg<'_, '_> {
         let mut values = Vec::new();
         self.monitors_at(t, &mut values);
         // A rate that is known is better than a quotient of differences.
-        Violation { t, index, slope: values[index].rate.unwrap_or(slope), ending: values[index].ending }
+        Violation { t, seen: right.t, index, slope: values[index].rate.unwrap_or(slope), ending: values[index].ending }
     }
 
     /// The ending found; or, where a slip in space has turned by a right angle, as far as its direction is known.
@@ -250,8 +252,8 @@ fn is_settled(five: &[Point; 5], seen: usize, index: usize) -> bool {
         return rest <= BENT * (most - least);
     }
     let w = |x: f64| x * (x - 0.5) * (x - 1.0);
-    (0..4 * (seen - 1)).filter(|i| i % 8 != 0).all(|i| {
-        let x = i as f64 / 16.0;
-        rest * (w(x) / w(0.25)).abs() <= DOUBT * parabola(x) + noise
-    })
+    let seen = 0.25 * (seen - 1) as f64;
+    let lowest = -0.5 * linear / square;
+    let places = (0..16).filter(|i| i % 8 != 0).map(|i| i as f64 / 16.0).chain([lowest]);
+    places.filter(|x| *x > 0.0 && *x < seen).all(|x| rest * (w(x) / w(0.25)).abs() <= DOUBT * parabola(x) + noise)
 }
