@@ -42,7 +42,7 @@ const WEIGHTS: [f64; 5] = [
 const REFINEMENTS: usize = 6;
 
 /// The largest change of that time, as a fraction of the time since the step began.
-const NEAR: f64 = 0.1;
+const NEAR: f64 = 0.5;
 
 /// The tolerance on the stages of a step that is cut.
 const CUT_RTOL: f64 = 1e-11;
@@ -199,8 +199,11 @@ impl<'l, 'p> Leg<'l, 'p> {
 
     /// Solves the step anew up to the ending, until its time does not change. The last of these is kept.
     fn refine(&mut self, begin: f64, x: &[f64], end: f64, violation: &Violation) -> f64 {
-        let Violation { mut t, index, slope, .. } = *violation;
+        let Violation { mut t, index, origin, mut slope, .. } = *violation;
         let least = 4.0 * f64::EPSILON * begin.abs().max(f64::MIN_POSITIVE);
+        let is_near = |change: f64, t: f64| change.abs() <= NEAR * (t - begin);
+        // Drift is not kept, but where the whole of a flight is no higher.
+        let level = if is_near(origin / slope, t) { 0.0 } else { origin };
         let mut values = Vec::new();
         for _ in 0..REFINEMENTS {
             if t - begin <= least {
@@ -212,11 +215,12 @@ impl<'l, 'p> Leg<'l, 'p> {
                 break;
             }
             monitors(self.watch, &self.located.structure, &self.mode, t, trial.y(), &mut values);
-            let change = values[index].value / slope;
+            slope = values[index].rate.unwrap_or(slope);
+            let change = (values[index].value - level) / slope;
             let next = (t - change).min(end);
             // What does not fall, or is far off, is no root to be made better.
-            let is_near = slope < 0.0 && change.abs() <= NEAR * (t - begin);
-            if !is_near || next <= begin || (next - t).abs() <= 2.0 * f64::EPSILON * t.abs() {
+            let settled = next <= begin || (next - t).abs() <= 2.0 * f64::EPSILON * t.abs();
+            if slope >= 0.0 || !is_near(change, t) || settled {
                 break;
             }
             t = next;

@@ -52,6 +52,8 @@ pub(super) struct Violation {
     /// A time behind it at which it was seen.
     pub seen: f64,
     pub index: usize,
+    /// What it falls to.
+    pub origin: f64,
     /// How it falls.
     pub slope: f64,
     pub ending: Ending,
@@ -202,8 +204,16 @@ impl Leg<'_, '_> {
         let t = if fa <= 0.0 { a } else { b };
         let mut values = Vec::new();
         self.monitors_at(t, &mut values);
+        let (Origin::Floor(origin) | Origin::Root(origin)) = start.origins[index];
         // A rate that is known is better than a quotient of differences.
-        Violation { t, seen: right.t, index, slope: values[index].rate.unwrap_or(slope), ending: values[index].ending }
+        Violation {
+            t,
+            seen: right.t,
+            index,
+            origin,
+            slope: values[index].rate.unwrap_or(slope),
+            ending: values[index].ending,
+        }
     }
 
     /// The ending found; or, where a slip in space has turned by a right angle, as far as its direction is known.
