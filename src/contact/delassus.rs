@@ -88,6 +88,11 @@ impl Delassus {
         true
     }
 
+    /// The least impulses of the joints, in the metric of `M`, that take away this violation of them.
+    pub fn joint_impulses(&self, violation: &[f64]) -> Vec<f64> {
+        impulses(&self.joints, violation).collect()
+    }
+
     /// Makes `v` obey the joints, `A v + b = 0`, by the impulses of the joints; the least in the metric of `M`.
     pub fn obey_joints(&self, violation: &[f64], v: &mut [f64]) {
         if !violation.is_empty() {
@@ -161,13 +166,15 @@ fn pseudo_inverse(gram: DMatrix<f64>) -> Option<DMatrix<f64>> {
     svd.pseudo_inverse(least).ok()
 }
 
-/// `v -= M^-1 A^T (A M^-1 A^T)^+ violation`.
+/// `-(A M^-1 A^T)^+ violation`.
+fn impulses(inverse: &DMatrix<f64>, violation: &[f64]) -> impl Iterator<Item = f64> {
+    (0..violation.len()).map(|i| -violation.iter().enumerate().map(|(k, off)| inverse[(i, k)] * off).sum::<f64>())
+}
+
+/// `v += M^-1 A^T` times the impulses that take the violation away.
 fn add_joint_response(joints: &[f64], inverse: &DMatrix<f64>, violation: &[f64], v: &mut [f64]) {
-    for (i, response) in joints.chunks_exact(v.len().max(1)).enumerate() {
-        let impulse: f64 = violation.iter().enumerate().map(|(k, violation)| inverse[(i, k)] * violation).sum();
-        for (v, response) in v.iter_mut().zip(response) {
-            *v -= response * impulse;
-        }
+    for (response, impulse) in joints.chunks_exact(v.len().max(1)).zip(impulses(inverse, violation)) {
+        v.iter_mut().zip(response).for_each(|(v, response)| *v += response * impulse);
     }
 }
 

@@ -4,11 +4,15 @@
 //! T+ - T- = <p, v+ + v->/2 + <r, u+ + u->/2
 //! ```
 //!
-//! exactly where `M` is constant, so that `-<r_t, u_t+ + u_t->/2` is what friction dissipates and `-<r_n, u_n+ + u_n->/2`
-//! what impacts cost. With the work of the forces that have no potential the balance of a run is
+//! exactly where `M` is constant and `u = J v`. Where surfaces, belts or joints move by themselves, `u = J v + b`, and
+//! `<J^T r, v> = <r, u> - <r, b>`: relative velocities tell what is lost, `-<r_t, u_t+ + u_t->/2` by friction and
+//! `-<r_n, u_n+ + u_n->/2` in impacts, and `-<r, b>` is the work of what drives them. So is the integral of
+//! `dV/dt - dT/dt`, at fixed `q` and `v`, where potential and masses depend on time: along `d/dt dL/dv - dL/dq = Q + J^T r`
+//! with `L = T - V` the energy has the rate `Q v + r J v - dL/dt`. With the work of the forces that have no potential the
+//! balance of a run is
 //!
 //! ```text
-//! E(t) - E(0) = work - friction - viscosity - impacts + defect
+//! E(t) - E(0) = work of forces + work of drives - friction - viscosity - impacts + defect
 //! ```
 //!
 //! and the defect, which an exact solution does not have, measures the discretisation.
@@ -28,19 +32,21 @@ pub struct Energy {
     pub potential_at_end: f64,
     /// Work of the forces that have no potential.
     pub work_of_forces: f64,
-    /// Dissipated by friction; negative where a moving surface drives.
+    /// Work of what moves or changes by itself: surfaces, belts and joints that depend on time, a potential and masses that do.
+    pub work_of_drives: f64,
+    /// Dissipated by friction.
     pub dissipated_by_friction: f64,
     /// Dissipated by viscosity; absent where there is none.
     #[serde(skip_serializing_if = "is_none")]
     pub dissipated_by_viscosity: f64,
     /// Lost in impacts.
     pub lost_in_impacts: f64,
-    /// What the balance lacks at the end: the change of energy less the work, plus what was dissipated and lost.
+    /// What the balance lacks at the end: the change of energy less all work, plus what was dissipated and lost.
     pub defect: f64,
     /// The largest defect of the run, in size.
     pub largest_defect: f64,
     /// The most energy that a step gained through impacts, which should be none, as a share of the largest kinetic
-    /// energy so far.
+    /// energy so far, with or without what contacts took.
     pub largest_gain_in_impacts: f64,
     #[serde(skip)]
     largest_kinetic: f64,
@@ -59,7 +65,7 @@ impl Energy {
         }
     }
 
-    /// Books what contacts took in a step with this kinetic energy: by friction, and by impacts.
+    /// Books what contacts took, by friction and by impacts, in a step whose largest kinetic energy is this.
     pub fn dissipate(&mut self, friction: f64, impacts: f64, kinetic: f64) {
         self.dissipated_by_friction += friction;
         self.lost_in_impacts += impacts;
@@ -69,9 +75,21 @@ impl Energy {
         }
     }
 
-    /// Books the work of forces without a potential.
-    pub fn work(&mut self, work: f64) {
-        self.work_of_forces += work;
+    /// Books the work of forces without a potential, and of drives.
+    pub fn work(&mut self, forces: f64, drives: f64) {
+        self.work_of_forces += forces;
+        self.work_of_drives += drives;
+    }
+
+    /// What is booked at this part of the way to a later balance.
+    #[must_use]
+    pub fn towards(mut self, later: &Self, part: f64) -> Self {
+        let booked = |energy: &mut f64, later: f64| *energy += part * (later - *energy);
+        booked(&mut self.work_of_forces, later.work_of_forces);
+        booked(&mut self.work_of_drives, later.work_of_drives);
+        booked(&mut self.dissipated_by_friction, later.dissipated_by_friction);
+        booked(&mut self.lost_in_impacts, later.lost_in_impacts);
+        self
     }
 
     /// Takes over the energies at the end of a step, and closes the balance.
@@ -79,7 +97,7 @@ impl Energy {
         (self.kinetic_at_end, self.potential_at_end) = (kinetic, potential);
         let change = (kinetic - self.kinetic_at_start) + (potential - self.potential_at_start);
         let dissipated = self.dissipated_by_friction + self.dissipated_by_viscosity + self.lost_in_impacts;
-        self.defect = change - self.work_of_forces + dissipated;
+        self.defect = change - self.work_of_forces - self.work_of_drives + dissipated;
         self.largest_defect = self.largest_defect.max(self.defect.abs());
     }
 }

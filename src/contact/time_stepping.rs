@@ -22,6 +22,8 @@ pub struct TimeStepping<'p> {
     pub impulses_before: Vec<Vector3<f64>>,
     /// Where the energy went.
     pub energy: Energy,
+    /// Where it had gone where the last step began.
+    pub energy_before: Energy,
     /// What happened in the last step.
     pub happenings: Vec<Happening>,
     /// Steps made.
@@ -60,6 +62,7 @@ impl<'p> TimeStepping<'p> {
             impulses: vec![Vector3::zeros(); contacts],
             impulses_before: vec![Vector3::zeros(); contacts],
             energy: Energy::new(energies.kinetic, energies.potential),
+            energy_before: Energy::new(energies.kinetic, energies.potential),
             happenings: Vec::new(),
             accepted: 0,
             touching: vec![Touch::Open; contacts],
@@ -80,6 +83,7 @@ impl<'p> TimeStepping<'p> {
     pub fn advance(&mut self, control: &Control) -> Result<(), ContactError> {
         self.last.clone_from(&self.state);
         self.impulses_before.clone_from(&self.impulses);
+        self.energy_before = self.energy;
         // From the start, so that rounding does not add up.
         let next = self.start + (self.accepted + 1) as f64 * self.settings.step;
         let next = if next + 1e-6 * self.settings.step >= self.end { self.end } else { next };
@@ -94,10 +98,7 @@ impl<'p> TimeStepping<'p> {
         }
         let State { t, q, v } = &self.state;
         let after = self.step.problem.energies(*t, q, v);
-        let (friction, impacts) = (self.step.contacted.friction, self.step.contacted.impacts);
-        self.energy.dissipate(friction, impacts, before.kinetic.max(after.kinetic));
-        self.energy.work(0.5 * h * (before.power + after.power));
-        self.energy.close(after.kinetic, after.potential);
+        self.step.contacted.book(h, &before, &after, &mut self.energy);
         self.look();
         Ok(())
     }

@@ -14,11 +14,12 @@ mod probe;
 
 pub use probe::Probed;
 
-use super::delassus::Delassus;
+use super::delassus::{Delassus, dot};
+use super::energy::Energy;
 use super::law::{Law, Report, sequential};
-use super::near::Near;
+use super::near::{Near, rows};
 use super::settings::{ContactError, ImpactLaw};
-use crate::problem::{Constraints, Control, Mechanical, MechanicalStructure};
+use crate::problem::{Constraints, Control, Energies, Mechanical, MechanicalStructure};
 use crate::vi::Outcome;
 use nalgebra::{DMatrix, Vector3};
 
@@ -57,6 +58,10 @@ pub struct Contacted {
     pub friction: f64,
     /// Lost in impacts.
     pub impacts: f64,
+    /// Work of what drives surfaces and joints.
+    pub drives: f64,
+    /// The kinetic energy that there would be without contacts.
+    pub kinetic: f64,
 }
 
 /// Counters of a run.
@@ -158,8 +163,11 @@ impl<'p> VelocityStep<'p> {
             return Err(lost);
         }
         let violation: Vec<f64> = (0..self.structure.joints).map(|i| self.constraints.velocity(i, &v)).collect();
+        let unheld = v.clone();
         self.delassus.obey_joints(&violation, &mut v);
         self.touch(state, &mut v, h, forces, control)?;
+        let lost = ContactError::Singular { t: state.t };
+        self.contacted.drives += self.drive_of_joints(unheld).ok_or(lost)?;
         if !v.iter().all(|v| v.is_finite()) {
             return Err(ContactError::NotFinite { what: "velocity", t: state.t });
         }
@@ -232,6 +240,27 @@ impl<'p> VelocityStep<'p> {
         Ok(())
     }
 
+    /// The work of what drives the joints, from the velocities that were without them and contacts.
+    fn drive_of_joints(&mut self, mut v: Vec<f64>) -> Option<f64> {
+        let joints = self.structure.joints;
+        if self.constraints.drift[..joints].iter().all(|b| *b == 0.0) {
+            return Some(0.0);
+        }
+        let mut p = vec![0.0; v.len()];
+        for (k, r) in self.contacted.r.iter().enumerate() {
+            for (&r, row) in r.iter().zip(rows(&self.structure, k)) {
+                p.iter_mut().zip(self.constraints.row(row)).for_each(|(p, j)| *p += j * r);
+            }
+        }
+        if !self.delassus.solve(&mut p) {
+            return None;
+        }
+        v.iter_mut().zip(&p).for_each(|(v, p)| *v += p);
+        let violation: Vec<f64> = (0..joints).map(|i| self.constraints.velocity(i, &v)).collect();
+        let impulses = self.delassus.joint_impulses(&violation);
+        Some(-dot(&impulses, &self.constraints.drift[..joints]))
+    }
+
     /// Lets the law of contact act on `v`.
     fn touch(
         &mut self,
@@ -290,8 +319,11 @@ impl<'p> VelocityStep<'p> {
             let before = scene.velocities(&self.structure, &self.constraints, &state.v);
             let after = scene.velocities(&self.structure, &self.constraints, v);
             self.contacted = Contacted::none(m);
+            self.contacted.kinetic = self.problem.energies(state.t, &state.q, &free).kinetic;
             for (i, &k) in near.iter().enumerate() {
                 self.contacted.note(k, r[i], before[i], after[i]);
+                let drift = rows(&self.structure, k).map(|row| self.constraints.drift[row]);
+                self.contacted.drives -= r[i].iter().zip(drift).map(|(r, b)| r * b).sum::<f64>();
             }
         }
         Ok(())
@@ -311,7 +343,22 @@ impl Contacted {
     /// No contact of `m` did anything.
     pub fn none(m: usize) -> Self {
         let zero = vec![Vector3::zeros(); m];
-        Self { r: zero.clone(), before: zero.clone(), after: zero, friction: 0.0, impacts: 0.0 }
+        Self {
+            r: zero.clone(),
+            before: zero.clone(),
+            after: zero,
+            friction: 0.0,
+            impacts: 0.0,
+            drives: 0.0,
+            kinetic: 0.0,
+        }
+    }
+
+    /// Books a step of this size, with the energies before and after it.
+    pub fn book(&self, h: f64, before: &Energies, after: &Energies, energy: &mut Energy) {
+        energy.dissipate(self.friction, self.impacts, before.kinetic.max(after.kinetic).max(self.kinetic));
+        energy.work(0.5 * h * (before.power + after.power), 0.5 * h * (before.drive + after.drive) + self.drives);
+        energy.close(after.kinetic, after.potential);
     }
 
     fn note(&mut self, k: usize, r: Vector3<f64>, before: Vector3<f64>, after: Vector3<f64>) {

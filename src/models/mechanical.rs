@@ -209,7 +209,10 @@ impl SymbolicMechanics {
             sensitivity.extend((0..2 * n).map(|j| ((i, j), by[1 + j])));
         }
 
-        let energies = energies(graph, rows, &momenta);
+        let [kinetic, potential, power] = energies(graph, rows, &momenta);
+        let lagrangian = graph.subtract(kinetic, potential);
+        let by_time = derivatives(graph, lagrangian, 1).map_err(lost)?[0];
+        let energies = [kinetic, potential, power, graph.negate(by_time)];
         let constant = |nodes: &[Node]| nodes.iter().all(|&node| graph.value(node).is_some());
         let stiffness = Sparse::compile(graph, stiffness);
         let structure = MechanicalStructure {
@@ -338,10 +341,10 @@ impl Mechanical for SymbolicMechanics {
 
     fn energies(&mut self, t: f64, q: &[f64], v: &[f64]) -> Energies {
         self.place(q, v);
-        let mut values = [0.0; 3];
+        let mut values = [0.0; 4];
         self.energies.evaluate(t, &self.inputs, &mut values);
-        let [kinetic, potential, power] = values;
-        Energies { kinetic, potential, power }
+        let [kinetic, potential, power, drive] = values;
+        Energies { kinetic, potential, power, drive }
     }
 
     fn bias(&mut self, t: f64, q: &[f64], v: &[f64], gamma: &mut [f64]) {

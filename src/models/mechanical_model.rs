@@ -24,8 +24,14 @@ pub struct MechanicalModel {
 }
 
 /// The energies among the outputs, in their order.
-pub const ENERGIES: [&str; 5] =
-    ["kinetic_energy", "potential_energy", "work_of_forces", "dissipated_by_friction", "lost_in_impacts"];
+pub const ENERGIES: [&str; 6] = [
+    "kinetic_energy",
+    "potential_energy",
+    "work_of_forces",
+    "work_of_drives",
+    "dissipated_by_friction",
+    "lost_in_impacts",
+];
 
 impl MechanicalModel {
     /// Gives a system its names.

@@ -105,7 +105,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// Energies, and the power of the forces that have no potential.
+/// Energies, and the powers that change them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Energies {
     /// `v^T M v / 2`.
@@ -114,6 +114,8 @@ pub struct Energies {
     pub potential: f64,
     /// `Q^T v`.
     pub power: f64,
+    /// `dV/dt - dT/dt` at fixed `q` and `v`: the power of whatever changes the potential and the masses with time.
+    pub drive: f64,
 }
 
 /// The sensitivity of accelerations and multipliers: derivatives by `(q, v)`, `2 n` columns.

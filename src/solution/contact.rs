@@ -124,6 +124,7 @@ impl<'p> Outputs<'p> {
             energies.kinetic,
             energies.potential,
             energy.work_of_forces,
+            energy.work_of_drives,
             energy.dissipated_by_friction,
             energy.lost_in_impacts,
         ]);
@@ -173,7 +174,7 @@ impl Stepper for Stepped<'_> {
 
     /// Within a step velocities are those of its end, as the scheme has it: `q+ = q + h v+`.
     fn outputs(&mut self, t: f64, out: &mut [f64]) {
-        let TimeStepping { state, last, impulses, impulses_before, energy, .. } = &self.stepper;
+        let TimeStepping { state, last, impulses, impulses_before, energy, energy_before, .. } = &self.stepper;
         let h = state.t - last.t;
         let part = if h > 0.0 { (t - last.t) / h } else { 1.0 };
         let n = state.q.len();
@@ -182,7 +183,7 @@ impl Stepper for Stepped<'_> {
             out[n + i] = state.v[i];
         }
         let given: Vec<_> = impulses_before.iter().zip(impulses).map(|(a, b)| a + (b - a) * part).collect();
-        self.outputs.write(t, &given, energy, out);
+        self.outputs.write(t, &given, &energy_before.towards(energy, part), out);
     }
 
     fn take_events(&mut self, events: &mut Vec<Event>) {
@@ -231,8 +232,8 @@ impl Stepper for Flown<'_, '_, '_> {
     fn outputs(&mut self, t: f64, out: &mut [f64]) {
         let n = self.leg.located.state.q.len();
         let (q, v) = out[..2 * n].split_at_mut(n);
-        let impulses = self.leg.outputs(t, q, v);
-        self.outputs.write(t, &impulses, &self.leg.located.energy, out);
+        let (impulses, energy) = self.leg.outputs(t, q, v);
+        self.outputs.write(t, &impulses, &energy, out);
     }
 
     fn take_events(&mut self, events: &mut Vec<Event>) {

@@ -67,7 +67,7 @@ impl EnergyBalance {
                 self.rates.iter_mut().zip(sample).for_each(|(rate, value)| *rate += factor * value);
             }
             let Power { supplied, viscous, frictional } = self.form.power(time(point), &self.samples[i], &self.rates);
-            self.energy.work(half * weight * supplied);
+            self.energy.work(half * weight * supplied, 0.0);
             self.energy.dissipated_by_viscosity += half * weight * viscous;
             self.energy.dissipated_by_friction += half * weight * frictional;
         }

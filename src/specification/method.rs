@@ -50,7 +50,8 @@ pub struct Method {
     /// Natural-map residual below which a variational inequality is solved.
     #[schema(exclusive_minimum = 0.0, maximum = 0.01)]
     pub vi_tolerance: Option<f64>,
-    /// How impacts of mechanical systems are met. Default `time_stepping` where a `step` is given, else `locate`.
+    /// How impacts of mechanical systems are met. Default `time_stepping` where a `step` is given and `stages` are not, else
+    /// `locate`.
     pub impacts: Option<Impacts>,
     /// How simultaneous impacts of mechanical systems come about. Default `simultaneous`.
     pub impact_law: Option<ImpactLawName>,
@@ -183,8 +184,8 @@ impl Method {
 impl Method {
     /// How impacts of mechanical systems are met.
     pub(super) fn impacts(&self) -> Impacts {
-        let by_step = if self.step.is_some() { Impacts::TimeStepping } else { Impacts::Locate };
-        self.impacts.unwrap_or(by_step)
+        let stepped = self.step.is_some() && self.stages == Stages::Auto;
+        self.impacts.unwrap_or(if stepped { Impacts::TimeStepping } else { Impacts::Locate })
     }
 
     /// Checks that the method is one for this model.
@@ -210,6 +211,12 @@ impl Method {
                 "bodies in space take impacts as they fall into steps",
                 "`time_stepping`, or to be left out",
             );
+        }
+        if matches!(model, Model::Mechanical(_))
+            && self.impacts() == Impacts::TimeStepping
+            && self.stages != Stages::Auto
+        {
+            refuse("stages", "time stepping has no stages", "to be left out, or `impacts` to be `locate`");
         }
         match (model, self.name) {
             (Model::Mechanical(_) | Model::RigidBodies(_), MethodName::Radau) => {

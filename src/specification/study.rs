@@ -202,7 +202,6 @@ impl Specification {
             Rung::Step(step) => {
                 method.step = Some(step);
                 (method.first_step, method.min_step, method.max_step) = (None, None, None);
-                method.impacts = method.impacts.map(|_| Impacts::TimeStepping);
             }
         }
         variant.output_times = Some(times);

@@ -171,3 +171,9 @@ fn a_polyhedral_cone_is_refused_where_impacts_are_located() {
     let stepped = with(document, "/method", json!({"step": 0.01}));
     Specification::from_json(stepped.to_string().as_bytes()).unwrap();
 }
+
+#[test]
+fn stages_are_refused_where_time_stepping_is_asked_for() {
+    let staged = with(block_on_floor(), "/method", json!({"step": 0.01, "impacts": "time_stepping", "stages": 3}));
+    assert_errors(&staged, &[("/method/stages", "conflict", "stages")]);
+}

@@ -6,6 +6,8 @@ use super::monitors::{Monitor, monitors};
 use super::search::{Search, Violation};
 use super::{CLOSED, Located, PASS};
 use crate::contact::ContactError;
+use crate::contact::delassus::dot;
+use crate::contact::energy::Energy;
 use crate::problem::{Control, Mechanical};
 use crate::radau::{Radau, Settings, StageChoice};
 use nalgebra::{Vector2, Vector3};
@@ -63,6 +65,14 @@ pub struct Leg<'l, 'p> {
     watch: &'l mut Flight,
     control: &'l Control,
     over: bool,
+}
+
+/// What acts in a part of a step: impulses of contacts, what friction dissipates, the work of forces and of drives.
+struct Integrals {
+    impulses: Vec<Vector3<f64>>,
+    friction: f64,
+    forces: f64,
+    drives: f64,
 }
 
 impl<'l, 'p> Leg<'l, 'p> {
@@ -256,7 +266,7 @@ impl<'l, 'p> Leg<'l, 'p> {
     fn travel(&mut self, begin: f64, t: f64) {
         let n = self.located.structure.coordinates;
         let mut x = vec![0.0; 2 * n];
-        let (impulses, friction, work) = self.integrals(begin, t);
+        let Integrals { impulses, friction, forces, drives } = self.integrals(begin, t);
         self.at(t, &mut x);
         self.located.impulses.iter_mut().zip(&impulses).for_each(|(sum, r)| *sum += r);
         let state = &mut self.located.state;
@@ -266,16 +276,16 @@ impl<'l, 'p> Leg<'l, 'p> {
         let energies = self.watch.problem().energies(t, &state.q, &state.v);
         let energy = &mut self.located.energy;
         energy.dissipate(friction, 0.0, energies.kinetic);
-        energy.work(work);
+        energy.work(forces, drives);
         energy.close(energies.kinetic, energies.potential);
     }
 
-    /// Impulses of contacts, what friction dissipates and what forces do from `begin` to `t`, by quadrature.
-    fn integrals(&mut self, begin: f64, t: f64) -> (Vec<Vector3<f64>>, f64, f64) {
+    /// What acts from `begin` to `t`, by quadrature.
+    fn integrals(&mut self, begin: f64, t: f64) -> Integrals {
         let n = self.located.structure.coordinates;
         let mut x = vec![0.0; 2 * n];
         let mut impulses = vec![Vector3::zeros(); self.mode.len()];
-        let (mut friction, mut work) = (0.0, 0.0);
+        let (mut friction, mut forces, mut drives) = (0.0, 0.0, 0.0);
         for (node, weight) in NODES.into_iter().zip(WEIGHTS) {
             let (time, weight) = (begin + node * (t - begin), weight * (t - begin));
             self.at(time, &mut x);
@@ -289,18 +299,21 @@ impl<'l, 'p> Leg<'l, 'p> {
                     friction -= weight * self.watch.lambda[row] * slip[i];
                 }
             }
-            work += weight * self.watch.problem().energies(time, &x[..n], &x[n..]).power;
+            drives -= weight * dot(&self.watch.lambda, &self.watch.constraints().drift);
+            let energies = self.watch.problem().energies(time, &x[..n], &x[n..]);
+            forces += weight * energies.power;
+            drives += weight * energies.drive;
         }
-        (impulses, friction, work)
+        Integrals { impulses, friction, forces, drives }
     }
 
-    /// Coordinates, velocities and impulses at a time within the last step.
-    pub fn outputs(&mut self, t: f64, q: &mut [f64], v: &mut [f64]) -> Vec<Vector3<f64>> {
+    /// Coordinates, velocities, impulses and the balance of energy at a time within the last step.
+    pub fn outputs(&mut self, t: f64, q: &mut [f64], v: &mut [f64]) -> (Vec<Vector3<f64>>, Energy) {
         let Located { state, last, .. } = &*self.located;
         if t >= state.t {
             q.copy_from_slice(&state.q);
             v.copy_from_slice(&state.v);
-            return self.located.impulses.clone();
+            return (self.located.impulses.clone(), self.located.energy);
         }
         let begin = last.t;
         if self.radau.is_none() {
@@ -308,15 +321,19 @@ impl<'l, 'p> Leg<'l, 'p> {
             q.iter_mut().zip(last.q.iter().zip(&state.q)).for_each(|(out, (a, b))| *out = a + part * (b - a));
             v.copy_from_slice(&state.v);
             let impulses = self.located.impulses_before.iter().zip(&self.located.impulses);
-            return impulses.map(|(a, b)| a + (b - a) * part).collect();
+            let energy = self.located.energy_before.towards(&self.located.energy, part);
+            return (impulses.map(|(a, b)| a + (b - a) * part).collect(), energy);
         }
         let mut x = vec![0.0; 2 * q.len()];
         self.at(t, &mut x);
         q.copy_from_slice(&x[..q.len()]);
         v.copy_from_slice(&x[q.len()..]);
-        let (mut impulses, ..) = self.integrals(begin, t);
+        let Integrals { mut impulses, friction, forces, drives } = self.integrals(begin, t);
         impulses.iter_mut().zip(&self.located.impulses_before).for_each(|(r, before)| *r += before);
-        impulses
+        let mut energy = self.located.energy_before;
+        energy.dissipate(friction, 0.0, 0.0);
+        energy.work(forces, drives);
+        (impulses, energy)
     }
 
     /// Whether what the mode holds has moved away from zero.

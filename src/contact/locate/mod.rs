@@ -66,6 +66,8 @@ pub struct Located<'p> {
     pub impulses_before: Vec<Vector3<f64>>,
     /// Where the energy went.
     pub energy: Energy,
+    /// Where it had gone where the last step began.
+    pub energy_before: Energy,
     /// What happened in the last step.
     pub happenings: Vec<Happening>,
     /// Steps made.
@@ -115,6 +117,7 @@ impl<'p> Located<'p> {
             impulses: vec![Vector3::zeros(); contacts],
             impulses_before: vec![Vector3::zeros(); contacts],
             energy: Energy::new(energies.kinetic, energies.potential),
+            energy_before: Energy::new(energies.kinetic, energies.potential),
             happenings: Vec::new(),
             accepted: 0,
             passes: 0,
@@ -222,11 +225,8 @@ impl<'p> Located<'p> {
         let State { t, q, v } = &self.state;
         let after = self.step.problem.energies(*t, q, v);
         self.impulses.iter_mut().zip(&self.step.contacted.r).for_each(|(sum, r)| *sum += r);
-        let (friction, impacts) = (self.step.contacted.friction, self.step.contacted.impacts);
-        self.energy.dissipate(friction, impacts, before.kinetic.max(after.kinetic));
         let duration = if let Forces::Impact(_) = forces { 0.0 } else { h };
-        self.energy.work(0.5 * duration * (before.power + after.power));
-        self.energy.close(after.kinetic, after.potential);
+        self.step.contacted.book(duration, &before, &after, &mut self.energy);
         Ok(())
     }
 
@@ -249,6 +249,7 @@ impl<'p> Located<'p> {
     fn begin(&mut self) {
         self.last.clone_from(&self.state);
         self.impulses_before.clone_from(&self.impulses);
+        self.energy_before = self.energy;
     }
 
     fn look(&mut self) {

@@ -229,3 +229,19 @@ fn the_energy_of_a_ball_in_a_bowl_goes_where_the_books_say() {
     assert!(energy.largest_gain_in_impacts < 1e-12 && energy.dissipated_by_friction > 0.5, "{energy:?}");
     assert!(last(&solution, "x_dot").abs() < 1e-10 && last(&solution, "y_dot").abs() < 1e-10);
 }
+
+#[test]
+fn stages_beside_a_step_are_those_of_radau() {
+    let problem = json!({"coordinates": {"x": {"initial": 1}}, "mass": [[1]], "potential": "x^2/2"});
+    let error = |stages: u64, step: f64| {
+        let solution = solve(&json!({"problem": {"mechanical": problem}, "time": {"end": 10},
+            "method": {"step": step, "stages": stages, "vi_tolerance": 1e-14}}));
+        assert_eq!(solution.diagnostics.steps.accepted, (10.0 / step).round() as u64);
+        (last(&solution, "x") - 10.0_f64.cos()).abs()
+    };
+    for (stages, step, least) in [(1, 0.01, 1.9), (2, 0.1, 7.5), (3, 0.2, 30.0), (5, 1.0, 400.0)] {
+        let (coarse, fine) = (error(stages, step), error(stages, step / 2.0));
+        // Orders one, three, five and nine.
+        assert!(coarse > least * fine && coarse < 0.3, "{stages}: {coarse} {fine}");
+    }
+}

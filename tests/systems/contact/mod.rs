@@ -1,6 +1,7 @@
 //! Mechanical systems with impacts and friction, held to closed forms.
 
 mod between;
+mod energy;
 mod friction;
 mod impacts;
 mod located;
