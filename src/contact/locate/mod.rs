@@ -163,7 +163,7 @@ impl<'p> Located<'p> {
                 let accumulate = (ZENO * self.horizon).max(1e3 * f64::EPSILON * t.abs());
                 if t - self.last_impact[k] < accumulate {
                     self.accumulations += 1;
-                    self.velocity_step(accumulate, Forces::Inelastic, control)?;
+                    self.velocity_step(0.0, Forces::Inelastic(CLOSED), control)?;
                     self.settle(k)?;
                 } else {
                     self.strike(control)?;
@@ -216,7 +216,7 @@ impl<'p> Located<'p> {
         if rows.is_empty() { Ok(()) } else { self.step.project(&mut self.state, &rows) }
     }
 
-    /// A step at the level of velocities that is part of the trajectory.
+    /// A step at the level of velocities, or an impact with `h = 0`, that is part of the trajectory.
     fn velocity_step(&mut self, h: f64, forces: Forces, control: &Control) -> Result<(), ContactError> {
         let h = h.min(self.end - self.state.t);
         let State { t, q, v } = &self.state;
@@ -225,8 +225,7 @@ impl<'p> Located<'p> {
         let State { t, q, v } = &self.state;
         let after = self.step.problem.energies(*t, q, v);
         self.impulses.iter_mut().zip(&self.step.contacted.r).for_each(|(sum, r)| *sum += r);
-        let duration = if let Forces::Impact(_) = forces { 0.0 } else { h };
-        self.step.contacted.book(duration, &before, &after, &mut self.energy);
+        self.step.contacted.book(h, &before, &after, &mut self.energy);
         Ok(())
     }
 
