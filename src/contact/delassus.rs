@@ -134,13 +134,18 @@ impl Delassus {
     ) -> Option<BlockMatrix> {
         let rows = |k: usize| std::iter::once(structure.normal(k)).chain(structure.tangents(k));
         let mut blocks = Vec::with_capacity(contacts.len() * contacts.len());
+        let mut entries = Vec::new();
         for (i, &k) in contacts.iter().enumerate() {
+            // A contact moves few of many coordinates.
+            entries.clear();
+            for (a, row) in rows(k).enumerate() {
+                entries.extend((0..).zip(constraints.row(row)).filter(|(_, x)| **x != 0.0).map(|(c, x)| (a, c, *x)));
+            }
             for (j, &l) in contacts.iter().enumerate() {
                 let mut block = Matrix3::zeros();
-                for (a, row) in rows(k).enumerate() {
-                    for (b, column) in rows(l).enumerate() {
-                        block[(a, b)] = dot(constraints.row(row), self.response(column));
-                    }
+                for (b, column) in rows(l).enumerate() {
+                    let response = self.response(column);
+                    entries.iter().for_each(|&(a, c, x): &(usize, usize, f64)| block[(a, b)] += x * response[c]);
                 }
                 if i == j {
                     let filler = if block[(0, 0)] > 0.0 { block[(0, 0)] } else { 1.0 };

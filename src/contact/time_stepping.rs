@@ -39,15 +39,15 @@ pub struct TimeStepping<'p> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Touch {
     Open,
-    /// Struck, for this many steps on end.
+    /// Closed, for this many steps on end.
     Struck {
         steps: u64,
         slips: bool,
     },
 }
 
-/// A slip below this fraction of the velocities that it is the difference of is none.
-const STUCK: f64 = 1e-10;
+/// A velocity below this fraction of its terms and of what the step made of it is none, and so is a gap.
+const NONE: f64 = 1e-10;
 
 impl<'p> TimeStepping<'p> {
     /// Prepares a run from `state` to `end`.
@@ -99,24 +99,37 @@ impl<'p> TimeStepping<'p> {
         let State { t, q, v } = &self.state;
         let after = self.step.problem.energies(*t, q, v);
         self.step.contacted.book(h, &before, &after, &mut self.energy);
-        self.look();
+        self.look(h);
         Ok(())
     }
 
-    /// Notes which contacts were struck, let go, stuck or slipped.
-    fn look(&mut self) {
+    /// Notes which contacts were struck, let go, stuck or slipped: what is told must be more than rounding.
+    fn look(&mut self, h: f64) {
         self.happenings.clear();
-        let (t, contacted) = (self.state.t, &self.step.contacted);
+        let State { t, q, v } = &self.state;
+        let (t, step) = (*t, &self.step);
+        let (contacted, constraints) = (&step.contacted, &step.constraints);
+        let largest = contacted.change.iter().fold(0.0_f64, |most, change| most.max(*change));
         for (k, touch) in self.touching.iter_mut().enumerate() {
+            let normal = step.structure.normal(k);
+            let is_more = |speed: f64, terms: f64| speed > NONE * (terms + contacted.change[k]);
+            let carries = contacted.r[k].x > 0.0;
+            let place: f64 = constraints.row(normal).iter().zip(q).map(|(j, q)| (j * q).abs()).sum();
+            let apart = constraints.values[normal] > NONE * (place + h * largest);
             let slip = contacted.after[k].y.hypot(contacted.after[k].z);
-            let slips = slip > STUCK * self.step.size_of_slip(k, &self.state.v);
+            let slips = is_more(slip, step.size_of_slip(k, v));
             let now = match *touch {
-                _ if contacted.r[k].x <= 0.0 => Touch::Open,
-                Touch::Open => Touch::Struck { steps: 1, slips },
-                Touch::Struck { steps, .. } => Touch::Struck { steps: steps + 1, slips },
+                Touch::Open if carries => Touch::Struck { steps: 1, slips },
+                Touch::Struck { steps, .. } if carries => Touch::Struck { steps: steps + 1, slips },
+                Touch::Struck { steps, slips } if !apart => Touch::Struck { steps: steps + 1, slips },
+                _ => Touch::Open,
             };
             let happening = match (*touch, now) {
-                (Touch::Open, Touch::Struck { .. }) => Some(Happening::Impact { t, contact: k }),
+                (Touch::Open, Touch::Struck { .. })
+                    if is_more(-contacted.before[k].x, constraints.terms(normal, v)) =>
+                {
+                    Some(Happening::Impact { t, contact: k })
+                }
                 (Touch::Struck { steps, .. }, Touch::Open) if steps > 1 => Some(Happening::LiftOff { t, contact: k }),
                 (Touch::Struck { slips: true, .. }, Touch::Struck { slips: false, .. }) => {
                     Some(Happening::Stick { t, contact: k })

@@ -9,17 +9,18 @@
 //! hold at the level of velocities; what curvature leaves of a constraint at the end, a joint off zero or a negative gap, is
 //! taken out of `q+` by the shortest way in the metric of `M`, which leaves velocities, and with them kinetic energy, alone.
 
+mod contacted;
 mod correction;
 mod probe;
 
+pub use contacted::Contacted;
 pub use probe::Probed;
 
 use super::delassus::{Delassus, dot};
-use super::energy::Energy;
 use super::law::{Law, Report, sequential};
 use super::near::{Near, rows};
 use super::settings::{ContactError, ImpactLaw};
-use crate::problem::{Constraints, Control, Energies, Mechanical, MechanicalStructure};
+use crate::problem::{Constraints, Control, Mechanical, MechanicalStructure};
 use crate::vi::Outcome;
 use nalgebra::{DMatrix, Vector3};
 
@@ -43,25 +44,6 @@ pub enum Forces {
     Impact(f64),
     /// The same without restitution: what an infinite number of impacts come to.
     Inelastic(f64),
-}
-
-/// What contacts did in a step.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Contacted {
-    /// Impulses, one for each contact of the system; zero where it is open.
-    pub r: Vec<Vector3<f64>>,
-    /// `u-` of each contact that was near.
-    pub before: Vec<Vector3<f64>>,
-    /// `u+`.
-    pub after: Vec<Vector3<f64>>,
-    /// Dissipated by friction.
-    pub friction: f64,
-    /// Lost in impacts.
-    pub impacts: f64,
-    /// Work of what drives surfaces and joints.
-    pub drives: f64,
-    /// The kinetic energy that there would be without contacts.
-    pub kinetic: f64,
 }
 
 /// Counters of a run.
@@ -322,7 +304,8 @@ impl<'p> VelocityStep<'p> {
             self.contacted = Contacted::none(m);
             self.contacted.kinetic = self.problem.energies(state.t, &state.q, &free).kinetic;
             for (i, &k) in near.iter().enumerate() {
-                self.contacted.note(k, r[i], before[i], after[i]);
+                let change = (without[i] - before[i]).norm() + scene.delassus.diagonal(i).trace() * r[i].norm();
+                self.contacted.note(k, r[i], (before[i], after[i]), change);
                 let drift = rows(&self.structure, k).map(|row| self.constraints.drift[row]);
                 self.contacted.drives -= r[i].iter().zip(drift).map(|(r, b)| r * b).sum::<f64>();
             }
@@ -337,36 +320,6 @@ impl<'p> VelocityStep<'p> {
             Forces::Impact(closed) | Forces::Inelastic(closed) => gap <= closed,
             Forces::All => gap <= 0.0 || gap + h * self.constraints.velocity(self.structure.normal(k), v) <= 0.0,
         }
-    }
-}
-
-impl Contacted {
-    /// No contact of `m` did anything.
-    pub fn none(m: usize) -> Self {
-        let zero = vec![Vector3::zeros(); m];
-        Self {
-            r: zero.clone(),
-            before: zero.clone(),
-            after: zero,
-            friction: 0.0,
-            impacts: 0.0,
-            drives: 0.0,
-            kinetic: 0.0,
-        }
-    }
-
-    /// Books a step of this size, with the energies before and after it.
-    pub fn book(&self, h: f64, before: &Energies, after: &Energies, energy: &mut Energy) {
-        energy.dissipate(self.friction, self.impacts, before.kinetic.max(after.kinetic).max(self.kinetic));
-        energy.work(0.5 * h * (before.power + after.power), 0.5 * h * (before.drive + after.drive) + self.drives);
-        energy.close(after.kinetic, after.potential);
-    }
-
-    fn note(&mut self, k: usize, r: Vector3<f64>, before: Vector3<f64>, after: Vector3<f64>) {
-        (self.r[k], self.before[k], self.after[k]) = (r, before, after);
-        let mean = 0.5 * (before + after);
-        self.impacts -= r.x * mean.x;
-        self.friction -= r.y * mean.y + r.z * mean.z;
     }
 }
 

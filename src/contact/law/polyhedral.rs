@@ -7,12 +7,14 @@
 //! 0 <= lambda  _|_  mu c_n - 1^T beta       >= 0
 //! ```
 //!
-//! A contact without friction has `c_n` alone.
+//! A contact without friction has `c_n` alone. Impulses and velocities of each contact are in its own unit, `D W D` and
+//! `D q` with impulses `D^-1 r`, as beside `W`, whose size is that of an inverse mass, `mu` and ones are pure numbers. `D` are
+//! powers of two, so that nothing is rounded.
 
 use super::{Cone, Contacts, Report};
 use crate::problem::{Control, ConvexSet};
 use crate::vi::{AffineVi, Lemke, Outcome, ViSolver};
-use nalgebra::{DMatrix, Vector3};
+use nalgebra::{DMatrix, Matrix3, Vector3};
 
 /// The complementarity problem and its solver.
 #[derive(Debug)]
@@ -20,6 +22,8 @@ pub struct Polyhedral {
     solver: Lemke,
     /// For each unknown its contact, and what it is.
     unknowns: Vec<(usize, Unknown)>,
+    /// `D`, one a contact.
+    units: Vec<f64>,
     /// The solution of the last problem, from which the next is started.
     z: Vec<f64>,
 }
@@ -34,7 +38,7 @@ enum Unknown {
 
 impl Default for Polyhedral {
     fn default() -> Self {
-        Self { solver: Lemke::new(0), unknowns: Vec::new(), z: Vec::new() }
+        Self { solver: Lemke::new(0), unknowns: Vec::new(), units: Vec::new(), z: Vec::new() }
     }
 }
 
@@ -48,6 +52,8 @@ impl Polyhedral {
         report: &mut Report,
         control: &Control,
     ) {
+        self.units.clear();
+        self.units.extend((0..r.len()).map(|k| unit(contacts.delassus.diagonal(k))));
         let last = std::mem::take(&mut self.unknowns);
         for k in 0..r.len() {
             self.unknowns.push((k, Unknown::Impulse(Vector3::x())));
@@ -71,7 +77,7 @@ impl Polyhedral {
             .unknowns
             .iter()
             .map(|&(k, unknown)| match unknown {
-                Unknown::Impulse(direction) => direction.dot(&q[k]),
+                Unknown::Impulse(direction) => direction.dot(&q[k]) * self.units[k],
                 Unknown::Slip => 0.0,
             })
             .collect();
@@ -80,7 +86,7 @@ impl Polyhedral {
         r.fill(Vector3::zeros());
         for (&(k, unknown), z) in self.unknowns.iter().zip(&self.z) {
             if let Unknown::Impulse(direction) = unknown {
-                r[k] += direction * *z;
+                r[k] += direction * (*z * self.units[k]);
             }
         }
         let size = q.iter().chain(&self.z).fold(f64::MIN_POSITIVE, |most, x| most.max(x.abs()));
@@ -97,7 +103,8 @@ impl Polyhedral {
         let ((k, row), (l, column)) = (self.unknowns[i], self.unknowns[j]);
         match (row, column) {
             (Unknown::Impulse(row), Unknown::Impulse(column)) => {
-                contacts.delassus.block(k, l).map_or(0.0, |block| row.dot(&(block * column)))
+                let units = self.units[k] * self.units[l];
+                contacts.delassus.block(k, l).map_or(0.0, |block| row.dot(&(block * column)) * units)
             }
             (Unknown::Impulse(row), Unknown::Slip) if k == l && row.x == 0.0 => 1.0,
             (Unknown::Slip, Unknown::Impulse(column)) if k == l => {
@@ -110,6 +117,12 @@ impl Polyhedral {
             _ => 0.0,
         }
     }
+}
+
+/// The power of two next below `(tr W_kk / 3)^(-1/2)`.
+fn unit(diagonal: &Matrix3<f64>) -> f64 {
+    let exponent = (-0.5 * (diagonal.trace() / 3.0).log2()).floor();
+    if exponent.is_finite() { exponent.exp2() } else { 1.0 }
 }
 
 /// Corner `i` of a regular polygon; those on the axes without rounding, so that opposite ones cancel.

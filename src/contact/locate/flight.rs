@@ -15,7 +15,7 @@
 use super::mode::{Status, held};
 use crate::contact::delassus::dot;
 use crate::problem::{Constraints, ConvexSet, Dvi, Mass, Mechanical, MechanicalStructure, Sensitivity, Structure};
-use nalgebra::{DMatrix, DVector, Matrix2, Vector2, Vector3};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2, Vector2, Vector3};
 
 /// A pivot below this fraction of the largest is that of rows that depend on each other.
 const DEPENDENT: f64 = 1e-11;
@@ -33,9 +33,9 @@ pub struct Flight {
     structure: Structure,
     mode: Vec<Status>,
     rows: Vec<usize>,
-    /// The loads of the held rows, and the roots of the weights of the metric.
-    load: DVector<f64>,
-    scale: DVector<f64>,
+    metric: Metric,
+    /// The factors of the last place.
+    last: Option<Solved>,
     constraints: Constraints,
     mass: DMatrix<f64>,
     gamma: Vec<f64>,
@@ -47,22 +47,57 @@ pub struct Flight {
     pub lambda: Vec<f64>,
 }
 
-/// `M^-1` and `(C M^-1 G)^-1` at one place.
+/// `M^-1` and `(C M^-1 G)^-1`, with what they were computed from.
 struct Solved {
-    mass: nalgebra::Cholesky<f64, nalgebra::Dyn>,
+    matrix: DMatrix<f64>,
+    mass: Cholesky<f64, Dyn>,
     c: DMatrix<f64>,
+    g: DMatrix<f64>,
     /// `M^-1 G`.
     y: DMatrix<f64>,
     inverse: DMatrix<f64>,
+    /// What the loads add where multipliers are not unique, to `a` and to `lambda`.
+    shift: Option<(DVector<f64>, DVector<f64>)>,
 }
 
 impl Solved {
+    /// Factorises at one place; what is the same as at the last one stays.
+    fn new(last: Option<Self>, matrix: &DMatrix<f64>, held: Held, metric: &Metric) -> Option<Self> {
+        let Held { c, g } = held;
+        let mass = match last {
+            Some(last) if last.matrix == *matrix && last.c == c && last.g == g => return Some(last),
+            Some(last) if last.matrix == *matrix => last.mass,
+            _ => matrix.clone().cholesky()?,
+        };
+        let y = mass.solve(&g);
+        let gram = &c * &y;
+        let (inverse, unique) = invert(&gram, &metric.scale)?;
+        let shift = (!unique).then(|| {
+            let shift = &metric.load - &inverse * (gram * &metric.load);
+            (&y * &shift, shift)
+        });
+        Some(Self { matrix: matrix.clone(), mass, c, g, y, inverse, shift })
+    }
+
     /// `a` and `lambda` of `M a - G lambda = p`, `C a = w`, for several right sides.
     fn solve(&self, p: &DMatrix<f64>, w: &DMatrix<f64>) -> (DMatrix<f64>, DMatrix<f64>) {
         let free = self.mass.solve(p);
         let lambda = &self.inverse * (w - &self.c * &free);
         (free + &self.y * &lambda, lambda)
     }
+}
+
+/// The held rows, and what their multipliers push.
+struct Held {
+    c: DMatrix<f64>,
+    g: DMatrix<f64>,
+}
+
+/// The loads of the held rows, and the roots of the weights of the metric.
+#[derive(Default)]
+struct Metric {
+    load: DVector<f64>,
+    scale: DVector<f64>,
 }
 
 impl Flight {
@@ -92,8 +127,8 @@ impl Flight {
             lambda: vec![0.0; shape.rows()],
             mode: Vec::new(),
             rows: Vec::new(),
-            load: DVector::zeros(0),
-            scale: DVector::zeros(0),
+            metric: Metric::default(),
+            last: None,
             problem,
             shape,
         };
@@ -116,8 +151,10 @@ impl Flight {
                 (load[row], scale[row]) = (*part, (most * share).max(LEAST_SHARE).sqrt());
             }
         }
-        self.load = DVector::from_iterator(self.rows.len(), self.rows.iter().map(|&row| load[row]));
-        self.scale = DVector::from_iterator(self.rows.len(), self.rows.iter().map(|&row| scale[row]));
+        let rows = self.rows.len();
+        self.metric.load = DVector::from_iterator(rows, self.rows.iter().map(|&row| load[row]));
+        self.metric.scale = DVector::from_iterator(rows, self.rows.iter().map(|&row| scale[row]));
+        self.last = None;
     }
 
     /// The constraints at the last evaluation.
@@ -160,7 +197,8 @@ impl Flight {
 
     /// Writes `a` and `lambda` at a place; they are not finite where they do not exist.
     pub fn settle(&mut self, t: f64, x: &[f64]) {
-        if self.solved(t, x).is_none() {
+        self.last = self.solved(t, x);
+        if self.last.is_none() {
             self.a.fill(f64::NAN);
             self.lambda.fill(f64::NAN);
         }
@@ -175,7 +213,6 @@ impl Flight {
         if !self.rows.is_empty() {
             self.problem.bias(t, q, v, &mut self.gamma);
         }
-        let mass = self.mass.clone().cholesky()?;
         let transposed = &self.constraints.transposed;
         let mut g = DMatrix::zeros(n, self.rows.len());
         for (column, &row) in self.rows.iter().enumerate() {
@@ -194,16 +231,12 @@ impl Flight {
                 }
             }
         }
-        let y = mass.solve(&g);
-        let gram = &c * &y;
-        let (inverse, unique) = invert(&gram, &self.scale)?;
-        let solved = Solved { mass, c, y, inverse };
+        let solved = Solved::new(self.last.take(), &self.mass, Held { c, g }, &self.metric)?;
         let bias = DMatrix::from_fn(self.rows.len(), 1, |i, _| -self.gamma[self.rows[i]]);
         let (mut a, mut lambda) = solved.solve(&DMatrix::from_column_slice(n, 1, &self.f), &bias);
-        if !unique {
-            let shift = &self.load - &solved.inverse * (gram * &self.load);
-            a += &solved.y * &shift;
-            lambda += shift;
+        if let Some((of_a, of_lambda)) = &solved.shift {
+            a += of_a;
+            lambda += of_lambda;
         }
         self.a.copy_from_slice(a.as_slice());
         self.lambda.fill(0.0);
@@ -289,12 +322,17 @@ impl Dvi for Flight {
         self.add_turning(v, &mut balance);
         let acceleration = &self.sensitivity.acceleration;
         let w = DMatrix::from_fn(self.rows.len(), 2 * n, |i, j| -acceleration[(self.rows[i], j)]);
-        let (by_state, _) = solved.solve(&-balance, &w);
-        for i in 0..n {
-            for j in 0..2 * n {
-                rest[i * 2 * n + j] = by_state[(i, j)];
+        if balance.iter().chain(&w).all(|x| *x == 0.0) {
+            rest.fill(0.0);
+        } else {
+            let (by_state, _) = solved.solve(&-balance, &w);
+            for i in 0..n {
+                for j in 0..2 * n {
+                    rest[i * 2 * n + j] = by_state[(i, j)];
+                }
             }
         }
+        self.last = Some(solved);
     }
 
     fn time_derivative(&mut self, _: f64, _: &[f64], _: &mut [f64]) {}

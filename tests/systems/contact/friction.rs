@@ -2,6 +2,7 @@
 
 use super::{block, stepped};
 use crate::systems::harness::{column, distance, events, last, solve};
+use dvi::solution::EventKind;
 use serde_json::{Value, json};
 
 const G: f64 = 9.81;
@@ -210,4 +211,37 @@ fn the_paradox_of_painleve_is_met_by_an_impulse_and_named() {
     // The ends of the window, 50.642 and 73.048 degrees; the rod turns little before it is looked at first.
     assert!(warned(50.7) && warned(73.0));
     assert!(!warned(45.0) && !warned(135.0));
+}
+
+#[test]
+fn what_rests_has_nothing_to_tell() {
+    // A bead on a turning hoop, and a block that lies on a belt: both stick, at velocities of rounding.
+    let bead = json!({"parameters": {"m": 0.3, "R": 0.5, "g": 9.81, "w": 6},
+        "coordinates": {"r": {"initial": "R"}, "turn": {"initial": 0.2}}, "mass": [["m", 0], [0, "m*r^2"]],
+        "potential": "-m*g*r*cos(turn) - 0.5*m*w^2*r^2*sin(turn)^2",
+        "contacts": [{"name": "hoop", "gap": "R - r", "friction": {"coefficient": 0.2, "slip": ["r*turn_dot"]}}]});
+    let belt = json!({"coordinates": {"x": {"initial": 0, "velocity": 0.7}, "y": {"initial": 0}}, "mass": [[3, 0], [0, 3]],
+        "potential": "3*9.81*y + sin(t)*x",
+        "contacts": [{"name": "belt", "gap": "y", "friction": {"coefficient": 0.3, "slip": ["x_dot - 0.7"]}}]});
+    for problem in [bead, belt] {
+        let solution = stepped(problem, 2.0, 1e-3);
+        assert!(solution.trajectory.events.is_empty(), "{:?}", solution.trajectory.events);
+    }
+}
+
+#[test]
+fn time_stepping_tells_each_change_of_a_contact_once() {
+    // Thrown on the floor without restitution, it lands, is stopped from 0.4 by mu g = 3, breaks
+    // loose where 3 t - 3 = 3, and is lifted at t = 4.
+    let block = json!({"coordinates": {"x": {"initial": 0, "velocity": 1}, "y": {"initial": 0.2}}, "mass": [[1, 0], [0, 1]],
+        "potential": "10*y", "forces": {"x": "max(3*t - 3, 0)", "y": "10*max(t - 3, 0)"},
+        "contacts": [{"name": "floor", "gap": "y", "friction": {"coefficient": 0.3, "slip": ["x_dot"]}}]});
+    let solution = stepped(block, 5.0, 1e-3);
+    let told: Vec<_> = solution.trajectory.events.iter().map(|event| (event.kind, event.t)).collect();
+    let expected =
+        [(EventKind::Impact, 0.2), (EventKind::Stick, 1.0 / 3.0), (EventKind::Slip, 2.0), (EventKind::LiftOff, 4.0)];
+    assert_eq!(told.len(), expected.len(), "{told:?}");
+    for ((kind, t), (right, at)) in told.iter().zip(expected) {
+        assert!(*kind == right && (t - at).abs() < 5e-3, "{told:?}, not {expected:?}");
+    }
 }
