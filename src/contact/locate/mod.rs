@@ -164,9 +164,12 @@ impl<'p> Located<'p> {
                 if t - self.last_impact[k] < accumulate {
                     self.accumulations += 1;
                     self.velocity_step(0.0, Forces::Inelastic(CLOSED), control)?;
-                    self.settle(k)?;
-                } else {
-                    self.strike(control)?;
+                    // What closes in no time has no rebound.
+                    let rests = |&i: &usize| self.step.contacted.r[i].x > 0.0 || i == k && self.stalls > 0;
+                    let resting: Vec<usize> = (0..self.structure.contacts.len()).filter(rests).collect();
+                    self.settle(&resting)?;
+                } else if !self.strike(control)? {
+                    self.settle(&[k])?;
                 }
             }
             Ending::LetsGo(k) => self.happenings.push(Happening::LiftOff { t, contact: k }),
@@ -181,14 +184,14 @@ impl<'p> Located<'p> {
         Ok(())
     }
 
-    /// The law of impact for all contacts that are closed, if any of them approaches.
-    fn strike(&mut self, control: &Control) -> Result<(), ContactError> {
+    /// The law of impact for all contacts that are closed, if any of them approaches; whether one does.
+    fn strike(&mut self, control: &Control) -> Result<bool, ContactError> {
         self.look();
         let State { t, v, .. } = &self.state;
         let approaching: Vec<usize> =
             (0..self.structure.contacts.len()).filter(|&k| self.is_closed(k) && self.normal(k, v) < 0.0).collect();
         if approaching.iter().all(|&k| -self.normal(k, v) <= self.rounding(k, v)) {
-            return Ok(());
+            return Ok(false);
         }
         let t = *t;
         self.velocity_step(0.0, Forces::Impact(CLOSED), control)?;
@@ -198,15 +201,13 @@ impl<'p> Located<'p> {
                 self.happenings.push(Happening::Impact { t, contact: k });
             }
         }
-        Ok(())
+        Ok(true)
     }
 
-    /// Lets contacts rest that carried something in the last step, on surfaces that move or are curved too; and contact `k`,
-    /// if it closed in no time, so that a rebound of it is rounding.
-    fn settle(&mut self, k: usize) -> Result<(), ContactError> {
-        let carries = |i: usize| self.step.contacted.r[i].x > 0.0 || i == k && self.stalls > 0;
-        let status = |i: usize| if carries(i) { Status::Smooth } else { Status::Open };
-        let mode: Vec<Status> = (0..self.structure.contacts.len()).map(status).collect();
+    /// Lets contacts rest, also on surfaces that move or are curved: what velocity they have left is rounding.
+    fn settle(&mut self, contacts: &[usize]) -> Result<(), ContactError> {
+        let mut mode = vec![Status::Open; self.structure.contacts.len()];
+        contacts.iter().for_each(|&k| mode[k] = Status::Smooth);
         self.hold(&mode)
     }
 
