@@ -95,6 +95,15 @@ impl Island {
         }
     }
 
+    /// Takes out of the velocities what the joints do not let be, by impulses of theirs alone.
+    pub fn obey_joints(&mut self, joints: &[Joint], places: impl Fn(usize) -> Option<u32>) {
+        let all: Vec<&Joint> = self.joints.iter().map(|&k| &joints[k as usize]).collect();
+        if let Some(mut constraints) = Constraints::new(&all, &places, &self.moving) {
+            let none = vec![0.0; constraints.values().count()];
+            self.is_singular = !constraints.hold(&none, &mut self.moving);
+        }
+    }
+
     /// The contact law, from the velocities as they stand.
     fn impulses(&mut self, matrix: &BlockMatrix, h: f64, law: &mut Law, control: &Control) {
         if self.contacts.is_empty() {
@@ -152,11 +161,11 @@ impl Island {
         let mut last = f64::INFINITY;
         for _ in 0..ITERATIONS {
             self.moving.copy_from_slice(&start);
-            self.is_singular |= !hold(&mut constraints, &b, &mut self.moving);
+            self.is_singular |= !constraints.hold(&b, &mut self.moving);
             self.impulses(&matrix, h, law, control);
             self.moving.copy_from_slice(&start);
             push_contacts(&self.contacts, &mut self.moving);
-            self.is_singular |= !hold(&mut constraints, &b, &mut self.moving);
+            self.is_singular |= !constraints.hold(&b, &mut self.moving);
             let (error, size) = self.errors(h, joints, places, &mut b);
             if self.is_singular || error <= ROUNDING * size || error >= 0.5 * last {
                 return;
@@ -181,17 +190,6 @@ impl Island {
         let size = end.iter().map(|motion| motion.pose.translation.vector.amax()).fold(1e-3, f64::max);
         (greatest, size)
     }
-}
-
-/// Makes `G v = -b`.
-fn hold(constraints: &mut Constraints, b: &[f64], moving: &mut [Motion]) -> bool {
-    let mut lambda = constraints.velocity(moving);
-    for (lambda, b) in lambda.iter_mut().zip(b) {
-        *lambda = -(*lambda + b);
-    }
-    let solved = constraints.solve(&mut lambda);
-    constraints.push(&lambda, moving);
-    solved
 }
 
 fn push_contacts(contacts: &[Contact], moving: &mut [Motion]) {

@@ -11,7 +11,7 @@
 use super::collision::{BroadPhase, ContactPoint, contacts};
 use super::contact::Contact;
 use super::island::Island;
-use super::joint::joined;
+use super::joint::{Joint, joined};
 use super::motion::Motion;
 use super::scene::Scene;
 use crate::contact::islands::{Islands, solve_apart, threads};
@@ -189,12 +189,13 @@ impl<'a> Simulation<'a> {
         self.check()
     }
 
-    /// Moves bodies apart that overlap; false if that did not do.
+    /// Moves bodies apart that overlap, and gives them the velocities that their joints let them have, by the least change
+    /// in the norm of the masses; false if that did not do.
     pub fn resolve(&mut self, control: &Control) -> bool {
         for _ in 0..ROUNDS_AT_START {
             self.detect(0.0);
             if self.depth(OVERLAP) <= 0.0 {
-                return true;
+                return self.islands(|island, joints, place, _| island.obey_joints(joints, place)).is_ok();
             }
             if control.poll().is_some() || self.separate(control).is_err() {
                 return false;
@@ -263,13 +264,21 @@ impl<'a> Simulation<'a> {
 
     /// Solves every island, from the velocities and the contacts as they stand.
     fn solve(&mut self, h: f64, control: &Control) -> Result<(), StepFailure> {
+        self.islands(|island, joints, place, law| island.solve(h, joints, place, law, control))
+    }
+
+    /// Gives every island to `solve`, with the joints, the places of bodies in it and a solver of the contact law.
+    fn islands(
+        &mut self,
+        solve: impl Fn(&mut Island, &[Joint], &dyn Fn(usize) -> Option<u32>, &mut Law) + Sync,
+    ) -> Result<(), StepFailure> {
         self.part();
         let (joints, places, tasks) = (&self.scene.joints, &self.places, &mut self.tasks[..self.islands.len()]);
         let weight = |island: &Island| island.contacts.len() + 2 * island.joints.len();
         solve_apart(tasks, &mut self.laws, weight, WORTH_A_THREAD, |island, law| {
             let bodies = std::mem::take(&mut island.bodies);
             let place = |body: usize| places[body].and_then(|body| bodies.binary_search(&body).ok()).map(|k| k as u32);
-            island.solve(h, joints, place, law, control);
+            solve(island, joints, &place, law);
             island.bodies = bodies;
         });
         self.report.islands = tasks.len();
@@ -297,7 +306,7 @@ impl<'a> Simulation<'a> {
             [Some(a), b] => (a as usize, b.map(|b| b as usize)),
             [None, b] => (b.unwrap_or(0) as usize, None),
         };
-        let of_joint = |joint: &super::joint::Joint| {
+        let of_joint = |joint: &Joint| {
             let [a, b] = joint.places(&|body| places[body]);
             (a.unwrap_or(0) as usize, b.map(|b| b as usize))
         };
