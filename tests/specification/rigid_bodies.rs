@@ -144,6 +144,28 @@ fn velocities_that_tear_a_joint_at_the_start_are_refused_at_the_joint() {
 }
 
 #[test]
+fn what_the_stepper_of_bodies_does_not_use_is_refused_where_it_is_written() {
+    let cases = [
+        ("rtol", json!(1e-10), "no error is measured"),
+        ("atol", json!(1e-9), "no error is measured"),
+        ("stages", json!(5), "no stages"),
+        ("switches", json!("step_over"), "steps of one size"),
+        ("vi_solver", json!("lemke"), "solvers of its own"),
+        ("accept_index_three", json!(true), "index three"),
+    ];
+    for (key, value, detail) in cases {
+        let mut document = scene();
+        document["method"][key] = value;
+        assert_errors(&document, &[(&format!("/method/{key}"), "conflict", detail)]);
+    }
+    for key in ["first_step", "max_step", "min_step"] {
+        let document = with(scene(), "/method", json!({ key: 1e-3 }));
+        assert_errors(&document, &[(&format!("/method/{key}"), "conflict", "no error is measured")]);
+    }
+    Specification::from_json(with(scene(), "/method", json!({"name": "contact"})).to_string().as_bytes()).unwrap();
+}
+
+#[test]
 fn too_many_bodies_are_refused_before_they_are_looked_at() {
     let ball = json!({"shape": {"sphere": {"radius": 0.1}}, "mass": 1});
     let document = with(scene(), BODIES, Value::Array(vec![ball; 100_001]));
