@@ -28,11 +28,10 @@ pub struct Constraints {
 
 impl Constraints {
     /// The rows of these joints; `None` if there are none, or no memory for them.
-    pub fn new(joints: &[&Joint], places: &impl Fn(usize) -> Option<u32>, moving: &[Motion]) -> Option<Self> {
+    pub fn new(joints: &[(&Joint, [Option<u32>; 2])], moving: &[Motion]) -> Option<Self> {
         let mut rows = Vec::new();
         let mut of_joint = Vec::new();
-        for joint in joints {
-            let bodies = joint.places(places);
+        for &(joint, bodies) in joints {
             of_joint.clear();
             joint.rows(poses(bodies, moving), &mut of_joint);
             rows.extend(of_joint.drain(..).map(|row| (row, bodies)));
