@@ -101,6 +101,9 @@ const MOST_FACTORISED: usize = 600;
 /// Above so many contacts without friction sweeps and sparse factors cost less than dense pivots.
 const MOST_PIVOTED: usize = 100;
 
+/// The set of a contact that can slip in one direction alone.
+const SEGMENT: Cone = Cone::Polyhedral(2);
+
 /// Energy below this fraction of `sum |r| |u|` is rounding.
 const ROUNDING: f64 = 1e-13;
 
@@ -174,7 +177,15 @@ impl Law {
         let pivots = r.len() <= MOST_PIVOTED || (0..r.len()).any(faceted);
         if pivots && !(0..r.len()).any(round) {
             self.polyhedral.solve(contacts, &q, r, report, control);
-        } else if self.problem.replace(contacts.delassus, &q, contacts.mu).is_ok() {
+            let over = matches!(report.outcome, Outcome::Solved | Outcome::Interrupted);
+            if over || (0..r.len()).any(|k| faceted(k) && contacts.cone[k] != SEGMENT) {
+                return;
+            }
+            // Contacts that share a slip have bases that are singular but for rounding; a segment is a disk too.
+            r.fill(Vector3::zeros());
+            report.solves += 1;
+        }
+        if self.problem.replace(contacts.delassus, &q, contacts.mu).is_ok() {
             let solved = self.coulomb.solve(&self.problem, r, control);
             let Evidence { relative, .. } = solved.evidence;
             report.solver = solved.attempts.last().map_or("start", |attempt| attempt.method.name());

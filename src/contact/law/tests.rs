@@ -180,3 +180,46 @@ fn polygons_with_more_corners_come_to_the_disk() {
     let (coarse, fine) = (distance(4), distance(64));
     assert!(coarse > 1e-3 && fine < 0.1 * coarse, "{coarse} {fine}");
 }
+
+#[test]
+fn a_block_on_two_corners_whose_slips_differ_by_rounding_is_struck_by_the_law() {
+    // Corners at (-b, -h) and (b, -h), or above the centre as those of a pendulum are, of a block that is tilted.
+    let (b, h, mu) = (0.1649, 0.3317, 0.1);
+    let inertia = (b * b + h * h) / 3.0;
+    for digits in 4..16 {
+        for (upright, spin) in [(1.0, -1.0), (1.0, 1.0), (-1.0, -1.0), (-1.0, 1.0)] {
+            let tilt = 10.0_f64.powi(-digits);
+            let (sine, cosine) = (upright * tilt, upright * (1.0 - 0.5 * tilt * tilt));
+            // Rows of J by angle, x and y: a normal and a slip of each corner.
+            let corner = |side: f64| {
+                [[-side * b * cosine + h * sine, 0.0, 1.0], [side * b * sine + h * cosine, 1.0, 0.0], [0.0; 3]]
+            };
+            let corners = [corner(1.0), corner(-1.0)];
+            let v = [spin * 7.4e-4, 2.4e-4, -1e-4];
+            let masses = [inertia, 1.0, 1.0];
+            let block = |k: usize, l: usize| {
+                let entry = |i: usize, j: usize| (0..3).map(|n| corners[k][i][n] * corners[l][j][n] / masses[n]).sum();
+                let unused = if k == l { 1.0 } else { 0.0 };
+                Matrix3::from_fn(|i, j| if i == 2 && j == 2 { unused } else { entry(i, j) })
+            };
+            let places = [(0, 0), (0, 1), (1, 0), (1, 1)];
+            let delassus = BlockMatrix::from_blocks(2, places.map(|(k, l)| (k, l, block(k, l))).to_vec()).unwrap();
+            let before = corners.map(|rows| Vector3::from_fn(|i, _| (0..3).map(|n| rows[i][n] * v[n]).sum()));
+            let contacts = Contacts {
+                delassus: &delassus,
+                free: &before,
+                before: &before,
+                gap: &[0.0; 2],
+                mu: &[mu; 2],
+                restitution: &[0.8; 2],
+                cone: &[Cone::Polyhedral(2); 2],
+                h: 1.0,
+            };
+            let mut r = vec![Vector3::zeros(); 2];
+            let report = Law::new(1e-12).impulses(&contacts, &mut r, &Control::new());
+            assert_eq!(report.outcome, Outcome::Solved, "{digits} {upright} {spin}: {report:?}");
+            assert!(report.residual < 1e-10, "{digits} {upright} {spin}: {report:?}");
+            assert!(contacts.dissipation(&r).0 > -1e-18, "{digits} {upright} {spin}");
+        }
+    }
+}

@@ -1,12 +1,12 @@
 //! Motion in one mode, from where it begins to where it ends.
 
 use super::flight::Flight;
+use super::integrals::Integrals;
 use super::mode::Status;
 use super::monitors::{Monitor, monitors};
 use super::search::{Search, Violation};
 use super::{CLOSED, Located, PASS};
 use crate::contact::ContactError;
-use crate::contact::delassus::dot;
 use crate::contact::energy::Energy;
 use crate::problem::{Control, Mechanical};
 use crate::radau::{Radau, Settings, StageChoice};
@@ -29,17 +29,6 @@ impl Flights {
     }
 }
 
-/// Nodes and weights of Gauss and Legendre on `[0, 1]`.
-const NODES: [f64; 5] =
-    [0.046_910_077_030_668_004, 0.230_765_344_947_158_45, 0.5, 0.769_234_655_052_841_5, 0.953_089_922_969_332];
-const WEIGHTS: [f64; 5] = [
-    0.118_463_442_528_094_54,
-    0.239_314_335_249_683_23,
-    0.284_444_444_444_444_44,
-    0.239_314_335_249_683_23,
-    0.118_463_442_528_094_54,
-];
-
 /// Steps that are solved anew to refine the time of an ending.
 const REFINEMENTS: usize = 6;
 
@@ -56,23 +45,17 @@ const DRIFT: f64 = 0.1 * CLOSED;
 pub struct Leg<'l, 'p> {
     /// What lasts from mode to mode.
     pub located: &'l mut Located<'p>,
-    mode: Vec<Status>,
+    pub(super) mode: Vec<Status>,
     radau: Option<Radau<'l>>,
     /// The last step, cut where the mode ended.
     cut: Option<Radau<'l>>,
     trial: &'l mut Flight,
     spare: Vec<&'l mut Flight>,
-    watch: &'l mut Flight,
+    pub(super) watch: &'l mut Flight,
     control: &'l Control,
     over: bool,
-}
-
-/// What acts in a part of a step: impulses of contacts, what friction dissipates, the work of forces and of drives.
-struct Integrals {
-    impulses: Vec<Vector3<f64>>,
-    friction: f64,
-    forces: f64,
-    drives: f64,
+    /// What has acted in the last step up to a time.
+    acted: (f64, Integrals),
 }
 
 impl<'l, 'p> Leg<'l, 'p> {
@@ -92,7 +75,8 @@ impl<'l, 'p> Leg<'l, 'p> {
             radau = Radau::new(main, settings, located.state.t, &x, located.end, control).ok();
         }
         let mode = mode.unwrap_or_default();
-        Self { mode, radau, cut: None, trial, spare: vec![cut, again], watch, control, over: false, located }
+        let acted = (located.state.t, Integrals::none(mode.len()));
+        Self { mode, radau, cut: None, trial, spare: vec![cut, again], watch, control, over: false, acted, located }
     }
 
     /// Whether the mode, or the run, is over.
@@ -141,6 +125,7 @@ impl<'l, 'p> Leg<'l, 'p> {
         if t > begin {
             self.travel(begin, t);
         }
+        self.acted = (begin, Integrals::none(self.mode.len()));
         if t - begin > 10.0 * self.located.pass {
             self.located.pass = PASS * self.located.horizon;
         }
@@ -181,7 +166,7 @@ impl<'l, 'p> Leg<'l, 'p> {
     }
 
     /// `x` at a time within the last step, into `x`.
-    fn at(&mut self, t: f64, x: &mut [f64]) {
+    pub(super) fn at(&mut self, t: f64, x: &mut [f64]) {
         if let Some(radau) = self.cut.as_mut().or(self.radau.as_mut()) {
             radau.interpolate(t, x);
         }
@@ -280,33 +265,6 @@ impl<'l, 'p> Leg<'l, 'p> {
         energy.close(energies.kinetic, energies.potential);
     }
 
-    /// What acts from `begin` to `t`, by quadrature.
-    fn integrals(&mut self, begin: f64, t: f64) -> Integrals {
-        let n = self.located.structure.coordinates;
-        let mut x = vec![0.0; 2 * n];
-        let mut impulses = vec![Vector3::zeros(); self.mode.len()];
-        let (mut friction, mut forces, mut drives) = (0.0, 0.0, 0.0);
-        for (node, weight) in NODES.into_iter().zip(WEIGHTS) {
-            let (time, weight) = (begin + node * (t - begin), weight * (t - begin));
-            self.at(time, &mut x);
-            self.watch.settle(time, &x);
-            let structure = &self.located.structure;
-            for (k, impulse) in impulses.iter_mut().enumerate().filter(|&(k, _)| self.mode[k].is_closed()) {
-                impulse.x += weight * self.watch.lambda[structure.normal(k)];
-                let slip = self.watch.slip(k, &x[n..]);
-                for (i, row) in structure.tangents(k).enumerate() {
-                    impulse[1 + i] += weight * self.watch.lambda[row];
-                    friction -= weight * self.watch.lambda[row] * slip[i];
-                }
-            }
-            drives -= weight * dot(&self.watch.lambda, &self.watch.constraints().drift);
-            let energies = self.watch.problem().energies(time, &x[..n], &x[n..]);
-            forces += weight * energies.power;
-            drives += weight * energies.drive;
-        }
-        Integrals { impulses, friction, forces, drives }
-    }
-
     /// Coordinates, velocities, impulses and the balance of energy at a time within the last step.
     pub fn outputs(&mut self, t: f64, q: &mut [f64], v: &mut [f64]) -> (Vec<Vector3<f64>>, Energy) {
         let Located { state, last, .. } = &*self.located;
@@ -328,11 +286,19 @@ impl<'l, 'p> Leg<'l, 'p> {
         self.at(t, &mut x);
         q.copy_from_slice(&x[..q.len()]);
         v.copy_from_slice(&x[q.len()..]);
-        let Integrals { mut impulses, friction, forces, drives } = self.integrals(begin, t);
-        impulses.iter_mut().zip(&self.located.impulses_before).for_each(|(r, before)| *r += before);
+        // Outputs come one after the other.
+        let from = if t >= self.acted.0 { self.acted.0 } else { begin };
+        let part = self.integrals(from, t);
+        if from == begin {
+            self.acted.1 = Integrals::none(self.mode.len());
+        }
+        self.acted.0 = t;
+        self.acted.1.add(1.0, &part);
+        let Integrals { impulses, friction, forces, drives } = &self.acted.1;
+        let impulses = impulses.iter().zip(&self.located.impulses_before).map(|(r, before)| r + before).collect();
         let mut energy = self.located.energy_before;
-        energy.dissipate(friction, 0.0, 0.0);
-        energy.work(forces, drives);
+        energy.dissipate(*friction, 0.0, 0.0);
+        energy.work(*forces, *drives);
         (impulses, energy)
     }
 

@@ -8,6 +8,7 @@
 //! - Where impacts accumulate (Zeno), or no mode goes on, steps of time stepping do, until one does again.
 
 mod flight;
+mod integrals;
 mod leg;
 mod mode;
 mod monitors;

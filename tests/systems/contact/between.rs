@@ -120,3 +120,26 @@ fn a_heavy_ball_on_a_light_one_comes_to_rest_with_both_their_weights_on_the_floo
         assert!((carried - 1.0).abs() < 1e-6, "{mass} {law}: {carried}");
     }
 }
+
+#[test]
+fn what_a_floor_has_carried_is_known_though_nothing_moves_within_long_steps() {
+    let problem = json!({"coordinates": {"x": {"initial": 0}, "y": {"initial": 0}}, "mass": [[1, 0], [0, 1]],
+        "potential": "10*y", "forces": {"x": "0.4*sin(8*pi*t)", "y": "5*sin(3*t)"},
+        "contacts": [{"name": "floor", "gap": "y", "friction": {"coefficient": 0.1, "slip": ["x_dot"]}}]});
+    let solution = solved(&problem, 10.0, &json!({"every": 0.1}));
+    assert!(solution.diagnostics.steps.accepted < 50, "{:?}", solution.diagnostics.steps);
+    for (t, carried) in solution.trajectory.t.iter().zip(column(&solution, "floor_impulse")) {
+        let exact = 10.0 * t - 5.0 / 3.0 * (1.0 - (3.0 * t).cos());
+        assert!((carried - exact).abs() < 1e-6, "{carried} and not {exact} at {t}");
+    }
+}
+
+#[test]
+fn a_push_whose_period_divides_the_horizon_is_seen() {
+    // All of t = 0, 1.25, .. 10 are zeros of the push, which first reaches the friction at asin(10/11)/(8 pi).
+    let problem = json!({"coordinates": {"x": {"initial": 0}, "y": {"initial": 0}}, "mass": [[1, 0], [0, 1]],
+        "potential": "10*y", "forces": {"x": "1.1*sin(8*pi*t)"},
+        "contacts": [{"name": "floor", "gap": "y", "friction": {"coefficient": 0.1, "slip": ["x_dot"]}}]});
+    let solution = solved(&problem, 10.0, &json!([0, 10]));
+    assert_times(&times(&solution, EventKind::Slip), |k| (10.0_f64 / 11.0).asin() / (8.0 * PI) + k as f64 / 8.0, 80);
+}

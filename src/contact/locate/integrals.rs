@@ -1,0 +1,114 @@
+//! What acts on the way, by quadrature along the collocation polynomial.
+//!
+//! Where nothing moves steps are long, and forces may vary within one as they like. So a part is halved until the rule of
+//! Gauss and Legendre with five nodes, of order ten, agrees with that on three of its nodes, of order four: if the latter
+//! is wrong by `d`, the former is by about `d^(10/4)`.
+
+use super::leg::Leg;
+use crate::contact::delassus::dot;
+use nalgebra::Vector3;
+
+/// Nodes and weights of Gauss and Legendre on `[0, 1]`, and the weights of the rule on the first, third and fifth.
+const NODES: [f64; 5] =
+    [0.046_910_077_030_668_004, 0.230_765_344_947_158_45, 0.5, 0.769_234_655_052_841_5, 0.953_089_922_969_332];
+const WEIGHTS: [f64; 5] = [
+    0.118_463_442_528_094_54,
+    0.239_314_335_249_683_23,
+    0.284_444_444_444_444_44,
+    0.239_314_335_249_683_23,
+    0.118_463_442_528_094_54,
+];
+const OF_THREE: [f64; 5] = [0.202_964_438_547_983_2, 0.0, 0.594_071_122_904_033_6, 0.0, 0.202_964_438_547_983_2];
+
+/// The ratio of the orders of the rules, inverted.
+const ORDERS: f64 = 0.4;
+
+/// The part of the tolerance that quadrature may take.
+const SHARE: f64 = 0.1;
+
+/// The smallest part that is halved, and how many there may be.
+const SMALLEST: f64 = 1e-9;
+const MOST_PARTS: usize = 4096;
+
+/// Impulses of contacts, what friction dissipates, the work of forces and of drives; or the rates of these.
+#[derive(Clone, Debug)]
+pub(super) struct Integrals {
+    pub impulses: Vec<Vector3<f64>>,
+    pub friction: f64,
+    pub forces: f64,
+    pub drives: f64,
+}
+
+impl Integrals {
+    pub fn none(contacts: usize) -> Self {
+        Self { impulses: vec![Vector3::zeros(); contacts], friction: 0.0, forces: 0.0, drives: 0.0 }
+    }
+
+    pub fn add(&mut self, weight: f64, other: &Self) {
+        self.impulses.iter_mut().zip(&other.impulses).for_each(|(sum, r)| *sum += r * weight);
+        self.friction += weight * other.friction;
+        self.forces += weight * other.forces;
+        self.drives += weight * other.drives;
+    }
+
+    /// The sizes of impulses and of energies.
+    fn sizes(&self) -> [f64; 2] {
+        let impulses = self.impulses.iter().map(Vector3::norm).sum();
+        [impulses, self.friction.abs() + self.forces.abs() + self.drives.abs()]
+    }
+}
+
+impl Leg<'_, '_> {
+    /// What acts between two times within the last step.
+    pub(super) fn integrals(&mut self, begin: f64, end: f64) -> Integrals {
+        let contacts = self.located.structure.contacts.len();
+        let mut sum = Integrals::none(contacts);
+        let least = SMALLEST * (end - begin);
+        let tolerance = (SHARE * self.located.radau.rtol).powf(ORDERS);
+        let atol = self.located.radau.atol[self.located.structure.coordinates..].iter().copied().fold(0.0, f64::max);
+        let mut parts = vec![(begin, end)];
+        for passed in 1.. {
+            let Some((a, b)) = parts.pop() else { break };
+            let (mut five, mut error) = (Integrals::none(contacts), Integrals::none(contacts));
+            let mut sizes = [0.0; 2];
+            for ((node, weight), of_three) in NODES.into_iter().zip(WEIGHTS).zip(OF_THREE) {
+                let rates = self.rates(a + node * (b - a));
+                five.add(weight * (b - a), &rates);
+                error.add((weight - of_three) * (b - a), &rates);
+                sizes.iter_mut().zip(rates.sizes()).for_each(|(sum, size)| *sum += weight * (b - a) * size);
+            }
+            let [impulses, energy] = error.sizes();
+            // A velocity is known to its absolute tolerance.
+            let rough = impulses > tolerance * sizes[0] || energy > tolerance * sizes[1] + atol * sizes[0];
+            let middle = 0.5 * (a + b);
+            if rough && b - a > least && a < middle && middle < b && passed + parts.len() < MOST_PARTS {
+                parts.extend([(middle, b), (a, middle)]);
+            } else {
+                sum.add(1.0, &five);
+            }
+        }
+        sum
+    }
+
+    /// The forces of contacts, and powers, at a time within the last step.
+    fn rates(&mut self, t: f64) -> Integrals {
+        let n = self.located.structure.coordinates;
+        let mut x = vec![0.0; 2 * n];
+        self.at(t, &mut x);
+        self.watch.settle(t, &x);
+        let structure = &self.located.structure;
+        let mut rates = Integrals::none(self.mode.len());
+        for (k, force) in rates.impulses.iter_mut().enumerate().filter(|&(k, _)| self.mode[k].is_closed()) {
+            force.x = self.watch.lambda[structure.normal(k)];
+            let slip = self.watch.slip(k, &x[n..]);
+            for (i, row) in structure.tangents(k).enumerate() {
+                force[1 + i] = self.watch.lambda[row];
+                rates.friction -= self.watch.lambda[row] * slip[i];
+            }
+        }
+        let energies = self.watch.problem().energies(t, &x[..n], &x[n..]);
+        rates.forces = energies.power;
+        rates.drives = energies.drive - dot(&self.watch.lambda, &self.watch.constraints().drift);
+        rates
+    }
+}
