@@ -59,6 +59,17 @@ pub enum ContactError {
         /// When.
         t: f64,
     },
+    /// A gap closes where its gradient vanishes.
+    #[error(
+        "the gap of contact {contact} (counted from 0) has no gradient where it closes, at t = {t}: that leaves no direction to \
+         its impulse"
+    )]
+    Gradient {
+        /// The contact.
+        contact: usize,
+        /// When.
+        t: f64,
+    },
     /// The law of contact was not solved.
     #[error(
         "the law of contact and friction at {contacts} contacts was not solved at t = {t} (residual {residual:e}): joints \
@@ -81,6 +92,7 @@ impl ContactError {
             Self::NotFinite { .. } | Self::Force { .. } => "not_finite",
             Self::MassNotPositive { .. } => "mass_not_positive",
             Self::Singular { .. } => "singular",
+            Self::Gradient { .. } => "gap_without_gradient",
             Self::Unsolved { .. } => "contact_unsolved",
         }
     }

@@ -82,6 +82,8 @@ pub struct VelocityStep<'p> {
     by_v: DMatrix<f64>,
     /// The step size for which a constant matrix is factorised.
     factorised: Option<f64>,
+    /// The largest terms of each joint and gap so far.
+    sizes: Vec<f64>,
     law: Law,
     impact_law: ImpactLaw,
     pub(super) f: Vec<f64>,
@@ -104,6 +106,7 @@ impl<'p> VelocityStep<'p> {
             by_q: DMatrix::zeros(n, n),
             by_v: DMatrix::zeros(n, n),
             factorised: None,
+            sizes: vec![0.0; structure.joints + structure.contacts.len()],
             law: Law::new(tolerance),
             impact_law,
             f: vec![0.0; n],
@@ -147,6 +150,7 @@ impl<'p> VelocityStep<'p> {
         let violation: Vec<f64> = (0..self.structure.joints).map(|i| self.constraints.velocity(i, &v)).collect();
         let unheld = v.clone();
         self.delassus.obey_joints(&violation, &mut v);
+        self.survey(&state.q, &v, duration);
         self.touch(state, &mut v, h, forces, control)?;
         let lost = ContactError::Singular { t: state.t };
         self.contacted.drives += self.drive_of_joints(unheld).ok_or(lost)?;
@@ -173,6 +177,15 @@ impl<'p> VelocityStep<'p> {
             Ok(())
         } else {
             Err(ContactError::NotFinite { what: "gap, slip or joint", t })
+        }
+    }
+
+    /// Notes the size of the terms of joints and gaps, and of what motion without contacts makes of them.
+    fn survey(&mut self, q: &[f64], v: &[f64], h: f64) {
+        for (row, size) in self.sizes.iter_mut().enumerate() {
+            let terms = self.constraints.row(row).iter().zip(q.iter().zip(v));
+            let terms: f64 = terms.map(|(j, (q, v))| j.abs() * (q.abs() + h * v.abs())).sum();
+            *size = size.max(terms).max(self.constraints.values[row].abs());
         }
     }
 

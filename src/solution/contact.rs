@@ -103,6 +103,11 @@ impl<'p> Outputs<'p> {
                  number too large",
                 self.model.coordinates[component]
             ),
+            ContactError::Gradient { contact, t } => format!(
+                "the gap of `{}` has no gradient where it closes, at t = {t:?}, which leaves no direction to its impulse: give \
+                 it as a distance, or let `impacts` be `time_stepping`",
+                self.model.contacts[contact]
+            ),
             _ => error.to_string(),
         };
         Failure { code: error.code().into(), message, time, state: self.states.clone() }

@@ -33,6 +33,9 @@ const CLOSED: f64 = 1e-10;
 /// Velocities below this fraction of their terms are rounding.
 const ROUNDING: f64 = 1e-11;
 
+/// A gap whose gradient is below this fraction of its largest has none.
+const VANISHED: f64 = 1e-6;
+
 /// A slip that friction leaves below this fraction of what forces and impulses make of velocities is none.
 const HELD: f64 = 1e-7;
 
@@ -85,6 +88,8 @@ pub struct Located<'p> {
     structure: MechanicalStructure,
     constraints: Constraints,
     last_impact: Vec<f64>,
+    /// The largest gradient of each gap so far.
+    gradients: Vec<f64>,
     radau: radau::Settings,
     /// The last step of Radau IIA, for the next mode to begin with.
     h: Option<f64>,
@@ -128,6 +133,7 @@ impl<'p> Located<'p> {
             constraints: Constraints::new(&structure),
             structure,
             last_impact: vec![f64::NEG_INFINITY; contacts],
+            gradients: vec![0.0; contacts],
             radau,
             h: None,
             pass: PASS * horizon,
@@ -161,6 +167,10 @@ impl<'p> Located<'p> {
         self.hold(&kept)?;
         match ending {
             Ending::Closes(k) => {
+                self.look();
+                if self.gradient(k) <= VANISHED * self.gradients[k] {
+                    return Err(ContactError::Gradient { contact: k, t });
+                }
                 let accumulate = (ZENO * self.horizon).max(1e3 * f64::EPSILON * t.abs());
                 if t - self.last_impact[k] < accumulate {
                     self.accumulations += 1;
@@ -255,6 +265,13 @@ impl<'p> Located<'p> {
 
     fn look(&mut self) {
         self.step.problem.constraints(self.state.t, &self.state.q, &mut self.constraints);
+        for k in 0..self.gradients.len() {
+            self.gradients[k] = self.gradients[k].max(self.gradient(k));
+        }
+    }
+
+    fn gradient(&self, k: usize) -> f64 {
+        self.constraints.row(self.structure.normal(k)).iter().fold(0.0, |norm: f64, j| norm.hypot(*j))
     }
 
     fn is_closed(&self, k: usize) -> bool {

@@ -11,8 +11,14 @@ use nalgebra::Vector3;
 /// Passes that take out of `q` what curvature leaves of the constraints.
 const CORRECTIONS: usize = 6;
 
-/// A constraint off by this, in units of the coordinates, is left.
+/// A constraint off by this fraction of its terms is left.
 const OFF: f64 = 1e-13;
+
+/// Below this fraction, what a pass does not halve is rounding.
+const ROUNDING: f64 = 1e-10;
+
+/// What a mode holds is left if it is off by this, in units of the coordinates.
+const DRIFT: f64 = 1e-13;
 
 impl VelocityStep<'_> {
     /// Puts `q` on the joints and gaps among these rows, and `v` on all of them, by the shortest way in the metric of `M`;
@@ -30,7 +36,7 @@ impl VelocityStep<'_> {
             self.factorised = None;
             self.factorise(state, 0.0)?;
             let off: Vec<f64> = holonomic.iter().map(|&row| self.constraints.values[row]).collect();
-            if pass + 1 == CORRECTIONS || off.iter().all(|off| off.abs() <= OFF) {
+            if pass + 1 == CORRECTIONS || off.iter().all(|off| off.abs() <= DRIFT) {
                 break;
             }
             if !self.delassus.remove(&self.constraints, &holonomic, &off, &mut state.q) {
@@ -50,17 +56,24 @@ impl VelocityStep<'_> {
         self.problem.constraints(state.t, &state.q, &mut self.constraints);
         self.check_constraints(state.t)?;
         self.factorise(state, 0.0)?;
+        self.survey(&state.q, &state.v, 0.0);
         self.correct(state, control)?;
         self.problem.constraints(state.t, &state.q, &mut self.constraints);
         self.check_constraints(state.t)?;
         if !self.delassus.hold_joints(&self.constraints) {
             return Err(ContactError::Singular { t: state.t });
         }
-        let (phi, gaps) = self.constraints.values.split_at(self.structure.joints);
-        let violation: Vec<f64> = (0..phi.len()).map(|i| self.constraints.velocity(i, &state.v)).collect();
-        let resolved = phi.iter().all(|phi| phi.abs() <= OFF) && gaps.iter().all(|gap| *gap >= -OFF);
+        let violation: Vec<f64> = (0..self.structure.joints).map(|i| self.constraints.velocity(i, &state.v)).collect();
         self.delassus.obey_joints(&violation, &mut state.v);
-        Ok(resolved)
+        Ok(self.farthest() <= ROUNDING)
+    }
+
+    /// How far a joint or a gap is off, in units of its terms.
+    fn farthest(&self) -> f64 {
+        let off =
+            |(row, value): (usize, &f64)| if row < self.structure.joints { value.abs() } else { (-value).max(0.0) };
+        let relative = |(off, size): (f64, &f64)| if off > 0.0 { off / size } else { 0.0 };
+        self.constraints.values.iter().enumerate().map(off).zip(&self.sizes).map(relative).fold(0.0, f64::max)
     }
 
     /// Takes out of `q` what is left of the joints and of gaps below zero. The law of contact, with gaps in the place of
@@ -71,14 +84,18 @@ impl VelocityStep<'_> {
             return Ok(());
         }
         let mut low: Vec<usize> = Vec::new();
+        let mut farthest = f64::INFINITY;
         for pass in 0..CORRECTIONS {
             self.problem.constraints(state.t, &state.q, &mut self.constraints);
             self.check_constraints(state.t)?;
-            let (phi, gaps) = self.constraints.values.split_at(joints);
-            low.extend((0..contacts).filter(|&k| gaps[k] < -OFF && !low.contains(&k)).collect::<Vec<_>>());
-            if phi.iter().all(|phi| phi.abs() <= OFF) && low.iter().all(|&k| gaps[k] >= -OFF) {
+            let off = self.farthest();
+            if off <= OFF || (off <= ROUNDING && off > 0.5 * farthest) {
                 return Ok(());
             }
+            farthest = off;
+            let (phi, gaps) = self.constraints.values.split_at(joints);
+            let is_low = |k: usize| gaps[k] < -OFF * self.sizes[joints + k];
+            low.extend((0..contacts).filter(|&k| is_low(k) && !low.contains(&k)).collect::<Vec<_>>());
             // A place that has no way out is left after a few passes; the next step starts there.
             let lost = ContactError::Singular { t: state.t };
             if pass + 1 == CORRECTIONS || !self.delassus.hold_joints(&self.constraints) {

@@ -3,6 +3,8 @@
 use super::{ball, stepped};
 use crate::systems::harness::{column, last, solve};
 use crate::systems::reference::example;
+use dvi::problem::Control;
+use dvi::specification::Specification;
 use serde_json::{Value, json};
 
 #[test]
@@ -71,4 +73,21 @@ fn an_oblique_impact_slips_or_rolls_by_coulombs_impulse() {
         assert!((last(&solution, "spin_dot") - spin).abs() < 1e-11);
         assert!((last(&solution, "y_dot") - 2.4).abs() < 1e-12);
     }
+}
+
+#[test]
+fn a_gap_without_a_gradient_where_it_closes_is_refused_where_impacts_are_located() {
+    let mut cubed = ball(0.5);
+    cubed["contacts"][0]["gap"] = json!("y^3");
+    let document = json!({"problem": {"mechanical": cubed}, "time": {"end": 2}});
+    let specification = Specification::from_json(document.to_string().as_bytes()).expect("a right specification");
+    let failure = dvi::solve(&specification, &Control::new()).error.expect("a failure");
+    assert_eq!(failure.code, "gap_without_gradient");
+    assert!(
+        failure.message.contains("`floor`") && (failure.time - (2.0_f64 / 9.81).sqrt()).abs() < 1e-3,
+        "{failure:?}"
+    );
+    // Time stepping needs its sign alone.
+    let (rested, plain) = (stepped(cubed, 2.0, 1e-3), stepped(ball(0.5), 2.0, 1e-3));
+    assert!((last(&rested, "y") - last(&plain, "y")).abs() < 1e-3, "{}", last(&rested, "y"));
 }

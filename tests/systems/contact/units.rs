@@ -4,13 +4,15 @@ use crate::systems::harness::{last, solve};
 use serde_json::{Value, json};
 
 /// Units of mass, length and time, in those of the scene.
-const UNITS: [[f64; 3]; 9] = [
+const UNITS: [[f64; 3]; 11] = [
     [1e13, 1.0, 1.0],
     [1e30, 1.0, 1.0],
     [1e-13, 1.0, 1.0],
     [1e-30, 1.0, 1.0],
     [1.0, 1e3, 1.0],
     [1.0, 1e-3, 1.0],
+    [1.0, 1e12, 1.0],
+    [1.0, 1e-12, 1.0],
     [1.0, 1.0, 1e9],
     [1.0, 1.0, 3.2e-8],
     [1e12, 1e-3, 1e6],
@@ -54,6 +56,15 @@ fn plate([m, l, t]: [f64; 3]) -> (Value, f64, Vec<(&'static str, f64)>) {
     (problem, t, vec![("w", 1.0), ("x", l), ("y", l)])
 }
 
+/// A pendulum on a rod that strikes a wall.
+fn pendulum([m, l, t]: [f64; 3]) -> (Value, f64, Vec<(&'static str, f64)>) {
+    let problem = json!({"parameters": {"m": m, "g": 9.81 * l / (t * t), "l": l},
+        "coordinates": {"x": {"initial": "l"}, "y": {"initial": 0}}, "mass": [["m", 0], [0, "m"]], "potential": "m*g*y",
+        "joints": [{"name": "rod", "constraint": "x^2 + y^2 - l^2"}],
+        "contacts": [{"name": "wall", "gap": "x + 0.3*l", "restitution": 0.8}]});
+    (problem, 3.0 * t, vec![("x", l), ("y", l)])
+}
+
 fn assert_the_same(scene: impl Fn([f64; 3]) -> (Value, f64, Vec<(&'static str, f64)>), method: impl Fn(f64) -> Value) {
     let run = |units: [f64; 3]| {
         let (problem, end, compared) = scene(units);
@@ -75,6 +86,7 @@ fn time_stepping_is_the_same_in_all_units() {
     let steps = |end: f64| json!({"step": end / 1000.0});
     assert_the_same(ball, steps);
     assert_the_same(plate, steps);
+    assert_the_same(pendulum, steps);
 }
 
 #[test]
