@@ -5,9 +5,8 @@ use super::{Diagnostics, Event, Failure, Solution, ViCounts, Warning};
 use crate::analysis::Analysis;
 use crate::contact::Settings;
 use crate::contact::energy::Energy;
-use crate::models::rigid_bodies::{Scene, Simulation, StepFailure, between};
+use crate::models::rigid_bodies::{Motion, Scene, Simulation, StepFailure, between};
 use crate::problem::Control;
-use nalgebra::Isometry3;
 
 /// Steps a scene through the plan.
 pub fn step_rigid_bodies(
@@ -61,8 +60,8 @@ struct Course<'a> {
     /// The time reached, and that of the step before.
     t: f64,
     before: f64,
-    /// Where the bodies were then.
-    poses: Vec<Isometry3<f64>>,
+    /// How the bodies moved then.
+    starts: Vec<Motion>,
     states: Vec<f64>,
     energy: Energy,
     work: ViCounts,
@@ -86,7 +85,7 @@ impl<'a> Course<'a> {
         }
         let mut course = Self {
             scene,
-            poses: simulation.ends.iter().map(|motion| motion.pose).collect(),
+            starts: simulation.ends.clone(),
             simulation,
             plan,
             control,
@@ -124,11 +123,12 @@ impl<'a> Course<'a> {
 
     /// Writes the states at a time within the last step.
     fn write_states(&mut self, t: f64) {
-        let fraction = if self.t > self.before { (t - self.before) / (self.t - self.before) } else { 1.0 };
+        let h = self.t - self.before;
+        let fraction = if h > 0.0 { (t - self.before) / h } else { 1.0 };
         let moving = self.scene.bodies.iter().filter(|body| !body.fixed);
-        let parts = moving.zip(&self.poses).zip(&self.simulation.ends).zip(self.states.chunks_exact_mut(13));
-        for (((body, from), to), out) in parts {
-            out.copy_from_slice(&between(body, from, to, fraction));
+        let motions = self.starts.iter().zip(&self.simulation.ends).zip(&self.simulation.pushed);
+        for ((body, ((from, to), pushed)), out) in moving.zip(motions).zip(self.states.chunks_exact_mut(13)) {
+            out.copy_from_slice(&between(body, [from, to], *pushed, h, fraction));
         }
     }
 }
@@ -154,8 +154,7 @@ impl Stepper for Course<'_> {
         // A last step within rounding of the end is none.
         let next = self.plan.start + (self.steps + 1) as f64 * self.h;
         let next = if next >= self.plan.end - 1e-9 * self.h { self.plan.end } else { next };
-        self.poses.clear();
-        self.poses.extend(self.simulation.ends.iter().map(|motion| motion.pose));
+        self.starts.clone_from(&self.simulation.ends);
         let stepped = self.simulation.step(next - self.t, self.control);
         (self.before, self.t) = (self.t, next);
         self.steps += 1;

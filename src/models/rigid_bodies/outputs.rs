@@ -61,13 +61,20 @@ pub fn state(body: &Body, pose: &Isometry3<f64>, velocity: &Vector3<f64>, omega:
     [x.x, x.y, x.z, q.w, q.i, q.j, q.k, v.x, v.y, v.z, omega.x, omega.y, omega.z]
 }
 
-/// The numbers of a body between two poses, a fraction of the way.
-pub fn between(body: &Body, from: &Isometry3<f64>, to: &Motion, fraction: f64) -> [f64; 13] {
+/// The numbers of a body a fraction of the way through a step `h`: on a parabola if nothing pushed it; else on a line,
+/// with the velocities of the end.
+pub fn between(body: &Body, [from, to]: [&Motion; 2], is_pushed: bool, h: f64, fraction: f64) -> [f64; 13] {
     if fraction >= 1.0 {
         return state(body, &to.pose, &to.velocity, &to.omega);
     }
-    let at = from.translation.vector.lerp(&to.pose.translation.vector, fraction);
-    let turn = (from.rotation.inverse() * to.pose.rotation).scaled_axis() * fraction;
-    let rotation = from.rotation * nalgebra::UnitQuaternion::from_scaled_axis(turn);
-    state(body, &Isometry3::from_parts(at.into(), rotation), &to.velocity, &to.omega)
+    let mut at = from.pose.translation.vector.lerp(&to.pose.translation.vector, fraction);
+    let (mut velocity, mut omega) = (to.velocity, to.omega);
+    if !is_pushed {
+        at -= (to.velocity - from.velocity) * (0.5 * h * fraction * (1.0 - fraction));
+        velocity = from.velocity.lerp(&to.velocity, fraction);
+        omega = from.omega.lerp(&to.omega, fraction);
+    }
+    let turn = (from.pose.rotation.inverse() * to.pose.rotation).scaled_axis() * fraction;
+    let rotation = from.pose.rotation * nalgebra::UnitQuaternion::from_scaled_axis(turn);
+    state(body, &Isometry3::from_parts(at.into(), rotation), &velocity, &omega)
 }

@@ -106,6 +106,8 @@ pub struct Simulation<'a> {
     pub ends: Vec<Motion>,
     /// Whether a contact holds them there.
     held: Vec<bool>,
+    /// Whether a contact pushed them in the last step, or what they are joined to.
+    pub pushed: Vec<bool>,
     /// The length of the last step.
     last: f64,
     /// The places of the scene's bodies among them.
@@ -145,6 +147,7 @@ impl<'a> Simulation<'a> {
             scene,
             ends: moving.clone(),
             held: vec![false; moving.len()],
+            pushed: vec![false; moving.len()],
             last: 0.0,
             moving,
             places,
@@ -323,9 +326,11 @@ impl<'a> Simulation<'a> {
     /// Keeps the impulses, and says what the contacts did.
     fn judge(&mut self) {
         self.kept.clear();
+        self.pushed.fill(false);
         let (moving, report) = (&self.moving, &mut self.report);
         for contact in self.contacts.iter().filter(|contact| contact.impulse.x > 0.0) {
             self.kept.insert(contact.key, contact.frame.tr_mul(&contact.impulse));
+            contact.bodies.iter().flatten().for_each(|&body| self.pushed[body as usize] = true);
             let of = |body: u32| (moving[body as usize].velocity, moving[body as usize].omega);
             let mean = 0.5 * (contact.velocity(of) + contact.before);
             let powers = contact.impulse.component_mul(&mean);

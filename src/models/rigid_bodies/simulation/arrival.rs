@@ -41,6 +41,8 @@ impl Simulation<'_> {
         let (scene, places, held, ends) = (self.scene, &self.places, &self.held, &mut self.ends);
         for island in self.tasks[..self.islands.len()].iter_mut().filter(|island| !island.joints.is_empty()) {
             let is_held = island.bodies.iter().any(|&body| held[body as usize]);
+            let is_pushed = island.bodies.iter().any(|&body| self.pushed[body as usize]);
+            island.bodies.iter().for_each(|&body| self.pushed[body as usize] = is_pushed);
             let of = |body: &u32| if is_held { self.moving[*body as usize] } else { ends[*body as usize] };
             island.moving.clear();
             island.moving.extend(island.bodies.iter().map(of));
