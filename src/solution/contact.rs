@@ -58,7 +58,7 @@ pub fn integrate_contact(
     tell(&located.step, model, steps, &mut run.diagnostics);
     if located.accumulations > 0 {
         let message = format!(
-            "impacts followed each other ever faster ({} times); the run passed their limit by a step without restitution",
+            "impacts followed each other ever faster ({} times); the run passed their limit by an impact without restitution",
             located.accumulations
         );
         run.diagnostics.warnings.push(Warning { code: "impacts_accumulate", message });

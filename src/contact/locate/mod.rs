@@ -5,7 +5,8 @@
 //! - Where contacts approach each other, the law of impact acts at once.
 //! - The next mode is read off a step at the level of velocities, so short that only directions count, with the same law:
 //!   no mode is guessed, and where forces alone have no solution (Painleve 1895) or have too many, impulses decide.
-//! - Where impacts accumulate (Zeno), or no mode goes on, steps of time stepping do, until one does again.
+//! - Where impacts accumulate (Zeno), an impact without restitution is what they come to.
+//! - Where no mode goes on, steps of time stepping do, until one does again.
 
 mod flight;
 mod integrals;
@@ -171,8 +172,7 @@ impl<'p> Located<'p> {
                 if self.gradient(k) <= VANISHED * self.gradients[k] {
                     return Err(ContactError::Gradient { contact: k, t });
                 }
-                let accumulate = (ZENO * self.horizon).max(1e3 * f64::EPSILON * t.abs());
-                if t - self.last_impact[k] < accumulate {
+                if self.accumulates(k) {
                     self.accumulations += 1;
                     self.velocity_step(0.0, Forces::Inelastic(CLOSED), control)?;
                     // What closes in no time has no rebound.
@@ -193,6 +193,15 @@ impl<'p> Located<'p> {
         let stopped = mode.filter(|(_, pair)| stops && matches!(pair, (Status::Stick, Status::Slip(_))));
         self.happenings.extend(stopped.map(|(contact, _)| Happening::Stick { t, contact }));
         Ok(())
+    }
+
+    /// Whether contact `k`, which closes, has come back in no time, or from no more than rounding of its gap.
+    fn accumulates(&self, k: usize) -> bool {
+        let State { t, q, v } = &self.state;
+        let passed = t - self.last_impact[k];
+        let terms: f64 = self.constraints.row(self.structure.normal(k)).iter().zip(q).map(|(j, q)| (j * q).abs()).sum();
+        let height = 0.25 * passed * self.normal(k, v).abs();
+        passed < (ZENO * self.horizon).max(1e3 * f64::EPSILON * t.abs()) || height <= 4.0 * f64::EPSILON * terms
     }
 
     /// The law of impact for all contacts that are closed, if any of them approaches; whether one does.
