@@ -40,10 +40,10 @@ pub struct State {
 pub enum Forces {
     /// All of them, and contacts with their restitution.
     All,
-    /// All of them, and contacts without restitution: how motion goes on after an infinite number of impacts.
-    Inelastic,
     /// None but impulses: an impact, at an instant. Contacts with a gap below this are closed.
     Impact(f64),
+    /// The same without restitution: what an infinite number of impacts come to.
+    Inelastic(f64),
 }
 
 /// Counters of a run.
@@ -128,7 +128,7 @@ impl<'p> VelocityStep<'p> {
         forces: Forces,
         control: &Control,
     ) -> Result<(), ContactError> {
-        let duration = if let Forces::Impact(_) = forces { 0.0 } else { h };
+        let duration = if forces == Forces::All { h } else { 0.0 };
         self.problem.constraints(state.t + duration, &state.q, &mut self.constraints);
         // The bias of the end, the gaps of the beginning.
         if duration > 0.0 && !self.structure.contacts.is_empty() {
@@ -267,7 +267,7 @@ impl<'p> VelocityStep<'p> {
     ) -> Result<(), ContactError> {
         let m = self.structure.contacts.len();
         // Closed contacts have no gap to be divided by a duration.
-        let h = if let Forces::Impact(_) = forces { 1.0 } else { h };
+        let h = if forces == Forces::All { h } else { 1.0 };
         let start = std::mem::replace(&mut self.contacted, Contacted::none(m)).r;
         let free = v.to_vec();
         let mut near: Vec<usize> = Vec::new();
@@ -282,15 +282,16 @@ impl<'p> VelocityStep<'p> {
             let lost = ContactError::Singular { t: state.t };
             let scene = Near::new(&self.structure, &self.constraints, &mut self.delassus, &near).ok_or(lost)?;
             let mut r: Vec<Vector3<f64>> = near.iter().map(|&k| start[k]).collect();
-            let instant = matches!(forces, Forces::Impact(_));
             let mut before = scene.velocities(&self.structure, &self.constraints, &state.v);
             let mut without = scene.velocities(&self.structure, &self.constraints, &free);
-            let gap = |&k: &usize| if instant { 0.0 } else { self.constraints.values[self.structure.joints + k] };
+            let lasts = if forces == Forces::All { 1.0 } else { 0.0 };
+            let gap = |&k: &usize| lasts * self.constraints.values[self.structure.joints + k];
             let gap: Vec<f64> = near.iter().map(gap).collect();
-            let elastic = if forces == Forces::Inelastic { 0.0 } else { 1.0 };
+            let rebounds = !matches!(forces, Forces::Inelastic(_));
+            let elastic = if rebounds { 1.0 } else { 0.0 };
             let restitution: Vec<f64> = scene.restitution.iter().map(|e| elastic * e).collect();
             let mut struck = vec![Vector3::zeros(); near.len()];
-            if self.impact_law == ImpactLaw::Sequential && forces != Forces::Inelastic {
+            if self.impact_law == ImpactLaw::Sequential && rebounds {
                 struck = sequential(&scene.contacts(&without, &before, &gap, &restitution, h)).0;
                 let change: Vec<_> = (0..near.len()).map(|i| scene.delassus.row_product(i, &struck)).collect();
                 for (i, change) in change.iter().enumerate() {
@@ -329,8 +330,8 @@ impl<'p> VelocityStep<'p> {
     fn closes(&self, k: usize, v: &[f64], h: f64, forces: Forces) -> bool {
         let gap = self.constraints.values[self.structure.joints + k];
         match forces {
-            Forces::Impact(closed) => gap <= closed,
-            _ => gap <= 0.0 || gap + h * self.constraints.velocity(self.structure.normal(k), v) <= 0.0,
+            Forces::Impact(closed) | Forces::Inelastic(closed) => gap <= closed,
+            Forces::All => gap <= 0.0 || gap + h * self.constraints.velocity(self.structure.normal(k), v) <= 0.0,
         }
     }
 }

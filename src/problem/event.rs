@@ -28,6 +28,6 @@ pub struct Event {
     pub t: f64,
     /// What.
     pub kind: EventKind,
-    /// The variable or the contact.
+    /// The variable or the contact; between bodies both, as in `ground and ball`.
     pub of: String,
 }

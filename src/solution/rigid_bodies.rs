@@ -68,6 +68,8 @@ struct Course<'a> {
     work: ViCounts,
     /// Steps in which a restitution was cut.
     limited: u64,
+    /// Events so far.
+    events: usize,
 }
 
 impl<'a> Course<'a> {
@@ -84,7 +86,7 @@ impl<'a> Course<'a> {
         }
         let mut course = Self {
             scene,
-            poses: simulation.moving.iter().map(|motion| motion.pose).collect(),
+            poses: simulation.ends.iter().map(|motion| motion.pose).collect(),
             simulation,
             plan,
             control,
@@ -96,6 +98,7 @@ impl<'a> Course<'a> {
             energy: Energy::default(),
             work: ViCounts::default(),
             limited: 0,
+            events: 0,
         };
         let [kinetic, potential] = course.simulation.energies();
         course.energy = Energy::new(kinetic, potential);
@@ -123,7 +126,7 @@ impl<'a> Course<'a> {
     fn write_states(&mut self, t: f64) {
         let fraction = if self.t > self.before { (t - self.before) / (self.t - self.before) } else { 1.0 };
         let moving = self.scene.bodies.iter().filter(|body| !body.fixed);
-        let parts = moving.zip(&self.poses).zip(&self.simulation.moving).zip(self.states.chunks_exact_mut(13));
+        let parts = moving.zip(&self.poses).zip(&self.simulation.ends).zip(self.states.chunks_exact_mut(13));
         for (((body, from), to), out) in parts {
             out.copy_from_slice(&between(body, from, to, fraction));
         }
@@ -152,7 +155,7 @@ impl Stepper for Course<'_> {
         let next = self.plan.start + (self.steps + 1) as f64 * self.h;
         let next = if next >= self.plan.end - 1e-9 * self.h { self.plan.end } else { next };
         self.poses.clear();
-        self.poses.extend(self.simulation.moving.iter().map(|motion| motion.pose));
+        self.poses.extend(self.simulation.ends.iter().map(|motion| motion.pose));
         let stepped = self.simulation.step(next - self.t, self.control);
         (self.before, self.t) = (self.t, next);
         self.steps += 1;
@@ -199,7 +202,15 @@ impl Stepper for Course<'_> {
         of_scene.copy_from_slice(&values);
     }
 
-    fn take_events(&mut self, _events: &mut Vec<Event>) {}
+    fn take_events(&mut self, events: &mut Vec<Event>) {
+        let happenings = &self.simulation.happenings;
+        let room = MOST_EVENTS - self.events.min(MOST_EVENTS);
+        self.events += happenings.len();
+        events.extend(happenings.iter().take(room).map(|(kind, pair)| {
+            let [first, second] = pair.map(|body| &self.scene.bodies[body].name);
+            Event { t: self.t, kind: *kind, of: format!("{first} and {second}") }
+        }));
+    }
 
     fn observe(&mut self, _switched: bool, diagnostics: &mut Diagnostics) {
         diagnostics.energy = Some(self.energy);
@@ -221,9 +232,17 @@ impl Stepper for Course<'_> {
             );
             diagnostics.warnings.push(Warning { code: "restitution_limited", message });
         }
+        if self.events > MOST_EVENTS {
+            let message =
+                format!("there were {} events between bodies; the first {MOST_EVENTS} of them are told", self.events);
+            diagnostics.warnings.push(Warning { code: "events_left_out", message });
+        }
         diagnostics.vi = Some(self.work.clone());
     }
 }
+
+/// The events that are told: a heap that falls has more than anyone reads.
+const MOST_EVENTS: usize = 10_000;
 
 /// A residual that the user should know of.
 const UNSATISFACTORY: f64 = 1e-6;

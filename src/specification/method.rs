@@ -188,6 +188,19 @@ impl Method {
         self.impacts.unwrap_or(if stepped { Impacts::TimeStepping } else { Impacts::Locate })
     }
 
+    /// The keys that say what error a step may have, as far as they were given. A tolerance that is the default may not
+    /// have been.
+    fn error_controls(&self) -> impl Iterator<Item = &'static str> {
+        let given = [
+            ("rtol", self.rtol != default_rtol()),
+            ("atol", self.atol.is_some()),
+            ("first_step", self.first_step.is_some()),
+            ("max_step", self.max_step.is_some()),
+            ("min_step", self.min_step.is_some()),
+        ];
+        given.into_iter().filter(|(_, given)| *given).map(|(key, _)| key)
+    }
+
     /// Checks that the method is one for this model.
     pub(super) fn check_for(&self, model: &Model, place: &Place<'_>, errors: &mut Errors) {
         if let Model::Mechanical(mechanical) = model
@@ -217,6 +230,23 @@ impl Method {
             && self.stages != Stages::Auto
         {
             refuse("stages", "time stepping has no stages", "to be left out, or `impacts` to be `locate`");
+        }
+        if let Model::RigidBodies(_) = model {
+            for key in self.error_controls() {
+                refuse(key, "bodies in space go in steps of one size, and no error is measured", "`step` alone");
+            }
+            if self.stages != Stages::Auto {
+                refuse("stages", "the stepper of bodies in space has no stages", "to be left out");
+            }
+            if self.switches != Switches::default() {
+                refuse("switches", "steps of one size go over all that happens to bodies in space", "to be left out");
+            }
+            if self.vi_solver != ViSolverName::Auto {
+                refuse("vi_solver", "the law of contact has solvers of its own", "`auto`, or to be left out");
+            }
+            if self.accept_index_three {
+                refuse("accept_index_three", "no problem of bodies in space has index three", "to be left out");
+            }
         }
         match (model, self.name) {
             (Model::Mechanical(_) | Model::RigidBodies(_), MethodName::Radau) => {

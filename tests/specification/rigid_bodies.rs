@@ -117,6 +117,55 @@ fn bodies_that_overlap_are_refused_by_name_or_moved_apart_as_asked() {
 }
 
 #[test]
+fn velocities_that_tear_a_joint_at_the_start_are_refused_at_the_joint() {
+    let spin = |about: [f64; 3], velocity: [f64; 3], joint: Value| {
+        let mut document = scene();
+        document["problem"]["rigid_bodies"]["bodies"][2]["angular_velocity"] = json!(about);
+        document["problem"]["rigid_bodies"]["bodies"][2]["velocity"] = json!(velocity);
+        document["problem"]["rigid_bodies"]["joints"] = json!([joint]);
+        document
+    };
+    let on = |at: [f64; 3]| json!({"bodies": ["box"], "at": at, "axis": [0, 0, 1]});
+    let hinge = json!({"hinge": on([3.0, 0.0, 0.5])});
+    let place = "/problem/rigid_bodies/joints/0";
+    let torn = |kind: &str| format!("{place}/{kind}");
+    Specification::from_json(spin([0.0, 0.0, 2.0], [0.0; 3], hinge.clone()).to_string().as_bytes()).unwrap();
+    let document = spin([0.0, 1.5, 2.0], [0.0; 3], hinge);
+    assert_errors(&document, &[(&torn("hinge"), "interpenetration", "1.5 rad/s")]);
+    // About an axis 2 m away the centre must go at w x r.
+    let aside = || json!({"hinge": on([1.0, 0.0, 0.5])});
+    Specification::from_json(spin([0.0, 0.0, 2.0], [0.0, 4.0, 0.0], aside()).to_string().as_bytes()).unwrap();
+    let document = spin([0.0, 0.0, 2.0], [0.0; 3], aside());
+    assert_errors(&document, &[(&torn("hinge"), "interpenetration", "4 m/s")]);
+    let document = spin([0.0; 3], [1.0, 0.0, 3.0], json!({"slider": on([3.0, 0.0, 0.5])}));
+    assert_errors(&document, &[(&torn("slider"), "interpenetration", "1 m/s")]);
+    let document = spin([0.0; 3], [0.0, 0.0, 3.0], json!({"fixed": {"bodies": ["ball", "box"]}}));
+    assert_errors(&document, &[(&torn("fixed"), "interpenetration", "3 m/s")]);
+}
+
+#[test]
+fn what_the_stepper_of_bodies_does_not_use_is_refused_where_it_is_written() {
+    let cases = [
+        ("rtol", json!(1e-10), "no error is measured"),
+        ("atol", json!(1e-9), "no error is measured"),
+        ("stages", json!(5), "no stages"),
+        ("switches", json!("step_over"), "steps of one size"),
+        ("vi_solver", json!("lemke"), "solvers of its own"),
+        ("accept_index_three", json!(true), "index three"),
+    ];
+    for (key, value, detail) in cases {
+        let mut document = scene();
+        document["method"][key] = value;
+        assert_errors(&document, &[(&format!("/method/{key}"), "conflict", detail)]);
+    }
+    for key in ["first_step", "max_step", "min_step"] {
+        let document = with(scene(), "/method", json!({ key: 1e-3 }));
+        assert_errors(&document, &[(&format!("/method/{key}"), "conflict", "no error is measured")]);
+    }
+    Specification::from_json(with(scene(), "/method", json!({"name": "contact"})).to_string().as_bytes()).unwrap();
+}
+
+#[test]
 fn too_many_bodies_are_refused_before_they_are_looked_at() {
     let ball = json!({"shape": {"sphere": {"radius": 0.1}}, "mass": 1});
     let document = with(scene(), BODIES, Value::Array(vec![ball; 100_001]));

@@ -13,6 +13,7 @@
 //! forces of the law of contact for `l`, each foot gives the same share of its friction, so that none slips before all must.
 
 use super::mode::{Status, held};
+use crate::contact::delassus::dot;
 use crate::problem::{Constraints, ConvexSet, Dvi, Mass, Mechanical, MechanicalStructure, Sensitivity, Structure};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2, Vector2, Vector3};
 
@@ -183,6 +184,15 @@ impl Flight {
             *slip = self.constraints.velocity(row, v);
         }
         slip
+    }
+
+    /// The rate of `u_t` of contact `k`, which is closed, at the last evaluation.
+    pub fn slip_rate(&self, k: usize) -> Vector2<f64> {
+        let mut rate = Vector2::zeros();
+        for (rate, row) in rate.iter_mut().zip(self.shape.tangents(k)) {
+            *rate = self.gamma[row] + dot(self.constraints.row(row), &self.a);
+        }
+        rate
     }
 
     /// Writes `a` and `lambda` at a place; they are not finite where they do not exist.

@@ -2,28 +2,30 @@
 
 use super::flight::Flight;
 use super::mode::Status;
-use super::monitors::{Ending, Monitor, monitors};
+use super::monitors::{Monitor, monitors};
+use super::search::{Search, Violation};
 use super::{CLOSED, Located, PASS};
 use crate::contact::ContactError;
 use crate::contact::delassus::dot;
 use crate::contact::energy::Energy;
 use crate::problem::{Control, Mechanical};
 use crate::radau::{Radau, Settings, StageChoice};
-use nalgebra::Vector3;
+use nalgebra::{Vector2, Vector3};
 
 /// Equations of the mode for each of their uses, which overlap.
 pub struct Flights {
     main: Flight,
     trial: Flight,
+    again: Flight,
     cut: Flight,
     watch: Flight,
 }
 
 impl Flights {
-    /// Four evaluators of one system, each of which `problem` makes.
+    /// Five evaluators of one system, each of which `problem` makes.
     pub fn new(problem: impl Fn() -> Box<dyn Mechanical>) -> Self {
         let flight = || Flight::new(problem());
-        Self { main: flight(), trial: flight(), cut: flight(), watch: flight() }
+        Self { main: flight(), trial: flight(), again: flight(), cut: flight(), watch: flight() }
     }
 }
 
@@ -41,6 +43,9 @@ const WEIGHTS: [f64; 5] = [
 /// Steps that are solved anew to refine the time of an ending.
 const REFINEMENTS: usize = 6;
 
+/// The largest change of that time, as a fraction of the time since the step began.
+const NEAR: f64 = 0.5;
+
 /// The tolerance on the stages of a step that is cut.
 const CUT_RTOL: f64 = 1e-11;
 
@@ -56,7 +61,7 @@ pub struct Leg<'l, 'p> {
     /// The last step, cut where the mode ended.
     cut: Option<Radau<'l>>,
     trial: &'l mut Flight,
-    spare: Option<&'l mut Flight>,
+    spare: Vec<&'l mut Flight>,
     watch: &'l mut Flight,
     control: &'l Control,
     over: bool,
@@ -70,22 +75,14 @@ struct Integrals {
     drives: f64,
 }
 
-/// The violation of a monitor within a step, and how it falls.
-struct Violation {
-    t: f64,
-    index: usize,
-    slope: f64,
-    ending: Ending,
-}
-
 impl<'l, 'p> Leg<'l, 'p> {
     /// Takes up the mode of a run.
     pub fn new(located: &'l mut Located<'p>, flights: &'l mut Flights, control: &'l Control) -> Self {
-        let Flights { main, trial, cut, watch } = flights;
+        let Flights { main, trial, again, cut, watch } = flights;
         let mode = located.mode.clone();
         let mut radau = None;
         if let Some(mode) = &mode {
-            for flight in [&mut *main, &mut *trial, &mut *cut, &mut *watch] {
+            for flight in [&mut *main, &mut *trial, &mut *again, &mut *cut, &mut *watch] {
                 flight.set_mode(mode, &located.loads);
             }
             let x = [located.state.q.as_slice(), &located.state.v].concat();
@@ -95,7 +92,7 @@ impl<'l, 'p> Leg<'l, 'p> {
             radau = Radau::new(main, settings, located.state.t, &x, located.end, control).ok();
         }
         let mode = mode.unwrap_or_default();
-        Self { mode, radau, cut: None, trial, spare: Some(cut), watch, control, over: false, located }
+        Self { mode, radau, cut: None, trial, spare: vec![cut, again], watch, control, over: false, located }
     }
 
     /// Whether the mode, or the run, is over.
@@ -123,11 +120,23 @@ impl<'l, 'p> Leg<'l, 'p> {
         self.located.begin();
         self.located.accepted += 1;
         self.located.h = Some(end - begin);
-        let violation = self.violation(begin, end);
-        let ending = violation.as_ref().map(|violation| violation.ending);
-        let t = match violation {
-            Some(violation) => self.refine(begin, &x, end, violation),
-            None => end,
+        let mut end = end;
+        let mut found = self.search(begin, end);
+        if let Search::Ends(violation) = &found {
+            // The stages of a step are as exact as its tolerance; whether a gap closes is to be told more exactly.
+            end = violation.seen;
+            self.cut_at(begin, &x, end);
+            found = self.search(begin, end);
+            self.over = true;
+        }
+        let (t, ending) = match found {
+            Search::Clear => (end, None),
+            Search::Ends(violation) => (self.refine(begin, &x, end, &violation), Some(violation.ending)),
+            Search::Until(t) => {
+                self.cut_at(begin, &x, t);
+                (self.located.h, self.over) = (Some(t - begin), true);
+                (t, None)
+            }
         };
         if t > begin {
             self.travel(begin, t);
@@ -140,28 +149,33 @@ impl<'l, 'p> Leg<'l, 'p> {
                 self.over = true;
                 self.located.turn(ending, self.control)
             }
-            None if self.drifts() => {
-                self.over = true;
-                self.located.hold(&self.mode)
-            }
             None => {
+                self.located.look();
                 self.follow_slips();
+                if self.drifts() {
+                    self.over = true;
+                    self.located.hold(&self.mode)?;
+                }
+                if self.over {
+                    self.located.mode = Some(self.mode.clone());
+                }
                 Ok(())
             }
         }
     }
 
     /// Takes the present directions of slips in space for those that their stops are told by: a slip may turn as far as it
-    /// likes, only not within one step.
+    /// likes.
     fn follow_slips(&mut self) {
-        let contacts = &self.located.structure.contacts;
-        for (k, (status, contact)) in self.mode.iter_mut().zip(contacts).enumerate() {
-            let slip = self.watch.slip(k, &self.located.state.v);
+        let Located { structure, constraints, state, .. } = &*self.located;
+        for (k, (status, contact)) in self.mode.iter_mut().zip(&structure.contacts).enumerate() {
             if let Status::Slip(direction) = status
                 && contact.slips > 1
-                && slip.norm() > 0.0
             {
-                *direction = slip.normalize();
+                let slip = Vector2::from_fn(|i, _| constraints.velocity(structure.tangents(k).start + i, &state.v));
+                if slip.norm() > 0.0 {
+                    *direction = slip.normalize();
+                }
             }
         }
     }
@@ -173,154 +187,79 @@ impl<'l, 'p> Leg<'l, 'p> {
         }
     }
 
-    fn monitors_at(&mut self, t: f64, out: &mut Vec<Monitor>) {
+    /// The monitors at a time within the last step.
+    pub(super) fn monitors_at(&mut self, t: f64, out: &mut Vec<Monitor>) {
         let mut x = vec![0.0; 2 * self.located.structure.coordinates];
         self.at(t, &mut x);
         monitors(self.watch, &self.located.structure, &self.mode, t, &x, out);
     }
 
-    /// The earliest ending of the mode on the collocation polynomial of the step.
-    fn violation(&mut self, begin: f64, end: f64) -> Option<Violation> {
-        let (mut left, mut right) = (Vec::new(), Vec::new());
-        let mut t_left = begin;
-        self.monitors_at(begin, &mut left);
-        for theta in NODES.into_iter().chain([1.0]) {
-            let t_right = if theta == 1.0 { end } else { begin + theta * (end - begin) };
-            self.monitors_at(t_right, &mut right);
-            let mut first: Option<Violation> = None;
-            for index in 0..right.len() {
-                let bracket = if right[index].is_violated() && right[index].value < left[index].value {
-                    Some((t_right, right[index]))
-                } else {
-                    self.dip(index, (t_left, left[index]), (t_right, right[index]))
-                };
-                if let Some(bracket) = bracket {
-                    let found = self.root(index, (t_left, left[index]), bracket);
-                    if first.as_ref().is_none_or(|first| found.t < first.t) {
-                        first = Some(found);
-                    }
-                }
-            }
-            if first.is_some() {
-                return first;
-            }
-            std::mem::swap(&mut left, &mut right);
-            t_left = t_right;
-        }
-        None
-    }
-
-    /// Where a gap that falls at the left and rises at the right is negative in between, by the least value of the cubic
-    /// through values and rates.
-    fn dip(&mut self, index: usize, left: (f64, Monitor), right: (f64, Monitor)) -> Option<(f64, Monitor)> {
-        let ((a, left), (b, right)) = (left, right);
-        let (falls, rises) = (left.rate?, right.rate?);
-        if falls >= 0.0 || rises <= 0.0 {
-            return None;
-        }
-        let h = b - a;
-        let (d, slopes) = (right.value - left.value, (h * falls, h * rises));
-        let (c2, c3) = (3.0 * d - 2.0 * slopes.0 - slopes.1, slopes.0 + slopes.1 - 2.0 * d);
-        let root = (c2 * c2 - 3.0 * c3 * slopes.0).max(0.0).sqrt();
-        let theta = -slopes.0 / (c2 + root);
-        if !(theta > 0.0 && theta < 1.0) {
-            return None;
-        }
-        let mut lowest = Vec::new();
-        self.monitors_at(a + theta * h, &mut lowest);
-        lowest[index].is_violated().then(|| (a + theta * h, lowest[index]))
-    }
-
-    /// Where a monitor vanishes between two times, by the method of Illinois.
-    fn root(&mut self, index: usize, left: (f64, Monitor), right: (f64, Monitor)) -> Violation {
-        let ending = right.1.ending;
-        let ((mut a, mut fa), (mut b, mut fb)) = ((left.0, left.1.value), (right.0, right.1.value));
-        let mut slope = (fb - fa) / (b - a);
-        let mut values = Vec::new();
-        let mut kept = 0;
-        // From where a mode begins on its boundary the first way is inwards.
-        let mut part = 0.5;
-        while fa <= 0.0 && left.1.rate.is_none_or(|rate| rate > 0.0) && part > f64::EPSILON {
-            let t = left.0 + part * (right.0 - left.0);
-            self.monitors_at(t, &mut values);
-            if values[index].value > 0.0 {
-                (a, fa) = (t, values[index].value);
-            } else {
-                (b, fb) = (t, values[index].value);
-            }
-            part *= 0.5;
-        }
-        for _ in 0..80 {
-            if fa <= 0.0 || b - a <= 2.0 * f64::EPSILON * b.abs() {
-                break;
-            }
-            let t = (a * fb - b * fa) / (fb - fa);
-            let t = if t > a && t < b { t } else { 0.5 * (a + b) };
-            if t <= a || t >= b {
-                break;
-            }
-            self.monitors_at(t, &mut values);
-            let value = values[index].value;
-            if value <= 0.0 {
-                if t < b {
-                    slope = (fb - value) / (b - t);
-                }
-                (b, fb) = (t, value);
-                fa *= if kept < 0 { 0.5 } else { 1.0 };
-                kept = -1;
-            } else {
-                (a, fa) = (t, value);
-                fb *= if kept > 0 { 0.5 } else { 1.0 };
-                kept = 1;
-            }
-            if value == 0.0 {
-                break;
-            }
-        }
-        let t = if fa <= 0.0 { a } else { b };
-        // A rate that is known is better than a quotient of differences.
-        self.monitors_at(t, &mut values);
-        Violation { t, index, slope: values[index].rate.unwrap_or(slope), ending }
+    /// The speed of a slip at a time within the last step, and what tolerances on velocities leave open of it.
+    pub(super) fn slip_at(&mut self, k: usize, t: f64) -> (f64, f64) {
+        let n = self.located.structure.coordinates;
+        let mut x = vec![0.0; 2 * n];
+        self.at(t, &mut x);
+        self.watch.settle(t, &x);
+        let Settings { rtol, atol, .. } = &self.located.radau;
+        let tolerances: Vec<f64> = x[n..].iter().zip(&atol[n..]).map(|(v, atol)| atol + rtol * v.abs()).collect();
+        let rows = self.located.structure.tangents(k).map(|row| self.watch.constraints().row(row));
+        let of_row = |row: &[f64]| row.iter().zip(&tolerances).map(|(j, tolerance)| j.abs() * tolerance).sum();
+        (self.watch.slip(k, &x[n..]).norm(), rows.map(of_row).fold(0.0, f64::max))
     }
 
     /// Solves the step anew up to the ending, until its time does not change. The last of these is kept.
-    fn refine(&mut self, begin: f64, x: &[f64], end: f64, violation: Violation) -> f64 {
-        let Violation { mut t, index, slope, .. } = violation;
-        let stages = self.radau.as_ref().map_or(3, Radau::stages);
-        let settings = &self.located.radau;
-        let tighter = (CUT_RTOL / settings.rtol).min(1.0);
-        let cut = |h: f64| Settings {
-            stages: StageChoice::Fixed(stages),
-            rtol: tighter * settings.rtol,
-            atol: settings.atol.iter().map(|atol| tighter * atol).collect(),
-            step: Some(h),
-            ..settings.clone()
-        };
+    fn refine(&mut self, begin: f64, x: &[f64], end: f64, violation: &Violation) -> f64 {
+        let Violation { mut t, index, origin, mut slope, .. } = *violation;
         let least = 4.0 * f64::EPSILON * begin.abs().max(f64::MIN_POSITIVE);
+        let is_near = |change: f64, t: f64| change.abs() <= NEAR * (t - begin);
+        // Drift is not kept, but where the whole of a flight is no higher.
+        let level = if is_near(origin / slope, t) { 0.0 } else { origin };
         let mut values = Vec::new();
         for _ in 0..REFINEMENTS {
             if t - begin <= least {
                 return begin;
             }
-            let Ok(mut trial) = Radau::new(&mut *self.trial, cut(t - begin), begin, x, t, self.control) else { break };
+            let settings = self.settings_of_cut(t - begin);
+            let Ok(mut trial) = Radau::new(&mut *self.trial, settings, begin, x, t, self.control) else { break };
             if trial.step().is_err() {
                 break;
             }
             monitors(self.watch, &self.located.structure, &self.mode, t, trial.y(), &mut values);
-            let change = values[index].value / slope;
+            slope = values[index].rate.unwrap_or(slope);
+            let change = (values[index].value - level) / slope;
             let next = (t - change).min(end);
-            if !next.is_finite() || next <= begin || (next - t).abs() <= 2.0 * f64::EPSILON * t.abs() {
+            // What does not fall, or is far off, is no root to be made better.
+            let settled = next <= begin || (next - t).abs() <= 2.0 * f64::EPSILON * t.abs();
+            if slope >= 0.0 || !is_near(change, t) || settled {
                 break;
             }
             t = next;
         }
-        if let Some(flight) = self.spare.take()
-            && let Ok(mut radau) = Radau::new(flight, cut(t - begin), begin, x, t, self.control)
+        self.cut_at(begin, x, t);
+        t
+    }
+
+    /// Solves the step anew up to `t`.
+    fn cut_at(&mut self, begin: f64, x: &[f64], t: f64) {
+        let settings = self.settings_of_cut(t - begin);
+        if let Some(flight) = self.spare.pop()
+            && let Ok(mut radau) = Radau::new(flight, settings, begin, x, t, self.control)
             && radau.step().is_ok()
         {
             self.cut = Some(radau);
         }
-        t
+    }
+
+    fn settings_of_cut(&self, h: f64) -> Settings {
+        let settings = &self.located.radau;
+        let tighter = (CUT_RTOL / settings.rtol).min(1.0);
+        Settings {
+            stages: StageChoice::Fixed(self.radau.as_ref().map_or(3, Radau::stages)),
+            rtol: tighter * settings.rtol,
+            atol: settings.atol.iter().map(|atol| tighter * atol).collect(),
+            step: Some(h),
+            ..settings.clone()
+        }
     }
 
     /// Takes over the motion from `begin` to `t`, with its work and impulses.
@@ -398,8 +337,7 @@ impl<'l, 'p> Leg<'l, 'p> {
     }
 
     /// Whether what the mode holds has moved away from zero.
-    fn drifts(&mut self) -> bool {
-        self.located.look();
+    fn drifts(&self) -> bool {
         let structure = &self.located.structure;
         let values = &self.located.constraints.values;
         let closed = (0..self.mode.len()).filter(|&k| self.mode[k].is_closed()).map(|k| structure.joints + k);

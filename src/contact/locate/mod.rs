@@ -11,6 +11,7 @@ mod flight;
 mod leg;
 mod mode;
 mod monitors;
+mod search;
 
 pub use leg::{Flights, Leg};
 pub use mode::Status;
@@ -172,9 +173,13 @@ impl<'p> Located<'p> {
                 let accumulate = (ZENO * self.horizon).max(1e3 * f64::EPSILON * t.abs());
                 if t - self.last_impact[k] < accumulate {
                     self.accumulations += 1;
-                    self.velocity_step(accumulate, Forces::Inelastic, control)?;
-                } else {
-                    self.strike(control)?;
+                    self.velocity_step(0.0, Forces::Inelastic(CLOSED), control)?;
+                    // What closes in no time has no rebound.
+                    let rests = |&i: &usize| self.step.contacted.r[i].x > 0.0 || i == k && self.stalls > 0;
+                    let resting: Vec<usize> = (0..self.structure.contacts.len()).filter(rests).collect();
+                    self.settle(&resting)?;
+                } else if !self.strike(control)? {
+                    self.settle(&[k])?;
                 }
             }
             Ending::LetsGo(k) => self.happenings.push(Happening::LiftOff { t, contact: k }),
@@ -182,23 +187,21 @@ impl<'p> Located<'p> {
             Ending::Stops(_) => {}
         }
         self.choose(Some(ending), control)?;
-        if let (Ending::Stops(k), Some(mode)) = (ending, &self.mode)
-            && mode[k] == Status::Stick
-            && before.get(k) != Some(&Status::Stick)
-        {
-            self.happenings.push(Happening::Stick { t, contact: k });
-        }
+        let mode = self.mode.iter().flatten().zip(&before).enumerate();
+        let stops = matches!(ending, Ending::Stops(_));
+        let stopped = mode.filter(|(_, pair)| stops && matches!(pair, (Status::Stick, Status::Slip(_))));
+        self.happenings.extend(stopped.map(|(contact, _)| Happening::Stick { t, contact }));
         Ok(())
     }
 
-    /// The law of impact for all contacts that are closed, if any of them approaches.
-    fn strike(&mut self, control: &Control) -> Result<(), ContactError> {
+    /// The law of impact for all contacts that are closed, if any of them approaches; whether one does.
+    fn strike(&mut self, control: &Control) -> Result<bool, ContactError> {
         self.look();
         let State { t, v, .. } = &self.state;
         let approaching: Vec<usize> =
             (0..self.structure.contacts.len()).filter(|&k| self.is_closed(k) && self.normal(k, v) < 0.0).collect();
         if approaching.iter().all(|&k| -self.normal(k, v) <= self.rounding(k, v)) {
-            return Ok(());
+            return Ok(false);
         }
         let t = *t;
         self.velocity_step(0.0, Forces::Impact(CLOSED), control)?;
@@ -208,7 +211,14 @@ impl<'p> Located<'p> {
                 self.happenings.push(Happening::Impact { t, contact: k });
             }
         }
-        Ok(())
+        Ok(true)
+    }
+
+    /// Lets contacts rest, also on surfaces that move or are curved: what velocity they have left is rounding.
+    fn settle(&mut self, contacts: &[usize]) -> Result<(), ContactError> {
+        let mut mode = vec![Status::Open; self.structure.contacts.len()];
+        contacts.iter().for_each(|&k| mode[k] = Status::Smooth);
+        self.hold(&mode)
     }
 
     /// Takes drift out of what the mode holds.
@@ -217,7 +227,7 @@ impl<'p> Located<'p> {
         if rows.is_empty() { Ok(()) } else { self.step.project(&mut self.state, &rows) }
     }
 
-    /// A step at the level of velocities that is part of the trajectory.
+    /// A step at the level of velocities, or an impact with `h = 0`, that is part of the trajectory.
     fn velocity_step(&mut self, h: f64, forces: Forces, control: &Control) -> Result<(), ContactError> {
         let h = h.min(self.end - self.state.t);
         let State { t, q, v } = &self.state;
@@ -226,8 +236,7 @@ impl<'p> Located<'p> {
         let State { t, q, v } = &self.state;
         let after = self.step.problem.energies(*t, q, v);
         self.impulses.iter_mut().zip(&self.step.contacted.r).for_each(|(sum, r)| *sum += r);
-        let duration = if let Forces::Impact(_) = forces { 0.0 } else { h };
-        self.step.contacted.book(duration, &before, &after, &mut self.energy);
+        self.step.contacted.book(h, &before, &after, &mut self.energy);
         Ok(())
     }
 

@@ -32,9 +32,9 @@ pub struct Monitor {
 }
 
 impl Monitor {
-    /// Whether the mode is over.
-    pub fn is_violated(&self) -> bool {
-        self.value < -self.noise
+    /// Whether it is zero, but for rounding, or less.
+    pub fn is_on_bound(&self) -> bool {
+        self.value <= self.noise
     }
 }
 
@@ -63,7 +63,8 @@ pub fn monitors(
         if *status == Status::Open {
             let value = constraints.values[structure.joints + k];
             let terms: f64 = constraints.row(row).iter().zip(q).map(|(j, q)| (j * q).abs()).sum();
-            let noise = ROUNDING * terms.max(f64::MIN_POSITIVE);
+            let in_time = 4.0 * f64::EPSILON * t.abs() * constraints.terms(row, v);
+            let noise = in_time + ROUNDING * terms.max(f64::MIN_POSITIVE);
             let rate = Some(constraints.velocity(row, v));
             out.push(Monitor { value, noise, rate, ending: Ending::Closes(k) });
             continue;
@@ -82,7 +83,8 @@ pub fn monitors(
             Status::Slip(direction) => {
                 let value = flight.slip(k, v).dot(&direction);
                 let size = structure.tangents(k).map(|row| constraints.terms(row, v)).fold(0.0, f64::max);
-                out.push(Monitor { value, noise: ROUNDING * size, rate: None, ending: Ending::Stops(k) });
+                let rate = Some(flight.slip_rate(k).dot(&direction));
+                out.push(Monitor { value, noise: ROUNDING * size, rate, ending: Ending::Stops(k) });
             }
             Status::Open | Status::Smooth => {}
         }

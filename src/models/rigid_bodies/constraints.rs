@@ -28,11 +28,10 @@ pub struct Constraints {
 
 impl Constraints {
     /// The rows of these joints; `None` if there are none, or no memory for them.
-    pub fn new(joints: &[&Joint], places: &impl Fn(usize) -> Option<u32>, moving: &[Motion]) -> Option<Self> {
+    pub fn new(joints: &[(&Joint, [Option<u32>; 2])], moving: &[Motion]) -> Option<Self> {
         let mut rows = Vec::new();
         let mut of_joint = Vec::new();
-        for joint in joints {
-            let bodies = joint.places(places);
+        for &(joint, bodies) in joints {
             of_joint.clear();
             joint.rows(poses(bodies, moving), &mut of_joint);
             rows.extend(of_joint.drain(..).map(|row| (row, bodies)));
@@ -56,19 +55,15 @@ impl Constraints {
     }
 
     /// `G v`.
-    pub fn velocity(&self, moving: &[Motion]) -> Vec<f64> {
-        let of = |row: &Row, body: Option<u32>, side: usize| {
-            body.map_or(0.0, |body| {
-                let body = &moving[body as usize];
-                let sign = if side == 0 { 1.0 } else { -1.0 };
-                sign * row.force.dot(&body.velocity) + row.torques[side].dot(&body.omega)
-            })
+    fn velocity(&self, moving: &[Motion]) -> Vec<f64> {
+        let of = |body: Option<u32>| {
+            body.map_or_else(Default::default, |body| (moving[body as usize].velocity, moving[body as usize].omega))
         };
-        self.rows.iter().map(|(row, bodies)| of(row, bodies[0], 0) + of(row, bodies[1], 1)).collect()
+        self.rows.iter().map(|(row, bodies)| row.velocity(bodies.map(of))).collect()
     }
 
     /// Solves `S x = b` in place; false if `S` has no factors.
-    pub fn solve(&mut self, b: &mut [f64]) -> bool {
+    fn solve(&mut self, b: &mut [f64]) -> bool {
         let right = b.to_vec();
         b.fill(0.0);
         let mut rest = right.clone();
@@ -87,8 +82,19 @@ impl Constraints {
         true
     }
 
+    /// Makes `G v = -b` by impulses; false if `S` has no factors.
+    pub fn hold(&mut self, b: &[f64], moving: &mut [Motion]) -> bool {
+        let mut lambda = self.velocity(moving);
+        for (lambda, b) in lambda.iter_mut().zip(b) {
+            *lambda = -(*lambda + b);
+        }
+        let solved = self.solve(&mut lambda);
+        self.push(&lambda, moving);
+        solved
+    }
+
     /// Changes the momenta by `G^T lambda`.
-    pub fn push(&self, lambda: &[f64], moving: &mut [Motion]) {
+    fn push(&self, lambda: &[f64], moving: &mut [Motion]) {
         for ((row, bodies), lambda) in self.rows.iter().zip(lambda) {
             for (side, sign) in [(0, 1.0), (1, -1.0)] {
                 if let Some(body) = bodies[side] {

@@ -74,24 +74,32 @@ impl Island {
         (self.report, self.is_singular) = (None, false);
     }
 
-    /// Solves for the impulses and puts them into the velocities. `places` gives the joints' bodies their places here.
-    pub fn solve(
-        &mut self,
-        h: f64,
-        joints: &[Joint],
-        places: impl Fn(usize) -> Option<u32>,
-        law: &mut Law,
-        control: &Control,
-    ) {
-        let all: Vec<&Joint> = self.joints.iter().map(|&k| &joints[k as usize]).collect();
-        let constraints = Constraints::new(&all, &places, &self.moving);
+    /// The joints, each with the places of its bodies here; `places` are those among all that move.
+    fn joined<'j>(&self, joints: &'j [Joint], places: &[Option<u32>]) -> Vec<(&'j Joint, [Option<u32>; 2])> {
+        let place = |body: usize| places[body].and_then(|body| self.bodies.binary_search(&body).ok()).map(|k| k as u32);
+        let joint = |&k: &u32| (&joints[k as usize], joints[k as usize].places(&place));
+        self.joints.iter().map(joint).collect()
+    }
+
+    /// Solves for the impulses and puts them into the velocities.
+    pub fn solve(&mut self, h: f64, joints: &[Joint], places: &[Option<u32>], law: &mut Law, control: &Control) {
+        let joined = self.joined(joints, places);
+        let constraints = Constraints::new(&joined, &self.moving);
         match constraints {
             None => {
                 let matrix = delassus::matrix(&self.contacts, &self.moving);
                 self.impulses(&matrix, h, law, control);
                 push_contacts(&self.contacts, &mut self.moving);
             }
-            Some(constraints) => self.solve_joined(constraints, h, &all, &places, law, control),
+            Some(constraints) => self.solve_joined(constraints, h, &joined, law, control),
+        }
+    }
+
+    /// Takes out of the velocities what the joints do not let be, by impulses of theirs alone.
+    pub fn obey_joints(&mut self, joints: &[Joint], places: &[Option<u32>]) {
+        if let Some(mut constraints) = Constraints::new(&self.joined(joints, places), &self.moving) {
+            let none = vec![0.0; constraints.values().count()];
+            self.is_singular = !constraints.hold(&none, &mut self.moving);
         }
     }
 
@@ -134,8 +142,7 @@ impl Island {
         &mut self,
         mut constraints: Constraints,
         h: f64,
-        joints: &[&Joint],
-        places: &impl Fn(usize) -> Option<u32>,
+        joints: &[(&Joint, [Option<u32>; 2])],
         law: &mut Law,
         control: &Control,
     ) {
@@ -152,12 +159,12 @@ impl Island {
         let mut last = f64::INFINITY;
         for _ in 0..ITERATIONS {
             self.moving.copy_from_slice(&start);
-            self.is_singular |= !hold(&mut constraints, &b, &mut self.moving);
+            self.is_singular |= !constraints.hold(&b, &mut self.moving);
             self.impulses(&matrix, h, law, control);
             self.moving.copy_from_slice(&start);
             push_contacts(&self.contacts, &mut self.moving);
-            self.is_singular |= !hold(&mut constraints, &b, &mut self.moving);
-            let (error, size) = self.errors(h, joints, places, &mut b);
+            self.is_singular |= !constraints.hold(&b, &mut self.moving);
+            let (error, size) = self.errors(h, joints, &mut b);
             if self.is_singular || error <= ROUNDING * size || error >= 0.5 * last {
                 return;
             }
@@ -166,12 +173,12 @@ impl Island {
     }
 
     /// Adds the errors of the joints at the end of the step to `b`; the greatest of them, and the size of the coordinates.
-    fn errors(&self, h: f64, joints: &[&Joint], places: &impl Fn(usize) -> Option<u32>, b: &mut [f64]) -> (f64, f64) {
+    fn errors(&self, h: f64, joints: &[(&Joint, [Option<u32>; 2])], b: &mut [f64]) -> (f64, f64) {
         let mut end = self.moving.clone();
         end.iter_mut().for_each(|motion| motion.drift(h));
         let mut rows: Vec<Row> = Vec::with_capacity(b.len());
-        for joint in joints {
-            joint.rows(poses(joint.places(places), &end), &mut rows);
+        for (joint, bodies) in joints {
+            joint.rows(poses(*bodies, &end), &mut rows);
         }
         let mut greatest = 0.0_f64;
         for (b, row) in b.iter_mut().zip(&rows) {
@@ -181,17 +188,6 @@ impl Island {
         let size = end.iter().map(|motion| motion.pose.translation.vector.amax()).fold(1e-3, f64::max);
         (greatest, size)
     }
-}
-
-/// Makes `G v = -b`.
-fn hold(constraints: &mut Constraints, b: &[f64], moving: &mut [Motion]) -> bool {
-    let mut lambda = constraints.velocity(moving);
-    for (lambda, b) in lambda.iter_mut().zip(b) {
-        *lambda = -(*lambda + b);
-    }
-    let solved = constraints.solve(&mut lambda);
-    constraints.push(&lambda, moving);
-    solved
 }
 
 fn push_contacts(contacts: &[Contact], moving: &mut [Motion]) {

@@ -53,6 +53,14 @@ pub struct Row {
     pub torques: [Vector3<f64>; 2],
 }
 
+impl Row {
+    /// How fast the equation is left, with the velocity and the angular velocity of each body.
+    pub fn velocity(&self, of: [(Vector3<f64>, Vector3<f64>); 2]) -> f64 {
+        let [(v, w), (other_v, other_w)] = of;
+        self.force.dot(&(v - other_v)) + self.torques[0].dot(&w) + self.torques[1].dot(&other_w)
+    }
+}
+
 impl Joint {
     /// A joint at a point and along an axis of the world, as the bodies are at the start.
     pub fn new(
@@ -69,6 +77,27 @@ impl Joint {
         let t = axes[1].cross(&least).normalize();
         let turn = poses[1].rotation.inverse() * poses[0].rotation;
         Self { kind, bodies, anchors, axes, across: [t, axes[1].cross(&t)], turn }
+    }
+
+    /// How fast its points part, in metres a second, and how fast its bodies turn as it does not let them, in radians a
+    /// second, as they all are at the start; `None` if that is less than `fraction` of their velocities.
+    pub fn torn(&self, all: &[Body], fraction: f64) -> Option<[f64; 2]> {
+        let world = (Isometry3::identity(), (Vector3::zeros(), Vector3::zeros()));
+        let start = |body: &Body| (body.pose, (body.velocity, body.omega));
+        let [first, second] = [start(&all[self.bodies.0]), self.bodies.1.map_or(world, |b| start(&all[b]))];
+        let mut rows = Vec::new();
+        self.rows([&first.0, &second.0], &mut rows);
+        let of = [first.1, second.1];
+        let (mut speeds, mut torn) = ([0.0_f64; 2], false);
+        for row in &rows {
+            let speed = row.velocity(of).abs();
+            let size: f64 =
+                (0..2).map(|k| row.force.norm() * of[k].0.norm() + row.torques[k].norm() * of[k].1.norm()).sum();
+            let turns = usize::from(row.force == Vector3::zeros());
+            speeds[turns] = speeds[turns].hypot(speed);
+            torn |= speed > fraction * size;
+        }
+        torn.then_some(speeds)
     }
 
     /// The places of its bodies, as `places` gives them; none for the world.

@@ -18,6 +18,7 @@ mod shape;
 mod simulation;
 #[cfg(test)]
 mod tests;
+mod touches;
 
 pub use collision::Collider;
 pub use joint::{Joint, JointKind};

@@ -56,6 +56,11 @@ impl Motion {
         self.omega += self.mobility * angular;
     }
 
+    /// The same with another velocity.
+    pub fn kicked(&self, by: &Vector3<f64>) -> Self {
+        Self { velocity: self.velocity + by, ..*self }
+    }
+
     /// Moves freely for a time `h`, the angular velocity with the gyroscopic terms.
     pub fn drift(&mut self, h: f64) {
         self.pose.translation.vector += self.velocity * h;

@@ -89,7 +89,7 @@ pub struct Scene {
     pub cone: Cone,
     /// What holds them together.
     pub joints: Vec<Joint>,
-    /// Whether bodies that overlap at the start are moved apart.
+    /// Whether bodies that overlap at the start are moved apart, and velocities that tear a joint are changed.
     pub resolve: bool,
     /// What the user should know.
     pub warnings: Vec<Warning>,

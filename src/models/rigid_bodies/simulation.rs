@@ -1,23 +1,32 @@
 //! Steps of a scene: find the contacts, let forces act, solve each island, move.
 //!
 //! ```text
-//! v_free = v + h g,    v+ = v_free + M^-1 (J^T r + G^T lambda),    q+ = q (+) h v+
+//! v_free = v + (h_last + h)/2 g,    v+ = v_free + M^-1 (J^T r + G^T lambda),    q+ = q (+) h v+
 //! ```
+//!
+//! Velocities are those of the middles of steps, the first step after `h_last = 0`: this is the leapfrog, exact in free
+//! fall, of second order with joints (Andersen 1983), and at the end of a step bodies have the other half of the kick, as
+//! their joints let them. A body that a contact holds has its velocity to the end of the step, as friction and the
+//! contact left it, and `h_last = h`: of first order, as impacts are.
 //!
 //! The contacts are those of the start of the step, with their gaps: an open one closes no further than to touch
 //! (Stewart and Trinkle 1996). What curvature makes bodies overlap at the end is moved apart at the start of the next
 //! step, without a velocity.
 
+mod arrival;
+mod overlaps;
+
 use super::collision::{BroadPhase, ContactPoint, contacts};
 use super::contact::Contact;
 use super::island::Island;
-use super::joint::joined;
+use super::joint::{Joint, joined};
 use super::motion::Motion;
 use super::scene::Scene;
+use super::touches::Touches;
 use crate::contact::islands::{Islands, solve_apart, threads};
 use crate::contact::law::{self, Law};
 use crate::contact::{ImpactLaw, Settings};
-use crate::problem::Control;
+use crate::problem::{Control, EventKind};
 use crate::vi::Outcome;
 use nalgebra::{Isometry3, Vector3};
 use rustc_hash::FxHashMap;
@@ -29,13 +38,6 @@ const NEAR: f64 = 0.01;
 
 /// Contacts of the islands but the largest that are worth another thread.
 const WORTH_A_THREAD: usize = 200;
-
-/// Overlaps that are left alone, and gaps that are none, in parts of the smaller body's size.
-const OVERLAP: f64 = 5e-7;
-
-/// Rounds of moving bodies apart within a step, and at the start where they may lie in each other.
-const ROUNDS: usize = 3;
-const ROUNDS_AT_START: usize = 100;
 
 /// What became of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -98,12 +100,21 @@ impl ContactReport {
 #[derive(Debug)]
 pub struct Simulation<'a> {
     scene: &'a Scene,
-    /// The bodies that move.
-    pub moving: Vec<Motion>,
+    /// The bodies that move, with the velocities that the last step went with.
+    moving: Vec<Motion>,
+    /// The same with the velocities at its end.
+    pub ends: Vec<Motion>,
+    /// Whether a contact holds them there.
+    held: Vec<bool>,
+    /// The length of the last step.
+    last: f64,
     /// The places of the scene's bodies among them.
     places: Vec<Option<u32>>,
     /// The contacts of the step.
     pub contacts: Vec<Contact>,
+    /// What happened in the last step between which bodies of the scene.
+    pub happenings: Vec<(EventKind, [usize; 2])>,
+    touches: Touches,
     /// What the last step said.
     pub report: ContactReport,
     joined: HashSet<(u32, u32)>,
@@ -132,9 +143,14 @@ impl<'a> Simulation<'a> {
         }
         Self {
             scene,
+            ends: moving.clone(),
+            held: vec![false; moving.len()],
+            last: 0.0,
             moving,
             places,
             contacts: Vec::new(),
+            happenings: Vec::new(),
+            touches: Touches::default(),
             report: ContactReport::default(),
             joined: joined(&scene.joints),
             broad_phase: BroadPhase::default(),
@@ -165,16 +181,13 @@ impl<'a> Simulation<'a> {
     pub fn step(&mut self, h: f64, control: &Control) -> Result<(), StepFailure> {
         self.detect(h);
         self.report = ContactReport { penetration: self.depth(0.0).max(0.0), ..ContactReport::default() };
-        for _ in 0..ROUNDS {
-            if self.depth(OVERLAP) <= 0.0 {
-                break;
-            }
-            self.separate(control)?;
-            self.detect(h);
+        self.part_overlaps(h, control)?;
+        if self.last == 0.0 {
+            self.hold(h, |_| true);
         }
-        let kick = self.scene.gravity * h;
-        for motion in &mut self.moving {
-            motion.velocity += kick;
+        let [held, free] = [h, 0.5 * (self.last + h)].map(|time| self.scene.gravity * time);
+        for (motion, is_held) in self.moving.iter_mut().zip(&self.held) {
+            motion.velocity += if *is_held { held } else { free };
         }
         self.remember();
         self.close();
@@ -182,25 +195,15 @@ impl<'a> Simulation<'a> {
         if self.report.residual > UNSOLVED && control.poll().is_none() {
             return Err(StepFailure::Unsolved { residual: self.report.residual });
         }
+        self.follow(h);
         self.judge();
+        self.hold(h, |contact| contact.impulse.x > 0.0);
         for motion in &mut self.moving {
             motion.drift(h);
         }
+        self.last = h;
+        self.arrive();
         self.check()
-    }
-
-    /// Moves bodies apart that overlap; false if that did not do.
-    pub fn resolve(&mut self, control: &Control) -> bool {
-        for _ in 0..ROUNDS_AT_START {
-            self.detect(0.0);
-            if self.depth(OVERLAP) <= 0.0 {
-                return true;
-            }
-            if control.poll().is_some() || self.separate(control).is_err() {
-                return false;
-            }
-        }
-        false
     }
 
     /// Finds the contacts that may close within `h`.
@@ -236,22 +239,6 @@ impl<'a> Simulation<'a> {
         }
     }
 
-    /// The deepest overlap beyond `fraction` of the smaller body.
-    fn depth(&self, fraction: f64) -> f64 {
-        let excess = |contact: &Contact| -contact.gap - fraction * size(self.scene, contact);
-        self.contacts.iter().map(excess).fold(f64::NEG_INFINITY, f64::max)
-    }
-
-    /// Takes gaps that are rounding for none. More contacts at rest than there are freedoms cannot all close by such gaps
-    /// at once: velocities `gap/h` that no motion has would drive impulses up without end.
-    fn close(&mut self) {
-        for contact in &mut self.contacts {
-            if contact.gap < OVERLAP * size(self.scene, contact) {
-                contact.gap = contact.gap.min(0.0);
-            }
-        }
-    }
-
     /// Gives each contact the impulse that it had in the last step.
     fn remember(&mut self) {
         for contact in &mut self.contacts {
@@ -264,14 +251,17 @@ impl<'a> Simulation<'a> {
     /// Solves every island, from the velocities and the contacts as they stand.
     fn solve(&mut self, h: f64, control: &Control) -> Result<(), StepFailure> {
         self.part();
+        self.solve_each(|island, joints, places, law| island.solve(h, joints, places, law, control))
+    }
+
+    /// Gives every island to `solve`, with the joints, the places of the bodies and a solver of the contact law.
+    fn solve_each(
+        &mut self,
+        solve: impl Fn(&mut Island, &[Joint], &[Option<u32>], &mut Law) + Sync,
+    ) -> Result<(), StepFailure> {
         let (joints, places, tasks) = (&self.scene.joints, &self.places, &mut self.tasks[..self.islands.len()]);
         let weight = |island: &Island| island.contacts.len() + 2 * island.joints.len();
-        solve_apart(tasks, &mut self.laws, weight, WORTH_A_THREAD, |island, law| {
-            let bodies = std::mem::take(&mut island.bodies);
-            let place = |body: usize| places[body].and_then(|body| bodies.binary_search(&body).ok()).map(|k| k as u32);
-            island.solve(h, joints, place, law, control);
-            island.bodies = bodies;
-        });
+        solve_apart(tasks, &mut self.laws, weight, WORTH_A_THREAD, |island, law| solve(island, joints, places, law));
         self.report.islands = tasks.len();
         for island in tasks {
             if island.is_singular {
@@ -297,7 +287,7 @@ impl<'a> Simulation<'a> {
             [Some(a), b] => (a as usize, b.map(|b| b as usize)),
             [None, b] => (b.unwrap_or(0) as usize, None),
         };
-        let of_joint = |joint: &super::joint::Joint| {
+        let of_joint = |joint: &Joint| {
             let [a, b] = joint.places(&|body| places[body]);
             (a.unwrap_or(0) as usize, b.map(|b| b as usize))
         };
@@ -330,25 +320,6 @@ impl<'a> Simulation<'a> {
         }
     }
 
-    /// Moves overlapping bodies apart, by the least displacement in the norm of the masses that opens every gap: the
-    /// contact problem without friction whose velocities are displacements and whose free velocities are gaps.
-    fn separate(&mut self, control: &Control) -> Result<(), StepFailure> {
-        let kept: Vec<(Vector3<f64>, Vector3<f64>)> = self.moving.iter().map(|m| (m.velocity, m.omega)).collect();
-        for motion in &mut self.moving {
-            (motion.velocity, motion.omega) = Default::default();
-        }
-        for contact in &mut self.contacts {
-            *contact = contact.of_displacements();
-        }
-        let solved = self.solve(1.0, control);
-        for (motion, (velocity, omega)) in self.moving.iter_mut().zip(kept) {
-            let (by, rotation) = (motion.velocity, motion.omega);
-            (motion.velocity, motion.omega) = (velocity, omega);
-            motion.displace(&by, &rotation);
-        }
-        solved
-    }
-
     /// Keeps the impulses, and says what the contacts did.
     fn judge(&mut self) {
         self.kept.clear();
@@ -375,14 +346,8 @@ impl<'a> Simulation<'a> {
 
     /// Kinetic and potential energy, the latter zero at the origin.
     pub fn energies(&self) -> [f64; 2] {
-        let kinetic = self.moving.iter().map(Motion::kinetic_energy).sum();
+        let kinetic = self.ends.iter().map(Motion::kinetic_energy).sum();
         let height = |motion: &Motion| motion.mass * self.scene.gravity.dot(&motion.pose.translation.vector);
-        [kinetic, -self.moving.iter().map(height).sum::<f64>()]
+        [kinetic, -self.ends.iter().map(height).sum::<f64>()]
     }
-}
-
-/// The size of the smaller body at a contact.
-fn size(scene: &Scene, contact: &Contact) -> f64 {
-    let reach = |body: u32| scene.bodies[body as usize].collider.shape.reach();
-    reach(contact.key.0).min(reach(contact.key.1))
 }

@@ -74,7 +74,7 @@ fn a_sliding_sphere_comes_to_roll_with_five_sevenths_of_its_speed() {
     let scene = scene(vec![ground(Vector3::z()), ball], 0.3, 0.0);
     let mut simulation = Simulation::new(&scene, &SETTINGS);
     run(&mut simulation, 1e-3, 1000);
-    let motion = simulation.moving[0];
+    let motion = simulation.ends[0];
     assert!((motion.velocity.x - 10.0 / 7.0).abs() < 1e-10, "{}", motion.velocity);
     assert!((motion.omega.y - 100.0 / 7.0).abs() < 1e-9);
     assert!((motion.pose.translation.x - 1.4840472376514315).abs() < 1e-3);
@@ -89,9 +89,9 @@ fn a_fast_sliding_sphere_never_lifts_off() {
     let mut simulation = Simulation::new(&scene, &SETTINGS);
     for _ in 0..500 {
         simulation.step(1e-3, &Control::new()).unwrap();
-        assert!((simulation.moving[0].pose.translation.z - 0.1).abs() < 1e-10);
+        assert!((simulation.ends[0].pose.translation.z - 0.1).abs() < 1e-10);
     }
-    assert!((simulation.moving[0].velocity.x - 8.5285).abs() < 1e-9);
+    assert!((simulation.ends[0].velocity.x - 8.5285).abs() < 1e-9);
 }
 
 #[test]
@@ -104,7 +104,7 @@ fn a_stack_with_a_heavy_top_stands_still() {
         let clock = std::time::Instant::now();
         run(&mut simulation, 1e-3, 2000);
         eprintln!("load {load}: {:?}, residual {:e}", clock.elapsed() / 2000, simulation.report.residual);
-        for (k, motion) in simulation.moving.iter().enumerate() {
+        for (k, motion) in simulation.ends.iter().enumerate() {
             let at = motion.pose.translation.vector;
             assert!((at.z - 0.5 - k as f64).abs() < 1e-6, "load {load}, cube {k}: {at}");
             assert!(at.xy().norm() < 1e-8, "load {load}, cube {k}: {at:?}");

@@ -2,8 +2,8 @@
 
 use super::vectors::{self, Vector};
 use crate::expression::nearest;
-use crate::models::rigid_bodies::{self, Body, JointKind};
-use crate::specification::error::SpecificationError;
+use crate::models::rigid_bodies::{self, Body, JointKind, Scene};
+use crate::specification::error::{Errors, SpecificationError};
 use crate::specification::expression::Expression;
 use crate::specification::lowering::Lowering;
 use crate::specification::place::Place;
@@ -60,6 +60,38 @@ pub struct FixedJoint {
     pub bodies: Vec<String>,
 }
 
+impl BodyJoint {
+    /// Its name in a document.
+    fn key(&self) -> &'static str {
+        match self {
+            Self::Ball(_) => "ball",
+            Self::Hinge(_) => "hinge",
+            Self::Slider(_) => "slider",
+            Self::Fixed(_) => "fixed",
+        }
+    }
+}
+
+/// Velocities in parts of those of the bodies that are rounding.
+const ROUNDING: f64 = 1e-6;
+
+/// Reports the joints that the velocities at the start tear. Their points and axes are placed at the start, and hold.
+pub(super) fn refuse_torn(joints: &[BodyJoint], scene: &Scene, place: &Place<'_>, errors: &mut Errors) {
+    for (k, (given, joint)) in joints.iter().zip(&scene.joints).enumerate() {
+        if let Some([speed, rate]) = joint.torn(&scene.bodies, ROUNDING) {
+            let detail = format!(
+                "the joint is torn apart at the start: its points part at {speed} m/s, and the bodies turn against it at \
+                 {rate} rad/s"
+            );
+            let error =
+                SpecificationError::new(place.index(k).key(given.key()).to_string(), "interpenetration", detail);
+            errors.push(
+                error.expected("velocities that obey it, or `\"interpenetration\": \"resolve\"` beside `bodies`"),
+            );
+        }
+    }
+}
+
 /// The joints of which everything is known.
 pub(super) fn lower(
     joints: &[BodyJoint],
@@ -71,17 +103,13 @@ pub(super) fn lower(
     let mut lowered = Vec::with_capacity(joints.len());
     for (k, joint) in joints.iter().enumerate() {
         let place = place.index(k);
-        let (key, bodies_of, at, axis, kind) = match joint {
-            BodyJoint::Ball(PointJoint { bodies, at }) => ("ball", bodies, Some(at), None, JointKind::Ball),
-            BodyJoint::Hinge(AxialJoint { bodies, at, axis }) => {
-                ("hinge", bodies, Some(at), Some(axis), JointKind::Hinge)
-            }
-            BodyJoint::Slider(AxialJoint { bodies, at, axis }) => {
-                ("slider", bodies, Some(at), Some(axis), JointKind::Slider)
-            }
-            BodyJoint::Fixed(FixedJoint { bodies }) => ("fixed", bodies, None, None, JointKind::Fixed),
+        let (bodies_of, at, axis, kind) = match joint {
+            BodyJoint::Ball(PointJoint { bodies, at }) => (bodies, Some(at), None, JointKind::Ball),
+            BodyJoint::Hinge(AxialJoint { bodies, at, axis }) => (bodies, Some(at), Some(axis), JointKind::Hinge),
+            BodyJoint::Slider(AxialJoint { bodies, at, axis }) => (bodies, Some(at), Some(axis), JointKind::Slider),
+            BodyJoint::Fixed(FixedJoint { bodies }) => (bodies, None, None, JointKind::Fixed),
         };
-        let place = place.key(key);
+        let place = place.key(joint.key());
         let at = at.map(|at| vectors::lower(at, &place.key("at"), lowering));
         let axis =
             axis.map_or(Vector3::z_axis(), |axis: &Vector| vectors::direction(axis, &place.key("axis"), lowering));

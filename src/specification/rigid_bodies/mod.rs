@@ -57,7 +57,7 @@ pub struct RigidBodiesProblem {
     /// What holds bodies together.
     #[serde(default)]
     pub joints: Vec<BodyJoint>,
-    /// What to do with bodies that overlap at the start. Default `refuse`.
+    /// What to do with bodies that overlap at the start, or whose velocities tear a joint there. Default `refuse`.
     #[serde(default)]
     pub interpenetration: Interpenetration,
 }
@@ -97,8 +97,9 @@ impl RigidBodiesProblem {
         let joints = joints::lower(&self.joints, &bodies, &names, &place.key("joints"), &mut lowering);
         let resolve = self.interpenetration == Interpenetration::Resolve;
         let scene = Scene { gravity: gravity.unwrap_or_default(), bodies, laws, cone, joints, resolve, warnings };
-        if !resolve {
+        if !resolve && lowering.errors.is_empty() {
             overlaps::refuse(&scene, &place_of_bodies, &mut lowering.errors);
+            joints::refuse_torn(&self.joints, &scene, &place.key("joints"), &mut lowering.errors);
         }
         (lowering, Some(Model::RigidBodies(scene)))
     }

@@ -1,5 +1,6 @@
 //! Mechanical systems with impacts and friction, held to closed forms.
 
+mod between;
 mod energy;
 mod friction;
 mod impacts;

@@ -47,3 +47,42 @@ fn a_hull_turns_about_its_centre_of_mass_and_not_about_the_origin_of_its_frame()
     }
     assert!((last(&solution, "rod.z") - 2.0).abs() < 1e-14);
 }
+
+#[test]
+fn a_throw_is_a_parabola_to_rounding_whatever_the_step() {
+    for step in [0.1, 1e-3] {
+        let ball = json!({"name": "ball", "shape": {"sphere": {"radius": 0.1}}, "mass": 2, "position": [0, 0, 50],
+            "velocity": [3, 0, 4]});
+        let solution = solve(&on_the_ground(&[ball], &json!({}), 2.0, step));
+        for k in (0..=100).filter(|k| step < 0.1 || k % 5 == 0) {
+            let t = solution.trajectory.t[k];
+            let of = |name: &str| column(&solution, name)[k];
+            let (z, vz) = (50.0 + 4.0 * t - 0.5 * 9.81 * t * t, 4.0 - 9.81 * t);
+            assert!((of("ball.z") - z).abs() < 1e-11, "{step}, {t}: {} {z}", of("ball.z"));
+            assert!((of("ball.vz") - vz).abs() < 1e-11, "{step}, {t}: {} {vz}", of("ball.vz"));
+            assert!((of("ball.x") - 3.0 * t).abs() < 1e-12);
+        }
+        let energy = solution.diagnostics.energy.unwrap();
+        assert!(energy.largest_defect < 1e-9 * energy.potential_at_start, "{:e}", energy.largest_defect);
+    }
+}
+
+/// Against Runge-Kutta of order 8 (DOP853) at a tolerance of 1e-13.
+#[test]
+fn a_body_with_three_moments_of_inertia_turns_at_second_order_as_it_falls() {
+    let q = [0.10594656880115676, -0.1993666935059763, -0.2017218156016355, 0.9530669206252705];
+    let omega = [-0.27844283383584306, 2.036182081360076, 0.19601508236838527];
+    let error = |step: f64| {
+        let body = json!({"name": "b", "shape": {"sphere": {"radius": 0.1}}, "mass": 1, "position": [0, 0, 500],
+            "inertia": [1, 2, 3], "angular_velocity": [0.3, 2, 0.1]});
+        let solution = solve(&on_the_ground(&[body], &json!({}), 5.0, step));
+        let off = |names: [&str; 4], exact: [f64; 4]| {
+            names.iter().zip(exact).map(|(name, exact)| (last(&solution, name) - exact).abs()).fold(0.0, f64::max)
+        };
+        assert!((last(&solution, "b.z") - (500.0 - 0.5 * 9.81 * 25.0)).abs() < 1e-9);
+        let turn = off(["b.qw", "b.qx", "b.qy", "b.qz"], q);
+        turn.max(off(["b.wx", "b.wy", "b.wz", "b.x"], [omega[0], omega[1], omega[2], 0.0]))
+    };
+    let (coarse, fine) = (error(0.02), error(0.01));
+    assert!(fine < 1e-4 && (coarse / fine).log2() > 1.95, "{coarse:e} {fine:e}");
+}

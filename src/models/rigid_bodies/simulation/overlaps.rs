@@ -1,0 +1,92 @@
+//! Bodies that overlap, by what curvature does to a step or from the start, are moved apart without a velocity.
+
+use super::super::contact::Contact;
+use super::super::scene::Scene;
+use super::{Simulation, StepFailure};
+use crate::problem::Control;
+use nalgebra::Vector3;
+
+/// Overlaps that are left alone, and gaps that are none, in parts of the smaller body's size.
+const OVERLAP: f64 = 5e-7;
+
+/// Rounds of moving bodies apart within a step, and at the start where they may lie in each other.
+const ROUNDS: usize = 3;
+const ROUNDS_AT_START: usize = 100;
+
+impl Simulation<'_> {
+    /// Moves bodies apart that overlap, and gives them the velocities that their joints let them have, by the least change
+    /// in the norm of the masses; false if that did not do.
+    pub fn resolve(&mut self, control: &Control) -> bool {
+        for _ in 0..ROUNDS_AT_START {
+            self.detect(0.0);
+            if self.depth(OVERLAP) <= 0.0 {
+                self.part();
+                let obeyed = self.solve_each(|island, joints, places, _| island.obey_joints(joints, places)).is_ok();
+                self.ends.clone_from(&self.moving);
+                return obeyed;
+            }
+            if control.poll().is_some() || self.separate(control).is_err() {
+                return false;
+            }
+        }
+        false
+    }
+
+    /// Moves the bodies that overlap at the start of a step `h` apart.
+    pub(super) fn part_overlaps(&mut self, h: f64, control: &Control) -> Result<(), StepFailure> {
+        for _ in 0..ROUNDS {
+            if self.depth(OVERLAP) <= 0.0 {
+                break;
+            }
+            self.separate(control)?;
+            self.detect(h);
+        }
+        Ok(())
+    }
+
+    /// The deepest overlap beyond `fraction` of the smaller body.
+    pub(super) fn depth(&self, fraction: f64) -> f64 {
+        let excess = |contact: &Contact| -contact.gap - fraction * size(self.scene, contact);
+        self.contacts.iter().map(excess).fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// Takes gaps that are rounding for none. More contacts at rest than there are freedoms cannot all close by such gaps
+    /// at once: velocities `gap/h` that no motion has would drive impulses up without end.
+    pub(super) fn close(&mut self) {
+        for contact in &mut self.contacts {
+            if contact.gap < OVERLAP * size(self.scene, contact) {
+                contact.gap = contact.gap.min(0.0);
+            }
+        }
+    }
+
+    /// Moves overlapping bodies apart, by the least displacement in the norm of the masses that opens every gap: the
+    /// contact problem without friction whose velocities are displacements and whose free velocities are gaps.
+    fn separate(&mut self, control: &Control) -> Result<(), StepFailure> {
+        let kept: Vec<(Vector3<f64>, Vector3<f64>)> = self.moving.iter().map(|m| (m.velocity, m.omega)).collect();
+        for motion in &mut self.moving {
+            (motion.velocity, motion.omega) = Default::default();
+        }
+        for contact in &mut self.contacts {
+            *contact = contact.of_displacements();
+        }
+        let solved = self.solve(1.0, control);
+        for (motion, (velocity, omega)) in self.moving.iter_mut().zip(kept) {
+            let (by, rotation) = (motion.velocity, motion.omega);
+            (motion.velocity, motion.omega) = (velocity, omega);
+            motion.displace(&by, &rotation);
+        }
+        solved
+    }
+}
+
+/// A gap that is none.
+pub(super) fn no_gap(scene: &Scene, contact: &Contact) -> f64 {
+    OVERLAP * size(scene, contact)
+}
+
+/// The size of the smaller body at a contact.
+fn size(scene: &Scene, contact: &Contact) -> f64 {
+    let reach = |body: u32| scene.bodies[body as usize].collider.shape.reach();
+    reach(contact.key.0).min(reach(contact.key.1))
+}
