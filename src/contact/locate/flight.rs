@@ -8,6 +8,9 @@
 //! determine accelerations and multipliers at each `(t, q, v)`: the hidden constraint of index three taken twice
 //! differentiated, so that `lambda` has the accuracy of `q` and `v`. Drift is taken out where a mode begins.
 //!
+//! A slip in space has the direction `d` of `u_t + eps d_0`, with the direction `d_0` of the mode and the tolerance `eps` on
+//! slips: one that begins at rest begins in that of the mode, and turns at a finite rate.
+//!
 //! Where held rows depend on each other, a body on more feet than it needs, `a` is one and `lambda` are many. Taken are
 //! those nearest to some loads `l` in the metric of `sum (lambda_n - l_n)^2/l_n + |lambda_t - l_t|^2/(mu l_n)`: with normal
 //! forces of the law of contact for `l`, each foot gives the same share of its friction, so that none slips before all must.
@@ -32,6 +35,7 @@ pub struct Flight {
     shape: MechanicalStructure,
     structure: Structure,
     mode: Vec<Status>,
+    least: Vec<f64>,
     rows: Vec<usize>,
     metric: Metric,
     /// The factors of the last place.
@@ -126,6 +130,7 @@ impl Flight {
             a: vec![0.0; n],
             lambda: vec![0.0; shape.rows()],
             mode: Vec::new(),
+            least: Vec::new(),
             rows: Vec::new(),
             metric: Metric::default(),
             last: None,
@@ -133,13 +138,13 @@ impl Flight {
             shape,
         };
         let contacts = flight.shape.contacts.len();
-        flight.set_mode(&vec![Status::Open; contacts], &vec![Vector3::zeros(); contacts]);
+        flight.set_mode(&vec![Status::Open; contacts], &vec![Vector3::zeros(); contacts], &vec![0.0; contacts]);
         flight
     }
 
-    /// Takes up a mode, with the loads on all contacts.
-    pub fn set_mode(&mut self, mode: &[Status], loads: &[Vector3<f64>]) {
-        self.mode = mode.to_vec();
+    /// Takes up a mode, with the loads on all contacts, and the slips below which directions are those of the mode.
+    pub fn set_mode(&mut self, mode: &[Status], loads: &[Vector3<f64>], least: &[f64]) {
+        (self.mode, self.least) = (mode.to_vec(), least.to_vec());
         self.rows = held(&self.shape, mode);
         let all = self.shape.rows();
         let (mut load, mut scale) = (vec![0.0; all], vec![1.0; all]);
@@ -167,14 +172,15 @@ impl Flight {
         &mut *self.problem
     }
 
-    /// The direction of a slip; that of the mode in a plane.
-    fn direction(&self, k: usize, v: &[f64]) -> Option<Vector2<f64>> {
+    /// What tells the direction of a slip: in a plane the mode, in space the slip itself and, below its tolerance, the mode.
+    fn way(&self, k: usize, v: &[f64]) -> Option<Vector2<f64>> {
         let Status::Slip(direction) = self.mode[k] else { return None };
-        if self.shape.contacts[k].slips < 2 {
-            return Some(direction);
-        }
-        let slip = self.slip(k, v);
-        Some(if slip.norm() > 0.0 { slip.normalize() } else { direction })
+        Some(if self.shape.contacts[k].slips < 2 { direction } else { self.slip(k, v) + direction * self.least[k] })
+    }
+
+    fn direction(&self, k: usize, v: &[f64]) -> Option<Vector2<f64>> {
+        let way = self.way(k, v)?;
+        Some(if way.norm() > 0.0 { way.normalize() } else { way })
     }
 
     /// `u_t` of contact `k`.
@@ -257,11 +263,8 @@ impl Flight {
     /// What the turning of slips in space adds to the derivative of `M a - f - J^T lambda`.
     fn add_turning(&self, v: &[f64], balance: &mut DMatrix<f64>) {
         for k in (0..self.mode.len()).filter(|&k| self.shape.contacts[k].slips == 2) {
-            let Some(d) = self.direction(k, v) else { continue };
-            let speed = self.slip(k, v).norm();
-            if speed == 0.0 {
-                continue;
-            }
+            let Some(way) = self.way(k, v).filter(|way| way.norm() > 0.0) else { continue };
+            let (d, speed) = (way.normalize(), way.norm());
             let size = self.shape.contacts[k].mu * self.lambda[self.shape.normal(k)] / speed;
             let turning = (Matrix2::identity() - d * d.transpose()) * size;
             for (i, row) in self.shape.tangents(k).enumerate() {

@@ -35,6 +35,10 @@ const REFINEMENTS: usize = 6;
 /// The largest change of that time, as a fraction of the time since the step began.
 const NEAR: f64 = 0.5;
 
+/// The growth of a slip in space within one step, and how closely it is kept, as a fraction of the step.
+const GROWTH: f64 = 4.0;
+const GROWN: f64 = 1e-6;
+
 /// The tolerance on the stages of a step that is cut.
 const CUT_RTOL: f64 = 1e-11;
 
@@ -65,8 +69,9 @@ impl<'l, 'p> Leg<'l, 'p> {
         let mode = located.mode.clone();
         let mut radau = None;
         if let Some(mode) = &mode {
+            let least = located.tolerances_of_slips();
             for flight in [&mut *main, &mut *trial, &mut *again, &mut *cut, &mut *watch] {
-                flight.set_mode(mode, &located.loads);
+                flight.set_mode(mode, &located.loads, &least);
             }
             let x = [located.state.q.as_slice(), &located.state.v].concat();
             let remaining = located.end - located.state.t;
@@ -100,13 +105,19 @@ impl<'l, 'p> Leg<'l, 'p> {
             (self.over, self.radau) = (true, None);
             return self.located.pass(self.control);
         }
-        let end = radau.t();
+        let last = radau.t();
         self.located.begin();
         self.located.accepted += 1;
+        let mut end = self.grown(begin, last);
         self.located.h = Some(end - begin);
-        let mut end = end;
+        if end < last {
+            self.cut_at(begin, &x, end);
+            self.over = true;
+        }
         let mut found = self.search(begin, end);
-        if let Search::Ends(violation) = &found {
+        if let Search::Ends(violation) = &found
+            && self.cut.is_none()
+        {
             // The stages of a step are as exact as its tolerance; whether a gap closes is to be told more exactly.
             end = violation.seen;
             self.cut_at(begin, &x, end);
@@ -185,11 +196,31 @@ impl<'l, 'p> Leg<'l, 'p> {
         let mut x = vec![0.0; 2 * n];
         self.at(t, &mut x);
         self.watch.settle(t, &x);
-        let Settings { rtol, atol, .. } = &self.located.radau;
-        let tolerances: Vec<f64> = x[n..].iter().zip(&atol[n..]).map(|(v, atol)| atol + rtol * v.abs()).collect();
-        let rows = self.located.structure.tangents(k).map(|row| self.watch.constraints().row(row));
-        let of_row = |row: &[f64]| row.iter().zip(&tolerances).map(|(j, tolerance)| j.abs() * tolerance).sum();
-        (self.watch.slip(k, &x[n..]).norm(), rows.map(of_row).fold(0.0, f64::max))
+        let tolerance = self.located.tolerance_of_slip(k, self.watch.constraints(), &x[n..]);
+        (self.watch.slip(k, &x[n..]).norm(), tolerance)
+    }
+
+    /// Up to when the matrix of Newton's method holds in the last step: a slip in space resists turning by `mu r_n/|u_t|`,
+    /// so that one that begins, or grows many times, is followed in steps that grow with it.
+    fn grown(&mut self, begin: f64, end: f64) -> f64 {
+        let mut until = end;
+        for k in 0..self.mode.len() {
+            if self.located.structure.contacts[k].slips < 2 || !matches!(self.mode[k], Status::Slip(_)) {
+                continue;
+            }
+            let (first, tolerance) = self.slip_at(k, begin);
+            let most = GROWTH * (first + tolerance);
+            if self.slip_at(k, until).0 <= most {
+                continue;
+            }
+            let mut small = begin;
+            while until - small > GROWN * (end - begin) {
+                let middle = 0.5 * (small + until);
+                let side = if self.slip_at(k, middle).0 > most { &mut until } else { &mut small };
+                *side = middle;
+            }
+        }
+        until
     }
 
     /// Solves the step anew up to the ending, until its time does not change. The last of these is kept.

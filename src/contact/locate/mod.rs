@@ -231,6 +231,22 @@ impl<'p> Located<'p> {
         self.hold(&mode)
     }
 
+    /// What the tolerances on velocities leave open of a slip.
+    fn tolerance_of_slip(&self, k: usize, constraints: &Constraints, v: &[f64]) -> f64 {
+        let radau::Settings { rtol, atol, .. } = &self.radau;
+        let tolerances = || v.iter().zip(&atol[v.len()..]).map(|(v, atol)| atol + rtol * v.abs());
+        let of_row =
+            |row| constraints.row(row).iter().zip(tolerances()).map(|(j, tolerance)| j.abs() * tolerance).sum();
+        self.structure.tangents(k).map(of_row).fold(0.0, f64::max)
+    }
+
+    /// The same for all contacts, of velocities that are none.
+    fn tolerances_of_slips(&mut self) -> Vec<f64> {
+        self.look();
+        let none = vec![0.0; self.structure.coordinates];
+        (0..self.structure.contacts.len()).map(|k| self.tolerance_of_slip(k, &self.constraints, &none)).collect()
+    }
+
     /// Takes drift out of what the mode holds.
     fn hold(&mut self, mode: &[Status]) -> Result<(), ContactError> {
         let rows = held(&self.structure, mode);

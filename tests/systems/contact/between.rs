@@ -143,3 +143,27 @@ fn a_push_whose_period_divides_the_horizon_is_seen() {
     let solution = solved(&problem, 10.0, &json!([0, 10]));
     assert_times(&times(&solution, EventKind::Slip), |k| (10.0_f64 / 11.0).asin() / (8.0 * PI) + k as f64 / 8.0, 80);
 }
+
+#[test]
+fn a_slip_in_space_begins_once_and_follows_the_force_that_turns() {
+    // The force (3 t, 1) reaches mu m g = 3.924; from there by Radau of order five in another program, in polar coordinates
+    // of the velocity: v' = F.e - mu m g, v phi' = F.n.
+    let problem = json!({"coordinates": {"x": {"initial": 0}, "y": {"initial": 0}, "z": {"initial": 0}},
+        "mass": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "potential": "9.81*z", "forces": {"x": "3*t", "y": "1"},
+        "contacts": [{"name": "plane", "gap": "z", "friction": {"coefficient": 0.4, "slip": ["x_dot", "y_dot"]}}]});
+    let exact = [
+        ("x", 0.190_017_093_328_9),
+        ("y", 0.036_410_056_347_3),
+        ("x_dot", 0.778_997_013_549_5),
+        ("y_dot", 0.137_091_681_802_5),
+    ];
+    for (rtol, bound) in [(1e-6, 1e-7), (1e-10, 1e-11)] {
+        let solution = solve(&json!({"problem": {"mechanical": problem}, "time": {"end": 2}, "method": {"rtol": rtol},
+            "output": {"times": [0, 2]}}));
+        assert_times(&times(&solution, EventKind::Slip), |_| (3.924_f64 * 3.924 - 1.0).sqrt() / 3.0, 1);
+        assert_eq!(solution.trajectory.events.len(), 1, "{:?}", solution.trajectory.events);
+        for (name, exact) in exact {
+            assert!((last(&solution, name) - exact).abs() < bound, "{rtol} {name}: {}", last(&solution, name));
+        }
+    }
+}
