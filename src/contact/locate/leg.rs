@@ -214,7 +214,8 @@ impl<'l, 'p> Leg<'l, 'p> {
                 continue;
             }
             let mut small = begin;
-            while until - small > GROWN * (end - begin) {
+            let close = (GROWN * (end - begin)).max(4.0 * f64::EPSILON * end.abs());
+            while until - small > close {
                 let middle = 0.5 * (small + until);
                 let side = if self.slip_at(k, middle).0 > most { &mut until } else { &mut small };
                 *side = middle;
