@@ -137,7 +137,8 @@ impl StudyRequest {
         let Some(stages) = &self.stages else { return vec![method.stages] };
         let place = place.key("stages");
         check_length(stages.len(), &place, errors);
-        if model.dvi().is_none() && !matches!(model, Model::Convolution(_)) {
+        let located = matches!(model, Model::Mechanical(_)) && method.impacts != Some(Impacts::TimeStepping);
+        if model.dvi().is_none() && !matches!(model, Model::Convolution(_)) && !located {
             let error =
                 SpecificationError::new(place.to_string(), "conflict", "this problem is not solved by Radau IIA");
             errors.push(error.expected("`stages` to be left out"));

@@ -41,6 +41,20 @@ fn fixed_steps_show_the_order_of_their_stages() {
 }
 
 #[test]
+fn located_impacts_keep_the_order_of_their_stages() {
+    // A ball falls from a height of one on a spring of its own frequency 3 and rebounds: x'' = -9 x, x >= 0, e = 1.
+    let ball = json!({"mechanical": {"coordinates": {"x": {"initial": 1}}, "mass": [[1]], "potential": "4.5*x^2",
+        "contacts": [{"name": "wall", "gap": "x", "restitution": 1}]}});
+    let exact = json!({"x": "abs(cos(3*t))"});
+    let request = json!({"step": [0.05, 0.025], "stages": [1, 3], "exact": exact, "repeats": 1});
+    let found = study(ball, 1.0, request);
+    for (series, order) in found.series.iter().zip([1.0, 5.0]) {
+        let [observed] = orders(&series.runs)[..] else { panic!("{series:?}") };
+        assert!((observed - order).abs() < 0.3, "{}: {observed} for {order}", series.method);
+    }
+}
+
+#[test]
 fn a_tighter_run_measures_the_same_errors_as_the_exact_values() {
     let rtol = json!([1e-4, 1e-6, 1e-8]);
     let known = json!({"rtol": rtol, "exact": {"x": "cos(w*t)", "v": "-w*sin(w*t)"}, "repeats": 1});

@@ -2,7 +2,7 @@
 //! own (small multiples: E. R. Tufte, "Envisioning Information", 1990, chapter 4).
 //!
 //! Up to eight fields have a panel each. More are sorted by magnitude and share panels with their likes. Switches of the
-//! active face are fine vertical marks. The picture is light or dark as its reader prefers.
+//! active face and changes of contacts are fine vertical marks. The picture is light or dark as its reader prefers.
 
 mod axis;
 mod double_logarithmic;
@@ -13,7 +13,7 @@ mod panel;
 mod thinning;
 mod work_precision;
 
-use super::{Field, Solution, Status};
+use super::{Event, EventKind, Field, Solution, Status};
 use axis::Axis;
 use elements::{line, plain, text};
 use panel::{HEADING, MOST_LINES, Stage, panel};
@@ -123,10 +123,14 @@ fn remarks(solution: &Solution, panels: &[Vec<&Field>]) -> String {
         remarks.push("there is nothing to show".to_owned());
         return remarks.join("; ");
     }
-    match solution.trajectory.events.len() {
-        0 => {}
-        1 => remarks.push("dashed: a switch of the active face".to_owned()),
-        count => remarks.push(format!("dashed: {count} switches of the active face")),
+    let events = &solution.trajectory.events;
+    let of_face = |event: &Event| matches!(event.kind, EventKind::Activated | EventKind::Deactivated);
+    match (events.len(), events.iter().all(of_face)) {
+        (0, _) => {}
+        (1, true) => remarks.push("dashed: a switch of the active face".to_owned()),
+        (count, true) => remarks.push(format!("dashed: {count} switches of the active face")),
+        (1, false) => remarks.push("dashed: a change of a contact".to_owned()),
+        (count, false) => remarks.push(format!("dashed: {count} changes of contacts")),
     }
     let shown: usize = panels.iter().map(Vec::len).sum();
     if shown < solution.trajectory.fields.len() {

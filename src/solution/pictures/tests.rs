@@ -1,7 +1,7 @@
 //! Pictures are read back by an independent reader of XML.
 
 use super::*;
-use crate::solution::{Diagnostics, Event, EventKind, Failure, Series, Study, StudyRun, Trajectory};
+use crate::solution::{Diagnostics, Failure, Series, Study, StudyRun, Trajectory};
 use roxmltree::Node;
 
 fn solution(t: Vec<f64>, columns: Vec<Vec<f64>>) -> Solution {
@@ -87,7 +87,10 @@ fn switches_are_marks_at_their_times() {
         let marks = picture.descendants().filter(|node| node.attribute("class") == Some("switch"));
         let places: Vec<f64> = marks.map(|mark| mark.attribute("x1").unwrap().parse().unwrap()).collect();
         assert_eq!(places, [LEFT + 0.25 * (RIGHT - LEFT), LEFT + 0.5 * (RIGHT - LEFT)]);
+        assert!(words(picture).contains("4 switches of the active face"));
     });
+    solution.trajectory.events[1].kind = EventKind::Impact;
+    drawn(&solution, None, |picture| assert!(words(picture).contains("4 changes of contacts")));
 }
 
 #[test]
