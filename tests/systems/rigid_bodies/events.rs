@@ -1,6 +1,6 @@
 //! What is told to have happened between bodies, and when.
 
-use super::on_the_ground;
+use super::{falling_on_each_other, on_the_ground};
 use crate::systems::harness::{column, solve};
 use dvi::problem::EventKind;
 use dvi::solution::Solution;
@@ -90,18 +90,7 @@ fn a_block_that_is_pushed_down_a_slope_tells_when_it_sticks() {
 
 #[test]
 fn bodies_that_fall_on_each_other_tell_their_impacts_and_fall_silent() {
-    let shapes = [
-        json!({"box": {"size": [1, 1, 1]}}),
-        json!({"capsule": {"radius": 0.3, "length": 1}}),
-        json!({"convex_hull": {"points": [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]}}),
-        json!({"sphere": {"radius": 0.4}}),
-    ];
-    let body = |(k, shape): (usize, &Value)| {
-        json!({"name": format!("b{k}"), "shape": shape, "density": 1000, "position": [0.1 * k as f64, 0, 1.5 + 2.0 * k as f64],
-            "angular_velocity": [1, 0.3 * k as f64, 0]})
-    };
-    let bodies: Vec<Value> = shapes.iter().enumerate().map(body).collect();
-    let solution = solve(&on_the_ground(&bodies, &json!({"friction": 0.5, "restitution": 0.2}), 6.0, 2e-3));
+    let solution = solve(&falling_on_each_other());
     let found = told(&solution);
     for k in 0..4 {
         let strikes =

@@ -1,6 +1,6 @@
 //! Impacts of spheres.
 
-use super::{on_the_ground, weightless};
+use super::{falling_on_each_other, on_the_ground, weightless};
 use crate::systems::harness::{column, last, solve};
 use serde_json::{Value, json};
 
@@ -44,18 +44,7 @@ fn spheres_in_a_row_part_as_the_simultaneous_law_says_and_keep_energy_and_moment
 
 #[test]
 fn bodies_that_fall_on_each_other_end_at_rest_with_no_overlap_and_all_energy_accounted_for() {
-    let shapes = [
-        json!({"box": {"size": [1, 1, 1]}}),
-        json!({"capsule": {"radius": 0.3, "length": 1}}),
-        json!({"convex_hull": {"points": [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]}}),
-        json!({"sphere": {"radius": 0.4}}),
-    ];
-    let body = |(k, shape): (usize, &Value)| {
-        json!({"name": format!("b{k}"), "shape": shape, "density": 1000, "position": [0.1 * k as f64, 0, 1.5 + 2.0 * k as f64],
-            "angular_velocity": [1, 0.3 * k as f64, 0]})
-    };
-    let bodies: Vec<Value> = shapes.iter().enumerate().map(body).collect();
-    let solution = solve(&on_the_ground(&bodies, &json!({"friction": 0.5, "restitution": 0.2}), 6.0, 2e-3));
+    let solution = solve(&falling_on_each_other());
     // The deepest overlap is that of a corner that a step has turned under the ground: h^2 w^2 / 2 of its lever.
     let deepest = column(&solution, "penetration").iter().copied().fold(0.0, f64::max);
     assert!(deepest < 1e-3, "{deepest:e}");

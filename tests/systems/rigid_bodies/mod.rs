@@ -29,3 +29,19 @@ fn weightless(mut specification: Value) -> Value {
     specification["problem"]["rigid_bodies"]["gravity"] = json!([0, 0, 0]);
     specification
 }
+
+/// A box, a capsule, a hull and a sphere that fall on each other.
+fn falling_on_each_other() -> Value {
+    let shapes = [
+        json!({"box": {"size": [1, 1, 1]}}),
+        json!({"capsule": {"radius": 0.3, "length": 1}}),
+        json!({"convex_hull": {"points": [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]}}),
+        json!({"sphere": {"radius": 0.4}}),
+    ];
+    let body = |(k, shape): (usize, &Value)| {
+        json!({"name": format!("b{k}"), "shape": shape, "density": 1000, "position": [0.1 * k as f64, 0, 1.5 + 2.0 * k as f64],
+            "angular_velocity": [1, 0.3 * k as f64, 0]})
+    };
+    let bodies: Vec<Value> = shapes.iter().enumerate().map(body).collect();
+    on_the_ground(&bodies, &json!({"friction": 0.5, "restitution": 0.2}), 6.0, 2e-3)
+}
