@@ -88,8 +88,13 @@ impl Near {
         self.contacts.iter().map(velocity).collect()
     }
 
-    /// A contact whose friction, at these velocities where they are more than rounding, drives it into what it slides on: `W_nn - mu W_nt u_t / |u_t| < 0`
-    /// (Painleve 1895; Stewart 2000, section 1.4).
+    /// The size of what forces, by this much, and its own impulse add to `u` of contact `i`.
+    pub fn change(&self, i: usize, by_forces: &Vector3<f64>, r: &Vector3<f64>) -> f64 {
+        by_forces.norm() + self.delassus.diagonal(i).trace() * r.norm()
+    }
+
+    /// A contact whose friction, at these velocities where they are more than rounding, drives it into what it slides on:
+    /// `W_nn - mu W_nt u_t / |u_t| < 0` (Painleve 1895; Stewart 2000, section 1.4).
     pub fn painleve(&self, u: &[Vector3<f64>], rounding: &[f64]) -> Option<usize> {
         (0..u.len()).find(|&i| {
             let (w, slip) = (self.delassus.diagonal(i), u[i].y.hypot(u[i].z));

@@ -114,7 +114,7 @@ impl<'p> TimeStepping<'p> {
             let normal = step.structure.normal(k);
             let is_more = |speed: f64, terms: f64| speed > NONE * (terms + contacted.change[k]);
             let carries = contacted.r[k].x > 0.0;
-            let place: f64 = constraints.row(normal).iter().zip(q).map(|(j, q)| (j * q).abs()).sum();
+            let place = constraints.size(normal, q);
             let apart = constraints.values[normal] > NONE * (place + h * largest);
             let slip = contacted.after[k].y.hypot(contacted.after[k].z);
             let slips = is_more(slip, step.size_of_slip(k, v));

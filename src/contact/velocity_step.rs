@@ -183,8 +183,7 @@ impl<'p> VelocityStep<'p> {
     /// Notes the size of the terms of joints and gaps, and of what motion without contacts makes of them.
     fn survey(&mut self, q: &[f64], v: &[f64], h: f64) {
         for (row, size) in self.sizes.iter_mut().enumerate() {
-            let terms = self.constraints.row(row).iter().zip(q.iter().zip(v));
-            let terms: f64 = terms.map(|(j, (q, v))| j.abs() * (q.abs() + h * v.abs())).sum();
+            let terms = self.constraints.size(row, q) + h * self.constraints.size(row, v);
             *size = size.max(terms).max(self.constraints.values[row].abs());
         }
     }
@@ -317,7 +316,7 @@ impl<'p> VelocityStep<'p> {
             self.contacted = Contacted::none(m);
             self.contacted.kinetic = self.problem.energies(state.t, &state.q, &free).kinetic;
             for (i, &k) in near.iter().enumerate() {
-                let change = (without[i] - before[i]).norm() + scene.delassus.diagonal(i).trace() * r[i].norm();
+                let change = scene.change(i, &(without[i] - before[i]), &r[i]);
                 self.contacted.note(k, r[i], (before[i], after[i]), change);
                 let drift = rows(&self.structure, k).map(|row| self.constraints.drift[row]);
                 self.contacted.drives -= r[i].iter().zip(drift).map(|(r, b)| r * b).sum::<f64>();

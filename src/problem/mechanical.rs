@@ -8,7 +8,8 @@
 //! contacts, whose `gap(t,q)` must not be negative (`u_n = gap'`), then the directions of slip. `f` holds all forces, those
 //! of the potential and of `M` itself (Coriolis, centrifugal).
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, Vector2};
+use std::ops::Range;
 
 /// How a contact resists slip and rebounds.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -57,7 +58,7 @@ impl MechanicalStructure {
     }
 
     /// The rows of the slip directions of contact `k`.
-    pub fn tangents(&self, k: usize) -> std::ops::Range<usize> {
+    pub fn tangents(&self, k: usize) -> Range<usize> {
         let first = self.joints + self.contacts.len() + self.contacts[k].first_slip;
         first..first + self.contacts[k].slips
     }
@@ -91,7 +92,19 @@ impl Constraints {
 
     /// The size of the terms that `u_i` is the sum of.
     pub fn terms(&self, row: usize, v: &[f64]) -> f64 {
-        self.drift[row].abs() + self.row(row).iter().zip(v).map(|(j, v)| (j * v).abs()).sum::<f64>()
+        self.drift[row].abs() + self.size(row, v)
+    }
+
+    /// `sum_j |J_ij x_j|`: the size of the terms in which coordinates, or velocities, enter row `i`.
+    pub fn size(&self, row: usize, x: &[f64]) -> f64 {
+        self.row(row).iter().zip(x).map(|(j, x)| (j * x).abs()).sum()
+    }
+
+    /// `u_t` of the contact with these rows, at velocities `v`; zero in directions that it has not.
+    pub fn slip(&self, tangents: Range<usize>, v: &[f64]) -> Vector2<f64> {
+        let mut slip = Vector2::zeros();
+        slip.iter_mut().zip(tangents).for_each(|(slip, row)| *slip = self.velocity(row, v));
+        slip
     }
 
     /// Row `i` of `J`.

@@ -185,11 +185,7 @@ impl Flight {
 
     /// `u_t` of contact `k`.
     pub fn slip(&self, k: usize, v: &[f64]) -> Vector2<f64> {
-        let mut slip = Vector2::zeros();
-        for (slip, row) in slip.iter_mut().zip(self.shape.tangents(k)) {
-            *slip = self.constraints.velocity(row, v);
-        }
-        slip
+        self.constraints.slip(self.shape.tangents(k), v)
     }
 
     /// The rate of `u_t` of contact `k`, which is closed, at the last evaluation.

@@ -10,7 +10,7 @@ use crate::contact::ContactError;
 use crate::contact::energy::Energy;
 use crate::problem::{Control, Mechanical};
 use crate::radau::{Radau, Settings, StageChoice};
-use nalgebra::{Vector2, Vector3};
+use nalgebra::Vector3;
 
 /// Equations of the mode for each of their uses, which overlap.
 pub struct Flights {
@@ -168,7 +168,7 @@ impl<'l, 'p> Leg<'l, 'p> {
             if let Status::Slip(direction) = status
                 && contact.slips > 1
             {
-                let slip = Vector2::from_fn(|i, _| constraints.velocity(structure.tangents(k).start + i, &state.v));
+                let slip = constraints.slip(structure.tangents(k), &state.v);
                 if slip.norm() > 0.0 {
                     *direction = slip.normalize();
                 }

@@ -199,7 +199,7 @@ impl<'p> Located<'p> {
     fn accumulates(&self, k: usize) -> bool {
         let State { t, q, v } = &self.state;
         let passed = t - self.last_impact[k];
-        let terms: f64 = self.constraints.row(self.structure.normal(k)).iter().zip(q).map(|(j, q)| (j * q).abs()).sum();
+        let terms = self.constraints.size(self.structure.normal(k), q);
         let height = 0.25 * passed * self.normal(k, v).abs();
         passed < (ZENO * self.horizon).max(1e3 * f64::EPSILON * t.abs()) || height <= 4.0 * f64::EPSILON * terms
     }
@@ -234,10 +234,8 @@ impl<'p> Located<'p> {
     /// What the tolerances on velocities leave open of a slip.
     fn tolerance_of_slip(&self, k: usize, constraints: &Constraints, v: &[f64]) -> f64 {
         let radau::Settings { rtol, atol, .. } = &self.radau;
-        let tolerances = || v.iter().zip(&atol[v.len()..]).map(|(v, atol)| atol + rtol * v.abs());
-        let of_row =
-            |row| constraints.row(row).iter().zip(tolerances()).map(|(j, tolerance)| j.abs() * tolerance).sum();
-        self.structure.tangents(k).map(of_row).fold(0.0, f64::max)
+        let tolerances: Vec<f64> = v.iter().zip(&atol[v.len()..]).map(|(v, atol)| atol + rtol * v.abs()).collect();
+        self.structure.tangents(k).map(|row| constraints.size(row, &tolerances)).fold(0.0, f64::max)
     }
 
     /// The same for all contacts, of velocities that are none.

@@ -62,7 +62,7 @@ pub fn monitors(
         let noise = ROUNDING_OF_FORCES * forces;
         if *status == Status::Open {
             let value = constraints.values[structure.joints + k];
-            let terms: f64 = constraints.row(row).iter().zip(q).map(|(j, q)| (j * q).abs()).sum();
+            let terms = constraints.size(row, q);
             let in_time = 4.0 * f64::EPSILON * t.abs() * constraints.terms(row, v);
             let noise = in_time + ROUNDING * terms.max(f64::MIN_POSITIVE);
             let rate = Some(constraints.velocity(row, v));

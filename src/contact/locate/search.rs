@@ -97,6 +97,13 @@ struct Start {
     origins: Vec<Origin>,
 }
 
+impl Start {
+    fn measure(&self, t: f64, mut monitors: Vec<Monitor>) -> Point {
+        self.origins.iter().zip(&mut monitors).for_each(|(origin, monitor)| origin.measure(monitor, t - self.t));
+        Point { t, monitors }
+    }
+}
+
 /// The monitors at a time, from their origins.
 #[derive(Clone)]
 struct Point {
@@ -115,8 +122,9 @@ impl Leg<'_, '_> {
             return Search::Clear;
         }
         let start = Start { t: begin, origins: monitors.iter().map(Origin::new).collect() };
+        let first = start.measure(begin, monitors);
         let smallest = (SMALLEST * h).max(ROUNDING_OF_TIME * end.abs());
-        let mut parts = self.parts(&start, h, end);
+        let mut parts = self.parts(&start, first, h, end);
         let mut points = 0;
         while let Some([a, m, b]) = parts.pop() {
             if points >= MOST_POINTS && a.t > begin {
@@ -146,8 +154,7 @@ impl Leg<'_, '_> {
     }
 
     /// The parts of a step to begin with, the first of them last.
-    fn parts(&mut self, start: &Start, h: f64, end: f64) -> Vec<[Point; 3]> {
-        let mut first = self.point(start, start.t);
+    fn parts(&mut self, start: &Start, mut first: Point, h: f64, end: f64) -> Vec<[Point; 3]> {
         // Where a force goes from its bound it does not tell there.
         let unknown = |monitor: &Monitor| monitor.is_on_bound() && monitor.rate.is_none();
         if first.monitors.iter().any(unknown) {
@@ -164,8 +171,7 @@ impl Leg<'_, '_> {
     fn point(&mut self, start: &Start, t: f64) -> Point {
         let mut monitors = Vec::new();
         self.monitors_at(t, &mut monitors);
-        start.origins.iter().zip(&mut monitors).for_each(|(origin, monitor)| origin.measure(monitor, t - start.t));
-        Point { t, monitors }
+        start.measure(t, monitors)
     }
 
     /// Where a monitor falls to its origin between two points, by the method of Illinois.

@@ -66,7 +66,7 @@ impl VelocityStep<'_> {
         let parts = |&k: &usize| {
             let row = self.structure.normal(k);
             let (before, free) = (now.velocity(row, &state.v), self.constraints.velocity(row, &v));
-            let apart: f64 = now.row(row).iter().zip(&gained).map(|(j, gained)| (j * gained).abs()).sum();
+            let apart = now.size(row, &gained);
             before > (SMALL * (free - before).abs().max(apart)).max(ROUNDING * now.terms(row, &state.v))
         };
         let contacts: Vec<usize> = closed.iter().copied().filter(|k| !parts(k)).collect();
@@ -97,7 +97,7 @@ impl VelocityStep<'_> {
             free: free[i],
             after: law.after(i, &r),
             rounding: rounding[i],
-            change: (free[i] - before[i]).norm() + near.delassus.diagonal(i).trace() * r[i].norm(),
+            change: near.change(i, &(free[i] - before[i]), &r[i]),
         };
         Ok(Some((0..contacts.len()).map(probed).collect()))
     }

@@ -1,8 +1,8 @@
 //! What happens between pairs of bodies from step to step: they strike, stick, slip and lift off.
 //!
 //! A heap at rest is never quite at rest: speeds below what gravity gives within a step are no impact, a small part of
-//! them is no slip, and gaps that are none, or an impact that two steps share, are no lift-off. Slip begins at a greater speed than it ends at, so that it
-//! does not come and go with rounding.
+//! them is no slip, and gaps that are none, or an impact that two steps share, are no lift-off. Slip begins at a greater
+//! speed than it ends at, so that it does not come and go with rounding.
 
 use super::contact::Contact;
 use super::motion::Motion;

@@ -54,7 +54,7 @@ impl Simulation<'_> {
     /// at once: velocities `gap/h` that no motion has would drive impulses up without end.
     pub(super) fn close(&mut self) {
         for contact in &mut self.contacts {
-            if contact.gap < OVERLAP * size(self.scene, contact) {
+            if contact.gap < no_gap(self.scene, contact) {
                 contact.gap = contact.gap.min(0.0);
             }
         }
