@@ -73,5 +73,6 @@ fn solve_once(specification: &Specification, control: &Control) -> Solution {
         }
     };
     solution.diagnostics.warnings.extend(model.warnings().iter().cloned());
+    solution.judge(plan.end);
     solution
 }

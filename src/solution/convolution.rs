@@ -4,7 +4,7 @@
 //! step until three runs agree, in the mean over time: where a bound is left `z` behaves like `(t - t_s)^(1-a)`, so that no
 //! uniform mesh is accurate at every moment.
 
-use super::run::{Plan, Run, Stepper, verdict};
+use super::run::{Plan, Run, Stepper, ending};
 use super::{Diagnostics, Event, EventKind, Failure, Refinement, Solution, Status, Steps, ViCounts, Warning};
 use crate::analysis::{Analysis, Uniqueness};
 use crate::convolution::{Convolution, Settings, StepError};
@@ -74,7 +74,7 @@ pub fn integrate_convolution(
         }
         let made = control.part(done..done + (1.0 - done) * share, || {
             let mut course = Course::new(model, &mut *problem, plan, &convolution.settings, steps, control)
-                .map_err(|failure| verdict(control, failure))?;
+                .map_err(|failure| ending(control, failure))?;
             let ended = run.drive(&mut course);
             course.finish(&mut run.diagnostics);
             ended.map(|()| Coarse::of(&course.convolution))

@@ -1,5 +1,6 @@
 //! The evidence that comes with a trajectory.
 
+use super::Checks;
 use crate::analysis::{Analysis, Certificates};
 use crate::contact::energy::Energy;
 use serde::{Serialize, Serializer};
@@ -152,6 +153,8 @@ pub struct Diagnostics {
     /// What the values at the end may be off by; present where it was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub global_error: Option<GlobalError>,
+    /// What was measured for the verdict, each beside what is allowed.
+    pub checks: Checks,
     /// How the step was chosen; present for a problem with memory without a `step`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub refinement: Option<Refinement>,

@@ -14,6 +14,7 @@ mod rigid_bodies;
 mod run;
 mod study;
 mod trajectory;
+mod verdict;
 
 pub use crate::problem::{Event, EventKind};
 pub use contact::{ContactPlan, describe_contact, integrate_contact};
@@ -28,6 +29,7 @@ pub use rigid_bodies::{describe_rigid_bodies, step_rigid_bodies};
 pub use run::{Plan, Stepper, run};
 pub use study::{Series, Study, StudyRun};
 pub use trajectory::{Field, Trajectory};
+pub use verdict::{Caveat, CheckCode, Checks, Reason, Verdict};
 
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
@@ -64,6 +66,9 @@ pub struct Failure {
 pub struct Solution {
     /// How it ended.
     pub status: Status,
+    /// Whether it may be relied upon, and what speaks against it.
+    #[serde(default)]
+    pub verdict: Verdict,
     /// Why it stopped or failed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error: Option<Failure>,
@@ -77,4 +82,11 @@ pub struct Solution {
     #[serde(skip_serializing_if = "Option::is_none", skip_deserializing)]
     #[schema(value_type = Option<Object>)]
     pub study: Option<Study>,
+}
+
+impl Solution {
+    /// Compares all that was measured with what is allowed, once no more is to come. `end` is the end asked for.
+    pub(crate) fn judge(&mut self, end: f64) {
+        self.verdict = Verdict::of(self.status, self.error.as_ref(), end, &self.diagnostics.checks);
+    }
 }

@@ -1,6 +1,6 @@
 //! Runs a stepper from start to end: outputs, limits, events, evidence. Written once, outside the methods.
 
-use super::{Diagnostics, Event, Failure, Field, Solution, Status, Trajectory};
+use super::{Diagnostics, Event, Failure, Field, Solution, Status, Trajectory, Verdict};
 use crate::problem::{Control, Stop};
 use std::time::Instant;
 
@@ -90,7 +90,7 @@ pub(super) fn run_to_end<S: Stepper>(
             stepper.finish(&mut run.diagnostics);
             run.end(ended)
         }
-        Err(failure) => run.end(Err(verdict(control, failure))),
+        Err(failure) => run.end(Err(ending(control, failure))),
     }
 }
 
@@ -128,7 +128,7 @@ impl<'a> Run<'a> {
                 break Err((Status::Stopped, Failure { code: code.into(), message, time: stepper.t(), state }));
             }
             if let Err(failure) = stepper.step() {
-                break Err(verdict(self.control, failure));
+                break Err(ending(self.control, failure));
             }
             let events = self.recorder.step(stepper);
             self.control.tell(events);
@@ -149,15 +149,16 @@ impl<'a> Run<'a> {
         let trajectory = self.recorder.trajectory;
         self.diagnostics.switches = trajectory.events.len() as u64;
         self.diagnostics.wall_seconds = self.began.elapsed().as_secs_f64();
+        let verdict = Verdict::default();
         Ended {
-            solution: Solution { status, error, trajectory, diagnostics: self.diagnostics, study: None },
+            solution: Solution { status, verdict, error, trajectory, diagnostics: self.diagnostics, study: None },
             x: self.x,
         }
     }
 }
 
 /// Why there is no step: because the outside gave it no time, or because it failed.
-pub(super) fn verdict(control: &Control, failure: Failure) -> (Status, Failure) {
+pub(super) fn ending(control: &Control, failure: Failure) -> (Status, Failure) {
     match stopped(control, failure.time) {
         Some((code, message)) => (Status::Stopped, Failure { code: code.into(), message, ..failure }),
         None => (Status::Failed, failure),

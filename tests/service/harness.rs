@@ -6,7 +6,7 @@ use axum::http::{HeaderMap, Request, StatusCode};
 use dvi::problem::Stop;
 use dvi::service::jobs::{Client, Solver};
 use dvi::service::{Options, Service};
-use dvi::solution::{Diagnostics, Field, Solution, Status, Trajectory};
+use dvi::solution::{Diagnostics, Field, Solution, Status, Trajectory, Verdict};
 use http_body_util::BodyExt;
 use hyper::body::Frame;
 use serde_json::Value;

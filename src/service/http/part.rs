@@ -3,7 +3,7 @@
 use super::jobs::unreadable;
 use super::problem::{Kind, Problem};
 use crate::service::jobs::{JobId, Results};
-use crate::solution::{Diagnostics, Excerpt, Failure, NoSuchField, Solution, Status, Trajectory};
+use crate::solution::{Diagnostics, Excerpt, Failure, NoSuchField, Solution, Status, Trajectory, Verdict};
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
 use std::sync::Arc;
@@ -28,6 +28,7 @@ struct Evidence<'a> {
 #[derive(Serialize)]
 struct PartJson<'a> {
     status: Status,
+    verdict: &'a Verdict,
     #[serde(skip_serializing_if = "Option::is_none")]
     error: &'a Option<Failure>,
     trajectory: &'a Trajectory,
@@ -48,9 +49,10 @@ impl Part {
     pub fn of(job: JobId, results: Arc<Results>, excerpt: Option<&Excerpt>) -> Result<Self, Box<Problem>> {
         let solution = results.solution().map_err(|error| unreadable(job, &error))?;
         let Some(excerpt) = excerpt else { return Ok(Self { results, excerpt: None }) };
-        let Solution { status, error, trajectory, .. } = solution;
+        let Solution { status, verdict, error, trajectory, .. } = solution;
         let part = Solution {
             status: *status,
+            verdict: verdict.clone(),
             error: error.clone(),
             trajectory: excerpt.of(trajectory).map_err(|missing| no_such_field(&missing, trajectory))?,
             diagnostics: Diagnostics::default(),
@@ -66,11 +68,12 @@ impl Part {
 
     /// Its JSON.
     pub fn json(&self) -> Vec<u8> {
-        let Some(Solution { status, error, trajectory, .. }) = self.solution() else { return Vec::new() };
+        let Some(Solution { status, verdict, error, trajectory, .. }) = self.solution() else { return Vec::new() };
         let evidence = serde_json::from_slice::<Evidence<'_>>(self.results.json()).ok();
         let (diagnostics, study) = evidence.map_or((None, None), |found| (Some(found.diagnostics), found.study));
         // Every number of a solution is finite, so that it has a JSON form.
-        serde_json::to_vec(&PartJson { status: *status, error, trajectory, diagnostics, study }).unwrap_or_default()
+        serde_json::to_vec(&PartJson { status: *status, verdict, error, trajectory, diagnostics, study })
+            .unwrap_or_default()
     }
 }
 

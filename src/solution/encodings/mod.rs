@@ -97,6 +97,7 @@ pub fn write_table(table: &mut dyn Table, trajectory: &Trajectory, out: &mut dyn
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::solution::Verdict;
     use crate::solution::{Diagnostics, Event, EventKind, Failure, Field, Status};
 
     fn field(name: &str, values: &[f64]) -> Field {
@@ -129,7 +130,14 @@ mod tests {
     fn the_json_of_a_solution_has_its_columns_by_name() {
         let trajectory = Trajectory { t: vec![0.0, 0.5], fields: vec![field("x", &[1.0, 2.0])], events: vec![] };
         let diagnostics = Diagnostics::default();
-        let solution = Solution { status: Status::Completed, error: None, trajectory, diagnostics, study: None };
+        let solution = Solution {
+            status: Status::Completed,
+            verdict: Verdict::default(),
+            error: None,
+            trajectory,
+            diagnostics,
+            study: None,
+        };
         let mut json = Vec::new();
         write_json(&solution, &mut json).unwrap();
         let read: serde_json::Value = serde_json::from_slice(&json).unwrap();
@@ -169,7 +177,14 @@ mod tests {
         };
         let error = Failure { code: "step_too_small".into(), message: "\"h\"".to_owned(), time: 0.1, state: vec![2.0] };
         let diagnostics = Diagnostics::default();
-        let solution = Solution { status: Status::Failed, error: Some(error), trajectory, diagnostics, study: None };
+        let solution = Solution {
+            status: Status::Failed,
+            verdict: Verdict::default(),
+            error: Some(error),
+            trajectory,
+            diagnostics,
+            study: None,
+        };
         let mut json = Vec::new();
         write_json(&solution, &mut json).unwrap();
         let read = read_json(&json).unwrap();

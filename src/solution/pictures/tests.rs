@@ -1,13 +1,20 @@
 //! Pictures are read back by an independent reader of XML.
 
 use super::*;
-use crate::solution::{Diagnostics, Failure, Series, Study, StudyRun, Trajectory};
+use crate::solution::{Diagnostics, Failure, Series, Study, StudyRun, Trajectory, Verdict};
 use roxmltree::Node;
 
 fn solution(t: Vec<f64>, columns: Vec<Vec<f64>>) -> Solution {
     let field = |(k, values)| Field { name: format!("x{k}"), values };
     let trajectory = Trajectory { t, fields: columns.into_iter().enumerate().map(field).collect(), events: vec![] };
-    Solution { status: Status::Completed, error: None, trajectory, diagnostics: Diagnostics::default(), study: None }
+    Solution {
+        status: Status::Completed,
+        verdict: Verdict::default(),
+        error: None,
+        trajectory,
+        diagnostics: Diagnostics::default(),
+        study: None,
+    }
 }
 
 /// Draws, reads the picture back and gives it to `look`.
