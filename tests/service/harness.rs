@@ -27,7 +27,8 @@ pub const DECAY: &str = r#"{"problem":{"dvi":{"states":{"x":{"initial":1,"rate":
 pub fn halving(status: Status) -> Solution {
     let fields = vec![Field { name: "x".to_owned(), values: vec![1.0, 0.5] }];
     let trajectory = Trajectory { t: vec![0.0, 1.0], fields, events: vec![] };
-    Solution { status, error: None, trajectory, diagnostics: Diagnostics::default(), study: None }
+    let verdict = Verdict { trusted: status == Status::Completed, ..Verdict::default() };
+    Solution { status, verdict, error: None, trajectory, diagnostics: Diagnostics::default(), study: None }
 }
 
 /// A solver that answers at once.
