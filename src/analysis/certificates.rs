@@ -2,7 +2,7 @@
 //! differentiation lemmas (Stewart 2011, section 3.4): where `z` and `G` are differentiable and `K` does not move,
 //! `<z', G> = 0` and `<z', G'> <= 0`.
 
-use crate::problem::{ConvexSet, Workspace};
+use problem::{ConvexSet, Workspace};
 use serde::Serialize;
 
 /// The worst figures over a run, over the bounded variables; each is zero, or of the sign stated, for an exact solution.

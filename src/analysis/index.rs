@@ -6,7 +6,7 @@
 //! mixes is found by blocks.
 
 use super::linearisation::{Linearisation, RANK};
-use crate::factorisation::Singular;
+use factorisation::Singular;
 use nalgebra::DMatrix;
 
 /// How far the algorithm goes.

@@ -7,9 +7,9 @@
 //! Where `M = U S V^T` is singular, the states in its null space become free variables and the equations that `U` maps
 //! to zero their inequalities: then every algebraic unknown is a variable.
 
-use crate::factorisation::Singular;
-use crate::problem::{Dvi, FaceEquations, Mass, Shape, Structure};
+use factorisation::Singular;
 use nalgebra::DMatrix;
+use problem::{Dvi, FaceEquations, Mass, Shape, Structure};
 
 /// The matrices at a point, and which variables are free.
 #[derive(Clone, Debug)]

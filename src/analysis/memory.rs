@@ -9,7 +9,7 @@
 //!   complementarity problems).
 
 use super::{Analysis, MOST_UNKNOWNS, Uniqueness};
-use crate::factorisation::least_eigenvalue;
+use factorisation::least_eigenvalue;
 use nalgebra::DMatrix;
 use std::f64::consts::FRAC_PI_2;
 

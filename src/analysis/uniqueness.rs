@@ -12,7 +12,7 @@
 
 use super::index::Index;
 use super::linearisation::{Linearisation, RANK};
-use crate::factorisation::{Singular, least_eigenvalue};
+use factorisation::{Singular, least_eigenvalue};
 use nalgebra::DMatrix;
 use serde::Serialize;
 

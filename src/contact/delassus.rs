@@ -7,10 +7,10 @@
 //! `A` are the rows of the joints, `J` those of the contacts. The pseudo-inverse leaves redundant joints their freedom: their
 //! impulses are the least ones.
 
-use crate::factorisation::DenseLu;
-use crate::problem::{Constraints, MechanicalStructure};
-use crate::vi::coulomb::BlockMatrix;
+use factorisation::DenseLu;
 use nalgebra::{DMatrix, Matrix3};
+use problem::{Constraints, MechanicalStructure};
+use vi::coulomb::BlockMatrix;
 
 /// Singular values below this fraction of the largest are those of redundant joints.
 const REDUNDANT: f64 = 1e-11;

@@ -2,9 +2,9 @@
 
 use super::delassus::Delassus;
 use super::law::{Cone, Contacts};
-use crate::problem::{Constraints, MechanicalStructure};
-use crate::vi::coulomb::BlockMatrix;
 use nalgebra::Vector3;
+use problem::{Constraints, MechanicalStructure};
+use vi::coulomb::BlockMatrix;
 
 /// What the law needs of some contacts, but for velocities and gaps.
 pub struct Near {

@@ -5,8 +5,8 @@ use super::energy::Energy;
 use super::happening::Happening;
 use super::settings::{ContactError, Settings};
 use super::velocity_step::{Forces, State, VelocityStep};
-use crate::problem::{Control, Mechanical};
 use nalgebra::Vector3;
+use problem::{Control, Mechanical};
 
 /// A run of steps of one size.
 pub struct TimeStepping<'p> {

@@ -20,9 +20,9 @@ use super::delassus::{Delassus, dot};
 use super::law::{Law, Report, sequential};
 use super::near::{Near, rows};
 use super::settings::{ContactError, ImpactLaw};
-use crate::problem::{Constraints, Control, Mechanical, MechanicalStructure};
-use crate::vi::Outcome;
 use nalgebra::{DMatrix, Vector3};
+use problem::{Constraints, Control, Mechanical, MechanicalStructure};
+use vi::Outcome;
 
 /// Time, coordinates and velocities.
 #[derive(Clone, Debug, Default, PartialEq)]

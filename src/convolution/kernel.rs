@@ -3,9 +3,9 @@
 use super::product_integration::product_integration;
 use super::quadrature::fractional;
 use super::weights::Weights;
-use crate::expression::Tape;
-use crate::problem::Control;
-use crate::radau::Tableau;
+use expression::Tape;
+use problem::Control;
+use radau::Tableau;
 
 /// A scalar function of time, integrated a number of times: the power `t^(a-1) / Gamma(a)`, or `t^(a-1) g(t)` with a smooth
 /// function `g`.

@@ -12,9 +12,9 @@
 use super::gauss_jacobi::gauss_jacobi;
 use super::kernel::NoWeights;
 use super::weights::Weights;
-use crate::expression::Tape;
-use crate::problem::Control;
-use crate::radau::Tableau;
+use expression::Tape;
+use problem::Control;
+use radau::Tableau;
 
 /// Nodes near the singularity.
 const NEAR: usize = 24;
@@ -87,7 +87,7 @@ pub fn product_integration(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::expression::{Graph, Scope};
+    use expression::{Graph, Scope};
 
     fn tape(text: &str) -> Tape {
         let (mut graph, mut scope) = (Graph::new(), Scope::new());

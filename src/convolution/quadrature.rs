@@ -18,9 +18,9 @@
 
 use super::gauss_jacobi::gauss_jacobi;
 use super::weights::Weights;
-use crate::problem::Control;
-use crate::radau::Tableau;
 use nalgebra::DMatrix;
+use problem::Control;
+use radau::Tableau;
 use std::f64::consts::PI;
 
 /// Nodes a panel.

@@ -10,10 +10,10 @@
 use super::history::{History, Part};
 use super::kernel::{Kernel, NoWeights};
 use super::weights::Weights;
-use crate::problem::{Control, ConvexSet, Dvi, MovingBound, Side, Workspace};
-use crate::radau::Tableau;
-use crate::vi::{AffineVi, Outcome, SolverKind, ViSolver};
 use nalgebra::DMatrix;
+use problem::{Control, ConvexSet, Dvi, MovingBound, Side, Workspace};
+use radau::Tableau;
+use vi::{AffineVi, Outcome, SolverKind, ViSolver};
 
 /// What a step takes.
 #[derive(Clone, Copy, Debug)]

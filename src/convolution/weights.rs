@@ -2,7 +2,7 @@
 //! the weights of `int_0^t` of a kernel are `W(zeta) Delta(zeta)^-1`, where for Radau IIA
 //! `Delta(zeta)^-1 = A + (zeta + zeta^2 + ..) 1 b^T`.
 
-use crate::radau::Tableau;
+use radau::Tableau;
 
 /// Weights of a scalar kernel, `s x s` each, in sequences over `n`.
 #[derive(Clone, Debug)]

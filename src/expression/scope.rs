@@ -91,7 +91,7 @@ pub(super) fn excerpt(text: &str) -> String {
 }
 
 /// The candidate that is closest to `name` in spelling, if it is close: a third of the letters may differ.
-pub(crate) fn nearest<'a>(name: &str, candidates: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+pub fn nearest<'a>(name: &str, candidates: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     const LONGEST: usize = 64;
     let allowed = (name.len() / 3).max(1);
     if name.len() > LONGEST {

@@ -7,8 +7,8 @@
 //! with its names. Told are `z`, its integral, and `G = m * z + q`.
 
 use super::DviModel;
-use crate::analysis::{Analysis, analyse_memory};
-use crate::convolution::Kernel;
+use analysis::{Analysis, analyse_memory};
+use convolution::Kernel;
 use nalgebra::DMatrix;
 
 /// A problem with memory.

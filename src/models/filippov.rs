@@ -14,8 +14,8 @@
 //! ```
 
 use super::Rows;
-use crate::expression::{ExpressionError, Graph, Node, Tape};
-use crate::problem::{ConvexSet, Mass, Shape};
+use expression::{ExpressionError, Graph, Node, Tape};
+use problem::{ConvexSet, Mass, Shape};
 
 /// A region, in nodes whose inputs are `t`, then `x`.
 #[derive(Clone, Debug)]
@@ -107,7 +107,7 @@ pub fn departures(graph: &mut Graph, regions: &[Region], t: f64, x: &[f64]) -> R
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::expression::Scope;
+    use expression::Scope;
 
     /// Two regions on either side of `x = 0`, with their velocities across it.
     fn departures_from(x: f64, plus: &str, minus: &str) -> usize {

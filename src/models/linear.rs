@@ -7,8 +7,8 @@
 //! The matrices are stored as one, `[A B; C D]`, by its nonzeros, which are its Jacobian. The forcing `(a, g)` and the
 //! moving bounds of `K`, if there are any, are expressions.
 
-use crate::expression::{Breaks, ExpressionError, Graph, Node, Tape};
-use crate::problem::{ConvexSet, Dvi, Mass, MovingBound, Structure};
+use expression::{Breaks, ExpressionError, Graph, Node, Tape};
+use problem::{ConvexSet, Dvi, Mass, MovingBound, Structure};
 
 /// The parts of a linear system with `n` states and `m` variables.
 #[derive(Clone, Debug)]

@@ -8,9 +8,9 @@
 //! all by exact differentiation; contacts and joints give `J` and `b` by that of gaps and constraints, and `J` and `b` of
 //! slips are read off expressions that are affine in `v`.
 
-use crate::expression::{ExpressionError, Graph, Node, Tape};
-use crate::problem::{Constraints, ContactData, Energies, Mechanical, MechanicalStructure, Sensitivity};
+use expression::{ExpressionError, Graph, Node, Tape};
 use nalgebra::DMatrix;
+use problem::{Constraints, ContactData, Energies, Mechanical, MechanicalStructure, Sensitivity};
 
 /// The parts of a system with `n` coordinates as nodes of a [`Graph`] whose inputs are `t`, then `q` (n), then `v` (n).
 #[derive(Clone, Debug)]

@@ -1,9 +1,9 @@
 //! A mechanical system with its names and its start.
 
 use super::SymbolicMechanics;
-use crate::analysis::{Analysis, Uniqueness};
-use crate::problem::{Mechanical, MechanicalStructure};
-use crate::solution::Warning;
+use analysis::{Analysis, Uniqueness};
+use problem::Warning;
+use problem::{Mechanical, MechanicalStructure};
 
 /// A mechanical system, to be solved any number of times.
 #[derive(Clone, Debug)]

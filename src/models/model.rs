@@ -3,9 +3,9 @@
 use super::obstacle::Obstacle;
 use super::rigid_bodies::Scene;
 use super::{ConvolutionModel, Linear, MechanicalModel, Outputs, Symbolic};
-use crate::analysis::{Analysis, analyse};
-use crate::problem::{ConvexSet, Dvi, Structure};
-use crate::solution::Warning;
+use analysis::{Analysis, analyse};
+use problem::Warning;
+use problem::{ConvexSet, Dvi, Structure};
 use std::ops::Range;
 
 /// What a specification comes to.

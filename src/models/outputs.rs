@@ -1,7 +1,7 @@
 //! Outputs that are neither states nor variables but functions of them, `w(t, x, z)`.
 
 use super::elastic::EnergyForm;
-use crate::expression::{Graph, Node, Tape};
+use expression::{Graph, Node, Tape};
 
 /// Further outputs by name; none unless they are given.
 #[derive(Clone, Debug, Default)]

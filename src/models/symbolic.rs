@@ -6,8 +6,8 @@
 //!
 //! with `F` affine in `z`. Values, Jacobian and time derivatives are one [`Tape`] each; derivatives are exact.
 
-use crate::expression::{Breaks, ExpressionError, Graph, Node, Tape};
-use crate::problem::{ConvexSet, Dvi, Mass, MovingBound, Structure};
+use expression::{Breaks, ExpressionError, Graph, Node, Tape};
+use problem::{ConvexSet, Dvi, Mass, MovingBound, Structure};
 
 /// The rows of a problem as nodes of a [`Graph`] whose inputs are `t`, then `x` (n), then `z` (m).
 #[derive(Clone, Debug)]

@@ -156,7 +156,7 @@ impl Control {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::problem::EventKind;
+    use crate::EventKind;
 
     fn events(times: std::ops::Range<u32>) -> Vec<Event> {
         times.map(|t| Event { t: f64::from(t), kind: EventKind::Stick, of: "foot".to_owned() }).collect()

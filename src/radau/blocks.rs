@@ -2,7 +2,7 @@
 
 use super::newton_control::NewtonControl;
 use super::system::System;
-use crate::problem::{Face, FaceEquations, Shape};
+use problem::{Face, FaceEquations, Shape};
 
 impl System<'_> {
     /// The equations of block `b` at `y`, where the system was evaluated last.

@@ -185,7 +185,7 @@ fn least_eigenvalue(symmetric: &DMatrix<f64>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::radau::tableau::MOST_STAGES;
+    use crate::tableau::MOST_STAGES;
 
     fn check(a: &[f64], b: &[f64], c: &[f64]) -> Conditions {
         let d: Vec<f64> = b.iter().zip(c).map(|(b, c)| b / c).collect();

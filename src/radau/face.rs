@@ -1,12 +1,12 @@
 //! The active face of `K`: which bound, if any, each variable rests on, and which face of each block.
 //!
 //! On a face the variational inequality is the square system `G_k = 0` for variables inside their interval,
-//! `z_k = l_k` or `z_k = u_k` for those on a bound, and [`FaceEquations`](crate::problem::FaceEquations) for a block. The
+//! `z_k = l_k` or `z_k = u_k` for those on a bound, and [`FaceEquations`](problem::FaceEquations) for a block. The
 //! face is the right one while its [`monitors`] are not negative.
 
 use super::newton_control::NewtonControl;
 use super::system::System;
-use crate::problem::{self, ConvexSet, Face, Shape};
+use problem::{self, ConvexSet, Face, Shape};
 
 /// Where one variable stands in its interval.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -12,7 +12,7 @@ use super::face::ActiveFace;
 use super::layout::{Layout, Storage};
 use super::system::System;
 use super::tableau::Tableau;
-use crate::factorisation::{DenseLu, Number, SparseLu, SparseMatrix};
+use factorisation::{DenseLu, Number, SparseLu, SparseMatrix};
 use nalgebra::Complex;
 use std::sync::Arc;
 

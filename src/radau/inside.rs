@@ -7,7 +7,7 @@
 
 use super::face::Place;
 use super::system::System;
-use crate::factorisation::DenseLu;
+use factorisation::DenseLu;
 
 /// Up to so many variables that enter each other's equations are solved for; of more the polynomial is taken. It is done
 /// several times a step, and up to here costs no more than evaluations of as many equations do.

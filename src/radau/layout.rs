@@ -3,9 +3,9 @@
 
 use super::memory::check_memory;
 use super::settings::StepError;
-use crate::factorisation::Analysis;
-use crate::problem::{Mass, Structure};
+use factorisation::Analysis;
 use faer::sparse::{Pair, SymbolicSparseColMat};
+use problem::{Mass, Structure};
 
 /// Up to this many unknowns, a dense factorisation is faster than the bookkeeping of a sparse one.
 const DENSE_AT_MOST: usize = 40;

@@ -2,7 +2,7 @@
 
 use super::layout::is_sparse;
 use super::settings::StepError;
-use crate::problem::Structure;
+use problem::Structure;
 
 /// The most memory, in bytes, that one dense part of a run may take.
 pub const MOST_BYTES: usize = 2 << 30;

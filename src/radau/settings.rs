@@ -1,7 +1,7 @@
 //! What a user may choose of the method, and how a run can fail.
 
-use crate::problem::Side;
-use crate::vi::SolverKind;
+use problem::Side;
+use vi::SolverKind;
 
 /// How many stages a step has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -18,9 +18,9 @@ use super::settings::{Cause, StepError};
 use super::stages::Stages;
 use super::system::System;
 use super::tableau::Tableau;
-use crate::problem::{ConvexSet, Shape, Workspace};
-use crate::vi::{AffineVi, Attempt, Outcome, SolverKind, ViSolver};
 use nalgebra::{Complex, DMatrix};
+use problem::{ConvexSet, Shape, Workspace};
+use vi::{AffineVi, Attempt, Outcome, SolverKind, ViSolver};
 
 /// The coupled stage problem and the solver of its affine problems.
 pub struct StageVi {

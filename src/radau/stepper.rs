@@ -19,7 +19,7 @@ use super::stages::{Contraction, Newton, Stages, THETA};
 use super::switches::{Located, Switching};
 use super::system::System;
 use super::tableau::Tableau;
-use crate::problem::{Control, Dvi};
+use problem::{Control, Dvi};
 
 /// Counts of what a run did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

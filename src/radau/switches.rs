@@ -15,7 +15,7 @@ use super::stages::Newton;
 use super::start::Probe;
 use super::stepper::Radau;
 use super::system::System;
-use crate::problem::{ConvexSet, Face};
+use problem::{ConvexSet, Face};
 
 /// A variable that changed its place.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -9,7 +9,7 @@
 use super::face::{ActiveFace, Place};
 use super::layout::Layout;
 use super::settings::StepError;
-use crate::problem::{Control, ConvexSet, Dvi, Face, FaceEquations, Mass, Side, Structure, Workspace};
+use problem::{Control, ConvexSet, Dvi, Face, FaceEquations, Mass, Side, Structure, Workspace};
 use std::sync::Arc;
 
 /// What was evaluated, and how often.

@@ -4,7 +4,6 @@
 //! queue, is looked up when the figures are asked for.
 
 use super::jobs::Jobs;
-use crate::solution::{Solution, Status};
 use axum::http::StatusCode;
 use prometheus_client::encoding::text::encode;
 use prometheus_client::metrics::counter::Counter;
@@ -12,6 +11,7 @@ use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::{Histogram, exponential_buckets};
 use prometheus_client::registry::{Registry, Unit};
+use solution::{Solution, Status};
 use std::borrow::Cow;
 use std::thread::panicking;
 use std::time::{Duration, Instant};

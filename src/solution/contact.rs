@@ -2,13 +2,13 @@
 
 use super::run::{Plan, Run, Stepper, run};
 use super::{Diagnostics, Evaluations, Event, EventKind, Failure, Solution, Status, Steps, ViCounts, Warning};
-use crate::analysis::Analysis;
-use crate::contact::energy::Energy;
-use crate::contact::{ContactError, Flights, Happening, Leg, Located, Settings, State, TimeStepping, VelocityStep};
-use crate::models::{ENERGIES, MechanicalModel};
-use crate::problem::{Constraints, Control, Mechanical};
-use crate::radau;
+use analysis::Analysis;
+use contact::energy::Energy;
+use contact::{ContactError, Flights, Happening, Leg, Located, Settings, State, TimeStepping, VelocityStep};
+use models::{ENERGIES, MechanicalModel};
 use nalgebra::Vector3;
+use problem::{Constraints, Control, Mechanical};
+use radau;
 
 /// How a mechanical system is integrated.
 #[derive(Clone, Debug)]

@@ -6,10 +6,10 @@
 
 use super::run::{Plan, Run, Stepper, ending};
 use super::{Diagnostics, Event, EventKind, Failure, Refinement, Solution, Status, Steps, ViCounts, Warning};
-use crate::analysis::{Analysis, Uniqueness};
-use crate::convolution::{Convolution, Settings, StepError};
-use crate::models::ConvolutionModel;
-use crate::problem::{Control, ConvexSet, Dvi};
+use analysis::{Analysis, Uniqueness};
+use convolution::{Convolution, Settings, StepError};
+use models::ConvolutionModel;
+use problem::{Control, ConvexSet, Dvi};
 use std::time::Instant;
 
 /// How the horizon is divided.

@@ -1,8 +1,9 @@
 //! The evidence that comes with a trajectory.
 
 use super::Checks;
-use crate::analysis::{Analysis, Certificates};
-use crate::contact::energy::Energy;
+use analysis::{Analysis, Certificates};
+use contact::energy::Energy;
+use problem::Warning;
 use serde::{Serialize, Serializer};
 use std::collections::BTreeMap;
 
@@ -106,15 +107,6 @@ pub struct ViCounts {
     /// The solvers that were tried in vain, where there was a choice.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub tried: Vec<Tried>,
-}
-
-/// Something the user should know though the solve went on.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Warning {
-    /// A stable word for programs.
-    pub code: &'static str,
-    /// For people, with the remedy.
-    pub message: String,
 }
 
 /// What was done, and how well.

@@ -7,9 +7,9 @@
 //! with the powers integrated over each step by the rule of Gauss, and the rates that are no states by differentiating
 //! the polynomial through its points. The defect, which an exact solution does not have, measures the steps.
 
-use crate::contact::energy::Energy;
-use crate::models::elastic::{EnergyForm, Power};
-use crate::radau::Radau;
+use contact::energy::Energy;
+use models::elastic::{EnergyForm, Power};
+use radau::Radau;
 
 /// The points of the rule of Gauss on `[-1, 1]`, and their weights.
 const POINTS: [(f64, f64); 5] = [

@@ -55,7 +55,7 @@ fn find<'a>(trajectory: &'a Trajectory, name: &str) -> Result<&'a Field, NoSuchF
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::problem::{Event, EventKind};
+    use problem::{Event, EventKind};
 
     fn trajectory() -> Trajectory {
         let t: Vec<f64> = (0..10).map(f64::from).collect();

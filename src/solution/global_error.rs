@@ -9,10 +9,10 @@
 use super::integrate::integrate_once;
 use super::run::Ended;
 use super::{GlobalError, Plan, Status, Warning};
-use crate::analysis::Analysis;
-use crate::models::DviModel;
-use crate::problem::Control;
-use crate::radau::{Settings, StageChoice};
+use analysis::Analysis;
+use models::DviModel;
+use problem::Control;
+use radau::{Settings, StageChoice};
 
 /// What the tolerances of the second run are multiplied by; below the least there is only rounding.
 const TIGHTER: f64 = 0.01;

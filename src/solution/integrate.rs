@@ -6,11 +6,11 @@ use super::{
     Contraction, Diagnostics, Evaluations, Event, EventKind, Face, Failure, Solution, Status, Steps, Tried, ViCounts,
     Warning, global_error,
 };
-use crate::analysis::{Analysis, Uniqueness, analyse_face};
-use crate::models::{DviModel, Outputs};
-use crate::problem::{Control, Mass, Structure};
-use crate::radau::{Cause, Place, Radau, Settings, StageChoice, StepError, Switch, Switches, Variables};
-use crate::vi::Attempt;
+use analysis::{Analysis, Uniqueness, analyse_face};
+use models::{DviModel, Outputs};
+use problem::{Control, Mass, Structure};
+use radau::{Cause, Place, Radau, Settings, StageChoice, StepError, Switch, Switches, Variables};
+use vi::Attempt;
 
 /// The faces that are analysed in one run.
 const MOST_FACES: usize = 16;

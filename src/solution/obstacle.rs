@@ -2,9 +2,9 @@
 
 use super::run::{Plan, Stepper, run};
 use super::{Diagnostics, Evaluations, Event, EventKind, Failure, Solution, Steps, ViCounts};
-use crate::analysis::Analysis;
-use crate::models::obstacle::{Cause, Contact, GAMMA, Obstacle, Settings, TrBdf2};
-use crate::problem::Control;
+use analysis::Analysis;
+use models::obstacle::{Cause, Contact, GAMMA, Obstacle, Settings, TrBdf2};
+use problem::Control;
 
 /// Integrates an obstacle problem.
 pub fn integrate_obstacle(

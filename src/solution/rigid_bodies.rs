@@ -2,11 +2,11 @@
 
 use super::run::{Plan, Stepper, run};
 use super::{Diagnostics, Event, Failure, Solution, ViCounts, Warning};
-use crate::analysis::Analysis;
-use crate::contact::Settings;
-use crate::contact::energy::Energy;
-use crate::models::rigid_bodies::{Motion, Scene, Simulation, StepFailure, between};
-use crate::problem::Control;
+use analysis::Analysis;
+use contact::Settings;
+use contact::energy::Energy;
+use models::rigid_bodies::{Motion, Scene, Simulation, StepFailure, between};
+use problem::Control;
 
 /// Steps a scene through the plan.
 pub fn step_rigid_bodies(

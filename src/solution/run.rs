@@ -1,7 +1,7 @@
 //! Runs a stepper from start to end: outputs, limits, events, evidence. Written once, outside the methods.
 
 use super::{Diagnostics, Event, Failure, Field, Solution, Status, Trajectory, Verdict};
-use crate::problem::{Control, Stop};
+use problem::{Control, Stop};
 use std::time::Instant;
 
 /// What to run and what to keep of it.

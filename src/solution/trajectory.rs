@@ -1,6 +1,6 @@
 //! The trajectory in columns.
 
-use crate::problem::Event;
+use problem::Event;
 use serde::de::{Deserializer, MapAccess, Visitor};
 use serde::ser::{SerializeMap, SerializeStruct, Serializer};
 use serde::{Deserialize, Serialize};

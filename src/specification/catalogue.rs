@@ -6,7 +6,7 @@ use super::method::{ImpactLawName, Impacts, MethodName, Switches, ViSolverName};
 use super::output::MOST_TIMES;
 use super::plan::{MOST_STEPS, MOST_VALUES};
 use super::schema::json_schema;
-use crate::radau::{Conditions, MOST_BYTES, MOST_STAGES, Tableau};
+use radau::{Conditions, MOST_BYTES, MOST_STAGES, Tableau};
 use serde::Serialize;
 use serde_json::Value;
 use std::sync::LazyLock;
@@ -132,7 +132,7 @@ fn limits() -> Vec<Limit> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vi::SolverKind;
+    use vi::SolverKind;
 
     #[test]
     fn nothing_that_can_be_written_is_left_out() {

@@ -12,9 +12,9 @@ use super::repairs::Repairs;
 use super::stages::Stages;
 use super::study::StudyPlan;
 use super::wording::abridged;
-use crate::analysis::Analysis;
-use crate::models::{DviModel, Model};
-use crate::problem::ConvexSet;
+use analysis::Analysis;
+use models::{DviModel, Model};
+use problem::ConvexSet;
 
 /// A specification that has passed every check, lowered and ready to be solved any number of times.
 #[derive(Clone, Debug)]

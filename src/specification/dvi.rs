@@ -18,8 +18,8 @@ use super::place::Place;
 use super::set::{self, Block, LoweredSet};
 use super::start;
 use super::wording::abridged;
-use crate::expression::Node;
-use crate::models::{DviModel, Equations, Model, Outputs, Refusal, Rows, Symbolic};
+use expression::Node;
+use models::{DviModel, Equations, Model, Outputs, Refusal, Rows, Symbolic};
 use serde::Deserialize;
 use utoipa::ToSchema;
 

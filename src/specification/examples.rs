@@ -4,7 +4,7 @@ macro_rules! examples {
     ($($name:literal)*) => {
         &[$(Example {
             name: $name,
-            text: include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/api/examples/", $name, ".json")),
+            text: include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../../api/examples/", $name, ".json")),
         }),*]
     };
 }

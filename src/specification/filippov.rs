@@ -1,5 +1,5 @@
 //! The Filippov system: rates that jump from region to region; between two, of the sign of a surface, or among many, of
-//! the least of their indicators. The equations are those of [`models::filippov`](crate::models::filippov).
+//! the least of their indicators. The equations are those of [`models::filippov`](models::filippov).
 
 use super::dvi::refused;
 use super::error::SpecificationError;
@@ -10,11 +10,11 @@ use super::ordered::Ordered;
 use super::place::Place;
 use super::start;
 use super::wording::{abridged, listed};
-use crate::expression::{Node, nearest};
-use crate::models::filippov::{Region, departures, many_regions, two_regions};
-use crate::models::{DviModel, Equations, Model, Outputs, Symbolic};
-use crate::solution::Warning;
+use expression::{Node, nearest};
+use models::filippov::{Region, departures, many_regions, two_regions};
+use models::{DviModel, Equations, Model, Outputs, Symbolic};
 use serde::Deserialize;
+use solution::Warning;
 use utoipa::ToSchema;
 
 /// Rates that jump between regions. Either `surface`, and `plus` and `minus` of every state; or `regions`.

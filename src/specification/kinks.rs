@@ -1,8 +1,8 @@
 //! Kinks of a state inside a rate: allowed, but the switch they make is invisible to whoever looks for changes of the
 //! active face of `K`. Written as a set, the same law has switches that are located.
 
-use crate::expression::{Graph, Node};
-use crate::solution::Warning;
+use expression::{Graph, Node};
+use solution::Warning;
 
 /// One warning for each kind of kink in the rate of a state.
 pub(super) fn warnings(state: &str, rate: Node, states: &[String], graph: &Graph) -> Vec<Warning> {

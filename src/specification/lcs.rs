@@ -13,8 +13,8 @@ use super::ordered::Ordered;
 use super::place::Place;
 use super::set::{self, Block};
 use super::start;
-use crate::expression::Node;
-use crate::models::{DviModel, Equations, Linear, LinearRows, Model, Outputs};
+use expression::Node;
+use models::{DviModel, Equations, Linear, LinearRows, Model, Outputs};
 use serde::Deserialize;
 use utoipa::ToSchema;
 

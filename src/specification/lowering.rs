@@ -9,7 +9,7 @@ use super::ordered::Ordered;
 use super::parameters;
 use super::place::Place;
 use super::wording::abridged;
-use crate::expression::{Graph, NameError, Node, Scope};
+use expression::{Graph, NameError, Node, Scope};
 
 /// States and variables that one specification may have in all.
 pub(super) const MOST_UNKNOWNS: usize = 2_000_000;

@@ -3,7 +3,7 @@
 use super::lowering::Lowering;
 use super::matrix::Matrix;
 use super::place::Place;
-use crate::problem::Mass;
+use problem::Mass;
 
 /// Lowers the mass matrix of a problem with `n` states; an identity that is written out is still an identity.
 pub(super) fn lower(mass: Option<&Matrix>, n: usize, problem: &Place<'_>, lowering: &mut Lowering) -> Mass {

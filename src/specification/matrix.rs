@@ -4,7 +4,7 @@ use super::error::SpecificationError;
 use super::expression::Expression;
 use super::lowering::Lowering;
 use super::place::Place;
-use crate::expression::Node;
+use expression::Node;
 use serde::Deserialize;
 use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{Deserializer, MapAccess, SeqAccess, Visitor};

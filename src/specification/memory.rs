@@ -4,8 +4,8 @@
 
 use super::checked::Specification;
 use super::stages::Stages;
-use crate::models::Model;
-use crate::radau::matrix_numbers;
+use models::Model;
+use radau::matrix_numbers;
 
 /// The stages that a run with a choice of them begins with.
 const FEWEST_STAGES: usize = 3;

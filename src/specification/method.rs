@@ -6,8 +6,8 @@ use super::place::Place;
 use super::plan::MOST_STEPS;
 use super::stages::Stages;
 use super::tolerance::AbsoluteTolerance;
-use crate::models::Model;
-use crate::radau::MOST_STAGES;
+use models::Model;
+use radau::MOST_STAGES;
 use serde::Deserialize;
 use utoipa::ToSchema;
 

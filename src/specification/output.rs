@@ -6,7 +6,7 @@ use super::method::out_of_range;
 use super::place::Place;
 use super::times::Times;
 use super::wording::{abridged, listed};
-use crate::expression::nearest;
+use expression::nearest;
 use serde::Deserialize;
 use std::collections::HashMap;
 use std::ops::Range;

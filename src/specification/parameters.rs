@@ -3,7 +3,7 @@
 
 use super::expression::Expression;
 use super::ordered::Ordered;
-use crate::expression::{Graph, Scope};
+use expression::{Graph, Scope};
 
 /// The parameters with what they depend on first; those in a cycle come last, as they stand.
 pub(super) fn in_order(parameters: &Ordered<Expression>) -> Vec<(&str, &Expression)> {

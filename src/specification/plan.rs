@@ -3,11 +3,11 @@
 use super::checked::Specification;
 use super::method::{ImpactLawName, Impacts, Switches, ViSolverName};
 use super::stages::Stages;
-use crate::contact;
-use crate::models::{Model, obstacle};
-use crate::radau::{self, Settings, StageChoice};
-use crate::solution::{ContactPlan, Plan};
-use crate::vi::SolverKind;
+use contact;
+use models::{Model, obstacle};
+use radau::{self, Settings, StageChoice};
+use solution::{ContactPlan, Plan};
+use vi::SolverKind;
 
 /// The steps that a run may make unless `limits.steps` says less.
 pub(super) const MOST_STEPS: u64 = 10_000_000;

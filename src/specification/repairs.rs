@@ -6,7 +6,7 @@ use super::json::Json;
 use super::mismatch::Mismatch;
 use super::place::{Step, pointer};
 use super::wording::{abridged, listed};
-use crate::expression::nearest;
+use expression::nearest;
 
 /// A place that no longer holds what the user wrote.
 #[derive(Debug)]

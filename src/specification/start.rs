@@ -2,8 +2,8 @@
 
 use super::error::{Errors, SpecificationError};
 use super::wording::abridged;
-use crate::models::DviModel;
-use crate::problem::{Side, Workspace};
+use models::DviModel;
+use problem::{Side, Workspace};
 
 /// Reports rates that are not finite at `t` and the initial values, and moving bounds that are not bounds there.
 /// `pointer` says where a row of the problem is written. The variables are not known yet: they are taken as the point

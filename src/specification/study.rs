@@ -10,8 +10,8 @@ use super::ordered::Ordered;
 use super::place::Place;
 use super::stages::Stages;
 use super::wording::{abridged, listed};
-use crate::expression::{Tape, nearest};
-use crate::models::Model;
+use expression::{Tape, nearest};
+use models::Model;
 use serde::Deserialize;
 use utoipa::ToSchema;
 
@@ -189,7 +189,7 @@ fn check_exact(
 
 impl Specification {
     /// The same problem on another rung, told at `times` in the outputs `fields`.
-    pub(crate) fn variant(&self, rung: Rung, stages: Stages, times: Vec<f64>, fields: Vec<usize>) -> Self {
+    pub fn variant(&self, rung: Rung, stages: Stages, times: Vec<f64>, fields: Vec<usize>) -> Self {
         let mut variant = self.clone();
         let method = &mut variant.method;
         method.stages = stages;

@@ -1,12 +1,10 @@
 //! What a checked specification comes to, told without a solve.
 
 use super::checked::Specification;
-use crate::analysis::Analysis;
-use crate::models::Model;
-use crate::solution::{
-    Warning, describe, describe_contact, describe_convolution, describe_obstacle, describe_rigid_bodies,
-};
+use analysis::Analysis;
+use models::Model;
 use serde::Serialize;
+use solution::{Warning, describe, describe_contact, describe_convolution, describe_obstacle, describe_rigid_bodies};
 
 /// Sizes, what the theory says, and what a solve would build.
 #[derive(Clone, Debug, Serialize)]

@@ -5,7 +5,7 @@ use super::method::{Method, out_of_range};
 use super::ordered::Ordered;
 use super::place::Place;
 use super::wording::listed;
-use crate::expression::nearest;
+use expression::nearest;
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{Deserialize, Deserializer, Error, MapAccess, Visitor};
 use std::collections::HashMap;

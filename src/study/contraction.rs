@@ -9,11 +9,11 @@
 //! which is monotone, and so contractive in the Euclidean norm.
 
 use super::linear_stability::STAGES;
-use crate::problem::Control;
-use crate::solution::Status;
-use crate::specification::Specification;
+use problem::Control;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
+use solution::Status;
+use specification::Specification;
 
 /// Cubic damping and rotation.
 const DAMPING: f64 = 2.0;

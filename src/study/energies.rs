@@ -1,10 +1,10 @@
 //! The energy of contact runs: how far the balance of each example that has one is off, at tolerances and at steps.
 
-use crate::models::Model;
-use crate::problem::Control;
-use crate::solution::Status;
-use crate::specification::{EXAMPLES, Rung, Specification};
+use models::Model;
+use problem::Control;
 use serde::{Deserialize, Serialize};
+use solution::Status;
+use specification::{EXAMPLES, Rung, Specification};
 use std::time::{Duration, Instant};
 
 /// The tolerances of runs that choose their steps.

@@ -8,13 +8,13 @@
 //! half plane with `R(z) = e_s^T (I - z A)^-1 1` from the coefficients (Hairer and Wanner 1996, IV.3; the methods are
 //! stiffly accurate).
 
-use crate::problem::Control;
-use crate::radau::Tableau;
-use crate::solution::Solution;
-use crate::specification::Specification;
 use nalgebra::{Complex, DMatrix, DVector};
+use problem::Control;
+use radau::Tableau;
 use serde::{Deserialize, Serialize};
 use serde_json::json;
+use solution::Solution;
+use specification::Specification;
 use std::f64::consts::PI;
 
 /// The numbers of stages that are measured.

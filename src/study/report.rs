@@ -1,12 +1,12 @@
 //! The systems of the theory, each at a ladder of tolerances and steps: what a report is made of.
 
-use crate::models::Model;
-use crate::problem::Control;
-use crate::solution::Series;
-use crate::solution::pictures::{Curve, curves, overview};
-use crate::specification::{Example, Specification};
+use models::Model;
+use problem::Control;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
+use solution::Series;
+use solution::pictures::{Curve, curves, overview};
+use specification::{Example, Specification};
 use std::collections::HashMap;
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};
@@ -178,7 +178,7 @@ pub fn exact_end(name: &str) -> Option<Map<String, Value>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::specification::EXAMPLES;
+    use specification::EXAMPLES;
 
     #[test]
     fn what_is_known_is_known_of_examples_and_reads_as_a_study_of_them() {

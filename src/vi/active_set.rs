@@ -28,11 +28,11 @@ mod tridiagonal;
 pub use dense::DenseActiveSet;
 
 use super::{Outcome, Report, TOLERANCE};
-use crate::factorisation::SparseMatrix;
-use crate::problem::{Control, ConvexSet, Interrupted};
 use coarse::Coarse;
+use factorisation::SparseMatrix;
 use line_search::LineSearch;
 use operator::Operator;
+use problem::{Control, ConvexSet, Interrupted};
 
 /// Steps on the finest grid before the line search takes over.
 const PASSES: usize = 300;

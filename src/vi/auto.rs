@@ -7,8 +7,8 @@
 //! interior-point method, a hundred times slower on small problems, settles what both leave open.
 
 use super::{AffineVi, BlockGaussSeidel, Conic, DenseActiveSet, Lemke, Outcome, Report, SemismoothNewton, ViSolver};
-use crate::problem::Control;
 use nalgebra::DMatrix;
+use problem::Control;
 
 /// Up to this many variables, pivoting comes first.
 const LEMKE_AT_MOST: usize = 500;

@@ -14,8 +14,8 @@
 use super::gauge::Gauge;
 use super::semismooth_newton::BlockNewton;
 use super::{AffineVi, EXACT, Outcome, Report, TOLERANCE, ViSolver};
-use crate::problem::{Block, Control, ConvexSet, Shape, Workspace};
 use nalgebra::DMatrix;
+use problem::{Block, Control, ConvexSet, Shape, Workspace};
 
 /// Sweeps over all blocks.
 const SWEEPS: usize = 4_000;

@@ -17,13 +17,13 @@
 //! Newton's method on the natural map starts from it and says how good it is.
 
 use super::{AffineVi, Outcome, Report, SemismoothNewton, ViSolver};
-use crate::problem::{Block, Control, ConvexSet, Shape};
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
     DefaultSettings, DefaultSolver, IPSolver, SolverStatus,
     SupportedConeT::{self, NonnegativeConeT, SecondOrderConeT, ZeroConeT},
 };
 use nalgebra::DMatrix;
+use problem::{Block, Control, ConvexSet, Shape};
 
 /// Entries of `A` that differ by no more than this fraction of the largest from those across the diagonal are equal.
 const SYMMETRIC: f64 = 1e-10;

@@ -2,7 +2,7 @@
 //! to rest on, or `w_i > 0` though it has no lower one.
 
 use super::AffineVi;
-use crate::problem::Workspace;
+use problem::Workspace;
 
 /// Beyond rounding, beside `|q_i|`.
 const MARGIN: f64 = 1e-10;
@@ -27,8 +27,8 @@ impl AffineVi<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::problem::ConvexSet;
     use nalgebra::DMatrix;
+    use problem::ConvexSet;
 
     fn found(matrix: &[f64], q: &[f64], set: &ConvexSet) -> Option<usize> {
         let matrix = DMatrix::from_row_slice(q.len(), q.len(), matrix);

@@ -108,8 +108,8 @@ fn inverse_root(largest: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::problem::ConvexSet;
     use nalgebra::DMatrix;
+    use problem::ConvexSet;
 
     #[test]
     fn entries_far_apart_come_near_one_by_powers_of_two() {

@@ -14,7 +14,7 @@
 //! problems to unconstrained minimization*; Fukushima 1992 for `f_a`). Lengths are measured as `|z|^2 = sum z_i^2 / s_i`,
 //! with one positive scale `s` a block, so that the projection stays the Euclidean one.
 
-use crate::problem::{ConvexSet, Workspace};
+use problem::{ConvexSet, Workspace};
 
 /// `a` and `b`; any two do.
 const NEAR: f64 = 2.0;

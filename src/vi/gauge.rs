@@ -10,7 +10,7 @@
 //! says that a change of `z` and one of `w`, each within the tolerance of its own size, make `z` a solution.
 
 use super::{Accuracy, AffineVi};
-use crate::problem::Workspace;
+use problem::Workspace;
 
 /// A point below this fraction of what the data ask for is zero.
 const NOTHING: f64 = 1e-13;

@@ -11,8 +11,8 @@
 use super::auto::SolverKind;
 use super::gap::Gap;
 use super::{AffineVi, Attempt, Outcome, Report, ViSolver};
-use crate::problem::{Control, ConvexSet, Workspace};
 use nalgebra::DMatrix;
+use problem::{Control, ConvexSet, Workspace};
 
 /// Affine problems.
 const ITERATIONS: usize = 100;

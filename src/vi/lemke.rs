@@ -20,7 +20,7 @@ mod tableau;
 
 use super::equilibration::Equilibration;
 use super::{Accuracy, AffineVi, EXACT, Outcome, Report, TOLERANCE, ViSolver};
-use crate::problem::Control;
+use problem::Control;
 use ratio::Perturbation;
 use tableau::Tableau;
 

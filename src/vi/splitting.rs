@@ -8,8 +8,8 @@
 //! Mercier 1979, *Splitting algorithms for the sum of two nonlinear operators*). `S` is one positive scale a block.
 
 use super::AffineVi;
-use crate::problem::Workspace;
 use nalgebra::DMatrix;
+use problem::Workspace;
 
 /// The iteration on one problem.
 #[derive(Debug)]

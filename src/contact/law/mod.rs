@@ -24,11 +24,11 @@ mod tests;
 
 pub use sequential::sequential;
 
-use crate::problem::Control;
-use crate::vi::Outcome;
-use crate::vi::coulomb::{BlockMatrix, Coulomb, CoulombProblem, Evidence, Limits};
 use nalgebra::Vector3;
 use polyhedral::Polyhedral;
+use problem::Control;
+use vi::Outcome;
+use vi::coulomb::{BlockMatrix, Coulomb, CoulombProblem, Evidence, Limits};
 
 /// The set that friction is taken from, for `mu r_n = 1`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -12,9 +12,9 @@
 //! powers of two, so that nothing is rounded.
 
 use super::{Cone, Contacts, Report};
-use crate::problem::{Control, ConvexSet};
-use crate::vi::{AffineVi, Lemke, Outcome, ViSolver};
 use nalgebra::{DMatrix, Matrix3, Vector3};
+use problem::{Control, ConvexSet};
+use vi::{AffineVi, Lemke, Outcome, ViSolver};
 
 /// The complementarity problem and its solver.
 #[derive(Debug)]

@@ -4,8 +4,8 @@
 //! follow each other without end; what is left after a bound is for the simultaneous law.
 
 use super::Contacts;
-use crate::vi::coulomb::solve_contact;
 use nalgebra::Vector3;
+use vi::coulomb::solve_contact;
 
 /// Strikes for each contact before the rest is left to the simultaneous law.
 const STRIKES: usize = 1000;

@@ -16,9 +16,9 @@
 //! forces of the law of contact for `l`, each foot gives the same share of its friction, so that none slips before all must.
 
 use super::mode::{Status, held};
-use crate::contact::delassus::dot;
-use crate::problem::{Constraints, ConvexSet, Dvi, Mass, Mechanical, MechanicalStructure, Sensitivity, Structure};
+use crate::delassus::dot;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2, Vector2, Vector3};
+use problem::{Constraints, ConvexSet, Dvi, Mass, Mechanical, MechanicalStructure, Sensitivity, Structure};
 
 /// A pivot below this fraction of the largest is that of rows that depend on each other.
 const DEPENDENT: f64 = 1e-11;

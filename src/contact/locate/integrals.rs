@@ -5,7 +5,7 @@
 //! is wrong by `d`, the former is by about `d^(10/4)`.
 
 use super::leg::Leg;
-use crate::contact::delassus::dot;
+use crate::delassus::dot;
 use nalgebra::Vector3;
 
 /// Nodes and weights of Gauss and Legendre on `[0, 1]`, and the weights of the rule on the first, third and fifth.

@@ -6,11 +6,11 @@ use super::mode::Status;
 use super::monitors::{Monitor, monitors};
 use super::search::{Search, Violation};
 use super::{CLOSED, Located, PASS};
-use crate::contact::ContactError;
-use crate::contact::energy::Energy;
-use crate::problem::{Control, Mechanical};
-use crate::radau::{Radau, Settings, StageChoice};
+use crate::ContactError;
+use crate::energy::Energy;
 use nalgebra::Vector3;
+use problem::{Control, Mechanical};
+use radau::{Radau, Settings, StageChoice};
 
 /// Equations of the mode for each of their uses, which overlap.
 pub struct Flights {
@@ -92,7 +92,7 @@ impl<'l, 'p> Leg<'l, 'p> {
     /// Makes one step, with what happens at its end.
     ///
     /// # Errors
-    /// See [`VelocityStep::advance`](crate::contact::VelocityStep::advance).
+    /// See [`VelocityStep::advance`](crate::VelocityStep::advance).
     pub fn advance(&mut self) -> Result<(), ContactError> {
         let begin = self.located.state.t;
         let Some(radau) = &mut self.radau else {

@@ -22,11 +22,11 @@ use super::energy::Energy;
 use super::happening::Happening;
 use super::settings::{ContactError, Settings};
 use super::velocity_step::{Forces, Probed, State, VelocityStep};
-use crate::problem::{Constraints, Control, Mechanical, MechanicalStructure};
-use crate::radau;
 use mode::held;
 use monitors::Ending;
 use nalgebra::{Vector2, Vector3};
+use problem::{Constraints, Control, Mechanical, MechanicalStructure};
+use radau;
 
 /// Gaps below this, in units of the coordinates, are closed at an event.
 const CLOSED: f64 = 1e-10;

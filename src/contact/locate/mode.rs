@@ -1,7 +1,7 @@
 //! What each contact does while motion is smooth.
 
-use crate::problem::MechanicalStructure;
 use nalgebra::Vector2;
+use problem::MechanicalStructure;
 
 /// The state of one contact.
 #[derive(Clone, Copy, Debug, PartialEq)]

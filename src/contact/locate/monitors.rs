@@ -2,8 +2,8 @@
 
 use super::flight::Flight;
 use super::mode::Status;
-use crate::problem::MechanicalStructure;
 use nalgebra::Vector2;
+use problem::MechanicalStructure;
 
 /// Why a mode ends.
 #[derive(Clone, Copy, Debug, PartialEq)]

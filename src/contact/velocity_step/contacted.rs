@@ -1,8 +1,8 @@
 //! What contacts did in a step.
 
-use crate::contact::energy::Energy;
-use crate::problem::Energies;
+use crate::energy::Energy;
 use nalgebra::Vector3;
+use problem::Energies;
 
 /// Impulses, velocities and losses of the contacts of a system in one step; zero for those that were not near.
 #[derive(Clone, Debug, Default, PartialEq)]

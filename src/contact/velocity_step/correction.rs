@@ -1,12 +1,12 @@
 //! Back onto the constraints, by the shortest way in the metric of `M`, without a velocity that would add energy.
 
 use super::{State, VelocityStep};
-use crate::contact::delassus::dot;
-use crate::contact::near::Near;
-use crate::contact::settings::ContactError;
-use crate::problem::Control;
-use crate::vi::Outcome;
+use crate::delassus::dot;
+use crate::near::Near;
+use crate::settings::ContactError;
 use nalgebra::Vector3;
+use problem::Control;
+use vi::Outcome;
 
 /// Passes that take out of `q` what curvature leaves of the constraints.
 const CORRECTIONS: usize = 6;

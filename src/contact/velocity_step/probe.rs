@@ -1,11 +1,11 @@
 //! A step that is no part of the trajectory: what contacts would do next.
 
 use super::{State, VelocityStep};
-use crate::contact::near::Near;
-use crate::contact::settings::ContactError;
-use crate::problem::Control;
-use crate::vi::Outcome;
+use crate::near::Near;
+use crate::settings::ContactError;
 use nalgebra::Vector3;
+use problem::Control;
+use vi::Outcome;
 
 /// A velocity this small beside its terms, or beside its change within a step, is none.
 const ROUNDING: f64 = 1e-11;
@@ -103,7 +103,7 @@ impl VelocityStep<'_> {
     }
 
     /// The size of the terms that a slip of contact `k` is the sum of, at velocities `v`; infinite without friction.
-    pub(in crate::contact) fn size_of_slip(&self, k: usize, v: &[f64]) -> f64 {
+    pub(crate) fn size_of_slip(&self, k: usize, v: &[f64]) -> f64 {
         self.structure.tangents(k).map(|row| self.constraints.terms(row, v)).reduce(f64::max).unwrap_or(f64::INFINITY)
     }
 

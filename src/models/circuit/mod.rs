@@ -28,7 +28,7 @@ pub use form::Form;
 pub use system::System;
 pub use tree::NormalTree;
 
-use crate::expression::Node;
+use expression::Node;
 
 /// What an element does.
 #[derive(Clone, Debug)]

@@ -3,7 +3,7 @@
 use super::Fault;
 use super::equations::MOST_TERMS;
 use super::form::Form;
-use crate::factorisation::{Cholesky, SparseMatrix};
+use factorisation::{Cholesky, SparseMatrix};
 use faer::sparse::Triplet;
 use std::collections::BTreeSet;
 

@@ -1,9 +1,9 @@
 //! The forms of a circuit as a linear complementarity system, and as outputs.
 
 use super::{Column, Columns, Element, Equations, Fault, Form, Law, Port};
-use crate::expression::{ExpressionError, Graph, Node, Tape};
-use crate::models::LinearRows;
-use crate::problem::{ConvexSet, Mass, MovingBound, Side};
+use crate::LinearRows;
+use expression::{ExpressionError, Graph, Node, Tape};
+use problem::{ConvexSet, Mass, MovingBound, Side};
 
 /// Turns forms into nodes of a graph, whose inputs are `t`, then `x`, then `z`.
 pub struct System<'a> {

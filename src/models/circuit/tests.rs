@@ -1,7 +1,7 @@
 //! Random circuits: what is eliminated obeys Kirchhoff's laws and those of the elements, and what is left is passive.
 
 use super::*;
-use crate::expression::Graph;
+use expression::Graph;
 use nalgebra::DMatrix;
 use proptest::prelude::*;
 

@@ -3,9 +3,9 @@
 //! A displacement is numbered `node * components + component`.
 
 use super::Lame;
-use crate::expression::Node;
-use crate::factorisation::SparseMatrix;
-use crate::models::finite_elements::{Assembly, Element, Grid, Neighbours, Quadrature};
+use crate::finite_elements::{Assembly, Element, Grid, Neighbours, Quadrature};
+use expression::Node;
+use factorisation::SparseMatrix;
 
 /// A body before it is set in motion.
 #[derive(Clone, Debug)]
@@ -82,8 +82,8 @@ impl Continuum {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::expression::Graph;
-    use crate::models::finite_elements::Axis;
+    use crate::finite_elements::Axis;
+    use expression::Graph;
 
     #[test]
     fn the_mass_of_contact_nodes_goes_inwards_and_none_is_lost() {

@@ -9,8 +9,8 @@
 //! friction dissipate.
 
 use super::{Continuum, Place, Rough, Slip, Unknowns};
-use crate::expression::{Graph, Node, Tape};
-use crate::factorisation::SparseMatrix;
+use expression::{Graph, Node, Tape};
+use factorisation::SparseMatrix;
 use std::sync::Arc;
 
 /// Energies and powers as functions of time, `(x, z)` and the rates of the displacements in contact.

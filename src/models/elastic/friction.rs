@@ -8,9 +8,9 @@
 //! The limit `p` is an algebraic state, so that the set depends on states alone.
 
 use super::{Continuum, Place, Unknowns};
-use crate::expression::Graph;
-use crate::models::LinearRows;
-use crate::problem::{MovingBound, Shape, Side};
+use crate::LinearRows;
+use expression::Graph;
+use problem::{MovingBound, Shape, Side};
 
 /// A contact with friction.
 #[derive(Clone, Debug)]

@@ -1,6 +1,6 @@
 //! Hooke's law of an isotropic body, `s = lambda tr(e) I + 2 mu e`.
 
-use crate::models::finite_elements::Element;
+use crate::finite_elements::Element;
 use nalgebra::DMatrix;
 
 /// The constants of Lame.
@@ -47,7 +47,7 @@ impl Lame {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::models::finite_elements::{Axis, Grid, Quadrature};
+    use crate::finite_elements::{Axis, Grid, Quadrature};
 
     #[test]
     fn a_rigid_motion_costs_nothing_and_stretching_what_hooke_says() {

@@ -2,10 +2,10 @@
 
 use super::friction::{self, Rough};
 use super::{ContactNode, Continuum, EnergyForm, Place, Unknowns};
-use crate::expression::{Graph, Node};
-use crate::factorisation::SparseMatrix;
-use crate::models::LinearRows;
-use crate::problem::{ConvexSet, Mass, MovingBound, Side};
+use crate::LinearRows;
+use expression::{Graph, Node};
+use factorisation::SparseMatrix;
+use problem::{ConvexSet, Mass, MovingBound, Side};
 
 /// A body as a linear system, with what its unknowns mean.
 #[derive(Clone, Debug)]

@@ -1,7 +1,7 @@
 //! The sum of local matrices over the elements of a grid, in a sparse matrix whose pattern is known beforehand.
 
 use super::Grid;
-use crate::factorisation::SparseMatrix;
+use factorisation::SparseMatrix;
 use faer::sparse::SymbolicSparseColMat;
 use nalgebra::DMatrix;
 
@@ -93,7 +93,7 @@ fn nodes_around(grid: &Grid, node: usize, neighbours: Neighbours, around: &mut V
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::models::finite_elements::{Axis, Element, Quadrature};
+    use crate::finite_elements::{Axis, Element, Quadrature};
 
     fn grid() -> Grid {
         let axis = |upper, elements| Axis { lower: 0.0, upper, elements };

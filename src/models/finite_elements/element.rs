@@ -82,7 +82,7 @@ impl Element {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::models::finite_elements::Axis;
+    use crate::finite_elements::Axis;
 
     fn element(quadrature: Quadrature) -> (Grid, Element) {
         let axes = [(0.0, 0.5), (1.0, 1.25), (-2.0, 0.0)];

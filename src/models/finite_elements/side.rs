@@ -82,7 +82,7 @@ impl Grid {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::models::finite_elements::Axis;
+    use crate::finite_elements::Axis;
 
     #[test]
     fn the_sides_are_where_their_coordinate_is_at_its_end_and_have_their_area() {

@@ -6,7 +6,7 @@
 //! `c + (1/2 - theta) h`. This is the free boundary, between nodes.
 
 use super::Semidiscrete;
-use crate::models::finite_elements::Axis;
+use crate::finite_elements::Axis;
 
 /// The contact set at one time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

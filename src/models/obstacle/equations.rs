@@ -1,9 +1,9 @@
 //! What an obstacle problem is made of.
 
 use super::Field;
-use crate::analysis::{Analysis, Uniqueness};
-use crate::models::finite_elements::{Grid, Quadrature};
-use crate::solution::Warning;
+use crate::finite_elements::{Grid, Quadrature};
+use analysis::{Analysis, Uniqueness};
+use problem::Warning;
 
 /// What is given on a side.
 #[derive(Clone, Debug)]
@@ -53,7 +53,7 @@ pub struct Obstacle {
     pub upper: Option<Field>,
     /// `u` at the start, between the obstacles at every node.
     pub initial: Field,
-    /// What is given on each side, by [`Side::place`](crate::models::finite_elements::Side::place).
+    /// What is given on each side, by [`Side::place`](crate::finite_elements::Side::place).
     pub conditions: Vec<Condition>,
     /// Where `u` is told.
     pub probes: Vec<Probe>,

@@ -1,6 +1,6 @@
 //! A function of time and place, from an expression.
 
-use crate::expression::{Graph, Node, Tape};
+use expression::{Graph, Node, Tape};
 
 /// A function of `t` and `x`, `y`, `z`, which are the inputs 0 to 3 of its expression.
 #[derive(Clone, Debug)]

@@ -1,6 +1,6 @@
 //! What is not a number, or not in its range.
 
-use crate::models::finite_elements::Side;
+use crate::finite_elements::Side;
 use std::fmt;
 
 /// A value that makes no obstacle problem, with where and when.

@@ -10,10 +10,10 @@
 
 use super::semidiscrete::{AT_ONCE, finite};
 use super::{Cause, Obstacle, Offence};
-use crate::factorisation::SparseMatrix;
-use crate::models::finite_elements::{Assembly, Element};
-use crate::problem::Control;
+use crate::finite_elements::{Assembly, Element};
+use factorisation::SparseMatrix;
 use nalgebra::DMatrix;
+use problem::Control;
 
 /// `A` at time `t`, assembled in a zero matrix.
 ///

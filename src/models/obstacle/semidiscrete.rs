@@ -2,9 +2,9 @@
 
 use super::operator::stiffness;
 use super::{Cause, Condition, Field, Obstacle, Offence};
-use crate::factorisation::SparseMatrix;
-use crate::models::finite_elements::{Assembly, Element, Neighbours, Quadrature, Side};
-use crate::problem::{Control, ConvexSet, Interrupted};
+use crate::finite_elements::{Assembly, Element, Neighbours, Quadrature, Side};
+use factorisation::SparseMatrix;
+use problem::{Control, ConvexSet, Interrupted};
 
 /// The equations of the nodal values `u`, with the matrices and vectors as of the time they were asked for last.
 pub struct Semidiscrete {

@@ -7,9 +7,9 @@
 //! and `(S U + q) / s` is what the obstacles push with.
 
 use super::Semidiscrete;
-use crate::factorisation::SparseMatrix;
-use crate::problem::Control;
-use crate::vi::{ActiveSet, Outcome, Unsuitable};
+use factorisation::SparseMatrix;
+use problem::Control;
+use vi::{ActiveSet, Outcome, Unsuitable};
 
 /// A solver of the inequalities of the stages, with the matrix and the active set of the last.
 pub struct Stage {

@@ -17,7 +17,7 @@
 use super::settings::{Cause, Counts, Settings};
 use super::stage::{Stage, Unsolved};
 use super::{Obstacle, Offence, Semidiscrete};
-use crate::problem::Control;
+use problem::Control;
 use std::f64::consts::SQRT_2;
 use std::ops::Range;
 

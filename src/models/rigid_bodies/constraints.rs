@@ -10,7 +10,7 @@
 use super::contact::Contact;
 use super::joint::{Joint, Row};
 use super::motion::Motion;
-use crate::factorisation::{Cholesky, SparseMatrix};
+use factorisation::{Cholesky, SparseMatrix};
 use faer::sparse::Triplet;
 use nalgebra::{Isometry3, Matrix3, Vector3};
 

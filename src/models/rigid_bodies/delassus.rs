@@ -7,8 +7,8 @@
 
 use super::contact::Contact;
 use super::motion::Motion;
-use crate::vi::coulomb::BlockMatrix;
 use nalgebra::Matrix3;
+use vi::coulomb::BlockMatrix;
 
 /// A contact as one of its bodies feels it.
 struct Touch {

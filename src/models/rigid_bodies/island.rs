@@ -13,11 +13,11 @@ use super::contact::Contact;
 use super::delassus;
 use super::joint::{Joint, Row};
 use super::motion::Motion;
-use crate::contact::ImpactLaw;
-use crate::contact::law::{Cone, Contacts, Law, Report, sequential};
-use crate::problem::Control;
-use crate::vi::coulomb::BlockMatrix;
+use contact::ImpactLaw;
+use contact::law::{Cone, Contacts, Law, Report, sequential};
 use nalgebra::Vector3;
+use problem::Control;
+use vi::coulomb::BlockMatrix;
 
 /// Iterations for the curvature of joints; each gains the digits of `h w`.
 const ITERATIONS: usize = 8;

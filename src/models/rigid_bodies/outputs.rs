@@ -5,7 +5,7 @@
 
 use super::motion::Motion;
 use super::scene::{Body, Scene};
-use crate::analysis::{Analysis, Uniqueness};
+use analysis::{Analysis, Uniqueness};
 use nalgebra::{Isometry3, Vector3};
 
 /// What is told of a body.

@@ -2,9 +2,9 @@
 
 use super::collision::{BroadPhase, Collider, ContactPoint, contacts};
 use super::joint::Joint;
-use crate::contact::law::Cone;
-use crate::solution::Warning;
+use contact::law::Cone;
 use nalgebra::{Isometry3, Matrix3, Vector3};
+use problem::Warning;
 
 /// A body. SI units; the pose and the velocity are those of its centre of mass.
 #[derive(Clone, Debug)]

@@ -23,14 +23,14 @@ use super::joint::{Joint, joined};
 use super::motion::Motion;
 use super::scene::Scene;
 use super::touches::Touches;
-use crate::contact::islands::{Islands, solve_apart, threads};
-use crate::contact::law::{self, Law};
-use crate::contact::{ImpactLaw, Settings};
-use crate::problem::{Control, EventKind};
-use crate::vi::Outcome;
+use contact::islands::{Islands, solve_apart, threads};
+use contact::law::{self, Law};
+use contact::{ImpactLaw, Settings};
 use nalgebra::{Isometry3, Vector3};
+use problem::{Control, EventKind};
 use rustc_hash::FxHashMap;
 use std::collections::HashSet;
+use vi::Outcome;
 
 /// Points within this part of a body's size are contacts, however slow the body: where one contact pushes a body, another
 /// that is near must know of it.

@@ -2,10 +2,10 @@
 
 use super::collision::Collider;
 use super::*;
-use crate::contact::law::Cone;
-use crate::contact::{ImpactLaw, Settings};
-use crate::problem::Control;
+use ::contact::law::Cone;
+use ::contact::{ImpactLaw, Settings};
 use nalgebra::{Isometry3, Matrix3, Vector3};
+use problem::Control;
 
 const G: f64 = 9.81;
 

@@ -6,7 +6,7 @@
 
 use super::contact::Contact;
 use super::motion::Motion;
-use crate::problem::EventKind;
+use problem::EventKind;
 use rustc_hash::FxHashMap;
 
 /// Rounding, in parts of the speeds that a difference is taken of.

@@ -1,9 +1,9 @@
 //! The equations for the variables of a small system, eliminated to the variables alone.
 
 use super::super::system::System;
-use crate::factorisation::Singular;
-use crate::problem::Mass;
+use factorisation::Singular;
 use nalgebra::{DMatrix, DVector, Dyn, LU};
+use problem::Mass;
 
 pub(super) struct Dense {
     /// `M`, factorised; none where it is the identity.

@@ -6,9 +6,9 @@
 //! ```
 
 use super::super::system::System;
-use crate::factorisation::{Analysis, SparseLu, SparseMatrix};
-use crate::problem::Mass;
+use factorisation::{Analysis, SparseLu, SparseMatrix};
 use faer::sparse::{SymbolicSparseColMat, Triplet};
+use problem::Mass;
 
 /// `M` counts as singular if it gives a vector of ones back with a larger error.
 const REGULAR: f64 = 1e-6;

@@ -17,7 +17,7 @@
 //! Newton's method leaves of these does not shrink with the step, and would hold up the run.
 
 use super::{Method, Radau};
-use crate::radau::newton_control::mean_square_root;
+use crate::newton_control::mean_square_root;
 
 /// The tolerances that one step may err by where its order is reduced.
 const STIFF: f64 = 3.0;

@@ -1,13 +1,13 @@
 //! What an attempt needs beforehand: derivatives, factors, tolerances, starting values, a first step size.
 
 use super::{Freshness, Radau};
-use crate::problem::{Shape, Side};
-use crate::radau::settings::StepError;
-use crate::radau::stages::Contraction;
+use crate::settings::StepError;
+use crate::stages::Contraction;
+use problem::{Shape, Side};
 
 impl Radau<'_> {
     /// Makes derivatives, factors and tolerances ready for a step of size `h`.
-    pub(in crate::radau) fn prepare(&mut self, h: f64) -> Result<(), StepError> {
+    pub(crate) fn prepare(&mut self, h: f64) -> Result<(), StepError> {
         self.differentiate()?;
         if self.system.turn_spheres(&self.y) {
             self.factored = None;
@@ -47,7 +47,7 @@ impl Radau<'_> {
 
     /// The weights of the Newton norm at `y`: `1/sc` for states; for variables, what an error of theirs over a step
     /// does to the states (never `z` itself, which is of lower order and jumps).
-    pub(in crate::radau) fn set_tolerances(&mut self, h: f64) {
+    pub(crate) fn set_tolerances(&mut self, h: f64) {
         let tolerance = &self.methods[self.current].tolerance;
         let n = self.system.states;
         for j in 0..n {
@@ -73,7 +73,7 @@ impl Radau<'_> {
     }
 
     /// Starting values: the last collocation polynomial, continued; zero where it says nothing of this step.
-    pub(in crate::radau) fn predict(&mut self, h: f64) {
+    pub(crate) fn predict(&mut self, h: f64) {
         let n = self.system.unknowns;
         let tableau = self.tableau();
         if !self.continues || self.last_method != self.current {
@@ -94,14 +94,14 @@ impl Radau<'_> {
     }
 
     /// Has the derivatives evaluated anew before the next attempt.
-    pub(in crate::radau) fn forget_jacobian(&mut self) {
+    pub(crate) fn forget_jacobian(&mut self) {
         if !self.system.constant_jacobian() {
             self.jacobian = Freshness::Stale;
         }
     }
 
     /// Forgets what no longer holds after a switch: derivatives, factors, the continued polynomial.
-    pub(in crate::radau) fn restart(&mut self) {
+    pub(crate) fn restart(&mut self) {
         self.forget_jacobian();
         self.factored = None;
         self.continues = false;

@@ -1,10 +1,10 @@
 //! What a stepper tells of itself between steps: time, values, evidence, counters.
 
 use super::Radau;
-use crate::problem::{ConvexSet, Dvi, FaceEquations};
-use crate::radau::face::ActiveFace;
-use crate::radau::system::Work;
-use crate::vi;
+use crate::face::ActiveFace;
+use crate::system::Work;
+use problem::{ConvexSet, Dvi, FaceEquations};
+use vi;
 
 /// The variables at the end of a step.
 #[derive(Clone, Copy, Debug)]

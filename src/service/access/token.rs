@@ -1,6 +1,6 @@
 //! One token, as its holder has it: `dvi_NUMBER_SECRET`, in hexadecimal digits.
 
-use crate::service::jobs::hexadecimal;
+use crate::jobs::hexadecimal;
 use sha2::{Digest, Sha256};
 use std::fmt;
 use std::io;

@@ -4,8 +4,8 @@
 //! an id has been given out is nobody's business.
 
 use super::problem::{Kind, Problem};
-use crate::service::access::{Scope, Tokens};
-use crate::service::jobs::{Client, Job};
+use crate::access::{Scope, Tokens};
+use crate::jobs::{Client, Job};
 use axum::extract::{FromRequestParts, Request, State};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, HeaderValue, Method, header};

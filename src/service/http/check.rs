@@ -3,16 +3,16 @@
 use super::Shared;
 use super::document::Document;
 use super::problem::{Answer, Problem};
-use crate::specification::Summary;
 use axum::Json;
 use axum::extract::State;
+use specification::Summary;
 
 /// Check a specification without solving it.
 #[utoipa::path(
     post,
     path = "/check",
     tag = "solve",
-    request_body(content = crate::specification::Document, content_type = "application/json"),
+    request_body(content = specification::Document, content_type = "application/json"),
     responses(
         (status = 200, description = "The specification is correct; what it comes to", body = serde_json::Value),
         Problem

@@ -5,10 +5,10 @@
 
 use super::Shared;
 use super::problem::{Answer, Kind, Problem};
-use crate::specification::Specification;
 use axum::body::{Body, HttpBody};
 use axum::extract::{FromRequest, Request};
 use axum::http::{HeaderMap, header};
+use specification::Specification;
 use std::future::poll_fn;
 use std::pin::Pin;
 use std::sync::Arc;

@@ -2,11 +2,11 @@
 
 use super::path::Segment;
 use super::problem::{Answer, Kind, Problem};
-use crate::specification::{EXAMPLES, Example};
 use axum::Json;
 use axum::http::{HeaderName, header};
 use axum::response::IntoResponse;
 use serde::{Deserialize, Serialize};
+use specification::{EXAMPLES, Example};
 use utoipa::ToSchema;
 
 /// An example in the list.
@@ -48,7 +48,7 @@ pub async fn list_examples() -> Json<Vec<Entry>> {
     path = "/examples/{name}",
     tag = "catalogue",
     params(("name" = String, Path, description = "A name from the list")),
-    responses((status = 200, description = "A specification", body = crate::specification::Document), Problem)
+    responses((status = 200, description = "A specification", body = specification::Document), Problem)
 )]
 pub async fn find_example(Segment(name): Segment) -> Answer<impl IntoResponse> {
     const JSON: [(HeaderName, &str); 1] = [(header::CONTENT_TYPE, "application/json")];

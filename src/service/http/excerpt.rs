@@ -2,9 +2,9 @@
 
 use super::problem::Problem;
 use super::query::Query;
-use crate::solution::Excerpt;
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
+use solution::Excerpt;
 
 /// The part that the address asks for; nothing for the whole.
 #[derive(Clone, Debug, PartialEq)]

@@ -56,5 +56,5 @@ pub async fn check_readiness(State(shared): State<Shared>) -> Answer<Json<Well>>
     responses((status = 200, description = "Name and version", body = Version), Problem)
 )]
 pub async fn find_version() -> Json<Version> {
-    Json(Version { name: env!("CARGO_PKG_NAME"), version: env!("CARGO_PKG_VERSION") })
+    Json(Version { name: "dvi", version: env!("CARGO_PKG_VERSION") })
 }

@@ -6,7 +6,7 @@ use super::problem::{Answer, Problem};
 use super::query::Query;
 use super::status::StatusInfo;
 use super::{Shared, no_store};
-use crate::service::jobs::JobId;
+use crate::jobs::JobId;
 use axum::Json;
 use axum::extract::{FromRequestParts, State};
 use axum::http::request::Parts;

@@ -4,7 +4,7 @@ use super::path::Named;
 use super::problem::{Answer, Kind, Problem};
 use super::status::StatusInfo;
 use super::{Shared, no_store};
-use crate::service::jobs::JobId;
+use crate::jobs::JobId;
 use axum::Json;
 use axum::body::Bytes;
 use axum::extract::State;
@@ -30,7 +30,7 @@ pub async fn find_job(State(shared): State<Shared>, Named(job): Named) -> impl I
     path = "/jobs/{id}/specification",
     tag = "jobs",
     params(("id" = String, Path, description = "The id of a job, as `Location` gave it")),
-    responses((status = 200, description = "What was posted", body = crate::specification::Document), Problem)
+    responses((status = 200, description = "What was posted", body = specification::Document), Problem)
 )]
 pub async fn find_specification(State(shared): State<Shared>, Named(job): Named) -> Answer<impl IntoResponse> {
     let document = shared.jobs.document(&job).map_err(|error| unreadable(job.id, &error))?;

@@ -2,11 +2,11 @@
 
 use super::Shared;
 use super::problem::Problem;
-use crate::service::options::Bound;
-use crate::specification::{Catalogue, catalogue};
+use crate::options::Bound;
 use axum::Json;
 use axum::extract::State;
 use serde::Serialize;
+use specification::{Catalogue, catalogue};
 
 /// The catalogue of solves, and the bounds of the service beside it.
 #[derive(Debug, Serialize)]

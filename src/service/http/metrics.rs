@@ -2,7 +2,7 @@
 
 use super::Shared;
 use super::problem::Problem;
-use crate::service::places;
+use crate::places;
 use axum::extract::State;
 use axum::http::{HeaderName, header};
 use axum::response::IntoResponse;

@@ -31,7 +31,7 @@ static PAGE: LazyLock<String> = LazyLock::new(|| docs::page(&DESCRIPTION));
 #[derive(OpenApi)]
 #[openapi(
     info(title = "dvi", description = "Differential variational inequalities, solved with evidence."),
-    components(schemas(crate::specification::Document, Problem)),
+    components(schemas(specification::Document, Problem)),
     tags(
         (name = "solve", description = "Solve and check specifications"),
         (name = "jobs", description = "What was accepted, from its acceptance until it is forgotten"),

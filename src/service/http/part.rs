@@ -2,10 +2,10 @@
 
 use super::jobs::unreadable;
 use super::problem::{Kind, Problem};
-use crate::service::jobs::{JobId, Results};
-use crate::solution::{Diagnostics, Excerpt, Failure, NoSuchField, Solution, Status, Trajectory, Verdict};
+use crate::jobs::{JobId, Results};
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
+use solution::{Diagnostics, Excerpt, Failure, NoSuchField, Solution, Status, Trajectory, Verdict};
 use std::sync::Arc;
 
 /// The whole of results, or a part.

@@ -3,7 +3,7 @@
 use super::Shared;
 use super::access::Sight;
 use super::problem::{Kind, Problem};
-use crate::service::jobs::{Job, JobId};
+use crate::jobs::{Job, JobId};
 use axum::extract::{FromRequestParts, RawPathParams};
 use axum::http::request::Parts;
 use std::convert::Infallible;

@@ -2,11 +2,11 @@
 //! (RFC 9457). The `type` of a problem is the address of its row.
 
 use super::retry_after;
-use crate::service::jobs::{Fault, JobId, Refusal, Unwritable};
-use crate::specification::SpecificationError;
+use crate::jobs::{Fault, JobId, Refusal, Unwritable};
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::{Serialize, Serializer};
+use specification::SpecificationError;
 use std::time::Duration;
 use utoipa::ToSchema;
 

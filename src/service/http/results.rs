@@ -13,12 +13,12 @@ use super::problem::{Answer, Kind, Problem};
 use super::representation::Representation;
 use super::security::PICTURE;
 use super::{Shared, no_store};
-use crate::service::jobs::{self, Ended, Ending, Job, Timing};
-use crate::solution::Excerpt;
-use crate::solution::Solution;
+use crate::jobs::{self, Ended, Ending, Job, Timing};
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use solution::Excerpt;
+use solution::Solution;
 use std::hash::{DefaultHasher, Hash, Hasher};
 
 /// Fetch the results of a job.

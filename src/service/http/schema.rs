@@ -4,7 +4,7 @@ use super::problem::Problem;
 use axum::http::{HeaderName, header};
 use axum::response::IntoResponse;
 
-const SCHEMA: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/api/specification.schema.json"));
+const SCHEMA: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../../api/specification.schema.json"));
 const CONTENT_TYPE: [(HeaderName, &str); 1] = [(header::CONTENT_TYPE, "application/schema+json")];
 
 /// Fetch the JSON Schema of a specification.

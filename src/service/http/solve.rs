@@ -11,13 +11,13 @@ use super::results::represent;
 use super::solve_stream::{self, Delivery};
 use super::status::StatusInfo;
 use super::{Shared, no_store, retry_after};
-use crate::service::jobs::{self, Client, Ended, Job, Jobs, Key, Order};
-use crate::solution::Solution;
+use crate::jobs::{self, Client, Ended, Job, Jobs, Key, Order};
 use axum::Json;
 use axum::extract::{FromRequestParts, State};
 use axum::http::request::Parts;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
+use solution::Solution;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::runtime::Handle;
@@ -28,7 +28,7 @@ use tokio::time::timeout;
     post,
     path = "/solve",
     tag = "solve",
-    request_body(content = crate::specification::Document, content_type = "application/json"),
+    request_body(content = specification::Document, content_type = "application/json"),
     params(
         ("prefer" = Option<String>, Header, description = "`wait=N` seconds, at most 60, or `respond-async`"),
         ("idempotency-key" = Option<String>, Header, description = "The same key and body give the same job")

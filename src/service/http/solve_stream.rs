@@ -9,7 +9,7 @@ use super::problem::{Answer, Kind, Problem};
 use super::representation::Representation;
 use super::results::represent;
 use super::solve::Departure;
-use crate::service::jobs::{self, Job};
+use crate::jobs::{self, Job};
 use axum::body::HttpBody;
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;

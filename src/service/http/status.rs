@@ -1,10 +1,10 @@
 //! The state of a job on the wire: the `statusInfo` of OGC API - Processes, part 1.
 
 use super::problem::Problem;
-use crate::service::jobs::{Ended, Ending, Job, Jobs, State};
-use crate::specification::Time;
+use crate::jobs::{Ended, Ending, Job, Jobs, State};
 use jiff::Timestamp;
 use serde::Serialize;
+use specification::Time;
 use utoipa::ToSchema;
 
 /// Where a job stands.

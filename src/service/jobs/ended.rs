@@ -1,9 +1,9 @@
 //! The end of a job: how it ended, how far it came, and where its results are.
 
 use super::Results;
-use crate::solution::{Solution, Status};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
+use solution::{Solution, Status};
 use std::sync::Arc;
 use std::time::Duration;
 

@@ -7,9 +7,9 @@
 
 use super::job::Job;
 use super::{Jobs, Order};
-use crate::models::Model;
-use crate::solution::Status;
-use crate::specification::Specification;
+use models::Model;
+use solution::Status;
+use specification::Specification;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::Duration;

@@ -13,9 +13,9 @@
 use super::ended::{Ended, Ending, Timing};
 use super::idempotency::Key;
 use super::{Client, Record};
-use crate::problem::Control;
-use crate::specification::{Specification, Time};
 use jiff::Timestamp;
+use problem::Control;
+use specification::{Specification, Time};
 use std::fmt;
 use std::str::FromStr;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

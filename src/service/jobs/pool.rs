@@ -45,13 +45,13 @@ impl Drop for Pool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::service::Options;
+    use crate::Options;
     use std::time::{Duration, Instant};
 
     #[test]
     fn workers_leave_when_the_pool_is_dropped() {
         let jobs =
-            Arc::new(Jobs::open(Options::default().bounds(), Arc::new(crate::solve), None, Arc::default()).unwrap());
+            Arc::new(Jobs::open(Options::default().bounds(), Arc::new(study::solve), None, Arc::default()).unwrap());
         let pool = Pool::start(&jobs, NonZeroUsize::MIN).unwrap();
         let held = Arc::downgrade(&jobs);
         drop((pool, jobs));

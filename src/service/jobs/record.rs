@@ -4,9 +4,9 @@ use super::Client;
 use super::ended::Ended;
 use super::idempotency::Key;
 use super::job::{Halt, Job, Life, State};
-use crate::specification::Time;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
+use specification::Time;
 
 /// A row.
 #[derive(Clone, Debug, Serialize, Deserialize)]

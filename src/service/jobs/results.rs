@@ -1,7 +1,7 @@
 //! What a solve leaves behind: its JSON, which is written once, on the worker's thread, so that no connection waits
 //! for the encoding of another's result; and the solution, in hand after a solve and read back where it is needed.
 
-use crate::solution::{Solution, encodings};
+use solution::{Solution, encodings};
 use std::io;
 use std::sync::OnceLock;
 

@@ -2,7 +2,7 @@
 //! batches of columns of doubles, none of them null, and the mark of the end.
 
 use super::Table;
-use crate::solution::Trajectory;
+use crate::Trajectory;
 use arrow_array::{ArrayRef, Float64Array, RecordBatch};
 use arrow_ipc::writer::StreamWriter;
 use arrow_schema::{ArrowError, DataType, Schema};
@@ -64,7 +64,7 @@ fn broken(error: ArrowError) -> io::Error {
 mod tests {
     use super::super::write_table;
     use super::*;
-    use crate::solution::Field;
+    use crate::Field;
     use arrow_array::cast::AsArray;
     use arrow_array::types::Float64Type;
     use arrow_ipc::reader::StreamReader;

@@ -1,7 +1,7 @@
 //! CSV (RFC 4180, lines ended by a line feed): the header `t,name,...`, then a row a time.
 
 use super::Table;
-use crate::solution::Trajectory;
+use crate::Trajectory;
 use std::io::{self, Write};
 use std::ops::Range;
 

@@ -1,7 +1,7 @@
 //! JSON lines (`application/x-ndjson`): a row a time, `{"t":...,"name":...}`, each an object on a line of its own.
 
 use super::Table;
-use crate::solution::Trajectory;
+use crate::Trajectory;
 use serde::ser::{Serialize, SerializeMap, Serializer};
 use std::io::{self, Write};
 use std::ops::Range;

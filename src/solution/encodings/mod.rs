@@ -97,8 +97,8 @@ pub fn write_table(table: &mut dyn Table, trajectory: &Trajectory, out: &mut dyn
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::solution::Verdict;
-    use crate::solution::{Diagnostics, Event, EventKind, Failure, Field, Status};
+    use crate::Verdict;
+    use crate::{Diagnostics, Event, EventKind, Failure, Field, Status};
 
     fn field(name: &str, values: &[f64]) -> Field {
         Field { name: name.to_owned(), values: values.to_vec() }

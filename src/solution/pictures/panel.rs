@@ -4,7 +4,7 @@ use super::axis::Axis;
 use super::elements::{line, text};
 use super::legend::{COLOURS, names, polyline};
 use super::thinning::thin;
-use crate::solution::Field;
+use crate::Field;
 use svg::node::element::Group;
 
 /// Lines in a panel.

@@ -1,7 +1,7 @@
 //! Pictures are read back by an independent reader of XML.
 
 use super::*;
-use crate::solution::{Diagnostics, Failure, Series, Study, StudyRun, Trajectory, Verdict};
+use crate::{Diagnostics, Failure, Series, Study, StudyRun, Trajectory, Verdict};
 use roxmltree::Node;
 
 fn solution(t: Vec<f64>, columns: Vec<Vec<f64>>) -> Solution {

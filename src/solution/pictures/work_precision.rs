@@ -2,7 +2,7 @@
 //! further to the lower left its line.
 
 use super::double_logarithmic::{Curve, double_logarithmic};
-use crate::solution::{Series, StudyRun};
+use crate::{Series, StudyRun};
 
 /// Errors below this are rounding, and shown at it.
 const LEAST_ERROR: f64 = 1e-17;

@@ -1,6 +1,6 @@
 //! The components of a circuit as they are written.
 
-use crate::specification::expression::Expression;
+use crate::expression::Expression;
 use serde::Deserialize;
 use utoipa::ToSchema;
 

@@ -1,8 +1,8 @@
 //! What is wrong with a circuit, in the words of its components.
 
-use crate::models::circuit::Fault;
-use crate::specification::error::SpecificationError;
-use crate::specification::wording::abridged;
+use crate::error::SpecificationError;
+use crate::wording::abridged;
+use models::circuit::Fault;
 
 /// The names in a circuit, and where its components stand.
 pub(super) struct Names<'a> {

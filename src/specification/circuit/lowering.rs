@@ -3,13 +3,13 @@
 use super::components::*;
 use super::faults::Names;
 use super::{CircuitProblem, MOST_COMPONENTS, model, netlist};
-use crate::models::Model;
-use crate::models::circuit::{Element, Law};
-use crate::specification::error::SpecificationError;
-use crate::specification::expression::Expression;
-use crate::specification::lowering::Lowering;
-use crate::specification::place::Place;
-use crate::specification::wording::abridged;
+use crate::error::SpecificationError;
+use crate::expression::Expression;
+use crate::lowering::Lowering;
+use crate::place::Place;
+use crate::wording::abridged;
+use models::Model;
+use models::circuit::{Element, Law};
 use std::collections::HashMap;
 
 /// The name of ground.
@@ -17,7 +17,7 @@ pub(super) const GROUND: &str = "0";
 
 impl CircuitProblem {
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(in crate::specification) fn lower(&self, place: &Place<'_>, start: Option<f64>) -> (Lowering, Option<Model>) {
+    pub(crate) fn lower(&self, place: &Place<'_>, start: Option<f64>) -> (Lowering, Option<Model>) {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let model = match (&self.components, &self.netlist) {
             (Some(components), None) => {
@@ -185,7 +185,7 @@ impl Circuit<'_> {
         value
     }
 
-    fn node(&self, k: usize, key: &str, expression: &Expression, lowering: &mut Lowering) -> crate::expression::Node {
+    fn node(&self, k: usize, key: &str, expression: &Expression, lowering: &mut Lowering) -> expression::Node {
         let mut node = None;
         self.within(k, key, |place| node = lowering.node(expression, place));
         node.unwrap_or_else(|| lowering.graph.constant(0.0))

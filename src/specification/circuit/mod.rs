@@ -1,5 +1,5 @@
 //! The electrical circuit: a list of components, or a netlist that is read into one. The equations are those of
-//! [`models::circuit`](crate::models::circuit).
+//! [`models::circuit`](models::circuit).
 
 mod components;
 mod faults;

@@ -1,12 +1,12 @@
 //! The model that the equations of a circuit make, with its names and outputs.
 
 use super::faults::Names;
-use crate::expression::Node;
-use crate::models::circuit::{Columns, Element, Equations as Forms, Fault, Law, NormalTree, Port, System};
-use crate::models::{DviModel, Equations, Linear, Model, Outputs};
-use crate::specification::error::SpecificationError;
-use crate::specification::lowering::Lowering;
-use crate::specification::start;
+use crate::error::SpecificationError;
+use crate::lowering::Lowering;
+use crate::start;
+use expression::Node;
+use models::circuit::{Columns, Element, Equations as Forms, Fault, Law, NormalTree, Port, System};
+use models::{DviModel, Equations, Linear, Model, Outputs};
 
 /// The model of a circuit whose components are right each by itself.
 ///

@@ -6,13 +6,13 @@
 //! ```
 
 use super::{FractionalKernel, KernelOfTime};
-use crate::convolution::{Function, Kernel, Term};
-use crate::expression::{ExpressionError, Node, Tape};
-use crate::specification::error::SpecificationError;
-use crate::specification::expression::Expression;
-use crate::specification::lowering::Lowering;
-use crate::specification::matrix::Matrix;
-use crate::specification::place::Place;
+use crate::error::SpecificationError;
+use crate::expression::Expression;
+use crate::lowering::Lowering;
+use crate::matrix::Matrix;
+use crate::place::Place;
+use convolution::{Function, Kernel, Term};
+use expression::{ExpressionError, Node, Tape};
 use nalgebra::DMatrix;
 use rustc_hash::FxHashMap;
 

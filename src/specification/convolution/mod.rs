@@ -1,5 +1,5 @@
 //! A problem with memory: an inequality for the convolution of the variables with a kernel. The equations are those of
-//! [`models::ConvolutionModel`](crate::models::ConvolutionModel).
+//! [`models::ConvolutionModel`](models::ConvolutionModel).
 
 mod kernel;
 mod plan;
@@ -15,10 +15,10 @@ use super::ordered::Ordered;
 use super::place::Place;
 use super::set::{self, Block, LoweredSet};
 use super::start;
-use crate::models::{ConvolutionModel, DviModel, Equations, Model, Outputs, Rows, Symbolic};
-use crate::problem::{Mass, Workspace};
-use crate::solution::Warning;
+use models::{ConvolutionModel, DviModel, Equations, Model, Outputs, Rows, Symbolic};
+use problem::{Mass, Workspace};
 use serde::Deserialize;
+use solution::Warning;
 use utoipa::ToSchema;
 
 /// `z in K`, `<(m * z)(t) + q(t), z~ - z> >= 0` for all `z~ in K`, with `(m * z)(t)` the integral of `m(t - s) z(s)` over `s`

@@ -1,14 +1,14 @@
 //! From a checked problem with memory to what its run is told. All values are remembered, so that memory bounds the steps.
 
-use crate::convolution::Settings;
-use crate::models::ConvolutionModel;
-use crate::solution::{ConvolutionPlan, Mesh};
-use crate::specification::checked::Specification;
-use crate::specification::document::Time;
-use crate::specification::error::{Errors, SpecificationError};
-use crate::specification::method::Method;
-use crate::specification::plan::{VI_TOLERANCE, solver};
-use crate::specification::stages::Stages;
+use crate::checked::Specification;
+use crate::document::Time;
+use crate::error::{Errors, SpecificationError};
+use crate::method::Method;
+use crate::plan::{VI_TOLERANCE, solver};
+use crate::stages::Stages;
+use convolution::Settings;
+use models::ConvolutionModel;
+use solution::{ConvolutionPlan, Mesh};
 
 /// The numbers that a run may keep: 512 MiB of them.
 const MOST_NUMBERS: usize = 1 << 26;
@@ -42,7 +42,7 @@ impl Specification {
     }
 
     /// The numbers that the first run keeps.
-    pub(in crate::specification) fn convolution_numbers(&self, model: &ConvolutionModel) -> usize {
+    pub(crate) fn convolution_numbers(&self, model: &ConvolutionModel) -> usize {
         let steps = match self.convolution_plan(model).mesh {
             Mesh::Fixed(steps) | Mesh::Halved { first: steps, .. } => steps,
         };

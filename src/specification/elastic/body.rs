@@ -1,14 +1,14 @@
 //! Shapes and materials.
 
 use super::{ElasticProblem, MOST_DISPLACEMENTS};
-use crate::models::elastic::Lame;
-use crate::models::finite_elements::{Axis, Grid};
-use crate::specification::directions::DIRECTIONS;
-use crate::specification::error::SpecificationError;
-use crate::specification::expression::Expression;
-use crate::specification::lowering::Lowering;
-use crate::specification::place::Place;
-use crate::specification::range::{in_range, positive};
+use crate::directions::DIRECTIONS;
+use crate::error::SpecificationError;
+use crate::expression::Expression;
+use crate::lowering::Lowering;
+use crate::place::Place;
+use crate::range::{in_range, positive};
+use models::elastic::Lame;
+use models::finite_elements::{Axis, Grid};
 use serde::Deserialize;
 use utoipa::ToSchema;
 

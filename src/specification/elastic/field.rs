@@ -1,12 +1,12 @@
 //! Expressions in time and place, at the nodes of a grid.
 
-use crate::expression::Node;
-use crate::models::finite_elements::Grid;
-use crate::specification::directions::DIRECTIONS;
-use crate::specification::error::SpecificationError;
-use crate::specification::expression::Expression;
-use crate::specification::lowering::Lowering;
-use crate::specification::place::Place;
+use crate::directions::DIRECTIONS;
+use crate::error::SpecificationError;
+use crate::expression::Expression;
+use crate::lowering::Lowering;
+use crate::place::Place;
+use expression::Node;
+use models::finite_elements::Grid;
 
 /// The expression at a point, in `t` alone; zero where there is none, which is reported.
 pub(super) struct Field<'a> {

@@ -3,12 +3,12 @@
 use super::ElasticProblem;
 use super::body::Geometry;
 use super::field::Field;
-use crate::expression::Node;
-use crate::models::finite_elements::{Element, Quadrature};
-use crate::specification::error::SpecificationError;
-use crate::specification::expression::Expression;
-use crate::specification::lowering::Lowering;
-use crate::specification::place::Place;
+use crate::error::SpecificationError;
+use crate::expression::Expression;
+use crate::lowering::Lowering;
+use crate::place::Place;
+use expression::Node;
+use models::finite_elements::{Element, Quadrature};
 use serde::Deserialize;
 use utoipa::ToSchema;
 

@@ -1,5 +1,5 @@
 //! Elastic and viscoelastic bodies in dynamic contact. The equations are those of
-//! [`models::elastic`](crate::models::elastic).
+//! [`models::elastic`](models::elastic).
 
 mod body;
 mod contact;
@@ -20,11 +20,11 @@ use super::lowering::Lowering;
 use super::ordered::Ordered;
 use super::place::Place;
 use super::start;
-use crate::models::elastic::{Continuum, semidiscretise};
-use crate::models::{DviModel, Equations, Linear, Model};
-use crate::solution::Warning;
 use body::Geometry;
+use models::elastic::{Continuum, semidiscretise};
+use models::{DviModel, Equations, Linear, Model};
 use serde::Deserialize;
+use solution::Warning;
 use utoipa::ToSchema;
 
 /// A string, a bar, a rectangle or a box in small displacements, which obstacles bound: `rho u_tt = div s + f` with

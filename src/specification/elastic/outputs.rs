@@ -2,13 +2,13 @@
 
 use super::ElasticProblem;
 use super::body::Geometry;
-use crate::expression::Node;
-use crate::models::Outputs;
-use crate::models::elastic::{ContactNode, Continuum, Place as Unknown, Rough, Semidiscrete, Slip};
-use crate::specification::directions::DIRECTIONS;
-use crate::specification::error::SpecificationError;
-use crate::specification::lowering::Lowering;
-use crate::specification::place::Place;
+use crate::directions::DIRECTIONS;
+use crate::error::SpecificationError;
+use crate::lowering::Lowering;
+use crate::place::Place;
+use expression::Node;
+use models::Outputs;
+use models::elastic::{ContactNode, Continuum, Place as Unknown, Rough, Semidiscrete, Slip};
 
 /// The names of states and variables.
 pub(super) struct Names {

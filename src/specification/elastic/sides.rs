@@ -2,12 +2,12 @@
 
 use super::ElasticProblem;
 use super::body::Geometry;
-use crate::expression::nearest;
-use crate::models::finite_elements::Side;
-use crate::specification::error::SpecificationError;
-use crate::specification::lowering::Lowering;
-use crate::specification::place::Place;
-use crate::specification::wording::{abridged, listed};
+use crate::error::SpecificationError;
+use crate::lowering::Lowering;
+use crate::place::Place;
+use crate::wording::{abridged, listed};
+use expression::nearest;
+use models::finite_elements::Side;
 
 impl Geometry {
     /// The side of that name; what is none is reported.

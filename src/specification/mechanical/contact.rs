@@ -5,8 +5,8 @@ use super::super::expression::Expression;
 use super::super::lowering::Lowering;
 use super::super::place::Place;
 use super::super::wording::{abridged, listed};
-use crate::expression::{Node, Scope, nearest};
-use crate::problem::ContactData;
+use expression::{Node, Scope, nearest};
+use problem::ContactData;
 use serde::Deserialize;
 use utoipa::ToSchema;
 

@@ -18,9 +18,9 @@ use super::lowering::Lowering;
 use super::matrix::Matrix;
 use super::ordered::Ordered;
 use super::place::Place;
-use crate::expression::Node;
-use crate::models::{MechanicalModel, MechanicalRows, Model, SymbolicMechanics, Underivable};
 use contact::LoweredContacts;
+use expression::Node;
+use models::{MechanicalModel, MechanicalRows, Model, SymbolicMechanics, Underivable};
 use serde::Deserialize;
 use utoipa::ToSchema;
 
@@ -81,7 +81,7 @@ const MOST_CONSTRAINTS: usize = 400;
 
 impl MechanicalProblem {
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(in crate::specification) fn lower(&self, place: &Place<'_>, start: Option<f64>) -> (Lowering, Option<Model>) {
+    pub(crate) fn lower(&self, place: &Place<'_>, start: Option<f64>) -> (Lowering, Option<Model>) {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let n = self.coordinates.len();
         if n == 0 {

@@ -4,10 +4,10 @@
 use super::super::error::{Errors, SpecificationError};
 use super::super::place::Place;
 use super::Interpenetration;
-use crate::contact::{ImpactLaw, State, VelocityStep};
-use crate::models::MechanicalModel;
-use crate::problem::{Constraints, Control};
+use contact::{ImpactLaw, State, VelocityStep};
+use models::MechanicalModel;
 use nalgebra::DMatrix;
+use problem::{Constraints, Control};
 
 /// A gap or joint off by less than this, in units of the coordinates, is rounding of what the user wrote.
 const ROUNDING: f64 = 1e-9;

@@ -1,12 +1,12 @@
 //! A coefficient that may differ from direction to direction.
 
 use super::field;
-use crate::models::obstacle::Field;
-use crate::specification::directions::{missing, surplus};
-use crate::specification::error::SpecificationError;
-use crate::specification::expression::Expression;
-use crate::specification::lowering::Lowering;
-use crate::specification::place::Place;
+use crate::directions::{missing, surplus};
+use crate::error::SpecificationError;
+use crate::expression::Expression;
+use crate::lowering::Lowering;
+use crate::place::Place;
+use models::obstacle::Field;
 use serde::Deserialize;
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{Deserializer, Error, MapAccess, Visitor};

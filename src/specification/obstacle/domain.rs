@@ -1,12 +1,12 @@
 //! The domain, divided into elements.
 
-use crate::models::finite_elements::{Axis, Grid};
-use crate::specification::directions::DIRECTIONS;
-use crate::specification::elements::Elements;
-use crate::specification::error::SpecificationError;
-use crate::specification::expression::Expression;
-use crate::specification::lowering::Lowering;
-use crate::specification::place::Place;
+use crate::directions::DIRECTIONS;
+use crate::elements::Elements;
+use crate::error::SpecificationError;
+use crate::expression::Expression;
+use crate::lowering::Lowering;
+use crate::place::Place;
+use models::finite_elements::{Axis, Grid};
 use serde::Deserialize;
 use utoipa::ToSchema;
 

@@ -1,5 +1,5 @@
 //! The parabolic obstacle problem: domain, coefficients, obstacles, sides. The equations are those of
-//! [`models::obstacle`](crate::models::obstacle).
+//! [`models::obstacle`](models::obstacle).
 
 mod directions;
 mod domain;
@@ -17,12 +17,12 @@ use super::expression::Expression;
 use super::lowering::Lowering;
 use super::ordered::Ordered;
 use super::place::Place;
-use crate::models::Model;
-use crate::models::finite_elements::{Grid, Quadrature};
-use crate::models::obstacle::{Cause, Field, Obstacle, Probe, Semidiscrete, largest_peclet};
-use crate::problem::Control;
-use crate::solution::Warning;
+use models::Model;
+use models::finite_elements::{Grid, Quadrature};
+use models::obstacle::{Cause, Field, Obstacle, Probe, Semidiscrete, largest_peclet};
+use problem::Control;
 use serde::Deserialize;
+use solution::Warning;
 use utoipa::ToSchema;
 
 /// A parabolic equation between obstacles: `u_t - div(a grad u) + b . grad u + c u = f` where `u` touches none. Beside the

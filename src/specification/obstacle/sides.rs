@@ -1,11 +1,11 @@
 //! What is given on the sides of the domain.
 
 use super::field;
-use crate::models::finite_elements::Side;
-use crate::models::obstacle::{Condition, Field};
-use crate::specification::expression::Expression;
-use crate::specification::lowering::Lowering;
-use crate::specification::place::Place;
+use crate::expression::Expression;
+use crate::lowering::Lowering;
+use crate::place::Place;
+use models::finite_elements::Side;
+use models::obstacle::{Condition, Field};
 use serde::Deserialize;
 use utoipa::ToSchema;
 

@@ -3,17 +3,17 @@
 use super::shapes::RigidShape;
 use super::vectors::{self, Vector};
 use super::{Material, Ordered};
-use crate::expression::nearest;
-use crate::models::rigid_bodies::{Body, Collider, Shape};
-use crate::solution::Warning;
-use crate::specification::error::SpecificationError;
-use crate::specification::expression::Expression;
-use crate::specification::lowering::Lowering;
-use crate::specification::place::Place;
-use crate::specification::range;
-use crate::specification::wording::{abridged, listed};
+use crate::error::SpecificationError;
+use crate::expression::Expression;
+use crate::lowering::Lowering;
+use crate::place::Place;
+use crate::range;
+use crate::wording::{abridged, listed};
+use expression::nearest;
+use models::rigid_bodies::{Body, Collider, Shape};
 use nalgebra::{Isometry3, Matrix3, Quaternion, UnitQuaternion, Vector3};
 use serde::Deserialize;
+use solution::Warning;
 use utoipa::ToSchema;
 
 /// A rigid body.

@@ -1,15 +1,15 @@
 //! What holds where bodies touch: friction and restitution, by pairs of materials.
 
 use super::{Expression, Ordered};
-use crate::contact::law::Cone;
-use crate::expression::nearest;
-use crate::models::rigid_bodies::{Law, Laws};
-use crate::specification::error::SpecificationError;
-use crate::specification::lowering::Lowering;
-use crate::specification::mechanical::ConeName;
-use crate::specification::place::Place;
-use crate::specification::range::in_range;
-use crate::specification::wording::{abridged, listed};
+use crate::error::SpecificationError;
+use crate::lowering::Lowering;
+use crate::mechanical::ConeName;
+use crate::place::Place;
+use crate::range::in_range;
+use crate::wording::{abridged, listed};
+use contact::law::Cone;
+use expression::nearest;
+use models::rigid_bodies::{Law, Laws};
 use serde::Deserialize;
 use utoipa::ToSchema;
 

@@ -1,13 +1,13 @@
 //! Joints, placed in the world as it is at the start.
 
 use super::vectors::{self, Vector};
-use crate::expression::nearest;
-use crate::models::rigid_bodies::{self, Body, JointKind, Scene};
-use crate::specification::error::{Errors, SpecificationError};
-use crate::specification::expression::Expression;
-use crate::specification::lowering::Lowering;
-use crate::specification::place::Place;
-use crate::specification::wording::{abridged, listed};
+use crate::error::{Errors, SpecificationError};
+use crate::expression::Expression;
+use crate::lowering::Lowering;
+use crate::place::Place;
+use crate::wording::{abridged, listed};
+use expression::nearest;
+use models::rigid_bodies::{self, Body, JointKind, Scene};
 use nalgebra::{Unit, Vector3};
 use serde::Deserialize;
 use std::collections::HashMap;

@@ -1,8 +1,8 @@
 //! Bodies that overlap at the start, each pair by name.
 
-use crate::models::rigid_bodies::Scene;
-use crate::specification::error::{Errors, SpecificationError};
-use crate::specification::place::Place;
+use crate::error::{Errors, SpecificationError};
+use crate::place::Place;
+use models::rigid_bodies::Scene;
 
 /// Overlaps in parts of the size of the smaller body that are rounding.
 const ROUNDING: f64 = 1e-6;

@@ -1,12 +1,12 @@
 //! The shapes that a user may give a body.
 
 use super::vectors::{self, Vector};
-use crate::models::rigid_bodies::{Polyhedron, Shape};
-use crate::specification::error::SpecificationError;
-use crate::specification::expression::Expression;
-use crate::specification::lowering::Lowering;
-use crate::specification::place::Place;
-use crate::specification::range;
+use crate::error::SpecificationError;
+use crate::expression::Expression;
+use crate::lowering::Lowering;
+use crate::place::Place;
+use crate::range;
+use models::rigid_bodies::{Polyhedron, Shape};
 use nalgebra::Vector3;
 use serde::Deserialize;
 use utoipa::ToSchema;

@@ -1,9 +1,9 @@
 //! Vectors of three constants.
 
-use crate::specification::error::SpecificationError;
-use crate::specification::expression::Expression;
-use crate::specification::lowering::Lowering;
-use crate::specification::place::Place;
+use crate::error::SpecificationError;
+use crate::expression::Expression;
+use crate::lowering::Lowering;
+use crate::place::Place;
 use nalgebra::{Unit, Vector3};
 
 /// Three constant expressions.

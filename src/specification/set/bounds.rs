@@ -1,12 +1,12 @@
 //! Bounds that may vary with `t` and the states.
 
 use super::{BoxBlock, LoweredSet};
-use crate::expression::Node;
-use crate::problem::{MovingBound, Side};
-use crate::specification::error::SpecificationError;
-use crate::specification::expression::Expression;
-use crate::specification::lowering::Lowering;
-use crate::specification::place::Place;
+use crate::error::SpecificationError;
+use crate::expression::Expression;
+use crate::lowering::Lowering;
+use crate::place::Place;
+use expression::Node;
+use problem::{MovingBound, Side};
 
 impl LoweredSet {
     pub(super) fn bound(

@@ -2,10 +2,10 @@
 
 use super::bounds::bound_node;
 use super::{BallBlock, LoweredSet, PolyhedronBlock};
-use crate::problem::{MovingBound, Polyhedron, Shape, Side};
-use crate::specification::error::SpecificationError;
-use crate::specification::lowering::Lowering;
-use crate::specification::place::Place;
+use crate::error::SpecificationError;
+use crate::lowering::Lowering;
+use crate::place::Place;
+use problem::{MovingBound, Polyhedron, Shape, Side};
 
 /// The variables of one block: projections onto it are dense.
 const MOST_MEMBERS: usize = 1_000;

@@ -5,8 +5,8 @@ mod stability;
 
 use super::report::{Chapter, picture};
 use super::stability::Stability;
-use crate::solution::pictures::work_precision;
-use crate::solution::{Status, StudyRun};
+use solution::pictures::work_precision;
+use solution::{Status, StudyRun};
 use std::fmt::Write as _;
 
 /// The page; `peers` says which other programs ran beside.
@@ -99,8 +99,8 @@ fn escaped(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::solution::Series;
-    use crate::study::stability::{Finding, Outcome};
+    use crate::stability::{Finding, Outcome};
+    use solution::Series;
 
     #[test]
     fn a_page_holds_every_run_and_no_markup_of_a_title() {

@@ -1,12 +1,12 @@
 //! What was found at the limits: the table with its verdicts, the stability function in pictures, contraction, energy.
 
 use super::{escaped, number, table};
-use crate::solution::Status;
-use crate::solution::pictures::{Curve, double_logarithmic};
-use crate::study::contraction::Contraction;
-use crate::study::energies::Balance;
-use crate::study::linear_stability::Ray;
-use crate::study::stability::{Outcome, Stability, parts};
+use crate::contraction::Contraction;
+use crate::energies::Balance;
+use crate::linear_stability::Ray;
+use crate::stability::{Outcome, Stability, parts};
+use solution::Status;
+use solution::pictures::{Curve, double_logarithmic};
 
 /// Below this there is only rounding.
 const LEAST: f64 = 1e-17;

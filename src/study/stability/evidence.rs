@@ -1,10 +1,10 @@
 //! All that a report says of stability: the table, the stability function, contraction, and the energy of contacts.
 
 use super::{Outcome, cases, run};
-use crate::problem::Control;
-use crate::study::contraction::{Contraction, contractions};
-use crate::study::energies::{Balance, balances};
-use crate::study::linear_stability::{Ray, rays};
+use crate::contraction::{Contraction, contractions};
+use crate::energies::{Balance, balances};
+use crate::linear_stability::{Ray, rays};
+use problem::Control;
 use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};

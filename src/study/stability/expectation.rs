@@ -2,10 +2,10 @@
 //! warning, or a refusal with its code.
 
 use super::Case;
-use crate::solution::{EventKind, Solution, Status};
-use crate::specification::{Specification, SpecificationError};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
+use solution::{EventKind, Solution, Status};
+use specification::{Specification, SpecificationError};
 
 /// What is asked of a solution.
 #[derive(Clone, Debug, Deserialize)]
@@ -271,7 +271,7 @@ fn listed(codes: &[&str]) -> String {
 mod tests {
     use super::super::run;
     use super::*;
-    use crate::problem::Control;
+    use problem::Control;
 
     /// Whether `x = 2 - t` until it rests at zero, pushed by a variable, passes an expectation.
     fn passes(expectation: &str) -> bool {

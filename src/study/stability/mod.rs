@@ -7,11 +7,11 @@ mod expectation;
 pub use evidence::Stability;
 pub use expectation::{Answer, Events, Expectation, Finding, Refusal};
 
-use crate::problem::Control;
-use crate::solution::Solution;
-use crate::specification::Specification;
+use problem::Control;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
+use solution::Solution;
+use specification::Specification;
 use std::fmt::Write as _;
 use std::time::Instant;
 

@@ -6,7 +6,7 @@ use super::cyclic_reduction::CyclicReduction;
 use super::grid::{Coarser, Interpolation};
 use super::operator::Operator;
 use super::{COARSE_PASSES, Level, Unsuitable};
-use crate::problem::{Control, ConvexSet};
+use problem::{Control, ConvexSet};
 use std::sync::Arc;
 
 /// Tridiagonal matrices of so few rows are not coarsened further.

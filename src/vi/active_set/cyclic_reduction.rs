@@ -10,7 +10,7 @@
 
 use super::tridiagonal::Tridiagonal;
 use super::{Face, resting_place};
-use crate::problem::ConvexSet;
+use problem::ConvexSet;
 
 /// What rows `2k - 1` and `2k + 1` add to row `2k`.
 pub(super) struct CyclicReduction {

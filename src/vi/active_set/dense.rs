@@ -3,10 +3,10 @@
 
 use super::super::{AffineVi, Report, ViSolver};
 use super::ActiveSet;
-use crate::factorisation::SparseMatrix;
-use crate::problem::Control;
+use factorisation::SparseMatrix;
 use faer::sparse::Triplet;
 use nalgebra::DMatrix;
+use problem::Control;
 
 /// [`ActiveSet`] behind the interface of the other solvers. It allocates when the matrix changes.
 #[derive(Default)]

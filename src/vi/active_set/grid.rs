@@ -2,11 +2,11 @@
 //! the Galerkin matrix `P^T A P` (Trottenberg, Oosterlee and Schueller 2001, section 2.3.3 and appendix A.2.3).
 
 use super::Unsuitable;
-use crate::factorisation::SparseMatrix;
-use crate::problem::Control;
+use factorisation::SparseMatrix;
 use faer::Par;
 use faer::sparse::Triplet;
 use faer::sparse::linalg::matmul::sparse_sparse_matmul;
+use problem::Control;
 use std::sync::Arc;
 
 /// Grids of so few nodes are not coarsened further.

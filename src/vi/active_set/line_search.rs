@@ -11,7 +11,7 @@
 
 use super::super::fischer_burmeister::{Psi, psi};
 use super::{Face, Level};
-use crate::problem::{Control, ConvexSet};
+use problem::{Control, ConvexSet};
 
 /// The most steps; practical problems take five to thirty.
 const ITERATIONS: usize = 100;

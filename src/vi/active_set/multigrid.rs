@@ -8,8 +8,8 @@
 use super::Unsuitable;
 use super::grid::{Coarser, Interpolation};
 use super::sparse::restrict;
-use crate::factorisation::{Cholesky, SparseMatrix};
-use crate::problem::Control;
+use factorisation::{Cholesky, SparseMatrix};
+use problem::Control;
 use std::sync::Arc;
 
 /// Grids of so few nodes are solved by factorisation.

@@ -8,8 +8,8 @@ use super::grid::Coarser;
 use super::sparse::Sparse;
 use super::tridiagonal::Tridiagonal;
 use super::{Face, Unsuitable};
-use crate::factorisation::SparseMatrix;
-use crate::problem::Control;
+use factorisation::SparseMatrix;
+use problem::Control;
 
 #[expect(clippy::large_enum_variant, reason = "one of them lives as long as its stepper; a box would only add a hop")]
 pub(super) enum Operator {

@@ -5,8 +5,8 @@
 use super::grid::Coarser;
 use super::multigrid::Multigrid;
 use super::{Face, Unsuitable};
-use crate::factorisation::{Analysis, Cholesky, SparseLu, SparseMatrix};
-use crate::problem::{Control, ConvexSet};
+use factorisation::{Analysis, Cholesky, SparseLu, SparseMatrix};
+use problem::{Control, ConvexSet};
 
 pub(super) struct Sparse {
     matrix: SparseMatrix,

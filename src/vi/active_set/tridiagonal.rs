@@ -3,7 +3,7 @@
 //! solution by the library, and is all that a step in one dimension does.
 
 use super::Face;
-use crate::factorisation::SparseMatrix;
+use factorisation::SparseMatrix;
 
 #[derive(Clone, Debug)]
 pub(super) struct Tridiagonal {

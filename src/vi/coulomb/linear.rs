@@ -2,7 +2,7 @@
 //! analysis of the pattern kept between factorisations.
 
 use super::BlockMatrix;
-use crate::factorisation::{Analysis, DenseLu, SparseLu, SparseMatrix};
+use factorisation::{Analysis, DenseLu, SparseLu, SparseMatrix};
 use faer::sparse::SymbolicSparseColMat;
 use nalgebra::Matrix3;
 

@@ -16,9 +16,9 @@ use super::gauss_seidel::Sweeps;
 use super::newton::ProximalNewton;
 use super::scaling::{Residual, Scaling};
 use super::{CoulombProblem, Evidence, solve_contact};
-use crate::problem::Control;
-use crate::vi::Outcome;
+use crate::Outcome;
 use nalgebra::Vector3;
+use problem::Control;
 
 /// Sweeps between looks at the residual.
 const SWEEPS_AT_ONCE: usize = 10;

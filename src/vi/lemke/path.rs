@@ -3,8 +3,8 @@
 
 use super::ratio::{Block, Motion, NOISE, first_block};
 use super::{Ending, Face, Lemke, PIVOTS, PIVOTS_PER_VARIABLE, start};
-use crate::problem::Control;
-use crate::vi::{AffineVi, is_interrupted};
+use crate::{AffineVi, is_interrupted};
+use problem::Control;
 
 impl Lemke {
     /// Builds the tableau of the guessed active set and follows the path from there.

@@ -12,13 +12,13 @@
 //! variational inequality problem via the D-gap function*). Where that fails too, some iterations of Douglas-Rachford
 //! splitting give a new start, from a sequence of its own that converges for every monotone problem.
 
-use crate::problem::{Control, Derivative, Workspace};
-use crate::vi::elimination::solve_augmented;
-use crate::vi::gap::Gap;
-use crate::vi::gauge::Gauge;
-use crate::vi::splitting::Splitting;
-use crate::vi::{Accuracy, AffineVi, EXACT, Outcome, Report, is_interrupted};
+use crate::elimination::solve_augmented;
+use crate::gap::Gap;
+use crate::gauge::Gauge;
+use crate::splitting::Splitting;
+use crate::{Accuracy, AffineVi, EXACT, Outcome, Report, is_interrupted};
 use nalgebra::DMatrixViewMut;
+use problem::{Control, Derivative, Workspace};
 
 /// Newton steps in all.
 const ITERATIONS: usize = 200;
@@ -43,7 +43,7 @@ const SPLITTINGS: usize = 50;
 
 /// Newton over any set; see the module. It grows to the problems that it meets.
 #[derive(Debug, Default)]
-pub(in crate::vi) struct BlockNewton {
+pub(crate) struct BlockNewton {
     gauge: Gauge,
     gap: Gap,
     derivative: Derivative,

@@ -16,12 +16,12 @@
 //! descent, the gradient's (De Luca, Facchinei and Kanzow 1996, *A semismooth equation approach to the solution of
 //! nonlinear complementarity problems*; Facchinei and Pang 2003, sections 8.3 and 9.1). `S` is diagonal.
 
-use crate::problem::Control;
-use crate::vi::elimination::solve_augmented;
-use crate::vi::equilibration::Equilibration;
-use crate::vi::fischer_burmeister::psi;
-use crate::vi::{Accuracy, AffineVi, EXACT, Outcome, Report, TOLERANCE, is_interrupted};
+use crate::elimination::solve_augmented;
+use crate::equilibration::Equilibration;
+use crate::fischer_burmeister::psi;
+use crate::{Accuracy, AffineVi, EXACT, Outcome, Report, TOLERANCE, is_interrupted};
 use nalgebra::DMatrixViewMut;
+use problem::Control;
 
 /// Newton steps; practical problems take five to thirty.
 const ITERATIONS: usize = 100;

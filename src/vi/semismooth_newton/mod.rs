@@ -7,8 +7,8 @@ mod intervals;
 pub(super) use blocks::BlockNewton;
 
 use super::{AffineVi, Report, ViSolver};
-use crate::problem::Control;
 use intervals::IntervalNewton;
+use problem::Control;
 
 /// Semismooth Newton for every set.
 #[derive(Debug)]

@@ -2,9 +2,9 @@
 
 use super::super::{ActiveSet, Unsuitable};
 use super::*;
-use crate::factorisation::SparseMatrix;
-use crate::problem::Shape;
+use factorisation::SparseMatrix;
 use faer::sparse::Triplet;
+use problem::Shape;
 
 fn sparse(n: usize, entries: impl Iterator<Item = (usize, usize, f64)>) -> SparseMatrix {
     let triplets: Vec<_> = entries.map(|(i, j, value)| Triplet::new(i, j, value)).collect();

@@ -12,8 +12,8 @@ mod properties;
 mod sizes;
 
 use super::{AffineVi, BlockGaussSeidel, Conic, Lemke, Outcome, Report, SemismoothNewton, ViSolver};
-use crate::problem::{Control, ConvexSet, Polyhedron, Shape, Workspace};
 use nalgebra::{DMatrix, DVector};
+use problem::{Control, ConvexSet, Polyhedron, Shape, Workspace};
 
 const INFINITY: f64 = f64::INFINITY;
 

@@ -2,7 +2,7 @@
 
 use super::super::{ActiveSet, Unsuitable};
 use super::*;
-use crate::factorisation::SparseMatrix;
+use factorisation::SparseMatrix;
 use faer::sparse::Triplet;
 
 const SHAPES: [&[usize]; 2] = [&[160, 131], &[35, 31, 23]];

@@ -5,7 +5,7 @@
 //! angles to it, on which it then stands.
 
 use super::ContactPoint;
-use crate::models::rigid_bodies::shape::Shape;
+use crate::rigid_bodies::shape::Shape;
 use nalgebra::{Isometry3, Vector3};
 
 pub(super) fn contacts(

@@ -2,7 +2,7 @@
 //! library within tolerances that are too coarse here.
 
 use super::{Collider, ContactPoint};
-use crate::models::rigid_bodies::shape::Shape;
+use crate::rigid_bodies::shape::Shape;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use parry3d_f64::math::{Pose, Rot3, Vector};
 use parry3d_f64::query::{ContactManifold, DefaultQueryDispatcher, PersistentQueryDispatcher};

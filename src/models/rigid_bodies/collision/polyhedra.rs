@@ -7,7 +7,7 @@
 //! that separates no better than by rounding, so that resting contacts keep their patch.
 
 use super::ContactPoint;
-use crate::models::rigid_bodies::polyhedron::{Face, Polyhedron};
+use crate::rigid_bodies::polyhedron::{Face, Polyhedron};
 use nalgebra::{Isometry3, Vector3};
 
 /// What counts as rounding against the size of the bodies.

@@ -2,7 +2,7 @@
 //! rounding overlaps, so that the normal has all its digits in contact.
 
 use super::ContactPoint;
-use crate::models::rigid_bodies::shape::Shape;
+use crate::rigid_bodies::shape::Shape;
 use nalgebra::{Isometry3, Vector3};
 
 /// A sphere against any convex shape but a half space.

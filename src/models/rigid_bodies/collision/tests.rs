@@ -1,7 +1,7 @@
 //! Contacts against closed forms, and against the library where both have an answer.
 
 use super::*;
-use crate::models::rigid_bodies::polyhedron::Polyhedron;
+use crate::rigid_bodies::polyhedron::Polyhedron;
 use nalgebra::{Translation3, UnitQuaternion};
 
 fn at(x: f64, y: f64, z: f64) -> Isometry3<f64> {

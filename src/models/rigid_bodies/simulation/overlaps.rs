@@ -3,8 +3,8 @@
 use super::super::contact::Contact;
 use super::super::scene::Scene;
 use super::{Simulation, StepFailure};
-use crate::problem::Control;
 use nalgebra::Vector3;
+use problem::Control;
 
 /// Overlaps that are left alone, and gaps that are none, in parts of the smaller body's size.
 const OVERLAP: f64 = 5e-7;

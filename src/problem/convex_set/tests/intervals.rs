@@ -1,4 +1,4 @@
-use crate::problem::ConvexSet;
+use crate::ConvexSet;
 use proptest::prelude::*;
 
 fn interval() -> impl Strategy<Value = (f64, f64)> {

@@ -16,9 +16,9 @@ mod waveform;
 
 use super::components::*;
 use super::lowering::GROUND;
-use crate::specification::error::SpecificationError;
-use crate::specification::expression::Expression;
-use crate::specification::place::Place;
+use crate::error::SpecificationError;
+use crate::expression::Expression;
+use crate::place::Place;
 use std::collections::HashMap;
 use tokens::{Token, statements};
 use value::value;

@@ -1,7 +1,7 @@
 //! The words of a netlist. Blanks, commas and parentheses part them; `=` is a word of its own. A line that begins with
 //! `*` is a comment, as is what stands after `;`; one that begins with `+` goes on with the line before.
 
-use crate::specification::wording::abridged;
+use crate::wording::abridged;
 use std::ops::Range;
 use winnow::combinator::{alt, preceded, repeat};
 use winnow::prelude::*;

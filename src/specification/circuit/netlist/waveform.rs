@@ -11,7 +11,7 @@
 use super::tokens::Token;
 use super::value::value;
 use super::{NetlistError, Rest};
-use crate::specification::expression::Expression;
+use crate::expression::Expression;
 use std::f64::consts::PI;
 
 const KINDS: &str = "a value, DC, SIN, PULSE or PWL";

@@ -2,9 +2,9 @@
 
 use super::super::{Coulomb, CoulombProblem, Limits, Method};
 use super::{Random, problem};
-use crate::problem::{Control, ConvexSet};
-use crate::vi::{AffineVi, Lemke, Outcome, ViSolver};
+use crate::{AffineVi, Lemke, Outcome, ViSolver};
 use nalgebra::{DMatrix, DVector, Vector3};
+use problem::{Control, ConvexSet};
 
 fn solve(problem: &CoulombProblem) -> Vec<Vector3<f64>> {
     let mut r = vec![Vector3::zeros(); problem.contacts()];

@@ -3,9 +3,9 @@
 
 use super::super::{Coulomb, CoulombProblem};
 use super::{Random, problem};
-use crate::problem::Control;
-use crate::vi::Outcome;
+use crate::Outcome;
 use nalgebra::{DMatrix, DVector, Vector3};
+use problem::Control;
 
 /// Velocity gained in one step by falling.
 const FALL: f64 = 0.0981;

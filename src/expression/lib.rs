@@ -31,6 +31,6 @@ mod tests;
 pub use breaks::Breaks;
 pub use error::ExpressionError;
 pub use graph::{Graph, Node};
-pub(crate) use scope::nearest;
+pub use scope::nearest;
 pub use scope::{NameError, Scope};
 pub use tape::Tape;

@@ -2,7 +2,7 @@
 //!
 //! A document is read ([`Specification::from_json`]) in three steps, and the errors of all three are reported together:
 //! JSON to a tree that keeps the order of members; the tree to the types of this module, which are also the source of
-//! the JSON Schema ([`json_schema`]); the types to a [`Model`](crate::models::Model), where names, shapes, domains and
+//! the JSON Schema ([`json_schema`]); the types to a [`Model`](models::Model), where names, shapes, domains and
 //! the affine form of the rates are checked. Choices are tagged from outside, `{"box": {..}}`, so that every value has
 //! an exact place.
 
@@ -51,6 +51,7 @@ mod times;
 mod tolerance;
 mod wording;
 
+pub use crate::expression::Expression;
 pub use catalogue::{Catalogue, Choice, Coefficients, Limit, catalogue};
 pub use checked::Specification;
 pub use circuit::{
@@ -65,7 +66,6 @@ pub use elastic::{
 pub use elements::{Elements, ElementsOf};
 pub use error::SpecificationError;
 pub use examples::{EXAMPLES, Example};
-pub use expression::Expression;
 pub use filippov::{FilippovProblem, FilippovRegion, FilippovState};
 pub use lcs::LcsProblem;
 pub use matrix::{Matrix, SparseMatrix};

@@ -13,7 +13,7 @@ pub use linearisation::Linearisation;
 pub use memory::analyse_memory;
 pub use uniqueness::{Uniqueness, uniqueness};
 
-use crate::problem::{Dvi, FaceEquations, Mass};
+use problem::{Dvi, FaceEquations, Mass};
 use serde::{Serialize, Serializer};
 
 /// Up to this many states and variables a problem is analysed; the analysis is dense.

@@ -11,6 +11,7 @@ mod control;
 mod convex_set;
 mod event;
 mod mechanical;
+mod warning;
 
 pub use control::{Control, Interrupted, Stop};
 pub use convex_set::{
@@ -18,6 +19,7 @@ pub use convex_set::{
 };
 pub use event::{Event, EventKind};
 pub use mechanical::{Constraints, ContactData, Energies, Mechanical, MechanicalStructure, Sensitivity};
+pub use warning::Warning;
 
 /// What a moving bound is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -16,15 +16,13 @@ mod study;
 mod trajectory;
 mod verdict;
 
-pub use crate::problem::{Event, EventKind};
 pub use contact::{ContactPlan, describe_contact, integrate_contact};
 pub use convolution::{ConvolutionPlan, Mesh, describe_convolution, integrate_convolution};
-pub use diagnostics::{
-    Contraction, Diagnostics, Evaluations, Face, GlobalError, Refinement, Steps, Tried, ViCounts, Warning,
-};
+pub use diagnostics::{Contraction, Diagnostics, Evaluations, Face, GlobalError, Refinement, Steps, Tried, ViCounts};
 pub use excerpt::{Excerpt, NoSuchField};
 pub use integrate::{describe, integrate};
 pub use obstacle::{describe_obstacle, integrate_obstacle};
+pub use problem::{Event, EventKind, Warning};
 pub use rigid_bodies::{describe_rigid_bodies, step_rigid_bodies};
 pub use run::{Plan, Stepper, run};
 pub use study::{Series, Study, StudyRun};
@@ -86,7 +84,7 @@ pub struct Solution {
 
 impl Solution {
     /// Compares all that was measured with what is allowed, once no more is to come. `end` is the end asked for.
-    pub(crate) fn judge(&mut self, end: f64) {
+    pub fn judge(&mut self, end: f64) {
         self.verdict = Verdict::of(self.status, self.error.as_ref(), end, &self.diagnostics.checks);
     }
 }

@@ -33,8 +33,8 @@ pub use josephy_newton::{JosephyNewton, NonlinearVi};
 pub use lemke::Lemke;
 pub use semismooth_newton::SemismoothNewton;
 
-use crate::problem::{Control, ConvexSet};
 use nalgebra::DMatrix;
+use problem::{Control, ConvexSet};
 
 /// A point is a solution when its residual is below this fraction of the largest of `|q| + |A| |z|`, the terms that
 /// cancel in `w`: below 1e-10 of the larger of the two.

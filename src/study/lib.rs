@@ -6,15 +6,18 @@ pub mod energies;
 pub mod linear_stability;
 mod page;
 pub mod report;
+mod solve;
 pub mod stability;
 
 pub use page::html;
+pub use solve::solve;
 
-use crate::problem::Control;
-use crate::solution::pictures::work_precision;
-use crate::solution::{Series, Solution, Status, Study, StudyRun, Trajectory};
-use crate::specification::{Exact, Rung, Specification, Stages, StudyPlan};
-use crate::{models::Model, solve_once};
+use models::Model;
+use problem::Control;
+use solution::pictures::work_precision;
+use solution::{Series, Solution, Status, Study, StudyRun, Trajectory};
+use solve::solve_once;
+use specification::{Exact, Rung, Specification, Stages, StudyPlan};
 
 /// Times to compare at where the user names none.
 const TIMES: usize = 33;

@@ -1,0 +1,12 @@
+//! What a user should know of a problem or of its solution though the solve goes on.
+
+use serde::Serialize;
+
+/// Something the user should know though the solve went on.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Warning {
+    /// A stable word for programs.
+    pub code: &'static str,
+    /// For people, with the remedy.
+    pub message: String,
+}
