@@ -1,15 +1,16 @@
 //! The cost of every example and of every reference problem, beside a committed table: a run that does more work, or
 //! less, fails until the table is written anew.
 //!
-//! Counts are the same in every profile: no operation is reordered by optimisation. They may differ between processors,
-//! because linear algebra and the C library choose their kernels by the instructions that the processor has; so the
-//! table names those it was written with, and on other ones a count may be off by a small part.
+//! Runs are deterministic: neither the profile, nor the memory they are given, nor the tests beside them change a count.
+//! But linear algebra and the C library choose their kernels by the instructions of the processor, which round
+//! differently, and now and then that decides whether a step is accepted. So the table names the processor it was written
+//! on; on another one counts may be off by a small part.
 
 use crate::reference::{example, read, smooth, switching};
 use dvi::problem::Control;
 use dvi::solution::Solution;
 use dvi::specification::{EXAMPLES, Specification};
-use serde_json::{Value, json};
+use serde_json::json;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -28,9 +29,9 @@ const COLUMNS: [&str; 9] =
 const NAME: usize = 37;
 const CELL: usize = 8;
 
-/// The part of a count by which it may differ on a processor with other instructions: rounding decides now and then
-/// whether a step is accepted, and a step more changes those after it.
-const OTHER_PROCESSOR: f64 = 0.05;
+/// The part of a count by which it may differ on a processor with other instructions. Measured with a C library that
+/// may not use fused multiplication: 5 % of the rejected steps of the ring modulator, less than 3 % of all else.
+const OTHER_PROCESSOR: f64 = 0.1;
 
 /// The counts of a run, in the order of [`COLUMNS`].
 type Counts = [u64; COLUMNS.len()];
@@ -52,15 +53,15 @@ fn counts(solution: &Solution) -> Counts {
     ]
 }
 
-/// The problems, each with a name that says where it stands.
-fn problems() -> Vec<(String, Value)> {
-    let examples = EXAMPLES.iter().map(|given| (format!("example {}", given.name), example(given.name)));
+/// The problems, each with a name that says where it stands, as text: the order of names is part of a problem.
+fn problems() -> Vec<(String, String)> {
+    let examples = EXAMPLES.iter().map(|given| (format!("example {}", given.name), given.text.to_owned()));
     let stiff = read("tests/reference/smooth.json")["problems"].take();
     let stiff = stiff.as_array().expect("problems").iter().map(|problem| {
         let mut specification = smooth(problem);
         let factor = problem["atol_factor"].as_f64().expect("a factor");
         specification["method"] = json!({"rtol": 1e-6, "atol": 1e-6 * factor});
-        (format!("smooth {}", problem["name"].as_str().expect("a name")), specification)
+        (format!("smooth {}", problem["name"].as_str().expect("a name")), specification.to_string())
     });
     // The examples of these systems give outputs between the steps; here there is none, and the default tolerance.
     let switched = [
@@ -75,13 +76,13 @@ fn problems() -> Vec<(String, Value)> {
         specification["time"]["end"] = switching(name)["T"].clone();
         specification["method"] = json!({});
         specification["output"] = json!({"times": [switching(name)["T"]]});
-        (format!("switching {name}"), specification)
+        (format!("switching {name}"), specification.to_string())
     });
     examples.chain(stiff).chain(switched).collect()
 }
 
-fn measure(specification: &Value) -> Counts {
-    let specification = Specification::from_json(specification.to_string().as_bytes()).expect("a specification");
+fn measure(specification: &str) -> Counts {
+    let specification = Specification::from_json(specification.as_bytes()).expect("a specification");
     counts(&dvi::solve(&specification, &Control::new()))
 }
 

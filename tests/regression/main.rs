@@ -2,5 +2,8 @@
 //! do not depend on the units or on the horizon. What is wrong today is listed, and the lists may only shrink.
 
 mod cost;
+mod invariance;
+mod known;
 #[path = "../systems/reference.rs"]
 mod reference;
+mod strangers;
