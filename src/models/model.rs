@@ -141,6 +141,11 @@ impl DviModel {
         }
     }
 
+    /// Whether a rate has a kink of a state, of which its reader warned.
+    pub fn has_kinks(&self) -> bool {
+        self.warnings.iter().any(|warning| warning.code == "kink_in_rate")
+    }
+
     /// The names of all that is told: states, variables, outputs.
     pub fn names(&self) -> impl Iterator<Item = &String> {
         self.state_names.iter().chain(&self.variable_names).chain(&self.outputs.names)

@@ -71,6 +71,17 @@ pub struct Refinement {
     pub order: Option<f64>,
 }
 
+/// The steps of a run that were screened for events between the stages, by enclosure.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Screening {
+    /// Steps proven free of events.
+    pub proven: u64,
+    /// Steps of which neither is shown.
+    pub undecided: u64,
+    /// Steps in which the law fails between the stages.
+    pub missed: u64,
+}
+
 /// What was evaluated, and how often.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Evaluations {
@@ -136,6 +147,9 @@ pub struct Diagnostics {
     pub vi: Option<ViCounts>,
     /// Changes of the active face of `K`.
     pub switches: u64,
+    /// The steps that were screened for events; absent where there are no variables.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub screening: Option<Screening>,
     /// Signs and products of `z` and `G`, and the differentiation lemmas; absent where no variable has a bound.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub complementarity: Option<Certificates>,

@@ -1,5 +1,6 @@
 //! A differential variational inequality from start to end by Radau IIA: its failures, switches and evidence by name.
 
+use super::audit::Audit;
 use super::energy_balance::EnergyBalance;
 use super::run::{Ended, Plan, Stepper, run_to_end};
 use super::{
@@ -48,8 +49,8 @@ pub(super) fn integrate_once(
         // Where the run begins is no switch.
         radau.take_switches();
         let balance = model.outputs.energy().map(|form| EnergyBalance::new(form.clone(), &radau));
-        let largest = plan.initial.iter().map(|x| x.abs()).collect();
-        Ok(Course { radau, plan, atol: &settings.atol, largest, outputs: model.outputs.clone(), balance })
+        let audit = Audit::new(plan, &radau, model.has_kinks());
+        Ok(Course { radau, plan, atol: &settings.atol, audit, outputs: model.outputs.clone(), balance })
     })
 }
 
@@ -58,8 +59,7 @@ struct Course<'p> {
     radau: Radau<'p>,
     plan: &'p Plan,
     atol: &'p [f64],
-    /// The largest size of each state so far.
-    largest: Vec<f64>,
+    audit: Audit<'p>,
     outputs: Outputs,
     balance: Option<EnergyBalance>,
 }
@@ -88,6 +88,7 @@ impl Stepper for Course<'_> {
     fn outputs(&mut self, t: f64, out: &mut [f64]) {
         let unknowns = out.len() - self.outputs.names.len();
         self.radau.interpolate(t, &mut out[..unknowns]);
+        self.audit.output(&mut self.radau, t, &out[..unknowns]);
         self.outputs.append(t, out);
     }
 
@@ -101,9 +102,7 @@ impl Stepper for Course<'_> {
     }
 
     fn observe(&mut self, switched: bool, diagnostics: &mut Diagnostics) {
-        for (largest, x) in self.largest.iter_mut().zip(self.radau.y()) {
-            *largest = largest.max(x.abs());
-        }
+        self.audit.step(&mut self.radau);
         judge(&mut self.radau, self.plan, switched, diagnostics);
         if let Some(balance) = &mut self.balance {
             balance.step(&mut self.radau);
@@ -112,7 +111,8 @@ impl Stepper for Course<'_> {
 
     fn finish(&mut self, diagnostics: &mut Diagnostics) {
         count(&mut self.radau, self.plan, diagnostics);
-        warn_of_small_states(self.plan, self.atol, &self.largest, diagnostics);
+        warn_of_small_states(self.plan, self.atol, self.audit.largest(), diagnostics);
+        diagnostics.screening = self.audit.finish(self.atol, &mut diagnostics.checks);
         diagnostics.energy = self.balance.as_ref().map(|balance| balance.energy);
     }
 }

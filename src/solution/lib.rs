@@ -1,5 +1,6 @@
 //! What a solve hands back: the trajectory in columns, events, diagnostics, and how it ended.
 
+mod audit;
 mod contact;
 mod convolution;
 mod diagnostics;
@@ -18,7 +19,9 @@ mod verdict;
 
 pub use contact::{ContactPlan, describe_contact, integrate_contact};
 pub use convolution::{ConvolutionPlan, Mesh, describe_convolution, integrate_convolution};
-pub use diagnostics::{Contraction, Diagnostics, Evaluations, Face, GlobalError, Refinement, Steps, Tried, ViCounts};
+pub use diagnostics::{
+    Contraction, Diagnostics, Evaluations, Face, GlobalError, Refinement, Screening, Steps, Tried, ViCounts,
+};
 pub use excerpt::{Excerpt, NoSuchField};
 pub use integrate::{describe, integrate};
 pub use obstacle::{describe_obstacle, integrate_obstacle};

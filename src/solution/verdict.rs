@@ -105,6 +105,18 @@ impl Checks {
         }
     }
 
+    /// Takes over the measurements and caveats of another part of the run.
+    pub fn absorb(&mut self, other: Self) {
+        for (code, check) in other.worst {
+            self.record(code, check.value, check.allowed, || check.message);
+        }
+        for caveat in other.caveats {
+            if self.caveats.iter().all(|known| known.code != caveat.code) {
+                self.caveats.push(caveat);
+            }
+        }
+    }
+
     /// The measurement of a code: its value and what is allowed.
     pub fn get(&self, code: CheckCode) -> Option<(f64, f64)> {
         self.worst.get(&code).map(|check| (check.value, check.allowed))
