@@ -133,6 +133,7 @@ fn measure(repeats: usize, solve: impl Fn() -> Solution) -> (Solution, StudyRun)
         rtol: None,
         step: None,
         status: first.status,
+        trusted: Some(first.verdict.trusted),
         steps: first.diagnostics.steps.accepted,
         wall_seconds: times[times.len() / 2],
         error_at_end: None,

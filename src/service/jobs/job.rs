@@ -261,6 +261,7 @@ impl Job {
                 fraction: control.fraction(),
                 steps: control.steps(),
                 ending,
+                verdict: None,
                 held: None,
             },
             State::Accepted(_) | State::Ended(_) => Ended::unsolved(ending),
