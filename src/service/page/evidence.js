@@ -2,7 +2,7 @@
 // tells, by the names it gives, so that nothing new is ever left out.
 
 import { element } from "./element.js";
-import { number, seconds } from "./numbers.js";
+import { measured, number, seconds } from "./numbers.js";
 
 const UNIQUENESS = {
   unique: "a solution exists and is unique",
@@ -80,6 +80,7 @@ function told(name, value) {
   if (name === "wall_seconds") return seconds(value);
   if (typeof value === "number") return number(value);
   if (Array.isArray(value)) return value.map((one) => told("", one)).join(", ") || "none";
+  if (typeof value === "object" && "allowed" in value) return measured(value);
   if (typeof value === "object") return Object.entries(value).map(([key, one]) => `${words(key)} ${told(key, one)}`).join(", ") || "none";
   return String(value);
 }
