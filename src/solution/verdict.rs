@@ -8,8 +8,8 @@ use super::{Failure, Status};
 use serde::{Deserialize, Serialize, Serializer};
 use std::collections::BTreeMap;
 use std::fmt;
-use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{ObjectBuilder, OneOfBuilder, Schema, Type};
+use utoipa::openapi::{Ref, RefOr};
 use utoipa::{PartialSchema, ToSchema};
 
 /// What is measured of an answer.
@@ -181,13 +181,14 @@ impl Serialize for Checks {
 
 impl PartialSchema for Checks {
     fn schema() -> RefOr<Schema> {
-        BTreeMap::<String, Measured>::schema()
+        let checks = ObjectBuilder::new().additional_properties(Some(Ref::from_schema_name(Measured::name())));
+        checks.description(Some("Code (`CheckCode`) to measurement, of the checks that were made.")).into()
     }
 }
 
 impl ToSchema for Checks {
-    fn name() -> std::borrow::Cow<'static, str> {
-        "Checks".into()
+    fn schemas(schemas: &mut Vec<(String, RefOr<Schema>)>) {
+        schemas.push((Measured::name().into(), Measured::schema()));
     }
 }
 

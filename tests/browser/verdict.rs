@@ -97,9 +97,9 @@ fn an_answer_that_is_not_trusted_says_why_each_value_beside_what_is_allowed() {
     assert_eq!(page.text("#verdict .badge").replace('\n', ""), "✗Not trusted");
     let reasons = page.text("#verdict .reasons");
     for told in [
-        "joint drift 0.0312, allowed 0.001",
+        "joint drift: 0.0312, allowed 0.001",
         "the hinge of <b>arm</b> is 3.12 cm apart at t = 0.5; take a smaller `step`",
-        "energy balance not finite, allowed 0.001",
+        "energy balance: not finite, allowed 0.001",
     ] {
         assert!(reasons.split_whitespace().collect::<Vec<_>>().join(" ").contains(told), "{told} in {reasons}");
     }

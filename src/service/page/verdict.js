@@ -16,7 +16,7 @@ function one({ verdict, diagnostics }, whose) {
   const checks = Object.keys(diagnostics?.checks ?? {}).length;
   const made = checks === 1 ? "1 check was made" : `${number(checks)} checks were made`;
   const told = trusted
-    ? badge("yes", "✓", `Trusted${whose}`, checks === 0 ? "nothing speaks against the answer" : `${made}, and nothing speaks against the answer`)
+    ? badge("yes", "✓", `Trusted${whose}`, checks === 0 ? "the end was reached; nothing else was checked" : `${made}, and nothing speaks against the answer`)
     : badge("no", "✗", `Not trusted${whose}`, "these speak against the answer:");
   return [told, list("reasons", because.map(reason)), list("caveats", caveats.map(({ message }) => [element("span", {}, message)]))];
 }
@@ -31,8 +31,9 @@ const badge = (trusted, sign, words, hint) =>
   );
 
 const reason = ({ code, value, allowed, message }) => [
-  element("strong", {}, code.replaceAll("_", " ")),
+  element("strong", {}, `${code.replaceAll("_", " ")}: `),
   element("span", { class: "measured" }, measured({ value, allowed })),
+  " ",
   element("span", { class: "detail" }, message),
 ];
 
