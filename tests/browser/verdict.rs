@@ -107,6 +107,8 @@ fn an_answer_that_is_not_trusted_says_why_each_value_beside_what_is_allowed() {
     assert_eq!(page.value("document.getElementById('verdict').getAttribute('role')"), "status");
     let evidence = page.text("#evidence");
     assert!(evidence.contains("law residual") && evidence.contains("3e-10, allowed 1e-8"), "{evidence}");
+    let beyond = page.value("[...document.querySelectorAll('#evidence td.bad')].map((cell) => cell.textContent)");
+    assert_eq!(beyond, json!(["not finite, allowed 0.001", "0.0312, allowed 0.001"]));
     is_readable(&page, "untrusted");
     page.call(
         "Emulation.setDeviceMetricsOverride",

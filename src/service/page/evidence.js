@@ -70,9 +70,12 @@ function row(name, values) {
   const once = texts.length > 1 && texts[0].length > 40 && texts.every((text) => text === texts[0]);
   const cells = once
     ? [element("td", { colspan: texts.length }, texts[0])]
-    : texts.map((text) => element("td", {}, text));
+    : texts.map((text, i) => element("td", { class: isBeyond(values[i]) ? "bad" : null }, text));
   return element("tr", {}, element("th", { scope: "row" }, words(name)), ...cells);
 }
+
+// A check that failed.
+const isBeyond = (value) => value != null && typeof value === "object" && value.value > value.allowed;
 
 function told(name, value) {
   if (value == null) return "–";
