@@ -70,23 +70,23 @@ impl CheckCode {
         match self {
             Self::LawResidual => {
                 "Residual of the natural map of the law that was posed (complementarity, friction, impact), in the units of its \
-                 set; allowed is `vi_tolerance`."
+                 set; of bodies relative to their velocities. Allowed is `vi_tolerance`, where there is one."
             }
             Self::ConstraintResidual => {
                 "Residual of the constraints that hold on the active face, hidden ones included, at the outputs and between the \
-                 steps; allowed is the tolerance of the outputs."
+                 steps; of contacts a gap, of bodies their overlap as a part of the smaller. Allowed is the tolerance of the \
+                 outputs, or 1e-3 of the largest length met where steps have one size."
             }
             Self::JointDrift => {
-                "Distance by which joints have come apart; allowed is the tolerance, or 1e-3 of the largest length met where a \
-                 fixed step has none."
+                "How far a joint has come apart: a length, or a part of the size of its bodies. Allowed is what the tolerance \
+                 gives over the steps made, or 1e-3 of the largest length met where steps have one size."
             }
             Self::EnergyBalance => {
-                "Defect of the balance of energy, work, friction and impacts; allowed is the tolerance, or 1e-3 of the largest \
-                 energy met where a fixed step has none."
+                "Defect of the balance of energy, work, friction, viscosity and impacts. Allowed is what the tolerance gives over \
+                 the steps made, or 1e-3 of the largest energy met where steps have one size."
             }
             Self::EventsUnproven => {
-                "Number of steps that are not proven to be free of an undetected event (a switch, an impact, a kink); none is \
-                 allowed."
+                "Number of steps that are not proven free of an undetected event (a switch, an impact, a kink); none is allowed."
             }
             Self::LocalError => {
                 "Largest local error of an accepted step in units of `atol + rtol |x|`, where the error test was passed over or \
@@ -96,7 +96,8 @@ impl CheckCode {
                 "Estimate of the error at the end in units of `atol + rtol |x|`; measured where `output.global_error` asks for it."
             }
             Self::AccumulationPassed => {
-                "Distance by which an accumulation of events (Zeno) was stepped over; allowed is the tolerance."
+                "How far an accumulation of events (Zeno) was from its limit when the run passed over it: a distance of the \
+                 states, or a part of the largest energy. Allowed is the tolerance."
             }
             Self::NotAtEnd => "Time from where the run ended to the end that was asked for; none is allowed.",
         }
