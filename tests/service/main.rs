@@ -21,3 +21,4 @@ mod remote;
 mod results;
 mod solve;
 mod tokens;
+mod verdict;
