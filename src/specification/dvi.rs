@@ -10,7 +10,7 @@
 use super::error::SpecificationError;
 use super::expression::Expression;
 use super::kinks;
-use super::lowering::Lowering;
+use super::lowering::{Lowering, Start};
 use super::mass;
 use super::matrix::Matrix;
 use super::ordered::Ordered;
@@ -66,7 +66,7 @@ pub struct Variable {
 
 impl DviProblem {
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(super) fn lower(&self, place: &Place<'_>, start: Option<f64>) -> (Lowering, Option<Model>) {
+    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Model>) {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let (n, m) = (self.states.len(), self.variables.len());
         if n == 0 {

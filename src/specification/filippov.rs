@@ -5,7 +5,7 @@ use super::dvi::refused;
 use super::error::SpecificationError;
 use super::expression::Expression;
 use super::kinks;
-use super::lowering::Lowering;
+use super::lowering::{Lowering, Start};
 use super::ordered::Ordered;
 use super::place::Place;
 use super::start;
@@ -65,7 +65,7 @@ impl FilippovProblem {
     }
 
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(super) fn lower(&self, place: &Place<'_>, start: Option<f64>) -> (Lowering, Option<Model>) {
+    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Model>) {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let n = self.states.len();
         let states = place.key("states");

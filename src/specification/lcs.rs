@@ -6,7 +6,7 @@
 
 use super::error::SpecificationError;
 use super::expression::Expression;
-use super::lowering::Lowering;
+use super::lowering::{Lowering, Start};
 use super::mass;
 use super::matrix::Matrix;
 use super::ordered::Ordered;
@@ -65,7 +65,7 @@ impl LcsProblem {
     }
 
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(super) fn lower(&self, place: &Place<'_>, start: Option<f64>) -> (Lowering, Option<Model>) {
+    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Model>) {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let (n, m) = (self.initial.len(), self.variables());
         if n == 0 {

@@ -9,7 +9,7 @@ pub(super) use plan::check;
 use super::dvi::refused;
 use super::error::SpecificationError;
 use super::expression::Expression;
-use super::lowering::Lowering;
+use super::lowering::{Lowering, Start};
 use super::matrix::Matrix;
 use super::ordered::Ordered;
 use super::place::Place;
@@ -71,7 +71,7 @@ pub struct FractionalKernel {
 
 impl ConvolutionProblem {
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(super) fn lower(&self, place: &Place<'_>, start: Option<f64>) -> (Lowering, Option<Model>) {
+    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Model>) {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let m = self.variables.len();
         let variables = place.key("variables");
