@@ -6,7 +6,7 @@
 //!
 //! with `F` affine in `z`. Values, Jacobian and time derivatives are one [`Tape`] each; derivatives are exact.
 
-use expression::{Breaks, ExpressionError, Graph, Node, Tape};
+use expression::{Breaks, ExpressionError, Graph, Kink, Kinks, Node, Tape};
 use problem::{ConvexSet, Dvi, Mass, MovingBound, Structure};
 
 /// The rows of a problem as nodes of a [`Graph`] whose inputs are `t`, then `x` (n), then `z` (m).
@@ -53,6 +53,7 @@ pub struct Symbolic {
     derivatives: Tape,
     time_derivatives: Tape,
     breaks: Breaks,
+    kinks: Kinks,
 }
 
 impl Symbolic {
@@ -115,7 +116,13 @@ impl Symbolic {
             derivatives: Tape::compile(graph, &derivatives),
             time_derivatives: Tape::compile(graph, &by_time),
             breaks: Breaks::new(graph, &outputs),
+            kinks: Kinks::new(graph, &outputs),
         })
+    }
+
+    /// What has a kink or a jump that depends on `y`, in the order of [`Dvi::kinks`].
+    pub fn kinks(&self) -> &[Kink] {
+        self.kinks.kinks()
     }
 }
 
@@ -138,5 +145,14 @@ impl Dvi for Symbolic {
 
     fn breaks(&mut self, t: f64) -> &[f64] {
         self.breaks.at(t)
+    }
+
+    fn kinks(&mut self, t: f64, y: &[f64]) -> &[f64] {
+        self.kinks.at(t, y)
+    }
+
+    fn kink_gradient(&mut self, kink: usize, t: f64, y: &[f64], gradient: &mut Vec<(usize, f64)>) {
+        gradient.clear();
+        gradient.extend(self.kinks.gradient(kink, t, y));
     }
 }

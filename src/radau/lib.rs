@@ -11,6 +11,7 @@
 mod between;
 mod blocks;
 mod breaks;
+mod chattering;
 mod conditions;
 mod consistent;
 mod crossings;
@@ -23,6 +24,8 @@ mod interpolation;
 mod layout;
 mod memory;
 mod newton_control;
+mod progress;
+mod recurrence;
 mod settings;
 mod stage_vi;
 mod stages;

@@ -121,7 +121,9 @@ impl FilippovProblem {
                 return (lowering, None);
             }
         };
-        let model = DviModel { state_names, variable_names, outputs: Outputs::default(), initial, equations, warnings };
+        let kinks = kinks::advice(&equations, &state_names, &variable_names, || None);
+        let outputs = Outputs::default();
+        let model = DviModel { state_names, variable_names, outputs, initial, equations, warnings, kinks };
         if let Some(t) = lowering.start {
             start::check(&model, t, row_pointer, &mut lowering.errors);
         }

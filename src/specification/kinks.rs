@@ -1,7 +1,8 @@
 //! Kinks of a state inside a rate: allowed, but the switch they make is invisible to whoever looks for changes of the
 //! active face of `K`. Written as a set, the same law has switches that are located.
 
-use expression::{Graph, Node};
+use expression::{Graph, Kink, Node};
+use models::{Equations, KinkAdvice};
 use solution::Warning;
 
 /// One warning for each kind of kink in the rate of a state.
@@ -36,6 +37,28 @@ pub(super) fn warnings(state: &str, rate: Node, states: &[String], graph: &Graph
             }
         })
         .collect()
+}
+
+/// What a message says of the kinks of a problem across which steps chatter; `as_set` writes them as a set.
+pub(super) fn advice(
+    equations: &Equations,
+    states: &[String],
+    variables: &[String],
+    as_set: impl FnOnce() -> Option<String>,
+) -> KinkAdvice {
+    let Equations::Symbolic(symbolic) = equations else { return KinkAdvice::default() };
+    if symbolic.kinks().is_empty() {
+        return KinkAdvice::default();
+    }
+    let name = |&input: &usize| match input.checked_sub(1) {
+        None => "`t`".to_owned(),
+        Some(i) => format!("`{}`", states.iter().chain(variables).nth(i).map_or("?", String::as_str)),
+    };
+    let named = |kink: &Kink| {
+        let of: Vec<String> = kink.inputs.iter().map(name).collect();
+        format!("`{}` of {}", kink.function, of.join(", "))
+    };
+    KinkAdvice { names: symbolic.kinks().iter().map(named).collect(), as_set: as_set() }
 }
 
 /// The same function as a variational inequality: `z` on an interval maximises `z` times what switches it.

@@ -14,7 +14,7 @@ use super::place::Place;
 use super::set::{self, Block};
 use super::start;
 use expression::Node;
-use models::{DviModel, Equations, Linear, LinearRows, Model, Outputs};
+use models::{DviModel, Equations, KinkAdvice, Linear, LinearRows, Model, Outputs};
 use serde::Deserialize;
 use utoipa::ToSchema;
 
@@ -110,6 +110,7 @@ impl LcsProblem {
             initial,
             equations,
             warnings: Vec::new(),
+            kinks: KinkAdvice::default(),
         };
         if let Some(t) = lowering.start.filter(|_| lowering.errors.is_empty()) {
             let pointer = |row: usize| match (row.checked_sub(n), row.checked_sub(n + m)) {

@@ -15,7 +15,7 @@ use super::ordered::Ordered;
 use super::place::Place;
 use super::set::{self, Block, LoweredSet};
 use super::start;
-use models::{ConvolutionModel, DviModel, Equations, Model, Outputs, Rows, Symbolic};
+use models::{ConvolutionModel, DviModel, Equations, KinkAdvice, Model, Outputs, Rows, Symbolic};
 use problem::{Mass, Workspace};
 use serde::Deserialize;
 use solution::Warning;
@@ -114,6 +114,7 @@ impl ConvolutionProblem {
             initial: Vec::new(),
             equations,
             warnings: Vec::new(),
+            kinks: KinkAdvice::default(),
         };
         if let Some(t) = lowering.start.filter(|_| lowering.errors.is_empty()) {
             start::check(&forcing, t, row_pointer, &mut lowering.errors);

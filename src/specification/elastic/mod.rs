@@ -22,7 +22,7 @@ use super::place::Place;
 use super::start;
 use body::Geometry;
 use models::elastic::{Continuum, semidiscretise};
-use models::{DviModel, Equations, Linear, Model};
+use models::{DviModel, Equations, KinkAdvice, Linear, Model};
 use serde::Deserialize;
 use solution::Warning;
 use utoipa::ToSchema;
@@ -142,6 +142,7 @@ impl ElasticProblem {
             initial: lowered.initial,
             equations,
             warnings: open_questions(&geometry, &continuum),
+            kinks: KinkAdvice::default(),
         };
         if let Some(t) = lowering.start {
             start::check(&model, t, |_| place.to_string(), &mut lowering.errors);
