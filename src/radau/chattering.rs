@@ -25,6 +25,9 @@ const FELT: f64 = 1e-2;
 /// The least jump of a rate, of its size on either side, that steps can collapse at.
 const SHARP: f64 = 1e-2;
 
+/// How near to a kink the rates on either side are compared, of the distance of the states.
+const NARROW: f64 = 1e-3;
+
 /// The recent changes of sign of the kinks.
 #[derive(Debug, Default)]
 pub(super) struct Chattering {
@@ -95,7 +98,7 @@ impl Radau<'_> {
     }
 
     /// What crossing a kink here would change: the second difference of the rates over three points, one of them beyond
-    /// it, as far apart as the shortest way across asks for. What is smooth, however steep, leaves nothing in it.
+    /// it, close together beside where the states are. What is smooth leaves nothing in it, and a mere kink hardly more.
     fn jump_across(&mut self, kink: usize) -> Option<Jump> {
         let n = self.system.states;
         let value = *self.system.problem().kinks(self.t, &self.y).get(kink)?;
@@ -104,7 +107,7 @@ impl Radau<'_> {
         gradient.retain(|&(j, _)| j < n);
         let tolerance = |j: usize| 1.0 / self.control.weight[j];
         let noise = gradient.iter().map(|&(j, slope)| (slope * tolerance(j)).powi(2)).sum::<f64>().sqrt();
-        let distance = if value == 0.0 { noise } else { value };
+        let distance = NARROW * if value == 0.0 { noise } else { value };
         let mut rows = [3.0, 1.0, -1.0].map(|side| {
             let mut y = self.y.clone();
             for &(j, slope) in &gradient {

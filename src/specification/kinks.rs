@@ -5,6 +5,9 @@ use expression::{Graph, Kink, Node};
 use models::{Equations, KinkAdvice};
 use solution::Warning;
 
+/// Names of what a kink depends on that are listed.
+const SHOWN: usize = 6;
+
 /// One warning for each kind of kink in the rate of a state.
 pub(super) fn warnings(state: &str, rate: Node, states: &[String], graph: &Graph) -> Vec<Warning> {
     let mut kinks: Vec<(&str, Vec<usize>)> = graph
@@ -21,7 +24,6 @@ pub(super) fn warnings(state: &str, rate: Node, states: &[String], graph: &Graph
     kinks
         .into_iter()
         .map(|(function, inputs)| {
-            const SHOWN: usize = 6;
             let mut of: Vec<String> = inputs.iter().take(SHOWN).map(|i| format!("`{}`", states[i - 1])).collect();
             if inputs.len() > SHOWN {
                 of.push("...".into());
@@ -55,7 +57,7 @@ pub(super) fn advice(
         Some(i) => format!("`{}`", states.iter().chain(variables).nth(i).map_or("?", String::as_str)),
     };
     let named = |kink: &Kink| {
-        let of: Vec<String> = kink.inputs.iter().map(name).collect();
+        let of: Vec<String> = kink.inputs.iter().take(SHOWN).map(name).collect();
         format!("`{}` of {}", kink.function, of.join(", "))
     };
     KinkAdvice { names: symbolic.kinks().iter().map(named).collect(), as_set: as_set() }
