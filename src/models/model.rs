@@ -115,6 +115,15 @@ pub enum Equations {
     Linear(Linear),
 }
 
+/// What is to be said where steps chatter across a kink.
+#[derive(Clone, Debug, Default)]
+pub struct KinkAdvice {
+    /// The kinks in the order of [`Dvi::kinks`], such as "`sign` of `x`".
+    pub names: Vec<String>,
+    /// The problem with its kinks written as a set, as JSON.
+    pub as_set: Option<String>,
+}
+
 /// A differential variational inequality with its names, its initial values and what is to be said of it.
 #[derive(Clone, Debug)]
 pub struct DviModel {
@@ -130,6 +139,8 @@ pub struct DviModel {
     pub equations: Equations,
     /// What the user should know before it is solved.
     pub warnings: Vec<Warning>,
+    /// What is to be said where steps chatter across a kink.
+    pub kinks: KinkAdvice,
 }
 
 impl DviModel {

@@ -6,7 +6,7 @@
 //!
 //! with `F` affine in `z`. Values, Jacobian and time derivatives are one [`Tape`] each; derivatives are exact.
 
-use expression::{Breaks, ExpressionError, Graph, IntervalWorkspace, Node, Tape};
+use expression::{Breaks, ExpressionError, Graph, IntervalWorkspace, Kink, Kinks, Node, Tape};
 use numerics::Interval;
 use problem::{ConvexSet, Dvi, Mass, MovingBound, Structure};
 
@@ -54,6 +54,7 @@ pub struct Symbolic {
     derivatives: Tape,
     time_derivatives: Tape,
     breaks: Breaks,
+    kinks: Kinks,
     /// Those of the three tapes over boxes.
     boxes: [IntervalWorkspace; 3],
 }
@@ -115,7 +116,13 @@ impl Symbolic {
         let tapes = [&outputs, &derivatives, &by_time].map(|nodes| Tape::compile(graph, nodes));
         let boxes = std::array::from_fn(|i| IntervalWorkspace::new(&tapes[i]));
         let [values, derivatives, time_derivatives] = tapes;
-        Ok(Self { structure, values, derivatives, time_derivatives, boxes, breaks: Breaks::new(graph, &outputs) })
+        let (breaks, kinks) = (Breaks::new(graph, &outputs), Kinks::new(graph, &outputs));
+        Ok(Self { structure, values, derivatives, time_derivatives, boxes, breaks, kinks })
+    }
+
+    /// What has a kink or a jump that depends on `y`, in the order of [`Dvi::kinks`].
+    pub fn kinks(&self) -> &[Kink] {
+        self.kinks.kinks()
     }
 }
 
@@ -155,5 +162,14 @@ impl Dvi for Symbolic {
 
     fn breaks(&mut self, t: f64) -> &[f64] {
         self.breaks.at(t)
+    }
+
+    fn kinks(&mut self, t: f64, y: &[f64]) -> &[f64] {
+        self.kinks.at(t, y)
+    }
+
+    fn kink_gradient(&mut self, kink: usize, t: f64, y: &[f64], gradient: &mut Vec<(usize, f64)>) {
+        gradient.clear();
+        gradient.extend(self.kinks.gradient(kink, t, y));
     }
 }

@@ -145,4 +145,14 @@ pub trait Dvi: Send {
     fn breaks(&mut self, _t: f64) -> &[f64] {
         &[]
     }
+
+    /// The quantities at `(t, y)` at whose changes of sign a row has a kink or a jump that depends on `y`; as many anywhere.
+    fn kinks(&mut self, _t: f64, _y: &[f64]) -> &[f64] {
+        &[]
+    }
+
+    /// Writes the nonzero derivatives of one of them by `y` at `(t, y)`, as `(place in y, value)`.
+    fn kink_gradient(&mut self, _kink: usize, _t: f64, _y: &[f64], gradient: &mut Vec<(usize, f64)>) {
+        gradient.clear();
+    }
 }

@@ -11,6 +11,7 @@
 mod between;
 mod blocks;
 mod breaks;
+mod chattering;
 mod conditions;
 mod consistent;
 mod crossings;
@@ -25,6 +26,8 @@ mod law;
 mod layout;
 mod memory;
 mod newton_control;
+mod progress;
+mod recurrence;
 mod screening;
 mod settings;
 mod stage_vi;

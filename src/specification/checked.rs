@@ -3,7 +3,7 @@
 use super::convolution;
 use super::document::{Document, Limits, Problem, Time};
 use super::error::{Errors, SpecificationError};
-use super::lowering::{Lowering, MOST_UNKNOWNS};
+use super::lowering::{Lowering, MOST_UNKNOWNS, Start};
 use super::method::{Method, ViSolverName, out_of_range};
 use super::place::Place;
 use super::plan::MOST_STEPS;
@@ -14,7 +14,7 @@ use super::study::StudyPlan;
 use super::wording::abridged;
 use analysis::Analysis;
 use models::{DviModel, Model};
-use problem::ConvexSet;
+use problem::{Control, ConvexSet};
 
 /// A specification that has passed every check, lowered and ready to be solved any number of times.
 #[derive(Clone, Debug)]
@@ -42,20 +42,30 @@ impl Specification {
     /// # Errors
     /// All that is wrong with it, at least one.
     pub fn from_json(text: &[u8]) -> Result<Self, Vec<SpecificationError>> {
+        Self::from_json_with(text, &Control::new())
+    }
+
+    /// Reads and checks a JSON document for as long as `control` lets it: a short document may describe a large grid.
+    ///
+    /// # Errors
+    /// All that is wrong with it, at least one; where `control` asked to stop, that alone
+    /// ([`SpecificationError::is_interruption`]).
+    pub fn from_json_with(text: &[u8], control: &Control) -> Result<Self, Vec<SpecificationError>> {
         let Reading { document, repairs, mut errors } = read(text).map_err(Errors::into_list)?;
-        match Self::check(document, &repairs, &mut errors) {
+        match Self::check(document, &repairs, control, &mut errors) {
             Some(specification) if errors.is_empty() => Ok(specification),
             _ => Err(errors.into_list()),
         }
     }
 
     /// Checks what a document means. What was mended in reading it is not held against it again.
-    fn check(document: Document, repairs: &Repairs, errors: &mut Errors) -> Option<Self> {
+    fn check(document: Document, repairs: &Repairs, control: &Control, errors: &mut Errors) -> Option<Self> {
         let Document { problem, time, method, output, limits, study, label } = document;
         let mut found = Errors::default();
         let root = Place::Root;
         let horizon = check_time(time, &root.key("time"), &mut found).filter(|_| !repairs.touch("/time"));
-        let start = horizon.map(|time| time.start).filter(|_| !repairs.touch("/problem"));
+        let time_of_start = horizon.map(|time| time.start).filter(|_| !repairs.touch("/problem"));
+        let start = Start { time: time_of_start, control };
         let model = (!repairs.reshape("/problem")).then(|| lower(&problem, start, &mut found)).flatten();
 
         let place = root.key("method");
@@ -188,7 +198,7 @@ impl Specification {
 }
 
 /// The model, where the problem has one; its errors go to `errors`.
-fn lower(problem: &Problem, start: Option<f64>, errors: &mut Errors) -> Option<Model> {
+fn lower(problem: &Problem, start: Start<'_>, errors: &mut Errors) -> Option<Model> {
     let place = Place::Root.key("problem");
     let unknowns = match problem {
         Problem::Dvi(problem) => problem.states.len() + problem.variables.len(),

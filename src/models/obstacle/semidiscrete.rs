@@ -37,7 +37,7 @@ struct Varying {
 }
 
 /// Elements assembled between two looks at whether to stop: about a millisecond's work.
-pub(super) const AT_ONCE: usize = 1 << 13;
+const AT_ONCE: usize = 1 << 13;
 
 /// How far a value may be on the wrong side of an obstacle and still be taken for one on it, relative to its size.
 const ROUNDING: f64 = 1e-10;
@@ -112,13 +112,13 @@ impl Semidiscrete {
     /// Brings `f` and `K` to time `t`.
     ///
     /// # Errors
-    /// A value that is not finite, obstacles that cross, or a given value beyond one.
-    pub fn vectors_at(&mut self, t: f64) -> Result<(), Offence> {
+    /// A value that is not finite, obstacles that cross, or a given value beyond one; or `control` asks to stop.
+    pub fn vectors_at(&mut self, t: f64, control: &Control) -> Result<(), Cause> {
         if self.varying.load || !self.has_vectors {
-            self.load_at(t)?;
+            self.load_at(t, control)?;
         }
         if self.varying.set || !self.has_vectors {
-            self.set_at(t)?;
+            self.set_at(t, control)?;
         }
         self.has_vectors = true;
         Ok(())
@@ -127,12 +127,14 @@ impl Semidiscrete {
     /// The nodal values at the start, on the sides those given there.
     ///
     /// # Errors
-    /// A value that is not finite, or the one farthest beyond an obstacle. The bounds must be those of the start.
-    pub fn initial(&mut self, t: f64) -> Result<Vec<f64>, Offence> {
+    /// A value that is not finite, or the one farthest beyond an obstacle; or `control` asks to stop. The bounds must be those
+    /// of the start.
+    pub fn initial(&mut self, t: f64, control: &Control) -> Result<Vec<f64>, Cause> {
         let Self { problem, set, is_given, .. } = self;
         let mut u = Vec::with_capacity(is_given.len());
         let mut worst = (0.0, None);
         for (node, &is_given) in is_given.iter().enumerate() {
+            go_on(node, t, control)?;
             let at = problem.grid.coordinates(node);
             let value = finite("initial", &mut problem.initial, t, at)?;
             let bound = set.project(node, value);
@@ -142,16 +144,17 @@ impl Semidiscrete {
             }
             u.push(bound);
         }
-        worst.1.map_or(Ok(u), Err)
+        worst.1.map_or(Ok(u), |offence| Err(offence.into()))
     }
 
-    fn load_at(&mut self, t: f64) -> Result<(), Offence> {
+    fn load_at(&mut self, t: f64, control: &Control) -> Result<(), Cause> {
         let Self { problem, load, .. } = self;
         let Obstacle { grid, source, conditions, .. } = problem;
         load.fill(0.0);
         if let Some(source) = source {
             let part = Element::of(grid, Quadrature::Nodal).volume() / (1 << grid.dimension()) as f64;
             for element in 0..grid.elements() {
+                go_on(element, t, control)?;
                 let value = part * finite("source", source, t, grid.centre(element))?;
                 grid.corners(element).for_each(|node| load[node] += value);
             }
@@ -171,10 +174,11 @@ impl Semidiscrete {
         Ok(())
     }
 
-    fn set_at(&mut self, t: f64) -> Result<(), Offence> {
+    fn set_at(&mut self, t: f64, control: &Control) -> Result<(), Cause> {
         let Self { problem, set, is_given, .. } = self;
         let Obstacle { grid, lower, upper, conditions, .. } = problem;
         for (node, &is_given) in is_given.iter().enumerate() {
+            go_on(node, t, control)?;
             let at = grid.coordinates(node);
             if let Some(lower) = lower {
                 set.lower[node] = finite("obstacle", lower, t, at)?;
@@ -183,7 +187,7 @@ impl Semidiscrete {
                 set.upper[node] = finite("upper_obstacle", upper, t, at)?;
             }
             if set.lower[node] > set.upper[node] && !is_given {
-                return Err(Offence::Crossing { lower: set.lower[node], upper: set.upper[node], at, t });
+                return Err(Offence::Crossing { lower: set.lower[node], upper: set.upper[node], at, t }.into());
             }
         }
         for (side, condition) in Side::all(grid.dimension()).zip(conditions) {
@@ -196,13 +200,21 @@ impl Semidiscrete {
                     upper.as_mut().map(|upper| upper.at(t, at)).filter(|upper| value > upper + slack(*upper)),
                 ];
                 if let [Some(bound), _] | [_, Some(bound)] = bounds {
-                    return Err(Offence::GivenBeyond { side, value, bound, at, t });
+                    return Err(Offence::GivenBeyond { side, value, bound, at, t }.into());
                 }
                 (set.lower[node], set.upper[node]) = (value, value);
             }
         }
         Ok(())
     }
+}
+
+/// Polls `control` before some of the nodes or elements.
+///
+/// # Errors
+/// If it asks to stop.
+pub(super) fn go_on(item: usize, t: f64, control: &Control) -> Result<(), Cause> {
+    if item % AT_ONCE == 0 { control.go_on().map_err(|_| Cause::Interrupted { t }) } else { Ok(()) }
 }
 
 fn slack(bound: f64) -> f64 {

@@ -14,7 +14,7 @@ use super::directions::DIRECTIONS;
 use super::elements::Elements;
 use super::error::SpecificationError;
 use super::expression::Expression;
-use super::lowering::Lowering;
+use super::lowering::{Lowering, Start};
 use super::ordered::Ordered;
 use super::place::Place;
 use models::Model;
@@ -81,7 +81,7 @@ impl ObstacleProblem {
     }
 
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(super) fn lower(&self, place: &Place<'_>, start: Option<f64>) -> (Lowering, Option<Model>) {
+    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Model>) {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let dimension = self.domain.dimension();
         let place_of_domain = place.key("domain");
@@ -119,14 +119,20 @@ impl ObstacleProblem {
             warnings: Vec::new(),
         };
         if let Some(t) = lowering.start {
-            if let Err(Cause::Offence(offence)) = check(&problem, t) {
-                let pointer = format!("{place}/{}", offence.key());
-                let error = SpecificationError::new(pointer, offence.code(), offence.to_string());
-                lowering.errors.push(error.expected(offence.expected()));
-                return (lowering, None);
+            let checked = check(&problem, t, lowering.control);
+            match checked.and_then(|()| largest_peclet(&mut problem, t, lowering.control)) {
+                Ok(peclet) => problem.warnings.extend((peclet > 1.0).then(|| unresolved(peclet))),
+                Err(Cause::Offence(offence)) => {
+                    let pointer = format!("{place}/{}", offence.key());
+                    let error = SpecificationError::new(pointer, offence.code(), offence.to_string());
+                    lowering.errors.push(error.expected(offence.expected()));
+                    return (lowering, None);
+                }
+                Err(_) => {
+                    lowering.errors.push(SpecificationError::interrupted());
+                    return (lowering, None);
+                }
             }
-            let peclet = largest_peclet(&mut problem, t);
-            problem.warnings.extend((peclet > 1.0).then(|| unresolved(peclet)));
         }
         (lowering, Some(Model::Obstacle(Box::new(problem))))
     }
@@ -186,11 +192,10 @@ fn unresolved(peclet: f64) -> Warning {
 }
 
 /// Whether all data are what they should be at the start.
-fn check(problem: &Obstacle, t: f64) -> Result<(), Cause> {
-    let control = Control::new();
-    let mut system = Semidiscrete::new(problem.clone(), &control).map_err(|_| Cause::Interrupted { t })?;
-    system.operator_at(t, &control)?;
-    system.vectors_at(t)?;
-    system.initial(t)?;
+fn check(problem: &Obstacle, t: f64, control: &Control) -> Result<(), Cause> {
+    let mut system = Semidiscrete::new(problem.clone(), control).map_err(|_| Cause::Interrupted { t })?;
+    system.operator_at(t, control)?;
+    system.vectors_at(t, control)?;
+    system.initial(t, control)?;
     Ok(())
 }

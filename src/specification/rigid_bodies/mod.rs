@@ -20,7 +20,7 @@ pub use shapes::{
 
 use super::error::SpecificationError;
 use super::expression::Expression;
-use super::lowering::Lowering;
+use super::lowering::{Lowering, Start};
 use super::mechanical::Interpenetration;
 use super::ordered::Ordered;
 use super::place::Place;
@@ -64,7 +64,7 @@ pub struct RigidBodiesProblem {
 
 impl RigidBodiesProblem {
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(super) fn lower(&self, place: &Place<'_>, start: Option<f64>) -> (Lowering, Option<Model>) {
+    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Model>) {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let place_of_bodies = place.key("bodies");
         if self.bodies.len() > MOST_BODIES {
