@@ -65,7 +65,7 @@ pub struct Options {
     #[arg(long, env = "DVI_CLIENT_SHARE", value_name = "JOBS", default_value_t = Options::default().client_share)]
     pub client_share: NonZeroUsize,
 
-    /// Longest time a job may run, in seconds; its trajectory so far is kept
+    /// Longest time a job may run, in seconds; its trajectory so far is kept. And the longest time to check a specification
     #[arg(long, env = "DVI_WALL_SECONDS", value_name = "SECONDS", default_value_t = Options::default().wall_seconds)]
     pub wall_seconds: NonZeroU64,
 
@@ -165,6 +165,11 @@ impl Options {
         Duration::from_secs(self.read_seconds.get())
     }
 
+    /// The longest time that a job, or the check of a specification, may take.
+    pub fn wall(&self) -> Duration {
+        Duration::from_secs(self.wall_seconds.get())
+    }
+
     /// The time between the signal to stop and the end of every job.
     pub fn grace(&self) -> Duration {
         Duration::from_secs(self.grace_seconds)
@@ -193,7 +198,7 @@ impl Options {
             queue: Room { places: self.queue.get(), share: self.client_share.get(), bytes: bytes(self.queue_mib) },
             steps: self.steps.get(),
             memory: bytes(self.memory_mib),
-            wall: Duration::from_secs(self.wall_seconds.get()),
+            wall: self.wall(),
             result_bytes: bytes(self.result_mib),
             retention: Retention {
                 jobs: self.kept_jobs.get(),

@@ -24,6 +24,7 @@ mod queue;
 mod record;
 mod results;
 mod store;
+mod turns;
 mod work;
 mod writer;
 
@@ -36,6 +37,7 @@ pub use job::{Halt, Job, JobId, Moment, Order, State};
 pub use pool::Pool;
 pub use queue::Room;
 pub use results::Results;
+pub use turns::{Turn, Turns};
 pub use writer::Unwritable;
 
 use super::metrics::Metrics;
@@ -46,7 +48,7 @@ use problem::Control;
 use queue::{FairQueue, Full, Heavy};
 use record::Record;
 use solution::Solution;
-use specification::{Specification, SpecificationError};
+use specification::{Draft, Specification, SpecificationError};
 use std::io;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -94,6 +96,17 @@ pub enum Refusal {
     KeyInUse,
     /// The disk takes nothing.
     Unwritable,
+}
+
+/// There is no room to wait for a check either.
+impl From<Full> for Refusal {
+    fn from(full: Full) -> Self {
+        match full {
+            Full::Queue => Self::QueueFull(UNMEASURED),
+            Full::Bytes => Self::QueueBytes(UNMEASURED),
+            Full::Share => Self::ClientShare(UNMEASURED),
+        }
+    }
 }
 
 impl From<Unwritable> for Refusal {
@@ -185,8 +198,17 @@ impl Jobs {
     ///
     /// # Errors
     /// All that is wrong with it.
-    pub fn read(&self, document: &[u8]) -> Result<Specification, Vec<SpecificationError>> {
-        Specification::from_json(document).map(|specification| specification.within_steps(self.bounds.steps))
+    pub fn read(&self, document: &[u8], control: &Control) -> Result<Specification, Vec<SpecificationError>> {
+        self.check(Draft::read(document)?, control)
+    }
+
+    /// Checks a document as one that is to be solved here.
+    ///
+    /// # Errors
+    /// All that is wrong with it.
+    pub fn check(&self, draft: Draft, control: &Control) -> Result<Specification, Vec<SpecificationError>> {
+        let Bounds { steps, memory, .. } = self.bounds;
+        draft.check(control).map(|specification| specification.within_steps(steps).within_memory(memory))
     }
 
     /// Takes on a job, or gives the one that was posted before under its key. One that is to be `lasting` is on the disk,

@@ -19,7 +19,7 @@ use super::ordered::Ordered;
 use super::place::Place;
 use models::Model;
 use models::finite_elements::{Grid, Quadrature};
-use models::obstacle::{Cause, Field, Obstacle, Probe, Semidiscrete, largest_peclet};
+use models::obstacle::{Cause, Field, Obstacle, Probe, largest_peclet};
 use problem::Control;
 use serde::Deserialize;
 use solution::Warning;
@@ -81,7 +81,12 @@ impl ObstacleProblem {
     }
 
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(super) fn lower(&self, place: &Place<'_>, start: Option<f64>) -> (Lowering, Option<Model>) {
+    pub(super) fn lower(
+        &self,
+        place: &Place<'_>,
+        start: Option<f64>,
+        control: &Control,
+    ) -> (Lowering, Option<Model>) {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let dimension = self.domain.dimension();
         let place_of_domain = place.key("domain");
@@ -119,7 +124,7 @@ impl ObstacleProblem {
             warnings: Vec::new(),
         };
         if let Some(t) = lowering.start {
-            if let Err(Cause::Offence(offence)) = check(&problem, t) {
+            if let Err(Cause::Offence(offence)) = problem.check(t, control) {
                 let pointer = format!("{place}/{}", offence.key());
                 let error = SpecificationError::new(pointer, offence.code(), offence.to_string());
                 lowering.errors.push(error.expected(offence.expected()));
@@ -185,12 +190,3 @@ fn unresolved(peclet: f64) -> Warning {
     Warning { code: "unresolved_layers", message }
 }
 
-/// Whether all data are what they should be at the start.
-fn check(problem: &Obstacle, t: f64) -> Result<(), Cause> {
-    let control = Control::new();
-    let mut system = Semidiscrete::new(problem.clone(), &control).map_err(|_| Cause::Interrupted { t })?;
-    system.operator_at(t, &control)?;
-    system.vectors_at(t)?;
-    system.initial(t)?;
-    Ok(())
-}

@@ -26,6 +26,7 @@ use super::ordered::Ordered;
 use super::place::Place;
 use models::Model;
 use models::rigid_bodies::Scene;
+use problem::Control;
 use serde::Deserialize;
 use std::collections::HashMap;
 use utoipa::ToSchema;
@@ -64,7 +65,12 @@ pub struct RigidBodiesProblem {
 
 impl RigidBodiesProblem {
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(super) fn lower(&self, place: &Place<'_>, start: Option<f64>) -> (Lowering, Option<Model>) {
+    pub(super) fn lower(
+        &self,
+        place: &Place<'_>,
+        start: Option<f64>,
+        control: &Control,
+    ) -> (Lowering, Option<Model>) {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let place_of_bodies = place.key("bodies");
         if self.bodies.len() > MOST_BODIES {
@@ -98,7 +104,7 @@ impl RigidBodiesProblem {
         let resolve = self.interpenetration == Interpenetration::Resolve;
         let scene = Scene { gravity: gravity.unwrap_or_default(), bodies, laws, cone, joints, resolve, warnings };
         if !resolve && lowering.errors.is_empty() {
-            overlaps::refuse(&scene, &place_of_bodies, &mut lowering.errors);
+            overlaps::refuse(&scene, &place_of_bodies, control, &mut lowering.errors);
             joints::refuse_torn(&self.joints, &scene, &place.key("joints"), &mut lowering.errors);
         }
         (lowering, Some(Model::RigidBodies(scene)))
