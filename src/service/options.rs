@@ -49,6 +49,10 @@ pub struct Options {
     #[arg(long, env = "DVI_INSECURE")]
     pub insecure: bool,
 
+    /// A name by which pages may reach a loopback address without tokens, beside `localhost`; given once for each
+    #[arg(long, env = "DVI_HOST", value_name = "NAME", value_delimiter = ',')]
+    pub host: Vec<String>,
+
     /// Solves at a time; the default is one a core
     #[arg(long, env = "DVI_WORKERS", value_name = "N", default_value_t = Options::default().workers)]
     pub workers: NonZeroUsize,
@@ -124,6 +128,7 @@ impl Default for Options {
             ephemeral: false,
             ask_tokens: false,
             insecure: false,
+            host: Vec::new(),
             workers: available_parallelism().unwrap_or(NonZeroUsize::MIN),
             queue: count(1000),
             queue_mib: count(256),

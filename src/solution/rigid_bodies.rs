@@ -242,7 +242,9 @@ fn failure(cause: &StepFailure, scene: &Scene, plan: &Plan, t: f64, state: &[f64
         }
         StepFailure::Unsolved { residual } => (
             "contact_unsolved",
-            format!("the law of contact and friction was not solved at t = {t} (residual {residual:e}): a smaller step may help"),
+            format!(
+                "the law of contact and friction was not solved at t = {t} (residual {residual:e}): a smaller step may help"
+            ),
         ),
         StepFailure::Joints => ("joints", format!("the joints cannot all hold at t = {t}")),
         StepFailure::TooMuchMemory { contacts, most_touched, bytes } => {

@@ -53,12 +53,7 @@ impl Specification {
     }
 
     /// Checks what a document means. What was mended in reading it is not held against it again.
-    pub(super) fn check(
-        document: Document,
-        repairs: &Repairs,
-        control: &Control,
-        errors: &mut Errors,
-    ) -> Option<Self> {
+    pub(super) fn check(document: Document, repairs: &Repairs, control: &Control, errors: &mut Errors) -> Option<Self> {
         let Document { problem, time, method, output, limits, study, label } = document;
         let mut found = Errors::default();
         let root = Place::Root;

@@ -115,13 +115,18 @@ impl Scene {
     pub fn overlaps(&self, fraction: f64, most: usize, control: &Control) -> Result<Vec<Overlap>, Interrupted> {
         let mut overlaps = Vec::new();
         let margin = |a: usize, b: usize| fraction * self.reach(a).min(self.reach(b));
-        self.touching(margin, |_| 0.0, control, |[a, b], points| {
-            let depth = -points.iter().map(|point| point.gap).fold(f64::INFINITY, f64::min);
-            if depth > margin(a, b) {
-                overlaps.push(Overlap { bodies: [a, b], depth });
-            }
-            if overlaps.len() < most { Ok(()) } else { Err(Ended::Enough) }
-        })?;
+        self.touching(
+            margin,
+            |_| 0.0,
+            control,
+            |[a, b], points| {
+                let depth = -points.iter().map(|point| point.gap).fold(f64::INFINITY, f64::min);
+                if depth > margin(a, b) {
+                    overlaps.push(Overlap { bodies: [a, b], depth });
+                }
+                if overlaps.len() < most { Ok(()) } else { Err(Ended::Enough) }
+            },
+        )?;
         overlaps.sort_by_key(|overlap| overlap.bodies);
         Ok(overlaps)
     }
@@ -134,11 +139,16 @@ impl Scene {
         let mut load = Load::of(self);
         let moving = |body: usize| (!self.bodies[body].fixed).then_some(body);
         let near = |body: usize| moving(body).map_or(0.0, |body| NEAR * self.reach(body));
-        self.touching(|a, b| near(a) + near(b), near, control, |[a, b], points| {
-            load.pairs += 1;
-            load.add([a, b].map(moving), points.len());
-            if load.bytes() < enough { Ok(()) } else { Err(Ended::Enough) }
-        })?;
+        self.touching(
+            |a, b| near(a) + near(b),
+            near,
+            control,
+            |[a, b], points| {
+                load.pairs += 1;
+                load.add([a, b].map(moving), points.len());
+                if load.bytes() < enough { Ok(()) } else { Err(Ended::Enough) }
+            },
+        )?;
         Ok(load)
     }
 

@@ -9,6 +9,7 @@ mod events;
 mod examples;
 mod excerpt;
 mod health;
+mod host;
 mod job_list;
 mod jobs;
 mod methods;

@@ -78,7 +78,9 @@ impl Representation {
             Self::Json => return Ok(Body::from(aside(shared, job.client, large, move || part.json()).await?)),
             Self::Svg => {
                 let label = job.label.clone();
-                return Ok(Body::from(aside(shared, job.client, large, move || picture(&part, label.as_deref())).await?));
+                return Ok(Body::from(
+                    aside(shared, job.client, large, move || picture(&part, label.as_deref())).await?,
+                ));
             }
             Self::Csv => Box::new(Csv),
             Self::Lines => Box::new(Lines),

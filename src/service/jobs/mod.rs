@@ -154,7 +154,7 @@ impl Jobs {
     /// # Errors
     /// The folder is in use, or those of the disk.
     pub fn open(bounds: Bounds, solver: Solver, folder: Option<&Path>, metrics: Arc<Metrics>) -> io::Result<Self> {
-        let (store, accepted) = Store::open(folder, bounds.retention)?;
+        let (store, accepted) = Store::open(folder, bounds.retention, &metrics)?;
         let mut queue = FairQueue::new(bounds.queue);
         let waiting = Semaphore::new(accepted.len());
         accepted.into_iter().for_each(|job| queue.push(job.client, job));

@@ -81,12 +81,7 @@ impl ObstacleProblem {
     }
 
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(super) fn lower(
-        &self,
-        place: &Place<'_>,
-        start: Option<f64>,
-        control: &Control,
-    ) -> (Lowering, Option<Model>) {
+    pub(super) fn lower(&self, place: &Place<'_>, start: Option<f64>, control: &Control) -> (Lowering, Option<Model>) {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let dimension = self.domain.dimension();
         let place_of_domain = place.key("domain");
@@ -189,4 +184,3 @@ fn unresolved(peclet: f64) -> Warning {
     );
     Warning { code: "unresolved_layers", message }
 }
-

@@ -65,12 +65,7 @@ pub struct RigidBodiesProblem {
 
 impl RigidBodiesProblem {
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(super) fn lower(
-        &self,
-        place: &Place<'_>,
-        start: Option<f64>,
-        control: &Control,
-    ) -> (Lowering, Option<Model>) {
+    pub(super) fn lower(&self, place: &Place<'_>, start: Option<f64>, control: &Control) -> (Lowering, Option<Model>) {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let place_of_bodies = place.key("bodies");
         if self.bodies.len() > MOST_BODIES {
