@@ -317,7 +317,9 @@ impl Jobs {
             State::Running { started, control, .. } => {
                 let (done, spent) = (control.fraction(), started.clock.elapsed());
                 let rest = spent.as_secs_f64() * (1.0 - done) / done;
-                Duration::try_from_secs_f64(rest).unwrap_or(spent)
+                // Longer than it may take it does not.
+                let most = self.bounds.wall.saturating_sub(spent);
+                Duration::try_from_secs_f64(rest).unwrap_or(spent).min(most)
             }
             State::Ended { .. } => Duration::ZERO,
         }
