@@ -35,6 +35,7 @@ impl Specification {
             global_error: self.estimates_global_error(),
             most_steps: self.step_limit().unwrap_or(MOST_STEPS),
             most_values: MOST_VALUES,
+            most_memory: self.most_memory,
         }
     }
 

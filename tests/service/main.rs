@@ -12,6 +12,7 @@ mod harness;
 mod hostile;
 mod job_list;
 mod jobs;
+mod killers;
 mod metrics;
 mod openapi;
 mod process;

@@ -103,7 +103,7 @@ async fn job(
     }
     // Asked before the specification is read, so that refusing costs next to nothing.
     shared.jobs.admits(client, document_bytes.len())?;
-    let specification = document.specification(shared).await?;
+    let specification = document.checked(shared, client, Arc::new).await?;
     Ok(shared.jobs.submit(Order { client, specification, document: document_bytes, key }, lasting).await?)
 }
 

@@ -4,6 +4,7 @@ use super::Jobs;
 use super::ended::{Ended, Ending, Fault, Held};
 use super::job::{Halt, Job, State};
 use super::results::{Results, TooLarge};
+use problem::Control;
 use solution::{Solution, Status};
 use specification::Specification;
 use std::any::Any;
@@ -110,7 +111,7 @@ impl Jobs {
             return Ok(specification);
         }
         let document = self.store.document(job)?;
-        let read = self.read(&document);
+        let read = self.read(&document, &Control::new());
         read.map(Arc::new).map_err(|errors| io::Error::other(format!("{errors:?}")))
     }
 }
