@@ -321,6 +321,10 @@ impl<'p> VelocityStep<'p> {
                 let drift = rows(&self.structure, k).map(|row| self.constraints.drift[row]);
                 self.contacted.drives -= r[i].iter().zip(drift).map(|(r, b)| r * b).sum::<f64>();
             }
+            let is_elastic = |(r, e): (&Vector3<f64>, &f64)| r.x == 0.0 || *e == 1.0;
+            if report.restitution == 1.0 && r.iter().zip(&restitution).all(is_elastic) {
+                self.contacted.beyond_restitution = self.contacted.impacts;
+            }
         }
         Ok(())
     }

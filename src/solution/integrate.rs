@@ -49,7 +49,9 @@ pub(super) fn integrate_once(
         radau.take_switches();
         let balance = model.outputs.energy().map(|form| EnergyBalance::new(form.clone(), &radau));
         let largest = plan.initial.iter().map(|x| x.abs()).collect();
-        Ok(Course { radau, plan, atol: &settings.atol, largest, outputs: model.outputs.clone(), balance })
+        let (atol, outputs) = (&settings.atol, model.outputs.clone());
+        let rtol = settings.step.is_none().then_some(settings.rtol);
+        Ok(Course { radau, plan, atol, rtol, largest, outputs, balance })
     })
 }
 
@@ -58,6 +60,8 @@ struct Course<'p> {
     radau: Radau<'p>,
     plan: &'p Plan,
     atol: &'p [f64],
+    /// The relative tolerance; none where the step is fixed.
+    rtol: Option<f64>,
     /// The largest size of each state so far.
     largest: Vec<f64>,
     outputs: Outputs,
@@ -113,7 +117,10 @@ impl Stepper for Course<'_> {
     fn finish(&mut self, diagnostics: &mut Diagnostics) {
         count(&mut self.radau, self.plan, diagnostics);
         warn_of_small_states(self.plan, self.atol, &self.largest, diagnostics);
-        diagnostics.energy = self.balance.as_ref().map(|balance| balance.energy);
+        if let Some(balance) = &self.balance {
+            diagnostics.energy = Some(balance.energy);
+            balance.judge(&self.radau, self.rtol, self.atol, &mut diagnostics.checks);
+        }
     }
 }
 

@@ -297,6 +297,17 @@ impl<'l, 'p> Leg<'l, 'p> {
         energy.close(energies.kinetic, energies.potential);
     }
 
+    /// Takes joints and gaps into account at a time within the last step, at which the equations of the mode have been
+    /// evaluated.
+    pub(super) fn note_violations(&mut self, t: f64, q: &[f64]) {
+        let Located { radau, violations, .. } = &mut *self.located;
+        if violations.joints().is_empty() && violations.gaps().is_empty() {
+            return;
+        }
+        let tolerances: Vec<f64> = q.iter().zip(&radau.atol).map(|(q, atol)| atol + radau.rtol * q.abs()).collect();
+        violations.note(t, q, self.watch.constraints(), &tolerances, |k| self.mode[k].is_closed());
+    }
+
     /// Coordinates, velocities, impulses and the balance of energy at a time within the last step.
     pub fn outputs(&mut self, t: f64, q: &mut [f64], v: &mut [f64]) -> (Vec<Vector3<f64>>, Energy) {
         let Located { state, last, .. } = &*self.located;
