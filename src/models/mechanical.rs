@@ -8,7 +8,7 @@
 //! all by exact differentiation; contacts and joints give `J` and `b` by that of gaps and constraints, and `J` and `b` of
 //! slips are read off expressions that are affine in `v`.
 
-use expression::{ExpressionError, Graph, Node, Tape};
+use expression::{ExpressionError, Graph, Interval, IntervalWorkspace, Node, Tape};
 use nalgebra::DMatrix;
 use problem::{Constraints, ContactData, Energies, Mechanical, MechanicalStructure, Sensitivity};
 
@@ -52,6 +52,7 @@ pub struct SymbolicMechanics {
     forces: Tape,
     stiffness: Sparse,
     values: Tape,
+    enclosures: IntervalWorkspace,
     drift: Tape,
     rows: Sparse,
     energies: Tape,
@@ -228,11 +229,13 @@ impl SymbolicMechanics {
             depends_on_time: in_time(&rows.mass) || in_time(&forces) || in_time(&velocities) || in_time(&holonomic),
             affine_constraints: constant(&straight) && !in_time(&holonomic),
         };
+        let values = Tape::compile(graph, &holonomic);
         Ok(Self {
             mass: Tape::compile(graph, &rows.mass),
             forces: Tape::compile(graph, &forces),
             stiffness,
-            values: Tape::compile(graph, &holonomic),
+            enclosures: IntervalWorkspace::new(&values),
+            values,
             drift: Tape::compile(graph, &drift),
             rows: Sparse::compile(graph, jacobian),
             energies: Tape::compile(graph, &energies),
@@ -347,6 +350,10 @@ impl Mechanical for SymbolicMechanics {
     fn positions(&mut self, t: f64, q: &[f64], values: &mut [f64]) {
         self.place_at_rest(q);
         self.values.evaluate(t, &self.inputs, values);
+    }
+
+    fn enclose_positions(&mut self, t: Interval, q: &[Interval], values: &mut [Interval]) {
+        self.values.enclose(t, q, &mut self.enclosures, values);
     }
 
     fn energies(&mut self, t: f64, q: &[f64], v: &[f64]) -> Energies {

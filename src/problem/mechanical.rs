@@ -8,6 +8,7 @@
 //! contacts, whose `gap(t,q)` must not be negative (`u_n = gap'`), then the directions of slip. `f` holds all forces, those
 //! of the potential and of `M` itself (Coriolis, centrifugal).
 
+use expression::Interval;
 use nalgebra::{DMatrix, Vector2};
 use std::ops::Range;
 
@@ -165,6 +166,9 @@ pub trait Mechanical: Send {
 
     /// Writes joints and gaps alone.
     fn positions(&mut self, t: f64, q: &[f64], values: &mut [f64]);
+
+    /// Writes intervals that hold joints and gaps wherever `t` and `q` are in theirs.
+    fn enclose_positions(&mut self, t: Interval, q: &[Interval], values: &mut [Interval]);
 
     /// Energies and power.
     fn energies(&mut self, t: f64, q: &[f64], v: &[f64]) -> Energies;

@@ -5,7 +5,7 @@
 //! uniform mesh is accurate at every moment.
 
 use super::run::{Plan, Run, Stepper, ending};
-use super::{Diagnostics, Event, EventKind, Failure, Refinement, Solution, Status, Steps, ViCounts, Warning};
+use super::{CheckCode, Diagnostics, Event, EventKind, Failure, Refinement, Solution, Status, Steps, ViCounts, Warning};
 use analysis::{Analysis, Uniqueness};
 use convolution::{Convolution, Settings, StepError};
 use models::ConvolutionModel;
@@ -179,6 +179,8 @@ struct Course<'p> {
     largest: f64,
     events: Vec<Event>,
     values: Vec<f64>,
+    /// The natural-map residual that a step may have.
+    tolerance: f64,
 }
 
 /// A variable this close to a bound, against the largest there was, is at it.
@@ -217,6 +219,7 @@ impl<'p> Course<'p> {
             largest: 0.0,
             events: Vec::new(),
             values: vec![0.0; 3 * m],
+            tolerance: settings.vi_tolerance,
         };
         course.find_switches();
         Ok(course)
@@ -314,6 +317,12 @@ impl Stepper for Course<'_> {
             (vi.solver, vi.solves) = (self.convolution.solver(), self.convolution.steps() as u64);
             vi.pivots = self.convolution.iterations;
         }
+        let (residual, t) = self.convolution.residual;
+        diagnostics.checks.record(CheckCode::LawResidual, residual, self.tolerance, || {
+            format!(
+                "the inequalities of the step to t = {t:?} were solved to {residual:.1e} of their terms: give another                  `vi_solver`, or a smaller `step`"
+            )
+        });
     }
 }
 

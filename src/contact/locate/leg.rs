@@ -124,6 +124,14 @@ impl<'l, 'p> Leg<'l, 'p> {
             found = self.search(begin, end);
             self.over = true;
         }
+        if matches!(found, Search::Clear)
+            && let Some(hidden) = self.hidden(begin, end)
+        {
+            end = hidden.until;
+            self.cut_at(begin, &x, end);
+            (self.over, self.located.h) = (true, Some(hidden.next));
+            found = self.search(begin, end);
+        }
         let (t, ending) = match found {
             Search::Clear => (end, None),
             Search::Ends(violation) => (self.refine(begin, &x, end, &violation), Some(violation.ending)),

@@ -9,6 +9,7 @@
 //! - Where no mode goes on, steps of time stepping do, until one does again.
 
 mod flight;
+mod hidden;
 mod integrals;
 mod leg;
 mod mode;
