@@ -54,9 +54,6 @@ pub struct Energy {
     /// The largest energy met, see [`Energy::size`].
     #[serde(skip)]
     largest: f64,
-    /// The largest kinetic energy of a step.
-    #[serde(skip)]
-    largest_kinetic: f64,
     /// The largest gain in impacts, in units of energy.
     #[serde(skip)]
     gain: f64,
@@ -80,7 +77,6 @@ impl Energy {
             kinetic_at_end: kinetic,
             potential_at_end: potential,
             largest: kinetic,
-            largest_kinetic: kinetic,
             terms: kinetic + potential.abs(),
             ..Self::default()
         }
@@ -91,8 +87,8 @@ impl Energy {
         self.largest = self.largest.max(energy);
     }
 
-    /// The largest energy met, with which defects are compared: kinetic energy and the change of the potential together,
-    /// with all work and dissipation so far.
+    /// The largest energy met, with which defects are compared: kinetic energy and the change of the potential together, or
+    /// what forces give within a step to what contacts hold; with all work and dissipation so far.
     pub fn size(&self) -> f64 {
         self.largest + self.throughput
     }
@@ -107,11 +103,10 @@ impl Energy {
         self.dissipated_by_friction += friction;
         self.lost_in_impacts += impacts;
         self.throughput += friction.abs() + impacts.abs();
-        self.largest_kinetic = self.largest_kinetic.max(kinetic);
+        self.meet(kinetic);
         self.gain = self.gain.max(-impacts);
-        let size = self.largest_kinetic.max(self.largest);
-        if self.gain > 0.0 && size > 0.0 {
-            self.largest_gain_in_impacts = self.gain / size;
+        if self.gain > 0.0 && self.largest > 0.0 {
+            self.largest_gain_in_impacts = self.gain / self.largest;
         }
     }
 

@@ -25,5 +25,5 @@ pub use happening::Happening;
 pub use locate::{Flights, Leg, Located, Passed};
 pub use settings::{ContactError, ImpactLaw, Settings};
 pub use time_stepping::TimeStepping;
-pub use violations::{Violation, Violations};
 pub use velocity_step::{Contacted, Forces, State, VelocityStep, Work};
+pub use violations::{Violation, Violations};

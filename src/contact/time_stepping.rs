@@ -121,7 +121,7 @@ impl<'p> TimeStepping<'p> {
         if self.violations.joints().is_empty() && self.violations.gaps().is_empty() {
             return;
         }
-        self.violations.note(self.state.t, &self.state.q, &self.step.constraints, &[], |_| false);
+        self.violations.note(self.state.t, &self.state.q, &self.step.constraints, (&self.step.sizes, &[]), |_| false);
         if self.step.structure.affine_constraints {
             return;
         }

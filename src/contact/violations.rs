@@ -35,22 +35,24 @@ impl Violations {
         Self { joints: structure.joints, start: q.to_vec(), rows }
     }
 
-    /// Takes a place into account, with the tolerances on `q` there; `is_held` tells which contacts must stay closed.
+    /// Takes a place into account, with the size of the terms of each row and the tolerances on `q` there; `is_held` tells
+    /// which contacts must stay closed.
     pub fn note(
         &mut self,
         t: f64,
         q: &[f64],
         constraints: &Constraints,
-        tolerances: &[f64],
+        (sizes, tolerances): (&[f64], &[f64]),
         is_held: impl Fn(usize) -> bool,
     ) {
         let joints = self.joints;
         for (row, seen) in self.rows.iter_mut().enumerate() {
             let (j, value) = (constraints.row(row), constraints.values[row]);
-            let moved: f64 = j.iter().zip(q.iter().zip(&self.start)).map(|(j, (q, start))| (j * (q - start)).abs()).sum();
+            let moved: f64 =
+                j.iter().zip(q.iter().zip(&self.start)).map(|(j, (q, start))| (j * (q - start)).abs()).sum();
             let is_joint = row < joints;
             seen.length = seen.length.max(moved).max(if is_joint { 0.0 } else { value.abs() });
-            seen.terms = seen.terms.max(constraints.size(row, q));
+            seen.terms = seen.terms.max(constraints.size(row, q)).max(sizes.get(row).copied().unwrap_or(0.0));
             seen.tolerance = seen.tolerance.max(constraints.size(row, tolerances));
             seen.see(t, value, is_joint || is_held(row - joints));
         }

@@ -2,7 +2,9 @@
 
 use super::mechanical_checks::{Accuracy, check_energy, check_passed, check_violations};
 use super::run::{Plan, Run, Stepper, run};
-use super::{CheckCode, Diagnostics, Evaluations, Event, EventKind, Failure, Solution, Status, Steps, ViCounts, Warning};
+use super::{
+    CheckCode, Diagnostics, Evaluations, Event, EventKind, Failure, Solution, Status, Steps, ViCounts, Warning,
+};
 use analysis::Analysis;
 use contact::energy::Energy;
 use contact::law::UNSOLVED;
@@ -78,10 +80,20 @@ pub fn integrate_contact(
 }
 
 /// Records what was measured of a run with located impacts.
-fn judge_located(located: &mut Located<'_>, model: &MechanicalModel, radau: &radau::Settings, diagnostics: &mut Diagnostics) {
-    let State { t, q, .. } = &located.state;
-    let atol = located.step.problem.energies(*t, q, &radau.atol[q.len()..]).kinetic;
-    let accuracy = Accuracy::Tolerance { rtol: radau.rtol, atol, steps: located.accepted };
+fn judge_located(
+    located: &mut Located<'_>,
+    model: &MechanicalModel,
+    radau: &radau::Settings,
+    diagnostics: &mut Diagnostics,
+) {
+    let State { t, q, v } = &located.state;
+    let (of_q, of_v) = radau.atol.split_at(q.len());
+    let problem = &mut *located.step.problem;
+    let atol = problem.energies(*t, q, of_v).kinetic;
+    let mut forces = vec![0.0; q.len()];
+    problem.forces(*t, q, v, &mut forces);
+    let work = forces.iter().zip(of_q).map(|(force, atol)| (force * atol).abs()).sum();
+    let accuracy = Accuracy::Tolerance { rtol: radau.rtol, atol, work, steps: located.accepted };
     let checks = &mut diagnostics.checks;
     check_energy(&located.energy, accuracy, checks);
     check_violations(&located.violations, &model.contacts, accuracy, checks);
@@ -277,7 +289,10 @@ fn tell(step: &VelocityStep<'_>, model: &MechanicalModel, steps: Steps, diagnost
     diagnostics.steps = steps;
     if work.solves > 0 {
         diagnostics.checks.record(CheckCode::LawResidual, work.residual, UNSOLVED, || {
-            format!("the law of contact was solved to a relative residual of {:.1e} at worst: take a smaller `step`", work.residual)
+            format!(
+                "the law of contact was solved to a relative residual of {:.1e} at worst: take a smaller `step`",
+                work.residual
+            )
         });
     }
     diagnostics.evaluations =

@@ -5,7 +5,9 @@
 //! uniform mesh is accurate at every moment.
 
 use super::run::{Plan, Run, Stepper, ending};
-use super::{CheckCode, Diagnostics, Event, EventKind, Failure, Refinement, Solution, Status, Steps, ViCounts, Warning};
+use super::{
+    CheckCode, Diagnostics, Event, EventKind, Failure, Refinement, Solution, Status, Steps, ViCounts, Warning,
+};
 use analysis::{Analysis, Uniqueness};
 use convolution::{Convolution, Settings, StepError};
 use models::ConvolutionModel;

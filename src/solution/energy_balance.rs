@@ -61,7 +61,7 @@ impl EnergyBalance {
         let mut tolerances = vec![0.0; radau.y().len()];
         tolerances.iter_mut().zip(atol).for_each(|(tolerance, atol)| *tolerance = *atol);
         let (atol, steps) = (self.form.at(&tolerances).0, radau.counts.accepted);
-        let accuracy = rtol.map_or(Accuracy::Fixed, |rtol| Accuracy::Tolerance { rtol, atol, steps });
+        let accuracy = rtol.map_or(Accuracy::Fixed, |rtol| Accuracy::Tolerance { rtol, atol, work: 0.0, steps });
         check_energy(&self.energy, accuracy, checks);
     }
 

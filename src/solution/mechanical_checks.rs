@@ -14,6 +14,9 @@ pub(super) const LARGEST_PART: f64 = 1e-3;
 /// Rounding of a joint or a gap, in parts of its terms: what corrections leave.
 const ROUNDING: f64 = 1e-9;
 
+/// What a polynomial may be off by between the stages of a step, in units of the tolerance at its end.
+const BETWEEN_STAGES: f64 = 100.0;
+
 /// The energy that rounding takes in an elastic impact, in parts of the largest met.
 const ROUNDING_OF_IMPACTS: f64 = 1e-11;
 
@@ -28,6 +31,8 @@ pub(super) enum Accuracy {
         rtol: f64,
         /// The energy of velocities as large as their absolute tolerances.
         atol: f64,
+        /// The work of the forces over displacements as large as theirs.
+        work: f64,
         /// Accepted steps.
         steps: u64,
     },
@@ -39,9 +44,10 @@ impl Accuracy {
         let (size, most) = (energy.size(), LARGEST_PART * energy.size());
         let permitted = match self {
             Self::Fixed => most,
-            // Of v^T M dv, with |dv| up to rtol |v| + atol, by Cauchy and Schwarz.
-            Self::Tolerance { rtol, atol, steps } => {
-                (2.0 * steps as f64 * (rtol * size + (size * atol).sqrt() + atol)).min(most)
+            // Of v^T M dv, with |dv| up to rtol |v| + atol, by Cauchy and Schwarz; and of f^T dq.
+            Self::Tolerance { rtol, atol, work, steps } => {
+                let steps = steps as f64;
+                (2.0 * steps * (rtol * size + (size * atol).sqrt() + atol)).min(most) + steps * work
             }
         };
         permitted + energy.rounding()
@@ -81,7 +87,8 @@ pub(super) fn check_violations(violations: &Violations, names: &[String], accura
         let permitted = match accuracy {
             Accuracy::Fixed => LARGEST_PART * seen.length,
             Accuracy::Tolerance { steps, .. } => {
-                (steps.max(1) as f64 * seen.tolerance).min(LARGEST_PART * seen.length)
+                let most = (LARGEST_PART * seen.length).max(BETWEEN_STAGES * seen.tolerance);
+                (steps.max(1) as f64 * seen.tolerance).min(most)
             }
         };
         permitted + ROUNDING * seen.terms

@@ -157,7 +157,10 @@ impl Stepper for Course<'_> {
         let counts = &self.stepper.counts;
         if diagnostics.vi.is_some() {
             diagnostics.checks.record(CheckCode::LawResidual, counts.residual, self.vi_tolerance, || {
-                format!("the inequality of a stage was solved to {:.1e} of the largest value: lower `step`", counts.residual)
+                format!(
+                    "the inequality of a stage was solved to {:.1e} of the largest value: lower `step`",
+                    counts.residual
+                )
             });
             diagnostics.checks.record(CheckCode::EventsUnproven, counts.unproven as f64, 0.0, || {
                 format!(

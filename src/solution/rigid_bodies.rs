@@ -139,7 +139,10 @@ impl<'a> Course<'a> {
             )
         });
         self.checks.record(CheckCode::ConstraintResidual, report.overlap, LARGEST_PART, || {
-            format!("bodies overlap by {:.1e} of the size of the smaller at t = {:?}: {remedy}", report.overlap, self.before)
+            format!(
+                "bodies overlap by {:.1e} of the size of the smaller at t = {:?}: {remedy}",
+                report.overlap, self.before
+            )
         });
         if let Some(joint) = self.scene.joints.get(report.drifted) {
             self.checks.record(CheckCode::JointDrift, report.drift, LARGEST_PART, || {

@@ -20,6 +20,9 @@ const HALVINGS: usize = 24;
 /// The part of the way to a violation that the next step takes.
 const NEXT: f64 = 0.25;
 
+/// The part of the tolerance at which a violation begins: what comes before it is smooth to the end of the step.
+const FAINT: f64 = 1e-3;
+
 /// A violation between the points of a step.
 pub(super) struct Hidden {
     /// Up to when the step may go.
@@ -35,7 +38,7 @@ impl Leg<'_, '_> {
         if structure.affine_constraints || structure.joints + structure.contacts.len() == 0 {
             return None;
         }
-        let tolerances = self.tolerances_of_rows(begin);
+        let tolerances = self.tolerances_of_rows(begin, 1.0);
         let mut parts = vec![(begin, end)];
         let mut enclosed = 0;
         while let Some((a, b)) = parts.pop() {
@@ -45,7 +48,10 @@ impl Leg<'_, '_> {
             }
             let middle = 0.5 * (a + b);
             if let Some(row) = self.violated(middle, &tolerances) {
-                return self.beginning(begin, middle, row, &tolerances);
+                let faint = self.tolerances_of_rows(begin, FAINT);
+                return self
+                    .beginning(begin, middle, row, &faint)
+                    .or_else(|| self.beginning(begin, middle, row, &tolerances));
             }
             if enclosed + parts.len() < MOST_PARTS && a < middle && middle < b {
                 // The widest first: those of one size are looked at in the order of time.
@@ -62,16 +68,17 @@ impl Leg<'_, '_> {
         row.checked_sub(self.located.structure.joints).is_none_or(|k| self.mode[k].is_closed())
     }
 
-    /// By how much joints and gaps may be off: what the step began with, and the tolerances of its coordinates.
-    fn tolerances_of_rows(&mut self, begin: f64) -> Vec<f64> {
+    /// By how much joints and gaps may be off: what the step began with, and a part of the tolerances of its coordinates.
+    fn tolerances_of_rows(&mut self, begin: f64, part: f64) -> Vec<f64> {
         let n = self.located.structure.coordinates;
         let mut x = vec![0.0; 2 * n];
         self.at(begin, &mut x);
         self.watch.settle(begin, &x);
         let (constraints, radau) = (self.watch.constraints(), &self.located.radau);
-        let tolerances: Vec<f64> = x[..n].iter().zip(&radau.atol).map(|(q, atol)| atol + radau.rtol * q.abs()).collect();
+        let tolerances: Vec<f64> =
+            x[..n].iter().zip(&radau.atol).map(|(q, atol)| atol + radau.rtol * q.abs()).collect();
         let rows = constraints.values.iter().enumerate();
-        rows.map(|(row, value)| value.abs().min(super::CLOSED) + constraints.size(row, &tolerances)).collect()
+        rows.map(|(row, value)| value.abs().min(super::CLOSED) + part * constraints.size(row, &tolerances)).collect()
     }
 
     /// Whether no joint or gap can be off between two times.
@@ -89,9 +96,11 @@ impl Leg<'_, '_> {
         let q: Vec<Interval> = (0..n).map(boxed).collect();
         let mut values = vec![Interval::EMPTY; tolerances.len()];
         self.watch.problem().enclose_positions(Interval::new(a, b), &q, &mut values);
-        values.iter().zip(tolerances).enumerate().all(|(row, (value, tolerance))| {
-            value.lo >= -tolerance && (!self.is_held(row) || value.hi <= *tolerance)
-        })
+        values
+            .iter()
+            .zip(tolerances)
+            .enumerate()
+            .all(|(row, (value, tolerance))| value.lo >= -tolerance && (!self.is_held(row) || value.hi <= *tolerance))
     }
 
     /// A joint or a gap that is off at a time.

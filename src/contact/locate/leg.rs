@@ -313,7 +313,7 @@ impl<'l, 'p> Leg<'l, 'p> {
             return;
         }
         let tolerances: Vec<f64> = q.iter().zip(&radau.atol).map(|(q, atol)| atol + radau.rtol * q.abs()).collect();
-        violations.note(t, q, self.watch.constraints(), &tolerances, |k| self.mode[k].is_closed());
+        violations.note(t, q, self.watch.constraints(), (&[], &tolerances), |k| self.mode[k].is_closed());
     }
 
     /// Coordinates, velocities, impulses and the balance of energy at a time within the last step.

@@ -191,6 +191,7 @@ impl<'p> Located<'p> {
         match ending {
             Ending::Closes(k) => {
                 self.look();
+                self.step.closing = Some(k);
                 if self.gradient(k) <= VANISHED * self.gradients[k] {
                     return Err(ContactError::Gradient { contact: k, t });
                 }
@@ -211,6 +212,7 @@ impl<'p> Located<'p> {
             Ending::Breaks(k, _) => self.happenings.push(Happening::Slip { t, contact: k }),
             Ending::Stops(_) => {}
         }
+        self.step.closing = None;
         self.choose(Some(ending), control)?;
         let mode = self.mode.iter().flatten().zip(&before).enumerate();
         let stops = matches!(ending, Ending::Stops(_));
@@ -234,15 +236,18 @@ impl<'p> Located<'p> {
         let passed = t - self.last_impact[k];
         let terms = self.constraints.size(self.structure.normal(k), q);
         let height = 0.25 * passed * self.normal(k, v).abs();
-        passed < (ZENO * self.horizon).max(1e3 * f64::EPSILON * t.abs()) || height <= 4.0 * f64::EPSILON * terms
+        // Impacts that give all back follow each other fast, but have no limit.
+        let zeno = if self.structure.contacts[k].restitution == 1.0 { 0.0 } else { ZENO * self.horizon };
+        passed < zeno.max(1e3 * f64::EPSILON * t.abs()) || height <= 4.0 * f64::EPSILON * terms
     }
 
     /// The law of impact for all contacts that are closed, if any of them approaches; whether one does.
     fn strike(&mut self, control: &Control) -> Result<bool, ContactError> {
         self.look();
         let State { t, v, .. } = &self.state;
-        let approaching: Vec<usize> =
-            (0..self.structure.contacts.len()).filter(|&k| self.is_closed(k) && self.normal(k, v) < 0.0).collect();
+        let approaching: Vec<usize> = (0..self.structure.contacts.len())
+            .filter(|&k| (self.is_closed(k) || self.step.closing == Some(k)) && self.normal(k, v) < 0.0)
+            .collect();
         if approaching.iter().all(|&k| -self.normal(k, v) <= self.rounding(k, v)) {
             return Ok(false);
         }

@@ -16,7 +16,12 @@ impl Field {
     pub fn new(graph: &Graph, node: Node) -> Self {
         let inputs = graph.inputs(node);
         let tape = Tape::compile(graph, &[node]);
-        Self { enclosures: IntervalWorkspace::new(&tape), tape, constant: graph.value(node), varies_in_time: inputs.contains(&0) }
+        Self {
+            enclosures: IntervalWorkspace::new(&tape),
+            tape,
+            constant: graph.value(node),
+            varies_in_time: inputs.contains(&0),
+        }
     }
 
     /// Its value, if it is the same at all times and places.

@@ -42,8 +42,9 @@ impl Hidden {
         Self { domain, kept: Kept::default() }
     }
 
-    /// The mean square, over the domain, of how far nodes may have moved unseen in a step with these times, forces of the
-    /// obstacles and values at its beginning, stage and end. The system is at the end, and is so afterwards.
+    /// The mean square, over the domain, of how far nodes may have moved unseen in a step with these times, obstacles that
+    /// hold nodes (1 from below, -1 from above) and values at its beginning, stage and end, and the forces of the obstacles
+    /// at the end. The system is at the end, and is so afterwards.
     ///
     /// # Errors
     /// Data between the stages that are none.
@@ -51,21 +52,22 @@ impl Hidden {
         &mut self,
         system: &mut Semidiscrete,
         times: [f64; 3],
-        forces: [&Vec<f64>; 3],
+        held: [&[i8]; 3],
+        force: &[f64],
         values: [&Vec<f64>; 3],
     ) -> Result<f64, Offence> {
         let nodes = system.weights.len();
         let mut moved = vec![0.0; nodes];
         for i in (0..nodes).filter(|&i| !system.is_given[i]) {
-            let (lower, upper) = (forces.iter().any(|f| f[i] > 0.0), forces.iter().any(|f| f[i] < 0.0));
-            if lower && upper {
+            let on = |side: i8| held.iter().any(|held| held[i] == side);
+            if on(1) && on(-1) {
                 let most = values.iter().fold(f64::NEG_INFINITY, |most, u| most.max(u[i]));
                 let least = values.iter().fold(f64::INFINITY, |least, u| least.min(u[i]));
                 moved[i] = most - least;
             }
         }
         for t in self.suspects(system, times) {
-            self.look(system, t, times, forces, values, &mut moved)?;
+            self.look(system, t, times[2] - times[0], (held, force, values), &mut moved)?;
         }
         let weighted = moved.iter().zip(&system.weights).map(|(moved, weight)| weight * moved * moved);
         Ok(weighted.sum::<f64>() / system.weights.iter().sum::<f64>())
@@ -96,7 +98,8 @@ impl Hidden {
                     ranked.push((by, a, b));
                 }
             }
-            let best = (0..ranked.len()).max_by(|&i, &j| ranked[i].0.total_cmp(&ranked[j].0))?;
+            let best = (0..ranked.len()).max_by(|&i, &j| ranked[i].0.total_cmp(&ranked[j].0));
+            let Some(best) = best else { break };
             let (_, a, b) = ranked.swap_remove(best);
             let middle = 0.5 * (a + b);
             if middle <= a || middle >= b {
@@ -117,9 +120,8 @@ impl Hidden {
         &mut self,
         system: &mut Semidiscrete,
         t: f64,
-        times: [f64; 3],
-        forces: [&Vec<f64>; 3],
-        values: [&Vec<f64>; 3],
+        h: f64,
+        (held, force, values): ([&[i8]; 3], &[f64], [&Vec<f64>; 3]),
         moved: &mut [f64],
     ) -> Result<(), Offence> {
         let Kept { load, lower, upper } = &mut self.kept;
@@ -127,16 +129,14 @@ impl Hidden {
         lower.clone_from(&system.set.lower);
         upper.clone_from(&system.set.upper);
         let found = system.vectors_at(t);
-        let h = times[2] - times[0];
         for (i, moved) in moved.iter_mut().enumerate() {
             if found.is_err() || system.is_given[i] {
                 continue;
             }
-            let rests = |sign: f64| forces.iter().all(|force| sign * force[i] > 0.0);
-            let held = if rests(1.0) { 1.0 } else if rests(-1.0) { -1.0 } else { 0.0 };
+            let rests = held.iter().all(|at| at[i] == held[0][i]);
             // What the obstacle pushes with if the node goes on resting.
-            let force = forces[2][i] + load[i] - system.load[i];
-            if held * force < 0.0 {
+            let force = force[i] + load[i] - system.load[i];
+            if rests && f64::from(held[0][i]) * force < 0.0 {
                 *moved = f64::max(*moved, h * force.abs() / system.weights[i]);
             }
             let (most, least) = values

@@ -71,8 +71,8 @@ pub struct TrBdf2<'c> {
     /// The error of the step, and nodal values on trial.
     error: Vec<f64>,
     trial: [Vec<f64>; 2],
-    /// What the obstacles push with at the first stage.
-    force_between: Vec<f64>,
+    /// Which obstacles hold the nodes at the beginning of the step and at its first stage.
+    held: [Vec<i8>; 2],
     hidden: Hidden,
     was_rejected: bool,
 }
@@ -103,7 +103,7 @@ impl<'c> TrBdf2<'c> {
         let first = settings.first_step.unwrap_or(FIRST * (end - start)).min(settings.max_step).min(end - start);
         let mut stepper = Self {
             hidden: Hidden::new(&system),
-            force_between: zeros(),
+            held: [vec![0; n], vec![0; n]],
             stage: Stage::new(&system),
             system,
             t: start,
@@ -180,6 +180,7 @@ impl<'c> TrBdf2<'c> {
         }
         self.slopes.swap(0, 2);
         self.force.copy_from_slice(&self.stage.force);
+        self.held[0].copy_from_slice(&self.stage.held);
         self.system.vectors_at(self.t)?;
         Ok(())
     }
@@ -193,7 +194,7 @@ impl<'c> TrBdf2<'c> {
         if let Err(why) = self.solve(0, D * h, self.t + GAMMA * h)? {
             return Ok(Attempt::Unsolved(why));
         }
-        self.force_between.copy_from_slice(&self.stage.force);
+        self.held[1].copy_from_slice(&self.stage.held);
         let Self { base, u, slopes: [first, second, _], trial, .. } = self;
         for (((base, &u), &k), &l) in base.iter_mut().zip(u.iter()).zip(first.iter()).zip(second.iter()) {
             *base = u + W * h * (k + l);
@@ -215,9 +216,9 @@ impl<'c> TrBdf2<'c> {
     /// The error of what nodes do between the stages where they rest at all of them, in units of the tolerance.
     fn hidden_error(&mut self, h: f64, next: f64) -> Result<f64, Offence> {
         let times = [self.t, self.t + GAMMA * h, next];
-        let forces = [&self.force, &self.force_between, &self.stage.force];
+        let held = [&self.held[0][..], &self.held[1], &self.stage.held];
         let values = [&self.u, &self.trial[0], &self.trial[1]];
-        let square = self.hidden.error(&mut self.system, times, forces, values)?;
+        let square = self.hidden.error(&mut self.system, times, held, &self.stage.force, values)?;
         let largest = self.trial[1].iter().chain(&self.u).fold(0.0_f64, |largest, u| largest.max(u.abs()));
         // Where nothing has moved yet, what would is its own measure.
         let size = self.settings.atol + self.settings.rtol * largest.max(square.sqrt());
@@ -277,6 +278,7 @@ impl<'c> TrBdf2<'c> {
         let [first, _, third] = &mut self.slopes;
         std::mem::swap(first, third);
         self.force.copy_from_slice(&self.stage.force);
+        self.held[0].copy_from_slice(&self.stage.held);
         self.t = next;
         self.counts.accepted += 1;
         if self.settings.step.is_none() && next < self.end {
