@@ -6,7 +6,7 @@
 //!
 //! with `F` affine in `z`. Values, Jacobian and time derivatives are one [`Tape`] each; derivatives are exact.
 
-use expression::{Breaks, ExpressionError, Graph, Node, Tape};
+use expression::{Breaks, ExpressionError, Graph, Irregularities, Node, Tape};
 use problem::{ConvexSet, Dvi, Mass, MovingBound, Structure};
 
 /// The rows of a problem as nodes of a [`Graph`] whose inputs are `t`, then `x` (n), then `z` (m).
@@ -53,6 +53,7 @@ pub struct Symbolic {
     derivatives: Tape,
     time_derivatives: Tape,
     breaks: Breaks,
+    irregularities: Irregularities,
 }
 
 impl Symbolic {
@@ -115,7 +116,13 @@ impl Symbolic {
             derivatives: Tape::compile(graph, &derivatives),
             time_derivatives: Tape::compile(graph, &by_time),
             breaks: Breaks::new(graph, &outputs),
+            irregularities: Irregularities::new(graph, &outputs),
         })
+    }
+
+    /// Where the rows are not locally Lipschitz in states and variables.
+    pub fn irregularities(&self) -> &Irregularities {
+        &self.irregularities
     }
 }
 

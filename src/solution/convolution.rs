@@ -5,8 +5,9 @@
 //! uniform mesh is accurate at every moment.
 
 use super::run::{Plan, Run, Stepper, ending};
+use super::uniqueness::uniqueness_caveat;
 use super::{Diagnostics, Event, EventKind, Failure, Refinement, Solution, Status, Steps, ViCounts, Warning};
-use analysis::{Analysis, Uniqueness};
+use analysis::Analysis;
 use convolution::{Convolution, Settings, StepError};
 use models::ConvolutionModel;
 use problem::{Control, ConvexSet, Dvi};
@@ -50,7 +51,10 @@ pub fn integrate_convolution(
     control: &Control,
 ) -> Solution {
     let began = Instant::now();
-    let diagnostics = describe_convolution(model, convolution, analysis);
+    let mut diagnostics = describe_convolution(model, convolution, analysis);
+    if let Some(Warning { code, message }) = uniqueness_caveat(analysis) {
+        diagnostics.checks.caveat(code, message);
+    }
     let mut problem = model.forcing.problem();
     let (mut steps, most) = match convolution.mesh {
         Mesh::Fixed(steps) => (steps, steps),
@@ -346,10 +350,6 @@ pub fn describe_convolution(model: &ConvolutionModel, plan: &ConvolutionPlan, an
         vi: Some(ViCounts::default()),
         ..Diagnostics::default()
     };
-    if !matches!(analysis.uniqueness, Uniqueness::Unique | Uniqueness::NotAnalysed) {
-        let message = format!("uniqueness is not guaranteed: {}", analysis.because);
-        diagnostics.warnings.push(Warning { code: "uniqueness_not_guaranteed", message });
-    }
     let other = if is_power {
         "product integration: the kernel is a power of time"
     } else {
