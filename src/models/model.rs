@@ -176,6 +176,7 @@ impl DviModel {
         let set = &self.structure().set;
         let variables = (0..set.dimension()).map(|k| set.project(k, 0.0));
         let y: Vec<f64> = self.initial.iter().copied().chain(variables).collect();
-        analyse(&mut *self.problem(), t, &y)
+        let analysis = self.questioned(analyse(&mut *self.problem(), t, &y));
+        self.restricted(analysis, t, &self.initial)
     }
 }

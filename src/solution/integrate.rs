@@ -3,11 +3,12 @@
 use super::audit::Audit;
 use super::energy_balance::EnergyBalance;
 use super::run::{Ended, Plan, Stepper, run_to_end};
+use super::uniqueness::{LipschitzWatch, uniqueness_caveat};
 use super::{
     Contraction, Diagnostics, Evaluations, Event, EventKind, Face, Failure, Solution, Status, Steps, Tried, ViCounts,
     Warning, global_error,
 };
-use analysis::{Analysis, Uniqueness, analyse_face};
+use analysis::{Analysis, analyse_face};
 use models::{DviModel, KinkAdvice, Outputs};
 use problem::{Control, Mass, Structure};
 use radau::{Cause, Place, Radau, Settings, StageChoice, StepError, Switch, Switches, Variables};
@@ -40,7 +41,10 @@ pub(super) fn integrate_once(
     analysis: &Analysis,
     control: &Control,
 ) -> Ended {
-    let diagnostics = describe(model.structure(), settings, analysis);
+    let mut diagnostics = describe(model.structure(), settings, analysis);
+    if let Some(Warning { code, message }) = uniqueness_caveat(analysis) {
+        diagnostics.checks.caveat(code, message);
+    }
     let mut problem = model.problem();
     run_to_end(plan, control, diagnostics, || {
         let failed = |error| failure(plan, &model.kinks, &error, plan.start, &plan.initial);
@@ -50,9 +54,11 @@ pub(super) fn integrate_once(
         radau.take_switches();
         let balance = model.outputs.energy().map(|form| EnergyBalance::new(form.clone(), &radau));
         let audit = Audit::new(plan, &radau, model.has_kinks());
+        let tolerances = (settings.rtol, settings.atol.as_slice());
+        let watch = LipschitzWatch::new(model, analysis, tolerances, (radau.t(), radau.y()));
         let (kinks, outputs) = (&model.kinks, model.outputs.clone());
         let rtol = settings.step.is_none().then_some(settings.rtol);
-        Ok(Course { radau, plan, kinks, atol: &settings.atol, rtol, audit, outputs, balance })
+        Ok(Course { radau, plan, kinks, atol: &settings.atol, rtol, audit, outputs, balance, watch })
     })
 }
 
@@ -67,6 +73,7 @@ struct Course<'p> {
     audit: Audit<'p>,
     outputs: Outputs,
     balance: Option<EnergyBalance>,
+    watch: Option<LipschitzWatch<'p>>,
 }
 
 impl Stepper for Course<'_> {
@@ -112,6 +119,9 @@ impl Stepper for Course<'_> {
         if let Some(balance) = &mut self.balance {
             balance.step(&mut self.radau);
         }
+        if let Some(watch) = &mut self.watch {
+            watch.observe(self.radau.t(), self.radau.y());
+        }
     }
 
     fn finish(&mut self, diagnostics: &mut Diagnostics) {
@@ -121,6 +131,9 @@ impl Stepper for Course<'_> {
         if let Some(balance) = &self.balance {
             diagnostics.energy = Some(balance.energy);
             balance.judge(&self.radau, self.rtol, self.atol, &mut diagnostics.checks);
+        }
+        if let Some(watch) = &self.watch {
+            watch.finish(diagnostics);
         }
     }
 }
@@ -220,13 +233,9 @@ pub fn describe(structure: &Structure, settings: &Settings, analysis: &Analysis)
         analysis: Some(analysis.clone()),
         ..Diagnostics::default()
     };
-    if !matches!(analysis.uniqueness, Uniqueness::Unique | Uniqueness::NotAnalysed) {
-        let message = format!("uniqueness is not guaranteed: {}", analysis.because);
-        diagnostics.warnings.push(Warning { code: "uniqueness_not_guaranteed", message });
-    }
-    if analysis.index == Some(2.0) && !structure.constant_jacobian {
-        let message = "the index at the start is 2 (CB = 0): bounds may be crossed, but where one is reached and kept the \
-                       states jump; implicit Euler takes that in its stride (`\"stages\": 1` with a fixed `step`)";
+    if structure.has_impulses() && analysis.unbounded_index == Some(2.0) && !structure.constant_jacobian {
+        let message = "the index at the start is 2 (CB = 0): a bound may be crossed, but where a state reaches one and stays on \
+                       it, other states jump; only implicit Euler handles that (`\"stages\": 1` with a fixed `step`)";
         diagnostics.warnings.push(Warning { code: "index_two", message: message.to_owned() });
     }
     let mut leave = |what: &str| diagnostics.left_out.push(what.to_owned());
