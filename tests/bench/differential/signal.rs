@@ -41,11 +41,6 @@ impl Signal {
         self.constant + self.waves.iter().map(wave).sum::<f64>()
     }
 
-    /// A bound on its size.
-    pub fn size(&self) -> f64 {
-        self.constant.abs() + self.waves.iter().map(|wave| wave.amplitude.abs()).sum::<f64>()
-    }
-
     /// Adds `factor` times another.
     pub fn add(&mut self, factor: f64, other: &Self) {
         self.constant += factor * other.constant;

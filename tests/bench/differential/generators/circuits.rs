@@ -174,7 +174,8 @@ fn filter(random: &mut Random, scales: &Scales, amplitude: f64) -> Network {
     network.add(scales.inductor(random, 1e-3, 1.0), 2, 3);
     network.add(scales.capacitor(random, 1e-3, 1.0, 0.0), 3, 0);
     network.add(Part::Diode, 3, 4);
-    network.add(scales.capacitor(random, 0.3, 100.0, amplitude * random.uniform(0.01, 0.5)), 4, 0);
+    let volts = amplitude * random.uniform(0.01, 0.5);
+    network.add(scales.capacitor(random, 0.3, 100.0, volts), 4, 0);
     network.add(scales.resistor(random, 1.0, 100.0), 4, 0);
     network
 }
@@ -185,7 +186,8 @@ fn ladder(random: &mut Random, scales: &Scales, amplitude: f64) -> Network {
     let (mut volts, mut diodes) = (scales.volts(), 0);
     let last = random.whole(3, 5);
     for node in 2..=last {
-        let here = volts + amplitude * random.sign() * random.uniform(0.01, 0.3);
+        let step = random.sign() * random.uniform(0.01, 0.3);
+        let here = volts + amplitude * step;
         let is_diode = random.chance(0.6) && diodes < 3;
         match is_diode {
             true => {

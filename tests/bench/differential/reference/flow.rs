@@ -147,9 +147,16 @@ impl Monitor {
         SLACK * terms(&self.row, sizes)
     }
 
-    /// The first time within a step, from `from` on, at which the monitor is negative; none if it stays above.
-    pub fn leaves(&self, flow: &Flow, y: &DVector<f64>, next: &DVector<f64>, sizes: &DVector<f64>) -> Option<f64> {
-        let (h, slack) = (flow.h, self.slack(sizes));
+    /// The first time within a step at which the monitor is negative, by a factor of its slack; none if it stays above.
+    pub fn leaves(
+        &self,
+        flow: &Flow,
+        y: &DVector<f64>,
+        next: &DVector<f64>,
+        sizes: &DVector<f64>,
+        factor: f64,
+    ) -> Option<f64> {
+        let (h, slack) = (flow.h, factor * self.slack(sizes));
         let at = |y: &DVector<f64>| (self.row.clone() * y)[0] + slack;
         let rate = |y: &DVector<f64>| (self.rate.clone() * y)[0] * h;
         let (p, q, dp, dq) = (at(y), at(next), rate(y), rate(next));

@@ -10,7 +10,6 @@ mod modes;
 mod projected;
 mod stop;
 
-pub use flow::Driven;
 pub use modes::solve as by_modes;
 pub use projected::solve as by_projection;
 pub use stop::Stop;

@@ -86,7 +86,7 @@ impl Modes<'_> {
             }
             loop {
                 let after = flow.step(&y);
-                let event = monitors.iter().filter_map(|monitor| monitor.leaves(&flow, &y, &after, &sizes));
+                let event = monitors.iter().filter_map(|monitor| monitor.leaves(&flow, &y, &after, &sizes, 1.0));
                 let event = event.fold(f64::INFINITY, f64::min);
                 let reached = flow.h.min(event);
                 while let Some(time) = times.get(next).filter(|time| **time <= t + reached) {
@@ -197,11 +197,10 @@ impl Modes<'_> {
             if felt.amax() > 1e-8 * b.amax() {
                 return None;
             }
-            for row in (&stack * &solved + &known).row_iter() {
-                let row = row.clone_owned();
-                if (&row * y)[0].abs() > HOLDS * terms(&row, sizes).max(terms(&known.row(0).clone_owned(), sizes)) {
-                    return None;
-                }
+            let left_over = (&stack * &solved + &known) * y;
+            let sizes_of_terms = (stack.abs() * solved.abs() + known.abs()) * sizes;
+            if left_over.iter().zip(sizes_of_terms.iter()).any(|(value, terms)| value.abs() > HOLDS * terms) {
+                return None;
             }
             inside.iter().enumerate().for_each(|(k, &i)| z.set_row(i, &solved.row(k)));
         }

@@ -20,9 +20,9 @@ pub struct Stop {
 
 const MOST_EVENTS: usize = 20_000;
 const MOST_STEPS: f64 = 3e6;
-/// A rebound this slow, beside the fastest motion so far, is none where the force presses the body to the stop: what is left
-/// of the bounces then lasts as short a part of the time in which speed is gained.
-const REST: f64 = 1e-11;
+/// A rebound this slow, beside the fastest motion so far, ends in rest where the force presses the body to the stop: it is as
+/// high as this squared.
+const REST: f64 = 1e-6;
 
 impl Stop {
     /// Position and velocity at `times`.
@@ -61,7 +61,7 @@ impl Stop {
             }
             loop {
                 let after = flow.step(&y);
-                let event = monitor.leaves(flow, &y, &after, &sizes).unwrap_or(f64::INFINITY);
+                let event = monitor.leaves(flow, &y, &after, &sizes, 1e-3).unwrap_or(f64::INFINITY);
                 let reached = flow.h.min(event);
                 while let Some(time) = times.get(next).filter(|time| **time <= t + reached) {
                     let at = flow.advance(&y, time - t);
@@ -69,7 +69,7 @@ impl Stop {
                     next += 1;
                 }
                 if next == times.len() {
-                    return Some(Values { columns, accuracy: vec![1e-8 * sizes[0], 1e-8 * sizes[1]] });
+                    return Some(Values { columns, accuracy: vec![1e-8 * sizes[0], 10.0 * REST * sizes[1]] });
                 }
                 t += reached;
                 steps += 1.0;
