@@ -1,6 +1,8 @@
 //! The differential fuzz in short: problems that nobody chose, each solved in many ways that must agree. The long form is
 //! `cargo bench --bench differential`.
 
+#[path = "bench/differential/closed_forms.rs"]
+mod closed_forms;
 #[path = "bench/differential/mod.rs"]
 mod differential;
 

@@ -1,8 +1,8 @@
 //! The independent methods beside closed forms: a diode bridge, a bouncing ball, a relay that slides, a projection.
 
-use super::linear::{Linear, Shape};
-use super::reference::{Stop, by_modes, by_projection};
-use super::signal::{Signal, Wave};
+use crate::differential::linear::{Linear, Shape};
+use crate::differential::reference::{Stop, by_modes, by_projection};
+use crate::differential::signal::{Signal, Wave};
 use std::f64::consts::{PI, TAU};
 
 fn largest_distance(values: &[f64], times: &[f64], exact: impl Fn(f64) -> f64) -> f64 {

@@ -196,6 +196,7 @@ pub fn experiment(problem: &dyn Problem, conditions: &Conditions) -> Experiment 
         signs.iter().map(|sign| maker.run(&Variant { label: "changed", view: view(*sign), ..between.clone() })).collect()
     };
     experiment.measure_growth(&changed, &change);
+    experiment.kappa = experiment.kappa.min(problem.most_growth(&experiment.sizes)).max(1.0);
     // A growth that is not plausible may be a wrong run; an independent method decides that too.
     let doubtful = !(experiment.kappa < 30.0);
     if conditions.reference || doubtful {

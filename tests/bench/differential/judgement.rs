@@ -94,17 +94,20 @@ pub fn judge(experiment: &Experiment, is_unique: bool) -> Judgement {
         None
     };
     let excess = |a: &Sample<'_>, b: &Sample<'_>| distance(experiment, a, Some(b), None);
-    // The first of those with which most agree: the tight run stands first.
+    // The first of those with which most agree: the tight run stands first. One that has no values at some of the times can
+    // stand for nothing there.
+    let is_whole = |sample: &Sample<'_>| !sample.columns.iter().flatten().any(|value| value.is_nan());
+    let count_of = |sample: &Sample<'_>| complete.iter().filter(|other| excess(sample, other) <= 1.0).count();
     let best = complete
         .iter()
-        .map(|sample| complete.iter().filter(|other| excess(sample, other) <= 1.0).count())
+        .map(|sample| if is_whole(sample) { count_of(sample) } else { 0 })
         .enumerate()
         .rev()
         .max_by_key(|(_, count)| *count)
         .map(|(k, _)| k);
     let by_reference = experiment.reference.is_some();
     let far = |sample: &Sample<'_>| match (&experiment.reference, best) {
-        (Some(_), _) => distance(experiment, sample, None, experiment.reference.as_ref().map(|values| values)),
+        (Some(values), _) => distance(experiment, sample, None, Some(values)),
         (None, Some(best)) => excess(sample, complete[best]),
         (None, None) => 0.0,
     };

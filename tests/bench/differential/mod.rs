@@ -9,16 +9,13 @@ mod experiment;
 mod failures;
 mod generators;
 mod judgement;
-mod linear;
+pub mod linear;
 mod problem;
 mod random;
-mod reference;
-mod signal;
+pub mod reference;
+pub mod signal;
 mod solving;
 mod tally;
-
-#[cfg(test)]
-mod closed_forms;
 
 pub use problem::Kind;
 pub use tally::Tally;

@@ -135,6 +135,11 @@ pub trait Problem {
     /// Whether theory says that the states are unique, whether or not `dvi` certifies it.
     fn is_unique(&self) -> bool;
 
+    /// A bound on the growth of small changes of the start, in the norm in which the size of each field is one, from theory.
+    fn most_growth(&self, _sizes: &[f64]) -> f64 {
+        f64::INFINITY
+    }
+
     /// Whether the start lies on a bound, so that changes of it must not be negative.
     fn starts_on_bound(&self) -> bool {
         false

@@ -1,6 +1,7 @@
 //! Circuits with ideal diodes: detectors and clampers that remember for long, bridges and voltage multipliers in which several
 //! diodes switch at once, coils with and without a path for their current, and ladders of random parts.
 
+use super::growth_by_energy;
 use super::network::{Network, Part};
 use crate::differential::problem::{Field, Problem, View, Way};
 use crate::differential::random::Random;
@@ -234,6 +235,10 @@ impl Problem for Circuit {
     /// Such networks are passive: the energy stored in a difference of two solutions does not grow.
     fn is_unique(&self) -> bool {
         true
+    }
+
+    fn most_growth(&self, sizes: &[f64]) -> f64 {
+        growth_by_energy(&self.network.energy(), sizes)
     }
 
     fn reference(&self, change: &[f64], times: &[f64]) -> Option<Values> {

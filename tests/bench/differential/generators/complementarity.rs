@@ -9,12 +9,13 @@ use crate::differential::signal::Signal;
 pub fn generate(random: &mut Random) -> LinearProblem {
     let (n, m) = (random.whole(1, 4), random.whole(1, 3));
     let omega = random.scale(0.5, 5.0);
-    let mut system = match random.whole(0, 2) {
+    let form = random.whole(0, 2);
+    let mut system = match form {
         0 => passive(random, n, m),
         1 => p_matrix(random, n, m),
         _ => reflection(random, n.max(m), m),
     };
-    let n = system.states();
+    let n = system.a.len();
     system.drive = (0..n).map(|_| Signal::random(random, 1.0, omega, 2)).collect();
     system.gap = (0..m).map(|_| Signal::random(random, 0.5, omega, 1)).collect();
     system.set = vec![(Shape::Nonnegative, m)];
@@ -30,7 +31,8 @@ pub fn generate(random: &mut Random) -> LinearProblem {
     let speed = random.scale(1e-3, 1e3);
     let system = faster(rescaled(system, &factors), speed);
     let end = random.scale(5.0, 60.0) / (omega * speed) * std::f64::consts::TAU / 2.0;
-    LinearProblem { system, end, is_unique: true, as_matrices: random.chance(0.7), starts_on_bound: false }
+    let energy = (form == 0).then(|| factors.iter().map(|factor| factor.powi(-2)).collect());
+    LinearProblem { system, end, is_unique: true, as_matrices: random.chance(0.7), energy }
 }
 
 /// `C = B^T`, `D` positive semidefinite and `A + A^T` negative semidefinite.

@@ -41,7 +41,8 @@ fn relay(random: &mut Random) -> LinearProblem {
         gap: (0..m).map(|_| Signal::random(random, 0.3, omega, 1)).collect(),
         set: vec![(Shape::Box(-size, size), m)],
     };
-    scaled(random, system, omega)
+    let energy = Some(vec![1.0; n]);
+    scaled(random, system, omega, energy)
 }
 
 /// `x'' = -k x - c x' - u + a(t)`, `u in Sgn x`: the relay acts two integrations later.
@@ -58,10 +59,10 @@ fn late_relay(random: &mut Random) -> LinearProblem {
         gap: vec![Signal::default()],
         set: vec![(Shape::Box(-1.0, 1.0), 1)],
     };
-    scaled(random, system, omega)
+    scaled(random, system, omega, None)
 }
 
-fn scaled(random: &mut Random, system: Linear, omega: f64) -> LinearProblem {
+fn scaled(random: &mut Random, system: Linear, omega: f64, energy: Option<Vec<f64>>) -> LinearProblem {
     let speed = random.scale(1e-3, 1e3);
     let end = random.scale(3.0, 30.0) / (omega * speed) * TAU / 2.0;
     LinearProblem {
@@ -69,7 +70,7 @@ fn scaled(random: &mut Random, system: Linear, omega: f64) -> LinearProblem {
         end,
         is_unique: true,
         as_matrices: random.chance(0.5),
-        starts_on_bound: false,
+        energy,
     }
 }
 
@@ -114,6 +115,10 @@ impl Problem for Relay {
 
     fn is_unique(&self) -> bool {
         true
+    }
+
+    fn most_growth(&self, sizes: &[f64]) -> f64 {
+        self.0.most_growth(sizes)
     }
 
     fn reference(&self, change: &[f64], times: &[f64]) -> Option<Values> {

@@ -39,7 +39,8 @@ pub struct LinearProblem {
     pub is_unique: bool,
     /// Written as matrices, or as expressions.
     pub as_matrices: bool,
-    pub starts_on_bound: bool,
+    /// The weights of the states in an energy that the difference of two solutions does not gain, if there is one.
+    pub energy: Option<Vec<f64>>,
 }
 
 /// Steps of the coarsest run of the reference by projections.
@@ -70,8 +71,8 @@ impl Problem for LinearProblem {
         self.is_unique
     }
 
-    fn starts_on_bound(&self) -> bool {
-        self.starts_on_bound
+    fn most_growth(&self, sizes: &[f64]) -> f64 {
+        self.energy.as_ref().map_or(f64::INFINITY, |weights| growth_by_energy(weights, sizes))
     }
 
     fn reference(&self, change: &[f64], times: &[f64]) -> Option<Values> {
@@ -110,6 +111,13 @@ fn positive_definite(random: &mut Random, n: usize) -> Vec<Vec<f64>> {
 /// What keeps a random square away from being singular.
 fn random_free(n: usize) -> f64 {
     0.1 * n as f64
+}
+
+/// The most by which a change of states of these sizes grows in the norm in which each size is one, where its energy with
+/// these weights does not grow.
+fn growth_by_energy(weights: &[f64], sizes: &[f64]) -> f64 {
+    let energies = || weights.iter().zip(sizes).map(|(weight, size)| weight * size * size);
+    (energies().sum::<f64>() / energies().fold(f64::INFINITY, f64::min)).sqrt()
 }
 
 /// Writes a passive system in other units of each state, so that its energy is no longer the square of the norm.

@@ -44,6 +44,16 @@ impl Network {
         self.parts.iter().enumerate().filter_map(name).collect()
     }
 
+    /// The weights of the states in the energy that is stored.
+    pub fn energy(&self) -> Vec<f64> {
+        let weight = |(part, _, _): &(Part, usize, usize)| match part {
+            Part::Capacitor(capacity, _) => Some(*capacity),
+            Part::Inductor(inductance, _) => Some(*inductance),
+            _ => None,
+        };
+        self.parts.iter().filter_map(weight).collect()
+    }
+
     /// The value of `problem`.
     pub fn document(&self, view: &View) -> Value {
         let mut state = 0;

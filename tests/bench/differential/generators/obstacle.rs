@@ -89,6 +89,11 @@ impl Problem for Obstacle {
         0.1
     }
 
+    /// By the maximum principle the largest difference of two solutions does not grow.
+    fn most_growth(&self, sizes: &[f64]) -> f64 {
+        sizes[0] / sizes.iter().fold(f64::INFINITY, |least, size| least.min(*size))
+    }
+
     fn is_unique(&self) -> bool {
         true
     }

@@ -43,7 +43,7 @@ pub fn generate(random: &mut Random) -> LinearProblem {
         end,
         is_unique: true,
         as_matrices: random.chance(0.5),
-        starts_on_bound: false,
+        energy: (!regular).then(|| vec![1.0; n]),
     }
 }
 
