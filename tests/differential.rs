@@ -18,10 +18,11 @@ fn what_is_solved_in_many_ways_has_one_answer() {
         count: 500,
         seed: 1,
         kinds: Kind::ALL.to_vec(),
-        time: Duration::from_secs(2),
+        time: Duration::from_secs(1),
         reference_every: 10,
         failures: None,
         tells: false,
+        threads: std::thread::available_parallelism().map_or(1, usize::from),
     };
     let tally = campaign.run();
     println!("{tally}");

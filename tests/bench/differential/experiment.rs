@@ -6,6 +6,7 @@ use super::random::Random;
 use super::reference::Values;
 use super::solving::{Answer, Outcome, solve};
 use serde_json::{Map, Value, json};
+use std::cell::Cell;
 use std::time::Duration;
 
 /// One run.
@@ -65,6 +66,9 @@ const TIGHTER: f64 = 100.0;
 /// A change of the start below this drowns in rounding.
 const LEAST_CHANGE: f64 = 1e-7;
 
+/// After this many runs of a problem that took too long the others are not tried.
+const MOST_LATE: u32 = 2;
+
 /// A maker of specifications.
 struct Maker<'a> {
     problem: &'a dyn Problem,
@@ -72,6 +76,8 @@ struct Maker<'a> {
     fields: Vec<Field>,
     floors: Vec<f64>,
     time: Duration,
+    /// The runs so far that took too long.
+    late: Cell<u32>,
 }
 
 /// What is different about a run.
@@ -88,6 +94,7 @@ struct Variant<'a> {
 
 impl Maker<'_> {
     fn run(&self, variant: &Variant<'_>) -> Run {
+        let skips = self.late.get() >= MOST_LATE;
         let Variant { label, accuracy, stages, view, end, times } = variant;
         let end = end / view.time;
         let mut method = Map::new();
@@ -119,7 +126,10 @@ impl Maker<'_> {
         let specification = json!({
             "problem": self.problem.document(view), "time": {"end": end}, "method": method, "output": output
         });
-        let outcome = solve(&specification, &self.fields, view, self.time);
+        let outcome = if skips { Outcome::Skipped } else { solve(&specification, &self.fields, view, self.time) };
+        if matches!(outcome, Outcome::Stopped(_) | Outcome::Hung) {
+            self.late.set(self.late.get() + 1);
+        }
         Run { label: (*label).to_owned(), accuracy: *accuracy, specification, outcome }
     }
 }
@@ -131,7 +141,14 @@ pub fn experiment(problem: &dyn Problem, conditions: &Conditions) -> Experiment 
     // The floor of a velocity is that of its length over a tenth of the horizon.
     let floors: Vec<f64> =
         fields.iter().map(|field| FLOOR * problem.smallest() * (0.1 * end).powi(field.time)).collect();
-    let maker = Maker { problem, way, fields: fields.clone(), floors: floors.clone(), time: conditions.time };
+    let maker = Maker {
+        problem,
+        way,
+        fields: fields.clone(),
+        floors: floors.clone(),
+        time: conditions.time,
+        late: Cell::new(0),
+    };
     let (accuracy, tight) = match way {
         Way::Step(step) => (step, step / 4.0),
         // Of first order in the step: two decades more would take a hundred times as long.
@@ -177,7 +194,13 @@ pub fn experiment(problem: &dyn Problem, conditions: &Conditions) -> Experiment 
     runs.push(maker.run(&Variant { label: "units", accuracy, stages: any(&mut random), view, ..between.clone() }));
     let later = end * random.uniform(2.0, 5.0);
     // Memory goes on the same mesh only where the horizon is the same.
-    runs.push(maker.run(&Variant { label: "later end", accuracy, stages: any(&mut random), end: later, ..between.clone() }));
+    runs.push(maker.run(&Variant {
+        label: "later end",
+        accuracy,
+        stages: any(&mut random),
+        end: later,
+        ..between.clone()
+    }));
 
     let mut sizes = floors.clone();
     for answer in runs.iter().take(1).chain(&runs[1..]).filter_map(Run::answer).take(2) {
@@ -193,7 +216,10 @@ pub fn experiment(problem: &dyn Problem, conditions: &Conditions) -> Experiment 
     } else {
         let signs: &[f64] = if problem.starts_on_bound() { &[1.0, 0.5] } else { &[1.0, -1.0] };
         let view = |sign: f64| View { change: change.iter().map(|x| sign * x).collect(), ..View::default() };
-        signs.iter().map(|sign| maker.run(&Variant { label: "changed", view: view(*sign), ..between.clone() })).collect()
+        signs
+            .iter()
+            .map(|sign| maker.run(&Variant { label: "changed", view: view(*sign), ..between.clone() }))
+            .collect()
     };
     experiment.measure_growth(&changed, &change);
     experiment.kappa = experiment.kappa.min(problem.most_growth(&experiment.sizes)).max(1.0);
@@ -220,9 +246,7 @@ impl Experiment {
             _ => accuracy.max(LEAST_CHANGE),
         };
         let one_sided = problem.starts_on_bound();
-        (0..problem.starts())
-            .map(|i| relative * self.sizes[i] * if one_sided { 1.0 } else { random.sign() })
-            .collect()
+        (0..problem.starts()).map(|i| relative * self.sizes[i] * if one_sided { 1.0 } else { random.sign() }).collect()
     }
 
     fn measure_growth(&mut self, changed: &[Run], change: &[f64]) {

@@ -37,7 +37,9 @@ impl Failures {
             (Finding::Refused, "refused"),
             (Finding::FalseAlarm, "alarm"),
         ];
-        let Some((k, what)) = orders.into_iter().find_map(|(finding, what)| of(finding).map(|k| (k, what))) else { return };
+        let Some((k, what)) = orders.into_iter().find_map(|(finding, what)| of(finding).map(|k| (k, what))) else {
+            return;
+        };
         if judgement.apart.is_some() && !matches!(what, "panic" | "not_finite" | "late") {
             return;
         }

@@ -8,8 +8,9 @@ use super::solving::{Answer, Outcome};
 
 /// Distances up to this many tolerances, times `kappa`, are agreement.
 const TOLERANCES: f64 = 100.0;
-/// Distances up to this many steps times the speed, one more for each event, times `kappa`, are agreement of first order.
-const STEPS: f64 = 10.0;
+/// Distances up to this many steps times the largest speed, one more for each event, times `kappa`, are agreement of first
+/// order: over a horizon of some periods the errors of steps add up.
+const STEPS: f64 = 30.0;
 /// Problems on which small changes grow by more are counted apart.
 pub const MOST_GROWTH: f64 = 1e4;
 
@@ -29,10 +30,11 @@ pub enum Finding {
     Refused,
     Panicked,
     NotFinite,
+    Skipped,
 }
 
 impl Finding {
-    pub const ALL: [(Self, &'static str); 9] = [
+    pub const ALL: [(Self, &'static str); 10] = [
         (Self::Right, "right"),
         (Self::FalseAlarm, "alarm"),
         (Self::Silent, "SILENT"),
@@ -42,6 +44,7 @@ impl Finding {
         (Self::Refused, "refused"),
         (Self::Panicked, "panic"),
         (Self::NotFinite, "not finite"),
+        (Self::Skipped, "skipped"),
     ];
 }
 
@@ -128,6 +131,7 @@ pub fn judge(experiment: &Experiment, is_unique: bool) -> Judgement {
                 (finding, far)
             }
             (Outcome::Refused(_), _) => (Finding::Refused, 0.0),
+            (Outcome::Skipped, _) => (Finding::Skipped, 0.0),
             (Outcome::Panicked, _) => (Finding::Panicked, 0.0),
             (Outcome::Hung | Outcome::Stopped(_), _) => (Finding::TimedOut, 0.0),
             _ => (Finding::Failed, 0.0),

@@ -1,6 +1,6 @@
 //! The differential fuzz: `cargo bench --bench differential` for 20,000 problems. `COUNT=500 SEED=7 KIND=circuit` before it say
-//! otherwise, `REFERENCE=1` compares all with an independent method, `SECONDS=3` is what each solve may take, `TELL=1` reports
-//! each finding as it comes, and `FAILURES=folder` (or the folder as an argument) keeps wrong runs as specifications that
+//! otherwise, `REFERENCE=1` compares all with an independent method, `SECONDS=3` is what each solve may take, `THREADS=2` solves
+//! problems side by side, `TELL=1` reports each finding as it comes, and `FAILURES=folder` (or the folder as an argument) keeps wrong runs as specifications that
 //! `dvi solve` takes; without it they go to a temporary folder.
 
 #[path = "mod.rs"]
@@ -20,10 +20,9 @@ fn main() {
         std::process::exit(2);
     }
     let named = std::env::args().skip(1).find(|argument| !argument.starts_with("--"));
-    let folder = named.or_else(|| std::env::var("FAILURES").ok()).map_or_else(
-        || std::env::temp_dir().join(format!("dvi-differential-{}", std::process::id())),
-        Into::into,
-    );
+    let folder = named
+        .or_else(|| std::env::var("FAILURES").ok())
+        .map_or_else(|| std::env::temp_dir().join(format!("dvi-differential-{}", std::process::id())), Into::into);
     let campaign = Campaign {
         count: number("COUNT", 20_000),
         seed: number("SEED", 1),
@@ -31,6 +30,7 @@ fn main() {
         time: Duration::from_secs(number("SECONDS", 3)),
         reference_every: number("REFERENCE", 10),
         failures: Some(folder.clone()),
+        threads: number("THREADS", 1) as usize,
         tells: number("TELL", 0) > 0,
     };
     println!("{} problems from seed {}; wrong runs go to {}", campaign.count, campaign.seed, folder.display());

@@ -24,6 +24,8 @@ use experiment::{Conditions, experiment};
 use failures::Failures;
 use judgement::judge;
 use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::thread;
 use std::time::Duration;
 
 /// A number of random problems.
@@ -40,14 +42,30 @@ pub struct Campaign {
     pub failures: Option<PathBuf>,
     /// Whether every problem with a finding is told as it is met.
     pub tells: bool,
+    /// Problems that are solved at once.
+    pub threads: usize,
 }
 
 impl Campaign {
     /// Solves all problems, the kinds in turn.
     pub fn run(&self) -> Tally {
+        let (failures, next) = (Failures::new(self.failures.clone()), AtomicU64::new(0));
         let mut tally = Tally::default();
-        let failures = Failures::new(self.failures.clone());
-        for k in 0..self.count {
+        thread::scope(|scope| {
+            let workers: Vec<_> = (0..self.threads).map(|_| scope.spawn(|| self.work(&next, &failures))).collect();
+            workers.into_iter().for_each(|worker| tally.merge(worker.join().expect("a worker that ends")));
+        });
+        tally
+    }
+
+    /// Takes one problem after the other while there are any.
+    fn work(&self, next: &AtomicU64, failures: &Failures) -> Tally {
+        let mut tally = Tally::default();
+        loop {
+            let k = next.fetch_add(1, Relaxed);
+            if k >= self.count {
+                return tally;
+            }
             let seed = self.seed + k;
             let kind = self.kinds[(k % self.kinds.len() as u64) as usize];
             let problem = problem::generate(kind, seed);
@@ -60,6 +78,5 @@ impl Campaign {
             }
             failures.keep(kind, seed, &experiment, &judgement);
         }
-        tally
     }
 }

@@ -21,6 +21,8 @@ pub enum Outcome {
     /// The specification was refused, with this code.
     Refused(String),
     Panicked,
+    /// It was not tried, because others of the problem had taken too long.
+    Skipped,
     /// It went on after its deadline.
     Hung,
     /// It ended early, with this code.

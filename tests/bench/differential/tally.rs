@@ -30,19 +30,22 @@ impl Tally {
         let mut line = String::new();
         for (run, (finding, far)) in experiment.runs.iter().zip(&judgement.findings) {
             // A panic or a number that is not finite is wrong whatever the problem.
-            let always = matches!(finding, Finding::Panicked | Finding::NotFinite | Finding::Refused | Finding::TimedOut);
+            let always =
+                matches!(finding, Finding::Panicked | Finding::NotFinite | Finding::Refused | Finding::TimedOut);
             if judgement.apart.is_some() && !always {
                 continue;
             }
             *self.runs.entry((kind, *finding)).or_default() += 1;
-            if *finding == Finding::Right {
+            if matches!(finding, Finding::Right | Finding::Skipped) {
                 continue;
             }
             self.seeds.entry((kind, *finding)).or_default().insert(seed);
             let reason = match &run.outcome {
-                Outcome::Answered(answer) => answer.because.iter().map(|code| code.name()).collect::<Vec<_>>().join(" "),
+                Outcome::Answered(answer) => {
+                    answer.because.iter().map(|code| code.name()).collect::<Vec<_>>().join(" ")
+                }
                 Outcome::Refused(code) | Outcome::Stopped(code) | Outcome::Failed(code) => code.clone(),
-                Outcome::Panicked | Outcome::Hung => format!("{:?}", run.outcome),
+                Outcome::Skipped | Outcome::Panicked | Outcome::Hung => format!("{:?}", run.outcome),
             };
             let name = Finding::ALL.iter().find(|(other, _)| other == finding).map_or("", |(_, name)| name);
             let _ = write!(line, "\n    {name} {}: {reason} {far:.3e} (accuracy {:.1e})", run.label, run.accuracy);
@@ -59,6 +62,20 @@ impl Tally {
         }
         let by = if judgement.by_reference { ", by reference" } else { "" };
         format!("{} {seed}: kappa {:.1e}{by}{line}", kind.name(), experiment.kappa)
+    }
+
+    /// Takes in another table.
+    pub fn merge(&mut self, other: Self) {
+        fn add<K: Ord>(to: &mut BTreeMap<K, u64>, from: BTreeMap<K, u64>) {
+            from.into_iter().for_each(|(key, count)| *to.entry(key).or_default() += count);
+        }
+        add(&mut self.problems, other.problems);
+        add(&mut self.apart, other.apart);
+        add(&mut self.runs, other.runs);
+        add(&mut self.references, other.references);
+        add(&mut self.reasons, other.reasons);
+        other.seeds.into_iter().for_each(|(key, seeds)| self.seeds.entry(key).or_default().extend(seeds));
+        self.alone.extend(other.alone);
     }
 
     /// The runs with a finding, of all kinds.
@@ -99,7 +116,11 @@ impl Tally {
 
 impl Display for Tally {
     fn fmt(&self, f: &mut Formatter<'_>) -> Result {
-        write!(f, "{:16}{:>9}{:>10}{:>10}{:>11}{:>7}", "kind", "problems", "reference", "sensitive", "not unique", "alone")?;
+        write!(
+            f,
+            "{:16}{:>9}{:>10}{:>10}{:>11}{:>7}",
+            "kind", "problems", "reference", "sensitive", "not unique", "alone"
+        )?;
         for (_, name) in Finding::ALL {
             write!(f, "{name:>11}")?;
         }

@@ -61,7 +61,9 @@ impl Problem for Bodies {
         let mut joints = Vec::new();
         for (k, body) in self.bodies.iter().enumerate() {
             let shape = match body.is_box {
-                true => json!({"box": {"size": [length(4.0 * body.radius), length(3.0 * body.radius), length(2.0 * body.radius)]}}),
+                true => {
+                    json!({"box": {"size": [length(4.0 * body.radius), length(3.0 * body.radius), length(2.0 * body.radius)]}})
+                }
                 false => json!({"sphere": {"radius": length(body.radius)}}),
             };
             let mut position = body.position.map(length);

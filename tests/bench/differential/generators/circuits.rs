@@ -242,9 +242,11 @@ impl Problem for Circuit {
     }
 
     fn reference(&self, change: &[f64], times: &[f64]) -> Option<Values> {
-        let system = self.network.system()?;
+        let (system, leaks) = self.network.system().map(|system| (system, 0.0)).or_else(|| self.network.leaking())?;
         let start: Vec<f64> =
             system.initial.iter().enumerate().map(|(i, x)| x + change.get(i).copied().unwrap_or(0.0)).collect();
-        by_modes(&system, &start, times)
+        let mut values = by_modes(&system, &start, times)?;
+        values.accuracy.iter_mut().for_each(|accuracy| *accuracy += leaks * self.amplitude);
+        Some(values)
     }
 }

@@ -22,7 +22,8 @@ pub fn generate(random: &mut Random) -> LinearProblem {
     system.initial = random.vector(n);
     // Where `D` is not regular the states must start with `G >= 0`: a constant makes room for it.
     for i in 0..m {
-        let at_start: f64 = system.c[i].iter().zip(&system.initial).map(|(c, x)| c * x).sum::<f64>() + system.gap[i].at(0.0);
+        let at_start: f64 =
+            system.c[i].iter().zip(&system.initial).map(|(c, x)| c * x).sum::<f64>() + system.gap[i].at(0.0);
         if at_start < 0.05 {
             system.gap[i].constant += 0.05 - at_start + random.uniform(0.0, 0.5);
         }

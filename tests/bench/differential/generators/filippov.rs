@@ -65,13 +65,7 @@ fn late_relay(random: &mut Random) -> LinearProblem {
 fn scaled(random: &mut Random, system: Linear, omega: f64, energy: Option<Vec<f64>>) -> LinearProblem {
     let speed = random.scale(1e-3, 1e3);
     let end = random.scale(3.0, 30.0) / (omega * speed) * TAU / 2.0;
-    LinearProblem {
-        system: faster(system, speed),
-        end,
-        is_unique: true,
-        as_matrices: random.chance(0.5),
-        energy,
-    }
+    LinearProblem { system: faster(system, speed), end, is_unique: true, as_matrices: random.chance(0.5), energy }
 }
 
 /// A single relay written as a field on either side of its surface.

@@ -212,4 +212,3 @@ impl Problem for Mechanical {
         stop.solve(times)
     }
 }
-

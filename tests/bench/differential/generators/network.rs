@@ -8,6 +8,9 @@ use crate::differential::signal::Signal;
 use nalgebra::{DMatrix, DVector};
 use serde_json::{Value, json};
 
+/// A leak, in parts of the largest resistance: little beside it, and far above what rounding leaves.
+const LEAK: f64 = 1e7;
+
 #[derive(Clone, Debug)]
 pub enum Part {
     Resistor(f64),
@@ -81,10 +84,21 @@ impl Network {
         json!({"circuit": {"components": components}})
     }
 
+    /// The system with every node leaking to the ground, where there is none without; and how much that changes, beside one.
+    pub fn leaking(&self) -> Option<(Linear, f64)> {
+        let resistance =
+            |(part, _, _): &(Part, usize, usize)| if let Part::Resistor(ohms) = part { *ohms } else { 0.0 };
+        let largest = self.parts.iter().map(resistance).fold(0.0, f64::max);
+        let mut network = self.clone();
+        (1..=self.nodes()).for_each(|node| network.add(Part::Resistor(LEAK * largest), node, 0));
+        Some((network.system()?, 100.0 / LEAK))
+    }
+
     /// In capacitor voltages, inductor currents and diode currents; `None` where nodal analysis does not determine it.
     pub fn system(&self) -> Option<Linear> {
         let (nodes, parts) = (self.nodes(), &self.parts);
-        let place = |such: fn(&Part) -> bool| -> Vec<usize> { (0..parts.len()).filter(|&k| such(&parts[k].0)).collect() };
+        let place =
+            |such: fn(&Part) -> bool| -> Vec<usize> { (0..parts.len()).filter(|&k| such(&parts[k].0)).collect() };
         let states = place(|part| matches!(part, Part::Capacitor(..) | Part::Inductor(..)));
         let diodes = place(|part| matches!(part, Part::Diode));
         let sources = place(|part| matches!(part, Part::Voltage(_)));

@@ -6,8 +6,8 @@
 //! modes are enumerated, and that one is taken in which every monitor is positive right after, judged by the first derivative
 //! that does not vanish. If two lead on in different directions there is no unique answer, and none is given.
 
-use super::flow::{Driven, Flow, Monitor, lexicographic_sign, terms};
 use super::Values;
+use super::flow::{Driven, Flow, Monitor, lexicographic_sign, terms};
 use crate::differential::linear::{Linear, Shape};
 use nalgebra::{DMatrix, DVector, RowDVector};
 
@@ -124,9 +124,8 @@ impl Modes<'_> {
         let m = self.bounds.len();
         let mut found: Option<(Mode, DVector<f64>)> = None;
         for k in 0..3_usize.pow(m as u32) {
-            let places: Vec<Place> = (0..m as u32)
-                .map(|i| [Place::Inside, Place::Lower, Place::Upper][k / 3_usize.pow(i) % 3])
-                .collect();
+            let places: Vec<Place> =
+                (0..m as u32).map(|i| [Place::Inside, Place::Lower, Place::Upper][k / 3_usize.pow(i) % 3]).collect();
             let Some(mode) = self.mode(&places, y, sizes) else { continue };
             if mode.monitors.iter().any(|row| lexicographic_sign(row, &mode.flow, y, sizes) < 0.0) {
                 continue;
@@ -136,8 +135,10 @@ impl Modes<'_> {
                 None => found = Some((mode, direction)),
                 Some((first, other)) => {
                     // Modes that differ in nothing but what is not determined are one.
-                    let scale = |i: usize| terms(&mode.flow.row(i).clone_owned(), sizes)
-                        .max(terms(&first.flow.row(i).clone_owned(), sizes));
+                    let scale = |i: usize| {
+                        terms(&mode.flow.row(i).clone_owned(), sizes)
+                            .max(terms(&first.flow.row(i).clone_owned(), sizes))
+                    };
                     if (0..self.system.states()).any(|i| (direction[i] - other[i]).abs() > 1e-6 * scale(i)) {
                         return None;
                     }
@@ -172,8 +173,7 @@ impl Modes<'_> {
         let (b, d) = (entries(&self.system.b, &states, &all), entries(&self.system.d, &all, &all));
         if !inside.is_empty() {
             let d_inside = entries(&self.system.d, &inside, &inside);
-            let rows: Vec<RowDVector<f64>> =
-                inside.iter().map(|&i| &self.gaps[i] + d.row(i) * &z).collect();
+            let rows: Vec<RowDVector<f64>> = inside.iter().map(|&i| &self.gaps[i] + d.row(i) * &z).collect();
             let r = DMatrix::from_rows(&rows);
             let left = left_null_space(&d_inside);
             // What the states keep, and its rate.

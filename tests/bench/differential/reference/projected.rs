@@ -13,8 +13,7 @@ const FOUND: f64 = 1e-13;
 /// The states at `times`; `None` where a set has no projection here, or projecting does not converge.
 pub fn solve(system: &Linear, initial: &[f64], times: &[f64], steps: usize) -> Option<Values> {
     let solver = Solver::new(system)?;
-    let [coarse, fine, finest] =
-        [1, 2, 4].map(|factor| solver.run(initial, times, factor * steps));
+    let [coarse, fine, finest] = [1, 2, 4].map(|factor| solver.run(initial, times, factor * steps));
     let (coarse, fine, mut finest) = (coarse?, fine?, finest?);
     let far = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
     let mut accuracy = Vec::new();

@@ -42,7 +42,8 @@ impl Stop {
         let (mut next, mut steps) = (0, 0.0);
         for _ in 0..MOST_EVENTS {
             let touches = lexicographic_sign(&gap, &flows[0].m, &y, &sizes) < 0.0
-                || (gap.clone() * &y)[0] <= 1e-12 * (self.wall.abs() + sizes[0]) && y[1] == 0.0
+                || (gap.clone() * &y)[0] <= 1e-12 * (self.wall.abs() + sizes[0])
+                    && y[1] == 0.0
                     && lexicographic_sign(&pull, &flows[1].m, &y, &sizes) <= 0.0;
             // Either the gap would close at once, or the body rests there and is pressed.
             if touches {
