@@ -74,6 +74,8 @@ pub struct Radau<'p> {
     pub(super) h: f64,
     pub(super) last: Step,
     pub(super) last_method: usize,
+    /// The size of the longest step so far.
+    pub(super) longest: f64,
     pub(super) continues: bool,
     pub(super) jumped: Option<f64>,
     doubts: Doubts,
@@ -183,6 +185,7 @@ impl<'p> Radau<'p> {
             h: 0.0,
             last: Step::default(),
             last_method: 0,
+            longest: 0.0,
             continues: false,
             jumped: None,
             doubts: Doubts::default(),
@@ -387,6 +390,7 @@ impl<'p> Radau<'p> {
             }
         }
         self.last_method = self.current;
+        self.longest = self.longest.max(h);
         if h >= self.remaining() {
             (self.t, self.lag) = (self.end, 0.0);
         } else {

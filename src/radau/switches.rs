@@ -127,6 +127,11 @@ impl Switching {
         changed
     }
 
+    /// Whether switches are to be located.
+    pub(super) fn is_to_locate(&self) -> bool {
+        self.locate
+    }
+
     fn is_accumulating(&self) -> bool {
         self.shrinking >= ACCUMULATION || self.recurrence.is_pausing()
     }
