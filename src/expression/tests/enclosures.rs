@@ -1,7 +1,8 @@
 //! Enclosures hold what evaluation gives, at every point of the box and of every term on the way.
 
 use super::{evaluate, parse};
-use crate::{Graph, Interval, IntervalWorkspace, Node, Tape};
+use crate::{Graph, IntervalWorkspace, Node, Tape};
+use numerics::Interval;
 use proptest::prelude::*;
 use std::f64::consts::{FRAC_PI_2, PI};
 
