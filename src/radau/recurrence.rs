@@ -84,13 +84,21 @@ impl Recurrence {
 }
 
 impl Radau<'_> {
-    /// Finds the variables that are clearly off their last switch at the end of a step, from the last evaluation.
+    /// Finds the variables that were clearly off their last switch in the middle of the last step: it may begin and end at one.
     pub(super) fn clear_switches(&mut self) {
-        let Self { system, switching, control, y, .. } = self;
+        if self.switching.recurrence.is_clear.iter().all(|is_clear| *is_clear) {
+            return;
+        }
+        let Self { system, switching, control, last, methods, last_method, .. } = self;
+        let (y, t) = (&mut switching.scratch, last.t + 0.5 * last.h);
+        last.at(methods[*last_method].tableau, t, y);
+        if !system.evaluate(t, y) {
+            return;
+        }
         let is_clear = &mut switching.recurrence.is_clear;
         for (k, is_clear) in is_clear.iter_mut().enumerate().filter(|(_, is_clear)| !**is_clear) {
             let (z, g) = (y[system.states + k], system.values[system.states + k]);
-            *is_clear = match system.face.places[k] {
+            *is_clear = match last.face.places[k] {
                 Place::Inside => {
                     let distance = (z - system.set.lower[k]).min(system.set.upper[k] - z);
                     distance > NEAR * control.noise_of_z(system, k, y)

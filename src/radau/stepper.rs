@@ -73,7 +73,7 @@ pub struct Radau<'p> {
     end: f64,
     pub(super) h: f64,
     pub(super) last: Step,
-    last_method: usize,
+    pub(super) last_method: usize,
     pub(super) continues: bool,
     pub(super) jumped: Option<f64>,
     doubts: Doubts,
