@@ -152,6 +152,11 @@ impl DviModel {
         }
     }
 
+    /// Whether a rate has a kink of a state, of which its reader warned.
+    pub fn has_kinks(&self) -> bool {
+        self.warnings.iter().any(|warning| warning.code == "kink_in_rate")
+    }
+
     /// The names of all that is told: states, variables, outputs.
     pub fn names(&self) -> impl Iterator<Item = &String> {
         self.state_names.iter().chain(&self.variable_names).chain(&self.outputs.names)
@@ -171,6 +176,7 @@ impl DviModel {
         let set = &self.structure().set;
         let variables = (0..set.dimension()).map(|k| set.project(k, 0.0));
         let y: Vec<f64> = self.initial.iter().copied().chain(variables).collect();
-        analyse(&mut *self.problem(), t, &y)
+        let analysis = self.questioned(analyse(&mut *self.problem(), t, &y));
+        self.restricted(analysis, t, &self.initial)
     }
 }

@@ -8,8 +8,9 @@
 mod halving;
 
 use super::run::{Plan, Run, Stepper, ending};
-use super::{Diagnostics, Event, EventKind, Failure, Solution, Status, Steps, ViCounts, Warning};
-use analysis::{Analysis, Uniqueness};
+use super::uniqueness::uniqueness_caveat;
+use super::{CheckCode, Diagnostics, Event, EventKind, Failure, Solution, Status, Steps, ViCounts, Warning};
+use analysis::Analysis;
 use convolution::{Convolution, Settings, StepError};
 use halving::{Best, Coarse};
 use models::ConvolutionModel;
@@ -54,7 +55,10 @@ pub fn integrate_convolution(
     control: &Control,
 ) -> Solution {
     let began = Instant::now();
-    let diagnostics = describe_convolution(model, convolution, analysis);
+    let mut diagnostics = describe_convolution(model, convolution, analysis);
+    if let Some(Warning { code, message }) = uniqueness_caveat(analysis) {
+        diagnostics.checks.caveat(code, message);
+    }
     let mut problem = model.forcing.problem();
     let (first, most) = match convolution.mesh {
         Mesh::Fixed(steps) => (steps, steps),
@@ -144,6 +148,8 @@ struct Course<'p> {
     largest: f64,
     events: Vec<Event>,
     values: Vec<f64>,
+    /// The natural-map residual that a step may have.
+    tolerance: f64,
 }
 
 /// A variable this close to a bound, against the largest there was, is at it.
@@ -182,6 +188,7 @@ impl<'p> Course<'p> {
             largest: 0.0,
             events: Vec::new(),
             values: vec![0.0; 3 * m],
+            tolerance: settings.vi_tolerance,
         };
         course.find_switches();
         Ok(course)
@@ -279,6 +286,12 @@ impl Stepper for Course<'_> {
             (vi.solver, vi.solves) = (self.convolution.solver(), self.convolution.steps() as u64);
             vi.pivots = self.convolution.iterations;
         }
+        let (residual, t) = self.convolution.residual;
+        diagnostics.checks.record(CheckCode::LawResidual, residual, self.tolerance, || {
+            format!(
+                "the inequalities of the step to t = {t:?} were solved to {residual:.1e} of their terms: give another                  `vi_solver`, or a smaller `step`"
+            )
+        });
     }
 }
 
@@ -311,10 +324,6 @@ pub fn describe_convolution(model: &ConvolutionModel, plan: &ConvolutionPlan, an
         vi: Some(ViCounts::default()),
         ..Diagnostics::default()
     };
-    if !matches!(analysis.uniqueness, Uniqueness::Unique | Uniqueness::NotAnalysed) {
-        let message = format!("uniqueness is not guaranteed: {}", analysis.because);
-        diagnostics.warnings.push(Warning { code: "uniqueness_not_guaranteed", message });
-    }
     let other = if is_power {
         "product integration: the kernel is a power of time"
     } else {

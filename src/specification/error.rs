@@ -50,7 +50,7 @@ impl SpecificationError {
 }
 
 /// The most errors one answer lists: a large matrix can hold a million of the same kind.
-const MOST: usize = 100;
+pub(super) const MOST: usize = 100;
 
 /// The errors found so far.
 #[derive(Debug, Default)]

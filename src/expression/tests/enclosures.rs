@@ -145,7 +145,7 @@ fn edges() -> impl Strategy<Value = ([f64; 2], Vec<f64>)> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 6000, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 10_000, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn random_points_evaluate_inside_the_enclosures_of_all_terms(

@@ -19,8 +19,7 @@ use super::ordered::Ordered;
 use super::place::Place;
 use models::Model;
 use models::finite_elements::{Grid, Quadrature};
-use models::obstacle::{Cause, Field, Obstacle, Probe, Semidiscrete, largest_peclet};
-use problem::Control;
+use models::obstacle::{Cause, Field, Obstacle, Probe, largest_peclet};
 use serde::Deserialize;
 use solution::Warning;
 use utoipa::ToSchema;
@@ -119,7 +118,7 @@ impl ObstacleProblem {
             warnings: Vec::new(),
         };
         if let Some(t) = lowering.start {
-            let checked = check(&problem, t, lowering.control);
+            let checked = problem.check(t, lowering.control);
             match checked.and_then(|()| largest_peclet(&mut problem, t, lowering.control)) {
                 Ok(peclet) => problem.warnings.extend((peclet > 1.0).then(|| unresolved(peclet))),
                 Err(Cause::Offence(offence)) => {
@@ -189,13 +188,4 @@ fn unresolved(peclet: f64) -> Warning {
          diffusion was added where this is above 1, which smears layers over an element; more elements resolve them"
     );
     Warning { code: "unresolved_layers", message }
-}
-
-/// Whether all data are what they should be at the start.
-fn check(problem: &Obstacle, t: f64, control: &Control) -> Result<(), Cause> {
-    let mut system = Semidiscrete::new(problem.clone(), control).map_err(|_| Cause::Interrupted { t })?;
-    system.operator_at(t, control)?;
-    system.vectors_at(t, control)?;
-    system.initial(t, control)?;
-    Ok(())
 }

@@ -98,7 +98,7 @@ impl RigidBodiesProblem {
         let resolve = self.interpenetration == Interpenetration::Resolve;
         let scene = Scene { gravity: gravity.unwrap_or_default(), bodies, laws, cone, joints, resolve, warnings };
         if !resolve && lowering.errors.is_empty() {
-            overlaps::refuse(&scene, &place_of_bodies, &mut lowering.errors);
+            overlaps::refuse(&scene, &place_of_bodies, lowering.control, &mut lowering.errors);
             joints::refuse_torn(&self.joints, &scene, &place.key("joints"), &mut lowering.errors);
         }
         (lowering, Some(Model::RigidBodies(scene)))
