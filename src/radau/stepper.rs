@@ -201,7 +201,7 @@ impl<'p> Radau<'p> {
     }
 
     /// The time left.
-    fn remaining(&self) -> f64 {
+    pub(super) fn remaining(&self) -> f64 {
         (self.end - self.t) - self.lag
     }
 

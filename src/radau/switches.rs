@@ -282,10 +282,10 @@ impl Radau<'_> {
         if self.system.bounded.is_empty() {
             return;
         }
+        self.clear_switches();
         if self.system.evaluate(self.t, &self.y) {
             self.system.put_on_bounds(&mut self.y);
             self.system.project(&mut self.y);
-            self.clear_switches();
         }
         if self.switching.pending {
             self.switching.pending = false;

@@ -101,9 +101,10 @@ pub fn integrate_convolution(
                 let agrees = halvings > 1 && scaled <= 1.0;
                 let (refinement, distances) = found.unzip();
                 let coarse = coarse.after(before.take(), distances);
+                let made = Best::new(run, refinement, steps);
                 let kept = match best.take() {
-                    Some(best) if best.scaled() < scaled => best,
-                    _ => Best::new(run, refinement, steps),
+                    Some(best) if !agrees && best.rank() < made.rank() => best,
+                    _ => made,
                 };
                 if !agrees && !coarse.diverges() && steps * 2 <= most {
                     (before, best) = (Some(coarse), Some(kept));
