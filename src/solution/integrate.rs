@@ -1,5 +1,6 @@
 //! A differential variational inequality from start to end by Radau IIA: its failures, switches and evidence by name.
 
+use super::audit::Audit;
 use super::energy_balance::EnergyBalance;
 use super::run::{Ended, Plan, Stepper, run_to_end};
 use super::{
@@ -7,7 +8,7 @@ use super::{
     Warning, global_error,
 };
 use analysis::{Analysis, Uniqueness, analyse_face};
-use models::{DviModel, Outputs};
+use models::{DviModel, KinkAdvice, Outputs};
 use problem::{Control, Mass, Structure};
 use radau::{Cause, Place, Radau, Settings, StageChoice, StepError, Switch, Switches, Variables};
 use vi::Attempt;
@@ -42,14 +43,15 @@ pub(super) fn integrate_once(
     let diagnostics = describe(model.structure(), settings, analysis);
     let mut problem = model.problem();
     run_to_end(plan, control, diagnostics, || {
-        let failed = |error| failure(plan, &error, plan.start, &plan.initial);
+        let failed = |error| failure(plan, &model.kinks, &error, plan.start, &plan.initial);
         let mut radau = Radau::new(&mut *problem, settings.clone(), plan.start, &plan.initial, plan.end, control)
             .map_err(failed)?;
         // Where the run begins is no switch.
         radau.take_switches();
         let balance = model.outputs.energy().map(|form| EnergyBalance::new(form.clone(), &radau));
-        let largest = plan.initial.iter().map(|x| x.abs()).collect();
-        Ok(Course { radau, plan, atol: &settings.atol, largest, outputs: model.outputs.clone(), balance })
+        let audit = Audit::new(plan, &radau, model.has_kinks());
+        let (kinks, outputs) = (&model.kinks, model.outputs.clone());
+        Ok(Course { radau, plan, kinks, atol: &settings.atol, audit, outputs, balance })
     })
 }
 
@@ -57,9 +59,9 @@ pub(super) fn integrate_once(
 struct Course<'p> {
     radau: Radau<'p>,
     plan: &'p Plan,
+    kinks: &'p KinkAdvice,
     atol: &'p [f64],
-    /// The largest size of each state so far.
-    largest: Vec<f64>,
+    audit: Audit<'p>,
     outputs: Outputs,
     balance: Option<EnergyBalance>,
 }
@@ -82,12 +84,13 @@ impl Stepper for Course<'_> {
     }
 
     fn step(&mut self) -> Result<(), Failure> {
-        self.radau.step().map_err(|error| failure(self.plan, &error, self.t(), self.states()))
+        self.radau.step().map_err(|error| failure(self.plan, self.kinks, &error, self.t(), self.states()))
     }
 
     fn outputs(&mut self, t: f64, out: &mut [f64]) {
         let unknowns = out.len() - self.outputs.names.len();
         self.radau.interpolate(t, &mut out[..unknowns]);
+        self.audit.output(&mut self.radau, t, &out[..unknowns]);
         self.outputs.append(t, out);
     }
 
@@ -101,9 +104,7 @@ impl Stepper for Course<'_> {
     }
 
     fn observe(&mut self, switched: bool, diagnostics: &mut Diagnostics) {
-        for (largest, x) in self.largest.iter_mut().zip(self.radau.y()) {
-            *largest = largest.max(x.abs());
-        }
+        self.audit.step(&mut self.radau);
         judge(&mut self.radau, self.plan, switched, diagnostics);
         if let Some(balance) = &mut self.balance {
             balance.step(&mut self.radau);
@@ -112,7 +113,8 @@ impl Stepper for Course<'_> {
 
     fn finish(&mut self, diagnostics: &mut Diagnostics) {
         count(&mut self.radau, self.plan, diagnostics);
-        warn_of_small_states(self.plan, self.atol, &self.largest, diagnostics);
+        warn_of_small_states(self.plan, self.atol, self.audit.largest(), diagnostics);
+        diagnostics.screening = self.audit.finish(self.atol, &mut diagnostics.checks);
         diagnostics.energy = self.balance.as_ref().map(|balance| balance.energy);
     }
 }
@@ -144,7 +146,7 @@ fn judge(radau: &mut Radau<'_>, plan: &Plan, switched: bool, diagnostics: &mut D
     }
 }
 
-fn failure(plan: &Plan, error: &StepError, time: f64, state: &[f64]) -> Failure {
+fn failure(plan: &Plan, kinks: &KinkAdvice, error: &StepError, time: f64, state: &[f64]) -> Failure {
     let message = match *error {
         StepError::NotFinite { what, component, t } => {
             let n = plan.initial.len();
@@ -172,6 +174,28 @@ fn failure(plan: &Plan, error: &StepError, time: f64, state: &[f64]) -> Failure 
              satisfies it",
             plan.names.get(plan.initial.len() + variable).map_or("?", String::as_str)
         ),
+        StepError::Unresolved { t, variable } => format!(
+            "`{}` switches again and again, from t = {t:?} on, while what decides it stays below what the tolerances resolve: an \
+             accumulation of switches that was not passed. Take another `stages`, or an `rtol` and `atol` for which the states \
+             that switch it and those that it drives are resolved alike",
+            plan.names.get(plan.initial.len() + variable).map_or("?", String::as_str)
+        ),
+        StepError::Chattering { t, kink } => {
+            let name = kinks.names.get(kink).map_or("a function with a kink", String::as_str);
+            let instead = match &kinks.as_set {
+                Some(problem) => {
+                    format!("this `problem` in its place has the same solution, and its steps follow it: {problem}")
+                }
+                None => {
+                    "write the function as a variable in a set, or the rates on either side as a `filippov` problem"
+                        .into()
+                }
+            };
+            format!(
+                "{name} makes the rates jump where its argument changes its sign; from t = {t:?} on the solution slides along \
+                 that jump, and steps cross it to and fro without end: {instead}"
+            )
+        }
         StepError::InconsistentStart { state, jump } => format!(
             "the start is inconsistent: the constraints ask for a jump of `{}` by {jump:e}",
             plan.names.get(state).map_or("?", String::as_str)

@@ -4,7 +4,7 @@ use super::convolution;
 use super::document::{Document, Limits, Problem, Time};
 use super::draft::Draft;
 use super::error::{Errors, SpecificationError};
-use super::lowering::{Lowering, MOST_UNKNOWNS};
+use super::lowering::{Lowering, MOST_UNKNOWNS, Start};
 use super::method::{Method, ViSolverName, out_of_range};
 use super::place::Place;
 use super::plan::MOST_STEPS;
@@ -49,7 +49,16 @@ impl Specification {
     /// # Errors
     /// All that is wrong with it, at least one.
     pub fn from_json(text: &[u8]) -> Result<Self, Vec<SpecificationError>> {
-        Draft::read(text)?.check(&Control::new())
+        Self::from_json_with(text, &Control::new())
+    }
+
+    /// Reads and checks a JSON document for as long as `control` lets it: a short document may describe a large grid.
+    ///
+    /// # Errors
+    /// All that is wrong with it, at least one; where `control` asked to stop, that alone
+    /// ([`SpecificationError::is_interruption`]).
+    pub fn from_json_with(text: &[u8], control: &Control) -> Result<Self, Vec<SpecificationError>> {
+        Draft::read(text)?.check(control)
     }
 
     /// Checks what a document means. What was mended in reading it is not held against it again.
@@ -58,8 +67,9 @@ impl Specification {
         let mut found = Errors::default();
         let root = Place::Root;
         let horizon = check_time(time, &root.key("time"), &mut found).filter(|_| !repairs.touch("/time"));
-        let start = horizon.map(|time| time.start).filter(|_| !repairs.touch("/problem"));
-        let model = (!repairs.reshape("/problem")).then(|| lower(&problem, start, control, &mut found)).flatten();
+        let time_of_start = horizon.map(|time| time.start).filter(|_| !repairs.touch("/problem"));
+        let start = Start { time: time_of_start, control };
+        let model = (!repairs.reshape("/problem")).then(|| lower(&problem, start, &mut found)).flatten();
 
         let place = root.key("method");
         method.check(&place, horizon.map(|time| time.end - time.start), &mut found);
@@ -207,7 +217,7 @@ impl Specification {
 }
 
 /// The model, where the problem has one; its errors go to `errors`.
-fn lower(problem: &Problem, start: Option<f64>, control: &Control, errors: &mut Errors) -> Option<Model> {
+fn lower(problem: &Problem, start: Start<'_>, errors: &mut Errors) -> Option<Model> {
     let place = Place::Root.key("problem");
     let unknowns = match problem {
         Problem::Dvi(problem) => problem.states.len() + problem.variables.len(),
@@ -230,10 +240,10 @@ fn lower(problem: &Problem, start: Option<f64>, control: &Control, errors: &mut 
         Problem::Dvi(problem) => problem.lower(&place, start),
         Problem::Lcs(problem) => problem.lower(&place, start),
         Problem::Mechanical(problem) => problem.lower(&place, start),
-        Problem::RigidBodies(problem) => problem.lower(&place, start, control),
+        Problem::RigidBodies(problem) => problem.lower(&place, start),
         Problem::Filippov(problem) => problem.lower(&place, start),
         Problem::Circuit(problem) => problem.lower(&place, start),
-        Problem::Obstacle(problem) => problem.lower(&place, start, control),
+        Problem::Obstacle(problem) => problem.lower(&place, start),
         Problem::Convolution(problem) => problem.lower(&place, start),
         Problem::Elastic(problem) => problem.lower(&place, start),
     };

@@ -6,6 +6,7 @@
 //! the affine form of the rates are checked. Choices are tagged from outside, `{"box": {..}}`, so that every value has
 //! an exact place.
 
+mod as_set;
 mod catalogue;
 mod checked;
 mod choices;

@@ -3,7 +3,6 @@
 use super::checked::Specification;
 use super::method::{ImpactLawName, Impacts, Switches, ViSolverName};
 use super::stages::Stages;
-use contact;
 use models::{Model, obstacle};
 use radau::{self, Settings, StageChoice};
 use solution::{ContactPlan, Plan};

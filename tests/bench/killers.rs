@@ -75,7 +75,8 @@ fn meet(server: &Server, path: &str, text: &str) -> (f64, Duration, u64, u16) {
             (slowest, most)
         });
         let start = Instant::now();
-        let clients: Vec<_> = (0..CLIENTS).map(|_| scope.spawn(|| server.send("POST", path, "", text).status)).collect();
+        let clients: Vec<_> =
+            (0..CLIENTS).map(|_| scope.spawn(|| server.send("POST", path, "", text).status)).collect();
         let status = clients.into_iter().map(|client| client.join().expect("an answer")).max().unwrap_or(0);
         let seconds = start.elapsed().as_secs_f64();
         answered.store(true, Relaxed);

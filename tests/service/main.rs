@@ -22,3 +22,4 @@ mod remote;
 mod results;
 mod solve;
 mod tokens;
+mod verdict;

@@ -8,7 +8,7 @@
 //! and Southwell 1955; Scharfetter and Gummel 1969): still of second order where the grid resolves `a / b`, free of
 //! oscillations where it does not. With nodal quadrature the entries off the diagonal are never positive.
 
-use super::semidiscrete::{AT_ONCE, finite};
+use super::semidiscrete::{finite, go_on};
 use super::{Cause, Field, Obstacle, Offence};
 use crate::finite_elements::{Assembly, Element};
 use factorisation::SparseMatrix;
@@ -36,9 +36,7 @@ pub(super) fn stiffness(
         local.zip_apply(matrix, |local, value| *local += factor * value);
     };
     for index in 0..grid.elements() {
-        if index % AT_ONCE == 0 {
-            control.go_on().map_err(|_| Cause::Interrupted { t })?;
-        }
+        go_on(index, t, control)?;
         let at = grid.centre(index);
         local.fill(0.0);
         for q in directions.clone() {
@@ -61,9 +59,7 @@ pub(super) fn stiffness(
 pub(super) fn check_coefficients(problem: &mut Obstacle, t: f64, control: &Control) -> Result<(), Cause> {
     let Obstacle { grid, diffusion, advection, reaction, .. } = problem;
     for index in 0..grid.elements() {
-        if index % AT_ONCE == 0 {
-            control.go_on().map_err(|_| Cause::Interrupted { t })?;
-        }
+        go_on(index, t, control)?;
         let at = grid.centre(index);
         for (q, diffusion) in diffusion.iter_mut().enumerate() {
             coefficients(diffusion, advection.get_mut(q), t, at)?;
@@ -91,19 +87,24 @@ fn coefficients(
 }
 
 /// The largest `|b| h / (2a)` of an element at time `t`.
-pub fn largest_peclet(problem: &mut Obstacle, t: f64) -> f64 {
+///
+/// # Errors
+/// If `control` asks to stop.
+pub fn largest_peclet(problem: &mut Obstacle, t: f64, control: &Control) -> Result<f64, Cause> {
     let Obstacle { grid, diffusion, advection, .. } = problem;
     let mut largest = 0.0_f64;
     for (q, (a, b)) in diffusion.iter_mut().zip(advection).enumerate() {
         let half = 0.5 * grid.axes()[q].spacing();
-        for at in (0..grid.elements()).map(|element| grid.centre(element)) {
+        for element in 0..grid.elements() {
+            go_on(element, t, control)?;
+            let at = grid.centre(element);
             let flow = half * b.at(t, at).abs();
             if flow > 0.0 {
                 largest = largest.max(flow / a.at(t, at));
             }
         }
     }
-    largest
+    Ok(largest)
 }
 
 /// `a p coth p` for `p = flow / (2a)`.

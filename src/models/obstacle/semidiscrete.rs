@@ -37,7 +37,7 @@ struct Varying {
 }
 
 /// Elements assembled between two looks at whether to stop: about a millisecond's work.
-pub(super) const AT_ONCE: usize = 1 << 13;
+const AT_ONCE: usize = 1 << 13;
 
 /// How far a value may be on the wrong side of an obstacle and still be taken for one on it, relative to its size.
 const ROUNDING: f64 = 1e-10;
@@ -107,13 +107,13 @@ impl Semidiscrete {
     /// Brings `f` and `K` to time `t`.
     ///
     /// # Errors
-    /// A value that is not finite, obstacles that cross, or a given value beyond one.
-    pub fn vectors_at(&mut self, t: f64) -> Result<(), Offence> {
+    /// A value that is not finite, obstacles that cross, or a given value beyond one; or `control` asks to stop.
+    pub fn vectors_at(&mut self, t: f64, control: &Control) -> Result<(), Cause> {
         if self.varying.load || !self.has_vectors {
-            load_at(&mut self.problem, &mut self.load, t)?;
+            load_at(&mut self.problem, &mut self.load, t, control)?;
         }
         if self.varying.set || !self.has_vectors {
-            set_at(&mut self.problem, &mut self.set, &self.is_given, t)?;
+            set_at(&mut self.problem, &mut self.set, &self.is_given, t, control)?;
         }
         self.has_vectors = true;
         Ok(())
@@ -122,9 +122,10 @@ impl Semidiscrete {
     /// The nodal values at the start, on the sides those given there.
     ///
     /// # Errors
-    /// A value that is not finite, or the one farthest beyond an obstacle. The bounds must be those of the start.
-    pub fn initial(&mut self, t: f64) -> Result<Vec<f64>, Offence> {
-        initial(&mut self.problem, &self.set, &self.is_given, t)
+    /// A value that is not finite, or the one farthest beyond an obstacle; or `control` asks to stop. The bounds must be those
+    /// of the start.
+    pub fn initial(&mut self, t: f64, control: &Control) -> Result<Vec<f64>, Cause> {
+        initial(&mut self.problem, &self.set, &self.is_given, t, control)
     }
 }
 
@@ -134,15 +135,12 @@ impl Obstacle {
     /// # Errors
     /// What offends; or `control` asks to stop.
     pub fn check(&mut self, t: f64, control: &Control) -> Result<(), Cause> {
-        let go_on = || control.go_on().map_err(|_| Cause::Interrupted { t });
         let n = self.grid.nodes();
         check_coefficients(self, t, control)?;
-        load_at(self, &mut vec![0.0; n], t)?;
-        go_on()?;
+        load_at(self, &mut vec![0.0; n], t, control)?;
         let (mut set, is_given) = (ConvexSet::free(n), self.is_given());
-        set_at(self, &mut set, &is_given, t)?;
-        go_on()?;
-        initial(self, &set, &is_given, t)?;
+        set_at(self, &mut set, &is_given, t, control)?;
+        initial(self, &set, &is_given, t, control)?;
         Ok(())
     }
 
@@ -159,10 +157,17 @@ impl Obstacle {
 }
 
 /// The nodal values at the start, on the sides those given there.
-fn initial(problem: &mut Obstacle, set: &ConvexSet, is_given: &[bool], t: f64) -> Result<Vec<f64>, Offence> {
+fn initial(
+    problem: &mut Obstacle,
+    set: &ConvexSet,
+    is_given: &[bool],
+    t: f64,
+    control: &Control,
+) -> Result<Vec<f64>, Cause> {
     let mut u = Vec::with_capacity(is_given.len());
     let mut worst = (0.0, None);
     for (node, &is_given) in is_given.iter().enumerate() {
+        go_on(node, t, control)?;
         let at = problem.grid.coordinates(node);
         let value = finite("initial", &mut problem.initial, t, at)?;
         let bound = set.project(node, value);
@@ -172,16 +177,17 @@ fn initial(problem: &mut Obstacle, set: &ConvexSet, is_given: &[bool], t: f64) -
         }
         u.push(bound);
     }
-    worst.1.map_or(Ok(u), Err)
+    worst.1.map_or(Ok(u), |offence| Err(offence.into()))
 }
 
 /// `f` at time `t`.
-fn load_at(problem: &mut Obstacle, load: &mut [f64], t: f64) -> Result<(), Offence> {
+fn load_at(problem: &mut Obstacle, load: &mut [f64], t: f64, control: &Control) -> Result<(), Cause> {
     let Obstacle { grid, source, conditions, .. } = problem;
     load.fill(0.0);
     if let Some(source) = source {
         let part = Element::of(grid, Quadrature::Nodal).volume() / (1 << grid.dimension()) as f64;
         for element in 0..grid.elements() {
+            go_on(element, t, control)?;
             let value = part * finite("source", source, t, grid.centre(element))?;
             grid.corners(element).for_each(|node| load[node] += value);
         }
@@ -202,9 +208,16 @@ fn load_at(problem: &mut Obstacle, load: &mut [f64], t: f64) -> Result<(), Offen
 }
 
 /// `K` at time `t`.
-fn set_at(problem: &mut Obstacle, set: &mut ConvexSet, is_given: &[bool], t: f64) -> Result<(), Offence> {
+fn set_at(
+    problem: &mut Obstacle,
+    set: &mut ConvexSet,
+    is_given: &[bool],
+    t: f64,
+    control: &Control,
+) -> Result<(), Cause> {
     let Obstacle { grid, lower, upper, conditions, .. } = problem;
     for (node, &is_given) in is_given.iter().enumerate() {
+        go_on(node, t, control)?;
         let at = grid.coordinates(node);
         if let Some(lower) = lower {
             set.lower[node] = finite("obstacle", lower, t, at)?;
@@ -213,7 +226,7 @@ fn set_at(problem: &mut Obstacle, set: &mut ConvexSet, is_given: &[bool], t: f64
             set.upper[node] = finite("upper_obstacle", upper, t, at)?;
         }
         if set.lower[node] > set.upper[node] && !is_given {
-            return Err(Offence::Crossing { lower: set.lower[node], upper: set.upper[node], at, t });
+            return Err(Offence::Crossing { lower: set.lower[node], upper: set.upper[node], at, t }.into());
         }
     }
     for (side, condition) in Side::all(grid.dimension()).zip(conditions) {
@@ -226,12 +239,20 @@ fn set_at(problem: &mut Obstacle, set: &mut ConvexSet, is_given: &[bool], t: f64
                 upper.as_mut().map(|upper| upper.at(t, at)).filter(|upper| value > upper + slack(*upper)),
             ];
             if let [Some(bound), _] | [_, Some(bound)] = bounds {
-                return Err(Offence::GivenBeyond { side, value, bound, at, t });
+                return Err(Offence::GivenBeyond { side, value, bound, at, t }.into());
             }
             (set.lower[node], set.upper[node]) = (value, value);
         }
     }
     Ok(())
+}
+
+/// Polls `control` before some of the nodes or elements.
+///
+/// # Errors
+/// If it asks to stop.
+pub(super) fn go_on(item: usize, t: f64, control: &Control) -> Result<(), Cause> {
+    if item % AT_ONCE == 0 { control.go_on().map_err(|_| Cause::Interrupted { t }) } else { Ok(()) }
 }
 
 fn slack(bound: f64) -> f64 {

@@ -89,8 +89,8 @@ impl<'c> TrBdf2<'c> {
         control: &'c Control,
     ) -> Result<Self, Cause> {
         let mut system = Semidiscrete::new(problem, control).map_err(|_| Cause::Interrupted { t: start })?;
-        system.vectors_at(start)?;
-        let u = system.initial(start)?;
+        system.vectors_at(start, control)?;
+        let u = system.initial(start, control)?;
         let n = u.len();
         let zeros = || vec![0.0; n];
         let first = settings.first_step.unwrap_or(FIRST * (end - start)).min(settings.max_step).min(end - start);
@@ -171,7 +171,7 @@ impl<'c> TrBdf2<'c> {
         }
         self.slopes.swap(0, 2);
         self.force.copy_from_slice(&self.stage.force);
-        self.system.vectors_at(self.t)?;
+        self.system.vectors_at(self.t, self.control)?;
         Ok(())
     }
 
@@ -198,7 +198,7 @@ impl<'c> TrBdf2<'c> {
 
     /// Solves stage `i`, from the nodal values on trial there, and finds its slope; why not, if not.
     fn solve(&mut self, i: usize, shift: f64, t: f64) -> Result<Result<(), &'static str>, Cause> {
-        self.system.vectors_at(t)?;
+        self.system.vectors_at(t, self.control)?;
         self.counts.vectors += 1;
         let changed = self.system.operator_at(t, self.control)?;
         self.counts.operators += u64::from(changed);

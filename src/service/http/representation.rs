@@ -22,7 +22,7 @@ use tokio::task::spawn_blocking;
 /// A form of the results.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Representation {
-    /// All of the solution.
+    /// All of the solution; the only one with the whole verdict, beside the metadata of Arrow.
     Json,
     /// The trajectory as a table.
     Csv,
@@ -84,7 +84,7 @@ impl Representation {
             }
             Self::Csv => Box::new(Csv),
             Self::Lines => Box::new(Lines),
-            Self::Arrow => Box::new(Arrow::default()),
+            Self::Arrow => Box::new(part.solution().map(|part| Arrow::with(&part.verdict)).unwrap_or_default()),
         };
         Ok(Body::new(Rows { part, table, next: Some(0) }))
     }

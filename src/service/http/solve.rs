@@ -41,7 +41,7 @@ use tokio::time::timeout;
             (Vec<u8> = "application/vnd.apache.arrow.stream"),
             (String = "image/svg+xml"),
             (ServerSentEvent = "text/event-stream"),
-        )),
+        ), headers(("dvi-trusted" = bool, description = "Whether the answer may be relied upon: `verdict.trusted` of the JSON"))),
         (status = 202, description = "It takes longer; `Location` is the job", body = StatusInfo),
         Problem
     )

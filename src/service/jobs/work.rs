@@ -98,9 +98,10 @@ impl Jobs {
 
     pub(super) fn ended(&self, job: &Job, solution: Solution, cancelled: bool) -> Ended {
         let ending = Ending::of(&solution, cancelled);
+        let verdict = Some(solution.verdict.clone());
         let limit = self.bounds.result_bytes;
         match Results::of(solution, limit) {
-            Ok(results) => Ended { held: Some(Held::Memory(Arc::new(results))), ..job.ended(ending) },
+            Ok(results) => Ended { verdict, held: Some(Held::Memory(Arc::new(results))), ..job.ended(ending) },
             Err(TooLarge) => job.ended(Ending::Broken(Fault::TooLarge { limit })),
         }
     }

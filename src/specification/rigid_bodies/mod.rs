@@ -20,13 +20,12 @@ pub use shapes::{
 
 use super::error::SpecificationError;
 use super::expression::Expression;
-use super::lowering::Lowering;
+use super::lowering::{Lowering, Start};
 use super::mechanical::Interpenetration;
 use super::ordered::Ordered;
 use super::place::Place;
 use models::Model;
 use models::rigid_bodies::Scene;
-use problem::Control;
 use serde::Deserialize;
 use std::collections::HashMap;
 use utoipa::ToSchema;
@@ -65,7 +64,7 @@ pub struct RigidBodiesProblem {
 
 impl RigidBodiesProblem {
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(super) fn lower(&self, place: &Place<'_>, start: Option<f64>, control: &Control) -> (Lowering, Option<Model>) {
+    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Model>) {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let place_of_bodies = place.key("bodies");
         if self.bodies.len() > MOST_BODIES {
@@ -99,7 +98,7 @@ impl RigidBodiesProblem {
         let resolve = self.interpenetration == Interpenetration::Resolve;
         let scene = Scene { gravity: gravity.unwrap_or_default(), bodies, laws, cone, joints, resolve, warnings };
         if !resolve && lowering.errors.is_empty() {
-            overlaps::refuse(&scene, &place_of_bodies, control, &mut lowering.errors);
+            overlaps::refuse(&scene, &place_of_bodies, lowering.control, &mut lowering.errors);
             joints::refuse_torn(&self.joints, &scene, &place.key("joints"), &mut lowering.errors);
         }
         (lowering, Some(Model::RigidBodies(scene)))
