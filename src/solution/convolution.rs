@@ -8,7 +8,7 @@
 mod halving;
 
 use super::run::{Plan, Run, Stepper, ending};
-use super::{Diagnostics, Event, EventKind, Failure, Solution, Status, Steps, ViCounts, Warning};
+use super::{CheckCode, Diagnostics, Event, EventKind, Failure, Solution, Status, Steps, ViCounts, Warning};
 use analysis::{Analysis, Uniqueness};
 use convolution::{Convolution, Settings, StepError};
 use halving::{Best, Coarse};
@@ -143,6 +143,8 @@ struct Course<'p> {
     largest: f64,
     events: Vec<Event>,
     values: Vec<f64>,
+    /// The natural-map residual that a step may have.
+    tolerance: f64,
 }
 
 /// A variable this close to a bound, against the largest there was, is at it.
@@ -181,6 +183,7 @@ impl<'p> Course<'p> {
             largest: 0.0,
             events: Vec::new(),
             values: vec![0.0; 3 * m],
+            tolerance: settings.vi_tolerance,
         };
         course.find_switches();
         Ok(course)
@@ -278,6 +281,12 @@ impl Stepper for Course<'_> {
             (vi.solver, vi.solves) = (self.convolution.solver(), self.convolution.steps() as u64);
             vi.pivots = self.convolution.iterations;
         }
+        let (residual, t) = self.convolution.residual;
+        diagnostics.checks.record(CheckCode::LawResidual, residual, self.tolerance, || {
+            format!(
+                "the inequalities of the step to t = {t:?} were solved to {residual:.1e} of their terms: give another                  `vi_solver`, or a smaller `step`"
+            )
+        });
     }
 }
 

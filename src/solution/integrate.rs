@@ -51,7 +51,8 @@ pub(super) fn integrate_once(
         let balance = model.outputs.energy().map(|form| EnergyBalance::new(form.clone(), &radau));
         let audit = Audit::new(plan, &radau, model.has_kinks());
         let (kinks, outputs) = (&model.kinks, model.outputs.clone());
-        Ok(Course { radau, plan, kinks, atol: &settings.atol, audit, outputs, balance })
+        let rtol = settings.step.is_none().then_some(settings.rtol);
+        Ok(Course { radau, plan, kinks, atol: &settings.atol, rtol, audit, outputs, balance })
     })
 }
 
@@ -61,6 +62,8 @@ struct Course<'p> {
     plan: &'p Plan,
     kinks: &'p KinkAdvice,
     atol: &'p [f64],
+    /// The relative tolerance; none where the step is fixed.
+    rtol: Option<f64>,
     audit: Audit<'p>,
     outputs: Outputs,
     balance: Option<EnergyBalance>,
@@ -115,7 +118,10 @@ impl Stepper for Course<'_> {
         count(&mut self.radau, self.plan, diagnostics);
         warn_of_small_states(self.plan, self.atol, self.audit.largest(), diagnostics);
         diagnostics.screening = self.audit.finish(self.atol, &mut diagnostics.checks);
-        diagnostics.energy = self.balance.as_ref().map(|balance| balance.energy);
+        if let Some(balance) = &self.balance {
+            diagnostics.energy = Some(balance.energy);
+            balance.judge(&self.radau, self.rtol, self.atol, &mut diagnostics.checks);
+        }
     }
 }
 

@@ -9,6 +9,7 @@ mod energy_balance;
 mod excerpt;
 mod global_error;
 mod integrate;
+mod mechanical_checks;
 mod obstacle;
 pub mod pictures;
 mod rigid_bodies;

@@ -1,11 +1,12 @@
 //! Rigid bodies from start to end by time stepping, their outputs by name.
 
+use super::mechanical_checks::{Accuracy, LARGEST_PART, check_energy};
 use super::run::{Plan, Stepper, run};
-use super::{Diagnostics, Event, Failure, Solution, ViCounts, Warning};
+use super::{CheckCode, Checks, Diagnostics, Event, Failure, Solution, ViCounts, Warning};
 use analysis::Analysis;
 use contact::Settings;
 use contact::energy::Energy;
-use models::rigid_bodies::{Motion, Scene, Simulation, StepFailure, between};
+use models::rigid_bodies::{Body, Motion, Scene, Simulation, StepFailure, between};
 use problem::Control;
 
 /// Steps a scene through the plan.
@@ -69,6 +70,7 @@ struct Course<'a> {
     limited: u64,
     /// Events so far.
     events: usize,
+    checks: Checks,
 }
 
 impl<'a> Course<'a> {
@@ -100,9 +102,13 @@ impl<'a> Course<'a> {
             work: ViCounts::default(),
             limited: 0,
             events: 0,
+            checks: Checks::default(),
         };
         let [kinetic, potential] = course.simulation.energies();
         course.energy = Energy::new(kinetic, potential);
+        // What their weights hold over their own sizes, for bodies that rest.
+        let weight = |body: &Body| body.mass * scene.gravity.norm() * body.collider.shape.reach();
+        course.energy.meet(scene.bodies.iter().filter(|body| !body.fixed).map(weight).sum());
         course.write_states(plan.start);
         Ok(course)
     }
@@ -111,8 +117,9 @@ impl<'a> Course<'a> {
     fn book(&mut self) {
         let report = &self.simulation.report;
         let [kinetic, potential] = self.simulation.energies();
-        let before = self.energy.kinetic_at_end;
+        let before = self.energy.kinetic_at_end.max(report.kinetic);
         self.energy.dissipate(-report.work[1], -report.work[0], before);
+        self.energy.lost_beyond_restitution -= report.elastic_work;
         self.energy.close(kinetic, potential);
         self.work.solves += report.solves;
         self.work.pivots += report.iterations;
@@ -121,6 +128,35 @@ impl<'a> Course<'a> {
             self.work.solver = report.solver;
         }
         self.limited += u64::from(report.is_limited);
+    }
+
+    /// Records how far the last step was from what contacts and joints ask for.
+    fn judge(&mut self) {
+        let (report, t) = (&self.simulation.report, self.t);
+        let remedy = "take a smaller `step`";
+        self.checks.record(CheckCode::LawResidual, report.residual, LARGEST_PART, || {
+            format!(
+                "the law of contact and friction was solved to a relative residual of {:.1e} at t = {t:?}: velocities are                  off by about as much; {remedy}",
+                report.residual
+            )
+        });
+        self.checks.record(CheckCode::ConstraintResidual, report.overlap, LARGEST_PART, || {
+            format!(
+                "bodies overlap by {:.1e} of the size of the smaller at t = {:?}: {remedy}",
+                report.overlap, self.before
+            )
+        });
+        if let Some(joint) = self.scene.joints.get(report.drifted) {
+            self.checks.record(CheckCode::JointDrift, report.drift, LARGEST_PART, || {
+                let name = |body: usize| self.scene.bodies[body].name.as_str();
+                let other = joint.bodies.1.map_or("the world", name);
+                format!(
+                    "the joint of `{}` and `{other}` is off by {:.1e} of their size, or radians, at t = {t:?}: {remedy}",
+                    name(joint.bodies.0),
+                    report.drift
+                )
+            });
+        }
     }
 
     /// Writes the states at a time within the last step.
@@ -166,6 +202,7 @@ impl Stepper for Course<'_> {
         self.steps += 1;
         self.write_states(next);
         self.book();
+        self.judge();
         stepped.map_err(|cause| failure(&cause, self.scene, self.plan, next, &self.states))
     }
 
@@ -230,6 +267,8 @@ impl Stepper for Course<'_> {
             diagnostics.warnings.push(Warning { code: "events_left_out", message });
         }
         diagnostics.vi = Some(self.work.clone());
+        diagnostics.checks = self.checks.clone();
+        check_energy(&self.energy, Accuracy::Fixed, &mut diagnostics.checks);
     }
 }
 

@@ -23,3 +23,4 @@ mod size;
 mod sliding;
 mod stiff;
 mod study;
+mod verdicts;

@@ -92,7 +92,7 @@ pub struct Law {
 }
 
 /// A residual above this is no solution.
-const UNSOLVED: f64 = 1e-6;
+pub const UNSOLVED: f64 = 1e-6;
 
 /// Iterations of the slowest solver: a step that is not solved in so many is better told than waited for.
 const MOST_ITERATIONS: usize = 3_000;

@@ -89,8 +89,18 @@ pub struct ContactReport {
     pub penetration: f64,
     /// The sum of the normal impulses, in newton seconds.
     pub normal_impulse: f64,
+    /// The deepest overlap as a part of the smaller body's size.
+    pub overlap: f64,
     /// Work done on normals and on tangents, `r . (u+ + u-) / 2`, in joules.
     pub work: [f64; 2],
+    /// Work done on normals in a step in which every contact that carried an impulse gives all back: it should be zero.
+    pub elastic_work: f64,
+    /// The kinetic energy before contacts and joints act, in joules.
+    pub kinetic: f64,
+    /// How far the worst joint is off, as a part of the size of its bodies, or in radians.
+    pub drift: f64,
+    /// The place of that joint.
+    pub drifted: usize,
     /// Islands with contacts or joints.
     pub islands: usize,
     /// Contact problems solved.
@@ -209,7 +219,11 @@ impl<'a> Simulation<'a> {
     /// If the bodies cannot go on.
     pub fn step(&mut self, h: f64, control: &Control) -> Result<(), StepFailure> {
         self.detect(h, control)?;
-        self.report = ContactReport { penetration: self.depth(0.0).max(0.0), ..ContactReport::default() };
+        self.report = ContactReport {
+            penetration: self.depth(0.0).max(0.0),
+            overlap: self.overlap(),
+            ..ContactReport::default()
+        };
         self.part_overlaps(h, control)?;
         if self.last == 0.0 {
             self.hold(h, |_| true);
@@ -218,6 +232,7 @@ impl<'a> Simulation<'a> {
         for (motion, is_held) in self.moving.iter_mut().zip(&self.held) {
             motion.velocity += if *is_held { held } else { free };
         }
+        self.report.kinetic = self.moving.iter().map(Motion::kinetic_energy).sum();
         self.remember();
         self.close();
         self.solve(h, control)?;
@@ -233,6 +248,7 @@ impl<'a> Simulation<'a> {
             motion.drift(h);
         }
         self.last = h;
+        self.measure_joints();
         self.arrive();
         self.check()
     }
@@ -383,6 +399,7 @@ impl<'a> Simulation<'a> {
         self.kept.clear();
         self.pushed.fill(false);
         let (moving, report) = (&self.moving, &mut self.report);
+        let mut is_elastic = !report.is_limited;
         for contact in self.contacts.iter().filter(|contact| contact.impulse.x > 0.0) {
             self.kept.insert(contact.key, contact.frame.tr_mul(&contact.impulse));
             contact.bodies.iter().flatten().for_each(|&body| self.pushed[body as usize] = true);
@@ -393,6 +410,10 @@ impl<'a> Simulation<'a> {
             report.normal_impulse += contact.impulse.x;
             report.work[0] += powers.x;
             report.work[1] += powers.y + powers.z;
+            is_elastic &= contact.law.restitution == 1.0;
+        }
+        if is_elastic {
+            report.elastic_work = report.work[0];
         }
     }
 

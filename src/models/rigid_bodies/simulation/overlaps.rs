@@ -55,6 +55,11 @@ impl Simulation<'_> {
         self.contacts.iter().map(excess).fold(f64::NEG_INFINITY, f64::max)
     }
 
+    /// The deepest overlap as a part of the smaller body's size.
+    pub(super) fn overlap(&self) -> f64 {
+        self.contacts.iter().map(|contact| -contact.gap / size(self.scene, contact)).fold(0.0, f64::max)
+    }
+
     /// Takes gaps that are rounding for none. More contacts at rest than there are freedoms cannot all close by such gaps
     /// at once: velocities `gap/h` that no motion has would drive impulses up without end.
     pub(super) fn close(&mut self) {
