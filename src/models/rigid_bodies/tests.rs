@@ -145,7 +145,10 @@ fn a_step_whose_contacts_would_take_too_much_memory_is_not_made() {
     let mut simulation = Simulation::new(&scene, &SETTINGS);
     let needed = scene.load(usize::MAX, &Control::new()).unwrap().bytes();
     simulation.most_memory = needed / 2;
-    let before = simulation.ends.clone();
+    let heights = |simulation: &Simulation<'_>| -> Vec<f64> {
+        simulation.ends.iter().map(|motion| motion.pose.translation.vector.z).collect()
+    };
+    let before = heights(&simulation);
     let Err(StepFailure::TooMuchMemory { contacts, most_touched: Some((body, of_body)), bytes }) =
         simulation.step(1e-3, &Control::new())
     else {
@@ -153,7 +156,7 @@ fn a_step_whose_contacts_would_take_too_much_memory_is_not_made() {
     };
     assert!((2..68).contains(&contacts) && of_body as usize == contacts && body == 1, "{contacts} {body} {of_body}");
     assert!(bytes > needed / 2 && bytes <= needed, "{bytes} of {needed}");
-    assert_eq!(simulation.ends, before);
+    assert_eq!(heights(&simulation), before);
 }
 
 #[test]
