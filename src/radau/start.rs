@@ -82,7 +82,7 @@ impl Radau<'_> {
 
     fn no_start(&self) -> StepError {
         match self.switching.probe.vi.as_ref().and_then(|vi| vi.contradiction) {
-            Some(variable) => StepError::NoSolution { t: self.t, variable },
+            Some(variable) => StepError::NoSolution { t: self.t, variable, linear: self.system.constant_jacobian() },
             None => StepError::NoStart { t: self.t },
         }
     }

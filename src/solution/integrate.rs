@@ -179,12 +179,23 @@ fn failure(plan: &Plan, error: &StepError, time: f64, state: &[f64]) -> Failure 
             let name = plan.names.get(plan.initial.len() + variable).map_or("?", String::as_str);
             format!("the {set} of `{name}` is empty from t = {t:?} on: {why}")
         }
-        StepError::NoSolution { variable, t } => format!(
-            "the variational inequality has no solution at t = {t:?}: the inequality of `{}` fails whatever the variables are. \
-             Raising a variable should raise its inequality, at once or in time: look at its sign, and whether the start \
-             satisfies it",
-            plan.names.get(plan.initial.len() + variable).map_or("?", String::as_str)
-        ),
+        StepError::NoSolution { variable, t, linear } => {
+            let name = plan.names.get(plan.initial.len() + variable).map_or("?", String::as_str);
+            if linear {
+                format!(
+                    "the variational inequality has no solution at t = {t:?}: the inequality of `{name}` fails whatever the \
+                     variables are. `{name}` should raise its inequality, at once or in time: look at its sign, and whether \
+                     the start satisfies it"
+                )
+            } else {
+                format!(
+                    "no solution of the variational inequality was found at t = {t:?}: the linearised inequality of `{name}` \
+                     fails whatever the variables are. Either there is none (look at the sign of the inequality, and \
+                     whether the states satisfy it), or Newton's method did not come near it: write the inequality so that \
+                     it is closer to linear in `{name}`"
+                )
+            }
+        }
         StepError::InconsistentStart { state, jump } => format!(
             "the start is inconsistent: the constraints ask for a jump of `{}` by {jump:e}",
             plan.names.get(state).map_or("?", String::as_str)
