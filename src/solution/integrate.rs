@@ -89,7 +89,13 @@ impl Stepper for Course<'_> {
     }
 
     fn step(&mut self) -> Result<(), Failure> {
-        self.radau.step().map_err(|error| failure(self.plan, &error, self.t(), self.states()))
+        self.radau.step().map_err(|error| {
+            let mut failure = failure(self.plan, &error, self.t(), self.states());
+            if let StepError::StepTooSmall { .. } | StepError::NewtonFailed { .. } = error {
+                failure.message += &self.atol_below_rounding();
+            }
+            failure
+        })
     }
 
     fn outputs(&mut self, t: f64, out: &mut [f64]) {
@@ -126,6 +132,22 @@ impl Stepper for Course<'_> {
         diagnostics.energy = self.balance.as_ref().map(|balance| balance.energy);
         if let Some(watch) = &self.watch {
             watch.finish(diagnostics);
+        }
+    }
+}
+
+impl Course<'_> {
+    /// Names a state whose absolute tolerance asks for more digits than its values had.
+    fn atol_below_rounding(&self) -> String {
+        let states = self.plan.names.iter().zip(self.atol).zip(&self.largest);
+        let excess = |((_, atol), largest): &((&String, &f64), &f64)| f64::EPSILON * **largest / **atol;
+        let worst = states.max_by(|a, b| excess(a).total_cmp(&excess(b)));
+        match worst.filter(|worst| excess(worst) > 1.0) {
+            Some(((name, atol), largest)) => format!(
+                "; the absolute tolerance {atol:e} of `{name}` is below the rounding of its values, which reached {largest:e}: \
+                 give an `atol` of `rtol` times the sizes that matter"
+            ),
+            None => String::new(),
         }
     }
 }

@@ -89,7 +89,9 @@ fn what_is_bounded_has_no_impulses_whatever_its_index() {
     // A force between bounds, on a position of which only the second or third derivative shows it.
     for distance in [1, 2] {
         let mut document = chain(distance);
-        for set in [json!([{"box": {"of": ["z"], "lower": 0, "upper": 3}}]), json!([{"ball": {"of": ["z"], "radius": 2}}])] {
+        for set in
+            [json!([{"box": {"of": ["z"], "lower": 0, "upper": 3}}]), json!([{"ball": {"of": ["z"], "radius": 2}}])]
+        {
             document["problem"]["dvi"]["set"] = set;
             let specification = Specification::from_json(document.to_string().as_bytes()).unwrap();
             assert_eq!(specification.analysis().index, Some(1.0 + distance as f64));

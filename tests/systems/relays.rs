@@ -57,7 +57,11 @@ fn a_relay_of_index_three_has_its_limit_cycle() {
     let solution = solve(&relay(&states, "x1", 50.0, json!({})));
     let exact = [("x1", -0.15903742340564242), ("x2", -0.22012133011893664), ("x3", 0.18668410076126674)];
     for (state, exact) in exact {
-        assert!((last(&solution, state) - exact).abs() < 1e-6, "{state}: {} instead of {exact}", last(&solution, state));
+        assert!(
+            (last(&solution, state) - exact).abs() < 1e-6,
+            "{state}: {} instead of {exact}",
+            last(&solution, state)
+        );
     }
     let mut switches = events(&solution, "u");
     switches.dedup();
