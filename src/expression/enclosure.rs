@@ -4,9 +4,9 @@
 //! Monotone functions are taken at the ends; sine, cosine and tangent look for their extrema and poles between them.
 //! Library functions are off by a few units in the last place: their values are widened by [`SLACK`].
 
-use super::interval::{Interval, between};
 use super::operator::Operator;
 use super::tape::Tape;
+use numerics::{Interval, between};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 /// The relative error that a library function may have; the worst of those in use are off by 4 units in the last place.

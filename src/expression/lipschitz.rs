@@ -12,9 +12,9 @@
 
 use super::enclosure::IntervalWorkspace;
 use super::graph::{Graph, Node, Term};
-use super::interval::Interval;
 use super::operator::Operator;
 use super::tape::Tape;
+use numerics::Interval;
 use rustc_hash::{FxHashMap, FxHashSet};
 
 /// A function in an expression that is not Lipschitz at some of its arguments.

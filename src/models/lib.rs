@@ -21,6 +21,6 @@ pub use convolution::ConvolutionModel;
 pub use linear::{Linear, LinearRows};
 pub use mechanical::{MechanicalRows, SymbolicMechanics, Underivable};
 pub use mechanical_model::{ENERGIES, MechanicalModel};
-pub use model::{DviModel, Equations, Model};
+pub use model::{DviModel, Equations, KinkAdvice, Model};
 pub use outputs::Outputs;
 pub use symbolic::{Refusal, Rows, Symbolic};

@@ -115,6 +115,15 @@ pub enum Equations {
     Linear(Linear),
 }
 
+/// What is to be said where steps chatter across a kink.
+#[derive(Clone, Debug, Default)]
+pub struct KinkAdvice {
+    /// The kinks in the order of [`Dvi::kinks`], such as "`sign` of `x`".
+    pub names: Vec<String>,
+    /// The problem with its kinks written as a set, as JSON.
+    pub as_set: Option<String>,
+}
+
 /// A differential variational inequality with its names, its initial values and what is to be said of it.
 #[derive(Clone, Debug)]
 pub struct DviModel {
@@ -130,6 +139,8 @@ pub struct DviModel {
     pub equations: Equations,
     /// What the user should know before it is solved.
     pub warnings: Vec<Warning>,
+    /// What is to be said where steps chatter across a kink.
+    pub kinks: KinkAdvice,
 }
 
 impl DviModel {
@@ -139,6 +150,11 @@ impl DviModel {
             Equations::Symbolic(equations) => Box::new(equations.clone()),
             Equations::Linear(equations) => Box::new(equations.clone()),
         }
+    }
+
+    /// Whether a rate has a kink of a state, of which its reader warned.
+    pub fn has_kinks(&self) -> bool {
+        self.warnings.iter().any(|warning| warning.code == "kink_in_rate")
     }
 
     /// The names of all that is told: states, variables, outputs.

@@ -4,7 +4,8 @@
 
 use super::{DviModel, Equations};
 use analysis::{Analysis, Uniqueness};
-use expression::{Interval, Irregularities, Irregularity};
+use expression::{Irregularities, Irregularity};
+use numerics::Interval;
 
 impl DviModel {
     /// Where the equations are not locally Lipschitz; none if they are wherever they have a value.

@@ -13,6 +13,8 @@ mod event;
 mod mechanical;
 mod warning;
 
+use numerics::Interval;
+
 pub use control::{Control, Interrupted, Stop};
 pub use convex_set::{
     Block, BlockWorkspace, ConvexSet, Derivative, Face, FaceEquations, Monitor, Polyhedron, Shape, Workspace,
@@ -140,8 +142,35 @@ pub trait Dvi: Send {
     /// Writes the partial derivatives of `G` (m) by `t` at `(t, y)`.
     fn time_derivative(&mut self, t: f64, y: &[f64], values: &mut [f64]);
 
+    /// Writes intervals that hold `F`, `G` and the moving bounds wherever `(t, y)` is in a box, in the order of
+    /// [`Dvi::evaluate`]; false where the problem cannot be enclosed.
+    fn enclose(&mut self, _t: Interval, _y: &[Interval], _values: &mut [Interval]) -> bool {
+        false
+    }
+
+    /// The same of the derivatives by `y`, in the order of [`Structure::pattern`], and of those of `G` by `t`.
+    fn enclose_derivatives(
+        &mut self,
+        _t: Interval,
+        _y: &[Interval],
+        _jacobian: &mut [Interval],
+        _by_time: &mut [Interval],
+    ) -> bool {
+        false
+    }
+
     /// The quantities, at `t`, at whose changes of sign a row has a kink or a jump whatever `y` is; as many at any time.
     fn breaks(&mut self, _t: f64) -> &[f64] {
         &[]
+    }
+
+    /// The quantities at `(t, y)` at whose changes of sign a row has a kink or a jump that depends on `y`; as many anywhere.
+    fn kinks(&mut self, _t: f64, _y: &[f64]) -> &[f64] {
+        &[]
+    }
+
+    /// Writes the nonzero derivatives of one of them by `y` at `(t, y)`, as `(place in y, value)`.
+    fn kink_gradient(&mut self, _kink: usize, _t: f64, _y: &[f64], gradient: &mut Vec<(usize, f64)>) {
+        gradient.clear();
     }
 }

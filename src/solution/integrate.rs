@@ -1,5 +1,6 @@
 //! A differential variational inequality from start to end by Radau IIA: its failures, switches and evidence by name.
 
+use super::audit::Audit;
 use super::energy_balance::EnergyBalance;
 use super::run::{Ended, Plan, Stepper, run_to_end};
 use super::uniqueness::{LipschitzWatch, uniqueness_caveat};
@@ -8,7 +9,7 @@ use super::{
     Warning, global_error,
 };
 use analysis::{Analysis, analyse_face};
-use models::{DviModel, Outputs};
+use models::{DviModel, KinkAdvice, Outputs};
 use problem::{Control, Mass, Structure};
 use radau::{Cause, Place, Radau, Settings, StageChoice, StepError, Switch, Switches, Variables};
 use vi::Attempt;
@@ -46,16 +47,18 @@ pub(super) fn integrate_once(
     }
     let mut problem = model.problem();
     run_to_end(plan, control, diagnostics, || {
-        let failed = |error| failure(plan, &error, plan.start, &plan.initial);
+        let failed = |error| failure(plan, &model.kinks, &error, plan.start, &plan.initial);
         let mut radau = Radau::new(&mut *problem, settings.clone(), plan.start, &plan.initial, plan.end, control)
             .map_err(failed)?;
         // Where the run begins is no switch.
         radau.take_switches();
         let balance = model.outputs.energy().map(|form| EnergyBalance::new(form.clone(), &radau));
-        let largest = plan.initial.iter().map(|x| x.abs()).collect();
+        let audit = Audit::new(plan, &radau, model.has_kinks());
         let tolerances = (settings.rtol, settings.atol.as_slice());
         let watch = LipschitzWatch::new(model, analysis, tolerances, (radau.t(), radau.y()));
-        Ok(Course { radau, plan, atol: &settings.atol, largest, outputs: model.outputs.clone(), balance, watch })
+        let (kinks, outputs) = (&model.kinks, model.outputs.clone());
+        let rtol = settings.step.is_none().then_some(settings.rtol);
+        Ok(Course { radau, plan, kinks, atol: &settings.atol, rtol, audit, outputs, balance, watch })
     })
 }
 
@@ -63,9 +66,11 @@ pub(super) fn integrate_once(
 struct Course<'p> {
     radau: Radau<'p>,
     plan: &'p Plan,
+    kinks: &'p KinkAdvice,
     atol: &'p [f64],
-    /// The largest size of each state so far.
-    largest: Vec<f64>,
+    /// The relative tolerance; none where the step is fixed.
+    rtol: Option<f64>,
+    audit: Audit<'p>,
     outputs: Outputs,
     balance: Option<EnergyBalance>,
     watch: Option<LipschitzWatch<'p>>,
@@ -90,8 +95,10 @@ impl Stepper for Course<'_> {
 
     fn step(&mut self) -> Result<(), Failure> {
         self.radau.step().map_err(|error| {
-            let mut failure = failure(self.plan, &error, self.t(), self.states());
-            if let StepError::StepTooSmall { .. } | StepError::NewtonFailed { .. } = error {
+            let mut failure = failure(self.plan, self.kinks, &error, self.t(), self.states());
+            if let StepError::StepTooSmall { .. } | StepError::NewtonFailed { .. } | StepError::Unresolved { .. } =
+                error
+            {
                 failure.message += &self.atol_below_rounding();
             }
             failure
@@ -101,6 +108,7 @@ impl Stepper for Course<'_> {
     fn outputs(&mut self, t: f64, out: &mut [f64]) {
         let unknowns = out.len() - self.outputs.names.len();
         self.radau.interpolate(t, &mut out[..unknowns]);
+        self.audit.output(&mut self.radau, t, &out[..unknowns]);
         self.outputs.append(t, out);
     }
 
@@ -114,9 +122,7 @@ impl Stepper for Course<'_> {
     }
 
     fn observe(&mut self, switched: bool, diagnostics: &mut Diagnostics) {
-        for (largest, x) in self.largest.iter_mut().zip(self.radau.y()) {
-            *largest = largest.max(x.abs());
-        }
+        self.audit.step(&mut self.radau);
         judge(&mut self.radau, self.plan, switched, diagnostics);
         if let Some(balance) = &mut self.balance {
             balance.step(&mut self.radau);
@@ -128,8 +134,12 @@ impl Stepper for Course<'_> {
 
     fn finish(&mut self, diagnostics: &mut Diagnostics) {
         count(&mut self.radau, self.plan, diagnostics);
-        warn_of_small_states(self.plan, self.atol, &self.largest, diagnostics);
-        diagnostics.energy = self.balance.as_ref().map(|balance| balance.energy);
+        warn_of_small_states(self.plan, self.atol, self.audit.largest(), diagnostics);
+        diagnostics.screening = self.audit.finish(self.atol, &mut diagnostics.checks);
+        if let Some(balance) = &self.balance {
+            diagnostics.energy = Some(balance.energy);
+            balance.judge(&self.radau, self.rtol, self.atol, &mut diagnostics.checks);
+        }
         if let Some(watch) = &self.watch {
             watch.finish(diagnostics);
         }
@@ -139,7 +149,7 @@ impl Stepper for Course<'_> {
 impl Course<'_> {
     /// Names a state whose absolute tolerance asks for more digits than its values had.
     fn atol_below_rounding(&self) -> String {
-        let states = self.plan.names.iter().zip(self.atol).zip(&self.largest);
+        let states = self.plan.names.iter().zip(self.atol).zip(self.audit.largest());
         let excess = |((_, atol), largest): &((&String, &f64), &f64)| f64::EPSILON * **largest / **atol;
         let worst = states.max_by(|a, b| excess(a).total_cmp(&excess(b)));
         match worst.filter(|worst| excess(worst) > 1.0) {
@@ -179,7 +189,7 @@ fn judge(radau: &mut Radau<'_>, plan: &Plan, switched: bool, diagnostics: &mut D
     }
 }
 
-fn failure(plan: &Plan, error: &StepError, time: f64, state: &[f64]) -> Failure {
+fn failure(plan: &Plan, kinks: &KinkAdvice, error: &StepError, time: f64, state: &[f64]) -> Failure {
     let message = match *error {
         StepError::NotFinite { what, component, t } => {
             let n = plan.initial.len();
@@ -217,6 +227,28 @@ fn failure(plan: &Plan, error: &StepError, time: f64, state: &[f64]) -> Failure 
                      it is closer to linear in `{name}`"
                 )
             }
+        }
+        StepError::Unresolved { t, variable } => format!(
+            "`{}` switches again and again, from t = {t:?} on, while what decides it stays below what the tolerances resolve: an \
+             accumulation of switches that was not passed. Take another `stages`, or an `rtol` and `atol` for which the states \
+             that switch it and those that it drives are resolved alike",
+            plan.names.get(plan.initial.len() + variable).map_or("?", String::as_str)
+        ),
+        StepError::Chattering { t, kink } => {
+            let name = kinks.names.get(kink).map_or("a function with a kink", String::as_str);
+            let instead = match &kinks.as_set {
+                Some(problem) => {
+                    format!("this `problem` in its place has the same solution, and its steps follow it: {problem}")
+                }
+                None => {
+                    "write the function as a variable in a set, or the rates on either side as a `filippov` problem"
+                        .into()
+                }
+            };
+            format!(
+                "{name} makes the rates jump where its argument changes its sign; from t = {t:?} on the solution slides along \
+                 that jump, and steps cross it to and fro without end: {instead}"
+            )
         }
         StepError::InconsistentStart { state, jump } => format!(
             "the start is inconsistent: the constraints ask for a jump of `{}` by {jump:e}",

@@ -3,8 +3,9 @@
 
 use super::Diagnostics;
 use analysis::{Analysis, Uniqueness};
-use expression::{Interval, Irregularities, Irregularity};
+use expression::{Irregularities, Irregularity};
 use models::DviModel;
+use numerics::Interval;
 use problem::Warning;
 
 /// What the user should know of the uniqueness of the solution, before it is computed.

@@ -24,3 +24,4 @@ mod size;
 mod sliding;
 mod stiff;
 mod study;
+mod verdicts;

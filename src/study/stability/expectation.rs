@@ -102,7 +102,7 @@ const ALL_DIGITS: f64 = 17.0;
 
 impl Expectation {
     /// Holds this against what came of a case.
-    pub(super) fn judge(&self, case: &Case, solution: &Result<Solution, Vec<SpecificationError>>) -> Finding {
+    pub fn judge(&self, case: &Case, solution: &Result<Solution, Vec<SpecificationError>>) -> Finding {
         let expected = self.words();
         let judged = match (self, solution) {
             (Self::Refusal(refusal), _) => refusal.judge(solution),
