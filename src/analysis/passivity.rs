@@ -71,14 +71,19 @@ pub(super) fn passivity(problem: &Linearisation) -> Option<Passivity> {
     if kept.is_empty() {
         return Some(Passivity { of_d, of_cb: None });
     }
-    let kernel = units * singular.v_t.select_rows(&kept).transpose();
-    let of_cb = least_storage(&problem.b * &kernel, kernel.tr_mul(&problem.c))?;
+    let kernel = &units * singular.v_t.select_rows(&kept).transpose();
+    if !has_storage(&problem.b * &kernel, kernel.tr_mul(&problem.c)) {
+        return None;
+    }
+    // In the user's units where the kernel is the whole space.
+    let cb = if kept.len() == problem.variables() { cb } else { kernel.tr_mul(&cb) * kernel };
+    let of_cb = least_eigenvalue(&(&cb * 0.5 + cb.transpose() * 0.5))?;
     Some(Passivity { of_d: of_d.max(0.0), of_cb: Some(of_cb.max(0.0)) })
 }
 
-/// The least eigenvalue of `C B` if `P B = C^T` for some symmetric positive definite `P`: `C B` symmetric positive
-/// semidefinite, with the rank of `B` and `C`, and `B` and `C^T` with one kernel.
-fn least_storage(mut b: DMatrix<f64>, mut c: DMatrix<f64>) -> Option<f64> {
+/// Whether `P B = C^T` for some symmetric positive definite `P`: `C B` symmetric positive semidefinite, with the rank of `B`
+/// and `C`, and `B` and `C^T` with one kernel.
+fn has_storage(mut b: DMatrix<f64>, mut c: DMatrix<f64>) -> bool {
     let n = b.nrows();
     // In units of each state in which `B` and `C^T` are alike.
     for i in 0..n {
@@ -91,9 +96,9 @@ fn least_storage(mut b: DMatrix<f64>, mut c: DMatrix<f64>) -> Option<f64> {
     }
     let cb = &c * &b;
     let asymmetry = (&cb - cb.transpose()).amax();
-    let least = least_eigenvalue(&(&cb * 0.5 + cb.transpose() * 0.5))?;
-    if asymmetry > ROUNDING * cb.amax() || least < -ROUNDING * cb.amax() {
-        return None;
+    let least = least_eigenvalue(&(&cb * 0.5 + cb.transpose() * 0.5));
+    if asymmetry > ROUNDING * cb.amax() || least.is_none_or(|least| least < -ROUNDING * cb.amax()) {
+        return false;
     }
     let rank_of = |matrix: &DMatrix<f64>| Singular::of(matrix).map(|singular| singular.rank(RANK));
     let (size_of_b, size_of_c) = (size(&b), size(&c));
@@ -106,8 +111,7 @@ fn least_storage(mut b: DMatrix<f64>, mut c: DMatrix<f64>) -> Option<f64> {
             },
         );
     let rank = rank_of(&cb);
-    let one_rank = rank.is_some() && [&b, &c, &stacked].into_iter().all(|matrix| rank_of(matrix) == rank);
-    one_rank.then_some(least)
+    rank.is_some() && [&b, &c, &stacked].into_iter().all(|matrix| rank_of(matrix) == rank)
 }
 
 /// The largest entry, or one where all are zero.

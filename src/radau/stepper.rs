@@ -463,7 +463,9 @@ impl<'p> Radau<'p> {
     /// Whether the last variational inequality has no solution for a reason that can be named.
     pub(super) fn check_contradiction(&self, cause: Cause) -> Result<(), StepError> {
         match self.stage_vi.as_ref().and_then(|vi| vi.contradiction).filter(|_| cause == Cause::Unsolved) {
-            Some(variable) => Err(StepError::NoSolution { t: self.t, variable }),
+            Some(variable) => {
+                Err(StepError::NoSolution { t: self.t, variable, linear: self.system.constant_jacobian() })
+            }
             None => Ok(()),
         }
     }

@@ -94,7 +94,15 @@ impl Stepper for Course<'_> {
     }
 
     fn step(&mut self) -> Result<(), Failure> {
-        self.radau.step().map_err(|error| failure(self.plan, self.kinks, &error, self.t(), self.states()))
+        self.radau.step().map_err(|error| {
+            let mut failure = failure(self.plan, self.kinks, &error, self.t(), self.states());
+            if let StepError::StepTooSmall { .. } | StepError::NewtonFailed { .. } | StepError::Unresolved { .. } =
+                error
+            {
+                failure.message += &self.atol_below_rounding();
+            }
+            failure
+        })
     }
 
     fn outputs(&mut self, t: f64, out: &mut [f64]) {
@@ -134,6 +142,22 @@ impl Stepper for Course<'_> {
         }
         if let Some(watch) = &self.watch {
             watch.finish(diagnostics);
+        }
+    }
+}
+
+impl Course<'_> {
+    /// Names a state whose absolute tolerance asks for more digits than its values had.
+    fn atol_below_rounding(&self) -> String {
+        let states = self.plan.names.iter().zip(self.atol).zip(self.audit.largest());
+        let excess = |((_, atol), largest): &((&String, &f64), &f64)| f64::EPSILON * **largest / **atol;
+        let worst = states.max_by(|a, b| excess(a).total_cmp(&excess(b)));
+        match worst.filter(|worst| excess(worst) > 1.0) {
+            Some(((name, atol), largest)) => format!(
+                "; the absolute tolerance {atol:e} of `{name}` is below the rounding of its values, which reached {largest:e}: \
+                 give an `atol` of `rtol` times the sizes that matter"
+            ),
+            None => String::new(),
         }
     }
 }
@@ -187,12 +211,23 @@ fn failure(plan: &Plan, kinks: &KinkAdvice, error: &StepError, time: f64, state:
             let name = plan.names.get(plan.initial.len() + variable).map_or("?", String::as_str);
             format!("the {set} of `{name}` is empty from t = {t:?} on: {why}")
         }
-        StepError::NoSolution { variable, t } => format!(
-            "the variational inequality has no solution at t = {t:?}: the inequality of `{}` fails whatever the variables are. \
-             Raising a variable should raise its inequality, at once or in time: look at its sign, and whether the start \
-             satisfies it",
-            plan.names.get(plan.initial.len() + variable).map_or("?", String::as_str)
-        ),
+        StepError::NoSolution { variable, t, linear } => {
+            let name = plan.names.get(plan.initial.len() + variable).map_or("?", String::as_str);
+            if linear {
+                format!(
+                    "the variational inequality has no solution at t = {t:?}: the inequality of `{name}` fails whatever the \
+                     variables are. `{name}` should raise its inequality, at once or in time: look at its sign, and whether \
+                     the start satisfies it"
+                )
+            } else {
+                format!(
+                    "no solution of the variational inequality was found at t = {t:?}: the linearised inequality of `{name}` \
+                     fails whatever the variables are. Either there is none (look at the sign of the inequality, and \
+                     whether the states satisfy it), or Newton's method did not come near it: write the inequality so that \
+                     it is closer to linear in `{name}`"
+                )
+            }
+        }
         StepError::Unresolved { t, variable } => format!(
             "`{}` switches again and again, from t = {t:?} on, while what decides it stays below what the tolerances resolve: an \
              accumulation of switches that was not passed. Take another `stages`, or an `rtol` and `atol` for which the states \
