@@ -1,7 +1,7 @@
 //! The independent methods beside closed forms: a diode bridge, a bouncing ball, a relay that slides, a projection.
 
 use crate::differential::linear::{Linear, Shape};
-use crate::differential::reference::{Stop, by_modes, by_projection};
+use crate::differential::reference::{Membrane, Stop, by_modes, by_projection};
 use crate::differential::signal::{Signal, Wave};
 use std::f64::consts::{PI, TAU};
 
@@ -183,4 +183,34 @@ fn a_cone_is_projected_on() {
     };
     let far = largest_distance(&values.columns[0], &times, exact);
     assert!(far < 1e-6, "{far:e}");
+}
+
+/// Held nowhere a membrane stays flat: `u' = cos t` between the obstacles, so that `u` rises to 0.5, stays until the source turns at `pi/2`, falls to -0.5 and stays again.
+#[test]
+fn a_membrane_rises_and_falls_between_two_obstacles() {
+    let membrane = Membrane {
+        elements: 8,
+        diffusion: 1.0,
+        reaction: 0.0,
+        source: Signal { constant: 0.0, waves: vec![Wave { amplitude: 1.0, omega: 1.0, phase: PI / 2.0 }] },
+        bulge: 0.0,
+        bounds: (-0.5, 0.5),
+        initial: 0.0,
+        held: [false, false],
+    };
+    let times = times(TAU);
+    let values = membrane.solve(&[0.5, 0.25, 0.875], &times).expect("an answer");
+    let exact = |t: f64| {
+        if t < PI / 2.0 {
+            t.sin().min(0.5)
+        } else if t < 1.5 * PI {
+            (0.5 - (1.0 - t.sin())).max(-0.5)
+        } else {
+            (-0.5 + t.sin() + 1.0).min(0.5)
+        }
+    };
+    for column in &values.columns {
+        let far = largest_distance(column, &times, exact);
+        assert!(far < 1e-5, "{far:e}");
+    }
 }

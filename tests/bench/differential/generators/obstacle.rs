@@ -2,6 +2,7 @@
 
 use crate::differential::problem::{Field, Problem, View, Way};
 use crate::differential::random::Random;
+use crate::differential::reference::{Membrane, Values};
 use crate::differential::signal::Signal;
 use serde_json::{Map, Value, json};
 
@@ -96,5 +97,20 @@ impl Problem for Obstacle {
 
     fn is_unique(&self) -> bool {
         true
+    }
+
+    /// How advection is discretised is a choice, and so only what has none is compared.
+    fn reference(&self, change: &[f64], times: &[f64]) -> Option<Values> {
+        let membrane = (self.advection == 0.0).then(|| Membrane {
+            elements: self.elements,
+            diffusion: self.diffusion,
+            reaction: self.reaction,
+            source: self.source.clone(),
+            bulge: self.bulge,
+            bounds: (self.lower, self.upper.unwrap_or(f64::INFINITY)),
+            initial: self.initial + change.first().copied().unwrap_or(0.0),
+            held: self.held,
+        });
+        membrane?.solve(&[0.5, 0.25, 0.875], times)
     }
 }

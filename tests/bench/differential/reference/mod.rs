@@ -4,12 +4,15 @@
 //!   each mode is a matrix exponential, the mode is found by enumeration and by the signs of derivatives of all orders.
 //! - [`stop`] does so for an oscillator that strikes a stop.
 //! - [`projected`] solves over any set by small steps of one size and projections, at two sizes.
+//! - [`membrane`] does so for an obstacle problem on an interval.
 
 mod flow;
+mod membrane;
 mod modes;
 mod projected;
 mod stop;
 
+pub use membrane::Membrane;
 pub use modes::solve as by_modes;
 pub use projected::solve as by_projection;
 pub use stop::Stop;
