@@ -8,8 +8,10 @@ fn chain(links: usize, mass: f64, step: f64, unit: f64) -> Value {
     let mut bodies = Vec::new();
     let mut joints = Vec::new();
     for k in 0..links {
-        bodies.push(json!({"name": format!("l{k}"), "shape": {"capsule": {"radius": 0.01 * unit, "length": 0.07 * unit}},
-            "mass": 0.1, "position": [(k as f64 + 0.5) * length, 0, 0], "orientation": turn}));
+        bodies.push(
+            json!({"name": format!("l{k}"), "shape": {"capsule": {"radius": 0.01 * unit, "length": 0.07 * unit}},
+            "mass": 0.1, "position": [(k as f64 + 0.5) * length, 0, 0], "orientation": turn}),
+        );
         let other = if k == 0 { json!([format!("l{k}")]) } else { json!([format!("l{}", k - 1), format!("l{k}")]) };
         joints.push(json!({"ball": {"bodies": other, "at": [k as f64 * length, 0, 0]}}));
     }
@@ -37,7 +39,9 @@ fn a_box_at_rest_gains_nothing_and_is_trusted_in_any_units() {
 #[test]
 fn cards_that_lean_against_each_other_stand_where_statics_says_so() {
     // A card of this thickness whose lower edge is at the floor and whose upper edge meets the other's at x = 0.
-    for (degrees, friction, stands) in [(20.0_f64, 0.25, true), (20.0, 0.12, false), (30.0, 0.35, true), (12.0, 0.13, true)] {
+    for (degrees, friction, stands) in
+        [(20.0_f64, 0.25, true), (20.0, 0.12, false), (30.0, 0.35, true), (12.0, 0.13, true)]
+    {
         let (angle, thickness) = (degrees.to_radians(), 0.01);
         let (sine, cosine) = angle.sin_cos();
         let (x, z) = (0.5 * (sine + thickness * cosine), 0.5 * (cosine + thickness * sine));

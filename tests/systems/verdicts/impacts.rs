@@ -78,9 +78,11 @@ fn a_floor_that_rises_between_steps_lifts_what_rests_on_it() {
 
 #[test]
 fn a_bump_that_is_narrow_beside_a_step_lifts_what_slides() {
-    let solution = solve(&json!({"problem": {"mechanical": {"coordinates": {"x": {"initial": 0, "velocity": 1}, "y": {"initial": 0}},
+    let solution = solve(
+        &json!({"problem": {"mechanical": {"coordinates": {"x": {"initial": 0, "velocity": 1}, "y": {"initial": 0}},
         "mass": [[1, 0], [0, 1]], "potential": "9.81*y", "contacts": [{"name": "road", "gap": "y - 0.01*exp(-((x-7.3)/0.2)^2)"}]}},
-        "time": {"end": 20}, "output": {"times": {"count": 201}}}));
+        "time": {"end": 20}, "output": {"times": {"count": 201}}}),
+    );
     // The road takes no energy: the body goes on at its speed.
     let highest = super::super::harness::column(&solution, "y").iter().copied().fold(0.0, f64::max);
     assert!(highest > 0.009, "it passed through the bump: {highest}");
@@ -96,8 +98,11 @@ fn long_steps_are_not_trusted_and_short_ones_are() {
 
 #[test]
 fn bodies_at_rest_are_trusted_in_any_units_and_by_both_methods() {
-    for (scale, method) in [(1e-9, json!({"step": 1e-2})), (1e9, json!({"step": 1e-2})), (1e9, json!({"impacts": "locate"}))] {
-        let solution = solve(&json!({"problem": {"mechanical": {"coordinates": {"a": {"initial": 0}, "b": {"initial": 1}},
+    for (scale, method) in
+        [(1e-9, json!({"step": 1e-2})), (1e9, json!({"step": 1e-2})), (1e9, json!({"impacts": "locate"}))]
+    {
+        let solution =
+            solve(&json!({"problem": {"mechanical": {"coordinates": {"a": {"initial": 0}, "b": {"initial": 1}},
             "mass": [[1, 0], [0, scale]], "potential": format!("9.81*(a + {scale}*b)"),
             "contacts": [{"name": "floor", "gap": "a"}, {"name": "between", "gap": "b - a - 1"}]}},
             "time": {"end": 2}, "method": method, "output": {"times": [2]}}));

@@ -31,9 +31,11 @@ fn a_pulse_of_any_width_wakes_nodes_that_rest() {
             .map(|i| from + i as f64 * h)
             .map(|t| h / 6.0 * (source(t) + 4.0 * source(t + 0.5 * h) + source(t + h)))
             .sum();
-        let solution = solve(&json!({"problem": {"obstacle": {"domain": {"x": [0, 1]}, "elements": 20, "diffusion": 1, "obstacle": 0,
+        let solution = solve(
+            &json!({"problem": {"obstacle": {"domain": {"x": [0, 1]}, "elements": 20, "diffusion": 1, "obstacle": 0,
             "source": format!("-1+20*exp(-((t-5)/{width})^2)"), "initial": 0, "probes": {"a": [0.5]}}},
-            "time": {"end": 10}, "output": {"times": [to]}}));
+            "time": {"end": 10}, "output": {"times": [to]}}),
+        );
         let found = last(&solution, "a");
         assert!((found - exact).abs() < 1e-3 * exact, "{width}: {found} {exact}");
         assert_trusted(&solution);
