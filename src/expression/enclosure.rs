@@ -4,9 +4,9 @@
 //! Monotone functions are taken at the ends; sine, cosine and tangent look for their extrema and poles between them.
 //! Library functions are off by a few units in the last place: their values are widened by [`SLACK`].
 
-use super::interval::{Interval, between};
 use super::operator::Operator;
 use super::tape::Tape;
+use numerics::{Interval, between};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 /// The relative error that a library function may have; the worst of those in use are off by 4 units in the last place.
@@ -180,7 +180,9 @@ fn real_power(a: Interval, b: Interval) -> Interval {
     }
     let grows = b.lo > 0.0;
     within(a, 0.0, f64::INFINITY, |a| {
-        let values = [a.lo.powf(b.lo), a.lo.powf(b.hi), a.hi.powf(b.lo), a.hi.powf(b.hi)];
+        // The sign of a zero would turn the sign of its powers.
+        let least = a.lo.abs();
+        let values = [least.powf(b.lo), least.powf(b.hi), a.hi.powf(b.lo), a.hi.powf(b.hi)];
         clamped(corners(values, defined && (a.lo > 0.0 || grows)), 0.0, f64::INFINITY)
     })
 }

@@ -8,8 +8,8 @@
 //! contacts, whose `gap(t,q)` must not be negative (`u_n = gap'`), then the directions of slip. `f` holds all forces, those
 //! of the potential and of `M` itself (Coriolis, centrifugal).
 
-use expression::Interval;
 use nalgebra::{DMatrix, Vector2};
+use numerics::Interval;
 use std::ops::Range;
 
 /// How a contact resists slip and rebounds.

@@ -5,6 +5,7 @@
 //! shrink with the step: where `K` has bounds it is the impulse that the theory names (`x+ = x + B p`, with `p` in `K`
 //! complementary to `G(x+)`), and the run starts after it; where all variables are free it is an error of the user.
 
+use super::consistent::inequality;
 use super::face::undecided;
 use super::factors::Factors;
 use super::settings::{Settings, StepError};
@@ -48,7 +49,8 @@ impl Radau<'_> {
         if self.system.is_explicit_ode() {
             return Ok(());
         }
-        // Free variables have no guess; where they enter nonlinearly, theirs must not be far off.
+        // Variables have no guess; where they enter nonlinearly, theirs must not be far off.
+        inequality::solve(&mut self.system, self.t, &mut self.y);
         if self.system.bounded.is_empty()
             && let Some(consistent) = &mut self.consistent
         {

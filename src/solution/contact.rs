@@ -12,7 +12,6 @@ use contact::{ContactError, Flights, Happening, Leg, Located, Settings, State, T
 use models::{ENERGIES, MechanicalModel};
 use nalgebra::Vector3;
 use problem::{Constraints, Control, Mechanical};
-use radau;
 
 /// How a mechanical system is integrated.
 #[derive(Clone, Debug)]

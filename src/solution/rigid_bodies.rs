@@ -76,7 +76,9 @@ struct Course<'a> {
 impl<'a> Course<'a> {
     fn new(scene: &'a Scene, plan: &'a Plan, settings: &Settings, control: &'a Control) -> Result<Self, Failure> {
         let mut simulation = Simulation::new(scene, settings);
-        if scene.resolve && !simulation.resolve(control) {
+        simulation.most_memory = plan.most_memory;
+        let failed = |cause| failure(&cause, scene, plan, plan.start, &plan.initial);
+        if scene.resolve && !simulation.resolve(control).map_err(failed)? {
             let message = "the bodies overlap at the start, and there is no way found to move them apart".to_owned();
             return Err(Failure {
                 code: "interpenetration".into(),
@@ -192,25 +194,16 @@ impl Stepper for Course<'_> {
         let next = if next >= self.plan.end - 1e-9 * self.h { self.plan.end } else { next };
         self.starts.clone_from(&self.simulation.ends);
         let stepped = self.simulation.step(next - self.t, self.control);
+        if let Err(cause @ (StepFailure::TooMuchMemory { .. } | StepFailure::Interrupted)) = &stepped {
+            // The step was not made: the last one stands.
+            return Err(failure(cause, self.scene, self.plan, self.t, &self.states));
+        }
         (self.before, self.t) = (self.t, next);
         self.steps += 1;
         self.write_states(next);
         self.book();
         self.judge();
-        stepped.map_err(|failure| {
-            let (code, message) = match failure {
-                StepFailure::NotFinite { body } => {
-                    let name = &self.scene.bodies[body].name;
-                    ("not_finite", format!("the motion of `{name}` is not finite at t = {next}"))
-                }
-                StepFailure::Unsolved { residual } => (
-                    "contact_unsolved",
-                    format!("the law of contact and friction was not solved at t = {next} (residual {residual:e}): a smaller step may help"),
-                ),
-                StepFailure::Joints => ("joints", format!("the joints cannot all hold at t = {next}")),
-            };
-            Failure { code: code.into(), message, time: next, state: self.states.clone() }
-        })
+        stepped.map_err(|cause| failure(&cause, self.scene, self.plan, next, &self.states))
     }
 
     fn outputs(&mut self, t: f64, out: &mut [f64]) {
@@ -277,6 +270,48 @@ impl Stepper for Course<'_> {
         diagnostics.checks = self.checks.clone();
         check_energy(&self.energy, Accuracy::Fixed, &mut diagnostics.checks);
     }
+}
+
+/// Why there is no step beyond, or to, this time.
+fn failure(cause: &StepFailure, scene: &Scene, plan: &Plan, t: f64, state: &[f64]) -> Failure {
+    let (code, message) = match *cause {
+        StepFailure::NotFinite { body } => {
+            let name = &scene.bodies[body].name;
+            ("not_finite", format!("the motion of `{name}` is not finite at t = {t}"))
+        }
+        StepFailure::Unsolved { residual } => (
+            "contact_unsolved",
+            format!(
+                "the law of contact and friction was not solved at t = {t} (residual {residual:e}): a smaller step may help"
+            ),
+        ),
+        StepFailure::Joints => ("joints", format!("the joints cannot all hold at t = {t}")),
+        StepFailure::TooMuchMemory { contacts, most_touched, bytes } => {
+            ("too_much_memory", too_much_memory(scene, plan, t, (contacts, most_touched, bytes)))
+        }
+        StepFailure::Interrupted => ("interrupted", format!("stopped at t = {t}")),
+    };
+    Failure { code: code.into(), message, time: t, state: state.to_vec() }
+}
+
+/// What is to be said of contacts that take too much memory: those that were found until they did.
+fn too_much_memory(
+    scene: &Scene,
+    plan: &Plan,
+    t: f64,
+    (contacts, most_touched, bytes): (usize, Option<(usize, u32)>, usize),
+) -> String {
+    let bodies = scene.bodies.len();
+    let most = plan.most_memory >> 20;
+    let of_one = most_touched.map_or_else(String::new, |(body, contacts)| {
+        let name = &scene.bodies[body].name;
+        format!(", {contacts} of them on `{name}`: what touches one body takes memory by the square of its contacts")
+    });
+    format!(
+        "the step from t = {t} takes {} MiB or more, and {most} MiB are allowed: there are at least {contacts} contacts \
+         between {bodies} bodies{of_one}. Use fewer bodies, or more memory; what lies on a `fixed` body is not coupled by it",
+        bytes.div_ceil(1 << 20)
+    )
 }
 
 /// The events that are told: a heap that falls has more than anyone reads.

@@ -17,11 +17,13 @@
 //! `-<r, u+ + u->/2`; where that comes out negative, impulses are moved on a straight line towards those of `e = 0`, which
 //! never add any (Stewart 2000, section 3), until they add none. The line lies in the friction cones, as they are convex.
 
+mod memory;
 mod polyhedral;
 mod sequential;
 #[cfg(test)]
 mod tests;
 
+pub use memory::Size;
 pub use sequential::sequential;
 
 use nalgebra::Vector3;
@@ -147,7 +149,7 @@ impl Law {
                     (*closing, found) = (true, true);
                 }
             }
-            if !found || report.outcome != Outcome::Solved {
+            if !found || report.outcome != Outcome::Solved || control.poll().is_some() {
                 break;
             }
         }

@@ -6,7 +6,7 @@
 //! where the enclosure leaves a violation open. A violation that is found cuts the step.
 
 use super::leg::Leg;
-use expression::Interval;
+use numerics::Interval;
 
 /// Parts of one step that are enclosed; what is undecided then is no violation that was found.
 const MOST_PARTS: usize = 64;

@@ -28,7 +28,6 @@ use mode::held;
 use monitors::Ending;
 use nalgebra::{Vector2, Vector3};
 use problem::{Constraints, Control, Mechanical, MechanicalStructure};
-use radau;
 
 /// Gaps below this, in units of the coordinates, are closed at an event.
 const CLOSED: f64 = 1e-10;

@@ -9,8 +9,9 @@
 //!   the stages they are evaluated: a node that rests at all stages, and whose obstacle would have to pull there, counts
 //!   with the way that the pull stands for, and so does one that an obstacle passes.
 
-use super::{Condition, Field, Offence, Semidiscrete};
-use expression::Interval;
+use super::{Cause, Condition, Field, Semidiscrete};
+use numerics::Interval;
+use problem::Control;
 
 /// Parts of a step that are enclosed for each of the data.
 const PARTS: usize = 48;
@@ -47,7 +48,7 @@ impl Hidden {
     /// at the end. The system is at the end, and is so afterwards.
     ///
     /// # Errors
-    /// Data between the stages that are none.
+    /// Data between the stages that are not finite or contradict each other; or `control` asks to stop.
     pub fn error(
         &mut self,
         system: &mut Semidiscrete,
@@ -55,7 +56,8 @@ impl Hidden {
         held: [&[i8]; 3],
         force: &[f64],
         values: [&Vec<f64>; 3],
-    ) -> Result<f64, Offence> {
+        control: &Control,
+    ) -> Result<f64, Cause> {
         let nodes = system.weights.len();
         let mut moved = vec![0.0; nodes];
         for i in (0..nodes).filter(|&i| !system.is_given[i]) {
@@ -67,7 +69,7 @@ impl Hidden {
             }
         }
         for t in self.suspects(system, times) {
-            self.look(system, t, times[2] - times[0], (held, force, values), &mut moved)?;
+            self.look(system, t, times[2] - times[0], (held, force, values), &mut moved, control)?;
         }
         let weighted = moved.iter().zip(&system.weights).map(|(moved, weight)| weight * moved * moved);
         Ok(weighted.sum::<f64>() / system.weights.iter().sum::<f64>())
@@ -123,12 +125,13 @@ impl Hidden {
         h: f64,
         (held, force, values): ([&[i8]; 3], &[f64], [&Vec<f64>; 3]),
         moved: &mut [f64],
-    ) -> Result<(), Offence> {
+        control: &Control,
+    ) -> Result<(), Cause> {
         let Kept { load, lower, upper } = &mut self.kept;
         load.clone_from(&system.load);
         lower.clone_from(&system.set.lower);
         upper.clone_from(&system.set.upper);
-        let found = system.vectors_at(t);
+        let found = system.vectors_at(t, control);
         for (i, moved) in moved.iter_mut().enumerate() {
             if found.is_err() || system.is_given[i] {
                 continue;

@@ -96,8 +96,8 @@ impl<'c> TrBdf2<'c> {
         control: &'c Control,
     ) -> Result<Self, Cause> {
         let mut system = Semidiscrete::new(problem, control).map_err(|_| Cause::Interrupted { t: start })?;
-        system.vectors_at(start)?;
-        let u = system.initial(start)?;
+        system.vectors_at(start, control)?;
+        let u = system.initial(start, control)?;
         let n = u.len();
         let zeros = || vec![0.0; n];
         let first = settings.first_step.unwrap_or(FIRST * (end - start)).min(settings.max_step).min(end - start);
@@ -181,7 +181,7 @@ impl<'c> TrBdf2<'c> {
         self.slopes.swap(0, 2);
         self.force.copy_from_slice(&self.stage.force);
         self.held[0].copy_from_slice(&self.stage.held);
-        self.system.vectors_at(self.t)?;
+        self.system.vectors_at(self.t, self.control)?;
         Ok(())
     }
 
@@ -214,11 +214,11 @@ impl<'c> TrBdf2<'c> {
     }
 
     /// The error of what nodes do between the stages where they rest at all of them, in units of the tolerance.
-    fn hidden_error(&mut self, h: f64, next: f64) -> Result<f64, Offence> {
+    fn hidden_error(&mut self, h: f64, next: f64) -> Result<f64, Cause> {
         let times = [self.t, self.t + GAMMA * h, next];
         let held = [&self.held[0][..], &self.held[1], &self.stage.held];
         let values = [&self.u, &self.trial[0], &self.trial[1]];
-        let square = self.hidden.error(&mut self.system, times, held, &self.stage.force, values)?;
+        let square = self.hidden.error(&mut self.system, times, held, &self.stage.force, values, self.control)?;
         let largest = self.trial[1].iter().chain(&self.u).fold(0.0_f64, |largest, u| largest.max(u.abs()));
         // Where nothing has moved yet, what would is its own measure.
         let size = self.settings.atol + self.settings.rtol * largest.max(square.sqrt());
@@ -227,7 +227,7 @@ impl<'c> TrBdf2<'c> {
 
     /// Solves stage `i`, from the nodal values on trial there, and finds its slope; why not, if not.
     fn solve(&mut self, i: usize, shift: f64, t: f64) -> Result<Result<(), &'static str>, Cause> {
-        self.system.vectors_at(t)?;
+        self.system.vectors_at(t, self.control)?;
         self.counts.vectors += 1;
         let changed = self.system.operator_at(t, self.control)?;
         self.counts.operators += u64::from(changed);

@@ -20,6 +20,7 @@ use super::collision::{BroadPhase, ContactPoint, contacts};
 use super::contact::Contact;
 use super::island::Island;
 use super::joint::{Joint, joined};
+use super::load::Load;
 use super::motion::Motion;
 use super::scene::Scene;
 use super::touches::Touches;
@@ -27,14 +28,17 @@ use contact::islands::{Islands, solve_apart, threads};
 use contact::law::{self, Law};
 use contact::{ImpactLaw, Settings};
 use nalgebra::{Isometry3, Vector3};
-use problem::{Control, EventKind};
+use problem::{Control, EventKind, Interrupted};
 use rustc_hash::FxHashMap;
 use std::collections::HashSet;
 use vi::Outcome;
 
 /// Points within this part of a body's size are contacts, however slow the body: where one contact pushes a body, another
 /// that is near must know of it.
-const NEAR: f64 = 0.01;
+pub(super) const NEAR: f64 = 0.01;
+
+/// Pairs of bodies between two looks at whether to stop.
+const AT_ONCE: usize = 1 << 8;
 
 /// Contacts of the islands but the largest that are worth another thread.
 const WORTH_A_THREAD: usize = 200;
@@ -54,6 +58,23 @@ pub enum StepFailure {
         /// What was left of it.
         residual: f64,
     },
+    /// The contacts take more memory than they may.
+    TooMuchMemory {
+        /// Those that were found until then.
+        contacts: usize,
+        /// The body with the most of them, as its place in the scene, and how many it has.
+        most_touched: Option<(usize, u32)>,
+        /// The bytes that they would take.
+        bytes: usize,
+    },
+    /// It was stopped from outside.
+    Interrupted,
+}
+
+impl From<Interrupted> for StepFailure {
+    fn from(_: Interrupted) -> Self {
+        Self::Interrupted
+    }
 }
 
 /// A residual of the contact law above this is no answer.
@@ -139,6 +160,9 @@ pub struct Simulation<'a> {
     tasks: Vec<Island>,
     impact_law: ImpactLaw,
     laws: Vec<Law>,
+    load: Load,
+    /// The bytes that contacts may take.
+    pub most_memory: usize,
 }
 
 impl<'a> Simulation<'a> {
@@ -174,6 +198,8 @@ impl<'a> Simulation<'a> {
             tasks: Vec::new(),
             impact_law: settings.impact_law,
             laws: (0..threads()).map(|_| Law::new(settings.tolerance)).collect(),
+            load: Load::of(scene),
+            most_memory: usize::MAX,
         }
     }
 
@@ -192,7 +218,7 @@ impl<'a> Simulation<'a> {
     /// # Errors
     /// If the bodies cannot go on.
     pub fn step(&mut self, h: f64, control: &Control) -> Result<(), StepFailure> {
-        self.detect(h);
+        self.detect(h, control)?;
         self.report = ContactReport {
             penetration: self.depth(0.0).max(0.0),
             overlap: self.overlap(),
@@ -210,7 +236,9 @@ impl<'a> Simulation<'a> {
         self.remember();
         self.close();
         self.solve(h, control)?;
-        if self.report.residual > UNSOLVED && control.poll().is_none() {
+        // What was left half-way is no step.
+        control.go_on()?;
+        if self.report.residual > UNSOLVED {
             return Err(StepFailure::Unsolved { residual: self.report.residual });
         }
         self.follow(h);
@@ -226,8 +254,17 @@ impl<'a> Simulation<'a> {
     }
 
     /// Finds the contacts that may close within `h`.
-    fn detect(&mut self, h: f64) {
+    fn detect(&mut self, h: f64, control: &Control) -> Result<(), StepFailure> {
         let (scene, moving, places) = (self.scene, &self.moving, &self.places);
+        let (load, most) = (&mut self.load, self.most_memory);
+        load.begin(scene);
+        let check = |load: &Load| {
+            let bytes = load.bytes();
+            if bytes <= most {
+                return Ok(());
+            }
+            Err(StepFailure::TooMuchMemory { contacts: load.contacts, most_touched: load.most_touched(), bytes })
+        };
         let fall = scene.gravity.norm() * h;
         let margin = |body: usize| {
             places[body].map_or(0.0, |place| {
@@ -242,9 +279,24 @@ impl<'a> Simulation<'a> {
             let margin = Vector3::repeat(margin(body));
             (lower - margin, upper + margin)
         };
-        self.broad_phase.pairs(scene.bodies.len(), bounds, |body| places[body].is_some(), &mut self.pairs);
+        self.pairs.clear();
         self.contacts.clear();
-        for &(a, b) in &self.pairs {
+        self.broad_phase.sweep(
+            scene.bodies.len(),
+            bounds,
+            |body| places[body].is_some(),
+            control,
+            |a, b| {
+                self.pairs.push((a, b));
+                load.pairs += 1;
+                check(load)
+            },
+        )?;
+        self.pairs.sort_unstable();
+        for (k, &(a, b)) in self.pairs.iter().enumerate() {
+            if k % AT_ONCE == 0 {
+                control.go_on()?;
+            }
             if self.joined.contains(&(a, b)) {
                 continue;
             }
@@ -252,10 +304,13 @@ impl<'a> Simulation<'a> {
             let [first, second] = [i, j].map(|body| (&scene.bodies[body].collider, pose(body)));
             self.points.clear();
             contacts(first, second, margin(i) + margin(j), &mut self.points);
+            load.add([i, j].map(|body| places[body].map(|_| body)), self.points.len());
+            check(load)?;
             let law = scene.laws.of(scene.bodies[i].material, scene.bodies[j].material);
             let new = |point| Contact::new(point, [places[i], places[j]], moving, law, (a, b));
             self.contacts.extend(self.points.iter().map(new));
         }
+        Ok(())
     }
 
     /// Gives each contact the impulse that it had in the last step.

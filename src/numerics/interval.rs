@@ -52,7 +52,7 @@ impl Interval {
 
     /// The same numbers, defined everywhere only if `condition` holds as well.
     #[must_use]
-    pub(super) fn defined_if(self, condition: bool) -> Self {
+    pub fn defined_if(self, condition: bool) -> Self {
         Self { defined: self.defined && condition, ..self }
     }
 
@@ -77,14 +77,14 @@ impl Interval {
     }
 
     /// The least and the largest size of a number in it.
-    pub(super) fn magnitudes(self) -> (f64, f64) {
+    pub fn magnitudes(self) -> (f64, f64) {
         let near = if self.contains(0.0) { 0.0 } else { self.lo.abs().min(self.hi.abs()) };
         (near, self.lo.abs().max(self.hi.abs()))
     }
 }
 
 /// The interval of two ends that were computed: where one is not a number, all that is known is the line.
-pub(super) fn between(lo: f64, hi: f64, defined: bool) -> Interval {
+pub fn between(lo: f64, hi: f64, defined: bool) -> Interval {
     if lo.is_nan() || hi.is_nan() {
         Interval { defined: false, ..Interval::LINE }
     } else {
