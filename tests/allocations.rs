@@ -99,6 +99,30 @@ fn a_solve_with_many_times_takes_the_memory_that_is_foretold() {
     );
 }
 
+/// Spheres that lie on one tray, which can move: the contacts of the tray are coupled, each with each.
+fn on_a_tray(spheres: usize) -> String {
+    let ground = serde_json::json!({"shape": {"half_space": {"normal": [0, 0, 1]}}, "fixed": true});
+    let tray = serde_json::json!({"shape": {"box": {"size": [200, 200, 1]}}, "density": 1, "position": [0, 0, 0.5]});
+    let sphere = |k: usize| {
+        let at = [(k / 40) as f64 * 3.0 - 90.0, (k % 40) as f64 * 3.0 - 60.0, 2.0];
+        serde_json::json!({"shape": {"sphere": {"radius": 1}}, "density": 1, "position": at})
+    };
+    let bodies: Vec<serde_json::Value> = [ground, tray].into_iter().chain((0..spheres).map(sphere)).collect();
+    serde_json::json!({
+        "problem": {"rigid_bodies": {"gravity": [0, 0, -9.81], "bodies": bodies, "contacts": {"friction": 0.3}}},
+        "time": {"end": 0.002},
+        "method": {"step": 0.001},
+        "output": {"times": {"count": 2}},
+    })
+    .to_string()
+}
+
+#[test]
+fn a_solve_of_bodies_takes_the_memory_that_is_foretold() {
+    assert_foretold(&on_a_tray(300));
+    assert_foretold(&on_a_tray(800));
+}
+
 #[test]
 fn a_solve_that_remembers_every_step_takes_the_memory_that_is_foretold() {
     assert_foretold(

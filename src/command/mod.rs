@@ -11,6 +11,7 @@ pub mod report;
 pub mod serve;
 pub mod solve;
 pub mod token;
+mod verdict;
 
 use dvi::specification::{Specification, SpecificationError};
 use serde::Deserialize;
@@ -33,6 +34,8 @@ pub const UNWRITABLE: u8 = 4;
 pub const UNSERVABLE: u8 = 5;
 /// A server did not answer, or refused.
 pub const UNANSWERED: u8 = 6;
+/// The end time was reached, and the answer is not trusted.
+pub const UNTRUSTED: u8 = 7;
 /// The command line makes no sense (`EX_USAGE` of sysexits).
 pub const USAGE: u8 = 64;
 

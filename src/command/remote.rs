@@ -4,9 +4,10 @@
 //! 2. A solve that takes longer than a moment is followed until it ends. Ctrl-C cancels it there.
 //! 3. The result goes to standard output as the service sends it.
 
-use super::{BAD_SPECIFICATION, Told, UNANSWERED, UNFINISHED, UNWRITABLE, report};
+use super::{BAD_SPECIFICATION, Told, UNANSWERED, UNWRITABLE, report, verdict};
 use axum::body::{Body, HttpBody, to_bytes};
 use axum::http::{HeaderMap, Method, Request, StatusCode, Uri, header, uri::Scheme};
+use dvi::solution::Verdict;
 use hyper::body::Incoming;
 use hyper::client::conn::http1::handshake;
 use hyper_util::rt::TokioIo;
@@ -84,6 +85,8 @@ struct Status {
     progress: u8,
     steps: u64,
     message: Option<String>,
+    /// Once there is an answer.
+    verdict: Option<Verdict>,
 }
 
 /// Has `specification`, from `file`, solved; the exit code says how it went.
@@ -96,10 +99,13 @@ pub fn run(server: &Server, file: &Path, specification: Vec<u8>, media_type: &'s
         }
     };
     match runtime.block_on(server.solve(specification, media_type)) {
-        Ok(status) if status.status == "successful" => ExitCode::SUCCESS,
         Ok(status) => {
-            eprintln!("dvi: {}", status.message.unwrap_or(status.status));
-            ExitCode::from(UNFINISHED)
+            let reached_end = status.status == "successful";
+            if !reached_end {
+                eprintln!("dvi: {}", status.message.unwrap_or(status.status));
+            }
+            eprint!("{}", status.verdict.as_ref().map(verdict::lines).unwrap_or_default());
+            verdict::exit_code(reached_end, status.verdict.as_ref())
         }
         Err(Trouble::Refused(refusal)) if !refusal.errors.is_empty() => {
             eprint!("{}", report(file, &refusal.errors));

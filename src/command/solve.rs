@@ -1,7 +1,7 @@
 //! `dvi solve`: one solve in this process, or by a server. The result goes to standard output, all else to standard error.
 
 use super::remote::{self, Server};
-use super::{UNFINISHED, UNWRITABLE, bytes, read};
+use super::{UNWRITABLE, bytes, read, verdict};
 use clap::{Args, ValueEnum};
 use dvi::problem::Control;
 use dvi::solution::{Solution, Status, encodings, pictures};
@@ -17,6 +17,7 @@ use std::time::{Duration, Instant};
 /// Solve a specification
 ///
 /// The result goes to standard output, progress to standard error if that is a terminal.
+/// If the answer is not trusted, standard error says why, a line for each reason, and so does the exit code.
 /// Ctrl-C stops the solve; the trajectory so far is written all the same.
 #[derive(Args)]
 #[command(after_help = HELP, verbatim_doc_comment)]
@@ -39,13 +40,18 @@ pub struct Arguments {
 
 const HELP: &str = "\
 Exit codes:
-  0   the end time was reached
+  0   the end time was reached, and the answer is trusted
   1   the solve failed or was stopped; the trajectory so far was written
   2   the specification has errors, told on standard error with their JSON pointers
   3   the specification could not be read
   4   the result could not be written
   6   the server did not answer, or refused
+  7   the end time was reached, but the answer is not trusted: a check (residuals, balance of energy,
+      undetected events, ...) exceeds what the tolerances allow; the result was written
   64  the command line makes no sense
+
+The verdict also stands in the result: in JSON as `verdict`, right after `status`; in the schema of an Arrow
+stream as the metadata `dvi.trusted` and `dvi.verdict`. CSV and JSON lines hold the trajectory alone.
 
 Examples:
   dvi solve api/examples/diode_bridge.json
@@ -57,7 +63,7 @@ Examples:
 /// A form of the result.
 #[derive(Clone, Copy, ValueEnum)]
 enum Format {
-    /// Trajectory, events and diagnostics
+    /// Verdict, trajectory, events and diagnostics
     Json,
     /// The trajectory as a table
     Csv,
@@ -105,14 +111,14 @@ pub fn run(arguments: &Arguments) -> ExitCode {
     if let Some(error) = &solution.error {
         eprintln!("dvi: {} at t = {}: {}", error.code, error.time, error.message);
     }
+    eprint!("{}", verdict::lines(&solution.verdict));
     match write(&solution, specification.label(), arguments.format) {
         // The reader has seen enough, as `head` does.
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
             eprintln!("dvi: cannot write the result: {error}");
             ExitCode::from(UNWRITABLE)
         }
-        _ if solution.status == Status::Completed => ExitCode::SUCCESS,
-        _ => ExitCode::from(UNFINISHED),
+        _ => verdict::exit_code(solution.status == Status::Completed, Some(&solution.verdict)),
     }
 }
 
@@ -175,7 +181,10 @@ fn write(solution: &Solution, label: Option<&str>, format: Format) -> io::Result
         }
         Format::Csv => encodings::write_table(&mut encodings::Csv, &solution.trajectory, &mut out)?,
         Format::Ndjson => encodings::write_table(&mut encodings::Lines, &solution.trajectory, &mut out)?,
-        Format::Arrow => encodings::write_table(&mut encodings::Arrow::default(), &solution.trajectory, &mut out)?,
+        Format::Arrow => {
+            let mut table = encodings::Arrow::with(&solution.verdict);
+            encodings::write_table(&mut table, &solution.trajectory, &mut out)?;
+        }
         Format::Svg => pictures::write_svg(solution, label, &mut out)?,
     }
     out.flush()

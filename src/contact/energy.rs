@@ -45,12 +45,31 @@ pub struct Energy {
     pub defect: f64,
     /// The largest defect of the run, in size.
     pub largest_defect: f64,
-    /// The most energy that a step gained through impacts, which should be none, as a share of the largest kinetic
-    /// energy so far, with or without what contacts took.
+    /// The most energy that a step gained through impacts, which should be zero, as a share of the largest energy so
+    /// far, kinetic or exchanged, with or without what contacts took.
     pub largest_gain_in_impacts: f64,
+    /// Energy lost in impacts beyond what restitution takes: zero where every impulse obeys the law of impact.
     #[serde(skip)]
-    largest_kinetic: f64,
+    pub lost_beyond_restitution: f64,
+    /// The largest energy met, see [`Energy::size`].
+    #[serde(skip)]
+    largest: f64,
+    /// The largest gain in impacts, in units of energy.
+    #[serde(skip)]
+    gain: f64,
+    /// The largest defect with velocities taken for those of the middles of steps.
+    #[serde(skip)]
+    largest_at_middles: Option<f64>,
+    /// All that was done and dissipated, each part by its size.
+    #[serde(skip)]
+    throughput: f64,
+    /// The largest terms of the balance, which bound its rounding.
+    #[serde(skip)]
+    terms: f64,
 }
+
+/// Rounding of the balance, in parts of its terms.
+const ROUNDING: f64 = 64.0 * f64::EPSILON;
 
 impl Energy {
     /// A balance that begins with these energies.
@@ -60,18 +79,49 @@ impl Energy {
             potential_at_start: potential,
             kinetic_at_end: kinetic,
             potential_at_end: potential,
-            largest_kinetic: kinetic,
+            largest: kinetic,
+            terms: kinetic + potential.abs(),
             ..Self::default()
         }
+    }
+
+    /// Raises the largest energy met: to what the weights of a system hold over its own size, for one at rest.
+    pub fn meet(&mut self, energy: f64) {
+        self.largest = self.largest.max(energy);
+    }
+
+    /// The largest energy met, with which defects are compared: kinetic energy and the change of the potential together, or
+    /// what forces give within a step to what contacts hold; with all work and dissipation so far.
+    pub fn size(&self) -> f64 {
+        self.largest + self.throughput
+    }
+
+    /// Takes a step of `q+ = q + h v+` into account whose potential changed by this: its velocity is that of its middle, to
+    /// which the mean of the potentials at its ends belongs (as in the leapfrog). Half a step in time is no loss of energy.
+    pub fn close_at_middle(&mut self, change_of_potential: f64) {
+        let defect = (self.defect - 0.5 * change_of_potential).abs();
+        self.largest_at_middles = Some(self.largest_at_middles.map_or(defect, |largest| largest.max(defect)));
+    }
+
+    /// What the balance lacks at worst, with velocities at the ends of steps or, where they are told, in their middles.
+    pub fn lacking(&self) -> f64 {
+        self.largest_at_middles.map_or(self.largest_defect, |largest| largest.min(self.largest_defect))
+    }
+
+    /// The part of the defect that is rounding: of the energies, and of the sums of what was booked.
+    pub fn rounding(&self) -> f64 {
+        ROUNDING * (self.terms + self.throughput)
     }
 
     /// Books what contacts took, by friction and by impacts, in a step whose largest kinetic energy is this.
     pub fn dissipate(&mut self, friction: f64, impacts: f64, kinetic: f64) {
         self.dissipated_by_friction += friction;
         self.lost_in_impacts += impacts;
-        self.largest_kinetic = self.largest_kinetic.max(kinetic);
-        if self.largest_kinetic > 0.0 {
-            self.largest_gain_in_impacts = self.largest_gain_in_impacts.max(-impacts / self.largest_kinetic);
+        self.throughput += friction.abs() + impacts.abs();
+        self.meet(kinetic);
+        self.gain = self.gain.max(-impacts);
+        if self.gain > 0.0 && self.largest > 0.0 {
+            self.largest_gain_in_impacts = self.gain / self.largest;
         }
     }
 
@@ -79,6 +129,13 @@ impl Energy {
     pub fn work(&mut self, forces: f64, drives: f64) {
         self.work_of_forces += forces;
         self.work_of_drives += drives;
+        self.throughput += forces.abs() + drives.abs();
+    }
+
+    /// Books what viscosity dissipated.
+    pub fn dissipate_by_viscosity(&mut self, viscosity: f64) {
+        self.dissipated_by_viscosity += viscosity;
+        self.throughput += viscosity.abs();
     }
 
     /// What is booked at this part of the way to a later balance.
@@ -95,7 +152,10 @@ impl Energy {
     /// Takes over the energies at the end of a step, and closes the balance.
     pub fn close(&mut self, kinetic: f64, potential: f64) {
         (self.kinetic_at_end, self.potential_at_end) = (kinetic, potential);
-        let change = (kinetic - self.kinetic_at_start) + (potential - self.potential_at_start);
+        let raised = potential - self.potential_at_start;
+        let change = (kinetic - self.kinetic_at_start) + raised;
+        self.meet(kinetic + raised.abs());
+        self.terms = self.terms.max(kinetic + potential.abs());
         let dissipated = self.dissipated_by_friction + self.dissipated_by_viscosity + self.lost_in_impacts;
         self.defect = change - self.work_of_forces - self.work_of_drives + dissipated;
         self.largest_defect = self.largest_defect.max(self.defect.abs());

@@ -19,9 +19,11 @@ mod near;
 mod settings;
 mod time_stepping;
 mod velocity_step;
+mod violations;
 
 pub use happening::Happening;
-pub use locate::{Flights, Leg, Located};
+pub use locate::{Flights, Leg, Located, Passed};
 pub use settings::{ContactError, ImpactLaw, Settings};
 pub use time_stepping::TimeStepping;
 pub use velocity_step::{Contacted, Forces, State, VelocityStep, Work};
+pub use violations::{Violation, Violations};

@@ -5,6 +5,7 @@ use super::energy::Energy;
 use super::happening::Happening;
 use super::settings::{ContactError, Settings};
 use super::velocity_step::{Forces, State, VelocityStep};
+use super::violations::Violations;
 use nalgebra::Vector3;
 use problem::{Control, Mechanical};
 
@@ -28,12 +29,19 @@ pub struct TimeStepping<'p> {
     pub happenings: Vec<Happening>,
     /// Steps made.
     pub accepted: u64,
+    /// How far joints and gaps were off.
+    pub violations: Violations,
     /// How each contact was after the last step.
     touching: Vec<Touch>,
     settings: Settings,
     start: f64,
     end: f64,
+    /// A place within a step, with joints and gaps there.
+    between: (Vec<f64>, Vec<f64>),
 }
+
+/// The parts of a step in which joints and gaps are looked at between its ends: the golden ratio, no multiple of a period.
+const BETWEEN: [f64; 2] = [0.381_966_011_250_105, 0.763_932_022_500_210];
 
 /// How a contact was in a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,7 +62,11 @@ impl<'p> TimeStepping<'p> {
     pub fn new(problem: &'p mut dyn Mechanical, settings: Settings, state: State, end: f64) -> Self {
         let contacts = problem.structure().contacts.len();
         let energies = problem.energies(state.t, &state.q, &state.v);
+        let violations = Violations::new(problem.structure(), &state.q);
+        let between = (state.q.clone(), vec![0.0; problem.structure().joints + contacts]);
         Self {
+            violations,
+            between,
             step: VelocityStep::new(problem, settings.impact_law, settings.tolerance),
             last: state.clone(),
             start: state.t,
@@ -99,8 +111,30 @@ impl<'p> TimeStepping<'p> {
         let State { t, q, v } = &self.state;
         let after = self.step.problem.energies(*t, q, v);
         self.step.contacted.book(h, &before, &after, &mut self.energy);
+        self.energy.close_at_middle(after.potential - before.potential);
         self.look(h);
+        self.measure(h);
         Ok(())
+    }
+
+    /// Measures how far joints and gaps are off at the end of the last step, and on the straight way to it.
+    fn measure(&mut self, h: f64) {
+        if self.violations.joints().is_empty() && self.violations.gaps().is_empty() {
+            return;
+        }
+        self.violations.note(self.state.t, &self.state.q, &self.step.constraints, (&self.step.sizes, &[]), |_| false);
+        if self.step.structure.affine_constraints {
+            return;
+        }
+        let (q, values) = &mut self.between;
+        for part in BETWEEN {
+            for ((q, from), to) in q.iter_mut().zip(&self.last.q).zip(&self.state.q) {
+                *q = from + part * (to - from);
+            }
+            let t = self.last.t + part * h;
+            self.step.problem.positions(t, q, values);
+            self.violations.note_values(t, values, |_| false);
+        }
     }
 
     /// Notes which contacts were struck, let go, stuck or slipped: what is told must be more than rounding.

@@ -83,10 +83,12 @@ pub struct VelocityStep<'p> {
     /// The step size for which a constant matrix is factorised.
     factorised: Option<f64>,
     /// The largest terms of each joint and gap so far.
-    sizes: Vec<f64>,
+    pub(super) sizes: Vec<f64>,
     law: Law,
     impact_law: ImpactLaw,
     pub(super) f: Vec<f64>,
+    /// The contact whose gap was found to close, which is closed at an instant whatever rounding has left of it.
+    pub(super) closing: Option<usize>,
     /// What contacts did in the last step.
     pub contacted: Contacted,
     /// Counters.
@@ -110,6 +112,7 @@ impl<'p> VelocityStep<'p> {
             law: Law::new(tolerance),
             impact_law,
             f: vec![0.0; n],
+            closing: None,
             contacted: Contacted::none(structure.contacts.len()),
             work: Work::default(),
             problem,
@@ -321,6 +324,10 @@ impl<'p> VelocityStep<'p> {
                 let drift = rows(&self.structure, k).map(|row| self.constraints.drift[row]);
                 self.contacted.drives -= r[i].iter().zip(drift).map(|(r, b)| r * b).sum::<f64>();
             }
+            let is_elastic = |(r, e): (&Vector3<f64>, &f64)| r.x == 0.0 || *e == 1.0;
+            if report.restitution == 1.0 && r.iter().zip(&restitution).all(is_elastic) {
+                self.contacted.beyond_restitution = self.contacted.impacts;
+            }
         }
         Ok(())
     }
@@ -329,7 +336,7 @@ impl<'p> VelocityStep<'p> {
     fn closes(&self, k: usize, v: &[f64], h: f64, forces: Forces) -> bool {
         let gap = self.constraints.values[self.structure.joints + k];
         match forces {
-            Forces::Impact(closed) | Forces::Inelastic(closed) => gap <= closed,
+            Forces::Impact(closed) | Forces::Inelastic(closed) => gap <= closed || self.closing == Some(k),
             Forces::All => gap <= 0.0 || gap + h * self.constraints.velocity(self.structure.normal(k), v) <= 0.0,
         }
     }

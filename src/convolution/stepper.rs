@@ -113,6 +113,8 @@ pub struct Convolution<'p> {
     q: Vec<f64>,
     /// The pivots and iterations of the solver.
     pub iterations: u64,
+    /// The largest natural-map residual of a step, relative to its terms, and the end of that step.
+    pub residual: (f64, f64),
     lagrange: Vec<f64>,
     increments: Vec<f64>,
     work: Workspace,
@@ -172,6 +174,7 @@ impl<'p> Convolution<'p> {
             past: vec![0.0; s * m],
             q: vec![0.0; s * m],
             iterations: 0,
+            residual: (0.0, start),
             lagrange: vec![0.0; s],
             increments: vec![0.0; s],
             work: Workspace::default(),
@@ -234,15 +237,22 @@ impl<'p> Convolution<'p> {
         let report = self.solver.solve(&vi, &mut self.z, control);
         self.iterations += report.iterations as u64;
         let end = self.time(steps + 1);
-        let is_close = || {
+        let relative = {
+            let forcing = self.q.iter().fold(0.0_f64, |most, q| most.max(q.abs()));
             let rows = self.matrix.row_iter().zip(&self.q);
             let terms = rows.map(|(row, q)| q.abs() + row.iter().zip(&self.z).map(|(a, z)| (a * z).abs()).sum::<f64>());
-            report.residual <= self.tolerance * terms.fold(0.0, f64::max)
+            // All terms are no less than those of `q`: where these say enough the others are not added up.
+            let is_clear = report.residual <= self.tolerance * forcing;
+            let size = if is_clear { forcing } else { terms.fold(0.0, f64::max) };
+            if report.residual == 0.0 { 0.0 } else { report.residual / size }
         };
+        if relative > self.residual.0 || relative.is_nan() {
+            self.residual = (relative, end);
+        }
         match report.outcome {
             Outcome::Solved => {}
             Outcome::Interrupted => return Err(StepError::Interrupted { t: self.time(steps) }),
-            _ if is_close() => {}
+            _ if relative <= self.tolerance => {}
             outcome => {
                 let (outcome, residual) = (outcome.name(), report.residual);
                 return Err(StepError::Unsolved { t: end, outcome, residual });

@@ -38,6 +38,13 @@ impl Lanes {
         self.length
     }
 
+    /// Visits the lanes in order, each with the registers of its operands.
+    pub(super) fn for_each_operation(&self, visit: &mut impl FnMut(Operator, usize, usize)) {
+        for lane in 0..self.length {
+            visit(self.operator, self.a.register(lane), self.b.register(lane));
+        }
+    }
+
     /// Writes all results.
     pub(super) fn evaluate(&self, registers: &[f64], results: &mut [f64]) {
         let (mut a, mut b) = ([0.0; CHUNK], [0.0; CHUNK]);
@@ -59,6 +66,15 @@ impl Operands {
             Self::Run(first)
         } else {
             Self::Each(registers)
+        }
+    }
+
+    /// The register of the operand of one lane.
+    fn register(&self, lane: usize) -> usize {
+        match self {
+            Self::Same(register) => *register,
+            Self::Run(first) => first + lane,
+            Self::Each(places) => places[lane] as usize,
         }
     }
 

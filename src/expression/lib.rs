@@ -3,7 +3,8 @@
 //! [`Graph::parse`] reads text into a directed acyclic graph in which equal terms are one node. [`Graph::gradient`]
 //! sweeps that graph in reverse (Griewank and Walther 2008, *Evaluating Derivatives*, chapter 3) and leaves the
 //! derivatives in it as further nodes, so that values and derivatives share what they have in common and may be
-//! differentiated again. [`Tape::compile`] turns the nodes that are wanted into a straight program.
+//! differentiated again. [`Tape::compile`] turns the nodes that are wanted into a straight program, which is evaluated at
+//! points, or over boxes in interval arithmetic ([`Tape::enclose`]).
 //!
 //! Precedence, from loose to tight: `+ -`, `* /`, sign, `^` (also written `**`), which groups to the right:
 //! `-x^2` is `-(x^2)`, `2^3^2` is `2^9`, `2^-1` is one half.
@@ -14,11 +15,14 @@
 mod breaks;
 mod caret;
 mod derivative;
+mod enclosure;
 mod error;
 mod function;
 mod grammar;
 mod graph;
+mod kinks;
 mod lanes;
+mod lipschitz;
 mod operator;
 mod power;
 mod scope;
@@ -29,8 +33,11 @@ mod tape;
 mod tests;
 
 pub use breaks::Breaks;
+pub use enclosure::IntervalWorkspace;
 pub use error::ExpressionError;
 pub use graph::{Graph, Node};
+pub use kinks::{Kink, Kinks};
+pub use lipschitz::{Irregularities, Irregularity};
 pub use scope::nearest;
 pub use scope::{NameError, Scope};
 pub use tape::Tape;

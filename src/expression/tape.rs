@@ -33,11 +33,11 @@ enum Block {
 pub struct Tape {
     blocks: Vec<Block>,
     /// The inputs, the constants, then one for each instruction.
-    registers: Vec<f64>,
-    inputs: usize,
+    pub(super) registers: Vec<f64>,
+    pub(super) inputs: usize,
     /// The register of the first instruction.
-    first: usize,
-    outputs: Vec<u32>,
+    pub(super) first: usize,
+    pub(super) outputs: Vec<u32>,
 }
 
 impl Tape {
@@ -107,6 +107,20 @@ impl Tape {
         }
         for (output, &register) in outputs.iter_mut().zip(&self.outputs) {
             *output = registers[register as usize];
+        }
+    }
+
+    /// Visits the operations in order, each with the registers of its operands.
+    pub(super) fn for_each_operation(&self, mut visit: impl FnMut(Operator, usize, usize)) {
+        for block in &self.blocks {
+            match block {
+                Block::Scalars(instructions) => {
+                    for &Instruction { operator, a, b } in instructions {
+                        visit(operator, a as usize, b as usize);
+                    }
+                }
+                Block::Lanes(lanes) => lanes.for_each_operation(&mut visit),
+            }
         }
     }
 

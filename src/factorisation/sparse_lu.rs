@@ -2,13 +2,22 @@
 //! degree (Davis, Gilbert, Larimore and Ng 2004, COLAMD).
 
 use super::SparseMatrix;
-use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
 use faer::sparse::SymbolicSparseColMatRef;
 use faer::sparse::linalg::lu::{LuRef, NumericLu, SymbolicLu, factorize_symbolic_lu};
 use faer::traits::ComplexField;
 use faer::traits::math_utils::is_finite;
 use faer::{Conj, MatMut, Par};
 use std::sync::Arc;
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::thread;
+use std::time::Duration;
+
+/// Nonzeros from which factors may take more than a second: in three dimensions they grow like the square of the rows.
+const LARGE: usize = 200_000;
+
+/// The time between two looks at whether to go on.
+const GLANCE: Duration = Duration::from_millis(20);
 
 /// The ordering and elimination tree of a pattern, for real and complex matrices alike.
 #[derive(Clone, Debug)]
@@ -47,6 +56,45 @@ impl<T: ComplexField> SparseLu<T> {
                 .factorize_numeric_lu(&mut self.factors, matrix.as_ref(), Par::Seq, stack, Default::default())
                 .is_ok();
         self.is_factored
+    }
+
+    /// The same, given up where `stop` says so, which is asked a few times a second: the factors of a large matrix can take
+    /// minutes, and the library that computes them does not look up. Those are computed on a thread of their own, which nobody
+    /// waits for once they are given up; then there are no factors any more.
+    pub fn factorise_unless(&mut self, matrix: &SparseMatrix<T>, stop: impl Fn() -> bool) -> bool
+    where
+        T: Send + Sync + 'static,
+        SparseMatrix<T>: Clone,
+    {
+        if matrix.val().len() < LARGE {
+            return self.factorise(matrix);
+        }
+        let empty = Self {
+            analysis: self.analysis.clone(),
+            factors: NumericLu::new(),
+            memory: MemBuffer::new(StackReq::EMPTY),
+            is_factored: false,
+        };
+        let (mut working, matrix) = (std::mem::replace(self, empty), matrix.clone());
+        let (done, result) = channel();
+        let computed = thread::Builder::new().name("dvi-factors".to_owned()).spawn(move || {
+            working.factorise(&matrix);
+            // Where nobody waits any more there is nobody to tell.
+            let _ = done.send(working);
+        });
+        if computed.is_err() {
+            return false;
+        }
+        loop {
+            match result.recv_timeout(GLANCE) {
+                Ok(working) => {
+                    *self = working;
+                    return self.is_factored;
+                }
+                Err(RecvTimeoutError::Timeout) if !stop() => {}
+                Err(_) => return false,
+            }
+        }
     }
 
     /// Solves in place; false if there are no factors, or the solution is not finite: the matrix is singular.

@@ -12,6 +12,8 @@ mod mechanical_model;
 mod model;
 pub mod obstacle;
 mod outputs;
+mod regularity;
+mod reversal;
 pub mod rigid_bodies;
 mod symbolic;
 
@@ -19,6 +21,6 @@ pub use convolution::ConvolutionModel;
 pub use linear::{Linear, LinearRows};
 pub use mechanical::{MechanicalRows, SymbolicMechanics, Underivable};
 pub use mechanical_model::{ENERGIES, MechanicalModel};
-pub use model::{DviModel, Equations, Model};
+pub use model::{DviModel, Equations, KinkAdvice, Model};
 pub use outputs::Outputs;
 pub use symbolic::{Refusal, Rows, Symbolic};

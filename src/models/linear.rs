@@ -7,7 +7,8 @@
 //! The matrices are stored as one, `[A B; C D]`, by its nonzeros, which are its Jacobian. The forcing `(a, g)` and the
 //! moving bounds of `K`, if there are any, are expressions.
 
-use expression::{Breaks, ExpressionError, Graph, Node, Tape};
+use expression::{Breaks, ExpressionError, Graph, IntervalWorkspace, Node, Tape};
+use numerics::Interval;
 use problem::{ConvexSet, Dvi, Mass, MovingBound, Structure};
 
 /// The parts of a linear system with `n` states and `m` variables.
@@ -42,6 +43,8 @@ pub struct Linear {
     bound_derivatives: Tape,
     time_derivatives: Tape,
     breaks: Breaks,
+    /// Those of the three tapes over boxes.
+    boxes: [IntervalWorkspace; 3],
 }
 
 impl Linear {
@@ -88,14 +91,18 @@ impl Linear {
             pattern,
             constant_jacobian: derivatives.iter().all(|&derivative| graph.value(derivative).is_some()),
         };
+        let tapes = [&outputs, &derivatives, &by_time].map(|nodes| Tape::compile(graph, nodes));
+        let boxes = std::array::from_fn(|i| IntervalWorkspace::new(&tapes[i]));
+        let [forcing, bound_derivatives, time_derivatives] = tapes;
         Ok(Self {
             structure,
             coefficients,
             columns,
             row_ends,
-            forcing: Tape::compile(graph, &outputs),
-            bound_derivatives: Tape::compile(graph, &derivatives),
-            time_derivatives: Tape::compile(graph, &by_time),
+            forcing,
+            bound_derivatives,
+            time_derivatives,
+            boxes,
             breaks: Breaks::new(graph, &outputs),
         })
     }
@@ -126,6 +133,36 @@ impl Dvi for Linear {
 
     fn time_derivative(&mut self, t: f64, y: &[f64], values: &mut [f64]) {
         self.time_derivatives.evaluate(t, y, values);
+    }
+
+    fn enclose(&mut self, t: Interval, y: &[Interval], values: &mut [Interval]) -> bool {
+        self.forcing.enclose(t, y, &mut self.boxes[0], values);
+        let mut first = 0;
+        for (value, &end) in values.iter_mut().zip(&self.row_ends) {
+            for (&column, &coefficient) in self.columns[first..end].iter().zip(&self.coefficients[first..end]) {
+                *value = *value + Interval::point(coefficient) * y[column as usize];
+            }
+            first = end;
+        }
+        true
+    }
+
+    fn enclose_derivatives(
+        &mut self,
+        t: Interval,
+        y: &[Interval],
+        jacobian: &mut [Interval],
+        by_time: &mut [Interval],
+    ) -> bool {
+        let (constant, varying) = jacobian.split_at_mut(self.coefficients.len());
+        for (entry, &coefficient) in constant.iter_mut().zip(&self.coefficients) {
+            *entry = Interval::point(coefficient);
+        }
+        if !varying.is_empty() {
+            self.bound_derivatives.enclose(t, y, &mut self.boxes[1], varying);
+        }
+        self.time_derivatives.enclose(t, y, &mut self.boxes[2], by_time);
+        true
     }
 
     fn breaks(&mut self, t: f64) -> &[f64] {

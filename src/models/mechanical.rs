@@ -8,8 +8,9 @@
 //! all by exact differentiation; contacts and joints give `J` and `b` by that of gaps and constraints, and `J` and `b` of
 //! slips are read off expressions that are affine in `v`.
 
-use expression::{ExpressionError, Graph, Node, Tape};
+use expression::{ExpressionError, Graph, IntervalWorkspace, Node, Tape};
 use nalgebra::DMatrix;
+use numerics::Interval;
 use problem::{Constraints, ContactData, Energies, Mechanical, MechanicalStructure, Sensitivity};
 
 /// The parts of a system with `n` coordinates as nodes of a [`Graph`] whose inputs are `t`, then `q` (n), then `v` (n).
@@ -52,6 +53,7 @@ pub struct SymbolicMechanics {
     forces: Tape,
     stiffness: Sparse,
     values: Tape,
+    enclosures: IntervalWorkspace,
     drift: Tape,
     rows: Sparse,
     energies: Tape,
@@ -215,19 +217,26 @@ impl SymbolicMechanics {
         let energies = [kinetic, potential, power, graph.negate(by_time)];
         let constant = |nodes: &[Node]| nodes.iter().all(|&node| graph.value(node).is_some());
         let stiffness = Sparse::compile(graph, stiffness);
+        let holonomic: Vec<Node> = rows.joints.iter().chain(&rows.gaps).copied().collect();
+        let in_time = |nodes: &[Node]| nodes.iter().any(|&node| graph.inputs(node).contains(&0));
+        let of_holonomic = jacobian.iter().filter(|((_, row), _)| *row < holonomic.len());
+        let straight = of_holonomic.map(|(_, node)| *node).collect::<Vec<_>>();
         let structure = MechanicalStructure {
             coordinates: n,
             joints: rows.joints.len(),
             contacts: rows.contacts.clone(),
             constant_mass: constant(&rows.mass),
             constant_forces: stiffness.places.is_empty(),
+            depends_on_time: in_time(&rows.mass) || in_time(&forces) || in_time(&velocities) || in_time(&holonomic),
+            affine_constraints: constant(&straight) && !in_time(&holonomic),
         };
-        let holonomic: Vec<Node> = rows.joints.iter().chain(&rows.gaps).copied().collect();
+        let values = Tape::compile(graph, &holonomic);
         Ok(Self {
             mass: Tape::compile(graph, &rows.mass),
             forces: Tape::compile(graph, &forces),
             stiffness,
-            values: Tape::compile(graph, &holonomic),
+            enclosures: IntervalWorkspace::new(&values),
+            values,
             drift: Tape::compile(graph, &drift),
             rows: Sparse::compile(graph, jacobian),
             energies: Tape::compile(graph, &energies),
@@ -337,6 +346,15 @@ impl Mechanical for SymbolicMechanics {
         for (&place, &value) in self.rows.places.iter().zip(&self.scratch) {
             constraints.transposed[place] = value;
         }
+    }
+
+    fn positions(&mut self, t: f64, q: &[f64], values: &mut [f64]) {
+        self.place_at_rest(q);
+        self.values.evaluate(t, &self.inputs, values);
+    }
+
+    fn enclose_positions(&mut self, t: Interval, q: &[Interval], values: &mut [Interval]) {
+        self.values.enclose(t, q, &mut self.enclosures, values);
     }
 
     fn energies(&mut self, t: f64, q: &[f64], v: &[f64]) -> Energies {

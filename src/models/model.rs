@@ -110,9 +110,18 @@ impl Model {
 #[derive(Clone, Debug)]
 pub enum Equations {
     /// Rates and inequality as expressions.
-    Symbolic(Symbolic),
+    Symbolic(Box<Symbolic>),
     /// Constant matrices and a forcing.
-    Linear(Linear),
+    Linear(Box<Linear>),
+}
+
+/// What is to be said where steps chatter across a kink.
+#[derive(Clone, Debug, Default)]
+pub struct KinkAdvice {
+    /// The kinks in the order of [`Dvi::kinks`], such as "`sign` of `x`".
+    pub names: Vec<String>,
+    /// The problem with its kinks written as a set, as JSON.
+    pub as_set: Option<String>,
 }
 
 /// A differential variational inequality with its names, its initial values and what is to be said of it.
@@ -130,15 +139,22 @@ pub struct DviModel {
     pub equations: Equations,
     /// What the user should know before it is solved.
     pub warnings: Vec<Warning>,
+    /// What is to be said where steps chatter across a kink.
+    pub kinks: KinkAdvice,
 }
 
 impl DviModel {
     /// An evaluator with registers of its own.
     pub fn problem(&self) -> Box<dyn Dvi> {
         match &self.equations {
-            Equations::Symbolic(equations) => Box::new(equations.clone()),
-            Equations::Linear(equations) => Box::new(equations.clone()),
+            Equations::Symbolic(equations) => equations.clone(),
+            Equations::Linear(equations) => equations.clone(),
         }
+    }
+
+    /// Whether a rate has a kink of a state, of which its reader warned.
+    pub fn has_kinks(&self) -> bool {
+        self.warnings.iter().any(|warning| warning.code == "kink_in_rate")
     }
 
     /// The names of all that is told: states, variables, outputs.
@@ -160,6 +176,7 @@ impl DviModel {
         let set = &self.structure().set;
         let variables = (0..set.dimension()).map(|k| set.project(k, 0.0));
         let y: Vec<f64> = self.initial.iter().copied().chain(variables).collect();
-        analyse(&mut *self.problem(), t, &y)
+        let analysis = self.questioned(analyse(&mut *self.problem(), t, &y));
+        self.restricted(analysis, t, &self.initial)
     }
 }

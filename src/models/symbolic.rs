@@ -6,7 +6,8 @@
 //!
 //! with `F` affine in `z`. Values, Jacobian and time derivatives are one [`Tape`] each; derivatives are exact.
 
-use expression::{Breaks, ExpressionError, Graph, Node, Tape};
+use expression::{Breaks, ExpressionError, Graph, IntervalWorkspace, Irregularities, Kink, Kinks, Node, Tape};
+use numerics::Interval;
 use problem::{ConvexSet, Dvi, Mass, MovingBound, Structure};
 
 /// The rows of a problem as nodes of a [`Graph`] whose inputs are `t`, then `x` (n), then `z` (m).
@@ -53,6 +54,10 @@ pub struct Symbolic {
     derivatives: Tape,
     time_derivatives: Tape,
     breaks: Breaks,
+    kinks: Kinks,
+    /// Those of the three tapes over boxes.
+    boxes: [IntervalWorkspace; 3],
+    irregularities: Irregularities,
 }
 
 impl Symbolic {
@@ -109,13 +114,22 @@ impl Symbolic {
             pattern,
             constant_jacobian: derivatives.iter().all(|&derivative| graph.value(derivative).is_some()),
         };
-        Ok(Self {
-            structure,
-            values: Tape::compile(graph, &outputs),
-            derivatives: Tape::compile(graph, &derivatives),
-            time_derivatives: Tape::compile(graph, &by_time),
-            breaks: Breaks::new(graph, &outputs),
-        })
+        let tapes = [&outputs, &derivatives, &by_time].map(|nodes| Tape::compile(graph, nodes));
+        let boxes = std::array::from_fn(|i| IntervalWorkspace::new(&tapes[i]));
+        let [values, derivatives, time_derivatives] = tapes;
+        let (breaks, kinks) = (Breaks::new(graph, &outputs), Kinks::new(graph, &outputs));
+        let irregularities = Irregularities::new(graph, &outputs);
+        Ok(Self { structure, values, derivatives, time_derivatives, boxes, breaks, kinks, irregularities })
+    }
+
+    /// What has a kink or a jump that depends on `y`, in the order of [`Dvi::kinks`].
+    pub fn kinks(&self) -> &[Kink] {
+        self.kinks.kinks()
+    }
+
+    /// Where the rows are not locally Lipschitz in states and variables.
+    pub fn irregularities(&self) -> &Irregularities {
+        &self.irregularities
     }
 }
 
@@ -136,7 +150,33 @@ impl Dvi for Symbolic {
         self.time_derivatives.evaluate(t, y, values);
     }
 
+    fn enclose(&mut self, t: Interval, y: &[Interval], values: &mut [Interval]) -> bool {
+        self.values.enclose(t, y, &mut self.boxes[0], values);
+        true
+    }
+
+    fn enclose_derivatives(
+        &mut self,
+        t: Interval,
+        y: &[Interval],
+        jacobian: &mut [Interval],
+        by_time: &mut [Interval],
+    ) -> bool {
+        self.derivatives.enclose(t, y, &mut self.boxes[1], jacobian);
+        self.time_derivatives.enclose(t, y, &mut self.boxes[2], by_time);
+        true
+    }
+
     fn breaks(&mut self, t: f64) -> &[f64] {
         self.breaks.at(t)
+    }
+
+    fn kinks(&mut self, t: f64, y: &[f64]) -> &[f64] {
+        self.kinks.at(t, y)
+    }
+
+    fn kink_gradient(&mut self, kink: usize, t: f64, y: &[f64], gradient: &mut Vec<(usize, f64)>) {
+        gradient.clear();
+        gradient.extend(self.kinks.gradient(kink, t, y));
     }
 }

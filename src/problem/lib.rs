@@ -13,6 +13,8 @@ mod event;
 mod mechanical;
 mod warning;
 
+use numerics::Interval;
+
 pub use control::{Control, Interrupted, Stop};
 pub use convex_set::{
     Block, BlockWorkspace, ConvexSet, Derivative, Face, FaceEquations, Monitor, Polyhedron, Shape, Workspace,
@@ -101,6 +103,24 @@ impl Structure {
         self.states + self.variables
     }
 
+    /// Whether variable `k` is in a bounded set, whatever its bounds are at a time.
+    pub fn is_bounded(&self, k: usize) -> bool {
+        let moves = |side| self.moving.contains(&MovingBound { variable: k, side });
+        match self.set.block_of(k).map(|block| &self.set.blocks()[block].shape) {
+            Some(Shape::Ball { .. } | Shape::Simplex) => true,
+            Some(Shape::SecondOrderCone | Shape::Polyhedron(_)) => false,
+            None => {
+                (self.set.lower[k].is_finite() || moves(Side::Lower))
+                    && (self.set.upper[k].is_finite() || moves(Side::Upper))
+            }
+        }
+    }
+
+    /// Whether a variable is in a set that is unbounded and not the whole line, so that it may have impulses.
+    pub fn has_impulses(&self) -> bool {
+        (0..self.variables).any(|k| !self.set.is_free(k) && !self.is_bounded(k))
+    }
+
     /// The length of what [`Dvi::evaluate`] writes: `n + m +` moving bounds.
     pub fn rows(&self) -> usize {
         self.unknowns() + self.moving.len()
@@ -122,8 +142,35 @@ pub trait Dvi: Send {
     /// Writes the partial derivatives of `G` (m) by `t` at `(t, y)`.
     fn time_derivative(&mut self, t: f64, y: &[f64], values: &mut [f64]);
 
+    /// Writes intervals that hold `F`, `G` and the moving bounds wherever `(t, y)` is in a box, in the order of
+    /// [`Dvi::evaluate`]; false where the problem cannot be enclosed.
+    fn enclose(&mut self, _t: Interval, _y: &[Interval], _values: &mut [Interval]) -> bool {
+        false
+    }
+
+    /// The same of the derivatives by `y`, in the order of [`Structure::pattern`], and of those of `G` by `t`.
+    fn enclose_derivatives(
+        &mut self,
+        _t: Interval,
+        _y: &[Interval],
+        _jacobian: &mut [Interval],
+        _by_time: &mut [Interval],
+    ) -> bool {
+        false
+    }
+
     /// The quantities, at `t`, at whose changes of sign a row has a kink or a jump whatever `y` is; as many at any time.
     fn breaks(&mut self, _t: f64) -> &[f64] {
         &[]
+    }
+
+    /// The quantities at `(t, y)` at whose changes of sign a row has a kink or a jump that depends on `y`; as many anywhere.
+    fn kinks(&mut self, _t: f64, _y: &[f64]) -> &[f64] {
+        &[]
+    }
+
+    /// Writes the nonzero derivatives of one of them by `y` at `(t, y)`, as `(place in y, value)`.
+    fn kink_gradient(&mut self, _kink: usize, _t: f64, _y: &[f64], gradient: &mut Vec<(usize, f64)>) {
+        gradient.clear();
     }
 }

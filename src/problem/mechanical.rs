@@ -9,6 +9,7 @@
 //! of the potential and of `M` itself (Coriolis, centrifugal).
 
 use nalgebra::{DMatrix, Vector2};
+use numerics::Interval;
 use std::ops::Range;
 
 /// How a contact resists slip and rebounds.
@@ -39,6 +40,10 @@ pub struct MechanicalStructure {
     pub constant_mass: bool,
     /// Whether `f` depends neither on `q` nor on `v`.
     pub constant_forces: bool,
+    /// Whether forces, masses, joints, gaps or slips depend on time explicitly.
+    pub depends_on_time: bool,
+    /// Whether joints and gaps are affine functions of `q` alone: on a straight way they are least at its ends.
+    pub affine_constraints: bool,
 }
 
 impl MechanicalStructure {
@@ -158,6 +163,12 @@ pub trait Mechanical: Send {
 
     /// Writes joints, gaps, slips and their directions.
     fn constraints(&mut self, t: f64, q: &[f64], constraints: &mut Constraints);
+
+    /// Writes joints and gaps alone.
+    fn positions(&mut self, t: f64, q: &[f64], values: &mut [f64]);
+
+    /// Writes intervals that hold joints and gaps wherever `t` and `q` are in theirs.
+    fn enclose_positions(&mut self, t: Interval, q: &[Interval], values: &mut [Interval]);
 
     /// Energies and power.
     fn energies(&mut self, t: f64, q: &[f64], v: &[f64]) -> Energies;

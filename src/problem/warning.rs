@@ -1,9 +1,10 @@
 //! What a user should know of a problem or of its solution though the solve goes on.
 
 use serde::Serialize;
+use utoipa::ToSchema;
 
 /// Something the user should know though the solve went on.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 pub struct Warning {
     /// A stable word for programs.
     pub code: &'static str,

@@ -12,6 +12,7 @@
 //! face depend on `z` even where `G` does not. Hairer and Wanner 1996, VII.1; Ascher and Petzold 1998, 9.2.
 
 mod dense;
+pub mod inequality;
 mod sparse;
 
 use super::face::Place;

@@ -14,6 +14,7 @@ use super::system::System;
 use super::tableau::Tableau;
 use factorisation::{DenseLu, Number, SparseLu, SparseMatrix};
 use nalgebra::Complex;
+use problem::Control;
 use std::sync::Arc;
 
 /// LU factors for one step size, and the memory for those of the next.
@@ -53,14 +54,14 @@ impl Factors {
             None => *real = None,
             Some(gamma) => {
                 let lu = real.get_or_insert_with(|| Lu::new(layout));
-                lu.factorise(layout, negative_jacobian, gamma * steps);
+                lu.factorise(layout, negative_jacobian, gamma * steps, system.outside);
             }
         }
         for (k, &pair) in tableau.pairs.iter().enumerate() {
             if k == complex.len() {
                 complex.push(Lu::new(layout));
             }
-            complex[k].factorise(layout, negative_jacobian, pair * steps);
+            complex[k].factorise(layout, negative_jacobian, pair * steps, system.outside);
         }
     }
 
@@ -98,7 +99,7 @@ enum Lu<T: Number> {
     None,
 }
 
-impl<T: Number> Lu<T> {
+impl<T: Number + Send + Sync + 'static> Lu<T> {
     fn new(layout: &Layout) -> Self {
         match &layout.storage {
             Storage::Dense => Self::Dense(DenseLu::new(layout.unknowns)),
@@ -113,7 +114,7 @@ impl<T: Number> Lu<T> {
     }
 
     /// Factorises `shift diag(M, 0) - Phi_y`, its rows scaled.
-    fn factorise(&mut self, layout: &Layout, negative_jacobian: &[f64], shift: T) {
+    fn factorise(&mut self, layout: &Layout, negative_jacobian: &[f64], shift: T, outside: &Control) {
         let fill = |entries: &mut [T]| {
             for (entry, &value) in entries.iter_mut().zip(negative_jacobian) {
                 *entry = T::from(value);
@@ -129,7 +130,7 @@ impl<T: Number> Lu<T> {
             }
             Self::Sparse { matrix, factors } => {
                 fill(matrix.val_mut());
-                factors.factorise(matrix);
+                factors.factorise_unless(matrix, || outside.poll().is_some());
             }
             Self::None => {}
         }

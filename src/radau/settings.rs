@@ -77,6 +77,28 @@ pub enum StepError {
         /// What the last rejections were for.
         cause: Cause,
     },
+    /// The steps cross a kink of the problem to and fro, along which the solution slides.
+    #[error(
+        "a rate jumps where quantity {kink} (counted from 0) of those that it switches on changes its sign, and from t = {t:?} on \
+         the solution slides along that jump, which steps cannot follow; write the jump as a set"
+    )]
+    Chattering {
+        /// When.
+        t: f64,
+        /// Which of the kinks of the problem.
+        kink: usize,
+    },
+    /// A variable switches again and again within noise.
+    #[error(
+        "variable {variable} (counted from 0) switches again and again, from t = {t:?} on, while what decides it stays below what \
+         the tolerances resolve"
+    )]
+    Unresolved {
+        /// When.
+        t: f64,
+        /// The variable.
+        variable: usize,
+    },
     /// The lower bound of a variable rises above its upper bound, or the radius of its ball falls below zero.
     #[error(
         "the {} of variable {variable} (counted from 0) is empty from t = {t:?} on: {}", side.emptiness().0, side.emptiness().1
@@ -121,25 +143,29 @@ pub enum StepError {
         /// When.
         t: f64,
     },
-    /// The VI at the start, or behind a break, has no solution that the solver could find.
+    /// The solver found no solution of the VI at the start, or behind a break; there may be one.
     #[error(
-        "the variational inequality at t = {t:?} has no solution, or none was found; raising a variable should raise its \
-         inequality, at once or in time: look at its sign, and whether the start satisfies it"
+        "no variables were found that satisfy the variational inequality at t = {t:?}, though nothing shows that there are \
+         none; where it is nonlinear in them, another form of it may be easier, and where several conditions hold at once, \
+         other initial values"
     )]
     NoStart {
         /// When.
         t: f64,
     },
-    /// Whatever the variables are, one inequality fails: the VI has no solution.
+    /// Whatever the variables are, one inequality fails, as it is or linearised: then the VI, or that of Newton's method,
+    /// has no solution.
     #[error(
-        "the variational inequality has no solution at t = {t:?}: the inequality of variable {variable} (counted from 0) \
-         fails whatever the variables are"
+        "the variational inequality has no solution at t = {t:?}: the inequality of variable {variable} (counted from 0), \
+         {}, fails whatever the variables are", if *.linear { "as it is" } else { "linearised" }
     )]
     NoSolution {
         /// When.
         t: f64,
         /// The variable.
         variable: usize,
+        /// Whether the problem is linear, so that this is a proof.
+        linear: bool,
     },
 }
 
@@ -154,12 +180,14 @@ impl StepError {
         match self {
             Self::NotFinite { .. } => "not_finite",
             Self::StepTooSmall { .. } => "step_too_small",
+            Self::Chattering { .. } => "chattering",
+            Self::Unresolved { .. } => "switches_unresolved",
             Self::EmptySet { .. } => "empty_set",
             Self::NewtonFailed { .. } => "newton_failed",
             Self::InconsistentStart { .. } => "inconsistent_start",
             Self::TooLarge { .. } => "too_large",
             Self::Interrupted { .. } => "interrupted",
-            Self::NoStart { .. } => "no_solution_at_start",
+            Self::NoStart { .. } => "start_not_found",
             Self::NoSolution { .. } => "no_solution",
         }
     }

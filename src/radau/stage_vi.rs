@@ -342,6 +342,10 @@ impl StageVi {
         let (s, n, count) = (tableau.stages(), system.states, system.bounded.len());
         self.matrix.fill(0.0);
         for (b, &k) in system.bounded.iter().enumerate() {
+            // A solve with large factors takes long, and there is one for each variable.
+            if system.outside.poll().is_some() {
+                return false;
+            }
             // The response of everything to a unit of z_k, one a block of E; G of it, added to each pair of stages.
             let mut block = 0;
             if tableau.gamma.is_some() {

@@ -8,11 +8,13 @@ pub use report::Variables;
 
 use super::between::{Between, Doubts};
 use super::breaks::Breaks;
+use super::chattering::Chattering;
 use super::consistent::Consistent;
 use super::dense_output::Step;
 use super::error_control::{Controller, Rescaled};
 use super::factors::Factors;
 use super::newton_control::NewtonControl;
+use super::progress::{Progress, SHORT};
 use super::settings::{Cause, Settings, StageChoice, StepError};
 use super::stage_vi::StageVi;
 use super::stages::{Contraction, Newton, Stages, THETA};
@@ -71,11 +73,15 @@ pub struct Radau<'p> {
     end: f64,
     pub(super) h: f64,
     pub(super) last: Step,
-    last_method: usize,
+    pub(super) last_method: usize,
+    /// The size of the longest step so far.
+    pub(super) longest: f64,
     pub(super) continues: bool,
     pub(super) jumped: Option<f64>,
     doubts: Doubts,
     pub(super) breaks: Breaks,
+    pub(super) chattering: Chattering,
+    pub(super) progress: Progress,
     estimate: Vec<f64>,
     /// The jump of the slope of the states into the step at hand, times its size; empty where there is none to speak of.
     jump: Vec<f64>,
@@ -179,10 +185,13 @@ impl<'p> Radau<'p> {
             h: 0.0,
             last: Step::default(),
             last_method: 0,
+            longest: 0.0,
             continues: false,
             jumped: None,
             doubts: Doubts::default(),
             breaks: Breaks::new(t),
+            chattering: Chattering::default(),
+            progress: Progress::default(),
             counts: Counts::default(),
         };
         radau.check_finite()?;
@@ -192,7 +201,7 @@ impl<'p> Radau<'p> {
     }
 
     /// The time left.
-    fn remaining(&self) -> f64 {
+    pub(super) fn remaining(&self) -> f64 {
         (self.end - self.t) - self.lag
     }
 
@@ -258,7 +267,11 @@ impl<'p> Radau<'p> {
                 // A step cut short by a switch or a break says nothing against the size that was wished for.
                 let is_cut = self.switching.ends_at_switch() || self.breaks.after.is_some();
                 self.h = if is_cut { wished } else { new };
+                let is_short = !is_cut && reached < SHORT * h;
                 self.accept(reached, coupled);
+                self.watch_progress(reached, is_short)?;
+                self.watch_switches()?;
+                self.watch_kinks()?;
                 self.change_order();
                 return self.end_step(reached < h);
             }
@@ -377,6 +390,7 @@ impl<'p> Radau<'p> {
             }
         }
         self.last_method = self.current;
+        self.longest = self.longest.max(h);
         if h >= self.remaining() {
             (self.t, self.lag) = (self.end, 0.0);
         } else {
@@ -421,6 +435,7 @@ impl<'p> Radau<'p> {
     /// Makes the next attempt smaller than `h`; fails where the step is fixed or would be too small to go on with.
     fn shrink(&mut self, h: f64, cause: Cause, smaller: impl Fn(&mut Controller) -> f64) -> Result<(), StepError> {
         self.counts.rejected[cause as usize] += 1;
+        self.progress.rejected(cause);
         if self.system.outside.poll().is_some() {
             return Err(StepError::Interrupted { t: self.t });
         }
@@ -436,6 +451,9 @@ impl<'p> Radau<'p> {
             // What the last, shortest attempt met says more than that it failed.
             self.check_evaluation()?;
             self.check_contradiction(cause)?;
+            if let Some(kink) = self.collapsed_at() {
+                return Err(StepError::Chattering { t: self.t, kink });
+            }
             let least = if self.h < min_step { min_step } else { 0.0 };
             return Err(StepError::StepTooSmall { t: self.t, h: self.h, least, cause });
         }
@@ -443,9 +461,11 @@ impl<'p> Radau<'p> {
     }
 
     /// Whether the last variational inequality has no solution for a reason that can be named.
-    fn check_contradiction(&self, cause: Cause) -> Result<(), StepError> {
+    pub(super) fn check_contradiction(&self, cause: Cause) -> Result<(), StepError> {
         match self.stage_vi.as_ref().and_then(|vi| vi.contradiction).filter(|_| cause == Cause::Unsolved) {
-            Some(variable) => Err(StepError::NoSolution { t: self.t, variable }),
+            Some(variable) => {
+                Err(StepError::NoSolution { t: self.t, variable, linear: self.system.constant_jacobian() })
+            }
             None => Ok(()),
         }
     }

@@ -10,6 +10,7 @@ use super::between::Between;
 use super::crossings::Crossing;
 use super::face::{ActiveFace, Monitor, Place, monitors};
 use super::inside::Inside;
+use super::recurrence::Recurrence;
 use super::settings::{Settings, StepError, Switches};
 use super::stages::Newton;
 use super::start::Probe;
@@ -58,6 +59,7 @@ pub(super) struct Switching {
     last: f64,
     gap: f64,
     shrinking: u32,
+    pub(super) recurrence: Recurrence,
     pub(super) scratch: Vec<f64>,
     pub(super) inside: Inside,
     monitors: Vec<Monitor>,
@@ -79,6 +81,7 @@ impl Switching {
             last: f64::NEG_INFINITY,
             gap: f64::INFINITY,
             shrinking: 0,
+            recurrence: Recurrence::new(system.unknowns - system.states),
             scratch: vec![0.0; system.unknowns],
             inside: Inside::new(system),
             monitors: Vec::new(),
@@ -108,6 +111,9 @@ impl Switching {
             if from != to || self.before.exchanges(face, set, variable) || turned.contains(&variable) {
                 self.switches.push(Switch { t, variable, from, to });
                 changed = true;
+                if self.locate && set.block_of(variable).is_none() && self.recurrence.switched(variable) {
+                    self.accumulations += 1;
+                }
             }
         }
         if changed && self.locate {
@@ -121,8 +127,13 @@ impl Switching {
         changed
     }
 
+    /// Whether switches are to be located.
+    pub(super) fn is_to_locate(&self) -> bool {
+        self.locate
+    }
+
     fn is_accumulating(&self) -> bool {
-        self.shrinking >= ACCUMULATION
+        self.shrinking >= ACCUMULATION || self.recurrence.is_pausing()
     }
 
     /// Whether a step should end at a switch.
@@ -271,6 +282,7 @@ impl Radau<'_> {
         if self.system.bounded.is_empty() {
             return;
         }
+        self.clear_switches();
         if self.system.evaluate(self.t, &self.y) {
             self.system.put_on_bounds(&mut self.y);
             self.system.project(&mut self.y);
@@ -281,13 +293,17 @@ impl Radau<'_> {
             self.choose_face(self.h.max(self.last.h));
             self.keep_better(&before);
             let turned = turned(&self.system, &self.switching.before, &before, &self.y[self.system.states..]);
-            self.switching.record(self.t, &self.system.set, &self.system.face, &turned);
+            let changed = self.switching.record(self.t, &self.system.set, &self.system.face, &turned);
+            if !changed && self.switching.recurrence.within_noise() {
+                self.switching.accumulations += 1;
+            }
             self.restart();
         } else if coupled {
             self.switching.record(self.t, &self.system.set, &self.system.face, &[]);
             self.restart();
         } else if self.switching.is_accumulating() {
             self.switching.shrinking = 0;
+            self.switching.recurrence.kept_face();
         }
     }
 

@@ -9,6 +9,7 @@
 use super::face::{ActiveFace, Place};
 use super::layout::Layout;
 use super::settings::StepError;
+use numerics::Interval;
 use problem::{Control, ConvexSet, Dvi, Face, FaceEquations, Mass, Side, Structure, Workspace};
 use std::sync::Arc;
 
@@ -280,6 +281,11 @@ impl<'p> System<'p> {
         self.terms_of_row(self.states + k, sizes)
     }
 
+    /// The natural map of block `b` at the variables `z` as of the last evaluation, with `G` multiplied by `scale`.
+    pub fn defect_of_block(&mut self, b: usize, z: &[f64], scale: f64) -> f64 {
+        self.set.defect(b, z, &self.values[self.states..self.unknowns], scale, &mut self.workspace)
+    }
+
     /// The same of the moving bounds of variable `k`.
     pub fn terms_of_bounds(&self, k: usize, size: impl Fn(usize) -> f64) -> f64 {
         let bounds = self.structure.moving.iter().enumerate().filter(|(_, moving)| moving.variable == k);
@@ -301,6 +307,27 @@ impl<'p> System<'p> {
         let (first, last) = (self.row_starts[row], self.row_starts[row + 1]);
         let pattern = &self.structure.pattern[first..last];
         pattern.iter().zip(&self.derivatives[first..last]).map(|(&(_, j), &value)| (j, value))
+    }
+
+    /// The nonzeros of one row of the Jacobian, as places among all of them and columns.
+    pub fn places_of_row(&self, row: usize) -> impl Iterator<Item = (usize, usize)> {
+        let (first, last) = (self.row_starts[row], self.row_starts[row + 1]);
+        (first..last).zip(&self.structure.pattern[first..last]).map(|(at, &(_, j))| (at, j))
+    }
+
+    /// Whether a bound of variable `k` moves.
+    pub fn moves(&self, k: usize) -> bool {
+        self.structure.moving.iter().any(|moving| moving.variable == k)
+    }
+
+    /// One end of the interval of variable `k`, where rows of the problem are as in `values`.
+    pub fn bound(&self, k: usize, side: Side, values: &[Interval]) -> Interval {
+        let mut moving = self.structure.moving.iter().zip(&values[self.unknowns..]);
+        match moving.find(|(moving, _)| moving.variable == k && moving.side == side) {
+            Some((_, value)) => *value,
+            None if side == Side::Lower => Interval::point(self.set.lower[k]),
+            None => Interval::point(self.set.upper[k]),
+        }
     }
 
     /// The nonzeros of `dG_k/dy` as of the last differentiation, as `(column, value)`.

@@ -44,6 +44,7 @@ pub struct Tableau {
     /// Coefficients of the polynomial `p` with `p(0) = p(1) = 0`, `p'(0) = 1` and `p'(c_i) = 0`, from the first power on:
     /// `p'` is the node polynomial, orthogonal to constants for `s >= 2`. Empty for one stage, where there is none.
     bubble: Vec<f64>,
+    bernstein: OnceLock<(Vec<Vec<f64>>, Vec<f64>)>,
     /// Barycentric weights of the nodes `0, c_1, .., c_s`.
     barycentric: Vec<f64>,
 }
@@ -104,13 +105,50 @@ impl Tableau {
         let bubble = if s == 1 { Vec::new() } else { bubble(&c) };
         let d = b.iter().zip(&c).map(|(b, c)| b / c).collect();
         let mixing = (t.abs() * t_inverse.abs()).column_sum().amax();
-        Self { c, a, b, d, a_inverse, gamma, pairs, t, t_inverse, mixing, estimate, bubble, barycentric }
+        Self {
+            c,
+            a,
+            b,
+            d,
+            a_inverse,
+            gamma,
+            pairs,
+            t,
+            t_inverse,
+            mixing,
+            estimate,
+            bubble,
+            bernstein: OnceLock::new(),
+            barycentric,
+        }
     }
 
     /// The value at `theta` of the polynomial that vanishes at both ends of a step, has the slope 1 at its beginning and
     /// 0 at the nodes.
     pub fn bubble_at(&self, theta: f64) -> f64 {
         self.bubble.iter().rev().fold(0.0, |value, coefficient| (value + coefficient) * theta)
+    }
+
+    /// The collocation polynomials of the increments, one a stage, and the bubble, by their coefficients in the basis of
+    /// Bernstein of degree `s + 1` on `[0, 1]`.
+    pub fn bernstein(&self) -> &(Vec<Vec<f64>>, Vec<f64>) {
+        self.bernstein.get_or_init(|| {
+            let s = self.stages();
+            let of_stage = |i: usize| {
+                let others = self.c.iter().enumerate().filter(|&(j, _)| j != i).map(|(_, &c)| c);
+                // theta times the product over the other nodes, by powers of theta.
+                let mut powers = vec![0.0, self.barycentric[i + 1]];
+                for c in others {
+                    powers.push(0.0);
+                    for k in (0..powers.len()).rev() {
+                        powers[k] = if k > 0 { powers[k - 1] } else { 0.0 } - c * powers[k];
+                    }
+                }
+                in_bernstein(&powers, s + 1)
+            };
+            let bubble: Vec<f64> = std::iter::once(0.0).chain(self.bubble.iter().copied()).collect();
+            ((0..s).map(of_stage).collect(), in_bernstein(&bubble, s + 1))
+        })
     }
 
     /// `s`, the number of stages.
@@ -146,6 +184,20 @@ impl Tableau {
             *value = others.map(|(_, c)| (theta - c) / (self.c[i] - c)).product();
         }
     }
+}
+
+/// A polynomial, given by powers of its argument, in the basis of Bernstein of this degree: `b_k = sum_i C(k,i)/C(n,i) a_i`.
+fn in_bernstein(powers: &[f64], degree: usize) -> Vec<f64> {
+    let of = |k: usize| {
+        let mut ratio = 1.0;
+        let mut sum = 0.0;
+        for (i, power) in powers.iter().enumerate().take(k + 1) {
+            sum += ratio * power;
+            ratio *= (k - i) as f64 / (degree - i).max(1) as f64;
+        }
+        sum
+    };
+    (0..=degree).map(of).collect()
 }
 
 /// The integral of `prod_i (1 - theta / c_i)` from zero, without its vanishing constant.

@@ -15,7 +15,7 @@ pub use options::Options;
 use access::Tokens;
 use axum::Router;
 use http::{Common, Shared};
-use jobs::{Jobs, Pool, Solver};
+use jobs::{Jobs, Pool, Solver, Turns};
 use metrics::Metrics;
 use std::io;
 use std::num::NonZeroUsize;
@@ -41,11 +41,11 @@ impl Service {
         let jobs = Jobs::open(options.bounds(), solver, options.jobs_folder(), Arc::clone(&metrics))?;
         let jobs = Arc::new(jobs);
         let pool = Pool::start(&jobs, options.workers)?;
-        let readers = Semaphore::new(places(options.workers));
+        let turns = Turns::new(options.workers.get(), options.bounds().queue);
         let streams = Arc::new(Semaphore::new(places(options.streams)));
         let connections = Arc::new(Semaphore::new(places(options.connections)));
         let closing = watch::Sender::new(false);
-        let shared = Arc::new(Common { jobs, options, metrics, tokens, readers, streams, connections, closing });
+        let shared = Arc::new(Common { jobs, options, metrics, tokens, turns, streams, connections, closing });
         Ok(Self { shared, _pool: pool })
     }
 

@@ -34,6 +34,8 @@ pub struct Metrics {
     running: Gauge,
     connections: Gauge,
     panics: Gauge,
+    unreadable: Gauge,
+    orphaned: Gauge,
 }
 
 /// From a tenth of a millisecond to seven minutes, each twice the one before.
@@ -56,6 +58,8 @@ impl Default for Metrics {
             running: Gauge::default(),
             connections: Gauge::default(),
             panics: Gauge::default(),
+            unreadable: Gauge::default(),
+            orphaned: Gauge::default(),
         };
         let registry = &mut metrics.registry;
         registry.register_with_unit(
@@ -83,6 +87,12 @@ impl Default for Metrics {
         );
         registry.register("jobs_running", "Jobs that workers have in hand", metrics.running.clone());
         registry.register("connections", "Connections that are open", metrics.connections.clone());
+        registry.register(
+            "unreadable_jobs",
+            "Jobs on the disk that the start could not read",
+            metrics.unreadable.clone(),
+        );
+        registry.register("orphaned_results", "Results that the start set aside", metrics.orphaned.clone());
         registry.register("panics", "Solves that broke down since the start", metrics.panics.clone());
         metrics
     }
@@ -121,6 +131,12 @@ impl Metrics {
     /// Counts the time that a job has waited for its worker.
     pub fn waited(&self, time: Duration) {
         self.wait_seconds.observe(time.as_secs_f64());
+    }
+
+    /// Notes what the start found on the disk.
+    pub fn found(&self, unreadable: usize, orphaned: usize) {
+        self.unreadable.set(i64::try_from(unreadable).unwrap_or(i64::MAX));
+        self.orphaned.set(i64::try_from(orphaned).unwrap_or(i64::MAX));
     }
 
     /// Counts an answer.

@@ -49,6 +49,10 @@ pub struct Options {
     #[arg(long, env = "DVI_INSECURE")]
     pub insecure: bool,
 
+    /// A name by which pages may reach a loopback address without tokens, beside `localhost`; given once for each
+    #[arg(long, env = "DVI_HOST", value_name = "NAME", value_delimiter = ',')]
+    pub host: Vec<String>,
+
     /// Solves at a time; the default is one a core
     #[arg(long, env = "DVI_WORKERS", value_name = "N", default_value_t = Options::default().workers)]
     pub workers: NonZeroUsize,
@@ -65,7 +69,7 @@ pub struct Options {
     #[arg(long, env = "DVI_CLIENT_SHARE", value_name = "JOBS", default_value_t = Options::default().client_share)]
     pub client_share: NonZeroUsize,
 
-    /// Longest time a job may run, in seconds; its trajectory so far is kept
+    /// Longest time a job may run, in seconds; its trajectory so far is kept. And the longest time to check a specification
     #[arg(long, env = "DVI_WALL_SECONDS", value_name = "SECONDS", default_value_t = Options::default().wall_seconds)]
     pub wall_seconds: NonZeroU64,
 
@@ -124,6 +128,7 @@ impl Default for Options {
             ephemeral: false,
             ask_tokens: false,
             insecure: false,
+            host: Vec::new(),
             workers: available_parallelism().unwrap_or(NonZeroUsize::MIN),
             queue: count(1000),
             queue_mib: count(256),
@@ -165,6 +170,11 @@ impl Options {
         Duration::from_secs(self.read_seconds.get())
     }
 
+    /// The longest time that a job, or the check of a specification, may take.
+    pub fn wall(&self) -> Duration {
+        Duration::from_secs(self.wall_seconds.get())
+    }
+
     /// The time between the signal to stop and the end of every job.
     pub fn grace(&self) -> Duration {
         Duration::from_secs(self.grace_seconds)
@@ -193,7 +203,7 @@ impl Options {
             queue: Room { places: self.queue.get(), share: self.client_share.get(), bytes: bytes(self.queue_mib) },
             steps: self.steps.get(),
             memory: bytes(self.memory_mib),
-            wall: Duration::from_secs(self.wall_seconds.get()),
+            wall: self.wall(),
             result_bytes: bytes(self.result_mib),
             retention: Retention {
                 jobs: self.kept_jobs.get(),

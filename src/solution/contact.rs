@@ -1,14 +1,17 @@
 //! A mechanical system from start to end: its contacts, energies and failures by name.
 
+use super::mechanical_checks::{Accuracy, check_energy, check_passed, check_violations};
 use super::run::{Plan, Run, Stepper, run};
-use super::{Diagnostics, Evaluations, Event, EventKind, Failure, Solution, Status, Steps, ViCounts, Warning};
+use super::{
+    CheckCode, Diagnostics, Evaluations, Event, EventKind, Failure, Solution, Status, Steps, ViCounts, Warning,
+};
 use analysis::Analysis;
 use contact::energy::Energy;
+use contact::law::UNSOLVED;
 use contact::{ContactError, Flights, Happening, Leg, Located, Settings, State, TimeStepping, VelocityStep};
 use models::{ENERGIES, MechanicalModel};
 use nalgebra::Vector3;
 use problem::{Constraints, Control, Mechanical};
-use radau;
 
 /// How a mechanical system is integrated.
 #[derive(Clone, Debug)]
@@ -56,6 +59,7 @@ pub fn integrate_contact(
     };
     let steps = Steps { accepted: located.accepted, ..Steps::default() };
     tell(&located.step, model, steps, &mut run.diagnostics);
+    judge_located(&mut located, model, radau, &mut run.diagnostics);
     if located.accumulations > 0 {
         let message = format!(
             "impacts followed each other ever faster ({} times); the run passed their limit by an impact without restitution",
@@ -72,6 +76,29 @@ pub fn integrate_contact(
         run.diagnostics.warnings.push(Warning { code: "time_stepping_went_on", message });
     }
     run.end(ended).solution
+}
+
+/// Records what was measured of a run with located impacts.
+fn judge_located(
+    located: &mut Located<'_>,
+    model: &MechanicalModel,
+    radau: &radau::Settings,
+    diagnostics: &mut Diagnostics,
+) {
+    let State { t, q, v } = &located.state;
+    let (of_q, of_v) = radau.atol.split_at(q.len());
+    let problem = &mut *located.step.problem;
+    let atol = problem.energies(*t, q, of_v).kinetic;
+    let mut forces = vec![0.0; q.len()];
+    problem.forces(*t, q, v, &mut forces);
+    let work = forces.iter().zip(of_q).map(|(force, atol)| (force * atol).abs()).sum();
+    let accuracy = Accuracy::Tolerance { rtol: radau.rtol, atol, work, steps: located.accepted };
+    let checks = &mut diagnostics.checks;
+    check_energy(&located.energy, accuracy, checks);
+    check_violations(&located.violations, &model.contacts, accuracy, checks);
+    if let Some(passed) = &located.passed {
+        check_passed(passed, &model.contacts[passed.contact], &located.energy, radau.rtol, checks);
+    }
 }
 
 /// What both methods hand out, by name.
@@ -202,6 +229,9 @@ impl Stepper for Stepped<'_> {
     fn finish(&mut self, diagnostics: &mut Diagnostics) {
         let steps = Steps { accepted: self.stepper.accepted, ..Steps::default() };
         tell(&self.stepper.step, self.outputs.model, steps, diagnostics);
+        let checks = &mut diagnostics.checks;
+        check_energy(&self.stepper.energy, Accuracy::Fixed, checks);
+        check_violations(&self.stepper.violations, &self.outputs.model.contacts, Accuracy::Fixed, checks);
     }
 }
 
@@ -256,6 +286,14 @@ impl Stepper for Flown<'_, '_, '_> {
 fn tell(step: &VelocityStep<'_>, model: &MechanicalModel, steps: Steps, diagnostics: &mut Diagnostics) {
     let work = &step.work;
     diagnostics.steps = steps;
+    if work.solves > 0 {
+        diagnostics.checks.record(CheckCode::LawResidual, work.residual, UNSOLVED, || {
+            format!(
+                "the law of contact was solved to a relative residual of {:.1e} at worst: take a smaller `step`",
+                work.residual
+            )
+        });
+    }
     diagnostics.evaluations =
         Evaluations { rates: work.forces, jacobians: work.jacobians, factorisations: step.factorisations() };
     if let Some(counts) = &mut diagnostics.vi {

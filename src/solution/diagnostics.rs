@@ -1,4 +1,5 @@
-//! The evidence that comes with a trajectory.
+//! The evidence that comes with a trajectory. What does not apply to the method that ran, or was never done, is left out:
+//! a count of zero that everybody has (rejected steps, switches) is written, one of a part that did not run is not.
 
 use super::Checks;
 use analysis::{Analysis, Certificates};
@@ -6,9 +7,10 @@ use contact::energy::Energy;
 use problem::Warning;
 use serde::{Serialize, Serializer};
 use std::collections::BTreeMap;
+use utoipa::ToSchema;
 
 /// What can be said of the problem on an active face of `K`.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 pub struct Face {
     /// When it was first met.
     pub t: f64,
@@ -19,11 +21,12 @@ pub struct Face {
     pub on_boundary: Vec<String>,
     /// Index and uniqueness there.
     #[serde(flatten)]
+    #[schema(value_type = Object)]
     pub analysis: Analysis,
 }
 
 /// Accepted and rejected steps.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, ToSchema)]
 pub struct Steps {
     /// Steps that became part of the trajectory.
     pub accepted: u64,
@@ -34,7 +37,7 @@ pub struct Steps {
 }
 
 /// How fast the increments of Newton's method shrank, from one to the next, where it took more than one.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, ToSchema)]
 pub struct Contraction {
     /// The mean factor.
     pub mean: f64,
@@ -43,10 +46,11 @@ pub struct Contraction {
 }
 
 /// An estimate of the error of the states at the end.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 pub struct GlobalError {
     /// Of each state, in its unit: the value less the exact one.
     #[serde(serialize_with = "by_name")]
+    #[schema(value_type = BTreeMap<String, f64>)]
     pub states: Vec<(String, f64)>,
     /// The largest, in units of `atol + rtol |x|`.
     pub largest_scaled: f64,
@@ -55,7 +59,7 @@ pub struct GlobalError {
 }
 
 /// How the uniform mesh of a problem with memory was found: its steps were halved until two runs agreed.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 pub struct Refinement {
     /// How often the step was halved.
     pub halvings: u32,
@@ -63,6 +67,7 @@ pub struct Refinement {
     /// half of the distance before that where it is larger: what the last but one is off by, so that the last is off by
     /// less.
     #[serde(serialize_with = "by_name")]
+    #[schema(value_type = BTreeMap<String, f64>)]
     pub mean_distance: Vec<(String, f64)>,
     /// The largest of them, in units of `atol + rtol max |z|`; the aim is 1.
     pub scaled: f64,
@@ -71,19 +76,33 @@ pub struct Refinement {
     pub order: Option<f64>,
 }
 
-/// What was evaluated, and how often.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+/// The steps of a run that were screened for events between the stages, by enclosure.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, ToSchema)]
+pub struct Screening {
+    /// Steps proven free of events.
+    pub proven: u64,
+    /// Steps of which neither is shown.
+    pub undecided: u64,
+    /// Steps in which the law fails between the stages.
+    pub missed: u64,
+}
+
+/// What was evaluated, and how often; a count of zero is left out.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, ToSchema)]
 pub struct Evaluations {
     /// Evaluations of the rates and of `G`.
+    #[serde(skip_serializing_if = "is_zero")]
     pub rates: u64,
     /// Evaluations of their derivatives.
+    #[serde(skip_serializing_if = "is_zero")]
     pub jacobians: u64,
     /// Factorisations of a matrix.
+    #[serde(skip_serializing_if = "is_zero")]
     pub factorisations: u64,
 }
 
 /// A solver that did not solve a variational inequality, so that the next was tried.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ToSchema)]
 pub struct Tried {
     /// Its name.
     pub solver: &'static str,
@@ -94,7 +113,7 @@ pub struct Tried {
 }
 
 /// The variational inequalities solved at stages.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, ToSchema)]
 pub struct ViCounts {
     /// The solver that answered last.
     pub solver: &'static str,
@@ -110,23 +129,27 @@ pub struct ViCounts {
 }
 
 /// What was done, and how well.
-#[derive(Clone, Debug, Default, Serialize)]
+#[derive(Clone, Debug, Default, Serialize, ToSchema)]
 pub struct Diagnostics {
     /// Index and uniqueness, and why.
     #[serde(flatten)]
+    #[schema(value_type = Object)]
     pub analysis: Option<Analysis>,
     /// The same on each active face that a switch led to, the first ones.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub faces: Vec<Face>,
     /// The method that ran.
     pub method: &'static str,
-    /// Its number of stages.
+    /// Its number of stages; absent where the method is not of Runge-Kutta type.
+    #[serde(skip_serializing_if = "is_zero")]
     pub stages: usize,
     /// Steps taken.
     pub steps: Steps,
-    /// Evaluations made.
+    /// Evaluations made; absent where the method counts none.
+    #[serde(skip_serializing_if = "is_zero")]
     pub evaluations: Evaluations,
-    /// Newton iterations on the stages.
+    /// Newton iterations on the stages; absent where the method makes none.
+    #[serde(skip_serializing_if = "is_zero")]
     pub newton_iterations: u64,
     /// Their rate of convergence; absent where one iteration was always enough.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -136,16 +159,22 @@ pub struct Diagnostics {
     pub vi: Option<ViCounts>,
     /// Changes of the active face of `K`.
     pub switches: u64,
+    /// The steps that were screened for events; absent where there are no variables.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub screening: Option<Screening>,
     /// Signs and products of `z` and `G`, and the differentiation lemmas; absent where no variable has a bound.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<Object>)]
     pub complementarity: Option<Certificates>,
     /// The balance of energy; absent where the problem has none.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<Object>)]
     pub energy: Option<Energy>,
     /// What the values at the end may be off by; present where it was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub global_error: Option<GlobalError>,
-    /// What was measured for the verdict, each beside what is allowed.
+    /// What was measured for the verdict: the code of each check (`CheckCode`), with the worst value of the run beside the
+    /// one up to which the answer is trusted. A check that was not made is absent.
     pub checks: Checks,
     /// How the step was chosen; present for a problem with memory without a `step`.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -158,6 +187,11 @@ pub struct Diagnostics {
     pub warnings: Vec<Warning>,
     /// Wall-clock time of the solve, in seconds.
     pub wall_seconds: f64,
+}
+
+/// Whether nothing was counted.
+fn is_zero<T: Default + PartialEq>(count: &T) -> bool {
+    *count == T::default()
 }
 
 fn by_name<S: Serializer>(states: &[(String, f64)], serializer: S) -> Result<S::Ok, S::Error> {

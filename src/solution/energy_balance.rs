@@ -7,6 +7,8 @@
 //! with the powers integrated over each step by the rule of Gauss, and the rates that are no states by differentiating
 //! the polynomial through its points. The defect, which an exact solution does not have, measures the steps.
 
+use super::Checks;
+use super::mechanical_checks::{Accuracy, check_energy};
 use contact::energy::Energy;
 use models::elastic::{EnergyForm, Power};
 use radau::Radau;
@@ -54,6 +56,15 @@ impl EnergyBalance {
         self.energy.close(kinetic, potential);
     }
 
+    /// Records what the balance lacks at the end of a run with these tolerances; without `rtol`, of steps of one size.
+    pub fn judge(&self, radau: &Radau<'_>, rtol: Option<f64>, atol: &[f64], checks: &mut Checks) {
+        let mut tolerances = vec![0.0; radau.y().len()];
+        tolerances.iter_mut().zip(atol).for_each(|(tolerance, atol)| *tolerance = *atol);
+        let (atol, steps) = (self.form.at(&tolerances).0, radau.counts.accepted);
+        let accuracy = rtol.map_or(Accuracy::Fixed, |rtol| Accuracy::Tolerance { rtol, atol, work: 0.0, steps });
+        check_energy(&self.energy, accuracy, checks);
+    }
+
     fn integrate(&mut self, radau: &mut Radau<'_>) {
         let half = 0.5 * (radau.t() - self.reached);
         let time = |point: f64| self.reached + half * (1.0 + point);
@@ -68,8 +79,8 @@ impl EnergyBalance {
             }
             let Power { supplied, viscous, frictional } = self.form.power(time(point), &self.samples[i], &self.rates);
             self.energy.work(half * weight * supplied, 0.0);
-            self.energy.dissipated_by_viscosity += half * weight * viscous;
-            self.energy.dissipated_by_friction += half * weight * frictional;
+            self.energy.dissipate_by_viscosity(half * weight * viscous);
+            self.energy.dissipate(half * weight * frictional, 0.0, 0.0);
         }
     }
 }

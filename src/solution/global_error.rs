@@ -8,7 +8,7 @@
 
 use super::integrate::integrate_once;
 use super::run::Ended;
-use super::{GlobalError, Plan, Status, Warning};
+use super::{CheckCode, GlobalError, Plan, Status, Warning};
 use analysis::Analysis;
 use models::DviModel;
 use problem::Control;
@@ -46,8 +46,14 @@ pub fn estimate(
     let end = &first.x;
     let errors: Vec<f64> = end.iter().zip(&second.x).map(|(x, exact)| factor * (x - exact)).collect();
     let scale = |j: usize| settings.atol[j] + settings.rtol * end[j].abs();
+    let largest_scaled = (0..n).map(|j| errors[j].abs() / scale(j)).fold(0.0, f64::max);
+    // Errors of the tolerance in every step, which neither grow nor decay, add up to as many.
+    let steps = diagnostics.steps.accepted.max(1) as f64;
+    diagnostics.checks.record(CheckCode::GlobalError, largest_scaled, steps, || {
+        format!("the states at the end are off by {largest_scaled:.1e} times their tolerance after {steps} steps")
+    });
     diagnostics.global_error = Some(GlobalError {
-        largest_scaled: (0..n).map(|j| errors[j].abs() / scale(j)).fold(0.0, f64::max),
+        largest_scaled,
         states: plan.names.iter().cloned().zip(errors).collect(),
         reference_steps: second.solution.diagnostics.steps.accepted,
     });

@@ -1,5 +1,6 @@
 //! What a solve hands back: the trajectory in columns, events, diagnostics, and how it ended.
 
+mod audit;
 mod contact;
 mod convolution;
 mod diagnostics;
@@ -8,17 +9,21 @@ mod energy_balance;
 mod excerpt;
 mod global_error;
 mod integrate;
+mod mechanical_checks;
 mod obstacle;
 pub mod pictures;
 mod rigid_bodies;
 mod run;
 mod study;
 mod trajectory;
+mod uniqueness;
 mod verdict;
 
 pub use contact::{ContactPlan, describe_contact, integrate_contact};
 pub use convolution::{ConvolutionPlan, Mesh, describe_convolution, integrate_convolution};
-pub use diagnostics::{Contraction, Diagnostics, Evaluations, Face, GlobalError, Refinement, Steps, Tried, ViCounts};
+pub use diagnostics::{
+    Contraction, Diagnostics, Evaluations, Face, GlobalError, Refinement, Screening, Steps, Tried, ViCounts,
+};
 pub use excerpt::{Excerpt, NoSuchField};
 pub use integrate::{describe, integrate};
 pub use obstacle::{describe_obstacle, integrate_obstacle};
@@ -27,9 +32,11 @@ pub use rigid_bodies::{describe_rigid_bodies, step_rigid_bodies};
 pub use run::{Plan, Stepper, run};
 pub use study::{Series, Study, StudyRun};
 pub use trajectory::{Field, Trajectory};
-pub use verdict::{Caveat, CheckCode, Checks, Reason, Verdict};
+pub use uniqueness::uniqueness_caveat;
+pub use verdict::{Caveat, CheckCode, Checks, Measured, Reason, Verdict};
 
-use serde::{Deserialize, Serialize};
+use serde::de::IgnoredAny;
+use serde::{Deserialize, Deserializer, Serialize};
 use std::borrow::Cow;
 use utoipa::ToSchema;
 
@@ -73,13 +80,16 @@ pub struct Solution {
     /// Values over time.
     pub trajectory: Trajectory,
     /// The evidence, which is not read back: it is written for people.
-    #[serde(skip_deserializing)]
-    #[schema(value_type = Object)]
+    #[serde(default, deserialize_with = "passed_over")]
     pub diagnostics: Diagnostics,
     /// Error against run time, where it was asked for.
-    #[serde(skip_serializing_if = "Option::is_none", skip_deserializing)]
-    #[schema(value_type = Option<Object>)]
+    #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "passed_over")]
     pub study: Option<Study>,
+}
+
+/// Reads what stands there and keeps none of it.
+fn passed_over<'de, T: Default, D: Deserializer<'de>>(deserializer: D) -> Result<T, D::Error> {
+    IgnoredAny::deserialize(deserializer).map(|_| T::default())
 }
 
 impl Solution {

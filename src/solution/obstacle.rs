@@ -1,7 +1,7 @@
 //! A parabolic obstacle problem from start to end, its outputs by name.
 
 use super::run::{Plan, Stepper, run};
-use super::{Diagnostics, Evaluations, Event, EventKind, Failure, Solution, Steps, ViCounts};
+use super::{CheckCode, Diagnostics, Evaluations, Event, EventKind, Failure, Solution, Steps, ViCounts};
 use analysis::Analysis;
 use models::obstacle::{Cause, Contact, GAMMA, Obstacle, Settings, TrBdf2};
 use problem::Control;
@@ -53,6 +53,7 @@ struct Course<'a> {
     probes: Vec<Vec<(usize, f64)>>,
     /// The largest `|u|` there is at the time reached, the state that failures tell.
     states: Vec<f64>,
+    vi_tolerance: f64,
 }
 
 impl<'a> Course<'a> {
@@ -67,6 +68,7 @@ impl<'a> Course<'a> {
             events: Vec::new(),
             probes,
             states: plan.initial.clone(),
+            vi_tolerance: settings.vi_tolerance,
         };
         course.tell();
         let told = course.told[2].clone();
@@ -153,6 +155,20 @@ impl Stepper for Course<'_> {
 
     fn finish(&mut self, diagnostics: &mut Diagnostics) {
         let counts = &self.stepper.counts;
+        if diagnostics.vi.is_some() {
+            diagnostics.checks.record(CheckCode::LawResidual, counts.residual, self.vi_tolerance, || {
+                format!(
+                    "the inequality of a stage was solved to {:.1e} of the largest value: lower `step`",
+                    counts.residual
+                )
+            });
+            diagnostics.checks.record(CheckCode::EventsUnproven, counts.unproven as f64, 0.0, || {
+                format!(
+                    "in {} steps nodes rest at all stages that the data move between them: take a smaller `step`, or none",
+                    counts.unproven
+                )
+            });
+        }
         let reasons = [("error", counts.inaccurate), ("inequality", counts.unsolved)];
         diagnostics.steps = Steps {
             accepted: counts.accepted,

@@ -1,11 +1,12 @@
 //! Rigid bodies from start to end by time stepping, their outputs by name.
 
+use super::mechanical_checks::{Accuracy, LARGEST_PART, check_energy};
 use super::run::{Plan, Stepper, run};
-use super::{Diagnostics, Event, Failure, Solution, ViCounts, Warning};
+use super::{CheckCode, Checks, Diagnostics, Event, Failure, Solution, ViCounts, Warning};
 use analysis::Analysis;
 use contact::Settings;
 use contact::energy::Energy;
-use models::rigid_bodies::{Motion, Scene, Simulation, StepFailure, between};
+use models::rigid_bodies::{Body, Motion, Scene, Simulation, StepFailure, between};
 use problem::Control;
 
 /// Steps a scene through the plan.
@@ -69,12 +70,15 @@ struct Course<'a> {
     limited: u64,
     /// Events so far.
     events: usize,
+    checks: Checks,
 }
 
 impl<'a> Course<'a> {
     fn new(scene: &'a Scene, plan: &'a Plan, settings: &Settings, control: &'a Control) -> Result<Self, Failure> {
         let mut simulation = Simulation::new(scene, settings);
-        if scene.resolve && !simulation.resolve(control) {
+        simulation.most_memory = plan.most_memory;
+        let failed = |cause| failure(&cause, scene, plan, plan.start, &plan.initial);
+        if scene.resolve && !simulation.resolve(control).map_err(failed)? {
             let message = "the bodies overlap at the start, and there is no way found to move them apart".to_owned();
             return Err(Failure {
                 code: "interpenetration".into(),
@@ -98,9 +102,13 @@ impl<'a> Course<'a> {
             work: ViCounts::default(),
             limited: 0,
             events: 0,
+            checks: Checks::default(),
         };
         let [kinetic, potential] = course.simulation.energies();
         course.energy = Energy::new(kinetic, potential);
+        // What their weights hold over their own sizes, for bodies that rest.
+        let weight = |body: &Body| body.mass * scene.gravity.norm() * body.collider.shape.reach();
+        course.energy.meet(scene.bodies.iter().filter(|body| !body.fixed).map(weight).sum());
         course.write_states(plan.start);
         Ok(course)
     }
@@ -109,8 +117,9 @@ impl<'a> Course<'a> {
     fn book(&mut self) {
         let report = &self.simulation.report;
         let [kinetic, potential] = self.simulation.energies();
-        let before = self.energy.kinetic_at_end;
+        let before = self.energy.kinetic_at_end.max(report.kinetic);
         self.energy.dissipate(-report.work[1], -report.work[0], before);
+        self.energy.lost_beyond_restitution -= report.elastic_work;
         self.energy.close(kinetic, potential);
         self.work.solves += report.solves;
         self.work.pivots += report.iterations;
@@ -119,6 +128,35 @@ impl<'a> Course<'a> {
             self.work.solver = report.solver;
         }
         self.limited += u64::from(report.is_limited);
+    }
+
+    /// Records how far the last step was from what contacts and joints ask for.
+    fn judge(&mut self) {
+        let (report, t) = (&self.simulation.report, self.t);
+        let remedy = "take a smaller `step`";
+        self.checks.record(CheckCode::LawResidual, report.residual, LARGEST_PART, || {
+            format!(
+                "the law of contact and friction was solved to a relative residual of {:.1e} at t = {t:?}: velocities are                  off by about as much; {remedy}",
+                report.residual
+            )
+        });
+        self.checks.record(CheckCode::ConstraintResidual, report.overlap, LARGEST_PART, || {
+            format!(
+                "bodies overlap by {:.1e} of the size of the smaller at t = {:?}: {remedy}",
+                report.overlap, self.before
+            )
+        });
+        if let Some(joint) = self.scene.joints.get(report.drifted) {
+            self.checks.record(CheckCode::JointDrift, report.drift, LARGEST_PART, || {
+                let name = |body: usize| self.scene.bodies[body].name.as_str();
+                let other = joint.bodies.1.map_or("the world", name);
+                format!(
+                    "the joint of `{}` and `{other}` is off by {:.1e} of their size, or radians, at t = {t:?}: {remedy}",
+                    name(joint.bodies.0),
+                    report.drift
+                )
+            });
+        }
     }
 
     /// Writes the states at a time within the last step.
@@ -156,24 +194,16 @@ impl Stepper for Course<'_> {
         let next = if next >= self.plan.end - 1e-9 * self.h { self.plan.end } else { next };
         self.starts.clone_from(&self.simulation.ends);
         let stepped = self.simulation.step(next - self.t, self.control);
+        if let Err(cause @ (StepFailure::TooMuchMemory { .. } | StepFailure::Interrupted)) = &stepped {
+            // The step was not made: the last one stands.
+            return Err(failure(cause, self.scene, self.plan, self.t, &self.states));
+        }
         (self.before, self.t) = (self.t, next);
         self.steps += 1;
         self.write_states(next);
         self.book();
-        stepped.map_err(|failure| {
-            let (code, message) = match failure {
-                StepFailure::NotFinite { body } => {
-                    let name = &self.scene.bodies[body].name;
-                    ("not_finite", format!("the motion of `{name}` is not finite at t = {next}"))
-                }
-                StepFailure::Unsolved { residual } => (
-                    "contact_unsolved",
-                    format!("the law of contact and friction was not solved at t = {next} (residual {residual:e}): a smaller step may help"),
-                ),
-                StepFailure::Joints => ("joints", format!("the joints cannot all hold at t = {next}")),
-            };
-            Failure { code: code.into(), message, time: next, state: self.states.clone() }
-        })
+        self.judge();
+        stepped.map_err(|cause| failure(&cause, self.scene, self.plan, next, &self.states))
     }
 
     fn outputs(&mut self, t: f64, out: &mut [f64]) {
@@ -237,7 +267,51 @@ impl Stepper for Course<'_> {
             diagnostics.warnings.push(Warning { code: "events_left_out", message });
         }
         diagnostics.vi = Some(self.work.clone());
+        diagnostics.checks = self.checks.clone();
+        check_energy(&self.energy, Accuracy::Fixed, &mut diagnostics.checks);
     }
+}
+
+/// Why there is no step beyond, or to, this time.
+fn failure(cause: &StepFailure, scene: &Scene, plan: &Plan, t: f64, state: &[f64]) -> Failure {
+    let (code, message) = match *cause {
+        StepFailure::NotFinite { body } => {
+            let name = &scene.bodies[body].name;
+            ("not_finite", format!("the motion of `{name}` is not finite at t = {t}"))
+        }
+        StepFailure::Unsolved { residual } => (
+            "contact_unsolved",
+            format!(
+                "the law of contact and friction was not solved at t = {t} (residual {residual:e}): a smaller step may help"
+            ),
+        ),
+        StepFailure::Joints => ("joints", format!("the joints cannot all hold at t = {t}")),
+        StepFailure::TooMuchMemory { contacts, most_touched, bytes } => {
+            ("too_much_memory", too_much_memory(scene, plan, t, (contacts, most_touched, bytes)))
+        }
+        StepFailure::Interrupted => ("interrupted", format!("stopped at t = {t}")),
+    };
+    Failure { code: code.into(), message, time: t, state: state.to_vec() }
+}
+
+/// What is to be said of contacts that take too much memory: those that were found until they did.
+fn too_much_memory(
+    scene: &Scene,
+    plan: &Plan,
+    t: f64,
+    (contacts, most_touched, bytes): (usize, Option<(usize, u32)>, usize),
+) -> String {
+    let bodies = scene.bodies.len();
+    let most = plan.most_memory >> 20;
+    let of_one = most_touched.map_or_else(String::new, |(body, contacts)| {
+        let name = &scene.bodies[body].name;
+        format!(", {contacts} of them on `{name}`: what touches one body takes memory by the square of its contacts")
+    });
+    format!(
+        "the step from t = {t} takes {} MiB or more, and {most} MiB are allowed: there are at least {contacts} contacts \
+         between {bodies} bodies{of_one}. Use fewer bodies, or more memory; what lies on a `fixed` body is not coupled by it",
+        bytes.div_ceil(1 << 20)
+    )
 }
 
 /// The events that are told: a heap that falls has more than anyone reads.

@@ -25,6 +25,8 @@ pub struct Plan {
     pub most_steps: u64,
     /// The most numbers in the trajectory.
     pub most_values: usize,
+    /// The most bytes that the method may take, where it tells on the way.
+    pub most_memory: usize,
 }
 
 /// A method on its way through one problem.

@@ -2,9 +2,10 @@
 
 use super::Status;
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 /// What a study found.
-#[derive(Clone, Debug, Default, Deserialize, Serialize)]
+#[derive(Clone, Debug, Default, Deserialize, Serialize, ToSchema)]
 pub struct Study {
     /// What the errors are measured against.
     pub reference: String,
@@ -15,7 +16,7 @@ pub struct Study {
 }
 
 /// Runs that differ by their tolerance or step alone.
-#[derive(Clone, Debug, Deserialize, Serialize)]
+#[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 pub struct Series {
     /// What they have in common, such as `3 stages`.
     pub method: String,
@@ -25,7 +26,7 @@ pub struct Series {
 
 /// One run of a study. Errors are parts of the largest value that each state takes; none where the run did not reach the
 /// end, or there is no reference.
-#[derive(Clone, Debug, Deserialize, Serialize)]
+#[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 pub struct StudyRun {
     /// Its relative tolerance.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -35,6 +36,9 @@ pub struct StudyRun {
     pub step: Option<f64>,
     /// How it ended.
     pub status: Status,
+    /// Whether its answer is trusted (`verdict.trusted` of a solution); absent for another program, which gives no verdict.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub trusted: Option<bool>,
     /// Accepted steps.
     pub steps: u64,
     /// The median of the run times, in seconds.

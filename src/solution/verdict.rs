@@ -7,10 +7,13 @@
 use super::{Failure, Status};
 use serde::{Deserialize, Serialize, Serializer};
 use std::collections::BTreeMap;
-use utoipa::ToSchema;
+use std::fmt;
+use utoipa::openapi::schema::{ObjectBuilder, OneOfBuilder, Schema, Type};
+use utoipa::openapi::{Ref, RefOr};
+use utoipa::{PartialSchema, ToSchema};
 
 /// What is measured of an answer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Deserialize, Serialize, ToSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Deserialize, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CheckCode {
     /// The natural map of the law that was posed, in the units of its set.
@@ -61,7 +64,65 @@ impl CheckCode {
             Self::NotAtEnd => "not_at_end",
         }
     }
+
+    /// What the value is, and what it is compared with.
+    pub const fn meaning(self) -> &'static str {
+        match self {
+            Self::LawResidual => {
+                "Residual of the natural map of the law that was posed (complementarity, friction, impact), in the units of its \
+                 set; of bodies relative to their velocities. Allowed is `vi_tolerance`, where there is one."
+            }
+            Self::ConstraintResidual => {
+                "Residual of the constraints that hold on the active face, hidden ones included, at the outputs and between the \
+                 steps; of contacts a gap, of bodies their overlap as a part of the smaller. Allowed is the tolerance of the \
+                 outputs, or 1e-3 of the largest length met where steps have one size."
+            }
+            Self::JointDrift => {
+                "How far a joint has come apart: a length, or a part of the size of its bodies. Allowed is what the tolerance \
+                 gives over the steps made, or 1e-3 of the largest length met where steps have one size."
+            }
+            Self::EnergyBalance => {
+                "Defect of the balance of energy, work, friction, viscosity and impacts. Allowed is what the tolerance gives over \
+                 the steps made, or 1e-3 of the largest energy met where steps have one size."
+            }
+            Self::EventsUnproven => {
+                "Number of steps that are not proven free of an undetected event (a switch, an impact, a kink); none is allowed."
+            }
+            Self::LocalError => {
+                "Largest local error of an accepted step in units of `atol + rtol |x|`, where the error test was passed over or \
+                 could not see the state."
+            }
+            Self::GlobalError => {
+                "Estimate of the error at the end in units of `atol + rtol |x|`; measured where `output.global_error` asks for it."
+            }
+            Self::AccumulationPassed => {
+                "How far an accumulation of events (Zeno) was from its limit when the run passed over it: a distance of the \
+                 states, or a part of the largest energy. Allowed is the tolerance."
+            }
+            Self::NotAtEnd => "Time from where the run ended to the end that was asked for; none is allowed.",
+        }
+    }
 }
+
+impl fmt::Display for CheckCode {
+    /// The name in words, such as `joint drift`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.name().replace('_', " "))
+    }
+}
+
+impl PartialSchema for CheckCode {
+    fn schema() -> RefOr<Schema> {
+        let of = |code: Self| {
+            let name = ObjectBuilder::new().schema_type(Type::String).enum_values(Some([code.name()]));
+            name.description(Some(code.meaning()))
+        };
+        let codes = Self::ALL.into_iter().fold(OneOfBuilder::new(), |codes, code| codes.item(of(code)));
+        codes.description(Some("What is measured of an answer.")).into()
+    }
+}
+
+impl ToSchema for CheckCode {}
 
 /// One measurement, the worst of its code so far.
 #[derive(Clone, Debug, PartialEq)]
@@ -105,6 +166,18 @@ impl Checks {
         }
     }
 
+    /// Takes over the measurements and caveats of another part of the run.
+    pub fn absorb(&mut self, other: Self) {
+        for (code, check) in other.worst {
+            self.record(code, check.value, check.allowed, || check.message);
+        }
+        for caveat in other.caveats {
+            if self.caveats.iter().all(|known| known.code != caveat.code) {
+                self.caveats.push(caveat);
+            }
+        }
+    }
+
     /// The measurement of a code: its value and what is allowed.
     pub fn get(&self, code: CheckCode) -> Option<(f64, f64)> {
         self.worst.get(&code).map(|check| (check.value, check.allowed))
@@ -114,14 +187,31 @@ impl Checks {
 impl Serialize for Checks {
     /// An object: code to value and what is allowed.
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        #[derive(Serialize)]
-        struct Measured {
-            value: f64,
-            allowed: f64,
-        }
         let measured = |check: &Check| Measured { value: finite(check.value), allowed: finite(check.allowed) };
         serializer.collect_map(self.worst.iter().map(|(code, check)| (code, measured(check))))
     }
+}
+
+impl PartialSchema for Checks {
+    fn schema() -> RefOr<Schema> {
+        let checks = ObjectBuilder::new().additional_properties(Some(Ref::from_schema_name(Measured::name())));
+        checks.description(Some("Code (`CheckCode`) to measurement, of the checks that were made.")).into()
+    }
+}
+
+impl ToSchema for Checks {
+    fn schemas(schemas: &mut Vec<(String, RefOr<Schema>)>) {
+        schemas.push((Measured::name().into(), Measured::schema()));
+    }
+}
+
+/// A measurement beside what is allowed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, ToSchema)]
+pub struct Measured {
+    /// The worst value of the run; the largest finite number where it is not finite.
+    pub value: f64,
+    /// The value up to which it does not speak against the answer.
+    pub allowed: f64,
 }
 
 /// The nearest finite number; JSON has no other.
@@ -140,6 +230,33 @@ pub struct Reason {
     pub allowed: f64,
     /// What that means, with the remedy.
     pub message: String,
+}
+
+impl fmt::Display for Reason {
+    /// `joint drift 3e-2, allowed 1e-3: the message`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { code, value, allowed, message } = self;
+        write!(f, "{code} {}, allowed {}: {message}", Figure(*value), Figure(*allowed))
+    }
+}
+
+/// A number for people: three digits are enough to see by how much it is beyond another.
+struct Figure(f64);
+
+impl fmt::Display for Figure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(x) = *self;
+        if x.abs() == f64::MAX {
+            f.write_str("not finite")
+        } else if x.fract() == 0.0 && x.abs() < 1e6 {
+            write!(f, "{x}")
+        } else {
+            let rounded = format!("{x:.2e}");
+            let (mantissa, exponent) = rounded.split_once('e').unwrap_or((&rounded, "0"));
+            let mantissa = mantissa.trim_end_matches('0').trim_end_matches('.');
+            write!(f, "{mantissa}e{exponent}")
+        }
+    }
 }
 
 /// Something that the user should know and that does not speak against the answer.
@@ -214,6 +331,20 @@ mod tests {
         checks.record(CheckCode::EnergyBalance, f64::NAN, 1e-3, String::new);
         let verdict = Verdict::of(Status::Completed, None, 1.0, &checks);
         assert_eq!((verdict.trusted, verdict.because[0].value), (false, f64::MAX));
+    }
+
+    #[test]
+    fn a_reason_is_told_as_its_value_beside_what_is_allowed() {
+        let told = |value: f64, allowed: f64| {
+            let message = "the hinge of `arm` comes apart".to_owned();
+            Reason { code: CheckCode::JointDrift, value, allowed, message }.to_string()
+        };
+        assert_eq!(told(0.03, 1e-3), "joint drift 3e-2, allowed 1e-3: the hinge of `arm` comes apart");
+        assert_eq!(told(17.0, 0.0), "joint drift 17, allowed 0: the hinge of `arm` comes apart");
+        assert_eq!(
+            told(f64::MAX, 1.234_567e-10),
+            "joint drift not finite, allowed 1.23e-10: the hinge of `arm` comes apart"
+        );
     }
 
     #[test]

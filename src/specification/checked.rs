@@ -2,19 +2,20 @@
 
 use super::convolution;
 use super::document::{Document, Limits, Problem, Time};
+use super::draft::Draft;
 use super::error::{Errors, SpecificationError};
-use super::lowering::{Lowering, MOST_UNKNOWNS};
+use super::lowering::{Lowering, MOST_UNKNOWNS, Start};
 use super::method::{Method, ViSolverName, out_of_range};
 use super::place::Place;
 use super::plan::MOST_STEPS;
-use super::reading::{Reading, read};
 use super::repairs::Repairs;
 use super::stages::Stages;
 use super::study::StudyPlan;
 use super::wording::abridged;
 use analysis::Analysis;
+use models::rigid_bodies::Load;
 use models::{DviModel, Model};
-use problem::ConvexSet;
+use problem::{Control, ConvexSet};
 
 /// A specification that has passed every check, lowered and ready to be solved any number of times.
 #[derive(Clone, Debug)]
@@ -30,8 +31,14 @@ pub struct Specification {
     pub(super) global_error: bool,
     pub(super) study: Option<StudyPlan>,
     limits: Limits,
+    /// What its bodies come to where they touch at the start.
+    pub(super) load: Load,
+    pub(super) most_memory: usize,
     analysis: Analysis,
 }
+
+/// Bytes that no machine has: contacts that take as many are not counted to their end.
+const ENOUGH: usize = 1 << 50;
 
 /// The longest label, in characters.
 const LONGEST_LABEL: usize = 200;
@@ -42,20 +49,26 @@ impl Specification {
     /// # Errors
     /// All that is wrong with it, at least one.
     pub fn from_json(text: &[u8]) -> Result<Self, Vec<SpecificationError>> {
-        let Reading { document, repairs, mut errors } = read(text).map_err(Errors::into_list)?;
-        match Self::check(document, &repairs, &mut errors) {
-            Some(specification) if errors.is_empty() => Ok(specification),
-            _ => Err(errors.into_list()),
-        }
+        Self::from_json_with(text, &Control::new())
+    }
+
+    /// Reads and checks a JSON document for as long as `control` lets it: a short document may describe a large grid.
+    ///
+    /// # Errors
+    /// All that is wrong with it, at least one; where `control` asked to stop, that alone
+    /// ([`SpecificationError::is_interruption`]).
+    pub fn from_json_with(text: &[u8], control: &Control) -> Result<Self, Vec<SpecificationError>> {
+        Draft::read(text)?.check(control)
     }
 
     /// Checks what a document means. What was mended in reading it is not held against it again.
-    fn check(document: Document, repairs: &Repairs, errors: &mut Errors) -> Option<Self> {
+    pub(super) fn check(document: Document, repairs: &Repairs, control: &Control, errors: &mut Errors) -> Option<Self> {
         let Document { problem, time, method, output, limits, study, label } = document;
         let mut found = Errors::default();
         let root = Place::Root;
         let horizon = check_time(time, &root.key("time"), &mut found).filter(|_| !repairs.touch("/time"));
-        let start = horizon.map(|time| time.start).filter(|_| !repairs.touch("/problem"));
+        let time_of_start = horizon.map(|time| time.start).filter(|_| !repairs.touch("/problem"));
+        let start = Start { time: time_of_start, control };
         let model = (!repairs.reshape("/problem")).then(|| lower(&problem, start, &mut found)).flatten();
 
         let place = root.key("method");
@@ -94,6 +107,10 @@ impl Specification {
                 let parameters = (problem.parameters(), &of_problem.key(problem.name()));
                 study.check((&model, &method, time), parameters, &root.key("study"), &mut found)
             });
+            let load = match &model {
+                Model::RigidBodies(scene) => scene.load(ENOUGH, control).unwrap_or_default(),
+                Model::Dvi(_) | Model::Mechanical(_) | Model::Obstacle(_) | Model::Convolution(_) => Load::default(),
+            };
             Some(Self {
                 label,
                 problem: problem.name(),
@@ -106,9 +123,14 @@ impl Specification {
                 global_error: output.global_error,
                 study,
                 limits,
+                load,
+                most_memory: usize::MAX,
                 analysis,
             })
         });
+        if control.poll().is_some() {
+            errors.push(SpecificationError::new("", "interrupted", "the check was stopped before its end"));
+        }
         found.retain(|pointer| !repairs.explain(pointer));
         errors.append(found);
         specification
@@ -118,6 +140,13 @@ impl Specification {
     #[must_use]
     pub fn within_steps(mut self, most: u64) -> Self {
         self.limits.steps = Some(self.step_limit().unwrap_or(MOST_STEPS).min(most));
+        self
+    }
+
+    /// The same problem, to be solved in at most so many bytes, as far as they are told on the way.
+    #[must_use]
+    pub fn within_memory(mut self, most: usize) -> Self {
+        self.most_memory = most;
         self
     }
 
@@ -188,7 +217,7 @@ impl Specification {
 }
 
 /// The model, where the problem has one; its errors go to `errors`.
-fn lower(problem: &Problem, start: Option<f64>, errors: &mut Errors) -> Option<Model> {
+fn lower(problem: &Problem, start: Start<'_>, errors: &mut Errors) -> Option<Model> {
     let place = Place::Root.key("problem");
     let unknowns = match problem {
         Problem::Dvi(problem) => problem.states.len() + problem.variables.len(),
@@ -242,11 +271,10 @@ fn check_limits(limits: Limits, place: &Place<'_>, errors: &mut Errors) {
     }
 }
 
-/// Refuses what no method here solves as it is posed.
+/// Refuses what no method here solves as it is posed. Variables in bounded sets have no impulses, so that their index is no
+/// reason.
 fn check_index(analysis: &Analysis, model: &DviModel, method: &Method, errors: &mut Errors) {
-    let set = &model.structure().set;
-    let bounded = !model.structure().moving.is_empty() || (0..set.dimension()).any(|k| !set.is_free(k));
-    match analysis.index {
+    match analysis.unbounded_index {
         Some(index) if index >= 3.0 && !method.accept_index_three => {
             let detail = format!(
                 "the index is {index}: the variables show only in derivative number {index} of the inequalities, so that \
@@ -259,7 +287,7 @@ fn check_index(analysis: &Analysis, model: &DviModel, method: &Method, errors: &
         }
         // Where the matrices vary, those at the start do not tell what happens at a bound: it may be crossed without rest.
         Some(2.0)
-            if bounded
+            if model.structure().has_impulses()
                 && model.structure().constant_jacobian
                 && !(method.step.is_some() && matches!(method.stages, Stages::Fixed(1))) =>
         {

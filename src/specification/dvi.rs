@@ -7,10 +7,11 @@
 //! A problem without variables is an ordinary differential equation; one with only free variables is
 //! differential-algebraic.
 
+use super::as_set;
 use super::error::SpecificationError;
 use super::expression::Expression;
 use super::kinks;
-use super::lowering::Lowering;
+use super::lowering::{Lowering, Start};
 use super::mass;
 use super::matrix::Matrix;
 use super::ordered::Ordered;
@@ -20,15 +21,15 @@ use super::start;
 use super::wording::abridged;
 use expression::Node;
 use models::{DviModel, Equations, Model, Outputs, Refusal, Rows, Symbolic};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 /// The general form: rates of the states, an inequality for each variable, and the set they lie in.
-#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DviProblem {
     /// Constants by name; each may be an expression in the others, in no circle.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Ordered::is_empty")]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub parameters: Ordered<Expression>,
     /// The states `x` by name, at least one. Their order is that of the output.
@@ -39,13 +40,15 @@ pub struct DviProblem {
     #[schema(value_type = std::collections::BTreeMap<String, Variable>)]
     pub variables: Ordered<Variable>,
     /// The set `K` as a product of blocks. Required where there are variables; each stands in exactly one block.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub set: Option<Vec<Block>>,
     /// The mass matrix `M`, square of the number of states, constant; it may be singular. Default the identity.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub mass: Option<Matrix>,
 }
 
 /// A state `x_i`.
-#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct State {
     /// Its value at the start, an expression in the parameters.
@@ -55,7 +58,7 @@ pub struct State {
 }
 
 /// A variable `z_i`.
-#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Variable {
     /// The component of `G(t,x,z)` paired with it. For `z_i >= 0` it is what must be nonnegative, and zero while
@@ -66,7 +69,7 @@ pub struct Variable {
 
 impl DviProblem {
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(super) fn lower(&self, place: &Place<'_>, start: Option<f64>) -> (Lowering, Option<Model>) {
+    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Model>) {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let (n, m) = (self.states.len(), self.variables.len());
         if n == 0 {
@@ -102,7 +105,7 @@ impl DviProblem {
             (None, None) => place.key("states").key(self.states.name(row)).key("rate").to_string(),
         };
         let equations = match Symbolic::new(&mut lowering.graph, rows) {
-            Ok(equations) => Equations::Symbolic(equations),
+            Ok(equations) => Equations::Symbolic(Box::new(equations)),
             Err(refusals) => {
                 for refusal in refusals {
                     lowering.errors.push(refused(refusal, &state_names, &variable_names, row_pointer));
@@ -110,11 +113,21 @@ impl DviProblem {
                 return (lowering, None);
             }
         };
-        let model = DviModel { state_names, variable_names, outputs: Outputs::default(), initial, equations, warnings };
+        let kinks = kinks::advice(&equations, &state_names, &variable_names, || self.as_set(start));
+        let outputs = Outputs::default();
+        let model = DviModel { state_names, variable_names, outputs, initial, equations, warnings, kinks };
         if let Some(t) = lowering.start.filter(|_| lowering.errors.is_empty()) {
             start::check(&model, t, row_pointer, &mut lowering.errors);
         }
         (lowering, Some(Model::Dvi(Box::new(model))))
+    }
+
+    /// The problem with its kinks written as a set, as JSON, if it can be.
+    fn as_set(&self, start: Start<'_>) -> Option<String> {
+        let problem = as_set::rewritten(self)?;
+        let (lowering, model) = problem.lower(&Place::Root, start);
+        model.filter(|_| lowering.errors.is_empty())?;
+        serde_json::to_string(&problem).ok().map(|problem| format!("{{\"dvi\":{problem}}}"))
     }
 
     fn initial(&self, place: &Place<'_>, lowering: &mut Lowering) -> Vec<f64> {

@@ -21,9 +21,21 @@ pub struct SpecificationError {
     pub did_you_mean: Option<String>,
 }
 
+const INTERRUPTED: &str = "interrupted";
+
 impl SpecificationError {
     pub(super) fn new(pointer: impl Into<String>, code: &'static str, detail: impl Into<String>) -> Self {
         Self { pointer: pointer.into(), code, detail: detail.into(), expected: None, did_you_mean: None }
+    }
+
+    /// The one error of a document whose reading was stopped from outside.
+    pub(super) fn interrupted() -> Self {
+        Self::new("", INTERRUPTED, "reading and checking the specification was stopped before it was done")
+    }
+
+    /// Whether it says nothing of the document: reading it was stopped.
+    pub fn is_interruption(&self) -> bool {
+        self.code == INTERRUPTED
     }
 
     pub(super) fn expected(mut self, expected: impl Into<String>) -> Self {
@@ -38,7 +50,7 @@ impl SpecificationError {
 }
 
 /// The most errors one answer lists: a large matrix can hold a million of the same kind.
-const MOST: usize = 100;
+pub(super) const MOST: usize = 100;
 
 /// The errors found so far.
 #[derive(Debug, Default)]
@@ -87,8 +99,11 @@ impl Errors {
         self.listed.retain(|error| keep(&error.pointer));
     }
 
-    /// The list, with a last entry if it was cut.
+    /// The list, with a last entry if it was cut; where reading was stopped, that alone: the rest may be its consequence.
     pub(super) fn into_list(mut self) -> Vec<SpecificationError> {
+        if let Some(interrupted) = self.listed.iter().position(SpecificationError::is_interruption) {
+            return vec![self.listed.swap_remove(interrupted)];
+        }
         if self.cut {
             let detail = format!("these are the first {MOST} errors; what comes after them was not checked in full");
             self.listed.push(SpecificationError::new("", "more_errors", detail));

@@ -1,5 +1,6 @@
 //! An expression as it stands in a document: a number, or text in infix notation.
 
+use serde::Serialize;
 use serde::de::{Deserialize, Deserializer, Error, Visitor};
 use std::fmt;
 use utoipa::openapi::RefOr;
@@ -7,7 +8,8 @@ use utoipa::openapi::schema::{ObjectBuilder, OneOfBuilder, Schema, Type};
 use utoipa::{PartialSchema, ToSchema};
 
 /// A number, or a string in infix notation.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(untagged)]
 pub enum Expression {
     /// A constant.
     Number(f64),

@@ -5,7 +5,7 @@ use super::dvi::refused;
 use super::error::SpecificationError;
 use super::expression::Expression;
 use super::kinks;
-use super::lowering::Lowering;
+use super::lowering::{Lowering, Start};
 use super::ordered::Ordered;
 use super::place::Place;
 use super::start;
@@ -65,7 +65,7 @@ impl FilippovProblem {
     }
 
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(super) fn lower(&self, place: &Place<'_>, start: Option<f64>) -> (Lowering, Option<Model>) {
+    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Model>) {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let n = self.states.len();
         let states = place.key("states");
@@ -113,7 +113,7 @@ impl FilippovProblem {
             }
         }
         let equations = match Symbolic::new(&mut lowering.graph, rows) {
-            Ok(equations) => Equations::Symbolic(equations),
+            Ok(equations) => Equations::Symbolic(Box::new(equations)),
             Err(refusals) => {
                 for refusal in refusals {
                     lowering.errors.push(refused(refusal, &state_names, &variable_names, row_pointer));
@@ -121,7 +121,9 @@ impl FilippovProblem {
                 return (lowering, None);
             }
         };
-        let model = DviModel { state_names, variable_names, outputs: Outputs::default(), initial, equations, warnings };
+        let kinks = kinks::advice(&equations, &state_names, &variable_names, || None);
+        let outputs = Outputs::default();
+        let model = DviModel { state_names, variable_names, outputs, initial, equations, warnings, kinks };
         if let Some(t) = lowering.start {
             start::check(&model, t, row_pointer, &mut lowering.errors);
         }

@@ -1,8 +1,12 @@
 //! Kinks of a state inside a rate: allowed, but the switch they make is invisible to whoever looks for changes of the
 //! active face of `K`. Written as a set, the same law has switches that are located.
 
-use expression::{Graph, Node};
+use expression::{Graph, Kink, Node};
+use models::{Equations, KinkAdvice};
 use solution::Warning;
+
+/// Names of what a kink depends on that are listed.
+const SHOWN: usize = 6;
 
 /// One warning for each kind of kink in the rate of a state.
 pub(super) fn warnings(state: &str, rate: Node, states: &[String], graph: &Graph) -> Vec<Warning> {
@@ -20,7 +24,6 @@ pub(super) fn warnings(state: &str, rate: Node, states: &[String], graph: &Graph
     kinks
         .into_iter()
         .map(|(function, inputs)| {
-            const SHOWN: usize = 6;
             let mut of: Vec<String> = inputs.iter().take(SHOWN).map(|i| format!("`{}`", states[i - 1])).collect();
             if inputs.len() > SHOWN {
                 of.push("...".into());
@@ -36,6 +39,28 @@ pub(super) fn warnings(state: &str, rate: Node, states: &[String], graph: &Graph
             }
         })
         .collect()
+}
+
+/// What a message says of the kinks of a problem across which steps chatter; `as_set` writes them as a set.
+pub(super) fn advice(
+    equations: &Equations,
+    states: &[String],
+    variables: &[String],
+    as_set: impl FnOnce() -> Option<String>,
+) -> KinkAdvice {
+    let Equations::Symbolic(symbolic) = equations else { return KinkAdvice::default() };
+    if symbolic.kinks().is_empty() {
+        return KinkAdvice::default();
+    }
+    let name = |&input: &usize| match input.checked_sub(1) {
+        None => "`t`".to_owned(),
+        Some(i) => format!("`{}`", states.iter().chain(variables).nth(i).map_or("?", String::as_str)),
+    };
+    let named = |kink: &Kink| {
+        let of: Vec<String> = kink.inputs.iter().take(SHOWN).map(name).collect();
+        format!("`{}` of {}", kink.function, of.join(", "))
+    };
+    KinkAdvice { names: symbolic.kinks().iter().map(named).collect(), as_set: as_set() }
 }
 
 /// The same function as a variational inequality: `z` on an interval maximises `z` times what switches it.

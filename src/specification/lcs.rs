@@ -6,7 +6,7 @@
 
 use super::error::SpecificationError;
 use super::expression::Expression;
-use super::lowering::Lowering;
+use super::lowering::{Lowering, Start};
 use super::mass;
 use super::matrix::Matrix;
 use super::ordered::Ordered;
@@ -14,7 +14,7 @@ use super::place::Place;
 use super::set::{self, Block};
 use super::start;
 use expression::Node;
-use models::{DviModel, Equations, Linear, LinearRows, Model, Outputs};
+use models::{DviModel, Equations, KinkAdvice, Linear, LinearRows, Model, Outputs};
 use serde::Deserialize;
 use utoipa::ToSchema;
 
@@ -65,7 +65,7 @@ impl LcsProblem {
     }
 
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(super) fn lower(&self, place: &Place<'_>, start: Option<f64>) -> (Lowering, Option<Model>) {
+    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Model>) {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let (n, m) = (self.initial.len(), self.variables());
         if n == 0 {
@@ -95,7 +95,7 @@ impl LcsProblem {
         let pointers = set.moving_pointers;
         let rows = LinearRows { mass, matrix, state_forcing, inequality_forcing, set: set.set, moving: set.moving };
         let equations = match Linear::new(&mut lowering.graph, rows) {
-            Ok(equations) => Equations::Linear(equations),
+            Ok(equations) => Equations::Linear(Box::new(equations)),
             Err((row, error)) => {
                 let forcing = |i: usize| place.key("g").index(i).to_string();
                 let pointer = pointers.get(row).cloned().unwrap_or_else(|| forcing(row - pointers.len()));
@@ -110,6 +110,7 @@ impl LcsProblem {
             initial,
             equations,
             warnings: Vec::new(),
+            kinks: KinkAdvice::default(),
         };
         if let Some(t) = lowering.start.filter(|_| lowering.errors.is_empty()) {
             let pointer = |row: usize| match (row.checked_sub(n), row.checked_sub(n + m)) {

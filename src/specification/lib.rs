@@ -1,11 +1,12 @@
 //! What a user writes: one JSON object, checked as a whole.
 //!
-//! A document is read ([`Specification::from_json`]) in three steps, and the errors of all three are reported together:
+//! A document is read ([`Specification::from_json`]; [`Draft`] for who asks first how long it takes) in three steps, and the errors of all three are reported together:
 //! JSON to a tree that keeps the order of members; the tree to the types of this module, which are also the source of
 //! the JSON Schema ([`json_schema`]); the types to a [`Model`](models::Model), where names, shapes, domains and
 //! the affine form of the rates are checked. Choices are tagged from outside, `{"box": {..}}`, so that every value has
 //! an exact place.
 
+mod as_set;
 mod catalogue;
 mod checked;
 mod choices;
@@ -14,6 +15,7 @@ mod convolution;
 mod deserializer;
 mod directions;
 mod document;
+mod draft;
 mod dvi;
 mod elastic;
 mod elements;
@@ -59,6 +61,7 @@ pub use circuit::{
 };
 pub use convolution::{ConvolutionProblem, ConvolutionVariable, FractionalKernel, KernelOfTime};
 pub use document::{Document, Limits, Problem, Time};
+pub use draft::Draft;
 pub use dvi::{DviProblem, State, Variable};
 pub use elastic::{
     BarBody, BoxBody, ElasticBody, ElasticContact, ElasticProblem, ElasticStart, PlaneLaw, RectangleBody, StringBody,

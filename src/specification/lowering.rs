@@ -10,26 +10,47 @@ use super::parameters;
 use super::place::Place;
 use super::wording::abridged;
 use expression::{Graph, NameError, Node, Scope};
+use problem::Control;
 
 /// States and variables that one specification may have in all.
 pub(super) const MOST_UNKNOWNS: usize = 2_000_000;
 
+/// Where a problem starts, and who may ask to stop reading it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Start<'c> {
+    /// The start time; absent if the start is not to be evaluated.
+    pub time: Option<f64>,
+    pub control: &'c Control,
+}
+
 /// A problem in the course of being lowered.
-#[derive(Debug, Default)]
-pub(super) struct Lowering {
+#[derive(Debug)]
+pub(super) struct Lowering<'c> {
     pub graph: Graph,
     pub errors: Errors,
     /// The start time and whether the initial values are the user's; absent if the start is not to be evaluated.
     pub start: Option<f64>,
+    pub control: &'c Control,
     constants: Scope,
     names: Scope,
     misnamed: bool,
 }
 
-impl Lowering {
+/// Nodes or rows lowered between two polls of [`Control`]: below a millisecond's work for a short expression.
+const BETWEEN_POLLS: usize = 256;
+
+impl<'c> Lowering<'c> {
     /// A lowering in which `t` and the parameters have their names.
-    pub(super) fn new(start: Option<f64>, parameters: &Ordered<Expression>, problem: &Place<'_>) -> Self {
-        let mut lowering = Self { start, ..Self::default() };
+    pub(super) fn new(start: Start<'c>, parameters: &Ordered<Expression>, problem: &Place<'_>) -> Self {
+        let mut lowering = Self {
+            graph: Graph::default(),
+            errors: Errors::default(),
+            start: start.time,
+            control: start.control,
+            constants: Scope::default(),
+            names: Scope::default(),
+            misnamed: false,
+        };
         let t = lowering.graph.input(0);
         lowering.bind("t", t, problem);
         let place = problem.key("parameters");
@@ -46,6 +67,15 @@ impl Lowering {
             }
         }
         lowering
+    }
+
+    /// Whether reading goes on before item number `item` of a long list; if not, that is reported.
+    pub(super) fn goes_on(&mut self, item: usize) -> bool {
+        let goes_on = !item.is_multiple_of(BETWEEN_POLLS) || self.control.poll().is_none();
+        if !goes_on {
+            self.errors.push(SpecificationError::interrupted());
+        }
+        goes_on
     }
 
     /// Gives the states and then the variables their names, in order.

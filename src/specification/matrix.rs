@@ -5,9 +5,9 @@ use super::expression::Expression;
 use super::lowering::Lowering;
 use super::place::Place;
 use expression::Node;
-use serde::Deserialize;
 use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{Deserializer, MapAccess, SeqAccess, Visitor};
+use serde::{Deserialize, Serialize};
 use std::fmt;
 use utoipa::PartialSchema;
 use utoipa::ToSchema;
@@ -15,7 +15,8 @@ use utoipa::openapi::schema::{ArrayBuilder, OneOfBuilder, Schema};
 use utoipa::openapi::{Ref, RefOr};
 
 /// A matrix.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize)]
+#[serde(untagged)]
 pub enum Matrix {
     /// Its rows.
     Dense(Vec<Vec<Expression>>),
@@ -24,7 +25,7 @@ pub enum Matrix {
 }
 
 /// A matrix by its nonzeros.
-#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SparseMatrix {
     /// Rows and columns.

@@ -1,6 +1,6 @@
 //! The memory that a solve takes, as far as it is known before it runs: its trajectory at the times asked for, and its
-//! matrices. What turns out on the way (the fill of sparse factors, the contacts of bodies, the steps where no times are
-//! asked for) is bounded as it does.
+//! matrices; of bodies the contacts at the start. What turns out on the way (the fill of sparse factors, contacts that bodies
+//! come to, the steps where no times are asked for) is bounded as it does.
 
 use super::checked::Specification;
 use super::stages::Stages;
@@ -17,7 +17,8 @@ const NUMBERS_A_NEIGHBOUR: usize = 6;
 impl Specification {
     /// The bytes that a solve is known to take.
     pub fn memory_bytes(&self) -> usize {
-        self.trajectory_numbers().saturating_add(self.matrix_numbers()).saturating_mul(size_of::<f64>())
+        let numbers = self.trajectory_numbers().saturating_add(self.matrix_numbers());
+        numbers.saturating_mul(size_of::<f64>()).saturating_add(self.load.bytes())
     }
 
     fn trajectory_numbers(&self) -> usize {
@@ -40,7 +41,8 @@ impl Specification {
                 let (n, rows) = (structure.coordinates, structure.rows());
                 n.saturating_mul(n).saturating_mul(4).saturating_add(n.saturating_mul(rows))
             }
-            Model::RigidBodies(_) => 0,
+            // Its states, before and after a step.
+            Model::RigidBodies(scene) => 4 * 13 * scene.bodies.len(),
             Model::Obstacle(obstacle) => {
                 let neighbours = 3_usize.pow(obstacle.grid.dimension() as u32);
                 obstacle.grid.nodes().saturating_mul(NUMBERS_A_NODE + neighbours * NUMBERS_A_NEIGHBOUR)

@@ -3,7 +3,6 @@
 use super::checked::Specification;
 use super::method::{ImpactLawName, Impacts, Switches, ViSolverName};
 use super::stages::Stages;
-use contact;
 use models::{Model, obstacle};
 use radau::{self, Settings, StageChoice};
 use solution::{ContactPlan, Plan};
@@ -36,6 +35,7 @@ impl Specification {
             global_error: self.estimates_global_error(),
             most_steps: self.step_limit().unwrap_or(MOST_STEPS),
             most_values: MOST_VALUES,
+            most_memory: self.most_memory,
         }
     }
 

@@ -4,7 +4,7 @@ use super::checked::Specification;
 use super::document::Time;
 use super::error::{Errors, SpecificationError};
 use super::expression::Expression;
-use super::lowering::Lowering;
+use super::lowering::{Lowering, Start};
 use super::method::{Impacts, Method, check_rtol, check_stages, check_step, out_of_range};
 use super::ordered::Ordered;
 use super::place::Place;
@@ -12,6 +12,7 @@ use super::stages::Stages;
 use super::wording::{abridged, listed};
 use expression::{Tape, nearest};
 use models::Model;
+use problem::Control;
 use serde::Deserialize;
 use utoipa::ToSchema;
 
@@ -164,7 +165,8 @@ fn check_exact(
     errors: &mut Errors,
 ) -> Exact {
     // Errors in the parameters are told where the problem is lowered.
-    let mut lowering = Lowering::new(None, parameters, problem);
+    let control = Control::new();
+    let mut lowering = Lowering::new(Start { time: None, control: &control }, parameters, problem);
     lowering.errors = Errors::default();
     let (mut fields, mut nodes) = (Vec::new(), Vec::new());
     for (name, value) in exact.iter() {

@@ -53,8 +53,9 @@ pub fn study(specification: &Specification, plan: &StudyPlan, control: &Control)
             let (rung, name) = reference(specification.model(), &plan.rungs);
             let solution = run(rung, Stages::Auto, runs);
             match solution.status {
-                Status::Completed => (name, Some(columns(&solution.trajectory))),
-                _ => (format!("{name}, which did not reach the end"), None),
+                Status::Completed if solution.verdict.trusted => (name, Some(columns(&solution.trajectory))),
+                Status::Completed => (format!("{name}, which is not trusted"), Some(columns(&solution.trajectory))),
+                Status::Stopped | Status::Failed => (format!("{name}, which did not reach the end"), None),
             }
         }
     };
@@ -133,6 +134,7 @@ fn measure(repeats: usize, solve: impl Fn() -> Solution) -> (Solution, StudyRun)
         rtol: None,
         step: None,
         status: first.status,
+        trusted: Some(first.verdict.trusted),
         steps: first.diagnostics.steps.accepted,
         wall_seconds: times[times.len() / 2],
         error_at_end: None,

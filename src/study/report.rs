@@ -4,8 +4,8 @@ use models::Model;
 use problem::Control;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
-use solution::Series;
 use solution::pictures::{Curve, curves, overview};
+use solution::{Series, Status};
 use specification::{Example, Specification};
 use std::collections::HashMap;
 use std::fmt::Write as _;
@@ -119,9 +119,15 @@ impl Chapter {
         self.series.iter().chain(&self.peers)
     }
 
+    /// How many of the answers of its runs are trusted, and of how many that reached the end.
+    pub fn trusted(&self) -> (usize, usize) {
+        let ended = self.series.iter().flat_map(|series| &series.runs).filter(|run| run.status == Status::Completed);
+        ended.filter_map(|run| run.trusted).fold((0, 0), |(trusted, all), one| (trusted + usize::from(one), all + 1))
+    }
+
     /// Its rows as CSV, with a header.
     pub fn csv(&self) -> String {
-        let mut text = String::from("system,method,rtol,step,status,steps,wall_seconds,error_at_end,order\n");
+        let mut text = String::from("system,method,rtol,step,status,trusted,steps,wall_seconds,error_at_end,order\n");
         for series in self.all() {
             for run in &series.runs {
                 let cell = |value: Option<f64>| value.map_or_else(String::new, |value| value.to_string());
@@ -129,12 +135,13 @@ impl Chapter {
                 // Writing to a string does not fail.
                 let _ = writeln!(
                     text,
-                    "{},{},{},{},{},{},{},{},{}",
+                    "{},{},{},{},{},{},{},{},{},{}",
                     self.name,
                     series.method,
                     cell(run.rtol),
                     cell(run.step),
                     status.as_str().unwrap_or_default(),
+                    run.trusted.map_or_else(String::new, |trusted| trusted.to_string()),
                     run.steps,
                     run.wall_seconds,
                     cell(run.error_at_end),
@@ -152,9 +159,11 @@ pub fn picture(chapters: &[Chapter]) -> String {
     let pick = |chapter: &Chapter, methods: &[&str], name: &str| {
         let found = curves(&chapter.series);
         let by = |method: &&str| found.iter().find(|curve| curve.name == **method && !curve.points.is_empty());
+        let run = methods.iter().find_map(by);
         Curve {
             name: name.to_owned(),
-            points: methods.iter().find_map(by).map_or_else(Vec::new, |curve| curve.points.clone()),
+            points: run.map_or_else(Vec::new, |curve| curve.points.clone()),
+            untrusted: run.map_or_else(Vec::new, |curve| curve.untrusted.clone()),
         }
     };
     let panels: Vec<(&str, Vec<Curve>)> = chapters

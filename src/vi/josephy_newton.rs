@@ -14,8 +14,8 @@ use super::{AffineVi, Attempt, Outcome, Report, ViSolver};
 use nalgebra::DMatrix;
 use problem::{Control, ConvexSet, Workspace};
 
-/// Affine problems.
-const ITERATIONS: usize = 100;
+/// Affine problems. Down an exponential full steps have length one, and from where it overflows there are 709 of them.
+const ITERATIONS: usize = 1000;
 
 /// A full step must lower the natural map to this fraction of the least so far.
 const DECREASE: f64 = 0.9;
@@ -26,6 +26,9 @@ const HALVINGS: usize = 30;
 
 /// A residual that a step can no longer lower is rounding if it is below this fraction of `|z|` and `|F|`.
 const ROUNDING: f64 = 1e-11;
+
+/// A full step below this fraction of `|z|` is rounding: no other gains more.
+const STILL: f64 = 1e-15;
 
 /// A nonlinear variational inequality, `<F(z), x - z> >= 0` for all `x` in `K`.
 pub trait NonlinearVi {
@@ -131,6 +134,10 @@ impl JosephyNewton {
         let affine = AffineVi { matrix: &self.matrix, q: &self.q, set: vi.set() };
         if self.solver.solve(&affine, &mut self.direction, control).outcome == Outcome::Solved {
             self.direction.iter_mut().zip(&*z).for_each(|(y, z)| *y -= z);
+            let size = |x: &[f64]| x.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
+            if size(&self.direction) <= STILL * size(z) {
+                return false;
+            }
             self.step(vi, z, 1.0);
             std::mem::swap(&mut self.f, &mut self.trial_f);
             let trial = std::mem::take(&mut self.trial);

@@ -10,3 +10,4 @@ mod places;
 mod server;
 mod solving;
 mod studies;
+mod verdict;

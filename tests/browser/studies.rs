@@ -50,6 +50,7 @@ fn no_name_of_many_methods_runs_out_of_the_picture() {
         rtol: None,
         step: Some(error),
         status: Status::Completed,
+        trusted: Some(error < 1e-4),
         steps: 1,
         wall_seconds,
         error_at_end: Some(error),

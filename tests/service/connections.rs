@@ -14,15 +14,15 @@ use tokio::sync::mpsc::{Sender, channel};
 use tokio::task::JoinHandle;
 
 /// A service on a port of its own, with the means to stop it.
-struct Running {
-    address: SocketAddr,
+pub struct Running {
+    pub address: SocketAddr,
     service: Arc<Service>,
     stop: Sender<()>,
     served: JoinHandle<()>,
 }
 
 impl Running {
-    async fn start(options: Options, solver: Solver) -> Self {
+    pub async fn start(options: Options, solver: Solver) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
         let service = Arc::new(Service::start(options, solver).unwrap());

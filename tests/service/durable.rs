@@ -26,6 +26,7 @@ fn what_was_accepted_survives_a_kill_and_what_had_ended_is_the_same_to_the_byte(
     let server = Server::start(&folder, &["--workers", "1"]);
     let ended = server.accept(DECAY);
     let before = server.reaches(&ended, &["successful"]);
+    assert_eq!(before["trusted"], true);
     let results = server.get(&format!("{ended}/results")).body;
     let running = server.accept(&oscillator(ENDLESS));
     server.reaches(&running, &["running"]);

@@ -60,6 +60,7 @@ async fn a_stream_tells_progress_and_switches_and_the_end() {
     assert_eq!(told[1].2, serde_json::json!({"number": 2, "t": 2.0, "kind": "stick", "of": "foot 2"}));
     let status = |k: usize| (told[k].2["status"].as_str().unwrap(), told[k].2["progress"].as_u64().unwrap());
     assert_eq!((status(2), status(3)), (("running", 50), ("successful", 100)));
+    assert_eq!((told[2].2.get("trusted"), &told[3].2["trusted"]), (None, &true.into()));
 }
 
 #[tokio::test]

@@ -139,7 +139,7 @@ pub struct Call(Request<Body>);
 
 impl Call {
     pub fn new(method: &str, path: &str) -> Self {
-        Self(Request::builder().method(method).uri(path).body(Body::empty()).unwrap())
+        Self(Request::builder().method(method).uri(path).header("host", "localhost").body(Body::empty()).unwrap())
     }
 
     pub fn solve(document: impl Into<Body>) -> Self {

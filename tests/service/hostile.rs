@@ -56,8 +56,8 @@ fn half_a_request_from_many_clients_keeps_nobody_else_waiting() {
     let server = Server::start(&Folder::new(), &["--ephemeral", "--workers", "1"]);
     let halves: [&[u8]; 3] = [
         b"POST /solve HT",
-        b"GET /jobs HTTP/1.1\r\nhost: a\r\nx-slow: ",
-        b"POST /solve HTTP/1.1\r\nhost: a\r\ncontent-length: 8388608\r\n\r\n{",
+        b"GET /jobs HTTP/1.1\r\nhost: localhost\r\nx-slow: ",
+        b"POST /solve HTTP/1.1\r\nhost: localhost\r\ncontent-length: 8388608\r\n\r\n{",
     ];
     let slow: Vec<TcpStream> = (0..300)
         .map(|k| {
@@ -74,7 +74,7 @@ fn half_a_request_from_many_clients_keeps_nobody_else_waiting() {
 fn a_client_that_closes_its_half_has_gone_and_its_solve_with_it() {
     let server = Server::start(&Folder::new(), &["--ephemeral", "--workers", "1"]);
     let endless = DECAY.replace("\"end\":1", "\"end\":1e9").replace("-x", "cos(1000*t)");
-    let head = format!("POST /solve HTTP/1.1\r\nhost: a\r\ncontent-length: {}\r\n\r\n", endless.len());
+    let head = format!("POST /solve HTTP/1.1\r\nhost: localhost\r\ncontent-length: {}\r\n\r\n", endless.len());
     let mut stream = TcpStream::connect(server.address()).unwrap();
     stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
     stream.write_all(format!("{head}{endless}").as_bytes()).unwrap();
@@ -92,10 +92,10 @@ fn headers_without_measure_are_refused() {
     let server = Server::start(&Folder::new(), &["--ephemeral", "--read-seconds", "1"]);
     let many: String = (0..10_000).map(|k| format!("x-{k}: 1\r\n")).collect();
     for headers in [format!("x-long: {}\r\n", "a".repeat(4 << 20)), many] {
-        let answer = exchange(&server, format!("GET /healthz HTTP/1.1\r\nhost: a\r\n{headers}\r\n").as_bytes());
+        let answer = exchange(&server, format!("GET /healthz HTTP/1.1\r\nhost: localhost\r\n{headers}\r\n").as_bytes());
         assert!(answer.is_empty() || answer.starts_with("HTTP/1.1 431"), "{answer}");
     }
-    let address = format!("GET /{} HTTP/1.1\r\nhost: a\r\n\r\n", "a".repeat(1 << 20));
+    let address = format!("GET /{} HTTP/1.1\r\nhost: localhost\r\n\r\n", "a".repeat(1 << 20));
     let answer = exchange(&server, address.as_bytes());
     assert!(answer.is_empty() || answer.starts_with("HTTP/1.1 4"), "{answer}");
     assert_well(&server);
@@ -108,9 +108,9 @@ fn what_is_no_http_is_refused() {
         b"\x16\x03\x01\x02\x00\x01\x00\x01\xfc\x03\x03",
         b"\0\0\0\0\r\n\r\n",
         b"GET / HTTP/9.9\r\n\r\n",
-        b"POST /solve HTTP/1.1\r\nhost: a\r\ncontent-length: -1\r\n\r\n",
-        b"POST /solve HTTP/1.1\r\nhost: a\r\ncontent-length: 5\r\ncontent-length: 6\r\n\r\n{}",
-        b"POST /solve HTTP/1.1\r\nhost: a\r\ntransfer-encoding: chunked\r\n\r\nzz\r\n",
+        b"POST /solve HTTP/1.1\r\nhost: localhost\r\ncontent-length: -1\r\n\r\n",
+        b"POST /solve HTTP/1.1\r\nhost: localhost\r\ncontent-length: 5\r\ncontent-length: 6\r\n\r\n{}",
+        b"POST /solve HTTP/1.1\r\nhost: localhost\r\ntransfer-encoding: chunked\r\n\r\nzz\r\n",
     ];
     for request in requests {
         let answer = exchange(&server, request);
@@ -135,8 +135,10 @@ fn no_path_leads_out_of_what_is_served() {
         "http://localhost/etc/passwd",
         "*",
     ] {
-        let answer =
-            exchange(&server, format!("GET {path} HTTP/1.1\r\nhost: a\r\nconnection: close\r\n\r\n").as_bytes());
+        let answer = exchange(
+            &server,
+            format!("GET {path} HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n\r\n").as_bytes(),
+        );
         assert!(answer.starts_with("HTTP/1.1 4") && !answer.contains("root:"), "{path}: {answer}");
     }
     assert_well(&server);
@@ -161,4 +163,29 @@ fn depth_without_end_is_an_error_of_the_specification() {
         }
     }
     assert_well(&server);
+}
+
+#[test]
+fn a_request_names_one_host_and_that_is_this_service() {
+    let folder = Folder::new();
+    let server = Server::start(&folder, &["--host", "dvi.example"]);
+    let ask = |path: &str, hosts: &str| {
+        exchange(&server, format!("GET {path} HTTP/1.1\r\n{hosts}connection: close\r\n\r\n").as_bytes())
+    };
+    for hosts in ["", "host: localhost\r\nhost: localhost\r\n"] {
+        let answer = ask("/healthz", hosts);
+        assert!(answer.starts_with("HTTP/1.1 400 ") && answer.contains("/problems/bad-host"), "{answer}");
+    }
+    let foreign = "host: evil.example:8080\r\nsec-fetch-site: same-origin\r\n";
+    for path in ["/jobs", "/", "/schema"] {
+        let answer = ask(path, foreign);
+        assert!(answer.starts_with("HTTP/1.1 421 ") && answer.contains("--host evil.example"), "{answer}");
+    }
+    for path in ["/healthz", "/readyz", "/metrics"] {
+        assert!(ask(path, foreign).starts_with("HTTP/1.1 200 "), "{path}");
+    }
+    let own = format!("host: {}\r\n", server.address());
+    for host in ["host: localhost:9\r\n", "host: [::1]\r\n", "host: DVI.example\r\n", &own] {
+        assert!(ask("/jobs", host).starts_with("HTTP/1.1 200 "), "{host}");
+    }
 }

@@ -39,6 +39,52 @@ fn a_solve_writes_its_result_and_nothing_else() {
     assert_eq!(result["status"], "completed");
 }
 
+/// A harmonic oscillator by implicit steps of half a unit of time: of its energy, which is constant, a hundredth is left.
+const COARSE: &str = r#"{"problem":{"mechanical":{"coordinates":{"q":{"initial":1}},"mass":[[1]],"potential":"q^2/2"}},
+"time":{"end":10},"method":{"step":0.5}}"#;
+
+#[test]
+fn an_answer_that_is_not_trusted_is_written_and_has_its_own_exit_code() {
+    let output = run(&["solve", "-"], COARSE);
+    let result: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let told = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(
+        (result["status"].as_str(), &result["verdict"]["trusted"]),
+        (Some("completed"), &false.into()),
+        "{told}"
+    );
+    assert_eq!(result["verdict"]["because"][0]["code"], "energy_balance");
+    let measured = &result["diagnostics"]["checks"]["energy_balance"];
+    assert!(measured["value"].as_f64().unwrap() > measured["allowed"].as_f64().unwrap(), "{measured}");
+    assert!(told.starts_with("dvi: not trusted: energy balance ") && told.contains(", allowed "), "{told}");
+    assert_eq!(output.status.code(), Some(7));
+    let table = run(&["solve", "--format", "csv", "-"], COARSE);
+    assert_eq!((table.status.code(), String::from_utf8(table.stderr).unwrap()), (Some(7), told));
+    assert!(String::from_utf8(table.stdout).unwrap().starts_with("t,q,q_dot,"));
+}
+
+#[test]
+fn the_end_that_was_not_reached_goes_before_the_answer_that_is_not_trusted() {
+    let output = run(&["solve", "-"], &COARSE.replace("\"step\":0.5", "\"step\":0.5}, \"limits\": {\"steps\":3"));
+    assert_eq!(output.status.code(), Some(1), "{output:?}");
+    let result: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&result["status"], &result["verdict"]["trusted"]), (&"stopped".into(), &false.into()));
+}
+
+#[test]
+fn what_a_method_does_not_have_is_not_among_its_figures() {
+    let output = run(&["solve", "-"], COARSE);
+    let result: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let diagnostics = result["diagnostics"].as_object().unwrap();
+    for absent in ["stages", "newton_iterations", "newton_contraction"] {
+        assert!(!diagnostics.contains_key(absent), "time stepping has no {absent}");
+    }
+    assert_eq!(diagnostics["evaluations"]["rates"], 20);
+    let output = run(&["solve", "-"], DECAY);
+    let result: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(result["diagnostics"]["stages"].as_u64().unwrap() >= 3, "{result}");
+}
+
 #[test]
 fn a_solve_writes_a_table_on_request() {
     let output = run(&["solve", "--format", "csv", "-"], DECAY);

@@ -141,3 +141,19 @@ fn many_wrong_names_among_many_right_ones_are_answered_in_time() {
     }
     assert!(start.elapsed() < Duration::from_secs(30), "{:?}", start.elapsed());
 }
+
+#[test]
+fn reading_stops_when_it_is_asked_to() {
+    let control = dvi::problem::Control::new();
+    control.cancel();
+    let elastic = r#"{"problem": {"elastic": {"body": {"box": {"x": [0, 1], "y": [0, 1], "z": [0, 1]}},
+        "elements": {"x": 24, "y": 24, "z": 24}, "density": 1, "young": 1, "poisson": 0.3, "clamped": ["z_min"],
+        "force": [0, 0, "-exp(x*y)"]}}, "time": {"end": 1}}"#;
+    let obstacle = r#"{"problem": {"obstacle": {"domain": {"x": [0, 1], "y": [0, 1]}, "elements": {"x": 900, "y": 900},
+        "diffusion": 1, "initial": "exp(x*y)", "obstacle": -1}}, "time": {"end": 1}}"#;
+    for text in [elastic, obstacle] {
+        let errors = Specification::from_json_with(text.as_bytes(), &control).unwrap_err();
+        assert_eq!(errors.len(), 1, "{errors:?}");
+        assert!(errors[0].is_interruption() && errors[0].code == "interrupted");
+    }
+}

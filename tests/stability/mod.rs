@@ -5,6 +5,7 @@ mod bounds;
 mod breakdown;
 mod breaks;
 mod degenerate;
+mod ends;
 mod harness;
 mod outputs;
 mod start;

@@ -147,7 +147,7 @@ fn kernels_that_vanish_at_zero_have_a_higher_index() {
         let found = distance(&solution, "z", |t| 6.0 * t);
         assert!(found < 1e-8, "{kernel}: {found:e}");
         assert_eq!(solution.diagnostics.analysis.as_ref().and_then(|analysis| analysis.index), Some(2.0));
-        assert!(solution.diagnostics.warnings.iter().any(|warning| warning.code == "uniqueness_not_guaranteed"));
+        assert!(solution.verdict.caveats.iter().any(|caveat| caveat.code == "uniqueness_not_guaranteed"));
     }
 }
 
@@ -202,4 +202,28 @@ fn a_start_outside_is_told() {
     let exact = 1.0 / std::f64::consts::PI.sqrt();
     assert!((last(&solution, "u") - exact).abs() < 1e-6, "{}", last(&solution, "u") - exact);
     assert!((last(&solution, "integral_u") - 2.0 * exact).abs() < 1e-3);
+}
+
+#[test]
+fn of_several_runs_the_most_accurate_is_returned() {
+    // The kernel t^0.9 / Gamma(1.9) has the inverse of t^2 as 2 t^0.1 / Gamma(1.1); rounding errors grow like h^-1.9.
+    let problem = json!({
+        "problem": {"convolution": {
+            "variables": {"u": {"q": "-t^2"}},
+            "kernel": {"fractional": {"exponent": 1.9}},
+            "set": [{"free": ["u"]}]
+        }},
+        "time": {"end": 2},
+        "output": {"times": [0.5, 1, 2]}
+    });
+    let solution = solve(&problem);
+    let exact = |t: f64| 2.0 * t.powf(0.1) / gamma(1.1);
+    let error = distance(&solution, "u", exact);
+    assert!(error < 2e-5, "off by {error:e}");
+    let refinement = solution.diagnostics.refinement.as_ref().expect("an estimate");
+    assert!(refinement.scaled > 1.0 && solution.diagnostics.steps.accepted < 65_536, "{refinement:?}");
+    // The tolerance was not reached, and the verdict says so.
+    assert!(!solution.verdict.trusted);
+    let because: Vec<&str> = solution.verdict.because.iter().map(|reason| reason.code.name()).collect();
+    assert_eq!(because, ["local_error"]);
 }

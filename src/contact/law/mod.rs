@@ -17,11 +17,13 @@
 //! `-<r, u+ + u->/2`; where that comes out negative, impulses are moved on a straight line towards those of `e = 0`, which
 //! never add any (Stewart 2000, section 3), until they add none. The line lies in the friction cones, as they are convex.
 
+mod memory;
 mod polyhedral;
 mod sequential;
 #[cfg(test)]
 mod tests;
 
+pub use memory::Size;
 pub use sequential::sequential;
 
 use nalgebra::Vector3;
@@ -90,7 +92,7 @@ pub struct Law {
 }
 
 /// A residual above this is no solution.
-const UNSOLVED: f64 = 1e-6;
+pub const UNSOLVED: f64 = 1e-6;
 
 /// Iterations of the slowest solver: a step that is not solved in so many is better told than waited for.
 const MOST_ITERATIONS: usize = 3_000;
@@ -147,7 +149,7 @@ impl Law {
                     (*closing, found) = (true, true);
                 }
             }
-            if !found || report.outcome != Outcome::Solved {
+            if !found || report.outcome != Outcome::Solved || control.poll().is_some() {
                 break;
             }
         }

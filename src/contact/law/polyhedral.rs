@@ -89,7 +89,10 @@ impl Polyhedral {
                 r[k] += direction * (*z * self.units[k]);
             }
         }
-        let size = q.iter().chain(&self.z).fold(f64::MIN_POSITIVE, |most, x| most.max(x.abs()));
+        // Velocities that cancel leave rounding of those before.
+        let before = contacts.before.iter().zip(&self.units).map(|(u, unit)| u.amax() * unit);
+        let terms = q.iter().chain(&self.z).map(|x| x.abs()).chain(before);
+        let size = terms.fold(f64::MIN_POSITIVE, f64::max);
         report.solver = self.solver.name();
         report.iterations += solved.iterations as u64;
         report.residual = solved.residual / size;

@@ -96,6 +96,7 @@ impl Leg<'_, '_> {
         let mut x = vec![0.0; 2 * n];
         self.at(t, &mut x);
         self.watch.settle(t, &x);
+        self.note_violations(t, &x[..n]);
         let structure = &self.located.structure;
         let mut rates = Integrals::none(self.mode.len());
         for (k, force) in rates.impulses.iter_mut().enumerate().filter(|&(k, _)| self.mode[k].is_closed()) {

@@ -124,6 +124,14 @@ impl<'l, 'p> Leg<'l, 'p> {
             found = self.search(begin, end);
             self.over = true;
         }
+        if matches!(found, Search::Clear)
+            && let Some(hidden) = self.hidden(begin, end)
+        {
+            end = hidden.until;
+            self.cut_at(begin, &x, end);
+            (self.over, self.located.h) = (true, Some(hidden.next));
+            found = self.search(begin, end);
+        }
         let (t, ending) = match found {
             Search::Clear => (end, None),
             Search::Ends(violation) => (self.refine(begin, &x, end, &violation), Some(violation.ending)),
@@ -295,6 +303,17 @@ impl<'l, 'p> Leg<'l, 'p> {
         energy.dissipate(friction, 0.0, energies.kinetic);
         energy.work(forces, drives);
         energy.close(energies.kinetic, energies.potential);
+    }
+
+    /// Takes joints and gaps into account at a time within the last step, at which the equations of the mode have been
+    /// evaluated.
+    pub(super) fn note_violations(&mut self, t: f64, q: &[f64]) {
+        let Located { radau, violations, .. } = &mut *self.located;
+        if violations.joints().is_empty() && violations.gaps().is_empty() {
+            return;
+        }
+        let tolerances: Vec<f64> = q.iter().zip(&radau.atol).map(|(q, atol)| atol + radau.rtol * q.abs()).collect();
+        violations.note(t, q, self.watch.constraints(), (&[], &tolerances), |k| self.mode[k].is_closed());
     }
 
     /// Coordinates, velocities, impulses and the balance of energy at a time within the last step.

@@ -9,6 +9,7 @@
 //! - Where no mode goes on, steps of time stepping do, until one does again.
 
 mod flight;
+mod hidden;
 mod integrals;
 mod leg;
 mod mode;
@@ -22,11 +23,11 @@ use super::energy::Energy;
 use super::happening::Happening;
 use super::settings::{ContactError, Settings};
 use super::velocity_step::{Forces, Probed, State, VelocityStep};
+use super::violations::Violations;
 use mode::held;
 use monitors::Ending;
 use nalgebra::{Vector2, Vector3};
 use problem::{Constraints, Control, Mechanical, MechanicalStructure};
-use radau;
 
 /// Gaps below this, in units of the coordinates, are closed at an event.
 const CLOSED: f64 = 1e-10;
@@ -81,6 +82,10 @@ pub struct Located<'p> {
     pub passes: u64,
     /// Times at which impacts accumulated.
     pub accumulations: u64,
+    /// How far joints and gaps were off.
+    pub violations: Violations,
+    /// What accumulations were passed over.
+    pub passed: Option<Passed>,
     /// What each contact does; `None` where time stepping is to go on.
     mode: Option<Vec<Status>>,
     /// The force on each contact from which those of the mode are the nearest, where they are not unique: the normal force
@@ -100,6 +105,19 @@ pub struct Located<'p> {
     end: f64,
 }
 
+/// An accumulation of impacts that was passed over by one without restitution.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Passed {
+    /// When.
+    pub t: f64,
+    /// The contact that came back.
+    pub contact: usize,
+    /// The energy that was taken.
+    pub energy: f64,
+    /// Whether nothing takes energy in the contact, so that its impacts have no limit.
+    pub is_elastic: bool,
+}
+
 impl<'p> Located<'p> {
     /// Prepares a run from `state` to `end`: strikes what approaches, and finds the first mode.
     ///
@@ -117,7 +135,10 @@ impl<'p> Located<'p> {
         let contacts = structure.contacts.len();
         let energies = problem.energies(state.t, &state.q, &state.v);
         let horizon = end - state.t;
+        let violations = Violations::new(&structure, &state.q);
         let mut located = Self {
+            violations,
+            passed: None,
             step: VelocityStep::new(problem, settings.impact_law, settings.tolerance),
             last: state.clone(),
             state,
@@ -169,12 +190,15 @@ impl<'p> Located<'p> {
         match ending {
             Ending::Closes(k) => {
                 self.look();
+                self.step.closing = Some(k);
                 if self.gradient(k) <= VANISHED * self.gradients[k] {
                     return Err(ContactError::Gradient { contact: k, t });
                 }
                 if self.accumulates(k) {
                     self.accumulations += 1;
+                    let lost = self.energy.lost_in_impacts;
                     self.velocity_step(0.0, Forces::Inelastic(CLOSED), control)?;
+                    self.note_passed(k, self.energy.lost_in_impacts - lost);
                     // What closes in no time has no rebound.
                     let rests = |&i: &usize| self.step.contacted.r[i].x > 0.0 || i == k && self.stalls > 0;
                     let resting: Vec<usize> = (0..self.structure.contacts.len()).filter(rests).collect();
@@ -187,6 +211,7 @@ impl<'p> Located<'p> {
             Ending::Breaks(k, _) => self.happenings.push(Happening::Slip { t, contact: k }),
             Ending::Stops(_) => {}
         }
+        self.step.closing = None;
         self.choose(Some(ending), control)?;
         let mode = self.mode.iter().flatten().zip(&before).enumerate();
         let stops = matches!(ending, Ending::Stops(_));
@@ -195,21 +220,33 @@ impl<'p> Located<'p> {
         Ok(())
     }
 
+    /// Keeps the accumulation that took the most energy, one of contacts that take none before others.
+    fn note_passed(&mut self, contact: usize, energy: f64) {
+        let is_elastic = self.structure.contacts[contact].restitution == 1.0;
+        let passed = Passed { t: self.state.t, contact, energy, is_elastic };
+        if self.passed.is_none_or(|worst| (is_elastic, energy) >= (worst.is_elastic, worst.energy)) {
+            self.passed = Some(passed);
+        }
+    }
+
     /// Whether contact `k`, which closes, has come back in no time, or from no more than rounding of its gap.
     fn accumulates(&self, k: usize) -> bool {
         let State { t, q, v } = &self.state;
         let passed = t - self.last_impact[k];
         let terms = self.constraints.size(self.structure.normal(k), q);
         let height = 0.25 * passed * self.normal(k, v).abs();
-        passed < (ZENO * self.horizon).max(1e3 * f64::EPSILON * t.abs()) || height <= 4.0 * f64::EPSILON * terms
+        // Impacts that give all back follow each other fast, but have no limit.
+        let zeno = if self.structure.contacts[k].restitution == 1.0 { 0.0 } else { ZENO * self.horizon };
+        passed < zeno.max(1e3 * f64::EPSILON * t.abs()) || height <= 4.0 * f64::EPSILON * terms
     }
 
     /// The law of impact for all contacts that are closed, if any of them approaches; whether one does.
     fn strike(&mut self, control: &Control) -> Result<bool, ContactError> {
         self.look();
         let State { t, v, .. } = &self.state;
-        let approaching: Vec<usize> =
-            (0..self.structure.contacts.len()).filter(|&k| self.is_closed(k) && self.normal(k, v) < 0.0).collect();
+        let approaching: Vec<usize> = (0..self.structure.contacts.len())
+            .filter(|&k| (self.is_closed(k) || self.step.closing == Some(k)) && self.normal(k, v) < 0.0)
+            .collect();
         if approaching.iter().all(|&k| -self.normal(k, v) <= self.rounding(k, v)) {
             return Ok(false);
         }

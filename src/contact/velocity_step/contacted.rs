@@ -19,6 +19,8 @@ pub struct Contacted {
     pub friction: f64,
     /// Lost in impacts.
     pub impacts: f64,
+    /// Lost in impacts where every contact that carried an impulse gives all back.
+    pub beyond_restitution: f64,
     /// Work of what drives surfaces and joints.
     pub drives: f64,
     /// The kinetic energy that there would be without contacts.
@@ -35,6 +37,7 @@ impl Contacted {
     /// Books a step of this size, with the energies before and after it.
     pub fn book(&self, h: f64, before: &Energies, after: &Energies, energy: &mut Energy) {
         energy.dissipate(self.friction, self.impacts, before.kinetic.max(after.kinetic).max(self.kinetic));
+        energy.lost_beyond_restitution += self.beyond_restitution;
         energy.work(0.5 * h * (before.power + after.power), 0.5 * h * (before.drive + after.drive) + self.drives);
         energy.close(after.kinetic, after.potential);
     }

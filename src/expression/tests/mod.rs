@@ -1,5 +1,6 @@
 //! Behaviour of the language as a whole.
 
+mod enclosures;
 mod gradients;
 mod hostile;
 mod messages;

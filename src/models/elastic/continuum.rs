@@ -6,6 +6,7 @@ use super::Lame;
 use crate::finite_elements::{Assembly, Element, Grid, Neighbours, Quadrature};
 use expression::Node;
 use factorisation::SparseMatrix;
+use problem::{Control, Interrupted};
 
 /// A body before it is set in motion.
 #[derive(Clone, Debug)]
@@ -47,13 +48,24 @@ pub struct ContactNode {
     pub side: usize,
 }
 
+/// Elements assembled between two polls of [`Control`]: a few milliseconds' work in three dimensions.
+const BETWEEN_POLLS: usize = 256;
+
 impl Continuum {
     /// `K`, between all displacements.
-    pub fn stiffness(&self) -> SparseMatrix {
+    ///
+    /// # Errors
+    /// If `control` asks to stop.
+    pub fn stiffness(&self, control: &Control) -> Result<SparseMatrix, Interrupted> {
         let local = self.lame.stiffness(&Element::of(&self.grid, Quadrature::Exact), self.components);
         let mut assembly = Assembly::new(&self.grid, self.components, Neighbours::OfElements);
-        (0..self.grid.elements()).for_each(|element| assembly.add(element, 1.0, &local));
-        assembly.finish()
+        for element in 0..self.grid.elements() {
+            if element % BETWEEN_POLLS == 0 {
+                control.go_on()?;
+            }
+            assembly.add(element, 1.0, &local);
+        }
+        Ok(assembly.finish())
     }
 
     /// The mass that each displacement moves; zero where contact is possible.

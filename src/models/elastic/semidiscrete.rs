@@ -5,7 +5,7 @@ use super::{ContactNode, Continuum, EnergyForm, Place, Unknowns};
 use crate::LinearRows;
 use expression::{Graph, Node};
 use factorisation::SparseMatrix;
-use problem::{ConvexSet, Mass, MovingBound, Side};
+use problem::{Control, ConvexSet, Interrupted, Mass, MovingBound, Side};
 
 /// A body as a linear system, with what its unknowns mean.
 #[derive(Clone, Debug)]
@@ -25,13 +25,17 @@ pub struct Semidiscrete {
 }
 
 /// Lowers a body that starts with these displacements and velocities.
+///
+/// # Errors
+/// If `control` asks to stop.
 pub fn semidiscretise(
     graph: &mut Graph,
     continuum: &Continuum,
     displacement: &[f64],
     velocity: &[f64],
-) -> Semidiscrete {
-    let (stiffness, masses) = (continuum.stiffness(), continuum.masses());
+    control: &Control,
+) -> Result<Semidiscrete, Interrupted> {
+    let (stiffness, masses) = (continuum.stiffness(control)?, continuum.masses());
     let unknowns = Unknowns::new(continuum, displacement);
     let mut initial = vec![0.0; unknowns.states()];
     for (d, place) in unknowns.places.iter().enumerate() {
@@ -41,13 +45,15 @@ pub fn semidiscretise(
             Place::Contact(..) | Place::Clamped(_) => {}
         }
     }
+    control.go_on()?;
     let forces = forces(graph, continuum, &unknowns, &stiffness);
     let body = Body { continuum, unknowns: &unknowns, stiffness: &stiffness, masses: &masses, forces };
     let mut rows = if unknowns.has_forces { body.with_forces(graph) } else { body.with_bounds(graph) };
+    control.go_on()?;
     let reactions = body.reactions(graph, &rows);
     let rough = friction::add(graph, &mut rows, continuum, &unknowns);
     let energy = EnergyForm::new(graph, continuum, &unknowns, (&masses, stiffness), (&reactions, &rough));
-    Semidiscrete { rows, initial, unknowns, energy, reactions, rough }
+    Ok(Semidiscrete { rows, initial, unknowns, energy, reactions, rough })
 }
 
 /// The loads, with what clamped displacements exert.

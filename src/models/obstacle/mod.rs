@@ -18,6 +18,7 @@
 mod contact;
 mod equations;
 mod field;
+mod hidden;
 mod offence;
 mod operator;
 mod semidiscrete;

@@ -8,8 +8,8 @@
 //! and Southwell 1955; Scharfetter and Gummel 1969): still of second order where the grid resolves `a / b`, free of
 //! oscillations where it does not. With nodal quadrature the entries off the diagonal are never positive.
 
-use super::semidiscrete::{AT_ONCE, finite};
-use super::{Cause, Obstacle, Offence};
+use super::semidiscrete::{finite, go_on};
+use super::{Cause, Field, Obstacle, Offence};
 use crate::finite_elements::{Assembly, Element};
 use factorisation::SparseMatrix;
 use nalgebra::DMatrix;
@@ -36,20 +36,11 @@ pub(super) fn stiffness(
         local.zip_apply(matrix, |local, value| *local += factor * value);
     };
     for index in 0..grid.elements() {
-        if index % AT_ONCE == 0 {
-            control.go_on().map_err(|_| Cause::Interrupted { t })?;
-        }
+        go_on(index, t, control)?;
         let at = grid.centre(index);
         local.fill(0.0);
         for q in directions.clone() {
-            let a = finite("diffusion", &mut diffusion[q], t, at)?;
-            if a < 0.0 {
-                return Err(Offence::NegativeDiffusion { value: a, at, t }.into());
-            }
-            let b = match advection.get_mut(q) {
-                Some(field) => finite("advection", field, t, at)?,
-                None => 0.0,
-            };
+            let (a, b) = coefficients(&mut diffusion[q], advection.get_mut(q), t, at)?;
             add(&mut local, fitted(a, b.abs() * grid.axes()[q].spacing()), &gradients[q]);
             add(&mut local, b, &derivatives[q]);
         }
@@ -61,20 +52,59 @@ pub(super) fn stiffness(
     Ok(matrix.finish())
 }
 
+/// Looks at all coefficients of `A` at time `t`.
+///
+/// # Errors
+/// A coefficient that is not finite, or diffusion below zero; or `control` asks to stop.
+pub(super) fn check_coefficients(problem: &mut Obstacle, t: f64, control: &Control) -> Result<(), Cause> {
+    let Obstacle { grid, diffusion, advection, reaction, .. } = problem;
+    for index in 0..grid.elements() {
+        go_on(index, t, control)?;
+        let at = grid.centre(index);
+        for (q, diffusion) in diffusion.iter_mut().enumerate() {
+            coefficients(diffusion, advection.get_mut(q), t, at)?;
+        }
+        if let Some(field) = reaction {
+            finite("reaction", field, t, at)?;
+        }
+    }
+    Ok(())
+}
+
+/// `a` and `b` along one direction.
+fn coefficients(
+    diffusion: &mut Field,
+    advection: Option<&mut Field>,
+    t: f64,
+    at: [f64; 3],
+) -> Result<(f64, f64), Offence> {
+    let a = finite("diffusion", diffusion, t, at)?;
+    if a < 0.0 {
+        return Err(Offence::NegativeDiffusion { value: a, at, t });
+    }
+    let b = advection.map_or(Ok(0.0), |field| finite("advection", field, t, at))?;
+    Ok((a, b))
+}
+
 /// The largest `|b| h / (2a)` of an element at time `t`.
-pub fn largest_peclet(problem: &mut Obstacle, t: f64) -> f64 {
+///
+/// # Errors
+/// If `control` asks to stop.
+pub fn largest_peclet(problem: &mut Obstacle, t: f64, control: &Control) -> Result<f64, Cause> {
     let Obstacle { grid, diffusion, advection, .. } = problem;
     let mut largest = 0.0_f64;
     for (q, (a, b)) in diffusion.iter_mut().zip(advection).enumerate() {
         let half = 0.5 * grid.axes()[q].spacing();
-        for at in (0..grid.elements()).map(|element| grid.centre(element)) {
+        for element in 0..grid.elements() {
+            go_on(element, t, control)?;
+            let at = grid.centre(element);
             let flow = half * b.at(t, at).abs();
             if flow > 0.0 {
                 largest = largest.max(flow / a.at(t, at));
             }
         }
     }
-    largest
+    Ok(largest)
 }
 
 /// `a p coth p` for `p = flow / (2a)`.

@@ -1,6 +1,6 @@
 //! Space discretised: `M`, `A(t)`, `f(t)` and the bounds of `K(t)` at the nodes of the grid.
 
-use super::operator::stiffness;
+use super::operator::{check_coefficients, stiffness};
 use super::{Cause, Condition, Field, Obstacle, Offence};
 use crate::finite_elements::{Assembly, Element, Neighbours, Quadrature, Side};
 use factorisation::SparseMatrix;
@@ -37,7 +37,7 @@ struct Varying {
 }
 
 /// Elements assembled between two looks at whether to stop: about a millisecond's work.
-pub(super) const AT_ONCE: usize = 1 << 13;
+const AT_ONCE: usize = 1 << 13;
 
 /// How far a value may be on the wrong side of an obstacle and still be taken for one on it, relative to its size.
 const ROUNDING: f64 = 1e-10;
@@ -68,12 +68,7 @@ impl Semidiscrete {
         for entry in mass.triplet_iter() {
             weights[entry.row] += entry.val;
         }
-        let mut is_given = vec![false; n];
-        for (side, condition) in Side::all(grid.dimension()).zip(&problem.conditions) {
-            if matches!(condition, Condition::Dirichlet(_)) {
-                grid.nodes_on(side).for_each(|node| is_given[node] = true);
-            }
-        }
+        let is_given = problem.is_given();
         let varying = Varying {
             operator: !problem.has_constant_operator(),
             load: problem.source.iter().any(varies)
@@ -112,13 +107,13 @@ impl Semidiscrete {
     /// Brings `f` and `K` to time `t`.
     ///
     /// # Errors
-    /// A value that is not finite, obstacles that cross, or a given value beyond one.
-    pub fn vectors_at(&mut self, t: f64) -> Result<(), Offence> {
+    /// A value that is not finite, obstacles that cross, or a given value beyond one; or `control` asks to stop.
+    pub fn vectors_at(&mut self, t: f64, control: &Control) -> Result<(), Cause> {
         if self.varying.load || !self.has_vectors {
-            self.load_at(t)?;
+            load_at(&mut self.problem, &mut self.load, t, control)?;
         }
         if self.varying.set || !self.has_vectors {
-            self.set_at(t)?;
+            set_at(&mut self.problem, &mut self.set, &self.is_given, t, control)?;
         }
         self.has_vectors = true;
         Ok(())
@@ -127,82 +122,137 @@ impl Semidiscrete {
     /// The nodal values at the start, on the sides those given there.
     ///
     /// # Errors
-    /// A value that is not finite, or the one farthest beyond an obstacle. The bounds must be those of the start.
-    pub fn initial(&mut self, t: f64) -> Result<Vec<f64>, Offence> {
-        let Self { problem, set, is_given, .. } = self;
-        let mut u = Vec::with_capacity(is_given.len());
-        let mut worst = (0.0, None);
-        for (node, &is_given) in is_given.iter().enumerate() {
-            let at = problem.grid.coordinates(node);
-            let value = finite("initial", &mut problem.initial, t, at)?;
-            let bound = set.project(node, value);
-            let beyond = (bound - value).abs();
-            if !is_given && beyond > slack(bound).max(worst.0) {
-                worst = (beyond, Some(Offence::InitialBeyond { value, bound, at }));
-            }
-            u.push(bound);
-        }
-        worst.1.map_or(Ok(u), Err)
+    /// A value that is not finite, or the one farthest beyond an obstacle; or `control` asks to stop. The bounds must be those
+    /// of the start.
+    pub fn initial(&mut self, t: f64, control: &Control) -> Result<Vec<f64>, Cause> {
+        initial(&mut self.problem, &self.set, &self.is_given, t, control)
     }
+}
 
-    fn load_at(&mut self, t: f64) -> Result<(), Offence> {
-        let Self { problem, load, .. } = self;
-        let Obstacle { grid, source, conditions, .. } = problem;
-        load.fill(0.0);
-        if let Some(source) = source {
-            let part = Element::of(grid, Quadrature::Nodal).volume() / (1 << grid.dimension()) as f64;
-            for element in 0..grid.elements() {
-                let value = part * finite("source", source, t, grid.centre(element))?;
-                grid.corners(element).for_each(|node| load[node] += value);
-            }
-        }
-        for (side, condition) in Side::all(grid.dimension()).zip(conditions) {
-            let Condition::Neumann(flux) = condition else { continue };
-            if flux.constant() == Some(0.0) {
-                continue;
-            }
-            let area = grid.face_area(side);
-            for face in grid.faces_on(side) {
-                let part = area / face.nodes.len() as f64;
-                let value = part * finite(&side_key(side, "neumann"), flux, t, face.centre)?;
-                face.nodes.iter().for_each(|&node| load[node] += value);
-            }
-        }
+impl Obstacle {
+    /// Looks at all data of the time `t`, the start among them, and assembles nothing.
+    ///
+    /// # Errors
+    /// What offends; or `control` asks to stop.
+    pub fn check(&mut self, t: f64, control: &Control) -> Result<(), Cause> {
+        let n = self.grid.nodes();
+        check_coefficients(self, t, control)?;
+        load_at(self, &mut vec![0.0; n], t, control)?;
+        let (mut set, is_given) = (ConvexSet::free(n), self.is_given());
+        set_at(self, &mut set, &is_given, t, control)?;
+        initial(self, &set, &is_given, t, control)?;
         Ok(())
     }
 
-    fn set_at(&mut self, t: f64) -> Result<(), Offence> {
-        let Self { problem, set, is_given, .. } = self;
-        let Obstacle { grid, lower, upper, conditions, .. } = problem;
-        for (node, &is_given) in is_given.iter().enumerate() {
+    /// Whether `u` is given at a node.
+    fn is_given(&self) -> Vec<bool> {
+        let mut is_given = vec![false; self.grid.nodes()];
+        for (side, condition) in Side::all(self.grid.dimension()).zip(&self.conditions) {
+            if matches!(condition, Condition::Dirichlet(_)) {
+                self.grid.nodes_on(side).for_each(|node| is_given[node] = true);
+            }
+        }
+        is_given
+    }
+}
+
+/// The nodal values at the start, on the sides those given there.
+fn initial(
+    problem: &mut Obstacle,
+    set: &ConvexSet,
+    is_given: &[bool],
+    t: f64,
+    control: &Control,
+) -> Result<Vec<f64>, Cause> {
+    let mut u = Vec::with_capacity(is_given.len());
+    let mut worst = (0.0, None);
+    for (node, &is_given) in is_given.iter().enumerate() {
+        go_on(node, t, control)?;
+        let at = problem.grid.coordinates(node);
+        let value = finite("initial", &mut problem.initial, t, at)?;
+        let bound = set.project(node, value);
+        let beyond = (bound - value).abs();
+        if !is_given && beyond > slack(bound).max(worst.0) {
+            worst = (beyond, Some(Offence::InitialBeyond { value, bound, at }));
+        }
+        u.push(bound);
+    }
+    worst.1.map_or(Ok(u), |offence| Err(offence.into()))
+}
+
+/// `f` at time `t`.
+fn load_at(problem: &mut Obstacle, load: &mut [f64], t: f64, control: &Control) -> Result<(), Cause> {
+    let Obstacle { grid, source, conditions, .. } = problem;
+    load.fill(0.0);
+    if let Some(source) = source {
+        let part = Element::of(grid, Quadrature::Nodal).volume() / (1 << grid.dimension()) as f64;
+        for element in 0..grid.elements() {
+            go_on(element, t, control)?;
+            let value = part * finite("source", source, t, grid.centre(element))?;
+            grid.corners(element).for_each(|node| load[node] += value);
+        }
+    }
+    for (side, condition) in Side::all(grid.dimension()).zip(conditions) {
+        let Condition::Neumann(flux) = condition else { continue };
+        if flux.constant() == Some(0.0) {
+            continue;
+        }
+        let area = grid.face_area(side);
+        for face in grid.faces_on(side) {
+            let part = area / face.nodes.len() as f64;
+            let value = part * finite(&side_key(side, "neumann"), flux, t, face.centre)?;
+            face.nodes.iter().for_each(|&node| load[node] += value);
+        }
+    }
+    Ok(())
+}
+
+/// `K` at time `t`.
+fn set_at(
+    problem: &mut Obstacle,
+    set: &mut ConvexSet,
+    is_given: &[bool],
+    t: f64,
+    control: &Control,
+) -> Result<(), Cause> {
+    let Obstacle { grid, lower, upper, conditions, .. } = problem;
+    for (node, &is_given) in is_given.iter().enumerate() {
+        go_on(node, t, control)?;
+        let at = grid.coordinates(node);
+        if let Some(lower) = lower {
+            set.lower[node] = finite("obstacle", lower, t, at)?;
+        }
+        if let Some(upper) = upper {
+            set.upper[node] = finite("upper_obstacle", upper, t, at)?;
+        }
+        if set.lower[node] > set.upper[node] && !is_given {
+            return Err(Offence::Crossing { lower: set.lower[node], upper: set.upper[node], at, t }.into());
+        }
+    }
+    for (side, condition) in Side::all(grid.dimension()).zip(conditions) {
+        let Condition::Dirichlet(given) = condition else { continue };
+        for node in grid.nodes_on(side) {
             let at = grid.coordinates(node);
-            if let Some(lower) = lower {
-                set.lower[node] = finite("obstacle", lower, t, at)?;
+            let value = finite(&side_key(side, "dirichlet"), given, t, at)?;
+            let bounds = [
+                lower.as_mut().map(|lower| lower.at(t, at)).filter(|lower| value < lower - slack(*lower)),
+                upper.as_mut().map(|upper| upper.at(t, at)).filter(|upper| value > upper + slack(*upper)),
+            ];
+            if let [Some(bound), _] | [_, Some(bound)] = bounds {
+                return Err(Offence::GivenBeyond { side, value, bound, at, t }.into());
             }
-            if let Some(upper) = upper {
-                set.upper[node] = finite("upper_obstacle", upper, t, at)?;
-            }
-            if set.lower[node] > set.upper[node] && !is_given {
-                return Err(Offence::Crossing { lower: set.lower[node], upper: set.upper[node], at, t });
-            }
+            (set.lower[node], set.upper[node]) = (value, value);
         }
-        for (side, condition) in Side::all(grid.dimension()).zip(conditions) {
-            let Condition::Dirichlet(given) = condition else { continue };
-            for node in grid.nodes_on(side) {
-                let at = grid.coordinates(node);
-                let value = finite(&side_key(side, "dirichlet"), given, t, at)?;
-                let bounds = [
-                    lower.as_mut().map(|lower| lower.at(t, at)).filter(|lower| value < lower - slack(*lower)),
-                    upper.as_mut().map(|upper| upper.at(t, at)).filter(|upper| value > upper + slack(*upper)),
-                ];
-                if let [Some(bound), _] | [_, Some(bound)] = bounds {
-                    return Err(Offence::GivenBeyond { side, value, bound, at, t });
-                }
-                (set.lower[node], set.upper[node]) = (value, value);
-            }
-        }
-        Ok(())
     }
+    Ok(())
+}
+
+/// Polls `control` before some of the nodes or elements.
+///
+/// # Errors
+/// If it asks to stop.
+pub(super) fn go_on(item: usize, t: f64, control: &Control) -> Result<(), Cause> {
+    if item.is_multiple_of(AT_ONCE) { control.go_on().map_err(|_| Cause::Interrupted { t }) } else { Ok(()) }
 }
 
 fn slack(bound: f64) -> f64 {

@@ -93,6 +93,8 @@ pub struct Counts {
     pub solves: u64,
     /// Active sets tried for them.
     pub passes: u64,
+    /// Fixed steps between whose stages nodes would have moved.
+    pub unproven: u64,
     /// The largest natural-map residual, of rows divided by their diagonal, relative to the largest `|u|`.
     pub residual: f64,
 }

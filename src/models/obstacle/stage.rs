@@ -15,6 +15,8 @@ use vi::{ActiveSet, Outcome, Unsuitable};
 pub struct Stage {
     /// What the obstacles push with at each node, where the sides do not.
     pub force: Vec<f64>,
+    /// Which obstacle holds each node: 1 from below, -1 from above, 0 none.
+    pub held: Vec<i8>,
     /// What was done.
     pub work: Work,
     matrix: SparseMatrix,
@@ -53,6 +55,7 @@ impl Stage {
         let n = system.load.len();
         Self {
             force: vec![0.0; n],
+            held: vec![0; n],
             work: Work::default(),
             matrix: system.mass.clone(),
             shape: system.problem.grid.shape(),
@@ -98,6 +101,14 @@ impl Stage {
             residual = residual.max((u - system.set.project(i, u - *force / diagonal)).abs());
             largest = largest.max(u.abs());
             *force = if system.is_given[i] { 0.0 } else { *force / shift };
+            let (lower, upper) = (u == system.set.lower[i], u == system.set.upper[i]);
+            self.held[i] = if *force > 0.0 && lower {
+                1
+            } else if *force < 0.0 && upper {
+                -1
+            } else {
+                0
+            };
         }
         Ok(residual / largest)
     }

@@ -8,11 +8,13 @@
 //! chain: it is factorised with a shift of rounding size, which proximal iterations take out again.
 
 use super::contact::Contact;
+use super::delassus::Block;
 use super::joint::{Joint, Row};
 use super::motion::Motion;
 use factorisation::{Cholesky, SparseMatrix};
 use faer::sparse::Triplet;
 use nalgebra::{Isometry3, Matrix3, Vector3};
+use problem::Control;
 
 /// The shift of `S`, in parts of its greatest diagonal entry, and the iterations that take it out.
 const SHIFT: f64 = 1e-11;
@@ -104,11 +106,12 @@ impl Constraints {
         }
     }
 
-    /// The blocks of `-Y S^-1 Y^T`; `None` if `S` has no factors.
-    pub fn coupling(&mut self, contacts: &[Contact], moving: &[Motion]) -> Option<Vec<(usize, usize, Matrix3<f64>)>> {
+    /// The blocks of `-Y S^-1 Y^T`; `None` if `S` has no factors, or `control` asks to stop.
+    pub fn coupling(&mut self, contacts: &[Contact], moving: &[Motion], control: &Control) -> Option<Vec<Block>> {
         let n = self.rows.len();
         let mut coupled = Vec::new();
         for (k, contact) in contacts.iter().enumerate() {
+            control.go_on().ok()?;
             let mut columns = [vec![0.0; n], vec![0.0; n], vec![0.0; n]];
             let mut any = false;
             for (i, (row, bodies)) in self.rows.iter().enumerate() {

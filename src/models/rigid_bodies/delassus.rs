@@ -8,7 +8,11 @@
 use super::contact::Contact;
 use super::motion::Motion;
 use nalgebra::Matrix3;
+use problem::Control;
 use vi::coulomb::BlockMatrix;
+
+/// Rows between two looks at whether to stop.
+const ROWS_AT_ONCE: usize = 1 << 6;
 
 /// A contact as one of its bodies feels it.
 struct Touch {
@@ -20,8 +24,11 @@ struct Touch {
     angular: Matrix3<f64>,
 }
 
-/// `W`, as the blocks of a sparse matrix; a pair of contacts that share two bodies has two.
-pub fn blocks(contacts: &[Contact], moving: &[Motion]) -> Vec<(usize, usize, Matrix3<f64>)> {
+/// A block of `W` with its row and column.
+pub type Block = (usize, usize, Matrix3<f64>);
+
+/// `W`, as the blocks of a sparse matrix; a pair of contacts that share two bodies has two. Nothing if `control` asks to stop.
+pub fn blocks(contacts: &[Contact], moving: &[Motion], control: &Control) -> Option<Vec<Block>> {
     let mut touches: Vec<Touch> = Vec::with_capacity(2 * contacts.len());
     for (k, contact) in contacts.iter().enumerate() {
         for (side, sign) in [(0, -1.0), (1, 1.0)] {
@@ -42,9 +49,12 @@ pub fn blocks(contacts: &[Contact], moving: &[Motion]) -> Vec<(usize, usize, Mat
         on_body[group[0].body as usize] = start..start + group.len();
         start += group.len();
     }
-    let mut blocks = Vec::with_capacity(8 * contacts.len());
+    let mut blocks = Vec::with_capacity(touches.iter().map(|touch| on_body[touch.body as usize].len()).sum());
     // Row by row, so that the matrix finds its entries in order but for the two bodies of each row.
     for (i, contact) in contacts.iter().enumerate() {
+        if i % ROWS_AT_ONCE == 0 {
+            control.go_on().ok()?;
+        }
         let row = blocks.len();
         for (side, sign) in [(0, -1.0), (1, 1.0)] {
             let Some(place) = contact.bodies[side] else { continue };
@@ -57,10 +67,10 @@ pub fn blocks(contacts: &[Contact], moving: &[Motion]) -> Vec<(usize, usize, Mat
         }
         blocks[row..].sort_by_key(|&(_, j, _)| j);
     }
-    blocks
+    Some(blocks)
 }
 
-/// `W` where there are no joints.
-pub fn matrix(contacts: &[Contact], moving: &[Motion]) -> BlockMatrix {
-    BlockMatrix::from_blocks(contacts.len(), blocks(contacts, moving)).unwrap_or_default()
+/// `W` where there are no joints; nothing if `control` asks to stop.
+pub fn matrix(contacts: &[Contact], moving: &[Motion], control: &Control) -> Option<BlockMatrix> {
+    BlockMatrix::from_blocks(contacts.len(), blocks(contacts, moving, control)?)
 }

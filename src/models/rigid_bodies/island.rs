@@ -87,7 +87,8 @@ impl Island {
         let constraints = Constraints::new(&joined, &self.moving);
         match constraints {
             None => {
-                let matrix = delassus::matrix(&self.contacts, &self.moving);
+                // Who stops it throws away what the island was left with.
+                let Some(matrix) = delassus::matrix(&self.contacts, &self.moving, control) else { return };
                 self.impulses(&matrix, h, law, control);
                 push_contacts(&self.contacts, &mut self.moving);
             }
@@ -147,8 +148,8 @@ impl Island {
         control: &Control,
     ) {
         let n = self.contacts.len();
-        let coupling = constraints.coupling(&self.contacts, &self.moving);
-        let blocks = delassus::blocks(&self.contacts, &self.moving);
+        let Some(blocks) = delassus::blocks(&self.contacts, &self.moving, control) else { return };
+        let coupling = constraints.coupling(&self.contacts, &self.moving, control);
         let matrix = coupling.and_then(|coupling| BlockMatrix::from_blocks(n, blocks.into_iter().chain(coupling)));
         let Some(matrix) = matrix else {
             self.is_singular = true;

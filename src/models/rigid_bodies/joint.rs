@@ -100,6 +100,16 @@ impl Joint {
         torn.then_some(speeds)
     }
 
+    /// The size of its bodies: the distance of an anchor from the centre of one that moves, or how far that reaches.
+    pub fn size(&self, bodies: &[Body]) -> f64 {
+        let moving = |(body, anchor): (Option<usize>, &Vector3<f64>)| {
+            let body = body.map(|body| &bodies[body]).filter(|body| !body.fixed)?;
+            Some(anchor.norm().max(body.collider.shape.reach()))
+        };
+        let both = [(Some(self.bodies.0), &self.anchors[0]), (self.bodies.1, &self.anchors[1])];
+        both.into_iter().filter_map(moving).fold(f64::MIN_POSITIVE, f64::max)
+    }
+
     /// The places of its bodies, as `places` gives them; none for the world.
     pub fn places(&self, places: &impl Fn(usize) -> Option<u32>) -> [Option<u32>; 2] {
         [places(self.bodies.0), self.bodies.1.and_then(places)]

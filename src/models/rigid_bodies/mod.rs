@@ -9,6 +9,7 @@ mod contact;
 mod delassus;
 mod island;
 mod joint;
+mod load;
 mod motion;
 mod outputs;
 mod polyhedron;
@@ -22,6 +23,7 @@ mod touches;
 
 pub use collision::Collider;
 pub use joint::{Joint, JointKind};
+pub use load::Load;
 pub use motion::Motion;
 pub use outputs::{OF_SCENE, between};
 pub use polyhedron::Polyhedron;

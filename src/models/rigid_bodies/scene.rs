@@ -2,9 +2,11 @@
 
 use super::collision::{BroadPhase, Collider, ContactPoint, contacts};
 use super::joint::Joint;
+use super::load::Load;
+use super::simulation::NEAR;
 use contact::law::Cone;
 use nalgebra::{Isometry3, Matrix3, Vector3};
-use problem::Warning;
+use problem::{Control, Interrupted, Warning};
 
 /// A body. SI units; the pose and the velocity are those of its centre of mass.
 #[derive(Clone, Debug)]
@@ -105,21 +107,98 @@ pub struct Overlap {
 }
 
 impl Scene {
-    /// The pairs that overlap at the start by more than `fraction` of the smaller body's size.
-    pub fn overlaps(&self, fraction: f64) -> Vec<Overlap> {
+    /// Pairs that overlap at the start by more than `fraction` of the smaller body's size, in order: all of them, or as
+    /// many as are asked for.
+    ///
+    /// # Errors
+    /// `control` asks to stop.
+    pub fn overlaps(&self, fraction: f64, most: usize, control: &Control) -> Result<Vec<Overlap>, Interrupted> {
+        let mut overlaps = Vec::new();
+        let margin = |a: usize, b: usize| fraction * self.reach(a).min(self.reach(b));
+        self.touching(
+            margin,
+            |_| 0.0,
+            control,
+            |[a, b], points| {
+                let depth = -points.iter().map(|point| point.gap).fold(f64::INFINITY, f64::min);
+                if depth > margin(a, b) {
+                    overlaps.push(Overlap { bodies: [a, b], depth });
+                }
+                if overlaps.len() < most { Ok(()) } else { Err(Ended::Enough) }
+            },
+        )?;
+        overlaps.sort_by_key(|overlap| overlap.bodies);
+        Ok(overlaps)
+    }
+
+    /// What its contacts at the start come to; no more are counted when that is `enough` bytes.
+    ///
+    /// # Errors
+    /// `control` asks to stop.
+    pub fn load(&self, enough: usize, control: &Control) -> Result<Load, Interrupted> {
+        let mut load = Load::of(self);
+        let moving = |body: usize| (!self.bodies[body].fixed).then_some(body);
+        let near = |body: usize| moving(body).map_or(0.0, |body| NEAR * self.reach(body));
+        self.touching(
+            |a, b| near(a) + near(b),
+            near,
+            control,
+            |[a, b], points| {
+                load.pairs += 1;
+                load.add([a, b].map(moving), points.len());
+                if load.bytes() < enough { Ok(()) } else { Err(Ended::Enough) }
+            },
+        )?;
+        Ok(load)
+    }
+
+    /// Hands the pairs of bodies that are near, and no joint holds together, to `found` with their points that are
+    /// nearer than `margin`, until it has enough; `room` is that around the box of a body.
+    fn touching(
+        &self,
+        margin: impl Fn(usize, usize) -> f64,
+        room: impl Fn(usize) -> f64,
+        control: &Control,
+        mut found: impl FnMut([usize; 2], &[ContactPoint]) -> Result<(), Ended>,
+    ) -> Result<(), Interrupted> {
         let joined = super::joint::joined(&self.joints);
-        let mut pairs = Vec::new();
-        let bounds = |k: usize| self.bodies[k].collider.shape.bounds(&self.bodies[k].pose);
-        BroadPhase::default().pairs(self.bodies.len(), bounds, |k| !self.bodies[k].fixed, &mut pairs);
-        let mut points: Vec<ContactPoint> = Vec::new();
-        let overlap = |&(a, b): &(u32, u32)| {
-            let [first, second] = [a, b].map(|k| &self.bodies[k as usize]);
-            let size = first.collider.shape.reach().min(second.collider.shape.reach());
-            points.clear();
-            contacts((&first.collider, &first.pose), (&second.collider, &second.pose), fraction * size, &mut points);
-            let depth = -points.iter().map(|point| point.gap).fold(f64::INFINITY, f64::min);
-            (depth > fraction * size).then_some(Overlap { bodies: [a as usize, b as usize], depth })
+        let bounds = |k: usize| {
+            let (lower, upper) = self.bodies[k].collider.shape.bounds(&self.bodies[k].pose);
+            let room = Vector3::repeat(room(k));
+            (lower - room, upper + room)
         };
-        pairs.iter().filter(|pair| !joined.contains(pair)).filter_map(overlap).collect()
+        let mut points: Vec<ContactPoint> = Vec::new();
+        let moves = |k: usize| !self.bodies[k].fixed;
+        let swept = BroadPhase::default().sweep(self.bodies.len(), bounds, moves, control, |a, b| {
+            if joined.contains(&(a, b)) {
+                return Ok(());
+            }
+            control.go_on()?;
+            let [a, b] = [a as usize, b as usize];
+            let [first, second] = [a, b].map(|k| (&self.bodies[k].collider, &self.bodies[k].pose));
+            points.clear();
+            contacts(first, second, margin(a, b), &mut points);
+            found([a, b], &points)
+        });
+        match swept {
+            Err(Ended::Interrupted) => Err(Interrupted),
+            Ok(()) | Err(Ended::Enough) => Ok(()),
+        }
+    }
+
+    fn reach(&self, body: usize) -> f64 {
+        self.bodies[body].collider.shape.reach()
+    }
+}
+
+/// Why pairs are looked for no longer.
+enum Ended {
+    Enough,
+    Interrupted,
+}
+
+impl From<Interrupted> for Ended {
+    fn from(_: Interrupted) -> Self {
+        Self::Interrupted
     }
 }

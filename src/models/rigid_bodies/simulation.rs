@@ -20,6 +20,7 @@ use super::collision::{BroadPhase, ContactPoint, contacts};
 use super::contact::Contact;
 use super::island::Island;
 use super::joint::{Joint, joined};
+use super::load::Load;
 use super::motion::Motion;
 use super::scene::Scene;
 use super::touches::Touches;
@@ -27,14 +28,17 @@ use contact::islands::{Islands, solve_apart, threads};
 use contact::law::{self, Law};
 use contact::{ImpactLaw, Settings};
 use nalgebra::{Isometry3, Vector3};
-use problem::{Control, EventKind};
+use problem::{Control, EventKind, Interrupted};
 use rustc_hash::FxHashMap;
 use std::collections::HashSet;
 use vi::Outcome;
 
 /// Points within this part of a body's size are contacts, however slow the body: where one contact pushes a body, another
 /// that is near must know of it.
-const NEAR: f64 = 0.01;
+pub(super) const NEAR: f64 = 0.01;
+
+/// Pairs of bodies between two looks at whether to stop.
+const AT_ONCE: usize = 1 << 8;
 
 /// Contacts of the islands but the largest that are worth another thread.
 const WORTH_A_THREAD: usize = 200;
@@ -54,6 +58,23 @@ pub enum StepFailure {
         /// What was left of it.
         residual: f64,
     },
+    /// The contacts take more memory than they may.
+    TooMuchMemory {
+        /// Those that were found until then.
+        contacts: usize,
+        /// The body with the most of them, as its place in the scene, and how many it has.
+        most_touched: Option<(usize, u32)>,
+        /// The bytes that they would take.
+        bytes: usize,
+    },
+    /// It was stopped from outside.
+    Interrupted,
+}
+
+impl From<Interrupted> for StepFailure {
+    fn from(_: Interrupted) -> Self {
+        Self::Interrupted
+    }
 }
 
 /// A residual of the contact law above this is no answer.
@@ -68,8 +89,18 @@ pub struct ContactReport {
     pub penetration: f64,
     /// The sum of the normal impulses, in newton seconds.
     pub normal_impulse: f64,
+    /// The deepest overlap as a part of the smaller body's size.
+    pub overlap: f64,
     /// Work done on normals and on tangents, `r . (u+ + u-) / 2`, in joules.
     pub work: [f64; 2],
+    /// Work done on normals in a step in which every contact that carried an impulse gives all back: it should be zero.
+    pub elastic_work: f64,
+    /// The kinetic energy before contacts and joints act, in joules.
+    pub kinetic: f64,
+    /// How far the worst joint is off, as a part of the size of its bodies, or in radians.
+    pub drift: f64,
+    /// The place of that joint.
+    pub drifted: usize,
     /// Islands with contacts or joints.
     pub islands: usize,
     /// Contact problems solved.
@@ -129,6 +160,9 @@ pub struct Simulation<'a> {
     tasks: Vec<Island>,
     impact_law: ImpactLaw,
     laws: Vec<Law>,
+    load: Load,
+    /// The bytes that contacts may take.
+    pub most_memory: usize,
 }
 
 impl<'a> Simulation<'a> {
@@ -164,6 +198,8 @@ impl<'a> Simulation<'a> {
             tasks: Vec::new(),
             impact_law: settings.impact_law,
             laws: (0..threads()).map(|_| Law::new(settings.tolerance)).collect(),
+            load: Load::of(scene),
+            most_memory: usize::MAX,
         }
     }
 
@@ -182,8 +218,12 @@ impl<'a> Simulation<'a> {
     /// # Errors
     /// If the bodies cannot go on.
     pub fn step(&mut self, h: f64, control: &Control) -> Result<(), StepFailure> {
-        self.detect(h);
-        self.report = ContactReport { penetration: self.depth(0.0).max(0.0), ..ContactReport::default() };
+        self.detect(h, control)?;
+        self.report = ContactReport {
+            penetration: self.depth(0.0).max(0.0),
+            overlap: self.overlap(),
+            ..ContactReport::default()
+        };
         self.part_overlaps(h, control)?;
         if self.last == 0.0 {
             self.hold(h, |_| true);
@@ -192,10 +232,13 @@ impl<'a> Simulation<'a> {
         for (motion, is_held) in self.moving.iter_mut().zip(&self.held) {
             motion.velocity += if *is_held { held } else { free };
         }
+        self.report.kinetic = self.moving.iter().map(Motion::kinetic_energy).sum();
         self.remember();
         self.close();
         self.solve(h, control)?;
-        if self.report.residual > UNSOLVED && control.poll().is_none() {
+        // What was left half-way is no step.
+        control.go_on()?;
+        if self.report.residual > UNSOLVED {
             return Err(StepFailure::Unsolved { residual: self.report.residual });
         }
         self.follow(h);
@@ -205,13 +248,23 @@ impl<'a> Simulation<'a> {
             motion.drift(h);
         }
         self.last = h;
+        self.measure_joints();
         self.arrive();
         self.check()
     }
 
     /// Finds the contacts that may close within `h`.
-    fn detect(&mut self, h: f64) {
+    fn detect(&mut self, h: f64, control: &Control) -> Result<(), StepFailure> {
         let (scene, moving, places) = (self.scene, &self.moving, &self.places);
+        let (load, most) = (&mut self.load, self.most_memory);
+        load.begin(scene);
+        let check = |load: &Load| {
+            let bytes = load.bytes();
+            if bytes <= most {
+                return Ok(());
+            }
+            Err(StepFailure::TooMuchMemory { contacts: load.contacts, most_touched: load.most_touched(), bytes })
+        };
         let fall = scene.gravity.norm() * h;
         let margin = |body: usize| {
             places[body].map_or(0.0, |place| {
@@ -226,9 +279,24 @@ impl<'a> Simulation<'a> {
             let margin = Vector3::repeat(margin(body));
             (lower - margin, upper + margin)
         };
-        self.broad_phase.pairs(scene.bodies.len(), bounds, |body| places[body].is_some(), &mut self.pairs);
+        self.pairs.clear();
         self.contacts.clear();
-        for &(a, b) in &self.pairs {
+        self.broad_phase.sweep(
+            scene.bodies.len(),
+            bounds,
+            |body| places[body].is_some(),
+            control,
+            |a, b| {
+                self.pairs.push((a, b));
+                load.pairs += 1;
+                check(load)
+            },
+        )?;
+        self.pairs.sort_unstable();
+        for (k, &(a, b)) in self.pairs.iter().enumerate() {
+            if k % AT_ONCE == 0 {
+                control.go_on()?;
+            }
             if self.joined.contains(&(a, b)) {
                 continue;
             }
@@ -236,10 +304,13 @@ impl<'a> Simulation<'a> {
             let [first, second] = [i, j].map(|body| (&scene.bodies[body].collider, pose(body)));
             self.points.clear();
             contacts(first, second, margin(i) + margin(j), &mut self.points);
+            load.add([i, j].map(|body| places[body].map(|_| body)), self.points.len());
+            check(load)?;
             let law = scene.laws.of(scene.bodies[i].material, scene.bodies[j].material);
             let new = |point| Contact::new(point, [places[i], places[j]], moving, law, (a, b));
             self.contacts.extend(self.points.iter().map(new));
         }
+        Ok(())
     }
 
     /// Gives each contact the impulse that it had in the last step.
@@ -328,6 +399,7 @@ impl<'a> Simulation<'a> {
         self.kept.clear();
         self.pushed.fill(false);
         let (moving, report) = (&self.moving, &mut self.report);
+        let mut is_elastic = !report.is_limited;
         for contact in self.contacts.iter().filter(|contact| contact.impulse.x > 0.0) {
             self.kept.insert(contact.key, contact.frame.tr_mul(&contact.impulse));
             contact.bodies.iter().flatten().for_each(|&body| self.pushed[body as usize] = true);
@@ -338,6 +410,10 @@ impl<'a> Simulation<'a> {
             report.normal_impulse += contact.impulse.x;
             report.work[0] += powers.x;
             report.work[1] += powers.y + powers.z;
+            is_elastic &= contact.law.restitution == 1.0;
+        }
+        if is_elastic {
+            report.elastic_work = report.work[0];
         }
     }
 

@@ -111,3 +111,79 @@ fn a_stack_with_a_heavy_top_stands_still() {
         }
     }
 }
+
+/// Spheres on a square grid on a tray that moves, which lies on the ground.
+fn on_a_tray(rows: u32) -> Scene {
+    let mut bodies = vec![ground(Vector3::z())];
+    let tray = Polyhedron::cuboid(Vector3::new(100.0, 100.0, 1.0));
+    bodies.push(body(Shape::Polyhedron(tray), 10.0, [0.0, 0.0, 0.5]));
+    let at = |k: u32| 2.5 * f64::from(k) - 20.0;
+    let places = (0..rows * rows).map(|k| [at(k / rows), at(k % rows), 2.0]);
+    bodies.extend(places.map(|at| sphere(1.0, 1.0, at)));
+    scene(bodies, 0.3, 0.0)
+}
+
+#[test]
+fn contacts_at_the_start_are_counted_as_a_step_finds_them() {
+    let scene = on_a_tray(4);
+    let load = scene.load(usize::MAX, &Control::new()).unwrap();
+    // Four corners of the tray and sixteen spheres.
+    assert_eq!((load.contacts, load.most_touched()), (20, Some((1, 20))));
+    let mut simulation = Simulation::new(&scene, &SETTINGS);
+    simulation.step(1e-3, &Control::new()).unwrap();
+    assert_eq!(simulation.contacts.len(), 20);
+    // Blocks: the tray's contacts with each other, and those of each sphere with itself.
+    let bytes = |blocks| ::contact::law::Size { contacts: 20, blocks, friction: Some(Cone::Quadratic) }.bytes();
+    let law = bytes(20 * 20 + 16);
+    let rest = load.bytes() - law;
+    assert!(rest < 20 * 2048, "{rest}");
+}
+
+#[test]
+fn a_step_whose_contacts_would_take_too_much_memory_is_not_made() {
+    let scene = on_a_tray(8);
+    let mut simulation = Simulation::new(&scene, &SETTINGS);
+    let needed = scene.load(usize::MAX, &Control::new()).unwrap().bytes();
+    simulation.most_memory = needed / 2;
+    let heights = |simulation: &Simulation<'_>| -> Vec<f64> {
+        simulation.ends.iter().map(|motion| motion.pose.translation.vector.z).collect()
+    };
+    let before = heights(&simulation);
+    let Err(StepFailure::TooMuchMemory { contacts, most_touched: Some((body, of_body)), bytes }) =
+        simulation.step(1e-3, &Control::new())
+    else {
+        panic!("a step that takes {needed} bytes")
+    };
+    assert!((2..68).contains(&contacts) && of_body as usize == contacts && body == 1, "{contacts} {body} {of_body}");
+    assert!(bytes > needed / 2 && bytes <= needed, "{bytes} of {needed}");
+    assert_eq!(heights(&simulation), before);
+}
+
+#[test]
+fn islands_count_apart_and_joints_bring_contacts_together() {
+    let apart = |count: u32| {
+        let balls = (0..count).map(|k| sphere(1.0, 1.0, [3.0 * f64::from(k), 0.0, 1.0]));
+        scene([ground(Vector3::z())].into_iter().chain(balls).collect(), 0.3, 0.0)
+    };
+    let bytes = |scene: &Scene| scene.load(usize::MAX, &Control::new()).unwrap().bytes();
+    // Islands are solved a few at a time.
+    assert!(bytes(&apart(100)) < 2 * bytes(&apart(50)));
+    let mut chained = apart(100);
+    for k in 1..100 {
+        let at = Vector3::new(3.0 * k as f64 - 1.5, 0.0, 1.0);
+        let joint = Joint::new(JointKind::Ball, (k, Some(k + 1)), &chained.bodies, at, Vector3::x_axis());
+        chained.joints.push(joint);
+    }
+    assert!(bytes(&chained) > 10 * bytes(&apart(100)));
+}
+
+#[test]
+fn nothing_is_detected_nor_assembled_for_one_who_went_away() {
+    let scene = on_a_tray(4);
+    let control = Control::new();
+    control.cancel();
+    assert!(scene.load(usize::MAX, &control).is_err());
+    let mut simulation = Simulation::new(&scene, &SETTINGS);
+    assert_eq!(simulation.step(1e-3, &control), Err(StepFailure::Interrupted));
+    assert_eq!(simulation.resolve(&control), Err(StepFailure::Interrupted));
+}

@@ -92,7 +92,7 @@ impl Sparse {
             }
         }
         if self.factored != self.matrix.val() {
-            self.factors.factorise(&self.matrix);
+            self.factors.factorise_unless(&self.matrix, || system.outside.poll().is_some());
             self.factored.clear();
             self.factored.extend_from_slice(self.matrix.val());
         }

@@ -4,7 +4,6 @@ use super::Radau;
 use crate::face::ActiveFace;
 use crate::system::Work;
 use problem::{ConvexSet, Dvi, FaceEquations};
-use vi;
 
 /// The variables at the end of a step.
 #[derive(Clone, Copy, Debug)]
@@ -112,7 +111,12 @@ impl Radau<'_> {
         self.system.equations_for_z(&self.y)
     }
 
-    /// Whether the last step has kept one face.
+    /// Whether the stages of the last step were solved on one face.
+    pub fn is_smooth(&self) -> bool {
+        self.last.is_smooth
+    }
+
+    /// Whether the last step has kept one face, and the next begins on it.
     pub fn kept_face(&self) -> bool {
         self.last.is_smooth && self.continues
     }

@@ -3,6 +3,7 @@
 use super::Shared;
 use super::document::Document;
 use super::problem::{Answer, Problem};
+use crate::jobs::Client;
 use axum::Json;
 use axum::extract::State;
 use specification::Summary;
@@ -18,6 +19,6 @@ use specification::Summary;
         Problem
     )
 )]
-pub async fn check(State(shared): State<Shared>, document: Document) -> Answer<Json<Summary>> {
-    Ok(Json(document.specification(&shared).await?.summary()))
+pub async fn check(State(shared): State<Shared>, client: Client, document: Document) -> Answer<Json<Summary>> {
+    document.checked(&shared, client, |specification| specification.summary()).await.map(Json)
 }

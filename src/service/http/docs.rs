@@ -71,6 +71,9 @@ fn operation_of(path: &str, method: &str, operation: &Value) -> String {
             told(response, "description"),
             contents.join(", ")
         );
+        for (name, header) in members(response.get("headers")) {
+            let _ = writeln!(html, "<dd>with <code>{}</code>: {}</dd>", escaped(name), told(header, "description"));
+        }
     }
     html.push_str("</dl>\n</section>\n");
     html
@@ -113,10 +116,13 @@ mod tests {
         let page = page(&json!({
             "info": {"title": "<script>", "version": "1"},
             "tags": [{"name": "a&b"}],
-            "paths": {"/x": {"get": {"tags": ["a&b"], "summary": "\"s\"", "responses": {"200": {"description": "<b>"}}}}},
+            "paths": {"/x": {"get": {"tags": ["a&b"], "summary": "\"s\"", "responses": {
+                "200": {"description": "<b>", "headers": {"x-h": {"description": "<i>"}}}
+            }}}},
         }));
         assert!(page.contains("&lt;script&gt;") && !page.contains("<script"), "{page}");
         assert!(page.contains("<b>GET</b> <code>/x</code>") && page.contains("&quot;s&quot;"), "{page}");
         assert!(page.contains("<dt>200</dt><dd>&lt;b&gt;"), "{page}");
+        assert!(page.contains("<dd>with <code>x-h</code>: &lt;i&gt;</dd>"), "{page}");
     }
 }

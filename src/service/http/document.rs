@@ -5,45 +5,83 @@
 
 use super::Shared;
 use super::problem::{Answer, Kind, Problem};
+use crate::jobs::{Client, Refusal};
 use axum::body::{Body, HttpBody};
 use axum::extract::{FromRequest, Request};
 use axum::http::{HeaderMap, header};
-use specification::Specification;
+use problem::Control;
+use specification::{Draft, Specification};
 use std::future::poll_fn;
 use std::pin::Pin;
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 use tokio::task::spawn_blocking;
 use tokio::time::timeout;
 
-/// A document up to this size is read where its connection is served: that takes less time than moving it.
+/// A document up to this size is read where its connection is served: that takes less time than moving it. It is checked
+/// there too if what it declares takes no longer than this.
 const SMALL: usize = 4 << 10;
+const SOON: Duration = Duration::from_millis(2);
+
+/// Between the time at which a check is to stop and that at which it is left alone.
+const LAST_CALL: Duration = Duration::from_secs(1);
 
 /// The bytes of the body.
 pub struct Document(Arc<[u8]>);
 
 impl Document {
-    /// Reads and checks it as a specification. A large one is read on a thread of its own, few at a time, because
-    /// the checks differentiate every expression in it.
+    /// Reads and checks it as a specification, and does with it what is left to do. One that is large, or declares much, is
+    /// read on a thread of its own, few at a time and the clients in turn, for as long as a job may take and its client
+    /// waits: the checks differentiate every expression, and look at every node and every pair of bodies.
     ///
     /// # Errors
-    /// All that is wrong with it.
-    pub async fn specification(&self, shared: &Shared) -> Answer<Arc<Specification>> {
+    /// All that is wrong with it; the bound that is reached.
+    pub async fn checked<T: Send + 'static>(
+        &self,
+        shared: &Shared,
+        client: Client,
+        then: impl FnOnce(Specification) -> T + Send + 'static,
+    ) -> Answer<T> {
         let bytes = self.bytes();
-        let read = if bytes.len() <= SMALL {
-            shared.jobs.read(&bytes)
-        } else {
-            // The semaphore is never closed and the reader does not panic; if it did, that would be ours to answer for.
-            let internal = |_| Problem::plain(Kind::Internal);
-            let _permit = shared.readers.acquire().await.map_err(|_| Problem::plain(Kind::Internal))?;
-            let jobs = Arc::clone(&shared.jobs);
-            spawn_blocking(move || jobs.read(&bytes)).await.map_err(internal)?
-        };
-        Ok(Arc::new(read?))
+        if bytes.len() <= SMALL {
+            let draft = Draft::read(&bytes)?;
+            if draft.check_time() <= SOON {
+                return Ok(then(shared.jobs.check(draft, &Control::new())?));
+            }
+        }
+        let turn = shared.turns.turn(client, bytes.len()).await.map_err(Refusal::from)?;
+        let wall = shared.options.wall();
+        let deadline = Instant::now().checked_add(wall);
+        let waits = Waits(Arc::new(deadline.map_or_else(Control::new, Control::with_deadline)));
+        let (jobs, control) = (Arc::clone(&shared.jobs), Arc::clone(&waits.0));
+        let reading = spawn_blocking(move || {
+            // Until the thread is done, whoever still waits for it.
+            let _turn = turn;
+            jobs.read(&bytes, &control).map(then)
+        });
+        let read = timeout(wall.saturating_add(LAST_CALL), reading).await;
+        match read {
+            // The reader does not panic; if it did, that would be ours to answer for.
+            Ok(read) => match read.map_err(|_| Problem::plain(Kind::Internal))? {
+                Err(_) if waits.0.poll().is_some() => Err(Problem::plain(Kind::CheckTime)),
+                read => Ok(read?),
+            },
+            Err(_) => Err(Problem::plain(Kind::CheckTime)),
+        }
     }
 
     /// As it was posted.
     pub fn bytes(&self) -> Arc<[u8]> {
         Arc::clone(&self.0)
+    }
+}
+
+/// Dropped with a request, it stops the check that the request waits for.
+struct Waits(Arc<Control>);
+
+impl Drop for Waits {
+    fn drop(&mut self) {
+        self.0.cancel();
     }
 }
 

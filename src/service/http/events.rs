@@ -3,7 +3,7 @@
 //! - `progress`: where the job stands, whenever that has changed;
 //! - `switch`: what happened in the trajectory, `{number, t, kind, of}`; the latest are at hand while the job runs, and
 //!   a gap between numbers says that the reader was too slow for some (the results have all);
-//! - `done`: where the job stands at its end, the last event.
+//! - `done`: where the job stands at its end, with the verdict on its answer; the last event.
 //!
 //! The id of an event is the number of switches told, so `Last-Event-ID` goes on after the last of them. A stream
 //! that ends without `done` was ended with the service.

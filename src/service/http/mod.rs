@@ -9,6 +9,7 @@ mod events;
 mod examples;
 mod excerpt;
 mod health;
+mod host;
 mod job_list;
 mod jobs;
 mod methods;
@@ -35,7 +36,7 @@ pub use openapi::description;
 pub use problem::{Kind, Problem};
 
 use super::access::Tokens;
-use super::jobs::Jobs;
+use super::jobs::{Jobs, Turns};
 use super::metrics::Metrics;
 use super::{Options, page};
 use axum::Router;
@@ -65,8 +66,8 @@ pub struct Common {
     pub metrics: Arc<Metrics>,
     /// The tokens of clients, where they are asked for.
     pub tokens: Option<Arc<Tokens>>,
-    /// Large specifications that may be read, and large pictures that may be drawn, at a time.
-    pub readers: Semaphore,
+    /// Large specifications that may be checked, and large pictures that may be drawn, at a time.
+    pub turns: Arc<Turns>,
     /// Streams of events that may be open at a time.
     pub streams: Arc<Semaphore>,
     /// Connections that may be open at a time.

@@ -1,8 +1,9 @@
 //! What every request meets: an id, which the client may give in `X-Request-Id` and which is given back to it, a span
-//! under that id in a log that goes into detail, and a look at where it comes from. Whatever the answer is, it is counted
+//! under that id in a log that goes into detail, and a look at where it comes from and whom it asks. Whatever the answer is, it is counted
 //! and leaves under the same security headers.
 
 use super::Shared;
+use super::host::refuse_other_hosts;
 use super::origin::refuse_other_sites;
 use super::security::secure;
 use axum::extract::{Request, State};
@@ -29,7 +30,7 @@ pub async fn observe(State(shared): State<Shared>, request: Request, next: Next)
     let span = tracing::debug_span!("request", request.id = text, http.method = %method, http.path = path.path());
     let start = Instant::now();
     let mut response = async {
-        let response = match refuse_other_sites(&request) {
+        let response = match refuse_other_hosts(&request, &shared.options).and_then(|()| refuse_other_sites(&request)) {
             Ok(()) => next.run(request).await,
             Err(problem) => problem.into_response(),
         };

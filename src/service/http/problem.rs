@@ -103,6 +103,13 @@ problems! {
         "The result is larger than `--result-mib` allows; ask for fewer output times or fields.";
     TooMuchMemory, "too-much-memory", UNPROCESSABLE_ENTITY, "The solve takes too much memory",
         "The estimate is more than `--memory-mib` allows; ask for fewer times or fields, a coarser mesh or longer steps.";
+    CheckTime, "check-time", UNPROCESSABLE_ENTITY, "The specification takes too long to check",
+        "Checking a specification may take as long as `--wall-seconds` allows a job; use a coarser mesh or fewer bodies.";
+    ForeignHost, "foreign-host", MISDIRECTED_REQUEST, "The service is not known by this name",
+        "A service on a loopback address that asks for no tokens answers to `localhost` and its own address alone, so that no \
+         web page can reach it under a name of its own; `dvi serve --host NAME` adds a name.";
+    BadHost, "bad-host", BAD_REQUEST, "The request does not name one host",
+        "A request has exactly one `Host`, a name or an address with or without a port (RFC 9112, section 3.2).";
     TooManyStreams, "too-many-streams", SERVICE_UNAVAILABLE, "Too many streams of events are open",
         "As many streams of events are open as `--streams` allows; ask `GET /jobs/{id}` meanwhile.";
     Draining, "draining", SERVICE_UNAVAILABLE, "The service is about to stop",

@@ -4,7 +4,7 @@ use super::Shared;
 use super::negotiation::{MediaType, choose};
 use super::part::Part;
 use super::problem::{Answer, Kind, Problem};
-use crate::jobs::{Job, Results};
+use crate::jobs::{Client, Job, Refusal, Results};
 use axum::body::{Body, Bytes, HttpBody};
 use axum::extract::FromRequestParts;
 use axum::http::HeaderValue;
@@ -22,7 +22,7 @@ use tokio::task::spawn_blocking;
 /// A form of the results.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Representation {
-    /// All of the solution.
+    /// All of the solution; the only one with the whole verdict, beside the metadata of Arrow.
     Json,
     /// The trajectory as a table.
     Csv,
@@ -73,16 +73,18 @@ impl Representation {
         }
         let large = results.json().len() > SHORT;
         let id = job.id;
-        let part = aside(shared, large, move || Part::of(id, results, excerpt.as_ref())).await??;
+        let part = aside(shared, job.client, large, move || Part::of(id, results, excerpt.as_ref())).await??;
         let table: Box<dyn Table> = match self {
-            Self::Json => return Ok(Body::from(aside(shared, large, move || part.json()).await?)),
+            Self::Json => return Ok(Body::from(aside(shared, job.client, large, move || part.json()).await?)),
             Self::Svg => {
                 let label = job.label.clone();
-                return Ok(Body::from(aside(shared, large, move || picture(&part, label.as_deref())).await?));
+                return Ok(Body::from(
+                    aside(shared, job.client, large, move || picture(&part, label.as_deref())).await?,
+                ));
             }
             Self::Csv => Box::new(Csv),
             Self::Lines => Box::new(Lines),
-            Self::Arrow => Box::new(Arrow::default()),
+            Self::Arrow => Box::new(part.solution().map(|part| Arrow::with(&part.verdict)).unwrap_or_default()),
         };
         Ok(Body::new(Rows { part, table, next: Some(0) }))
     }
@@ -99,17 +101,22 @@ impl<S: Send + Sync> FromRequestParts<S> for Representation {
 /// Results whose JSON is no longer are worked on where the connection is served, within a fraction of a millisecond.
 const SHORT: usize = 64 << 10;
 
-/// Does work on results; on large ones on a thread of its own, few at a time.
+/// Does work on results; on large ones on a thread of its own, few at a time and the clients in turn.
 async fn aside<T: Send + 'static>(
     shared: &Shared,
+    client: Client,
     large: bool,
     work: impl FnOnce() -> T + Send + 'static,
 ) -> Answer<T> {
     if !large {
         return Ok(work());
     }
-    // The semaphore is never closed and the work does not panic; if it did, that would be ours to answer for.
-    let _permit = shared.readers.acquire().await.map_err(|_| Problem::plain(Kind::Internal))?;
+    let turn = shared.turns.turn(client, 0).await.map_err(Refusal::from)?;
+    let work = move || {
+        let _turn = turn;
+        work()
+    };
+    // The work does not panic; if it did, that would be ours to answer for.
     spawn_blocking(work).await.map_err(|_| Problem::plain(Kind::Internal))
 }
 

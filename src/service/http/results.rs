@@ -5,6 +5,9 @@
 //!
 //! A solve that failed or was stopped has results all the same: the trajectory so far, with `status` and `error`
 //! that say so. A problem is answered only where there is no solution at all.
+//!
+//! `Dvi-Trusted` is `true` or `false` with every answer that has results, in whatever form: a table has no place for the
+//! verdict.
 
 use super::excerpt::Asked;
 use super::jobs::unreadable;
@@ -15,11 +18,14 @@ use super::security::PICTURE;
 use super::{Shared, no_store};
 use crate::jobs::{self, Ended, Ending, Job, Timing};
 use axum::extract::State;
-use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use solution::Excerpt;
 use solution::Solution;
 use std::hash::{DefaultHasher, Hash, Hasher};
+
+/// Whether the answer may be relied upon, `true` or `false`.
+const TRUSTED: HeaderName = HeaderName::from_static("dvi-trusted");
 
 /// Fetch the results of a job.
 #[utoipa::path(
@@ -40,7 +46,7 @@ use std::hash::{DefaultHasher, Hash, Hasher};
             (String = "application/x-ndjson"),
             (Vec<u8> = "application/vnd.apache.arrow.stream"),
             (String = "image/svg+xml"),
-        )),
+        ), headers(("dvi-trusted" = bool, description = "Whether the answer may be relied upon: `verdict.trusted` of the JSON"))),
         (status = 304, description = "The client has them, as `If-None-Match` says"),
         Problem
     )
@@ -107,6 +113,9 @@ pub async fn represent(
     headers.insert(header::CONTENT_TYPE, representation.content_type());
     if representation == Representation::Svg {
         headers.insert(header::CONTENT_SECURITY_POLICY, PICTURE);
+    }
+    if let Some(verdict) = &ended.verdict {
+        headers.insert(TRUSTED, HeaderValue::from_static(if verdict.trusted { "true" } else { "false" }));
     }
     if let Some(timing) = ended.timing.and_then(server_timing) {
         headers.insert("server-timing", timing);

@@ -41,7 +41,7 @@ use tokio::time::timeout;
             (Vec<u8> = "application/vnd.apache.arrow.stream"),
             (String = "image/svg+xml"),
             (ServerSentEvent = "text/event-stream"),
-        )),
+        ), headers(("dvi-trusted" = bool, description = "Whether the answer may be relied upon: `verdict.trusted` of the JSON"))),
         (status = 202, description = "It takes longer; `Location` is the job", body = StatusInfo),
         Problem
     )
@@ -103,7 +103,7 @@ async fn job(
     }
     // Asked before the specification is read, so that refusing costs next to nothing.
     shared.jobs.admits(client, document_bytes.len())?;
-    let specification = document.specification(shared).await?;
+    let specification = document.checked(shared, client, Arc::new).await?;
     Ok(shared.jobs.submit(Order { client, specification, document: document_bytes, key }, lasting).await?)
 }
 

@@ -4,16 +4,27 @@ use super::problem::Problem;
 use crate::jobs::{Ended, Ending, Job, Jobs, State};
 use jiff::Timestamp;
 use serde::Serialize;
+use solution::Verdict;
 use specification::Time;
 use utoipa::ToSchema;
 
 /// Where a job stands.
 #[derive(Debug, PartialEq, Serialize, ToSchema)]
 pub struct StatusInfo {
+    /// Its name.
     id: String,
+    /// `accepted`, `running`, `successful` (the end time was reached), `failed` or `dismissed`.
     status: &'static str,
+    /// Whether the answer may be relied upon; absent until there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    trusted: Option<bool>,
+    /// Why the answer is not trusted, and what else should be known of it; absent until there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    verdict: Option<Verdict>,
+    /// Why it did not reach its end time.
     #[serde(skip_serializing_if = "Option::is_none")]
     message: Option<String>,
+    /// The label of its specification.
     #[serde(skip_serializing_if = "Option::is_none")]
     label: Option<String>,
     /// The part of the time horizon that is done, in per cent.
@@ -28,14 +39,18 @@ pub struct StatusInfo {
     time: f64,
     /// Accepted steps of the method.
     steps: u64,
+    /// When it was accepted.
     #[schema(value_type = String, format = DateTime)]
     created: Timestamp,
+    /// When a worker took it.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<String>, format = DateTime)]
     started: Option<Timestamp>,
+    /// When it ended.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<String>, format = DateTime)]
     finished: Option<Timestamp>,
+    /// What can be done with it.
     links: Vec<Link>,
 }
 
@@ -59,6 +74,10 @@ impl StatusInfo {
             State::Accepted(_) => ("accepted", None),
             State::Running { .. } => ("running", None),
             State::Ended(ended) => outcome(ended),
+        };
+        let verdict = match &state {
+            State::Accepted(_) | State::Running { .. } => None,
+            State::Ended(ended) => ended.verdict.clone(),
         };
         let (started, finished) = match &state {
             State::Accepted(_) => (None, None),
@@ -91,6 +110,8 @@ impl StatusInfo {
         Self {
             id: job.id.to_string(),
             status,
+            trusted: verdict.as_ref().map(|verdict| verdict.trusted),
+            verdict,
             message,
             label: job.label.clone(),
             progress,

@@ -40,6 +40,15 @@ impl Change {
     }
 }
 
+/// What the database knows of jobs.
+#[derive(Debug)]
+pub struct Rows {
+    /// Those that can be read.
+    pub records: Vec<(JobId, Record)>,
+    /// The names of the others.
+    pub unreadable: Vec<JobId>,
+}
+
 /// The database of one process: the file is locked.
 #[derive(Debug)]
 pub struct Database {
@@ -86,22 +95,26 @@ impl Database {
         read().map_err(io::Error::other)
     }
 
-    /// Every row, oldest job first; a row that cannot be read is left out and named in the log.
+    /// Every row, oldest job first; one that cannot be read, as after a step back to an earlier version, is named in the log
+    /// and left as it is.
     ///
     /// # Errors
     /// Those of the disk.
-    pub fn records(&self) -> io::Result<Vec<(JobId, Record)>> {
+    pub fn records(&self) -> io::Result<Rows> {
         let read = || -> Result<_, redb::Error> {
-            let mut records = Vec::new();
+            let (mut records, mut unreadable) = (Vec::new(), Vec::new());
             for row in self.redb.begin_read()?.open_table(JOBS)?.iter()? {
                 let (number, record) = row?;
                 let id = JobId::of_number(number.value());
                 match serde_json::from_slice(record.value()) {
                     Ok(record) => records.push((id, record)),
-                    Err(error) => tracing::error!(job.id = %id, %error, "the row of job {id} cannot be read"),
+                    Err(error) => {
+                        tracing::error!(job.id = %id, %error, "the row of job {id} cannot be read; it is kept as it is");
+                        unreadable.push(id);
+                    }
                 }
             }
-            Ok(records)
+            Ok(Rows { records, unreadable })
         };
         read().map_err(io::Error::other)
     }

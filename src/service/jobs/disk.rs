@@ -1,18 +1,24 @@
 //! The folder of a durable service:
 //!
 //! ```text
-//! jobs.redb        a row a job, its specification, its result if that is small
-//! results/ID.json  a large result
-//! running-N        what the workers of the Nth start are at
+//! jobs.redb         a row a job, its specification, its result if that is small
+//! results/ID.json   a large result
+//! results.orphaned  results that no row names: of a database that was lost, or of jobs that were being forgotten
+//! running-N         what the workers of the Nth start are at
 //! ```
+//!
+//! A start removes nothing that was once accepted or solved: the database may be missing, or of another version, by a
+//! mistake that can be mended.
 
-use super::database::{Change, Database};
+use super::database::{Change, Database, Rows};
 use super::ended::{Ended, Ending, Fault, Held};
 use super::files::{self, Files};
 use super::marks::Marks;
 use super::writer::{Place, Unwritable, Writer};
 use super::{JobId, Record, Results};
 use std::collections::HashSet;
+use std::fs::Permissions;
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::{fs, io};
@@ -20,8 +26,25 @@ use std::{fs, io};
 /// A result of this size and more is a file: the database would copy it once more and keep its room.
 const LARGE: usize = 64 << 10;
 
+/// The folder of results that no job names.
+const ORPHANS: &str = "results.orphaned";
+
+/// What the names of marks begin with.
+const MARKS: &str = "running-";
+
 /// A job that was running this often when its process ended is not started again.
 const MOST_CRASHES: u32 = 2;
+
+/// What a start found.
+#[derive(Debug, Default)]
+pub struct Found {
+    /// The jobs of earlier processes, oldest first.
+    pub records: Vec<(JobId, Record)>,
+    /// Jobs that cannot be read.
+    pub unreadable: usize,
+    /// Results that were set aside.
+    pub orphaned: usize,
+}
 
 /// The open folder.
 #[derive(Debug)]
@@ -38,16 +61,20 @@ impl Disk {
     ///
     /// # Errors
     /// Another process uses the folder, or those of the disk.
-    pub fn open(folder: &Path) -> io::Result<(Self, Vec<(JobId, Record)>)> {
+    pub fn open(folder: &Path) -> io::Result<(Self, Found)> {
         Self::recover(folder).map_err(|error| io::Error::new(error.kind(), format!("{}: {error}", folder.display())))
     }
 
-    fn recover(folder: &Path) -> io::Result<(Self, Vec<(JobId, Record)>)> {
-        fs::create_dir_all(folder)?;
-        let database = Arc::new(Database::open(&folder.join("jobs.redb"))?);
+    fn recover(folder: &Path) -> io::Result<(Self, Found)> {
+        files::create(folder)?;
+        let path = folder.join("jobs.redb");
+        let database = Arc::new(Database::open(&path)?);
+        if let Err(error) = fs::set_permissions(&path, Permissions::from_mode(files::OWN)) {
+            tracing::warn!(%error, "others may be able to read {}", path.display());
+        }
         let files = Arc::new(Files::open(folder.join("results"))?);
         files::sync(folder)?;
-        let (mut records, start) = (database.records()?, database.starts()?);
+        let (Rows { mut records, unreadable }, start) = (database.records()?, database.starts()?);
         let running: HashSet<_> = Marks::read(&marks(folder, start))?.into_iter().collect();
         let mut changes = Vec::new();
         for (id, record) in &mut records {
@@ -57,14 +84,19 @@ impl Disk {
         }
         // In the same transaction: marks that have been counted once are those of an earlier start.
         database.start(&changes, start + 1)?;
-        let counted = marks(folder, start);
-        if counted.exists() {
-            fs::remove_file(counted)?;
-        }
+        remove_marks(folder)?;
         let marks = Marks::create(&marks(folder, start + 1))?;
-        files.sweep(&records.iter().filter(|(_, record)| has_file(record)).map(|(id, _)| *id).collect())?;
+        let named = records.iter().map(|(id, _)| *id).chain(unreadable.iter().copied()).collect();
+        let orphans = folder.join(ORPHANS);
+        let orphaned = files.sweep(&named, &orphans)?;
+        if orphaned > 0 {
+            let orphans = orphans.display();
+            let why = if start == 0 { "the database is new" } else { "no job has them" };
+            tracing::error!(orphaned, "{orphaned} results are set aside in {orphans}: {why}");
+        }
         let writer = Writer::start(Arc::clone(&database), Arc::clone(&files))?;
-        Ok((Self { database, files, marks, writer }, records))
+        let found = Found { records, unreadable: unreadable.len(), orphaned };
+        Ok((Self { database, files, marks, writer }, found))
     }
 
     /// A place for a change, as soon as there is one.
@@ -156,10 +188,96 @@ fn recover(record: &mut Record, running: bool) -> bool {
     crashed || record.ended.is_some()
 }
 
-fn has_file(record: &Record) -> bool {
-    matches!(&record.ended, Some(Ended { held: Some(Held::File(_)), .. }))
+fn marks(folder: &Path, start: u64) -> PathBuf {
+    folder.join(format!("{MARKS}{start}"))
 }
 
-fn marks(folder: &Path, start: u64) -> PathBuf {
-    folder.join(format!("running-{start}"))
+/// Removes the marks of all starts: those of the last one have been counted, and earlier ones are of no use.
+fn remove_marks(folder: &Path) -> io::Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        let name = entry.file_name();
+        if name.to_str().and_then(|name| name.strip_prefix(MARKS)?.parse::<u64>().ok()).is_some() {
+            fs::remove_file(entry.path())?;
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::thread;
+    use std::time::{Duration, Instant};
+
+    /// A folder of its own, removed at the end.
+    struct Folder(PathBuf);
+
+    impl Folder {
+        fn new(name: &str) -> Self {
+            Self(std::env::temp_dir().join(format!("dvi-disk-{name}-{}", std::process::id())))
+        }
+    }
+
+    impl Drop for Folder {
+        fn drop(&mut self) {
+            let _ = fs::remove_dir_all(&self.0);
+        }
+    }
+
+    /// The folder as the next process finds it, once the thread of the last one has ended.
+    fn open(folder: &Folder) -> (Disk, Found) {
+        let start = Instant::now();
+        loop {
+            match Disk::open(&folder.0) {
+                Ok(opened) => return opened,
+                Err(error) => assert!(start.elapsed() < Duration::from_secs(20), "{error}"),
+            }
+            thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    #[test]
+    fn a_row_that_cannot_be_read_stays_with_its_results() {
+        let folder = Folder::new("unreadable");
+        let id = JobId::of_number(1);
+        let (disk, _) = open(&folder);
+        let row = br#"{"client": "of a later version"}"#.to_vec();
+        disk.database.apply(&[Change { record: Some((id, row)), ..Change::default() }]).unwrap();
+        disk.files.write(id, b"{}").unwrap();
+        drop(disk);
+        for _ in 0..2 {
+            let (disk, found) = open(&folder);
+            assert_eq!((found.records.len(), found.unreadable, found.orphaned), (0, 1, 0));
+            assert_eq!(disk.files.read(id).unwrap(), b"{}");
+        }
+    }
+
+    #[test]
+    fn results_without_a_database_are_set_aside_and_the_marks_of_earlier_starts_removed() {
+        let folder = Folder::new("orphans");
+        let id = JobId::of_number(2);
+        let (disk, _) = open(&folder);
+        disk.files.write(id, b"{}").unwrap();
+        drop(disk);
+        fs::remove_file(folder.0.join("jobs.redb")).unwrap();
+        fs::write(marks(&folder.0, 17), "").unwrap();
+        let (disk, found) = open(&folder);
+        assert_eq!((found.unreadable, found.orphaned), (0, 1));
+        assert_eq!(fs::read(folder.0.join(ORPHANS).join(format!("{id}.json"))).unwrap(), b"{}");
+        assert_eq!(disk.files.read(id).unwrap_err().kind(), io::ErrorKind::NotFound);
+        assert!(!marks(&folder.0, 17).exists() && marks(&folder.0, 1).exists());
+    }
+
+    #[test]
+    fn what_is_kept_is_its_owners_alone() {
+        let folder = Folder::new("owner");
+        let id = JobId::of_number(3);
+        let (disk, _) = open(&folder);
+        disk.files.write(id, b"{}").unwrap();
+        for name in ["", "jobs.redb", "results", &format!("results/{id}.json")] {
+            let mode = fs::metadata(folder.0.join(name)).unwrap().permissions().mode();
+            assert_eq!(mode & 0o077, 0, "{name}: {mode:o}");
+        }
+    }
 }

@@ -3,7 +3,7 @@
 use super::Results;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
-use solution::{Solution, Status};
+use solution::{Solution, Status, Verdict};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -78,6 +78,9 @@ pub struct Ended {
     pub steps: u64,
     /// How it ended.
     pub ending: Ending,
+    /// The verdict on its answer, if it left one.
+    #[serde(default)]
+    pub verdict: Option<Verdict>,
     /// What it left.
     pub held: Option<Held>,
 }
@@ -86,12 +89,12 @@ impl Ended {
     /// The end, now, of a job that no worker has solved in this process.
     pub fn unsolved(ending: Ending) -> Self {
         let finished = Timestamp::now();
-        Self { started: None, finished, timing: None, fraction: 0.0, steps: 0, ending, held: None }
+        Self { started: None, finished, timing: None, fraction: 0.0, steps: 0, ending, verdict: None, held: None }
     }
 
     /// The same without its results, which could not be put away.
     pub fn unwritable(self) -> Self {
-        Self { ending: Ending::Broken(Fault::Unwritable), held: None, ..self }
+        Self { ending: Ending::Broken(Fault::Unwritable), verdict: None, held: None, ..self }
     }
 
     /// The bytes that keeping it takes.

@@ -3,8 +3,9 @@
 
 use super::JobId;
 use std::collections::HashSet;
-use std::fs::{self, File};
+use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io::{self, Write};
+use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
 /// A folder of results.
@@ -19,7 +20,7 @@ impl Files {
     /// # Errors
     /// It cannot be made.
     pub fn open(folder: PathBuf) -> io::Result<Self> {
-        fs::create_dir_all(&folder)?;
+        create(&folder)?;
         Ok(Self { folder })
     }
 
@@ -29,7 +30,7 @@ impl Files {
     /// Those of the disk.
     pub fn write(&self, id: JobId, json: &[u8]) -> io::Result<()> {
         let unfinished = self.folder.join(format!("{id}.part"));
-        let mut file = File::create(&unfinished)?;
+        let mut file = OpenOptions::new().write(true).create(true).truncate(true).mode(OWN).open(&unfinished)?;
         file.write_all(json)?;
         file.sync_all()?;
         fs::rename(&unfinished, self.path(id))?;
@@ -55,24 +56,47 @@ impl Files {
         }
     }
 
-    /// Removes whatever does not belong to one of `jobs`: what was being written when the process ended.
+    /// Removes what was being written when the process ended, and sets aside into `orphans` whatever else does not belong
+    /// to one of `jobs`; says how much that was. Nothing that was ever whole is removed.
     ///
     /// # Errors
     /// Those of the disk.
-    pub fn sweep(&self, jobs: &HashSet<JobId>) -> io::Result<()> {
+    pub fn sweep(&self, jobs: &HashSet<JobId>, orphans: &Path) -> io::Result<usize> {
+        let mut set_aside = 0;
         for entry in fs::read_dir(&self.folder)? {
-            let path = entry?.path();
-            let name = path.file_name().and_then(|name| name.to_str()).and_then(|name| name.strip_suffix(".json"));
-            if !name.and_then(|id| id.parse().ok()).is_some_and(|id| jobs.contains(&id)) {
+            let entry = entry?;
+            let (path, name) = (entry.path(), entry.file_name());
+            let of = |suffix| name.to_str().and_then(|name| name.strip_suffix(suffix)?.parse::<JobId>().ok());
+            if of(".part").is_some() {
                 fs::remove_file(path)?;
+            } else if !of(".json").is_some_and(|id| jobs.contains(&id)) {
+                create(orphans)?;
+                fs::rename(path, orphans.join(&name))?;
+                set_aside += 1;
             }
         }
-        Ok(())
+        if set_aside > 0 {
+            sync(orphans)?;
+            sync(&self.folder)?;
+        }
+        Ok(set_aside)
     }
 
     fn path(&self, id: JobId) -> PathBuf {
         self.folder.join(format!("{id}.json"))
     }
+}
+
+/// Files are their owner's alone, and so are folders: specifications and results are nobody else's business.
+pub const OWN: u32 = 0o600;
+const OWN_FOLDER: u32 = 0o700;
+
+/// Makes a folder, if it is not there.
+///
+/// # Errors
+/// Those of the disk.
+pub fn create(folder: &Path) -> io::Result<()> {
+    DirBuilder::new().recursive(true).mode(OWN_FOLDER).create(folder)
 }
 
 /// Makes the names in a folder last.

@@ -5,7 +5,8 @@
 //! accepted ------------------------------> dismissed
 //! ```
 //!
-//! The words are those of OGC API - Processes, part 1, `statusCode`. *Successful* says that the end time was reached.
+//! The words are those of OGC API - Processes, part 1, `statusCode`. *Successful* says that the end time was reached;
+//! whether the answer is trusted, its verdict says.
 //! A solve that a limit stopped did not do what it was asked, so its job is *failed*, as is one whose numerics
 //! failed; one stopped by its client is *dismissed*. All three keep the trajectory so far. A running job that is
 //! parked goes back to accepted, for the next process to take up.
@@ -261,6 +262,7 @@ impl Job {
                 fraction: control.fraction(),
                 steps: control.steps(),
                 ending,
+                verdict: None,
                 held: None,
             },
             State::Accepted(_) | State::Ended(_) => Ended::unsolved(ending),

@@ -24,6 +24,7 @@ mod queue;
 mod record;
 mod results;
 mod store;
+mod turns;
 mod work;
 mod writer;
 
@@ -36,6 +37,7 @@ pub use job::{Halt, Job, JobId, Moment, Order, State};
 pub use pool::Pool;
 pub use queue::Room;
 pub use results::Results;
+pub use turns::{Turn, Turns};
 pub use writer::Unwritable;
 
 use super::metrics::Metrics;
@@ -46,7 +48,7 @@ use problem::Control;
 use queue::{FairQueue, Full, Heavy};
 use record::Record;
 use solution::Solution;
-use specification::{Specification, SpecificationError};
+use specification::{Draft, Specification, SpecificationError};
 use std::io;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -96,6 +98,17 @@ pub enum Refusal {
     Unwritable,
 }
 
+/// There is no room to wait for a check either.
+impl From<Full> for Refusal {
+    fn from(full: Full) -> Self {
+        match full {
+            Full::Queue => Self::QueueFull(UNMEASURED),
+            Full::Bytes => Self::QueueBytes(UNMEASURED),
+            Full::Share => Self::ClientShare(UNMEASURED),
+        }
+    }
+}
+
 impl From<Unwritable> for Refusal {
     fn from(_: Unwritable) -> Self {
         Self::Unwritable
@@ -141,7 +154,7 @@ impl Jobs {
     /// # Errors
     /// The folder is in use, or those of the disk.
     pub fn open(bounds: Bounds, solver: Solver, folder: Option<&Path>, metrics: Arc<Metrics>) -> io::Result<Self> {
-        let (store, accepted) = Store::open(folder, bounds.retention)?;
+        let (store, accepted) = Store::open(folder, bounds.retention, &metrics)?;
         let mut queue = FairQueue::new(bounds.queue);
         let waiting = Semaphore::new(accepted.len());
         accepted.into_iter().for_each(|job| queue.push(job.client, job));
@@ -185,8 +198,17 @@ impl Jobs {
     ///
     /// # Errors
     /// All that is wrong with it.
-    pub fn read(&self, document: &[u8]) -> Result<Specification, Vec<SpecificationError>> {
-        Specification::from_json(document).map(|specification| specification.within_steps(self.bounds.steps))
+    pub fn read(&self, document: &[u8], control: &Control) -> Result<Specification, Vec<SpecificationError>> {
+        self.check(Draft::read(document)?, control)
+    }
+
+    /// Checks a document as one that is to be solved here.
+    ///
+    /// # Errors
+    /// All that is wrong with it.
+    pub fn check(&self, draft: Draft, control: &Control) -> Result<Specification, Vec<SpecificationError>> {
+        let Bounds { steps, memory, .. } = self.bounds;
+        draft.check(control).map(|specification| specification.within_steps(steps).within_memory(memory))
     }
 
     /// Takes on a job, or gives the one that was posted before under its key. One that is to be `lasting` is on the disk,
@@ -295,7 +317,9 @@ impl Jobs {
             State::Running { started, control, .. } => {
                 let (done, spent) = (control.fraction(), started.clock.elapsed());
                 let rest = spent.as_secs_f64() * (1.0 - done) / done;
-                Duration::try_from_secs_f64(rest).unwrap_or(spent)
+                // Longer than it may take it does not.
+                let most = self.bounds.wall.saturating_sub(spent);
+                Duration::try_from_secs_f64(rest).unwrap_or(spent).min(most)
             }
             State::Ended { .. } => Duration::ZERO,
         }

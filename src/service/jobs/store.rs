@@ -5,12 +5,13 @@
 //! one job are handed to the disk under the lock of its life, so that they are made in the order in which they came about.
 
 use super::database::Change;
-use super::disk::Disk;
+use super::disk::{Disk, Found};
 use super::ended::{Ended, Ending, Held};
 use super::index::{Index, Retention};
 use super::job::{Halt, Job, JobId, Keeping, Life, State};
 use super::writer::{Answer, Place, Unwritable};
 use super::{Record, Results};
+use crate::metrics::Metrics;
 use jiff::Timestamp;
 use std::io;
 use std::path::Path;
@@ -30,10 +31,11 @@ impl Store {
     ///
     /// # Errors
     /// The folder is in use, or those of the disk.
-    pub fn open(folder: Option<&Path>, retention: Retention) -> io::Result<(Self, Vec<Arc<Job>>)> {
+    pub fn open(folder: Option<&Path>, retention: Retention, metrics: &Metrics) -> io::Result<(Self, Vec<Arc<Job>>)> {
         let index = Index::new(retention);
         let Some(folder) = folder else { return Ok((Self { index, disk: None }, Vec::new())) };
-        let (disk, records) = Disk::open(folder)?;
+        let (disk, Found { records, unreadable, orphaned }) = Disk::open(folder)?;
+        metrics.found(unreadable, orphaned);
         let (mut waiting, mut past) = (Vec::new(), Vec::new());
         for (id, record) in records {
             let finished = record.ended.as_ref().map(|ended| (ended.finished, ended.bytes()));

@@ -4,6 +4,7 @@ use super::Jobs;
 use super::ended::{Ended, Ending, Fault, Held};
 use super::job::{Halt, Job, State};
 use super::results::{Results, TooLarge};
+use problem::Control;
 use solution::{Solution, Status};
 use specification::Specification;
 use std::any::Any;
@@ -97,9 +98,10 @@ impl Jobs {
 
     pub(super) fn ended(&self, job: &Job, solution: Solution, cancelled: bool) -> Ended {
         let ending = Ending::of(&solution, cancelled);
+        let verdict = Some(solution.verdict.clone());
         let limit = self.bounds.result_bytes;
         match Results::of(solution, limit) {
-            Ok(results) => Ended { held: Some(Held::Memory(Arc::new(results))), ..job.ended(ending) },
+            Ok(results) => Ended { verdict, held: Some(Held::Memory(Arc::new(results))), ..job.ended(ending) },
             Err(TooLarge) => job.ended(Ending::Broken(Fault::TooLarge { limit })),
         }
     }
@@ -109,7 +111,7 @@ impl Jobs {
             return Ok(specification);
         }
         let document = self.store.document(job)?;
-        let read = self.read(&document);
+        let read = self.read(&document, &Control::new());
         read.map(Arc::new).map_err(|errors| io::Error::other(format!("{errors:?}")))
     }
 }

@@ -2,10 +2,11 @@
 // tells, by the names it gives, so that nothing new is ever left out.
 
 import { element } from "./element.js";
-import { number, seconds } from "./numbers.js";
+import { measured, number, seconds } from "./numbers.js";
 
 const UNIQUENESS = {
   unique: "a solution exists and is unique",
+  locally_unique: "a solution exists and is unique until it gets where the equations are not Lipschitz",
   exists_not_certified: "a solution exists; it is not certified to be unique",
   not_certified: "neither existence nor uniqueness is certified",
   not_unique: "solutions are not unique in general",
@@ -70,9 +71,12 @@ function row(name, values) {
   const once = texts.length > 1 && texts[0].length > 40 && texts.every((text) => text === texts[0]);
   const cells = once
     ? [element("td", { colspan: texts.length }, texts[0])]
-    : texts.map((text) => element("td", {}, text));
+    : texts.map((text, i) => element("td", { class: isBeyond(values[i]) ? "bad" : null }, text));
   return element("tr", {}, element("th", { scope: "row" }, words(name)), ...cells);
 }
+
+// A check that failed.
+const isBeyond = (value) => value != null && typeof value === "object" && value.value > value.allowed;
 
 function told(name, value) {
   if (value == null) return "–";
@@ -80,6 +84,7 @@ function told(name, value) {
   if (name === "wall_seconds") return seconds(value);
   if (typeof value === "number") return number(value);
   if (Array.isArray(value)) return value.map((one) => told("", one)).join(", ") || "none";
+  if (typeof value === "object" && "allowed" in value) return measured(value);
   if (typeof value === "object") return Object.entries(value).map(([key, one]) => `${words(key)} ${told(key, one)}`).join(", ") || "none";
   return String(value);
 }

@@ -45,6 +45,7 @@ const FILES: &[File] = files! {
     "plots.js": "text/javascript; charset=utf-8";
     "service.js": "text/javascript; charset=utf-8";
     "study.js": "text/javascript; charset=utf-8";
+    "verdict.js": "text/javascript; charset=utf-8";
     "vendor/uplot.css": "text/css; charset=utf-8";
     "vendor/uplot.js": "text/javascript; charset=utf-8";
 };

@@ -15,6 +15,12 @@ export function number(value, digits = 5) {
 
 const trimmed = (text) => (text.includes(".") ? text.replace(/\.?0+$/, "") : text);
 
+// A measurement beside what is allowed. JSON has no infinity: the largest number stands for it.
+export const measured = ({ value, allowed }) => {
+  const told = Math.abs(value) === Number.MAX_VALUE ? "not finite" : number(value, 3);
+  return `${told}, allowed ${number(allowed, 3)}`;
+};
+
 export function seconds(value) {
   if (value < 1e-3) return `${number(value * 1e6, 3)} µs`;
   if (value < 1) return `${number(value * 1e3, 3)} ms`;

@@ -11,6 +11,7 @@ import { lineAt, linesOf } from "./places.js";
 import { Plots } from "./plots.js";
 import * as service from "./service.js";
 import { study } from "./study.js";
+import { verdicts } from "./verdict.js";
 
 const PAUSE = 250; // milliseconds without a keystroke before a check
 const PANELS = 6; // fields shown at first
@@ -24,7 +25,7 @@ const FORMATS = [
 
 const editor = new Editor(byId("text"), byId("lines"));
 const plots = new Plots(byId("plots"), byId("hover"));
-let shown = null; // the run in view: {id, label, t, fields, events, diagnostics}
+let shown = null; // the run in view: {id, label, verdict, t, fields, events, diagnostics}
 let other = null; // the run it is compared with
 let followed = null; // the id of the job whose progress is in view
 let leave = null; // leaves it
@@ -115,6 +116,7 @@ async function follow(id) {
   leave = new AbortController();
   followed = id;
   byId("progress").hidden = false;
+  setAside(true);
   const status = await service.follow(id, tellProgress, leave.signal);
   if (status === null) return;
   byId("progress").hidden = true;
@@ -133,26 +135,29 @@ function tellProgress(status) {
 // ---- showing what has ended
 
 async function fetchRun(id, label) {
-  const { trajectory, diagnostics, status, error, study } = await service.results(id);
-  return { id, label, status, error, ...trajectory, diagnostics, study };
+  const { trajectory, diagnostics, status, verdict, error, study } = await service.results(id);
+  return { id, label, status, verdict, error, ...trajectory, diagnostics, study };
+}
+
+// What is in view is of the run before, while the next is on its way.
+function setAside(aside) {
+  byId("before").hidden = !aside || byId("chosen").hidden;
+  byId("chosen").classList.toggle("before", aside);
 }
 
 async function show(status) {
   location.hash = `job=${status.id}`;
+  tellMessage(status.message);
+  const run = await fetchRun(status.id, status.label).catch((refusal) => tellMessage(refusal.message));
+  shown = run ?? null;
+  other = null;
   byId("empty").hidden = true;
   byId("chosen").hidden = false;
+  setAside(false);
   byId("label").textContent = status.label ?? "Without a label";
-  byId("outcome").textContent = status.status;
+  byId("outcome").textContent = run ? `${status.status} in ${seconds(run.diagnostics.wall_seconds ?? 0)}` : status.status;
   byId("outcome").dataset.status = status.status;
-  tellMessage(status.message);
-  other = null;
-  shown = null;
-  try {
-    shown = await fetchRun(status.id, status.label);
-    byId("outcome").textContent = `${status.status} in ${seconds(shown.diagnostics.wall_seconds ?? 0)}`;
-  } catch (refusal) {
-    tellMessage(refusal.message);
-  }
+  keep(remembered().map((job) => (job.id === status.id ? { ...job, trusted: status.trusted } : job)));
   byId("study").replaceChildren(...(shown?.study ? study(shown.study) : []));
   offerDownloads();
   offerFields();
@@ -168,6 +173,7 @@ function tellMessage(message) {
 function draw() {
   const runs = [shown, other].filter((run) => run !== null);
   const chosen = [...byId("fields").querySelectorAll("input:checked")].map((input) => input.value);
+  byId("verdict").replaceChildren(...verdicts(runs).filter((part) => part !== null));
   plots.show(runs, chosen);
   byId("evidence").replaceChildren(...(runs.length > 0 ? evidence(runs) : []));
   const warnings = runs.flatMap((run) => run.diagnostics.warnings ?? []);
@@ -249,6 +255,7 @@ function listJobs() {
       "li",
       {},
       element("a", { href: `#job=${job.id}` }, named(job)),
+      job.trusted === false ? element("span", { class: "bad" }, "not trusted") : null,
       element("button", { type: "button", "aria-label": `Forget ${named(job)}`, click: () => forget(job.id) }, "forget"),
     ),
   );

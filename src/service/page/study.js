@@ -9,7 +9,7 @@ export function study({ reference, series, picture }) {
   const address = URL.createObjectURL(image);
   const shown = element("img", { src: address, alt: "Error against run time; the numbers are in the table below" });
   for (const event of ["load", "error"]) shown.addEventListener(event, () => URL.revokeObjectURL(address));
-  const head = ["method", "tolerance or step", "steps", "run time", "error at the end", "order"];
+  const head = ["method", "tolerance or step", "steps", "run time", "error at the end", "order", "trusted"];
   const rows = series.flatMap(({ method, runs }) => runs.map((run) => [method, ...told(run)]));
   const table = element(
     "table",
@@ -27,6 +27,10 @@ const told = (run) => [
   seconds(run.wall_seconds),
   run.status === "completed" ? maybe(run.error_at_end, 2) : run.status,
   maybe(run.order, 3),
+  verdict(run.trusted),
 ];
+
+const verdict = (trusted) =>
+  trusted === false ? element("strong", { class: "bad" }, "no") : trusted === true ? "yes" : "–";
 
 const maybe = (value, digits) => (value == null ? "–" : number(value, digits));

@@ -1,23 +1,37 @@
 //! The streaming form of Arrow's interprocess communication (`application/vnd.apache.arrow.stream`): a schema, record
 //! batches of columns of doubles, none of them null, and the mark of the end.
+//!
+//! The metadata of the schema hold the verdict: `dvi.trusted` is `true` or `false`, `dvi.verdict` the whole of it as JSON.
 
 use super::Table;
-use crate::Trajectory;
+use crate::{Trajectory, Verdict};
 use arrow_array::{ArrayRef, Float64Array, RecordBatch};
 use arrow_ipc::writer::StreamWriter;
 use arrow_schema::{ArrowError, DataType, Schema};
+use std::collections::HashMap;
 use std::io::{self, Write};
 use std::ops::Range;
 use std::sync::Arc;
 
 /// Writes an Arrow stream.
 #[derive(Default)]
-pub struct Arrow(Option<(Arc<Schema>, StreamWriter<Vec<u8>>)>);
+pub struct Arrow {
+    metadata: HashMap<String, String>,
+    begun: Option<(Arc<Schema>, StreamWriter<Vec<u8>>)>,
+}
 
 impl Arrow {
+    /// A stream of an answer on which this is the verdict.
+    pub fn with(verdict: &Verdict) -> Self {
+        // Every number of a verdict is finite, so that it has a JSON form.
+        let json = serde_json::to_string(verdict).unwrap_or_default();
+        let metadata = [("dvi.trusted", verdict.trusted.to_string()), ("dvi.verdict", json)];
+        Self { metadata: metadata.map(|(key, value)| (key.to_owned(), value)).into(), begun: None }
+    }
+
     /// Hands on what has been written.
     fn pass_on(&mut self, out: &mut dyn Write) -> io::Result<()> {
-        let Some((_, writer)) = &mut self.0 else { return Ok(()) };
+        let Some((_, writer)) = &mut self.begun else { return Ok(()) };
         let written = writer.get_mut();
         out.write_all(written)?;
         written.clear();
@@ -30,14 +44,14 @@ impl Table for Arrow {
         let names = std::iter::once("t").chain(trajectory.fields.iter().map(|field| field.name.as_str()));
         let columns: Vec<arrow_schema::Field> =
             names.map(|name| arrow_schema::Field::new(name, DataType::Float64, false)).collect();
-        let schema = Arc::new(Schema::new(columns));
+        let schema = Arc::new(Schema::new_with_metadata(columns, self.metadata.clone()));
         let writer = StreamWriter::try_new(Vec::new(), &schema).map_err(broken)?;
-        self.0 = Some((schema, writer));
+        self.begun = Some((schema, writer));
         self.pass_on(out)
     }
 
     fn rows(&mut self, trajectory: &Trajectory, times: Range<usize>, out: &mut dyn Write) -> io::Result<()> {
-        let Some((schema, writer)) = &mut self.0 else { return Ok(()) };
+        let Some((schema, writer)) = &mut self.begun else { return Ok(()) };
         let columns = std::iter::once(&trajectory.t).chain(trajectory.fields.iter().map(|field| &field.values));
         let columns = columns.map(|column| {
             let part = column.get(times.clone()).unwrap_or_default();
@@ -49,7 +63,7 @@ impl Table for Arrow {
     }
 
     fn end(&mut self, out: &mut dyn Write) -> io::Result<()> {
-        if let Some((_, writer)) = &mut self.0 {
+        if let Some((_, writer)) = &mut self.begun {
             writer.finish().map_err(broken)?;
         }
         self.pass_on(out)
@@ -64,7 +78,7 @@ fn broken(error: ArrowError) -> io::Error {
 mod tests {
     use super::super::write_table;
     use super::*;
-    use crate::Field;
+    use crate::{CheckCode, Field, Reason};
     use arrow_array::cast::AsArray;
     use arrow_array::types::Float64Type;
     use arrow_ipc::reader::StreamReader;
@@ -89,6 +103,21 @@ mod tests {
         };
         assert_eq!(column(0), t.iter().map(|t| t.to_bits()).collect::<Vec<_>>());
         assert_eq!(column(1), values.iter().map(|value| value.to_bits()).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn the_schema_has_the_verdict() {
+        let message = "the hinge of `arm` comes apart".to_owned();
+        let reason = Reason { code: CheckCode::JointDrift, value: 0.03, allowed: 1e-3, message };
+        for verdict in
+            [Verdict { trusted: true, ..Verdict::default() }, Verdict { because: vec![reason], ..Verdict::default() }]
+        {
+            let mut bytes = Vec::new();
+            write_table(&mut Arrow::with(&verdict), &Trajectory::default(), &mut bytes).unwrap();
+            let schema = StreamReader::try_new(bytes.as_slice(), None).unwrap().schema();
+            assert_eq!(schema.metadata()["dvi.trusted"], verdict.trusted.to_string());
+            assert_eq!(serde_json::from_str::<Verdict>(&schema.metadata()["dvi.verdict"]).unwrap(), verdict);
+        }
     }
 
     #[test]

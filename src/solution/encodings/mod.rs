@@ -3,6 +3,10 @@
 //!
 //! - JSON: one object, columns as arrays. It alone has events and diagnostics.
 //! - Tables, written some rows at a time: [CSV](Csv), [JSON lines](Lines), [Arrow].
+//!
+//! The verdict stands in JSON right after `status`, and in the metadata of an Arrow schema. CSV (RFC 4180) has no comments, and
+//! each of the JSON lines is a row: readers of data frames would take anything else for data. There the header `Dvi-Trusted` of
+//! the service and the exit code of the program say it.
 
 mod arrow;
 mod csv;

@@ -1,11 +1,11 @@
 //! Curves on two axes in powers of ten: a line for each, with a mark at each of its points.
 
 use super::elements::{line, plain, text};
-use super::legend::{Legend, mark, polyline};
+use super::legend::{Legend, hollow, mark, polyline};
 use super::thinning::Point;
 use super::{LARGE_CHARACTERS, LEFT, LINE_CHARACTERS, RIGHT, WIDTH};
 use svg::Document;
-use svg::node::element::{Rectangle, Style, Title};
+use svg::node::element::{Group, Rectangle, Style, Title};
 
 /// Where the names are, and where the axes begin where these are in one row.
 const NAMES: f64 = 56.0;
@@ -24,6 +24,23 @@ pub struct Curve {
     pub name: String,
     /// Its points, both coordinates above zero.
     pub points: Vec<Point>,
+    /// Those of its points whose marks are hollow: the answers are not trusted.
+    pub untrusted: Vec<Point>,
+}
+
+impl Curve {
+    /// The mark of each point, the `k`-th curve's, where `place` puts it.
+    pub(super) fn marks(&self, k: usize, radius: f64, place: impl Fn(Point) -> Point) -> Group {
+        self.points.iter().fold(Group::new(), |group, point| {
+            let shape = if self.untrusted.contains(point) { hollow } else { mark };
+            group.add(shape(place(*point), k, radius))
+        })
+    }
+}
+
+/// What is said of hollow marks; nothing where all are full.
+pub(super) fn told_of_marks<'a>(mut curves: impl Iterator<Item = &'a Curve>) -> &'static str {
+    if curves.any(|curve| !curve.untrusted.is_empty()) { "hollow marks: answers that are not trusted" } else { "" }
 }
 
 /// An axis in powers of ten, from pixel to pixel.
@@ -85,13 +102,14 @@ pub fn double_logarithmic(curves: &[Curve], title: &str, below: &str, abscissa: 
             picture.add(line("grid", (at, top), (at, floor))).add(text(power(decade), "middle", at, floor + 18.0));
     }
     for (k, curve) in curves.iter().enumerate() {
-        let shown: Vec<Point> = curve.points.iter().map(|point| (x.place(point.0), y.place(point.1))).collect();
-        picture = picture.add(polyline(&shown, k));
-        picture = shown.into_iter().fold(picture, |picture, point| picture.add(mark(point, k, RADIUS)));
+        let place = |point: Point| (x.place(point.0), y.place(point.1));
+        let shown: Vec<Point> = curve.points.iter().copied().map(place).collect();
+        picture = picture.add(polyline(&shown, k)).add(curve.marks(k, RADIUS, place));
     }
     picture
         .add(legend.drawn(NAMES))
         .add(text(plain(below, LINE_CHARACTERS), "faint", LEFT, floor + 38.0))
+        .add(text(told_of_marks(curves.iter()), "faint", LEFT, floor + 54.0))
         .add(text(abscissa, "faint end", RIGHT, floor + 38.0))
         .to_string()
 }

@@ -81,9 +81,18 @@ pub fn polyline(points: &[Point], k: usize) -> Polyline {
 }
 
 /// A mark on the `k`-th line at `(x, y)`, with the area of a disc of the radius `r`.
-pub fn mark((x, y): Point, k: usize, r: f64) -> Path {
+pub fn mark(place: Point, k: usize, r: f64) -> Path {
+    Path::new().set("class", colour("mark", k)).set("d", shape(place, k, r))
+}
+
+/// The same, of which the outline alone is in the colour of the line.
+pub fn hollow(place: Point, k: usize, r: f64) -> Path {
+    Path::new().set("class", format!("hollow {}", colour("line", k))).set("d", shape(place, k, r))
+}
+
+fn shape((x, y): Point, k: usize, r: f64) -> String {
     let [x, y, r] = [x, y, r].map(tenths);
-    let shape = match round(k) {
+    match round(k) {
         0 => format!("M{},{y}a{r},{r} 0 1 0 {},0a{r},{r} 0 1 0 {},0z", tenths(x - r), 2.0 * r, -2.0 * r),
         1 => {
             let half = tenths(0.9 * r);
@@ -93,8 +102,7 @@ pub fn mark((x, y): Point, k: usize, r: f64) -> Path {
             let half = tenths(1.3 * r);
             format!("M{},{}h{}l-{half},-{}z", tenths(x - half), tenths(y + 0.8 * half), 2.0 * half, tenths(1.8 * half))
         }
-    };
-    Path::new().set("class", colour("mark", k)).set("d", shape)
+    }
 }
 
 fn width(c: char) -> f64 {

@@ -13,7 +13,7 @@ mod panel;
 mod thinning;
 mod work_precision;
 
-use super::{Event, EventKind, Field, Solution, Status};
+use super::{CheckCode, Event, EventKind, Field, Solution, Status};
 use axis::Axis;
 use elements::{line, plain, text};
 use panel::{HEADING, MOST_LINES, Stage, panel};
@@ -118,6 +118,12 @@ fn remarks(solution: &Solution, panels: &[Vec<&Field>]) -> String {
     if let (Some(error), Status::Failed | Status::Stopped) = (&solution.error, solution.status) {
         let ended = if solution.status == Status::Failed { "failed" } else { "stopped" };
         remarks.push(format!("{ended} at t = {}: {}", error.time, error.code));
+    }
+    let because = solution.verdict.because.iter().map(|reason| reason.code);
+    let because: Vec<String> =
+        because.filter(|code| *code != CheckCode::NotAtEnd).map(|code| code.to_string()).collect();
+    if !because.is_empty() {
+        remarks.push(format!("not trusted: {}", because.join(", ")));
     }
     if panels.is_empty() {
         remarks.push("there is nothing to show".to_owned());

@@ -1,9 +1,9 @@
 //! Error against run time of many systems at one glance: a small panel for each on the same axes in powers of ten (small
 //! multiples: E. R. Tufte, "Envisioning Information", 1990, chapter 4), so that one may be held against another.
 
-use super::double_logarithmic::{Curve, Decades, power};
+use super::double_logarithmic::{Curve, Decades, power, told_of_marks};
 use super::elements::{line, plain, tenths, text};
-use super::legend::{Legend, mark, polyline};
+use super::legend::{Legend, polyline};
 use super::thinning::Point;
 use super::{LEFT, LINE_CHARACTERS, RIGHT, WIDTH};
 use svg::Document;
@@ -15,7 +15,7 @@ const TOP: f64 = 84.0;
 const HEIGHT: f64 = 92.0;
 const BETWEEN: f64 = 26.0;
 const GAP: f64 = 14.0;
-const FOOT: f64 = 52.0;
+const FOOT: f64 = 64.0;
 /// The size of a mark.
 const RADIUS: f64 = 2.0;
 /// Decades from one line of the grid to the next.
@@ -51,6 +51,7 @@ pub fn overview(panels: &[(&str, Vec<Curve>)], title: &str, below: &str, absciss
     picture
         .add(text(plain(below, LINE_CHARACTERS), "faint", LEFT, floor + 42.0))
         .add(text(abscissa, "faint end", RIGHT, floor + 42.0))
+        .add(text(told_of_marks(panels.iter().flat_map(|(_, curves)| curves)), "faint", LEFT, floor + 58.0))
         .to_string()
 }
 
@@ -74,9 +75,9 @@ fn panel(name: &str, curves: &[Curve], (x, y): (&Decades, &Decades), (first, low
         }
     }
     for (k, curve) in curves.iter().enumerate() {
-        let shown: Vec<Point> = curve.points.iter().map(|point| (x.place(point.0), y.place(point.1))).collect();
-        group = group.add(polyline(&shown, k));
-        group = shown.into_iter().fold(group, |group, point| group.add(mark(point, k, RADIUS)));
+        let place = |point: Point| (x.place(point.0), y.place(point.1));
+        let shown: Vec<Point> = curve.points.iter().copied().map(place).collect();
+        group = group.add(polyline(&shown, k)).add(curve.marks(k, RADIUS, place));
     }
     group
 }

@@ -1,7 +1,7 @@
 //! Pictures are read back by an independent reader of XML.
 
 use super::*;
-use crate::{Diagnostics, Failure, Series, Study, StudyRun, Trajectory, Verdict};
+use crate::{Diagnostics, Failure, Reason, Series, Study, StudyRun, Trajectory, Verdict};
 use roxmltree::Node;
 
 fn solution(t: Vec<f64>, columns: Vec<Vec<f64>>) -> Solution {
@@ -160,11 +160,21 @@ fn a_solve_that_did_not_reach_its_end_says_so() {
 }
 
 #[test]
+fn a_picture_of_an_answer_that_is_not_trusted_says_why() {
+    let mut solution = solution(vec![0.0, 1.0], vec![vec![0.0, 1.0]]);
+    drawn(&solution, None, |picture| assert!(!words(picture).contains("trusted")));
+    let reason = |code| Reason { code, value: 1.0, allowed: 1e-3, message: String::new() };
+    solution.verdict.because = vec![reason(CheckCode::JointDrift), reason(CheckCode::EnergyBalance)];
+    drawn(&solution, None, |picture| assert!(words(picture).contains("not trusted: joint drift, energy balance")));
+}
+
+#[test]
 fn the_picture_of_a_study_names_each_of_its_methods_beside_a_mark_of_its_own() {
     let run = |wall_seconds: f64, error: f64| StudyRun {
         rtol: Some(error),
         step: None,
         status: Status::Completed,
+        trusted: Some(error > 1e-3),
         steps: 1,
         wall_seconds,
         error_at_end: Some(error),
@@ -181,7 +191,10 @@ fn the_picture_of_a_study_names_each_of_its_methods_beside_a_mark_of_its_own() {
     solution.study = Some(Study { reference: String::new(), series, picture });
     drawn(&solution, None, |picture| {
         assert_eq!(lines(picture).iter().map(Vec::len).collect::<Vec<_>>(), [2; 8]);
+        let is_hollow = |node: &Node<'_, '_>| node.attribute("class").is_some_and(|class| class.starts_with("hollow "));
+        assert_eq!(picture.descendants().filter(is_hollow).count(), 8, "one run of each method is not trusted");
         let words = words(picture);
+        assert!(words.contains("hollow marks: answers that are not trusted"), "{words}");
         for k in 0..8 {
             assert!(words.contains(&format!("the method of number {k} at fixed steps")), "{words}");
         }

@@ -20,7 +20,10 @@ pub fn work_precision<'a>(
 /// The runs of each series that have an error.
 pub fn curves<'a>(series: impl IntoIterator<Item = &'a Series>) -> Vec<Curve> {
     let point = |run: &StudyRun| Some((run.wall_seconds.max(1e-9), run.error_at_end?.max(LEAST_ERROR)));
-    let curve =
-        |series: &Series| Curve { name: series.method.clone(), points: series.runs.iter().filter_map(point).collect() };
+    let curve = |series: &Series| Curve {
+        name: series.method.clone(),
+        points: series.runs.iter().filter_map(point).collect(),
+        untrusted: series.runs.iter().filter(|run| run.trusted == Some(false)).filter_map(point).collect(),
+    };
     series.into_iter().map(curve).collect()
 }

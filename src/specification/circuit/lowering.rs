@@ -5,7 +5,7 @@ use super::faults::Names;
 use super::{CircuitProblem, MOST_COMPONENTS, model, netlist};
 use crate::error::SpecificationError;
 use crate::expression::Expression;
-use crate::lowering::Lowering;
+use crate::lowering::{Lowering, Start};
 use crate::place::Place;
 use crate::wording::abridged;
 use models::Model;
@@ -17,7 +17,7 @@ pub(super) const GROUND: &str = "0";
 
 impl CircuitProblem {
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(crate) fn lower(&self, place: &Place<'_>, start: Option<f64>) -> (Lowering, Option<Model>) {
+    pub(crate) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Model>) {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let model = match (&self.components, &self.netlist) {
             (Some(components), None) => {

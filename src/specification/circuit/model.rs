@@ -6,7 +6,7 @@ use crate::lowering::Lowering;
 use crate::start;
 use expression::Node;
 use models::circuit::{Columns, Element, Equations as Forms, Fault, Law, NormalTree, Port, System};
-use models::{DviModel, Equations, Linear, Model, Outputs};
+use models::{DviModel, Equations, KinkAdvice, Linear, Model, Outputs};
 
 /// The model of a circuit whose components are right each by itself.
 ///
@@ -53,8 +53,16 @@ pub(super) fn model(
     let rows = system.rows(&mut lowering.graph, &forms);
     let equations = Linear::new(&mut lowering.graph, rows)
         .map_err(|(_, error)| vec![SpecificationError::new(names.whole.clone(), error.code, error.message)])?;
-    let equations = Equations::Linear(equations);
-    let model = DviModel { state_names, variable_names, outputs, initial, equations, warnings: Vec::new() };
+    let equations = Equations::Linear(Box::new(equations));
+    let model = DviModel {
+        state_names,
+        variable_names,
+        outputs,
+        initial,
+        equations,
+        warnings: Vec::new(),
+        kinks: KinkAdvice::default(),
+    };
     if let Some(t) = lowering.start {
         start::check(&model, t, |_| names.whole.clone(), &mut lowering.errors);
     }

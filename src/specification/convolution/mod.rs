@@ -9,13 +9,13 @@ pub(super) use plan::check;
 use super::dvi::refused;
 use super::error::SpecificationError;
 use super::expression::Expression;
-use super::lowering::Lowering;
+use super::lowering::{Lowering, Start};
 use super::matrix::Matrix;
 use super::ordered::Ordered;
 use super::place::Place;
 use super::set::{self, Block, LoweredSet};
 use super::start;
-use models::{ConvolutionModel, DviModel, Equations, Model, Outputs, Rows, Symbolic};
+use models::{ConvolutionModel, DviModel, Equations, KinkAdvice, Model, Outputs, Rows, Symbolic};
 use problem::{Mass, Workspace};
 use serde::Deserialize;
 use solution::Warning;
@@ -71,7 +71,7 @@ pub struct FractionalKernel {
 
 impl ConvolutionProblem {
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(super) fn lower(&self, place: &Place<'_>, start: Option<f64>) -> (Lowering, Option<Model>) {
+    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Model>) {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let m = self.variables.len();
         let variables = place.key("variables");
@@ -99,7 +99,7 @@ impl ConvolutionProblem {
             None => variables.key(self.variables.name(row)).key("q").to_string(),
         };
         let equations = match Symbolic::new(&mut lowering.graph, rows) {
-            Ok(equations) => Equations::Symbolic(equations),
+            Ok(equations) => Equations::Symbolic(Box::new(equations)),
             Err(refusals) => {
                 for refusal in refusals {
                     lowering.errors.push(refused(refusal, &[], &variable_names, row_pointer));
@@ -114,6 +114,7 @@ impl ConvolutionProblem {
             initial: Vec::new(),
             equations,
             warnings: Vec::new(),
+            kinks: KinkAdvice::default(),
         };
         if let Some(t) = lowering.start.filter(|_| lowering.errors.is_empty()) {
             start::check(&forcing, t, row_pointer, &mut lowering.errors);

@@ -11,18 +11,21 @@ use models::finite_elements::Grid;
 /// The expression at a point, in `t` alone; zero where there is none, which is reported.
 pub(super) struct Field<'a> {
     node: Option<Node>,
+    /// The points asked for so far.
+    points: usize,
     dimension: usize,
     place: &'a Place<'a>,
 }
 
 impl<'a> Field<'a> {
     pub(super) fn read(expression: &Expression, grid: &Grid, place: &'a Place<'a>, lowering: &mut Lowering) -> Self {
-        Self { node: lowering.node(expression, place), dimension: grid.dimension(), place }
+        Self { node: lowering.node(expression, place), points: 0, dimension: grid.dimension(), place }
     }
 
     pub(super) fn at(&mut self, point: [f64; 3], lowering: &mut Lowering) -> Node {
         let zero = lowering.graph.constant(0.0);
-        let Some(node) = self.node else { return zero };
+        self.points += 1;
+        let Some(node) = self.node.filter(|_| lowering.goes_on(self.points)) else { return zero };
         let numbers: Vec<(usize, f64)> = (1..=self.dimension).zip(point).collect();
         match lowering.graph.substitute(node, &numbers) {
             Ok(node) => match lowering.graph.value(node).filter(|value| !value.is_finite()) {

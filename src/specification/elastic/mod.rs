@@ -16,13 +16,13 @@ use super::directions::DIRECTIONS;
 use super::elements::Elements;
 use super::error::SpecificationError;
 use super::expression::Expression;
-use super::lowering::Lowering;
+use super::lowering::{Lowering, Start};
 use super::ordered::Ordered;
 use super::place::Place;
 use super::start;
 use body::Geometry;
 use models::elastic::{Continuum, semidiscretise};
-use models::{DviModel, Equations, Linear, Model};
+use models::{DviModel, Equations, KinkAdvice, Linear, Model};
 use serde::Deserialize;
 use solution::Warning;
 use utoipa::ToSchema;
@@ -93,7 +93,7 @@ impl ElasticProblem {
     }
 
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(super) fn lower(&self, place: &Place<'_>, start: Option<f64>) -> (Lowering, Option<Model>) {
+    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Model>) {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let Some(geometry) = self.geometry(place, &mut lowering) else { return (lowering, None) };
         let names = DIRECTIONS.into_iter().take(geometry.grid.dimension());
@@ -115,7 +115,11 @@ impl ElasticProblem {
             contacts,
             grid: geometry.grid.clone(),
         };
-        let lowered = semidiscretise(&mut lowering.graph, &continuum, &displacement, &velocity);
+        let lowered = semidiscretise(&mut lowering.graph, &continuum, &displacement, &velocity, start.control);
+        let Ok(lowered) = lowered else {
+            lowering.errors.push(SpecificationError::interrupted());
+            return (lowering, None);
+        };
         if lowered.unknowns.inner == 0 {
             let detail = "no node of the body moves";
             lowering.errors.report(&place.key("clamped"), "nothing_moves", detail);
@@ -124,7 +128,7 @@ impl ElasticProblem {
         let names = outputs::names(&geometry, &continuum, &lowered, &sides);
         let outputs = outputs::lower(&probes, &continuum, &lowered, &sides, &mut lowering);
         let equations = match Linear::new(&mut lowering.graph, lowered.rows) {
-            Ok(equations) => Equations::Linear(equations),
+            Ok(equations) => Equations::Linear(Box::new(equations)),
             Err((_, error)) => {
                 let place = place.key("contact");
                 lowering.errors.push(SpecificationError::new(place.to_string(), error.code, error.message));
@@ -138,6 +142,7 @@ impl ElasticProblem {
             initial: lowered.initial,
             equations,
             warnings: open_questions(&geometry, &continuum),
+            kinks: KinkAdvice::default(),
         };
         if let Some(t) = lowering.start {
             start::check(&model, t, |_| place.to_string(), &mut lowering.errors);

@@ -14,7 +14,7 @@ pub use contact::{ConeName, Contact, Friction, Joint};
 use super::error::SpecificationError;
 use super::expression::Expression;
 use super::kinks;
-use super::lowering::Lowering;
+use super::lowering::{Lowering, Start};
 use super::matrix::Matrix;
 use super::ordered::Ordered;
 use super::place::Place;
@@ -81,7 +81,7 @@ const MOST_CONSTRAINTS: usize = 400;
 
 impl MechanicalProblem {
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(crate) fn lower(&self, place: &Place<'_>, start: Option<f64>) -> (Lowering, Option<Model>) {
+    pub(crate) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Model>) {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let n = self.coordinates.len();
         if n == 0 {

@@ -14,13 +14,12 @@ use super::directions::DIRECTIONS;
 use super::elements::Elements;
 use super::error::SpecificationError;
 use super::expression::Expression;
-use super::lowering::Lowering;
+use super::lowering::{Lowering, Start};
 use super::ordered::Ordered;
 use super::place::Place;
 use models::Model;
 use models::finite_elements::{Grid, Quadrature};
-use models::obstacle::{Cause, Field, Obstacle, Probe, Semidiscrete, largest_peclet};
-use problem::Control;
+use models::obstacle::{Cause, Field, Obstacle, Probe, largest_peclet};
 use serde::Deserialize;
 use solution::Warning;
 use utoipa::ToSchema;
@@ -81,7 +80,7 @@ impl ObstacleProblem {
     }
 
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(super) fn lower(&self, place: &Place<'_>, start: Option<f64>) -> (Lowering, Option<Model>) {
+    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Model>) {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let dimension = self.domain.dimension();
         let place_of_domain = place.key("domain");
@@ -119,14 +118,20 @@ impl ObstacleProblem {
             warnings: Vec::new(),
         };
         if let Some(t) = lowering.start {
-            if let Err(Cause::Offence(offence)) = check(&problem, t) {
-                let pointer = format!("{place}/{}", offence.key());
-                let error = SpecificationError::new(pointer, offence.code(), offence.to_string());
-                lowering.errors.push(error.expected(offence.expected()));
-                return (lowering, None);
+            let checked = problem.check(t, lowering.control);
+            match checked.and_then(|()| largest_peclet(&mut problem, t, lowering.control)) {
+                Ok(peclet) => problem.warnings.extend((peclet > 1.0).then(|| unresolved(peclet))),
+                Err(Cause::Offence(offence)) => {
+                    let pointer = format!("{place}/{}", offence.key());
+                    let error = SpecificationError::new(pointer, offence.code(), offence.to_string());
+                    lowering.errors.push(error.expected(offence.expected()));
+                    return (lowering, None);
+                }
+                Err(_) => {
+                    lowering.errors.push(SpecificationError::interrupted());
+                    return (lowering, None);
+                }
             }
-            let peclet = largest_peclet(&mut problem, t);
-            problem.warnings.extend((peclet > 1.0).then(|| unresolved(peclet)));
         }
         (lowering, Some(Model::Obstacle(Box::new(problem))))
     }
@@ -183,14 +188,4 @@ fn unresolved(peclet: f64) -> Warning {
          diffusion was added where this is above 1, which smears layers over an element; more elements resolve them"
     );
     Warning { code: "unresolved_layers", message }
-}
-
-/// Whether all data are what they should be at the start.
-fn check(problem: &Obstacle, t: f64) -> Result<(), Cause> {
-    let control = Control::new();
-    let mut system = Semidiscrete::new(problem.clone(), &control).map_err(|_| Cause::Interrupted { t })?;
-    system.operator_at(t, &control)?;
-    system.vectors_at(t)?;
-    system.initial(t)?;
-    Ok(())
 }

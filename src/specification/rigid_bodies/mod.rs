@@ -20,7 +20,7 @@ pub use shapes::{
 
 use super::error::SpecificationError;
 use super::expression::Expression;
-use super::lowering::Lowering;
+use super::lowering::{Lowering, Start};
 use super::mechanical::Interpenetration;
 use super::ordered::Ordered;
 use super::place::Place;
@@ -64,7 +64,7 @@ pub struct RigidBodiesProblem {
 
 impl RigidBodiesProblem {
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(super) fn lower(&self, place: &Place<'_>, start: Option<f64>) -> (Lowering, Option<Model>) {
+    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Model>) {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let place_of_bodies = place.key("bodies");
         if self.bodies.len() > MOST_BODIES {
@@ -98,7 +98,7 @@ impl RigidBodiesProblem {
         let resolve = self.interpenetration == Interpenetration::Resolve;
         let scene = Scene { gravity: gravity.unwrap_or_default(), bodies, laws, cone, joints, resolve, warnings };
         if !resolve && lowering.errors.is_empty() {
-            overlaps::refuse(&scene, &place_of_bodies, &mut lowering.errors);
+            overlaps::refuse(&scene, &place_of_bodies, lowering.control, &mut lowering.errors);
             joints::refuse_torn(&self.joints, &scene, &place.key("joints"), &mut lowering.errors);
         }
         (lowering, Some(Model::RigidBodies(scene)))

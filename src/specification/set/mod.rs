@@ -12,12 +12,12 @@ use super::wording::{abridged, listed};
 use expression::Node;
 use expression::nearest;
 use problem::{ConvexSet, MovingBound};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use utoipa::ToSchema;
 
 /// One factor of `K`. Every variable stands in exactly one block.
-#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Block {
     /// No bounds: `G = 0` for these variables.
@@ -39,7 +39,7 @@ pub enum Block {
 }
 
 /// Variables between bounds.
-#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BoxBlock {
     /// The variables.
@@ -51,7 +51,7 @@ pub struct BoxBlock {
 }
 
 /// Variables in a ball.
-#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BallBlock {
     /// The variables.
@@ -61,7 +61,7 @@ pub struct BallBlock {
 }
 
 /// Variables in a polyhedron.
-#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[expect(non_snake_case, reason = "the matrix goes by the name that it has in the formula")]
 pub struct PolyhedronBlock {

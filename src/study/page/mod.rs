@@ -41,9 +41,10 @@ fn overview(chapters: &[Chapter]) -> String {
                 format!("<em>{}</em>", escaped(&chapter.reference))
             },
             number(&errors.reduce(f64::min).map_or_else(|| "none".to_owned(), |least| format!("{least:.1e}"))),
+            number(&format!("{} of {}", chapter.trusted().0, chapter.trusted().1)),
         ]
     });
-    table(&["system", "", "errors are measured against", "least error"], rows)
+    table(&["system", "", "errors are measured against", "least error", "trusted answers"], rows)
 }
 
 /// A system: its picture, and the numbers in it.
@@ -52,11 +53,11 @@ fn section(page: &mut String, chapter: &Chapter) {
     let _ = write!(page, "<section id=\"{}\"><h2>{}</h2>", escaped(&chapter.name), escaped(&chapter.title));
     *page += &work_precision(chapter.all(), Some(&chapter.title), &chapter.reference);
     let runs = chapter.all().flat_map(|series| series.runs.iter().map(|run| row(&series.method, run)));
-    let head = ["method", "tolerance or step", "steps", "time / s", "error", "order"];
+    let head = ["method", "tolerance or step", "steps", "time / s", "error", "order", "trusted"];
     let _ = write!(page, "<details><summary>Numbers</summary>{}</details></section>", table(&head, runs));
 }
 
-fn row(method: &str, run: &StudyRun) -> [String; 6] {
+fn row(method: &str, run: &StudyRun) -> [String; 7] {
     let shown =
         |value: Option<f64>, digits: usize| value.map_or_else(|| "–".to_owned(), |value| format!("{value:.digits$e}"));
     let error = match run.status {
@@ -72,7 +73,17 @@ fn row(method: &str, run: &StudyRun) -> [String; 6] {
         number(&format!("{:.1e}", run.wall_seconds)),
         number(&error),
         number(&order),
+        trusted(run.trusted),
     ]
+}
+
+/// A cell with a verdict; a dash where there is none.
+fn trusted(verdict: Option<bool>) -> String {
+    match verdict {
+        Some(true) => "yes".to_owned(),
+        Some(false) => "<span class=\"failed\">no</span>".to_owned(),
+        None => "–".to_owned(),
+    }
 }
 
 /// A table of cells that are HTML already.
@@ -108,6 +119,7 @@ mod tests {
             rtol: Some(1e-3),
             step: None,
             status: Status::Failed,
+            trusted: Some(false),
             steps: 7,
             wall_seconds: 1e-3,
             error_at_end: None,
@@ -127,6 +139,7 @@ mod tests {
         let page = html(&[chapter], None, "none");
         assert!(!page.contains("<script"), "{page}");
         assert!(page.contains("<span class=\"number\">failed</span>") && page.contains("3 stages"), "{page}");
+        assert!(page.contains("<span class=\"failed\">no</span>"), "{page}");
     }
 
     #[test]
@@ -136,10 +149,17 @@ mod tests {
             name: name.to_owned(),
             title: String::new(),
             findings: vec![Finding { expected: "9 digits".to_owned(), found: "3 digits".to_owned(), passed }],
+            trusted: (name != "refused").then_some(name == "good"),
             seconds: 0.1,
         };
-        let outcomes = vec![outcome("good", true), outcome("bad", false)];
-        let page = html(&[], Some(&Stability { outcomes, ..Stability::default() }), "none");
-        assert!(page.contains("1 of 2") && page.contains("class=\"failed\""), "{page}");
+        let outcomes = ["good", "doubted", "refused"].map(|name| outcome(name, true));
+        let outcomes = outcomes.into_iter().chain([outcome("bad", false)]).collect();
+        let limits = Stability { outcomes, ..Stability::default() };
+        let page = html(&[], Some(&limits), "none");
+        assert!(page.contains("3 of 4") && page.contains("class=\"failed\""), "{page}");
+        assert!(page.contains("<strong>1 of 2</strong> are trusted, of the wrong ones 0 of 1"), "{page}");
+        let csv = limits.csv();
+        assert!(csv.contains("\"good\",\"9 digits\",\"3 digits\",true,true,0.1\n"), "{csv}");
+        assert!(csv.contains("\"refused\",\"9 digits\",\"3 digits\",true,,0.1\n"), "{csv}");
     }
 }

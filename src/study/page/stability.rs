@@ -17,6 +17,7 @@ pub fn html(limits: &Stability) -> String {
     let mut page = include_str!("stability.html").to_owned();
     let passed = outcomes.iter().filter(|outcome| outcome.passed()).count();
     page += &format!("<p><strong>{passed} of {}</strong> cases come out as they must.</p>", outcomes.len());
+    page += &verdicts(limits);
     let failed: Vec<&Outcome> = outcomes.iter().filter(|outcome| !outcome.passed()).collect();
     if !failed.is_empty() {
         page += "<h2>Failures</h2>";
@@ -32,16 +33,28 @@ pub fn html(limits: &Stability) -> String {
     page + &linear(rays) + &nonlinear(contractions) + &energy(balances)
 }
 
+/// How often the verdict on an answer agrees with what is known of it.
+fn verdicts(limits: &Stability) -> String {
+    let [right, wrong] = [true, false].map(|passed| limits.trusted(passed));
+    format!(
+        "<p>The verdict on the answers that reached the end: of the right ones <strong>{} of {}</strong> are trusted, of the \
+         wrong ones {} of {}.</p>",
+        right.0, right.1, wrong.0, wrong.1
+    )
+}
+
 fn rows(outcomes: &[&Outcome]) -> String {
     let rows = outcomes.iter().flat_map(|outcome| {
         outcome.findings.iter().enumerate().map(|(k, finding)| {
             let once = |text: &str| if k == 0 { escaped(text) } else { String::new() };
             let class = if finding.passed { "passed" } else { "failed" };
             let verdict = format!("<span class=\"{class}\">{class}</span>");
-            [once(&outcome.name), once(&outcome.title), escaped(&finding.expected), escaped(&finding.found), verdict]
+            let trusted = if k == 0 { super::trusted(outcome.trusted) } else { String::new() };
+            let [name, title] = [once(&outcome.name), once(&outcome.title)];
+            [name, title, escaped(&finding.expected), escaped(&finding.found), verdict, trusted]
         })
     });
-    table(&["case", "", "what must come of it", "what came", ""], rows)
+    table(&["case", "", "what must come of it", "what came", "", "trusted"], rows)
 }
 
 fn linear(rays: &[Ray]) -> String {
@@ -57,6 +70,7 @@ fn linear(rays: &[Ray]) -> String {
             .map(|ray| Curve {
                 name: format!("{} stage{}", ray.stages, if ray.stages == 1 { "" } else { "s" }),
                 points: ray.points.iter().map(|&(z, r)| (z, r.max(LEAST))).collect(),
+                untrusted: Vec::new(),
             })
             .collect();
         page += &double_logarithmic(&curves, &format!("|R(z)| {name}"), "|R(z)|", "|z|");

@@ -46,15 +46,22 @@ impl Stability {
         Self { outcomes, rays, contractions, balances: balances() }
     }
 
+    /// Of the answers that reached the end and are right, or are wrong, how many are trusted and how many there are.
+    pub fn trusted(&self, right: bool) -> (usize, usize) {
+        let of = self.outcomes.iter().filter(|outcome| outcome.passed() == right).filter_map(|outcome| outcome.trusted);
+        of.fold((0, 0), |(trusted, all), one| (trusted + usize::from(one), all + 1))
+    }
+
     /// The rows of the table as CSV, with a header.
     pub fn csv(&self) -> String {
-        let mut text = String::from("part,case,expected,found,passed,seconds\n");
+        let mut text = String::from("part,case,expected,found,passed,trusted,seconds\n");
         let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));
         for outcome in &self.outcomes {
             for finding in &outcome.findings {
                 let cells = [&outcome.part, &outcome.name, &finding.expected, &finding.found].map(|cell| quoted(cell));
                 // Writing to a string does not fail.
-                let _ = writeln!(text, "{},{},{}", cells.join(","), finding.passed, outcome.seconds);
+                let trusted = outcome.trusted.map_or_else(String::new, |trusted| trusted.to_string());
+                let _ = writeln!(text, "{},{},{trusted},{}", cells.join(","), finding.passed, outcome.seconds);
             }
         }
         text

@@ -10,7 +10,7 @@ pub use expectation::{Answer, Events, Expectation, Finding, Refusal};
 use problem::Control;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
-use solution::Solution;
+use solution::{Solution, Status};
 use specification::Specification;
 use std::fmt::Write as _;
 use std::time::Instant;
@@ -65,6 +65,9 @@ pub struct Outcome {
     pub title: String,
     /// One for each expectation.
     pub findings: Vec<Finding>,
+    /// The verdict on its answer; absent where none reached the end.
+    #[serde(default)]
+    pub trusted: Option<bool>,
     /// How long it took, in seconds.
     pub seconds: f64,
 }
@@ -120,7 +123,15 @@ pub fn run(case: &Case, control: &Control) -> Outcome {
     let seconds = start.elapsed().as_secs_f64();
     let mut findings: Vec<Finding> = case.expect.iter().map(|expected| expected.judge(case, &solution)).collect();
     findings.extend(solution.as_ref().ok().and_then(not_finite));
-    Outcome { part: case.part.to_owned(), name: case.name.clone(), title: case.title.clone(), findings, seconds }
+    let answer = solution.as_ref().ok().filter(|solution| solution.status == Status::Completed);
+    Outcome {
+        part: case.part.to_owned(),
+        name: case.name.clone(),
+        title: case.title.clone(),
+        findings,
+        trusted: answer.map(|solution| solution.verdict.trusted),
+        seconds,
+    }
 }
 
 /// What no answer may hold.

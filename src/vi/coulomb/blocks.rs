@@ -22,7 +22,13 @@ impl BlockMatrix {
             return None;
         }
         entries.sort_by_key(|&(i, j, _)| (i, j));
-        let mut matrix = Self { offsets: vec![0], diagonal: Vec::with_capacity(n), ..Self::default() };
+        // Room for all at once: a vector that grows holds itself twice.
+        let mut matrix = Self {
+            offsets: vec![0],
+            columns: Vec::with_capacity(entries.len()),
+            blocks: Vec::with_capacity(entries.len()),
+            diagonal: Vec::with_capacity(n),
+        };
         let mut entries = entries.into_iter().peekable();
         for i in 0..n {
             let start = matrix.blocks.len();

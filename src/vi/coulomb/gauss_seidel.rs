@@ -23,6 +23,8 @@ impl Sweeps {
         self.columns.clear();
         self.blocks.clear();
         self.diagonal.clear();
+        self.columns.reserve(matrix.stored());
+        self.blocks.reserve(matrix.stored());
         for k in 0..matrix.len() {
             for (j, block) in matrix.row(k).filter(|&(j, _)| j != k) {
                 self.columns.push(j as u32);

@@ -4,6 +4,7 @@
 //! is the one along which the centres spread most.
 
 use nalgebra::Vector3;
+use problem::{Control, Interrupted};
 
 /// The sweep, with its order kept between steps.
 #[derive(Clone, Debug, Default)]
@@ -20,16 +21,23 @@ struct Bounds {
     upper: Vector3<f64>,
 }
 
+/// Bodies between two looks at whether to stop.
+const AT_ONCE: usize = 1 << 6;
+
 impl BroadPhase {
-    /// Writes the pairs `(i, j)`, `i < j`, whose boxes overlap, in a fixed order; `bounds(i)` is the least and the greatest
-    /// corner of body `i`, and pairs of which neither moves are left out.
-    pub fn pairs(
+    /// Hands the pairs `(i, j)`, `i < j`, whose boxes overlap to `found`, until that fails; `bounds(i)` is the least and the
+    /// greatest corner of body `i`, and pairs of which neither moves are left out.
+    ///
+    /// # Errors
+    /// That of `found`, or `control` asks to stop.
+    pub fn sweep<E: From<Interrupted>>(
         &mut self,
         bodies: usize,
         bounds: impl Fn(usize) -> (Vector3<f64>, Vector3<f64>),
         moves: impl Fn(usize) -> bool,
-        pairs: &mut Vec<(u32, u32)>,
-    ) {
+        control: &Control,
+        mut found: impl FnMut(u32, u32) -> Result<(), E>,
+    ) -> Result<(), E> {
         if self.order.len() != bodies {
             self.order = (0..bodies as u32).collect();
         }
@@ -50,15 +58,17 @@ impl BroadPhase {
         self.boxes.sort_by(|a, b| a.lower[axis].total_cmp(&b.lower[axis]).then(a.body.cmp(&b.body)));
         self.order.clear();
         self.order.extend(self.boxes.iter().map(|bounds| bounds.body));
-        pairs.clear();
         for (k, a) in self.boxes.iter().enumerate() {
+            if k.is_multiple_of(AT_ONCE) {
+                control.go_on()?;
+            }
             for b in self.boxes[k + 1..].iter().take_while(|b| b.lower[axis] <= a.upper[axis]) {
                 let overlap = (0..3).all(|i| a.lower[i] <= b.upper[i] && b.lower[i] <= a.upper[i]);
                 if overlap && (moves(a.body as usize) || moves(b.body as usize)) {
-                    pairs.push((a.body.min(b.body), a.body.max(b.body)));
+                    found(a.body.min(b.body), a.body.max(b.body))?;
                 }
             }
         }
-        pairs.sort_unstable();
+        Ok(())
     }
 }

@@ -39,16 +39,29 @@ pub(super) fn contacts(
         }
     }
     let start = points.len();
-    if by_a >= by_b - ROUNDING * size {
+    let normals = (a.faces[face_a].normal, b_in_a.rotation * b.faces[face_b].normal);
+    // Two edges that are parallel and meet, as at the ridge of two cards: the normals of both faces are normals there.
+    let is_ridge = (by_a - by_b).abs() <= RIDGE * size && normals.0.dot(&normals.1) > -FLAT;
+    let takes_a = by_a >= by_b - ROUNDING * size;
+    if takes_a || is_ridge {
         clip((a, face_a, at_a), (b, at_b), margin, points);
-    } else {
+    }
+    if !takes_a || is_ridge {
+        let first = points.len();
         clip((b, face_b, at_b), (a, at_a), margin, points);
-        for point in &mut points[start..] {
+        for point in &mut points[first..] {
             *point = ContactPoint { id: point.id | OTHER_FACE, ..point.flipped() };
         }
     }
     points.len() > start
 }
+
+/// Faces whose separations differ by less, in parts of the bodies, are both taken where two edges meet: twice the overlap
+/// that bodies at rest are left with.
+const RIDGE: f64 = 1e-6;
+
+/// The cosine of faces that lie on each other.
+const FLAT: f64 = 0.999;
 
 /// Marks the points that lie on a face of the second body.
 const OTHER_FACE: u32 = 1 << 31;

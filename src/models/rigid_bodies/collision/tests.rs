@@ -3,6 +3,7 @@
 use super::*;
 use crate::rigid_bodies::polyhedron::Polyhedron;
 use nalgebra::{Translation3, UnitQuaternion};
+use problem::{Control, Interrupted};
 
 fn at(x: f64, y: f64, z: f64) -> Isometry3<f64> {
     Isometry3::translation(x, y, z)
@@ -171,7 +172,13 @@ fn the_sweep_finds_the_pairs_that_overlap_and_no_others() {
     let mut pairs = Vec::new();
     let mut sweep = BroadPhase::default();
     for _ in 0..2 {
-        sweep.pairs(100, bounds, moves, &mut pairs);
+        pairs.clear();
+        let found = |a, b| {
+            pairs.push((a, b));
+            Ok::<(), Interrupted>(())
+        };
+        sweep.sweep(100, bounds, moves, &Control::new(), found).unwrap();
+        pairs.sort_unstable();
         let near = |i: usize, j: usize| (centre(i) - centre(j)).amax() <= 0.8 && (moves(i) || moves(j));
         let expected: Vec<(u32, u32)> = (0..100)
             .flat_map(|i| (i + 1..100).filter(move |&j| near(i, j)).map(move |j| (i as u32, j as u32)))

@@ -1,10 +1,12 @@
 //! The end of a step: what happened in it, whom contacts hold there, and the velocities that the bodies have.
 
+use super::super::constraints::poses;
 use super::super::contact::Contact;
 use super::super::motion::Motion;
 use super::super::touches::Touched;
 use super::Simulation;
 use super::overlaps::no_gap;
+use nalgebra::Vector3;
 
 impl Simulation<'_> {
     /// Notes what happened between bodies, while the impulses of the step before are at hand.
@@ -51,6 +53,27 @@ impl Simulation<'_> {
             }
             for (&body, motion) in island.bodies.iter().zip(&island.moving) {
                 ends[body as usize] = *motion;
+            }
+        }
+    }
+
+    /// Measures how far joints are off at the end of the step: positions as a part of the size of their bodies, directions
+    /// in radians.
+    pub(super) fn measure_joints(&mut self) {
+        let (scene, mut rows) = (self.scene, Vec::new());
+        for (place, joint) in scene.joints.iter().enumerate() {
+            let places = joint.places(&|body| self.places[body]);
+            rows.clear();
+            joint.rows(poses(places, &self.moving), &mut rows);
+            let size = joint.size(&scene.bodies);
+            for row in &rows {
+                let unit = if row.force == Vector3::zeros() { 1.0 } else { size };
+                let drift = row.value.abs() / unit;
+                // What is not a number is off by more than anything.
+                if drift > self.report.drift || drift.is_nan() {
+                    let drift = if drift.is_nan() { f64::INFINITY } else { drift };
+                    (self.report.drift, self.report.drifted) = (drift, place);
+                }
             }
         }
     }

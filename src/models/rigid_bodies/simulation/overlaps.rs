@@ -16,20 +16,25 @@ const ROUNDS_AT_START: usize = 100;
 impl Simulation<'_> {
     /// Moves bodies apart that overlap, and gives them the velocities that their joints let them have, by the least change
     /// in the norm of the masses; false if that did not do.
-    pub fn resolve(&mut self, control: &Control) -> bool {
+    ///
+    /// # Errors
+    /// If there is no telling.
+    pub fn resolve(&mut self, control: &Control) -> Result<bool, StepFailure> {
         for _ in 0..ROUNDS_AT_START {
-            self.detect(0.0);
+            self.detect(0.0, control)?;
             if self.depth(OVERLAP) <= 0.0 {
                 self.part();
                 let obeyed = self.solve_each(|island, joints, places, _| island.obey_joints(joints, places)).is_ok();
                 self.ends.clone_from(&self.moving);
-                return obeyed;
+                return Ok(obeyed);
             }
-            if control.poll().is_some() || self.separate(control).is_err() {
-                return false;
+            let separated = self.separate(control);
+            control.go_on()?;
+            if separated.is_err() {
+                return Ok(false);
             }
         }
-        false
+        Ok(false)
     }
 
     /// Moves the bodies that overlap at the start of a step `h` apart.
@@ -39,7 +44,7 @@ impl Simulation<'_> {
                 break;
             }
             self.separate(control)?;
-            self.detect(h);
+            self.detect(h, control)?;
         }
         Ok(())
     }
@@ -48,6 +53,11 @@ impl Simulation<'_> {
     pub(super) fn depth(&self, fraction: f64) -> f64 {
         let excess = |contact: &Contact| -contact.gap - fraction * size(self.scene, contact);
         self.contacts.iter().map(excess).fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// The deepest overlap as a part of the smaller body's size.
+    pub(super) fn overlap(&self) -> f64 {
+        self.contacts.iter().map(|contact| -contact.gap / size(self.scene, contact)).fold(0.0, f64::max)
     }
 
     /// Takes gaps that are rounding for none. More contacts at rest than there are freedoms cannot all close by such gaps

@@ -1,0 +1,219 @@
+//! The functions of the language at intervals, and programs over boxes: [`Tape::enclose`] gives intervals that hold the
+//! outputs at every point of a box of inputs.
+//!
+//! Monotone functions are taken at the ends; sine, cosine and tangent look for their extrema and poles between them.
+//! Library functions are off by a few units in the last place: their values are widened by [`SLACK`].
+
+use super::operator::Operator;
+use super::tape::Tape;
+use numerics::{Interval, between};
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
+
+/// The relative error that a library function may have; the worst of those in use are off by 4 units in the last place.
+const SLACK: f64 = 8.0 * f64::EPSILON;
+
+/// The registers of one program at intervals, so that [`Tape::enclose`] does not allocate.
+#[derive(Clone, Debug, Default)]
+pub struct IntervalWorkspace {
+    registers: Vec<Interval>,
+}
+
+impl IntervalWorkspace {
+    /// Room for this program, with its constants.
+    pub fn new(tape: &Tape) -> Self {
+        Self { registers: tape.registers.iter().map(|&value| Interval::point(value)).collect() }
+    }
+}
+
+impl Tape {
+    /// Writes intervals that hold the outputs wherever the first input, mostly time, is in `first` and the others are in
+    /// `rest`, which reach at least to the largest index that occurs. The workspace is one made for this program.
+    pub fn enclose(
+        &self,
+        first: Interval,
+        rest: &[Interval],
+        workspace: &mut IntervalWorkspace,
+        outputs: &mut [Interval],
+    ) {
+        debug_assert_eq!(outputs.len(), self.outputs.len(), "as many outputs as were compiled");
+        debug_assert_eq!(workspace.registers.len(), self.registers.len(), "a workspace of this program");
+        let registers = workspace.registers.as_mut_slice();
+        if let Some((input, inputs)) = registers[..self.inputs].split_first_mut() {
+            *input = first;
+            inputs.copy_from_slice(&rest[..inputs.len()]);
+        }
+        let mut next = self.first;
+        self.for_each_operation(|operator, a, b| {
+            registers[next] = operator.enclose(registers[a], registers[b], a == b);
+            next += 1;
+        });
+        for (output, &register) in outputs.iter_mut().zip(&self.outputs) {
+            *output = registers[register as usize];
+        }
+    }
+}
+
+impl Operator {
+    /// The values at `(a, b)`; `same` if both operands are one term, which then has one value and not two.
+    pub(super) fn enclose(self, a: Interval, b: Interval, same: bool) -> Interval {
+        // What a closed gate does not let through need not exist; comparisons and some powers of NaN have a value.
+        if !matches!(self, Self::Gate | Self::Greater | Self::Power) && (a.is_empty() || b.is_empty()) {
+            return Interval::EMPTY;
+        }
+        let defined = a.defined && b.defined;
+        match self {
+            Self::Negate => -a,
+            Self::Sin => wave(a, FRAC_PI_2, f64::sin),
+            Self::Cos => wave(a, 0.0, f64::cos),
+            Self::Tan if reaches(a, FRAC_PI_2, PI) => Interval { defined: false, ..Interval::LINE },
+            Self::Tan => increasing(a, f64::tan),
+            Self::Asin => within(a, -1.0, 1.0, |a| increasing(a, f64::asin)),
+            Self::Acos => within(a, -1.0, 1.0, |a| between(below(a.hi.acos()).max(0.0), above(a.lo.acos()), a.defined)),
+            Self::Atan => increasing(a, f64::atan),
+            Self::Sinh => increasing(a, f64::sinh),
+            Self::Cosh => {
+                let (near, far) = a.magnitudes();
+                increasing(Interval { lo: near, hi: far, ..a }, f64::cosh)
+            }
+            Self::Tanh => clamped(increasing(a, f64::tanh), -1.0, 1.0),
+            Self::Exp => clamped(increasing(a, f64::exp), 0.0, f64::INFINITY),
+            Self::Ln => within(a, 0.0, f64::INFINITY, |b| increasing(b, f64::ln).defined_if(a.lo > 0.0)),
+            Self::Log10 => within(a, 0.0, f64::INFINITY, |b| increasing(b, f64::log10).defined_if(a.lo > 0.0)),
+            Self::Sqrt => within(a, 0.0, f64::INFINITY, |a| clamped(increasing(a, f64::sqrt), 0.0, f64::INFINITY)),
+            Self::Cbrt => increasing(a, f64::cbrt),
+            Self::Abs => a.abs(),
+            Self::Sign | Self::Heaviside => between(self.apply(a.lo, a.lo), self.apply(a.hi, a.hi), defined),
+            Self::Add => a + b,
+            Self::Subtract if same => Interval::point(0.0).defined_if(defined),
+            Self::Subtract => a - b,
+            Self::Multiply if same => a.square(),
+            Self::Multiply => a * b,
+            Self::Divide if same => Interval::point(1.0).defined_if(defined && !a.contains(0.0)),
+            Self::Divide => a / b,
+            Self::Power => power(a, b),
+            Self::Atan2 => angle(a, b),
+            Self::Min => between(a.lo.min(b.lo), a.hi.min(b.hi), defined),
+            Self::Max => between(a.lo.max(b.lo), a.hi.max(b.hi), defined),
+            Self::Greater if defined && a.lo > b.hi => Interval::point(1.0),
+            Self::Greater if same || a.hi <= b.lo => Interval::point(0.0).defined_if(defined),
+            Self::Greater => Interval::new(0.0, 1.0).defined_if(defined),
+            Self::Gate => gate(a, b),
+        }
+    }
+}
+
+/// `b` where `a` is not 0, else 0.
+fn gate(a: Interval, b: Interval) -> Interval {
+    if a.is_empty() {
+        Interval::EMPTY
+    } else if a.lo == 0.0 && a.hi == 0.0 {
+        Interval::point(0.0).defined_if(a.defined)
+    } else if a.contains(0.0) {
+        b.hull(Interval::point(0.0)).defined_if(a.defined)
+    } else {
+        b.defined_if(a.defined)
+    }
+}
+
+/// A lower bound of what a library function was to compute.
+fn below(value: f64) -> f64 {
+    if value.is_finite() { value - (SLACK * value.abs() + f64::MIN_POSITIVE) } else { value.next_down() }
+}
+
+/// An upper bound of what a library function was to compute.
+fn above(value: f64) -> f64 {
+    -below(-value)
+}
+
+/// An increasing function. All of them are exact at zero.
+fn increasing(a: Interval, function: impl Fn(f64) -> f64) -> Interval {
+    let lo = if a.lo == 0.0 { function(0.0) } else { below(function(a.lo)) };
+    let hi = if a.hi == 0.0 { function(0.0) } else { above(function(a.hi)) };
+    between(lo, hi, a.defined)
+}
+
+/// A function on the part of `a` that lies in its domain, from `least` to `most`.
+fn within(a: Interval, least: f64, most: f64, function: impl Fn(Interval) -> Interval) -> Interval {
+    let inside = Interval { lo: a.lo.max(least), hi: a.hi.min(most), ..a };
+    if inside.is_empty() { Interval::EMPTY } else { function(inside).defined_if(least <= a.lo && a.hi <= most) }
+}
+
+/// The values of a function that has none outside `least..=most`.
+fn clamped(a: Interval, least: f64, most: f64) -> Interval {
+    Interval { lo: a.lo.clamp(least, most), hi: a.hi.clamp(least, most), ..a }
+}
+
+/// Sine or cosine, by where it has one of its maxima.
+fn wave(a: Interval, crest: f64, function: impl Fn(f64) -> f64) -> Interval {
+    let (at_lo, at_hi) = (function(a.lo), function(a.hi));
+    let hi = if reaches(a, crest, TAU) { 1.0 } else { above(at_lo.max(at_hi)) };
+    let lo = if reaches(a, crest - PI, TAU) { -1.0 } else { below(at_lo.min(at_hi)) };
+    clamped(between(lo, hi, a.defined), -1.0, 1.0)
+}
+
+/// Whether `first + k period` may be in `a` for a whole `k`. Far out, where a period is lost in rounding, it may.
+fn reaches(a: Interval, first: f64, period: f64) -> bool {
+    if !(a.lo.is_finite() && a.hi.is_finite()) || a.hi - a.lo >= period {
+        return true;
+    }
+    let (from, to) = ((a.lo - first) / period, (a.hi - first) / period);
+    let rounding = SLACK * (1.0 + from.abs().max(to.abs()));
+    (from - rounding).ceil() <= to + rounding
+}
+
+/// `a^b`, as IEEE 754 has it: what has no value to the power of 0 is 1, and so is 1 to that of what has none.
+fn power(a: Interval, b: Interval) -> Interval {
+    let one = (!a.defined && b.contains(0.0)) || (!b.defined && a.contains(1.0));
+    let known = if a.is_empty() || b.is_empty() { Interval::EMPTY } else { real_power(a, b) };
+    if one { known.hull(Interval::point(1.0)).defined_if(false) } else { known }
+}
+
+/// `a^b`: of a positive base `exp(b ln a)`, whose extrema are at the corners; of a negative base for whole constants.
+fn real_power(a: Interval, b: Interval) -> Interval {
+    let defined = a.defined && b.defined;
+    let fixed = (b.lo == b.hi).then_some(b.lo);
+    if let Some(exponent) = fixed.filter(|exponent| *exponent == exponent.trunc()) {
+        return whole_power(a, exponent).defined_if(defined);
+    }
+    if a.lo < 0.0 && fixed.is_none() {
+        return Interval { defined: false, ..Interval::LINE };
+    }
+    let grows = b.lo > 0.0;
+    within(a, 0.0, f64::INFINITY, |a| {
+        // The sign of a zero would turn the sign of its powers.
+        let least = a.lo.abs();
+        let values = [least.powf(b.lo), least.powf(b.hi), a.hi.powf(b.lo), a.hi.powf(b.hi)];
+        clamped(corners(values, defined && (a.lo > 0.0 || grows)), 0.0, f64::INFINITY)
+    })
+}
+
+/// `a^k`
+fn whole_power(a: Interval, k: f64) -> Interval {
+    if k < 0.0 {
+        return Interval::point(1.0) / whole_power(a, -k);
+    }
+    if (0.5 * k).fract() == 0.0 {
+        let (near, far) = a.magnitudes();
+        between(below(near.powf(k)).max(0.0), above(far.powf(k)), a.defined)
+    } else {
+        between(below(a.lo.powf(k)), above(a.hi.powf(k)), a.defined)
+    }
+}
+
+/// The angle of `(x, y)`. It jumps where `y` changes its sign and `x` is negative; on a box without that line its extrema
+/// are at the corners.
+fn angle(y: Interval, x: Interval) -> Interval {
+    let defined = y.defined && x.defined;
+    if x.lo > 0.0 || y.lo > 0.0 || y.hi < 0.0 {
+        return corners([y.lo.atan2(x.lo), y.lo.atan2(x.hi), y.hi.atan2(x.lo), y.hi.atan2(x.hi)], defined);
+    }
+    // Even where `x >= 0`: the angle of (0, -0) is pi.
+    between(-above(PI), above(PI), defined)
+}
+
+/// The interval of the values at the corners of a box.
+fn corners(values: [f64; 4], defined: bool) -> Interval {
+    let (lo, hi) =
+        values.into_iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), value| (lo.min(value), hi.max(value)));
+    between(below(lo), above(hi), defined)
+}

@@ -1,0 +1,113 @@
+//! Where expressions have a kink or a jump that depends on more than the first input: at the changes of sign of the
+//! arguments of `abs`, `sign` and `heaviside`, and of the differences of those of `min` and `max`. The others are
+//! [`Breaks`](super::Breaks).
+
+use super::graph::{Graph, Node, Term};
+use super::operator::Operator;
+use super::tape::Tape;
+
+/// A function that is not smooth, and what its argument depends on.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Kink {
+    /// `abs`, `sign`, `heaviside`, `min` or `max`.
+    pub function: &'static str,
+    /// The inputs of the quantity that changes its sign, sorted.
+    pub inputs: Vec<usize>,
+}
+
+/// The quantities whose changes of sign are the kinks of some expressions, compiled, with their derivatives.
+#[derive(Clone, Debug, Default)]
+pub struct Kinks {
+    kinks: Vec<Kink>,
+    tape: Tape,
+    values: Vec<f64>,
+    derivatives: Tape,
+    /// The kink and the input of each derivative.
+    places: Vec<(usize, usize)>,
+    slopes: Vec<f64>,
+}
+
+impl Kinks {
+    /// Those of `nodes`. A quantity whose derivatives pass the bounds of `graph` is left out.
+    pub fn new(graph: &mut Graph, nodes: &[Node]) -> Self {
+        let (mut kinks, mut quantities) = (Vec::new(), Vec::new());
+        let (mut derivatives, mut places) = (Vec::new(), Vec::new());
+        for (function, quantity) in graph.kink_quantities(nodes) {
+            let inputs = graph.inputs(quantity);
+            if inputs.iter().all(|&input| input == 0) {
+                continue;
+            }
+            let Ok(gradient) = graph.gradient(quantity) else { continue };
+            for (input, derivative) in gradient.into_iter().filter(|&(input, _)| input > 0) {
+                places.push((quantities.len(), input));
+                derivatives.push(derivative);
+            }
+            quantities.push(quantity);
+            kinks.push(Kink { function, inputs });
+        }
+        Self {
+            tape: Tape::compile(graph, &quantities),
+            values: vec![0.0; quantities.len()],
+            derivatives: Tape::compile(graph, &derivatives),
+            slopes: vec![0.0; places.len()],
+            kinks,
+            places,
+        }
+    }
+
+    /// What they are, in the order of their values.
+    pub fn kinks(&self) -> &[Kink] {
+        &self.kinks
+    }
+
+    /// Their values where the inputs are `t`, then `rest`.
+    pub fn at(&mut self, t: f64, rest: &[f64]) -> &[f64] {
+        self.tape.evaluate(t, rest, &mut self.values);
+        &self.values
+    }
+
+    /// The derivatives of kink number `kink` there, as `(place in rest, value)`.
+    pub fn gradient(&mut self, kink: usize, t: f64, rest: &[f64]) -> impl Iterator<Item = (usize, f64)> + '_ {
+        self.derivatives.evaluate(t, rest, &mut self.slopes);
+        let slopes = self.places.iter().zip(&self.slopes);
+        slopes.filter(move |((of, _), _)| *of == kink).map(|(&(_, input), &slope)| (input - 1, slope))
+    }
+}
+
+impl Graph {
+    /// The quantities, each once, with the function that has a kink where they change their sign.
+    fn kink_quantities(&mut self, nodes: &[Node]) -> Vec<(&'static str, Node)> {
+        let mut found: Vec<(&'static str, Node)> = Vec::new();
+        for node in self.terms_below(nodes) {
+            let Term::Apply(operator, a, b) = self.terms[node.place()] else { continue };
+            let Some(function) = operator.kink() else { continue };
+            let quantity = if matches!(operator, Operator::Min | Operator::Max) { self.subtract(a, b) } else { a };
+            found.push((function, quantity));
+        }
+        found.sort_unstable_by_key(|&(function, quantity)| (quantity, function));
+        found.dedup_by_key(|&mut (_, quantity)| quantity);
+        found
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Scope;
+    use super::*;
+
+    #[test]
+    fn what_depends_on_a_state_is_a_kink_with_its_slope() {
+        let (mut graph, mut scope) = (Graph::new(), Scope::new());
+        for (index, name) in ["t", "x", "y"].into_iter().enumerate() {
+            scope.bind(name, graph.input(index)).unwrap();
+        }
+        let node = graph.parse("heaviside(t - 2) + sign(3*x - t) + max(x, 2*y) - abs(3*x - t)", &scope).unwrap();
+        let mut kinks = Kinks::new(&mut graph, &[node]);
+        assert_eq!(kinks.kinks().len(), 2, "{:?}", kinks.kinks());
+        let mut values = kinks.at(1.0, &[2.0, 3.0]).to_vec();
+        values.sort_by(f64::total_cmp);
+        assert_eq!(values, [-4.0, 5.0]);
+        let of_time = kinks.kinks().iter().position(|kink| kink.inputs == [0, 1]).expect("the argument of sign");
+        assert_eq!(kinks.gradient(of_time, 1.0, &[2.0, 3.0]).collect::<Vec<_>>(), [(0, 3.0)]);
+    }
+}

@@ -1,0 +1,216 @@
+//! Intervals of real numbers, with arithmetic that is rounded outwards (Moore, Kearfott, Cloud 2009, *Introduction to
+//! Interval Analysis*): the interval of a result holds the results at all points of the operands, the exact ones and
+//! those in doubles.
+//!
+//! As the decorations of IEEE 1788 do, each interval says whether its term is defined at every point of the box it was
+//! computed on. Overflow is no matter of definition: the line has no ends.
+
+use std::ops::{Add, Div, Mul, Neg, Sub};
+
+/// The numbers from `lo` to `hi`; none where `lo > hi`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Interval {
+    /// The lower end, which may be minus infinity.
+    pub lo: f64,
+    /// The upper end, which may be infinity.
+    pub hi: f64,
+    /// Whether the term has a value at every point of the box.
+    pub defined: bool,
+}
+
+impl Interval {
+    /// The whole line.
+    pub const LINE: Self = Self { lo: f64::NEG_INFINITY, hi: f64::INFINITY, defined: true };
+    /// No number: the term is defined nowhere on the box.
+    pub const EMPTY: Self = Self { lo: f64::INFINITY, hi: f64::NEG_INFINITY, defined: false };
+
+    /// The numbers from `lo` to `hi`.
+    pub const fn new(lo: f64, hi: f64) -> Self {
+        Self { lo, hi, defined: true }
+    }
+
+    /// One number; none for NaN.
+    pub const fn point(value: f64) -> Self {
+        if value.is_nan() { Self::EMPTY } else { Self::new(value, value) }
+    }
+
+    /// Whether there is no number in it.
+    pub fn is_empty(self) -> bool {
+        self.lo > self.hi
+    }
+
+    /// Whether the number is in it.
+    pub fn contains(self, value: f64) -> bool {
+        self.lo <= value && value <= self.hi
+    }
+
+    /// The smallest interval that holds both.
+    #[must_use]
+    pub fn hull(self, other: Self) -> Self {
+        Self { lo: self.lo.min(other.lo), hi: self.hi.max(other.hi), defined: self.defined && other.defined }
+    }
+
+    /// The same numbers, defined everywhere only if `condition` holds as well.
+    #[must_use]
+    pub fn defined_if(self, condition: bool) -> Self {
+        Self { defined: self.defined && condition, ..self }
+    }
+
+    /// `x^2`
+    #[must_use]
+    pub fn square(self) -> Self {
+        if self.is_empty() {
+            return self;
+        }
+        let (near, far) = self.magnitudes();
+        Self { lo: product_down(near, near), hi: product_up(far, far), defined: self.defined }
+    }
+
+    /// `|x|`
+    #[must_use]
+    pub fn abs(self) -> Self {
+        if self.is_empty() {
+            return self;
+        }
+        let (lo, hi) = self.magnitudes();
+        Self { lo, hi, ..self }
+    }
+
+    /// The least and the largest size of a number in it.
+    pub fn magnitudes(self) -> (f64, f64) {
+        let near = if self.contains(0.0) { 0.0 } else { self.lo.abs().min(self.hi.abs()) };
+        (near, self.lo.abs().max(self.hi.abs()))
+    }
+}
+
+/// The interval of two ends that were computed: where one is not a number, all that is known is the line.
+pub fn between(lo: f64, hi: f64, defined: bool) -> Interval {
+    if lo.is_nan() || hi.is_nan() {
+        Interval { defined: false, ..Interval::LINE }
+    } else {
+        Interval { lo, hi, defined }
+    }
+}
+
+impl Neg for Interval {
+    type Output = Self;
+
+    fn neg(self) -> Self {
+        Self { lo: -self.hi, hi: -self.lo, ..self }
+    }
+}
+
+impl Add for Interval {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        if self.is_empty() || other.is_empty() {
+            return Self::EMPTY;
+        }
+        let hi = -sum_down(-self.hi, -other.hi);
+        between(sum_down(self.lo, other.lo), hi, self.defined && other.defined)
+    }
+}
+
+impl Sub for Interval {
+    type Output = Self;
+
+    fn sub(self, other: Self) -> Self {
+        self + -other
+    }
+}
+
+impl Mul for Interval {
+    type Output = Self;
+
+    fn mul(self, other: Self) -> Self {
+        if self.is_empty() || other.is_empty() {
+            return Self::EMPTY;
+        }
+        let (mut lo, mut hi) = (f64::INFINITY, f64::NEG_INFINITY);
+        for a in [self.lo, self.hi] {
+            for b in [other.lo, other.hi] {
+                lo = lo.min(product_down(a, b));
+                hi = hi.max(product_up(a, b));
+            }
+        }
+        between(lo, hi, self.defined && other.defined)
+    }
+}
+
+impl Div for Interval {
+    type Output = Self;
+
+    fn div(self, other: Self) -> Self {
+        if self.is_empty() || other.is_empty() {
+            return Self::EMPTY;
+        }
+        if other.hi < 0.0 || (other.hi == 0.0 && other.lo < 0.0) {
+            return -self / -other;
+        }
+        let defined = self.defined && other.defined && other.lo > 0.0;
+        if other.lo < 0.0 || other.hi == 0.0 {
+            return Self { defined, ..Self::LINE };
+        }
+        // From here on the divisor is not negative, and its zero has no sign: there the quotient grows beyond all bounds.
+        let other = Self { lo: other.lo.abs(), ..other };
+        let (below, above) =
+            (if self.lo >= 0.0 { other.hi } else { other.lo }, if self.hi >= 0.0 { other.lo } else { other.hi });
+        let lo = if self.lo == 0.0 { 0.0 } else { (self.lo / below).next_down() };
+        let hi = if self.hi == 0.0 { 0.0 } else { (self.hi / above).next_up() };
+        between(lo, hi, defined)
+    }
+}
+
+/// A lower bound of `a + b`, the sum itself where it is exact: the error of a sum is a double (Knuth).
+fn sum_down(a: f64, b: f64) -> f64 {
+    let sum = a + b;
+    let part = sum - a;
+    let error = (a - (sum - part)) + (b - part);
+    if error >= 0.0 { sum } else { sum.next_down() }
+}
+
+/// A lower bound of `a b`, where zero times infinity is zero: the ends of the line are not in it.
+fn product_down(a: f64, b: f64) -> f64 {
+    if a == 0.0 || b == 0.0 { 0.0 } else { (a * b).next_down() }
+}
+
+/// An upper bound of `a b`.
+fn product_up(a: f64, b: f64) -> f64 {
+    if a == 0.0 || b == 0.0 { 0.0 } else { (a * b).next_up() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_exact_is_not_widened() {
+        let unit = Interval::new(-1.0, 1.0);
+        assert_eq!(Interval::point(1.0) - unit, Interval::new(0.0, 2.0));
+        assert_eq!(Interval::point(0.0) * Interval::LINE, Interval::point(0.0));
+        assert_eq!(unit.square().lo, 0.0);
+        let third = Interval::point(1.0) / Interval::point(3.0);
+        assert!(third.lo < 1.0 / 3.0 && third.hi > 1.0 / 3.0);
+        assert!((third * Interval::point(3.0)).contains(1.0));
+    }
+
+    #[test]
+    fn a_divisor_that_reaches_zero_is_flagged() {
+        let one = Interval::point(1.0);
+        let half_line = one / Interval::new(0.0, 2.0);
+        assert!(!half_line.defined && half_line.lo > 0.499 && half_line.lo <= 0.5 && half_line.hi == f64::INFINITY);
+        let below = one / Interval::new(-2.0, 0.0);
+        assert!(!below.defined && below.hi < -0.499 && below.lo == f64::NEG_INFINITY);
+        assert_eq!(one / Interval::new(-1.0, 1.0), Interval { defined: false, ..Interval::LINE });
+        assert!((one / Interval::new(1e-300, f64::INFINITY)).defined);
+    }
+
+    #[test]
+    fn nothing_comes_of_nothing() {
+        for result in [Interval::EMPTY + Interval::LINE, Interval::LINE * Interval::EMPTY, -Interval::EMPTY] {
+            assert!(result.is_empty() && !result.defined);
+        }
+        assert!(Interval::point(f64::NAN).is_empty());
+    }
+}

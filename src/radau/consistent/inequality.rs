@@ -1,0 +1,99 @@
+//! The variables that the inequality itself determines at given states: with the rows of `G` that contain variables, the
+//! nonlinear variational inequality
+//!
+//! ```text
+//! z in K(t,x),    <G(t,x,z), z~ - z> >= 0  for all z~ in K(t,x)
+//! ```
+//!
+//! at fixed `(t, x)`, by the method of Josephy and Newton with a line search: at a start nothing is known of `z`, and where
+//! `G` is far from affine in it, as `exp(z)` is, full steps from zero lead nowhere.
+
+use crate::layout::Storage;
+use crate::system::System;
+use nalgebra::DMatrix;
+use problem::ConvexSet;
+use vi::{JosephyNewton, NonlinearVi, SolverKind};
+
+/// The inequality at a time and states.
+struct AtStates<'a, 'p> {
+    system: &'a mut System<'p>,
+    t: f64,
+    y: Vec<f64>,
+    /// The variables that are solved for.
+    members: Vec<usize>,
+    /// `K` of those.
+    set: ConvexSet,
+}
+
+/// Solves for the variables in `y` at `t`, from the values there, where `G` is nonlinear and the system is small. What it
+/// finds is as near to a solution as it comes; `y` stays as it is where that is no nearer.
+pub fn solve(system: &mut System<'_>, t: f64, y: &mut [f64]) {
+    if system.constant_jacobian() || matches!(system.layout.storage, Storage::Sparse { .. }) {
+        return;
+    }
+    let members = determined(system);
+    if members.is_empty() || !system.evaluate(t, y) {
+        return;
+    }
+    let n = system.states;
+    let set = system.set.restricted(&members);
+    let outside = system.outside;
+    let mut z: Vec<f64> = members.iter().map(|&k| y[n + k]).collect();
+    let start: Vec<f64> = members.iter().map(|&k| system.values[n + k]).collect();
+    let before = set.natural_residual(&z, &start);
+    let mut vi = AtStates { system, t, y: y.to_vec(), members, set };
+    let report = JosephyNewton::new(z.len(), SolverKind::Auto).solve(&mut vi, 0.0, &mut z, outside);
+    if report.residual < before {
+        for (&k, z) in vi.members.iter().zip(z) {
+            y[n + k] = z;
+        }
+    }
+}
+
+/// The variables whose rows contain variables; of a block all or none.
+fn determined(system: &System<'_>) -> Vec<usize> {
+    let n = system.states;
+    let is_direct = |k: usize| system.entries_of_variable(k).any(|(j, _)| j >= n);
+    let is_taken = |k: usize| match system.set.block_of(k) {
+        Some(block) => system.set.blocks()[block].members.iter().all(|&member| is_direct(member)),
+        None => is_direct(k),
+    };
+    (0..system.unknowns - n).filter(|&k| is_taken(k)).collect()
+}
+
+impl AtStates<'_, '_> {
+    fn place(&mut self, z: &[f64]) {
+        let n = self.system.states;
+        for (&k, z) in self.members.iter().zip(z) {
+            self.y[n + k] = *z;
+        }
+    }
+}
+
+impl NonlinearVi for AtStates<'_, '_> {
+    fn set(&self) -> &ConvexSet {
+        &self.set
+    }
+
+    fn evaluate(&mut self, z: &[f64], f: &mut [f64]) {
+        self.place(z);
+        self.system.evaluate(self.t, &self.y);
+        for (f, &k) in f.iter_mut().zip(&self.members) {
+            *f = self.system.values[self.system.states + k];
+        }
+    }
+
+    fn jacobian(&mut self, z: &[f64], derivative: &mut DMatrix<f64>) {
+        self.place(z);
+        self.system.differentiate(self.t, &self.y);
+        let n = self.system.states;
+        derivative.fill(0.0);
+        for (row, &k) in self.members.iter().enumerate() {
+            for (j, value) in self.system.entries_of_variable(k).filter(|(j, _)| *j >= n) {
+                if let Ok(column) = self.members.binary_search(&(j - n)) {
+                    derivative[(row, column)] += value;
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,65 @@
+//! The defect of an accepted step as an integral:
+//!
+//! ```text
+//! M (x(t + h) - x(t)) = h sum_q w_q F(t_q, y(t_q)),    t_q, w_q of the rule of Gauss with five points,
+//! ```
+//!
+//! with `F` enclosed over all `y` within the tolerances of the dense output. Where rates are smooth the error estimate
+//! bounds it. Where they have kinks or an infinite slope, Newton's method can take the derivatives of the wrong side, its
+//! increments vanish though the stages are not solved, and the error estimate is made of the same wrong numbers.
+
+use super::screening::ALLOWED;
+use super::stepper::Radau;
+use numerics::Interval;
+
+/// The points of the rule of Gauss on `[0, 1]` and its weights.
+const GAUSS: [(f64, f64); 5] = [
+    (0.046_910_077_030_668_0, 0.118_463_442_528_094_54),
+    (0.230_765_344_947_158_45, 0.239_314_335_249_683_23),
+    (0.5, 0.284_444_444_444_444_44),
+    (0.769_234_655_052_841_5, 0.239_314_335_249_683_23),
+    (0.953_089_922_969_332, 0.118_463_442_528_094_54),
+];
+
+impl Radau<'_> {
+    /// The largest defect of a state over the last step, in units of its tolerance, with the state; `None` where the
+    /// problem cannot be enclosed. Each unknown has been as large as `largest` in this run.
+    pub fn defect(&mut self, largest: &[f64]) -> Option<(usize, f64)> {
+        let (n, h) = (self.system.states, self.last.h);
+        let error = |j: usize| {
+            let atol = if j < n { self.settings.atol[j] } else { 0.0 };
+            ALLOWED * (atol + self.settings.rtol * largest[j])
+        };
+        let errors: Vec<f64> = (0..self.system.unknowns).map(error).collect();
+        let tableau = self.methods[self.last_method].tableau;
+        let mut y = vec![0.0; self.system.unknowns];
+        let mut values = vec![Interval::LINE; self.system.values.len()];
+        let mut integral = vec![Interval::point(0.0); n];
+        for (point, weight) in GAUSS {
+            let t = self.last.t + point * h;
+            self.last.at(tableau, t, &mut y);
+            let ranges: Vec<Interval> = y.iter().zip(&errors).map(|(y, e)| Interval::new(y - e, y + e)).collect();
+            if !self.system.problem().enclose(Interval::point(t), &ranges, &mut values) {
+                return None;
+            }
+            for (sum, value) in integral.iter_mut().zip(&values) {
+                *sum = *sum + Interval::point(weight * h) * *value;
+            }
+        }
+        let (before, after) = (&self.last.y, self.last.t + h);
+        let begin = before[..n].to_vec();
+        self.last.at(tableau, after, &mut y);
+        let change: Vec<f64> = y[..n].iter().zip(&begin).map(|(end, begin)| end - begin).collect();
+        let mut momentum = vec![0.0; self.system.unknowns];
+        let mut padded = change.clone();
+        padded.resize(self.system.unknowns, 0.0);
+        self.system.multiply_by_mass(&padded, &mut momentum);
+        let rates = (0..n).filter(|&i| self.system.mass_diagonal[i] != 0.0);
+        let excess = rates.map(|i| {
+            let Interval { lo, hi, .. } = integral[i];
+            let beyond = (lo - momentum[i]).max(momentum[i] - hi).max(0.0);
+            (i, beyond / (self.system.mass_diagonal[i].abs() * errors[i]).max(f64::MIN_POSITIVE))
+        });
+        excess.max_by(|a, b| a.1.total_cmp(&b.1))
+    }
+}

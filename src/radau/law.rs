@@ -1,0 +1,85 @@
+//! How far `(x, z)` at one time is from the variational inequality that was posed, in units of the tolerances.
+//!
+//! The natural map `z - P_K(z - G)` mixes the units of `z` and `G`. With the sizes `a_z` and `a_g` up to which a variable
+//! and its `G` are uncertain when every state is known to its tolerance,
+//!
+//! ```text
+//! zeta = z / a_z,    gamma = G / a_g,    excess = |zeta - P(zeta - gamma)|
+//! ```
+//!
+//! has none, and is the same in any units: below one, the law holds for values within the tolerances.
+
+use super::stepper::Radau;
+
+/// The variable that is furthest from its law.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Excess {
+    /// The variable, counted from 0; of a block its first member.
+    pub variable: usize,
+    /// The natural map in units of what the tolerances leave uncertain.
+    pub excess: f64,
+}
+
+impl Radau<'_> {
+    /// The largest excess over the variables at `(t, y)`, where each unknown has been as large as `largest` in this run;
+    /// `None` where there are no variables. The excess of what is not finite is infinite.
+    pub fn law_excess(&mut self, t: f64, y: &[f64], largest: &[f64]) -> Option<Excess> {
+        if self.system.unknowns == self.system.states {
+            return None;
+        }
+        let mut worst = Excess { variable: 0, excess: 0.0 };
+        let evaluations = self.system.work.rates;
+        let is_finite = self.system.evaluate(t, y);
+        // Evidence is no part of the method: its work is not counted as that of the run.
+        self.system.work.rates = evaluations;
+        if !is_finite {
+            return Some(Excess { excess: f64::INFINITY, ..worst });
+        }
+        let n = self.system.states;
+        let mut keep = |variable: usize, excess: f64| {
+            let excess = if excess.is_nan() { f64::INFINITY } else { excess };
+            if excess > worst.excess {
+                worst = Excess { variable, excess };
+            }
+        };
+        for k in (0..self.system.unknowns - n).filter(|&k| self.system.set.block_of(k).is_none()) {
+            let [of_z, of_g] = self.uncertainties(k, largest);
+            let (z, gamma) = (y[n + k], self.system.values[n + k] / of_g);
+            let below = (z - self.system.set.lower[k]) / of_z;
+            let above = (self.system.set.upper[k] - z) / of_z;
+            let excess = if below <= gamma {
+                below
+            } else if above <= -gamma {
+                above
+            } else {
+                gamma
+            };
+            keep(k, excess.abs());
+        }
+        for b in 0..self.system.set.blocks().len() {
+            let members = &self.system.set.blocks()[b].members;
+            let of_members = members.iter().map(|&k| self.uncertainties(k, largest));
+            let [of_z, of_g] = of_members.fold([0.0_f64; 2], |most, of| [most[0].max(of[0]), most[1].max(of[1])]);
+            let first = members[0];
+            let defect = self.system.defect_of_block(b, &y[n..], of_z / of_g);
+            keep(first, defect / of_z);
+        }
+        Some(worst)
+    }
+
+    /// What the tolerances leave uncertain of variable `k` and of its `G`, where each unknown has been as large as
+    /// `largest`: errors of the states, the tolerance of the VI, and of a variable also what changes no state over the
+    /// longest step so far.
+    pub(super) fn uncertainties(&self, k: usize, largest: &[f64]) -> [f64; 2] {
+        let (system, settings) = (&self.system, &self.settings);
+        let n = system.states;
+        let state = |j: usize| settings.atol[j] + settings.rtol * largest[j];
+        let error = |j: usize| if j < n { state(j) } else { settings.rtol * largest[j] };
+        let [terms, by_errors] = system.terms(k, |j| [largest[j], error(j)]);
+        let of_g = (settings.vi_tolerance * terms).max(by_errors);
+        let effect = self.control.weight[n + k] * self.methods[self.last_method].tolerance.factor;
+        let without_effect = if effect > 0.0 { self.last.h / (effect * self.longest) } else { 0.0 };
+        let of_z = (error(n + k) + system.terms_of_bounds(k, error)).max(without_effect);
+        [of_z, of_g].map(|of| of.max(f64::MIN_POSITIVE))
+    }
+}

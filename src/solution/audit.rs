@@ -1,0 +1,149 @@
+//! What is measured of a run of Radau IIA for its verdict: the law at the ends of steps and at outputs, events between
+//! the stages, the integral of the rates where they have kinks, accumulations, states that their tolerance hides.
+
+use super::{CheckCode, Checks, Plan, Screening};
+use radau::{ALLOWED, Excess, Radau, Screened};
+
+/// States this many times their absolute tolerance at the most are hardly told from zero.
+const SMALL: f64 = 10.0;
+
+/// The measurements of a run on its way.
+pub(super) struct Audit<'p> {
+    plan: &'p Plan,
+    /// The largest size of each unknown so far.
+    largest: Vec<f64>,
+    /// Whether the rates have kinks of states, which the error estimate may miss.
+    has_kinks: bool,
+    screening: Screening,
+    checks: Checks,
+}
+
+impl<'p> Audit<'p> {
+    pub fn new(plan: &'p Plan, radau: &Radau<'_>, has_kinks: bool) -> Self {
+        let largest = radau.y().iter().map(|y| y.abs()).collect();
+        Self { plan, largest, has_kinks, screening: Screening::default(), checks: Checks::default() }
+    }
+
+    /// The largest size of each unknown so far.
+    pub fn largest(&self) -> &[f64] {
+        &self.largest
+    }
+
+    /// Measures an accepted step and the values at its end.
+    pub fn step(&mut self, radau: &mut Radau<'_>) {
+        for (largest, y) in self.largest.iter_mut().zip(radau.y()) {
+            *largest = largest.max(y.abs());
+        }
+        let (t, y) = (radau.t(), radau.y().to_vec());
+        if let Some(found) = radau.law_excess(t, &y, &self.largest) {
+            self.record_excess(CheckCode::LawResidual, found, t);
+        }
+        if radau.is_smooth() {
+            self.screen(radau);
+        }
+        if let Some(distance) = radau.unlocated_switch(&self.largest) {
+            self.record_unlocated(t, distance, radau.accumulations() > 0);
+        }
+        if self.has_kinks
+            && let Some((state, defect)) = radau.defect(&self.largest)
+        {
+            let name = &self.plan.names[state];
+            self.checks.record(CheckCode::LocalError, defect, 1.0, || {
+                format!(
+                    "before t = {t:?} the change of `{name}` over a step is not the integral of its rate, {defect:.1e} times \
+                     what the tolerances allow: the rates have kinks or infinite slopes there; write them as a set"
+                )
+            });
+        }
+    }
+
+    /// Records a step across a switch that was not located, by its distance in units of the tolerance.
+    fn record_unlocated(&mut self, t: f64, distance: f64, accumulates: bool) {
+        let (code, why) = match accumulates {
+            true => (CheckCode::AccumulationPassed, "an accumulation of switches was stepped over"),
+            false => (CheckCode::EventsUnproven, "a switch could not be located and was stepped over"),
+        };
+        self.checks.record(code, distance, ALLOWED, || {
+            format!(
+                "before t = {t:?} {why}: within that step it may change a state by {distance:.1e} times its tolerance"
+            )
+        });
+    }
+
+    fn screen(&mut self, radau: &mut Radau<'_>) {
+        match radau.screen(&self.largest) {
+            Screened::Proven => self.screening.proven += 1,
+            Screened::Undecided => self.screening.undecided += 1,
+            Screened::Missed(t, found) => {
+                self.screening.missed += 1;
+                let name = self.variable(found);
+                self.checks.record(CheckCode::EventsUnproven, self.screening.missed as f64, 0.0, || {
+                    format!(
+                        "between two steps near t = {t:?} the inequality of `{name}` fails by {:.1e} times what the tolerances \
+                         allow: an event was missed or located at a wrong time; a smaller `max_step` may help",
+                        found.excess
+                    )
+                });
+            }
+        }
+    }
+
+    /// Measures an output `y` at a time between the ends of a step.
+    pub fn output(&mut self, radau: &mut Radau<'_>, t: f64, y: &[f64]) {
+        if t != radau.t()
+            && radau.is_smooth()
+            && let Some(found) = radau.law_excess(t, y, &self.largest)
+        {
+            self.record_excess(CheckCode::ConstraintResidual, found, t);
+        }
+    }
+
+    fn variable(&self, found: Excess) -> &'p str {
+        self.plan.names.get(self.plan.initial.len() + found.variable).map_or("?", String::as_str)
+    }
+
+    fn record_excess(&mut self, code: CheckCode, found: Excess, t: f64) {
+        let name = self.variable(found);
+        self.checks.record(code, found.excess, ALLOWED, || {
+            format!(
+                "at t = {t:?} the inequality of `{name}` fails by {:.1e} times what the tolerances leave uncertain; a tighter \
+                 `rtol`, a smaller `max_step` or outputs at steps may help",
+                found.excess
+            )
+        });
+    }
+
+    /// Closes the measurements of a run with these absolute tolerances.
+    pub fn finish(&mut self, atol: &[f64], checks: &mut Checks) -> Option<Screening> {
+        self.look_for_small_states(atol);
+        let Screening { proven, undecided, missed } = self.screening;
+        if undecided > 0 {
+            let steps = proven + undecided + missed;
+            self.checks.caveat(
+                "events_not_proven",
+                format!(
+                    "{undecided} of {steps} steps are not proven free of events; none was seen at the points looked at"
+                ),
+            );
+        }
+        checks.absorb(std::mem::take(&mut self.checks));
+        (self.largest.len() > atol.len() && proven + undecided + missed > 0).then_some(self.screening)
+    }
+
+    /// Records the state that its absolute tolerance hides most.
+    fn look_for_small_states(&mut self, atol: &[f64]) {
+        let states = &self.largest[..atol.len()];
+        // What rounding leaves of a state that is zero says nothing.
+        let rounding = 1e-12 * states.iter().copied().fold(0.0, f64::max);
+        for ((name, atol), &largest) in self.plan.names.iter().zip(atol).zip(states) {
+            if largest > rounding {
+                self.checks.record(CheckCode::LocalError, SMALL * atol / largest, 1.0, || {
+                    format!(
+                        "`{name}` was never larger than {largest:e}, with an absolute tolerance of {atol:e}: give an `atol` \
+                         far below the sizes that matter"
+                    )
+                });
+            }
+        }
+    }
+}

@@ -1,0 +1,112 @@
+//! Runs with ever smaller steps: how far each is from the last, and which of them is the answer.
+
+use crate::run::{Plan, Run};
+use crate::{CheckCode, Refinement, Warning};
+use convolution::Convolution;
+
+/// The run with the least estimated error so far: beyond some number of steps rounding errors, which grow as the step to
+/// the power of the order of the kernel falls, outweigh what a smaller step gains.
+pub(super) struct Best<'a> {
+    run: Run<'a>,
+    /// Its distance from the run before it; none of the first run.
+    refinement: Option<Refinement>,
+    steps: usize,
+}
+
+impl<'a> Best<'a> {
+    pub fn new(run: Run<'a>, refinement: Option<Refinement>, steps: usize) -> Self {
+        Self { run, refinement, steps }
+    }
+
+    /// The estimated error in units of the tolerance.
+    fn scaled(&self) -> f64 {
+        self.refinement.as_ref().map_or(f64::INFINITY, |refinement| refinement.scaled)
+    }
+
+    /// By how much it is expected to be off, for a comparison: one distance alone may be small by chance.
+    pub fn rank(&self) -> f64 {
+        let estimated = self.refinement.as_ref().filter(|refinement| refinement.halvings > 1);
+        estimated.map_or(f64::INFINITY, |refinement| refinement.scaled)
+    }
+
+    /// The run, with the estimate taken into its evidence, where the last run that was made had `last` steps.
+    pub fn judged(mut self, agrees: bool, last: usize) -> Run<'a> {
+        let (scaled, steps) = (self.scaled(), self.steps);
+        let diagnostics = &mut self.run.diagnostics;
+        let message = || match &self.refinement {
+            None => format!("the run with {steps} steps is the only one: there was none to compare it with"),
+            Some(_) if steps < last => format!(
+                "the run with {steps} steps differs least from that with half as many, by {scaled:.1e} tolerances in the mean \
+                 over time; with more, up to {last}, rounding errors grow: a larger `rtol` can be reached"
+            ),
+            Some(_) => format!(
+                "the run with {steps} steps is the last that is made; it still differs from that with half as many by \
+                 {scaled:.1e} tolerances in the mean over time"
+            ),
+        };
+        diagnostics.checks.record(CheckCode::LocalError, scaled, 1.0, message);
+        if !agrees {
+            diagnostics.warnings.push(Warning { code: "tolerance_not_reached", message: message() });
+        }
+        diagnostics.refinement = self.refinement;
+        self.run
+    }
+}
+
+/// A run with which the next is compared.
+pub(super) struct Coarse {
+    /// Of each variable, the values at the ends of the steps.
+    ends: Vec<Vec<f64>>,
+    /// How far each was from the run before it.
+    distances: Option<Vec<f64>>,
+    /// How often in a row the largest of these distances has grown.
+    growths: u32,
+}
+
+/// Halvings in a row that bring runs further apart before rounding errors are held to blame: one alone may be a feature of
+/// the solution that only the last run resolves.
+const GROWTHS: u32 = 2;
+
+impl Coarse {
+    pub fn of(convolution: &Convolution<'_>) -> Self {
+        let ends = (0..convolution.variables()).map(|k| convolution.ends(k).to_vec()).collect();
+        Self { ends, distances: None, growths: 0 }
+    }
+
+    /// This run as the one that came after `before`, with its distances from that.
+    pub fn after(self, before: Option<Self>, distances: Option<Vec<f64>>) -> Self {
+        let grown = |before: &Self| Some(largest(distances.as_ref()?) > largest(before.distances.as_ref()?));
+        let growths = before.filter(|before| grown(before) == Some(true)).map_or(0, |before| before.growths + 1);
+        Self { distances, growths, ..self }
+    }
+
+    /// Whether smaller steps make it worse.
+    pub fn diverges(&self) -> bool {
+        self.growths >= GROWTHS
+    }
+
+    /// How far the run with twice the steps is from this one, with the distances as such.
+    pub fn refined(&self, fine: &Self, plan: &Plan, rtol: f64, atol: &[f64], halvings: i32) -> (Refinement, Vec<f64>) {
+        let mean = |coarse: &[f64], fine: &[f64]| {
+            let pairs = coarse.iter().zip(fine.iter().skip(1).step_by(2));
+            pairs.map(|(a, b)| (a - b).abs()).sum::<f64>() / coarse.len() as f64
+        };
+        let distances: Vec<f64> = self.ends.iter().zip(&fine.ends).map(|(a, b)| mean(a, b)).collect();
+        let half_the_last = |k: usize| self.distances.as_ref().map_or(0.0, |last| 0.5 * last[k]);
+        let size = |values: &[f64]| values.iter().fold(0.0_f64, |most, z| most.max(z.abs()));
+        let estimates = || (0..distances.len()).map(|k| distances[k].max(half_the_last(k)));
+        let scaled = estimates().enumerate().map(|(k, estimate)| estimate / (atol[k] + rtol * size(&fine.ends[k])));
+        let order = self.distances.as_ref().map(|last| (largest(last) / largest(&distances)).log2());
+        let refinement = Refinement {
+            halvings: halvings as u32,
+            mean_distance: plan.names.iter().cloned().zip(estimates()).collect(),
+            scaled: scaled.fold(0.0, f64::max),
+            order: order.filter(|order| order.is_finite()),
+        };
+        (refinement, distances)
+    }
+}
+
+fn largest(distances: &[f64]) -> f64 {
+    distances.iter().copied().fold(0.0, f64::max)
+}

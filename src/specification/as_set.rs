@@ -1,0 +1,195 @@
+//! A problem with its kinks written as a set: `abs`, `sign`, `heaviside`, `min` and `max` of states in rates and inequalities
+//! become variables, so that what a user has to write instead can be shown in his own names.
+//!
+//! ```text
+//! sign(a) = z,          z in [-1, 1],  G = -a            heaviside(a) = z,     z in [0, 1],  G = -a
+//! abs(a) = a z,         z in [-1, 1],  G = -a
+//! min(a, b) = a - z,    z >= 0,        G = z - (a - b)   max(a, b) = a + z,    z >= 0,       G = z - (b - a)
+//! ```
+//!
+//! For the first: `z` is in `Sgn(a)` if and only if `a` is normal to `[-1, 1]` at `z`, `-a (z~ - z) >= 0` for all `z~` in it.
+
+use super::dvi::{DviProblem, State, Variable};
+use super::expression::Expression;
+use super::set::{Block, BoxBlock};
+use std::collections::HashSet;
+
+/// Functions that are replaced in one problem at the most: the result is to be read.
+const MOST: usize = 64;
+
+/// The functions with a kink or a jump.
+const FUNCTIONS: [&str; 5] = ["abs", "sign", "heaviside", "min", "max"];
+
+/// A call that was replaced.
+struct Replaced {
+    call: String,
+    /// The variable that stands for it.
+    name: String,
+    value: String,
+    inequality: String,
+    interval: Option<(f64, f64)>,
+}
+
+/// The problem with the kinks of its rates and inequalities written as a set; `None` if there are none, too many, or if
+/// there is one that is not understood.
+pub(super) fn rewritten(problem: &DviProblem) -> Option<DviProblem> {
+    let names = problem.states.names().chain(problem.variables.names());
+    let mut rewriting = Rewriting {
+        unknowns: names.map(str::to_owned).collect(),
+        parameters: problem.parameters.names().map(str::to_owned).collect(),
+        replaced: Vec::new(),
+    };
+    let mut states = Vec::with_capacity(problem.states.len());
+    for (name, state) in problem.states.iter() {
+        let rate = rewriting.expression(&state.rate)?;
+        states.push((name.to_owned(), State { initial: state.initial.clone(), rate }));
+    }
+    let mut variables = Vec::with_capacity(problem.variables.len());
+    for (name, variable) in problem.variables.iter() {
+        variables.push((name.to_owned(), Variable { inequality: rewriting.expression(&variable.inequality)? }));
+    }
+    let mut set = problem.set.clone().unwrap_or_default();
+    if rewriting.replaced.is_empty() {
+        return None;
+    }
+    for Replaced { name, inequality, interval, .. } in rewriting.replaced {
+        set.push(match interval {
+            Some((lower, upper)) => {
+                Block::Box(BoxBlock { of: vec![name.clone()], lower: Some(lower.into()), upper: Some(upper.into()) })
+            }
+            None => Block::Nonnegative(vec![name.clone()]),
+        });
+        variables.push((name, Variable { inequality: Expression::Text(inequality) }));
+    }
+    Some(DviProblem {
+        parameters: problem.parameters.clone(),
+        states: states.into_iter().collect(),
+        variables: variables.into_iter().collect(),
+        set: Some(set),
+        mass: problem.mass.clone(),
+    })
+}
+
+/// The names of a problem, and what has been replaced in it.
+struct Rewriting {
+    unknowns: HashSet<String>,
+    parameters: HashSet<String>,
+    replaced: Vec<Replaced>,
+}
+
+impl Rewriting {
+    fn expression(&mut self, expression: &Expression) -> Option<Expression> {
+        let Expression::Text(text) = expression else { return Some(expression.clone()) };
+        let mut text = text.clone();
+        while let Some(call) = self.innermost(&text) {
+            let value = self.value_of(&text[call.start..call.end], call.function, &call.arguments)?;
+            text.replace_range(call.start..call.end, &value);
+        }
+        Some(Expression::Text(text))
+    }
+
+    /// The last call of a function with a kink that depends on an unknown; no such call is within it.
+    fn innermost(&self, text: &str) -> Option<Call> {
+        let words = words(text);
+        words.iter().rev().find_map(|&(start, word)| {
+            let function = FUNCTIONS.into_iter().find(|function| *function == word)?;
+            let call = Call::read(text, start, function)?;
+            let depends = words
+                .iter()
+                .any(|&(at, word)| (start + function.len()..call.end).contains(&at) && self.unknowns.contains(word));
+            depends.then_some(call)
+        })
+    }
+
+    /// What stands for a call.
+    fn value_of(&mut self, call: &str, function: &str, arguments: &[String]) -> Option<String> {
+        let call: String = call.split_whitespace().collect();
+        if let Some(known) = self.replaced.iter().find(|replaced| replaced.call == call) {
+            return Some(known.value.clone());
+        }
+        if self.replaced.len() == MOST {
+            return None;
+        }
+        let name = self.new_name();
+        let (value, inequality, interval) = match (function, arguments) {
+            ("sign", [a]) => (name.clone(), negated(a), Some((-1.0, 1.0))),
+            ("heaviside", [a]) => (name.clone(), negated(a), Some((0.0, 1.0))),
+            ("abs", [a]) => (format!("(({a})*{name})"), negated(a), Some((-1.0, 1.0))),
+            ("min", [a, b]) => (format!("({a} - {name})"), format!("{name} - (({a}) - ({b}))"), None),
+            ("max", [a, b]) => (format!("({a} + {name})"), format!("{name} - (({b}) - ({a}))"), None),
+            // Of several arguments, the first two first.
+            ("min" | "max", [a, b, rest @ ..]) => {
+                return Some(format!("{function}({function}({a}, {b}), {})", rest.join(", ")));
+            }
+            _ => return None,
+        };
+        self.unknowns.insert(name.clone());
+        self.replaced.push(Replaced { call, name, value: value.clone(), inequality, interval });
+        Some(value)
+    }
+
+    fn new_name(&self) -> String {
+        let is_free = |name: &String| name != "t" && !self.unknowns.contains(name) && !self.parameters.contains(name);
+        let mut names = ["u".to_owned()].into_iter().chain((2_usize..).map(|k| format!("u{k}")));
+        names.find(is_free).unwrap_or_default()
+    }
+}
+
+/// A call in a text.
+struct Call {
+    function: &'static str,
+    start: usize,
+    /// Behind its closing parenthesis.
+    end: usize,
+    arguments: Vec<String>,
+}
+
+impl Call {
+    fn read(text: &str, start: usize, function: &'static str) -> Option<Self> {
+        let open = start + function.len() + text[start + function.len()..].find(|c: char| !c.is_whitespace())?;
+        let (mut depth, mut first, mut arguments) = (0_usize, open + 1, Vec::new());
+        for (at, c) in text[open..].char_indices().map(|(at, c)| (open + at, c)) {
+            match c {
+                '(' => depth += 1,
+                ')' => depth = depth.checked_sub(1)?,
+                ',' if depth == 1 => {
+                    arguments.push(text[first..at].trim().to_owned());
+                    first = at + 1;
+                }
+                _ if depth == 0 => return None,
+                _ => {}
+            }
+            if depth == 0 {
+                arguments.push(text[first..at].trim().to_owned());
+                return Some(Self { function, start, end: at + 1, arguments });
+            }
+        }
+        None
+    }
+}
+
+fn negated(a: &str) -> String {
+    let is_word = a.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
+    if is_word { format!("-{a}") } else { format!("-({a})") }
+}
+
+/// The names in a text, with their places. The `e` of a number is not among them.
+fn words(text: &str) -> Vec<(usize, &str)> {
+    let mut words = Vec::new();
+    let mut start = None;
+    for (at, c) in text.char_indices().chain([(text.len(), ' ')]) {
+        let continues = c.is_ascii_alphanumeric() || c == '_' || c == '.';
+        match (start, continues) {
+            (None, true) => start = Some(at),
+            (Some(first), false) => {
+                let word = &text[first..at];
+                if !word.starts_with(|c: char| c.is_ascii_digit() || c == '.') {
+                    words.push((first, word));
+                }
+                start = None;
+            }
+            _ => {}
+        }
+    }
+    words
+}

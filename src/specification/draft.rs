@@ -1,0 +1,123 @@
+//! A document that has been read and not yet checked. A few words may declare a grid of a million nodes: whoever serves
+//! others asks how long the check will take before it begins.
+
+use super::checked::Specification;
+use super::document::{Document, Problem};
+use super::error::{Errors, SpecificationError};
+use super::output::MOST_TIMES;
+use super::reading::{Reading, read};
+use super::times::Times;
+use problem::Control;
+use std::time::Duration;
+
+/// The structure of a document is known, its meaning is not.
+#[derive(Debug)]
+pub struct Draft(Reading);
+
+/// What the check takes for each thing that a document declares beside its text, in nanoseconds: of the size that was
+/// measured.
+const A_NODE: usize = 1_000;
+const A_DISPLACEMENT: usize = 20_000;
+const A_PAIR_OF_BODIES: usize = 5_000;
+const A_TIME: usize = 5;
+
+impl Draft {
+    /// Reads a JSON document.
+    ///
+    /// # Errors
+    /// All that is wrong with its structure, at least one, where it could not be mended to be checked.
+    pub fn read(text: &[u8]) -> Result<Self, Vec<SpecificationError>> {
+        read(text).map(Self).map_err(Errors::into_list)
+    }
+
+    /// About how long the check takes beyond what the length of the text tells.
+    pub fn check_time(&self) -> Duration {
+        let document = &self.0.document;
+        let of_problem = match &document.problem {
+            Problem::Obstacle(problem) => problem.nodes().saturating_mul(A_NODE),
+            Problem::Elastic(problem) => problem.unknowns().saturating_mul(A_DISPLACEMENT),
+            Problem::RigidBodies(problem) => {
+                let bodies = problem.bodies.len();
+                bodies.saturating_mul(bodies).saturating_mul(A_PAIR_OF_BODIES)
+            }
+            Problem::Dvi(_)
+            | Problem::Lcs(_)
+            | Problem::Mechanical(_)
+            | Problem::Filippov(_)
+            | Problem::Circuit(_)
+            | Problem::Convolution(_) => 0,
+        };
+        let nanoseconds = of_problem.saturating_add(declared_times(document).saturating_mul(A_TIME));
+        Duration::from_nanos(nanoseconds as u64)
+    }
+
+    /// Checks what it means, until `control` asks to stop: then it is refused, whatever it means.
+    ///
+    /// # Errors
+    /// All that is wrong with it, at least one.
+    pub fn check(self, control: &Control) -> Result<Specification, Vec<SpecificationError>> {
+        let Reading { document, repairs, mut errors } = self.0;
+        match Specification::check(document, &repairs, control, &mut errors) {
+            Some(specification) if errors.is_empty() => Ok(specification),
+            _ => Err(errors.into_list()),
+        }
+    }
+}
+
+/// The output times that are made of a rule; more than there may be are not made.
+fn declared_times(document: &Document) -> usize {
+    let times = match &document.output.times {
+        Times::Steps | Times::List(_) => 0.0,
+        Times::Count(count) => *count as f64,
+        Times::Every(dt) => (document.time.end - document.time.start) / dt,
+    };
+    if times <= MOST_TIMES as f64 { times.max(0.0) as usize } else { 0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[track_caller]
+    fn assert_time(document: &str, at_least: Duration, at_most: Duration) {
+        let time = Draft::read(document.as_bytes()).unwrap().check_time();
+        assert!((at_least..=at_most).contains(&time), "{time:?} for {document}");
+    }
+
+    #[test]
+    fn a_few_words_may_declare_much() {
+        let (moment, second) = (Duration::from_millis(1), Duration::from_secs(1));
+        let obstacle = |elements: &str| {
+            format!(
+                r#"{{"problem": {{"obstacle": {{"domain": {{"x": [0, 1], "y": [0, 1], "z": [0, 1]}}, "elements": {elements},
+                    "diffusion": 1, "initial": 0}}}}, "time": {{"end": 1}}}}"#
+            )
+        };
+        assert_time(&obstacle("5"), Duration::ZERO, moment);
+        assert_time(&obstacle("100"), second, Duration::MAX);
+        assert_time(&obstacle("18446744073709551615"), second, Duration::MAX);
+        assert_time(&obstacle(r#"{"x": 18446744073709551615, "y": 2, "z": 2}"#), second, Duration::MAX);
+        let decay = |times: &str| {
+            format!(
+                r#"{{"problem": {{"dvi": {{"states": {{"x": {{"initial": 1, "rate": "-x"}}}}}}}}, "time": {{"end": 1}},
+                    "output": {{"times": {times}}}}}"#
+            )
+        };
+        assert_time(&decay(r#"{"count": 1001}"#), Duration::ZERO, moment);
+        assert_time(&decay(r#"{"count": 2000000}"#), moment, second);
+        assert_time(&decay(r#"{"every": 1e-6}"#), moment, second);
+        assert_time(&decay(r#"{"every": -1}"#), Duration::ZERO, moment);
+        // Refused at once.
+        assert_time(&decay(r#"{"count": 18446744073709551615}"#), Duration::ZERO, moment);
+    }
+
+    #[test]
+    fn a_check_that_is_stopped_refuses_what_is_correct() {
+        let text = br#"{"problem": {"dvi": {"states": {"x": {"initial": 1, "rate": "-x"}}}}, "time": {"end": 1}}"#;
+        let check = |control: &Control| Draft::read(text).unwrap().check(control);
+        let control = Control::new();
+        assert!(check(&control).is_ok());
+        control.cancel();
+        assert_eq!(check(&control).unwrap_err()[0].code, "interrupted");
+    }
+}

@@ -1,0 +1,24 @@
+//! Verdicts of runs with contacts, obstacles and memory: what is right is trusted, what is wrong is not, in any units.
+
+mod bodies;
+mod impacts;
+mod obstacle;
+
+use super::harness::{last, solve};
+use dvi::solution::{CheckCode, Solution};
+use serde_json::{Value, json};
+
+/// The codes that speak against an answer.
+fn reasons(solution: &Solution) -> Vec<CheckCode> {
+    solution.verdict.because.iter().map(|reason| reason.code).collect()
+}
+
+/// The ratio of what was measured to what is allowed.
+fn excess(solution: &Solution, code: CheckCode) -> f64 {
+    let (value, allowed) = solution.diagnostics.checks.get(code).unwrap_or_else(|| panic!("no check {code:?}"));
+    value / allowed
+}
+
+fn assert_trusted(solution: &Solution) {
+    assert!(solution.verdict.trusted, "{:#?}", solution.verdict);
+}
