@@ -88,6 +88,10 @@ impl Radau<'_> {
             && let Some(part) = stack.pop()
         {
             parts += 1;
+            if part.length * self.last.h <= self.rounding_of_time(self.last.h) {
+                // No event could be told from the end of the step, where a break of the rows may stand.
+                continue;
+            }
             let Some(left) = self.unproven(&part, &watched) else { return Screened::Undecided };
             if left.is_empty() {
                 continue;

@@ -203,7 +203,7 @@ impl Radau<'_> {
     }
 
     /// What rounding makes of the end of a step of this size.
-    fn rounding_of_time(&self, size: f64) -> f64 {
+    pub(super) fn rounding_of_time(&self, size: f64) -> f64 {
         8.0 * f64::EPSILON * (self.t.abs() + size)
     }
 
