@@ -105,6 +105,10 @@ pub fn uniqueness(problem: &Linearisation, index: &Index) -> Option<(Uniqueness,
         Some(1) if d.size == 0.0 => {
             index_one(&cb, &figures, problem.is_orthant && !problem.free.contains(&true), place)
         }
+        Some(value) if value > 1 && index.levels[..value].iter().all(|&determined| determined == 0) => (
+            Uniqueness::NotCertified,
+            format!("the index is {value}{place}: no theorem applied here covers an index above one"),
+        ),
         Some(value) => (
             Uniqueness::NotCertified,
             format!(
