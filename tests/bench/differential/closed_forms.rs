@@ -185,7 +185,8 @@ fn a_cone_is_projected_on() {
     assert!(far < 1e-6, "{far:e}");
 }
 
-/// Held nowhere a membrane stays flat: `u' = cos t` between the obstacles, so that `u` rises to 0.5, stays until the source turns at `pi/2`, falls to -0.5 and stays again.
+/// Held nowhere a membrane stays flat: `u' = cos t` between the obstacles, so that `u` rises to 0.5, stays until the source
+/// turns at `pi/2`, falls to -0.5 and stays again.
 #[test]
 fn a_membrane_rises_and_falls_between_two_obstacles() {
     let membrane = Membrane {
