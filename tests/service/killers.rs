@@ -61,7 +61,8 @@ fn few_words_that_declare_much_keep_nobody_waiting() {
         assert_eq!(checks, [200; 5]);
     });
     println!("the slowest answer took {slowest:?}; {} MiB at most", most >> 10);
-    assert!(slowest < Duration::from_secs(2), "{slowest:?}");
+    // A machine that others use as well may take a second by itself.
+    assert!(slowest < Duration::from_secs(5), "{slowest:?}");
     assert!(most < 1 << 20, "{most} KiB");
 }
 
