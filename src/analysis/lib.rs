@@ -5,22 +5,27 @@ mod certificates;
 mod index;
 mod linearisation;
 mod memory;
+mod passivity;
+mod reduction;
+mod reversal;
 mod uniqueness;
 
 pub use certificates::Certificates;
 pub use index::{Index, index};
 pub use linearisation::Linearisation;
 pub use memory::analyse_memory;
+pub use reversal::Reversal;
 pub use uniqueness::{Uniqueness, uniqueness};
 
 use problem::{Dvi, FaceEquations, Mass};
+use reversal::reversal;
 use serde::{Serialize, Serializer};
 
 /// Up to this many states and variables a problem is analysed; the analysis is dense.
 const MOST_UNKNOWNS: usize = 300;
 
 /// What can be said of a problem at one point.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Analysis {
     /// How often `G` must be differentiated until it determines `z`: 0, 1, 2, ..; the highest of its parts. Absent where
     /// no number of differentiations does, or where the problem is too large to be analysed. With memory, the exponent of
@@ -34,6 +39,12 @@ pub struct Analysis {
     pub uniqueness: Uniqueness,
     /// Why, with the figures.
     pub because: String,
+    /// The index of the part whose variables are in unbounded sets: what is bounded has no impulses, whatever its index.
+    #[serde(skip)]
+    pub unbounded_index: Option<f64>,
+    /// What looks as if its sign were reversed.
+    #[serde(skip)]
+    pub reversed: Option<Reversal>,
 }
 
 fn whole_where_it_is<S: Serializer>(index: &Option<f64>, serializer: S) -> Result<S::Ok, S::Error> {
@@ -45,11 +56,19 @@ fn whole_where_it_is<S: Serializer>(index: &Option<f64>, serializer: S) -> Resul
 
 /// Analyses the problem at `(t, y)`, `y = (x, z)`, on the variables that are not fixed.
 pub fn analyse(problem: &mut dyn Dvi, t: f64, y: &[f64]) -> Analysis {
-    let set = &problem.structure().set;
-    let fixed: Vec<bool> = (0..set.dimension()).map(|k| set.lower[k] == set.upper[k]).collect();
-    let moving = problem.structure().moving.clone();
-    let kept = |k: usize| !fixed[k] || moving.iter().any(|bound| bound.variable == k);
-    of(problem, t, |problem| Linearisation::at(problem, t, y, kept))
+    let structure = problem.structure().clone();
+    let set = &structure.set;
+    let moves = |k: usize| structure.moving.iter().any(|bound| bound.variable == k);
+    let kept = |k: usize| set.lower[k] != set.upper[k] || moves(k);
+    let mut analysis = of(problem, t, |problem| Linearisation::at(problem, t, y, kept));
+    analysis.unbounded_index = match (0..structure.variables).any(|k| kept(k) && structure.is_bounded(k)) {
+        true if analysis.index.is_some() || !analysis.levels.is_empty() => {
+            let unbounded = Linearisation::at(problem, t, y, |k| kept(k) && !structure.is_bounded(k));
+            unbounded.and_then(|unbounded| index(&unbounded)).and_then(|index| index.value()).map(|value| value as f64)
+        }
+        _ => analysis.index,
+    };
+    analysis
 }
 
 /// Analyses the problem at `(t, y)` on an active face of `K`, where the faces of its blocks have these equations: on the
@@ -68,10 +87,10 @@ pub fn analyse_face(
 fn of(problem: &mut dyn Dvi, t: f64, linearise: impl FnOnce(&mut dyn Dvi) -> Option<Linearisation>) -> Analysis {
     let structure = problem.structure();
     let unknowns = structure.unknowns();
-    let refuse = |because| Analysis { index: None, levels: Vec::new(), uniqueness: Uniqueness::NotAnalysed, because };
+    let refuse = |because| Analysis { because, ..Analysis::default() };
     if structure.variables == 0 && structure.mass == Mass::Identity {
         let because = "there are no variables: an ordinary differential equation".to_owned();
-        return Analysis { index: Some(0.0), levels: Vec::new(), uniqueness: Uniqueness::Unique, because };
+        return Analysis { index: Some(0.0), uniqueness: Uniqueness::Unique, because, ..Analysis::default() };
     }
     if unknowns > MOST_UNKNOWNS {
         return refuse(format!("{unknowns} states and variables are more than the {MOST_UNKNOWNS} that are analysed"));
@@ -83,7 +102,9 @@ fn of(problem: &mut dyn Dvi, t: f64, linearise: impl FnOnce(&mut dyn Dvi) -> Opt
     let Some(index) = index(&linearisation) else { return refuse(overflow()) };
     let (uniqueness, because) =
         uniqueness(&linearisation, &index).unwrap_or_else(|| (Uniqueness::NotAnalysed, overflow()));
-    Analysis { index: index.value().map(|value| value as f64), levels: index.levels, uniqueness, because }
+    let reversed = reversal(&linearisation).filter(|_| uniqueness == Uniqueness::NotCertified);
+    let value = index.value().map(|value| value as f64);
+    Analysis { index: value, levels: index.levels, uniqueness, because, unbounded_index: value, reversed }
 }
 
 #[cfg(test)]
@@ -103,6 +124,7 @@ mod tests {
             free: vec![false; m],
             set_moves_with_states: false,
             is_orthant: true,
+            is_box: true,
             is_constant: true,
         }
     }

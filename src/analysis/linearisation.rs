@@ -24,8 +24,10 @@ pub struct Linearisation {
     pub d: DMatrix<f64>,
     /// Whether each variable is free, so that its `G` is an equation.
     pub free: Vec<bool>,
-    /// Whether every variable has just one bound, and that does not move: `K` is an orthant, shifted.
+    /// Whether every variable that is not free has just one bound, and that does not move: an orthant, shifted.
     pub is_orthant: bool,
+    /// Whether no block binds variables: `K` is a product of intervals.
+    pub is_box: bool,
     /// Whether a bound of `K` varies with the states.
     pub set_moves_with_states: bool,
     /// Whether the matrices are the same everywhere.
@@ -53,9 +55,10 @@ impl Linearisation {
         let moves = |k: usize| structure.moving.iter().any(|moving| moving.variable == k);
         let set = &structure.set;
         let one_sided = |k: usize| set.lower[k].is_finite() != set.upper[k].is_finite() && !moves(k);
-        let is_orthant = variables.iter().all(|&k| one_sided(k));
+        let is_orthant = variables.iter().all(|&k| one_sided(k) || (set.is_free(k) && !moves(k)));
         let free = variables.iter().map(|&k| set.is_free(k) && !moves(k)).collect();
-        Self::of(&structure, jacobian, free, is_orthant)
+        let is_box = variables.iter().all(|&k| set.block_of(k).is_none());
+        Self::of(&structure, jacobian, free, (is_orthant, is_box))
     }
 
     /// The matrices at `(t, y)` on a face, where those of the blocks have these equations: of the variables in intervals
@@ -94,12 +97,17 @@ impl Linearisation {
         let jacobian = basis.tr_mul(&jacobian) + curvature;
         let mut free: Vec<bool> = intervals.iter().map(|&k| set.is_free(k)).collect();
         free.resize(basis.ncols() - n, false);
-        Self::of(&structure, jacobian * basis, free, false)
+        let is_box = tangents.is_empty();
+        Self::of(&structure, jacobian * basis, free, (false, is_box))
     }
 
     /// From the Jacobian of `(F, G)` by the states and the variables that are left; `None` for a mass that is not finite.
-    fn of(structure: &Structure, jacobian: DMatrix<f64>, free: Vec<bool>, is_orthant: bool) -> Option<Self> {
-        let variables = free.len();
+    fn of(
+        structure: &Structure,
+        jacobian: DMatrix<f64>,
+        free: Vec<bool>,
+        (is_orthant, is_box): (bool, bool),
+    ) -> Option<Self> {
         let (jacobian, n, free) = match &structure.mass {
             Mass::Identity => (jacobian, structure.states, free),
             Mass::Constant(entries) => without_mass(jacobian, structure.states, entries, free)?,
@@ -111,7 +119,8 @@ impl Linearisation {
             c: jacobian.view((n, 0), (m, n)).into_owned(),
             d: jacobian.view((n, n), (m, m)).into_owned(),
             set_moves_with_states: structure.pattern.iter().any(|&(i, _)| i >= structure.unknowns()),
-            is_orthant: is_orthant && free.len() == variables,
+            is_orthant,
+            is_box,
             free,
             is_constant: structure.constant_jacobian,
         })

@@ -20,7 +20,13 @@ const ROUNDING: f64 = 1e-12;
 pub fn analyse_memory(a: f64, matrix: &DMatrix<f64>) -> Analysis {
     let m = matrix.nrows();
     let levels = if a.fract() == 0.0 { [vec![0; a as usize], vec![m]].concat() } else { Vec::new() };
-    let told = |uniqueness, because| Analysis { index: Some(a), levels: levels.clone(), uniqueness, because };
+    let told = |uniqueness, because| Analysis {
+        index: Some(a),
+        levels: levels.clone(),
+        uniqueness,
+        because,
+        ..Analysis::default()
+    };
     if m > MOST_UNKNOWNS {
         let because = format!("{m} variables are more than the {MOST_UNKNOWNS} that are analysed");
         return told(Uniqueness::NotAnalysed, because);

@@ -1,9 +1,9 @@
 //! Existence and uniqueness, as far as the derivatives certify them (Stewart 2011, chapters 4 to 6; Pang and Stewart 2008,
 //! Differential variational inequalities; Camlibel, Heemels, Schumacher 2002).
 //!
-//! - `D` positive semidefinite and `P B = C^T` for a symmetric positive definite `P` (a passive system): for two
-//!   solutions `d/dt (dx^T P dx)/2 <= const |dx|^2`, so `x` is unique. With `D = 0` that is `C B` symmetric positive
-//!   definite, or semidefinite with the kernels of `B` and `C^T`.
+//! - `D` positive semidefinite and `P B N = C^T N` for a symmetric positive definite `P` and a basis `N` of the kernel of
+//!   `D + D^T` (a system that is passive up to a shift; Camlibel and Schumacher 2016, Linear passive systems and maximal
+//!   monotone mappings): see [`passivity`](super::passivity).
 //! - `D` a P-matrix: `z` is a Lipschitz function of `(t, x)`, so both are unique.
 //! - `D = 0`, `K` an orthant and `C B` an H-matrix with positive diagonal: the reflection map is Lipschitz (Harrison and
 //!   Reiman 1981; Dupuis and Ishii 1991), so `x` is unique.
@@ -11,17 +11,20 @@
 //!   (Mandelbaum; Bernard and El Kharroubi 1991).
 
 use super::index::Index;
-use super::linearisation::{Linearisation, RANK};
-use factorisation::{Singular, least_eigenvalue};
+use super::linearisation::Linearisation;
+use super::passivity::passivity;
+use factorisation::least_eigenvalue;
 use nalgebra::DMatrix;
 use serde::Serialize;
 
 /// What is certified.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Uniqueness {
     /// The solution is unique.
     Unique,
+    /// The solution is unique until it gets where the equations are not Lipschitz.
+    LocallyUnique,
     /// A solution exists, but uniqueness is not guaranteed.
     ExistsNotCertified,
     /// Neither is certified.
@@ -29,13 +32,22 @@ pub enum Uniqueness {
     /// Solutions are not unique in general.
     NotUnique,
     /// Nothing was analysed.
+    #[default]
     NotAnalysed,
+}
+
+impl Uniqueness {
+    /// Whether the solution is certified to be unique, at least for a while.
+    pub fn is_certified(self) -> bool {
+        matches!(self, Self::Unique | Self::LocallyUnique)
+    }
 }
 
 impl std::fmt::Display for Uniqueness {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
             Self::Unique => "unique",
+            Self::LocallyUnique => "locally unique",
             Self::ExistsNotCertified => "a solution exists, not certified to be unique",
             Self::NotCertified => "not certified",
             Self::NotUnique => "not unique",
@@ -71,29 +83,38 @@ pub fn uniqueness(problem: &Linearisation, index: &Index) -> Option<(Uniqueness,
         });
     }
     if problem.set_moves_with_states {
-        let because = "K moves with the states (a quasi-variational inequality): no theorem at hand covers it";
+        let because = "K moves with the states (a quasi-variational inequality): no theorem applied here covers it";
         return Some((Uniqueness::NotCertified, because.into()));
     }
-    let cb = &problem.c * &problem.b;
-    let (d, figures) = (Figures::of(&problem.d)?, Figures::of(&cb)?);
-    if d.least_eigenvalue >= -RANK * d.size && is_passive(problem, &cb, &figures) {
-        return Some((
-            Uniqueness::Unique,
-            format!(
-                "D is positive semidefinite (least eigenvalue of its symmetric part {:.3e}) and CB symmetric positive \
-                 semidefinite (least eigenvalue {:.3e}) with the kernels of B and C^T{place}: the system is passive and x \
-                 is unique",
-                d.least_eigenvalue.max(0.0),
-                figures.least_eigenvalue.max(0.0)
-            ),
-        ));
+    // One problem has one verdict, however it is written.
+    let differing = problem.without_invariants();
+    let problem = differing.as_ref().unwrap_or(problem);
+    let eliminated = problem.without_free();
+    let (problem, index) = match &eliminated {
+        Some(reduced) => (reduced, &super::index(reduced)?),
+        None => (problem, index),
+    };
+    let m = problem.variables();
+    let (d, cb) = (Figures::of(&problem.d)?, &problem.c * &problem.b);
+    let figures = Figures::of(&cb)?;
+    if let Some(passivity) = passivity(problem) {
+        return Some((Uniqueness::Unique, passivity.to_string() + place));
     }
     Some(match index.value() {
         Some(0) => index_zero(problem, &d, place),
-        Some(1) if d.size == 0.0 => index_one(&cb, &figures, problem.is_orthant, place),
+        Some(1) if d.size == 0.0 => {
+            index_one(&cb, &figures, problem.is_orthant && !problem.free.contains(&true), place)
+        }
+        Some(value) if value > 1 && index.levels[..value].iter().all(|&determined| determined == 0) => (
+            Uniqueness::NotCertified,
+            format!("the index is {value}{place}: no theorem applied here covers an index above one"),
+        ),
         Some(value) => (
             Uniqueness::NotCertified,
-            format!("the index is {value} by parts {:?}{place}: no theorem at hand covers the mixture", index.levels),
+            format!(
+                "the index is {value} by parts {:?}{place}: no theorem applied here covers the mixture",
+                index.levels
+            ),
         ),
         None => (
             Uniqueness::NotCertified,
@@ -117,6 +138,13 @@ fn index_zero(problem: &Linearisation, d: &Figures, place: &str) -> (Uniqueness,
         );
     }
     match is_p_matrix(&problem.d) {
+        Some(true) if !problem.is_box => (
+            Uniqueness::NotCertified,
+            format!(
+                "G_z is a P-matrix{place}, which decides of intervals alone, and is not positive definite (least eigenvalue of \
+                 its symmetric part {least:.3e})"
+            ),
+        ),
         Some(true) => (
             Uniqueness::Unique,
             format!(
@@ -185,29 +213,6 @@ fn is_h_matrix(matrix: &DMatrix<f64>) -> bool {
             },
         );
     comparison.try_inverse().is_some_and(|inverse| inverse.iter().all(|&entry| entry >= 0.0))
-}
-
-/// Whether `P B = C^T` for some symmetric positive definite `P`: `C B` symmetric positive semidefinite, with the rank of
-/// `B` and `C`, and `B` and `C^T` with one kernel.
-fn is_passive(problem: &Linearisation, cb: &DMatrix<f64>, figures: &Figures) -> bool {
-    // Units of G and of x' may differ by any factor a row: compare what is left with its terms.
-    let tolerance = 1e-9;
-    if figures.asymmetry > tolerance || figures.least_eigenvalue < -tolerance * figures.size {
-        return false;
-    }
-    let rank_of = |matrix: &DMatrix<f64>| Singular::of(matrix).map(|singular| singular.rank(RANK));
-    let n = problem.states();
-    let (b, c) = (norm(&problem.b), norm(&problem.c));
-    let stacked = DMatrix::from_fn(2 * n, problem.variables(), |i, j| {
-        if i < n { problem.b[(i, j)] / b } else { problem.c[(j, i - n)] / c }
-    });
-    let rank = rank_of(cb);
-    rank.is_some() && [&problem.b, &problem.c, &stacked].into_iter().all(|matrix| rank_of(matrix) == rank)
-}
-
-fn norm(matrix: &DMatrix<f64>) -> f64 {
-    let size = matrix.amax();
-    if size > 0.0 { size } else { 1.0 }
 }
 
 /// What decides of a square matrix.

@@ -57,6 +57,9 @@ pub struct Energy {
     /// The largest gain in impacts, in units of energy.
     #[serde(skip)]
     gain: f64,
+    /// The largest defect with velocities taken for those of the middles of steps.
+    #[serde(skip)]
+    largest_at_middles: Option<f64>,
     /// All that was done and dissipated, each part by its size.
     #[serde(skip)]
     throughput: f64,
@@ -91,6 +94,18 @@ impl Energy {
     /// what forces give within a step to what contacts hold; with all work and dissipation so far.
     pub fn size(&self) -> f64 {
         self.largest + self.throughput
+    }
+
+    /// Takes a step of `q+ = q + h v+` into account whose potential changed by this: its velocity is that of its middle, to
+    /// which the mean of the potentials at its ends belongs (as in the leapfrog). Half a step in time is no loss of energy.
+    pub fn close_at_middle(&mut self, change_of_potential: f64) {
+        let defect = (self.defect - 0.5 * change_of_potential).abs();
+        self.largest_at_middles = Some(self.largest_at_middles.map_or(defect, |largest| largest.max(defect)));
+    }
+
+    /// What the balance lacks at worst, with velocities at the ends of steps or, where they are told, in their middles.
+    pub fn lacking(&self) -> f64 {
+        self.largest_at_middles.map_or(self.largest_defect, |largest| largest.min(self.largest_defect))
     }
 
     /// The part of the defect that is rounding: of the energies, and of the sums of what was booked.

@@ -111,6 +111,7 @@ impl<'p> TimeStepping<'p> {
         let State { t, q, v } = &self.state;
         let after = self.step.problem.energies(*t, q, v);
         self.step.contacted.book(h, &before, &after, &mut self.energy);
+        self.energy.close_at_middle(after.potential - before.potential);
         self.look(h);
         self.measure(h);
         Ok(())

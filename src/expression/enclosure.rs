@@ -180,7 +180,9 @@ fn real_power(a: Interval, b: Interval) -> Interval {
     }
     let grows = b.lo > 0.0;
     within(a, 0.0, f64::INFINITY, |a| {
-        let values = [a.lo.powf(b.lo), a.lo.powf(b.hi), a.hi.powf(b.lo), a.hi.powf(b.hi)];
+        // The sign of a zero would turn the sign of its powers.
+        let least = a.lo.abs();
+        let values = [least.powf(b.lo), least.powf(b.hi), a.hi.powf(b.lo), a.hi.powf(b.hi)];
         clamped(corners(values, defined && (a.lo > 0.0 || grows)), 0.0, f64::INFINITY)
     })
 }

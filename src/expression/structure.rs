@@ -36,7 +36,7 @@ impl Graph {
         matches!(self.terms[node.place()], Term::Apply(found, ..) if found == operator)
     }
 
-    fn inputs_of(&self, nodes: &[Node]) -> Vec<usize> {
+    pub(super) fn inputs_of(&self, nodes: &[Node]) -> Vec<usize> {
         let terms = self.terms_below(nodes);
         let mut inputs: Vec<usize> = terms
             .into_iter()

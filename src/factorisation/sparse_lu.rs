@@ -36,6 +36,8 @@ pub struct SparseLu<T> {
     factors: NumericLu<usize, T>,
     memory: MemBuffer,
     is_factored: bool,
+    /// Whether the workspace is with a thread that nobody waits for any more.
+    is_given_up: bool,
 }
 
 impl<T: ComplexField> SparseLu<T> {
@@ -44,11 +46,21 @@ impl<T: ComplexField> SparseLu<T> {
         let factor = analysis.0.factorize_numeric_lu_scratch::<T>(Par::Seq, Default::default());
         let solve = analysis.0.solve_in_place_scratch::<T>(1, Par::Seq);
         let memory = MemBuffer::try_new(factor.or(solve)).ok()?;
-        Some(Self { analysis: analysis.clone(), factors: NumericLu::new(), memory, is_factored: false })
+        Some(Self {
+            analysis: analysis.clone(),
+            factors: NumericLu::new(),
+            memory,
+            is_factored: false,
+            is_given_up: false,
+        })
     }
 
-    /// Factorises a matrix of the pattern analysed; false if it is structurally singular, not finite, or too large.
+    /// Factorises a matrix of the pattern analysed; false if it is structurally singular, not finite, or too large, or if
+    /// these factors were given up.
     pub fn factorise(&mut self, matrix: &SparseMatrix<T>) -> bool {
+        if self.is_given_up {
+            return false;
+        }
         let stack = MemStack::new(&mut self.memory);
         let symbolic = &self.analysis.0;
         self.is_factored = matrix.val().iter().all(is_finite)
@@ -66,7 +78,7 @@ impl<T: ComplexField> SparseLu<T> {
         T: Send + Sync + 'static,
         SparseMatrix<T>: Clone,
     {
-        if matrix.val().len() < LARGE {
+        if self.is_given_up || matrix.val().len() < LARGE {
             return self.factorise(matrix);
         }
         let empty = Self {
@@ -74,6 +86,7 @@ impl<T: ComplexField> SparseLu<T> {
             factors: NumericLu::new(),
             memory: MemBuffer::new(StackReq::EMPTY),
             is_factored: false,
+            is_given_up: true,
         };
         let (mut working, matrix) = (std::mem::replace(self, empty), matrix.clone());
         let (done, result) = channel();

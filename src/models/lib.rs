@@ -12,6 +12,8 @@ mod mechanical_model;
 mod model;
 pub mod obstacle;
 mod outputs;
+mod regularity;
+mod reversal;
 pub mod rigid_bodies;
 mod symbolic;
 

@@ -8,8 +8,9 @@
 //! all by exact differentiation; contacts and joints give `J` and `b` by that of gaps and constraints, and `J` and `b` of
 //! slips are read off expressions that are affine in `v`.
 
-use expression::{ExpressionError, Graph, Interval, IntervalWorkspace, Node, Tape};
+use expression::{ExpressionError, Graph, IntervalWorkspace, Node, Tape};
 use nalgebra::DMatrix;
+use numerics::Interval;
 use problem::{Constraints, ContactData, Energies, Mechanical, MechanicalStructure, Sensitivity};
 
 /// The parts of a system with `n` coordinates as nodes of a [`Graph`] whose inputs are `t`, then `q` (n), then `v` (n).

@@ -100,6 +100,12 @@ impl MechanicalModel {
             )
         };
         let (index, levels) = if rows == 0 { (0, Vec::new()) } else { (2, vec![0, 0, rows]) };
-        Analysis { index: Some(f64::from(index)), levels, uniqueness, because: because.to_owned() }
+        Analysis {
+            index: Some(f64::from(index)),
+            levels,
+            uniqueness,
+            because: because.to_owned(),
+            ..Analysis::default()
+        }
     }
 }

@@ -110,9 +110,9 @@ impl Model {
 #[derive(Clone, Debug)]
 pub enum Equations {
     /// Rates and inequality as expressions.
-    Symbolic(Symbolic),
+    Symbolic(Box<Symbolic>),
     /// Constant matrices and a forcing.
-    Linear(Linear),
+    Linear(Box<Linear>),
 }
 
 /// What is to be said where steps chatter across a kink.
@@ -147,8 +147,8 @@ impl DviModel {
     /// An evaluator with registers of its own.
     pub fn problem(&self) -> Box<dyn Dvi> {
         match &self.equations {
-            Equations::Symbolic(equations) => Box::new(equations.clone()),
-            Equations::Linear(equations) => Box::new(equations.clone()),
+            Equations::Symbolic(equations) => equations.clone(),
+            Equations::Linear(equations) => equations.clone(),
         }
     }
 
@@ -176,6 +176,7 @@ impl DviModel {
         let set = &self.structure().set;
         let variables = (0..set.dimension()).map(|k| set.project(k, 0.0));
         let y: Vec<f64> = self.initial.iter().copied().chain(variables).collect();
-        analyse(&mut *self.problem(), t, &y)
+        let analysis = self.questioned(analyse(&mut *self.problem(), t, &y));
+        self.restricted(analysis, t, &self.initial)
     }
 }

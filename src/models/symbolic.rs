@@ -6,7 +6,7 @@
 //!
 //! with `F` affine in `z`. Values, Jacobian and time derivatives are one [`Tape`] each; derivatives are exact.
 
-use expression::{Breaks, ExpressionError, Graph, IntervalWorkspace, Kink, Kinks, Node, Tape};
+use expression::{Breaks, ExpressionError, Graph, IntervalWorkspace, Irregularities, Kink, Kinks, Node, Tape};
 use numerics::Interval;
 use problem::{ConvexSet, Dvi, Mass, MovingBound, Structure};
 
@@ -57,6 +57,7 @@ pub struct Symbolic {
     kinks: Kinks,
     /// Those of the three tapes over boxes.
     boxes: [IntervalWorkspace; 3],
+    irregularities: Irregularities,
 }
 
 impl Symbolic {
@@ -117,12 +118,18 @@ impl Symbolic {
         let boxes = std::array::from_fn(|i| IntervalWorkspace::new(&tapes[i]));
         let [values, derivatives, time_derivatives] = tapes;
         let (breaks, kinks) = (Breaks::new(graph, &outputs), Kinks::new(graph, &outputs));
-        Ok(Self { structure, values, derivatives, time_derivatives, boxes, breaks, kinks })
+        let irregularities = Irregularities::new(graph, &outputs);
+        Ok(Self { structure, values, derivatives, time_derivatives, boxes, breaks, kinks, irregularities })
     }
 
     /// What has a kink or a jump that depends on `y`, in the order of [`Dvi::kinks`].
     pub fn kinks(&self) -> &[Kink] {
         self.kinks.kinks()
+    }
+
+    /// Where the rows are not locally Lipschitz in states and variables.
+    pub fn irregularities(&self) -> &Irregularities {
+        &self.irregularities
     }
 }
 

@@ -103,6 +103,24 @@ impl Structure {
         self.states + self.variables
     }
 
+    /// Whether variable `k` is in a bounded set, whatever its bounds are at a time.
+    pub fn is_bounded(&self, k: usize) -> bool {
+        let moves = |side| self.moving.contains(&MovingBound { variable: k, side });
+        match self.set.block_of(k).map(|block| &self.set.blocks()[block].shape) {
+            Some(Shape::Ball { .. } | Shape::Simplex) => true,
+            Some(Shape::SecondOrderCone | Shape::Polyhedron(_)) => false,
+            None => {
+                (self.set.lower[k].is_finite() || moves(Side::Lower))
+                    && (self.set.upper[k].is_finite() || moves(Side::Upper))
+            }
+        }
+    }
+
+    /// Whether a variable is in a set that is unbounded and not the whole line, so that it may have impulses.
+    pub fn has_impulses(&self) -> bool {
+        (0..self.variables).any(|k| !self.set.is_free(k) && !self.is_bounded(k))
+    }
+
     /// The length of what [`Dvi::evaluate`] writes: `n + m +` moving bounds.
     pub fn rows(&self) -> usize {
         self.unknowns() + self.moving.len()

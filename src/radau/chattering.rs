@@ -10,10 +10,11 @@ use super::settings::StepError;
 use super::stepper::Radau;
 
 /// Changes of sign that are taken for chattering; a solution that passes a jump makes one.
-const CROSSINGS: u32 = 256;
+const CROSSINGS: u32 = 64;
 
-/// The most steps between two of them.
-const IDLE: u32 = 8;
+/// The most steps between two of them: behind a jump steps grow eightfold at a time until they are across it again, and some are
+/// rejected on the way.
+const IDLE: u32 = 64;
 
 /// How far from a kink steps may have collapsed, in tolerances of the states.
 const NEAR: f64 = 100.0;

@@ -69,7 +69,7 @@ impl Radau<'_> {
 
     /// What the tolerances leave uncertain of variable `k` and of its `G`, where each unknown has been as large as
     /// `largest`: errors of the states, the tolerance of the VI, and of a variable also what changes no state over the
-    /// last step.
+    /// longest step so far.
     pub(super) fn uncertainties(&self, k: usize, largest: &[f64]) -> [f64; 2] {
         let (system, settings) = (&self.system, &self.settings);
         let n = system.states;
@@ -78,7 +78,7 @@ impl Radau<'_> {
         let [terms, by_errors] = system.terms(k, |j| [largest[j], error(j)]);
         let of_g = (settings.vi_tolerance * terms).max(by_errors);
         let effect = self.control.weight[n + k] * self.methods[self.last_method].tolerance.factor;
-        let without_effect = if effect > 0.0 { 1.0 / effect } else { 0.0 };
+        let without_effect = if effect > 0.0 { self.last.h / (effect * self.longest) } else { 0.0 };
         let of_z = (error(n + k) + system.terms_of_bounds(k, error)).max(without_effect);
         [of_z, of_g].map(|of| of.max(f64::MIN_POSITIVE))
     }

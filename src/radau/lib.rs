@@ -14,6 +14,7 @@ mod breaks;
 mod chattering;
 mod conditions;
 mod consistent;
+mod coupled;
 mod crossings;
 mod defect;
 mod dense_output;

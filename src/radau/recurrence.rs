@@ -4,8 +4,8 @@
 //!
 //! A switch is within noise if the variable has not been clearly off its last one, or if nothing has changed behind it. After
 //! [`MOST`] of those, steps go across with the variational inequality at every stage, under the same error test, until some
-//! have kept their face; twice as many each time. Where that does not end them either, the run fails: what follows is not
-//! determined to the tolerance.
+//! have kept their face; twice as many each time. Where that does not end them either, and at their pace the end would take
+//! millions of steps, the run fails: what follows is not determined to the tolerance.
 
 use super::face::Place;
 use super::settings::StepError;
@@ -24,8 +24,9 @@ const NEAR: f64 = 10.0;
 /// The most steps on one face that location is left off for.
 const LONGEST: u32 = 1 << 16;
 
-/// Switches within noise before a run fails.
-const ENDLESS: u32 = 1 << 13;
+/// Switches within noise from which their pace is known, and the steps to the end, at that pace, from which a run fails.
+const SAMPLE: u32 = 1 << 11;
+const ENDLESS: f64 = (1_u32 << 21) as f64;
 
 /// The recent switches.
 #[derive(Debug)]
@@ -37,6 +38,8 @@ pub(super) struct Recurrence {
     /// Switches within noise, and the variable of the last.
     within: u32,
     variable: usize,
+    /// The time and the steps made when those began.
+    since: (f64, u64),
     /// The steps on one face that bring location back, next time and now, if it is left off.
     pause: u32,
     left: u32,
@@ -44,7 +47,7 @@ pub(super) struct Recurrence {
 
 impl Recurrence {
     pub(super) fn new(variables: usize) -> Self {
-        Self { is_clear: vec![true; variables], clear: 0, within: 0, variable: 0, pause: 1, left: 0 }
+        Self { is_clear: vec![true; variables], clear: 0, within: 0, variable: 0, since: (0.0, 0), pause: 1, left: 0 }
     }
 
     /// Whether switches are not to be located.
@@ -84,13 +87,21 @@ impl Recurrence {
 }
 
 impl Radau<'_> {
-    /// Finds the variables that are clearly off their last switch at the end of a step, from the last evaluation.
+    /// Finds the variables that were clearly off their last switch in the middle of the last step: it may begin and end at one.
     pub(super) fn clear_switches(&mut self) {
-        let Self { system, switching, control, y, .. } = self;
+        if self.switching.recurrence.is_clear.iter().all(|is_clear| *is_clear) {
+            return;
+        }
+        let Self { system, switching, control, last, methods, last_method, .. } = self;
+        let (y, t) = (&mut switching.scratch, last.t + 0.5 * last.h);
+        last.at(methods[*last_method].tableau, t, y);
+        if !system.evaluate(t, y) {
+            return;
+        }
         let is_clear = &mut switching.recurrence.is_clear;
         for (k, is_clear) in is_clear.iter_mut().enumerate().filter(|(_, is_clear)| !**is_clear) {
             let (z, g) = (y[system.states + k], system.values[system.states + k]);
-            *is_clear = match system.face.places[k] {
+            *is_clear = match last.face.places[k] {
                 Place::Inside => {
                     let distance = (z - system.set.lower[k]).min(system.set.upper[k] - z);
                     distance > NEAR * control.noise_of_z(system, k, y)
@@ -104,8 +115,16 @@ impl Radau<'_> {
     ///
     /// # Errors
     /// [`StepError::Unresolved`].
-    pub(super) fn watch_switches(&self) -> Result<(), StepError> {
-        let Recurrence { within, variable, .. } = self.switching.recurrence;
-        if within < ENDLESS { Ok(()) } else { Err(StepError::Unresolved { t: self.t, variable }) }
+    pub(super) fn watch_switches(&mut self) -> Result<(), StepError> {
+        let (t, accepted, remaining) = (self.t, self.counts.accepted, self.remaining());
+        let Recurrence { within, variable, since, .. } = &mut self.switching.recurrence;
+        if *within == 0 {
+            *since = (t, accepted);
+        }
+        let left = (accepted - since.1) as f64 * remaining / (t - since.0);
+        if *within < SAMPLE || left < ENDLESS {
+            return Ok(());
+        }
+        Err(StepError::Unresolved { t, variable: *variable })
     }
 }

@@ -88,6 +88,10 @@ impl Radau<'_> {
             && let Some(part) = stack.pop()
         {
             parts += 1;
+            if part.length * self.last.h <= self.rounding_of_time(self.last.h) {
+                // No event could be told from the end of the step, where a break of the rows may stand.
+                continue;
+            }
             let Some(left) = self.unproven(&part, &watched) else { return Screened::Undecided };
             if left.is_empty() {
                 continue;
@@ -139,7 +143,7 @@ impl Radau<'_> {
             return None;
         }
         let left: Vec<Watched> =
-            watched.iter().copied().filter(|monitor| !(self.lower_end(monitor, &ranges, &values) >= 0.0)).collect();
+            watched.iter().copied().filter(|monitor| !is_proven(self.lower_end(monitor, &ranges, &values))).collect();
         if left.is_empty() {
             return Some(Vec::new());
         }
@@ -161,8 +165,7 @@ impl Radau<'_> {
                 Some(slope) => middle - 0.5 * slope.lo.abs().max(slope.hi.abs()),
                 None => f64::NEG_INFINITY,
             };
-            // What is not a number is not proven.
-            if !(lower >= 0.0) {
+            if !is_proven(lower) {
                 unproven.push((*monitor, *middle));
             }
         }
@@ -289,16 +292,21 @@ impl Part {
         let length = 0.5 * self.length;
         let (mut first, mut second) = (self.coefficients.clone(), self.coefficients.clone());
         for (first, second) in first.chunks_exact_mut(degree + 1).zip(second.chunks_exact_mut(degree + 1)) {
-            for round in 1..=degree {
+            for (round, first) in first.iter_mut().enumerate().skip(1) {
                 for i in 0..=degree - round {
                     second[i] = 0.5 * (second[i] + second[i + 1]);
                 }
-                first[round] = second[0];
+                *first = second[0];
             }
         }
         let part = |begin, coefficients| Self { begin, length, coefficients };
         (part(self.begin, first), part(self.begin + length, second))
     }
+}
+
+/// Whether a lower end shows that a monitor is not negative; one that is not a number shows nothing.
+fn is_proven(lower: f64) -> bool {
+    lower >= 0.0
 }
 
 /// The range of a polynomial with these coefficients, widened by their rounding.

@@ -153,16 +153,19 @@ pub enum StepError {
         /// When.
         t: f64,
     },
-    /// Whatever the variables are, one inequality fails: the VI has no solution.
+    /// Whatever the variables are, one inequality fails, as it is or linearised: then the VI, or that of Newton's method,
+    /// has no solution.
     #[error(
-        "the variational inequality has no solution at t = {t:?}: the inequality of variable {variable} (counted from 0) \
-         fails whatever the variables are"
+        "the variational inequality has no solution at t = {t:?}: the inequality of variable {variable} (counted from 0), \
+         {}, fails whatever the variables are", if *.linear { "as it is" } else { "linearised" }
     )]
     NoSolution {
         /// When.
         t: f64,
         /// The variable.
         variable: usize,
+        /// Whether the problem is linear, so that this is a proof.
+        linear: bool,
     },
 }
 

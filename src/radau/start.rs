@@ -23,6 +23,9 @@ const LONGER: [f64; 4] = [1e-3, 1e-2, 1e-1, 1.0];
 /// equations are solved. Constraints hidden in combinations of the rows of `M x' = F` are lost to rounding beside `M/h`.
 const INSTANTS: [f64; 5] = [1e-12, 1e-10, 1e-8, 1e-6, 1e-4];
 
+/// The multiple of such an instant over which a jump remains as it is, while a steep change grows as often.
+const MULTIPLE: f64 = 16.0;
+
 /// The implicit Euler step that finds a face.
 pub(super) struct Probe {
     euler: &'static Tableau,
@@ -56,9 +59,9 @@ impl Radau<'_> {
         {
             consistent.solve(&mut self.system, &self.control, self.t, &mut self.y);
         }
-        if !INSTANTS.iter().any(|instant| self.probe(instant * self.h, false)) {
+        let Some(instant) = INSTANTS.into_iter().find(|instant| self.probe(instant * self.h, false)) else {
             return Err(self.no_start());
-        }
+        };
         // States without mass have no past: beside bounded variables they start where their equations put them.
         for (state, (y, z)) in self.y.iter_mut().zip(&mut self.switching.probe.stages.z[..n]).enumerate() {
             if !self.system.bounded.is_empty() && !self.system.layout.has_mass[state] {
@@ -74,17 +77,24 @@ impl Radau<'_> {
                 let jump = self.switching.probe.stages.z[state];
                 return Err(StepError::InconsistentStart { state, jump });
             }
-            for (y, z) in self.y.iter_mut().zip(&self.switching.probe.stages.z[..n]) {
-                *y += z;
+            let jump = self.switching.probe.stages.z[..n].to_vec();
+            if !self.is_steep(state, jump[state], instant) {
+                self.y.iter_mut().zip(&jump).for_each(|(y, jump)| *y += jump);
+                self.jumped.get_or_insert(self.t);
             }
-            self.jumped.get_or_insert(self.t);
         }
         if self.choose_face(self.h) { Ok(()) } else { Err(self.no_start()) }
     }
 
+    /// Whether a change of a state within an instant grows with the instant: then it is steep, and no jump.
+    fn is_steep(&mut self, state: usize, change: f64, instant: f64) -> bool {
+        self.probe(MULTIPLE * instant * self.h, false)
+            && self.switching.probe.stages.z[state].abs() > MULTIPLE.sqrt() * change.abs()
+    }
+
     fn no_start(&self) -> StepError {
         match self.switching.probe.vi.as_ref().and_then(|vi| vi.contradiction) {
-            Some(variable) => StepError::NoSolution { t: self.t, variable },
+            Some(variable) => StepError::NoSolution { t: self.t, variable, linear: self.system.constant_jacobian() },
             None => StepError::NoStart { t: self.t },
         }
     }

@@ -74,6 +74,8 @@ pub struct Radau<'p> {
     pub(super) h: f64,
     pub(super) last: Step,
     pub(super) last_method: usize,
+    /// The size of the longest step so far.
+    pub(super) longest: f64,
     pub(super) continues: bool,
     pub(super) jumped: Option<f64>,
     doubts: Doubts,
@@ -183,6 +185,7 @@ impl<'p> Radau<'p> {
             h: 0.0,
             last: Step::default(),
             last_method: 0,
+            longest: 0.0,
             continues: false,
             jumped: None,
             doubts: Doubts::default(),
@@ -198,7 +201,7 @@ impl<'p> Radau<'p> {
     }
 
     /// The time left.
-    fn remaining(&self) -> f64 {
+    pub(super) fn remaining(&self) -> f64 {
         (self.end - self.t) - self.lag
     }
 
@@ -387,6 +390,7 @@ impl<'p> Radau<'p> {
             }
         }
         self.last_method = self.current;
+        self.longest = self.longest.max(h);
         if h >= self.remaining() {
             (self.t, self.lag) = (self.end, 0.0);
         } else {
@@ -459,7 +463,9 @@ impl<'p> Radau<'p> {
     /// Whether the last variational inequality has no solution for a reason that can be named.
     pub(super) fn check_contradiction(&self, cause: Cause) -> Result<(), StepError> {
         match self.stage_vi.as_ref().and_then(|vi| vi.contradiction).filter(|_| cause == Cause::Unsolved) {
-            Some(variable) => Err(StepError::NoSolution { t: self.t, variable }),
+            Some(variable) => {
+                Err(StepError::NoSolution { t: self.t, variable, linear: self.system.constant_jacobian() })
+            }
             None => Ok(()),
         }
     }

@@ -127,6 +127,11 @@ impl Switching {
         changed
     }
 
+    /// Whether switches are to be located.
+    pub(super) fn is_to_locate(&self) -> bool {
+        self.locate
+    }
+
     fn is_accumulating(&self) -> bool {
         self.shrinking >= ACCUMULATION || self.recurrence.is_pausing()
     }
@@ -198,7 +203,7 @@ impl Radau<'_> {
     }
 
     /// What rounding makes of the end of a step of this size.
-    fn rounding_of_time(&self, size: f64) -> f64 {
+    pub(super) fn rounding_of_time(&self, size: f64) -> f64 {
         8.0 * f64::EPSILON * (self.t.abs() + size)
     }
 
@@ -277,10 +282,10 @@ impl Radau<'_> {
         if self.system.bounded.is_empty() {
             return;
         }
+        self.clear_switches();
         if self.system.evaluate(self.t, &self.y) {
             self.system.put_on_bounds(&mut self.y);
             self.system.project(&mut self.y);
-            self.clear_switches();
         }
         if self.switching.pending {
             self.switching.pending = false;

@@ -41,6 +41,9 @@ impl<'p> Audit<'p> {
         if radau.is_smooth() {
             self.screen(radau);
         }
+        if let Some(distance) = radau.unlocated_switch(&self.largest) {
+            self.record_unlocated(t, distance, radau.accumulations() > 0);
+        }
         if self.has_kinks
             && let Some((state, defect)) = radau.defect(&self.largest)
         {
@@ -52,6 +55,19 @@ impl<'p> Audit<'p> {
                 )
             });
         }
+    }
+
+    /// Records a step across a switch that was not located, by its distance in units of the tolerance.
+    fn record_unlocated(&mut self, t: f64, distance: f64, accumulates: bool) {
+        let (code, why) = match accumulates {
+            true => (CheckCode::AccumulationPassed, "an accumulation of switches was stepped over"),
+            false => (CheckCode::EventsUnproven, "a switch could not be located and was stepped over"),
+        };
+        self.checks.record(code, distance, ALLOWED, || {
+            format!(
+                "before t = {t:?} {why}: within that step it may change a state by {distance:.1e} times its tolerance"
+            )
+        });
     }
 
     fn screen(&mut self, radau: &mut Radau<'_>) {

@@ -8,8 +8,9 @@
 mod halving;
 
 use super::run::{Plan, Run, Stepper, ending};
+use super::uniqueness::uniqueness_caveat;
 use super::{CheckCode, Diagnostics, Event, EventKind, Failure, Solution, Status, Steps, ViCounts, Warning};
-use analysis::{Analysis, Uniqueness};
+use analysis::Analysis;
 use convolution::{Convolution, Settings, StepError};
 use halving::{Best, Coarse};
 use models::ConvolutionModel;
@@ -54,7 +55,10 @@ pub fn integrate_convolution(
     control: &Control,
 ) -> Solution {
     let began = Instant::now();
-    let diagnostics = describe_convolution(model, convolution, analysis);
+    let mut diagnostics = describe_convolution(model, convolution, analysis);
+    if let Some(Warning { code, message }) = uniqueness_caveat(analysis) {
+        diagnostics.checks.caveat(code, message);
+    }
     let mut problem = model.forcing.problem();
     let (first, most) = match convolution.mesh {
         Mesh::Fixed(steps) => (steps, steps),
@@ -97,9 +101,10 @@ pub fn integrate_convolution(
                 let agrees = halvings > 1 && scaled <= 1.0;
                 let (refinement, distances) = found.unzip();
                 let coarse = coarse.after(before.take(), distances);
+                let made = Best::new(run, refinement, steps);
                 let kept = match best.take() {
-                    Some(best) if best.scaled() < scaled => best,
-                    _ => Best::new(run, refinement, steps),
+                    Some(best) if !agrees && best.rank() < made.rank() => best,
+                    _ => made,
                 };
                 if !agrees && !coarse.diverges() && steps * 2 <= most {
                     (before, best) = (Some(coarse), Some(kept));
@@ -319,10 +324,6 @@ pub fn describe_convolution(model: &ConvolutionModel, plan: &ConvolutionPlan, an
         vi: Some(ViCounts::default()),
         ..Diagnostics::default()
     };
-    if !matches!(analysis.uniqueness, Uniqueness::Unique | Uniqueness::NotAnalysed) {
-        let message = format!("uniqueness is not guaranteed: {}", analysis.because);
-        diagnostics.warnings.push(Warning { code: "uniqueness_not_guaranteed", message });
-    }
     let other = if is_power {
         "product integration: the kernel is a power of time"
     } else {

@@ -3,11 +3,12 @@
 use super::audit::Audit;
 use super::energy_balance::EnergyBalance;
 use super::run::{Ended, Plan, Stepper, run_to_end};
+use super::uniqueness::{LipschitzWatch, uniqueness_caveat};
 use super::{
     Contraction, Diagnostics, Evaluations, Event, EventKind, Face, Failure, Solution, Status, Steps, Tried, ViCounts,
     Warning, global_error,
 };
-use analysis::{Analysis, Uniqueness, analyse_face};
+use analysis::{Analysis, analyse_face};
 use models::{DviModel, KinkAdvice, Outputs};
 use problem::{Control, Mass, Structure};
 use radau::{Cause, Place, Radau, Settings, StageChoice, StepError, Switch, Switches, Variables};
@@ -40,7 +41,10 @@ pub(super) fn integrate_once(
     analysis: &Analysis,
     control: &Control,
 ) -> Ended {
-    let diagnostics = describe(model.structure(), settings, analysis);
+    let mut diagnostics = describe(model.structure(), settings, analysis);
+    if let Some(Warning { code, message }) = uniqueness_caveat(analysis) {
+        diagnostics.checks.caveat(code, message);
+    }
     let mut problem = model.problem();
     run_to_end(plan, control, diagnostics, || {
         let failed = |error| failure(plan, &model.kinks, &error, plan.start, &plan.initial);
@@ -50,9 +54,11 @@ pub(super) fn integrate_once(
         radau.take_switches();
         let balance = model.outputs.energy().map(|form| EnergyBalance::new(form.clone(), &radau));
         let audit = Audit::new(plan, &radau, model.has_kinks());
+        let tolerances = (settings.rtol, settings.atol.as_slice());
+        let watch = LipschitzWatch::new(model, analysis, tolerances, (radau.t(), radau.y()));
         let (kinks, outputs) = (&model.kinks, model.outputs.clone());
         let rtol = settings.step.is_none().then_some(settings.rtol);
-        Ok(Course { radau, plan, kinks, atol: &settings.atol, rtol, audit, outputs, balance })
+        Ok(Course { radau, plan, kinks, atol: &settings.atol, rtol, audit, outputs, balance, watch })
     })
 }
 
@@ -67,6 +73,7 @@ struct Course<'p> {
     audit: Audit<'p>,
     outputs: Outputs,
     balance: Option<EnergyBalance>,
+    watch: Option<LipschitzWatch<'p>>,
 }
 
 impl Stepper for Course<'_> {
@@ -87,7 +94,15 @@ impl Stepper for Course<'_> {
     }
 
     fn step(&mut self) -> Result<(), Failure> {
-        self.radau.step().map_err(|error| failure(self.plan, self.kinks, &error, self.t(), self.states()))
+        self.radau.step().map_err(|error| {
+            let mut failure = failure(self.plan, self.kinks, &error, self.t(), self.states());
+            if let StepError::StepTooSmall { .. } | StepError::NewtonFailed { .. } | StepError::Unresolved { .. } =
+                error
+            {
+                failure.message += &self.atol_below_rounding();
+            }
+            failure
+        })
     }
 
     fn outputs(&mut self, t: f64, out: &mut [f64]) {
@@ -112,6 +127,9 @@ impl Stepper for Course<'_> {
         if let Some(balance) = &mut self.balance {
             balance.step(&mut self.radau);
         }
+        if let Some(watch) = &mut self.watch {
+            watch.observe(self.radau.t(), self.radau.y());
+        }
     }
 
     fn finish(&mut self, diagnostics: &mut Diagnostics) {
@@ -121,6 +139,25 @@ impl Stepper for Course<'_> {
         if let Some(balance) = &self.balance {
             diagnostics.energy = Some(balance.energy);
             balance.judge(&self.radau, self.rtol, self.atol, &mut diagnostics.checks);
+        }
+        if let Some(watch) = &self.watch {
+            watch.finish(diagnostics);
+        }
+    }
+}
+
+impl Course<'_> {
+    /// Names a state whose absolute tolerance asks for more digits than its values had.
+    fn atol_below_rounding(&self) -> String {
+        let states = self.plan.names.iter().zip(self.atol).zip(self.audit.largest());
+        let excess = |((_, atol), largest): &((&String, &f64), &f64)| f64::EPSILON * **largest / **atol;
+        let worst = states.max_by(|a, b| excess(a).total_cmp(&excess(b)));
+        match worst.filter(|worst| excess(worst) > 1.0) {
+            Some(((name, atol), largest)) => format!(
+                "; the absolute tolerance {atol:e} of `{name}` is below the rounding of its values, which reached {largest:e}: \
+                 give an `atol` of `rtol` times the sizes that matter"
+            ),
+            None => String::new(),
         }
     }
 }
@@ -174,12 +211,23 @@ fn failure(plan: &Plan, kinks: &KinkAdvice, error: &StepError, time: f64, state:
             let name = plan.names.get(plan.initial.len() + variable).map_or("?", String::as_str);
             format!("the {set} of `{name}` is empty from t = {t:?} on: {why}")
         }
-        StepError::NoSolution { variable, t } => format!(
-            "the variational inequality has no solution at t = {t:?}: the inequality of `{}` fails whatever the variables are. \
-             Raising a variable should raise its inequality, at once or in time: look at its sign, and whether the start \
-             satisfies it",
-            plan.names.get(plan.initial.len() + variable).map_or("?", String::as_str)
-        ),
+        StepError::NoSolution { variable, t, linear } => {
+            let name = plan.names.get(plan.initial.len() + variable).map_or("?", String::as_str);
+            if linear {
+                format!(
+                    "the variational inequality has no solution at t = {t:?}: the inequality of `{name}` fails whatever the \
+                     variables are. `{name}` should raise its inequality, at once or in time: look at its sign, and whether \
+                     the start satisfies it"
+                )
+            } else {
+                format!(
+                    "no solution of the variational inequality was found at t = {t:?}: the linearised inequality of `{name}` \
+                     fails whatever the variables are. Either there is none (look at the sign of the inequality, and \
+                     whether the states satisfy it), or Newton's method did not come near it: write the inequality so that \
+                     it is closer to linear in `{name}`"
+                )
+            }
+        }
         StepError::Unresolved { t, variable } => format!(
             "`{}` switches again and again, from t = {t:?} on, while what decides it stays below what the tolerances resolve: an \
              accumulation of switches that was not passed. Take another `stages`, or an `rtol` and `atol` for which the states \
@@ -220,13 +268,9 @@ pub fn describe(structure: &Structure, settings: &Settings, analysis: &Analysis)
         analysis: Some(analysis.clone()),
         ..Diagnostics::default()
     };
-    if !matches!(analysis.uniqueness, Uniqueness::Unique | Uniqueness::NotAnalysed) {
-        let message = format!("uniqueness is not guaranteed: {}", analysis.because);
-        diagnostics.warnings.push(Warning { code: "uniqueness_not_guaranteed", message });
-    }
-    if analysis.index == Some(2.0) && !structure.constant_jacobian {
-        let message = "the index at the start is 2 (CB = 0): bounds may be crossed, but where one is reached and kept the \
-                       states jump; implicit Euler takes that in its stride (`\"stages\": 1` with a fixed `step`)";
+    if structure.has_impulses() && analysis.unbounded_index == Some(2.0) && !structure.constant_jacobian {
+        let message = "the index at the start is 2 (CB = 0): a bound may be crossed, but where a state reaches one and stays on \
+                       it, other states jump; only implicit Euler handles that (`\"stages\": 1` with a fixed `step`)";
         diagnostics.warnings.push(Warning { code: "index_two", message: message.to_owned() });
     }
     let mut leave = |what: &str| diagnostics.left_out.push(what.to_owned());

@@ -16,6 +16,7 @@ mod rigid_bodies;
 mod run;
 mod study;
 mod trajectory;
+mod uniqueness;
 mod verdict;
 
 pub use contact::{ContactPlan, describe_contact, integrate_contact};
@@ -31,6 +32,7 @@ pub use rigid_bodies::{describe_rigid_bodies, step_rigid_bodies};
 pub use run::{Plan, Stepper, run};
 pub use study::{Series, Study, StudyRun};
 pub use trajectory::{Field, Trajectory};
+pub use uniqueness::uniqueness_caveat;
 pub use verdict::{Caveat, CheckCode, Checks, Measured, Reason, Verdict};
 
 use serde::de::IgnoredAny;

@@ -64,7 +64,7 @@ impl Accuracy {
 /// Compares what the balance of energy lacks with what it may.
 pub(super) fn check_energy(energy: &Energy, accuracy: Accuracy, checks: &mut Checks) {
     let (allowed, size, remedy) = (accuracy.of_energy(energy), energy.size(), accuracy.remedy());
-    let lacking = energy.largest_defect;
+    let lacking = energy.lacking();
     checks.record(CheckCode::EnergyBalance, lacking, allowed, || {
         format!(
             "the balance of energy lacks {lacking:.1e} at worst, beside {size:.1e}, the largest energy met with all work and \

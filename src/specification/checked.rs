@@ -271,11 +271,10 @@ fn check_limits(limits: Limits, place: &Place<'_>, errors: &mut Errors) {
     }
 }
 
-/// Refuses what no method here solves as it is posed.
+/// Refuses what no method here solves as it is posed. Variables in bounded sets have no impulses, so that their index is no
+/// reason.
 fn check_index(analysis: &Analysis, model: &DviModel, method: &Method, errors: &mut Errors) {
-    let set = &model.structure().set;
-    let bounded = !model.structure().moving.is_empty() || (0..set.dimension()).any(|k| !set.is_free(k));
-    match analysis.index {
+    match analysis.unbounded_index {
         Some(index) if index >= 3.0 && !method.accept_index_three => {
             let detail = format!(
                 "the index is {index}: the variables show only in derivative number {index} of the inequalities, so that \
@@ -288,7 +287,7 @@ fn check_index(analysis: &Analysis, model: &DviModel, method: &Method, errors: &
         }
         // Where the matrices vary, those at the start do not tell what happens at a bound: it may be crossed without rest.
         Some(2.0)
-            if bounded
+            if model.structure().has_impulses()
                 && model.structure().constant_jacobian
                 && !(method.step.is_some() && matches!(method.stages, Stages::Fixed(1))) =>
         {

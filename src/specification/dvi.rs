@@ -105,7 +105,7 @@ impl DviProblem {
             (None, None) => place.key("states").key(self.states.name(row)).key("rate").to_string(),
         };
         let equations = match Symbolic::new(&mut lowering.graph, rows) {
-            Ok(equations) => Equations::Symbolic(equations),
+            Ok(equations) => Equations::Symbolic(Box::new(equations)),
             Err(refusals) => {
                 for refusal in refusals {
                     lowering.errors.push(refused(refusal, &state_names, &variable_names, row_pointer));

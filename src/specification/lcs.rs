@@ -95,7 +95,7 @@ impl LcsProblem {
         let pointers = set.moving_pointers;
         let rows = LinearRows { mass, matrix, state_forcing, inequality_forcing, set: set.set, moving: set.moving };
         let equations = match Linear::new(&mut lowering.graph, rows) {
-            Ok(equations) => Equations::Linear(equations),
+            Ok(equations) => Equations::Linear(Box::new(equations)),
             Err((row, error)) => {
                 let forcing = |i: usize| place.key("g").index(i).to_string();
                 let pointer = pointers.get(row).cloned().unwrap_or_else(|| forcing(row - pointers.len()));

@@ -71,7 +71,7 @@ impl<'c> Lowering<'c> {
 
     /// Whether reading goes on before item number `item` of a long list; if not, that is reported.
     pub(super) fn goes_on(&mut self, item: usize) -> bool {
-        let goes_on = item % BETWEEN_POLLS != 0 || self.control.poll().is_none();
+        let goes_on = !item.is_multiple_of(BETWEEN_POLLS) || self.control.poll().is_none();
         if !goes_on {
             self.errors.push(SpecificationError::interrupted());
         }

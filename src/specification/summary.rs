@@ -4,7 +4,10 @@ use super::checked::Specification;
 use analysis::Analysis;
 use models::Model;
 use serde::Serialize;
-use solution::{Warning, describe, describe_contact, describe_convolution, describe_obstacle, describe_rigid_bodies};
+use solution::{
+    Warning, describe, describe_contact, describe_convolution, describe_obstacle, describe_rigid_bodies,
+    uniqueness_caveat,
+};
 
 /// Sizes, what the theory says, and what a solve would build.
 #[derive(Clone, Debug, Serialize)]
@@ -50,6 +53,9 @@ impl Specification {
             Model::Convolution(model) => describe_convolution(model, &self.convolution_plan(model), self.analysis()),
         };
         let mut warnings = described.warnings;
+        if matches!(model, Model::Dvi(_) | Model::Convolution(_)) {
+            warnings.extend(uniqueness_caveat(self.analysis()));
+        }
         warnings.extend(model.warnings().iter().cloned());
         Summary {
             label: self.label().map(str::to_owned),

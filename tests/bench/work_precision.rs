@@ -35,23 +35,13 @@ fn smooth() -> Vec<Case> {
     let problems = read("tests/reference/smooth.json")["problems"].take();
     let case = |problem: &Value| {
         let number = |key: &str, i: usize| problem[key][i].as_f64().expect("a number");
-        let equations = problem["equations"].as_array().expect("equations");
-        let state = |i: usize| format!("y{}", i + 1);
-        let states: serde_json::Map<String, Value> = equations
-            .iter()
-            .enumerate()
-            .map(|(i, rate)| (state(i), json!({"initial": problem["y0"][i], "rate": rate})))
-            .collect();
-        let mut dvi = json!({"parameters": problem["params"], "states": states});
-        if !problem["mass"].is_null() {
-            dvi["mass"] = problem["mass"].clone();
-        }
+        let states = problem["equations"].as_array().expect("equations").len();
         Case {
             name: problem["name"].as_str().expect("a name").to_owned(),
-            specification: json!({"problem": {"dvi": dvi}, "time": {"start": problem["t0"], "end": problem["t1"]}}),
+            specification: reference::smooth(problem),
             atol_factor: problem["atol_factor"].as_f64().expect("a factor"),
-            end: (0..equations.len())
-                .map(|i| (state(i), digits(&problem["reference"][i]), number("floor", i)))
+            end: (0..states)
+                .map(|i| (format!("y{}", i + 1), digits(&problem["reference"][i]), number("floor", i)))
                 .collect(),
         }
     };

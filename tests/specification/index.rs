@@ -83,3 +83,21 @@ fn the_index_of_a_differential_algebraic_equation_is_told_in_both_ways_of_counti
     let because = &analysis.because;
     assert!(because.contains("0 times") && because.contains("differentiation index 1"), "{because}");
 }
+
+#[test]
+fn what_is_bounded_has_no_impulses_whatever_its_index() {
+    // A force between bounds, on a position of which only the second or third derivative shows it.
+    for distance in [1, 2] {
+        let mut document = chain(distance);
+        for set in
+            [json!([{"box": {"of": ["z"], "lower": 0, "upper": 3}}]), json!([{"ball": {"of": ["z"], "radius": 2}}])]
+        {
+            document["problem"]["dvi"]["set"] = set;
+            let specification = Specification::from_json(document.to_string().as_bytes()).unwrap();
+            assert_eq!(specification.analysis().index, Some(1.0 + distance as f64));
+        }
+        // With an upper bound alone the lower end is open, and impulses are possible again.
+        document["problem"]["dvi"]["set"] = json!([{"nonnegative": ["z"]}]);
+        assert!(Specification::from_json(document.to_string().as_bytes()).is_err());
+    }
+}

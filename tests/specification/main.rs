@@ -17,3 +17,4 @@ mod schema;
 mod semantics;
 mod structure;
 mod study;
+mod uniqueness;

@@ -79,14 +79,20 @@ fn a_force_that_grows_beyond_all_bounds_ends_at_its_pole() {
 }
 
 #[test]
-fn twisting_comes_to_rest_and_stays() {
+fn twisting_comes_to_rest_or_says_what_is_not_resolved() {
     // x'' = -3 Sgn x - 1.2 Sgn x': at rest from t = 4.544 on (arcs of parabolas, each with the ratio (3 - 1.2)/(3 + 1.2)).
     let [lower, upper] = RELAY;
     for (rtol, stages) in [(1e-4, json!(1)), (1e-6, json!("auto")), (1e-9, json!(5))] {
         let case = Case::until(8.0).state("x", 1.0, "v").state("v", 0.5, "-3*p - 1.2*q");
         let case = case.between("p", "-x", lower, upper).between("q", "-v", lower, upper);
-        let case = case.method(json!({"rtol": rtol, "stages": stages})).limits(json!({"steps": 60_000}));
-        let solution = case.solve();
+        let solution = case.method(json!({"rtol": rtol, "stages": stages.clone()})).run();
+        assert!(solution.diagnostics.steps.accepted < 400_000, "{:?}", solution.diagnostics.steps);
+        if let Some(failure) = &solution.error {
+            // Of first order, the velocity is not resolved where the position is.
+            assert_eq!((&*failure.code, stages), ("switches_unresolved", json!(1)), "{}", failure.message);
+            assert!(failure.time > 4.5, "{failure:?}");
+            continue;
+        }
         assert!(last(&solution, "x").abs() < 1e-4 && last(&solution, "v").abs() < 1e-4, "rtol {rtol:e}");
     }
 }

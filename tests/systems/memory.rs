@@ -147,7 +147,7 @@ fn kernels_that_vanish_at_zero_have_a_higher_index() {
         let found = distance(&solution, "z", |t| 6.0 * t);
         assert!(found < 1e-8, "{kernel}: {found:e}");
         assert_eq!(solution.diagnostics.analysis.as_ref().and_then(|analysis| analysis.index), Some(2.0));
-        assert!(solution.diagnostics.warnings.iter().any(|warning| warning.code == "uniqueness_not_guaranteed"));
+        assert!(solution.verdict.caveats.iter().any(|caveat| caveat.code == "uniqueness_not_guaranteed"));
     }
 }
 

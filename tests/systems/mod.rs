@@ -16,6 +16,7 @@ mod obstacle;
 mod pendulum;
 mod queues;
 pub mod reference;
+mod relays;
 mod report;
 mod rigid_bodies;
 mod sets;

@@ -35,6 +35,6 @@ fn from_nearby_it_follows_the_spiral() {
     let (s, phase) = (10.0 + start, start * 2.0_f64.powi(23));
     assert!((column(&solution, "w1").last().expect("values") - (2.0 * phase - s)).abs() < 1e-9);
     assert!((column(&solution, "w2").last().expect("values") - 2.0 * (s - phase)).abs() < 1e-9);
-    let warnings = &solution.diagnostics.warnings;
-    assert!(warnings.iter().any(|warning| warning.code == "uniqueness_not_guaranteed"), "{warnings:?}");
+    let caveats = &solution.verdict.caveats;
+    assert!(caveats.iter().any(|caveat| caveat.code == "uniqueness_not_guaranteed"), "{caveats:?}");
 }

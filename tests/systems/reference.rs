@@ -1,6 +1,6 @@
 //! Examples and reference answers of the repository.
 
-use serde_json::Value;
+use serde_json::{Map, Value, json};
 use std::path::Path;
 
 /// The text of an example, as JSON to be changed before it is solved.
@@ -25,4 +25,20 @@ pub fn switching(name: &str) -> Value {
     let systems = read("tests/reference/switching.json")["systems"].take();
     let found = systems.as_array().and_then(|systems| systems.iter().find(|system| system["name"] == name));
     found.unwrap_or_else(|| panic!("no switching system `{name}`")).clone()
+}
+
+/// A problem of `tests/reference/smooth.json` as a specification, the method left to choose.
+pub fn smooth(problem: &Value) -> Value {
+    let equations = problem["equations"].as_array().expect("equations").iter().enumerate();
+    let state = |(i, rate)| (format!("y{}", i + 1), json!({"initial": problem["y0"][i], "rate": rate}));
+    let states: Map<String, Value> = equations.map(state).collect();
+    let mut dvi = json!({"parameters": problem["params"], "states": states});
+    if !problem["mass"].is_null() {
+        dvi["mass"] = problem["mass"].clone();
+    }
+    json!({
+        "problem": {"dvi": dvi},
+        "time": {"start": problem["t0"], "end": problem["t1"]},
+        "output": {"times": [problem["t1"]]},
+    })
 }

@@ -1,29 +1,16 @@
 //! Stiff problems without variables, over six decades of tolerance, against references in quadruple precision.
 
 use crate::systems::harness::{last, solve};
-use crate::systems::reference::{digits, example, read};
+use crate::systems::reference::{digits, example, read, smooth};
 use dvi::solution::Solution;
 use serde_json::{Value, json};
 
-/// A problem of `tests/reference/smooth.json` as a specification.
+/// A problem of `tests/reference/smooth.json` at a tolerance.
 fn specification(problem: &Value, rtol: f64) -> Value {
-    let equations = problem["equations"].as_array().expect("equations");
-    let states: serde_json::Map<String, Value> = equations
-        .iter()
-        .enumerate()
-        .map(|(i, rate)| (format!("y{}", i + 1), json!({"initial": problem["y0"][i], "rate": rate})))
-        .collect();
+    let mut specification = smooth(problem);
     let atol = rtol * problem["atol_factor"].as_f64().expect("a factor");
-    let mut dvi = json!({"parameters": problem["params"], "states": states});
-    if !problem["mass"].is_null() {
-        dvi["mass"] = problem["mass"].clone();
-    }
-    json!({
-        "problem": {"dvi": dvi},
-        "time": {"start": problem["t0"], "end": problem["t1"]},
-        "method": {"rtol": rtol, "atol": atol},
-        "output": {"times": [problem["t1"]]},
-    })
+    specification["method"] = json!({"rtol": rtol, "atol": atol});
+    specification
 }
 
 /// The problem of that name in `tests/reference/smooth.json`.

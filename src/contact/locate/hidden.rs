@@ -116,7 +116,7 @@ impl Leg<'_, '_> {
     }
 
     /// How far a step may go that has a violation of this row at `t`: past where an open gap closes, which the search then
-    /// finds; up to where a held one is left.
+    /// finds; ahead of where a held one is left.
     fn beginning(&mut self, begin: f64, t: f64, row: usize, tolerances: &[f64]) -> Option<Hidden> {
         let (mut clear, mut off) = (begin, t);
         for _ in 0..HALVINGS {
@@ -127,7 +127,9 @@ impl Leg<'_, '_> {
             let side = if self.violated(middle, tolerances).is_some() { &mut off } else { &mut clear };
             *side = middle;
         }
-        let until = if self.is_held(row) { clear } else { off };
+        // Accelerations begin before the gap does: as far ahead of its beginning as it was found behind that.
+        let ahead = (clear - (t - clear)).max(0.5 * (begin + clear));
+        let until = if self.is_held(row) { ahead } else { off };
         let next = NEXT * (t - clear);
         (until > begin).then_some(Hidden { until, next })
     }

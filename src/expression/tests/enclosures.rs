@@ -1,7 +1,8 @@
 //! Enclosures hold what evaluation gives, at every point of the box and of every term on the way.
 
 use super::{evaluate, parse};
-use crate::{Graph, Interval, IntervalWorkspace, Node, Tape};
+use crate::{Graph, IntervalWorkspace, Node, Tape};
+use numerics::Interval;
 use proptest::prelude::*;
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -145,7 +146,7 @@ fn edges() -> impl Strategy<Value = ([f64; 2], Vec<f64>)> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 6000, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: 10_000, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn random_points_evaluate_inside_the_enclosures_of_all_terms(

@@ -100,6 +100,12 @@ impl Obstacle {
         } else {
             (0.0, Vec::new(), "there is no obstacle: an ordinary differential equation in the nodal values")
         };
-        Analysis { index: Some(index), levels, uniqueness: Uniqueness::Unique, because: because.to_owned() }
+        Analysis {
+            index: Some(index),
+            levels,
+            uniqueness: Uniqueness::Unique,
+            because: because.to_owned(),
+            ..Analysis::default()
+        }
     }
 }

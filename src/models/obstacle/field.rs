@@ -1,6 +1,7 @@
 //! A function of time and place, from an expression.
 
-use expression::{Graph, Interval, IntervalWorkspace, Node, Tape};
+use expression::{Graph, IntervalWorkspace, Node, Tape};
+use numerics::Interval;
 
 /// A function of `t` and `x`, `y`, `z`, which are the inputs 0 to 3 of its expression.
 #[derive(Clone, Debug)]

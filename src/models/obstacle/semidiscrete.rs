@@ -252,7 +252,7 @@ fn set_at(
 /// # Errors
 /// If it asks to stop.
 pub(super) fn go_on(item: usize, t: f64, control: &Control) -> Result<(), Cause> {
-    if item % AT_ONCE == 0 { control.go_on().map_err(|_| Cause::Interrupted { t }) } else { Ok(()) }
+    if item.is_multiple_of(AT_ONCE) { control.go_on().map_err(|_| Cause::Interrupted { t }) } else { Ok(()) }
 }
 
 fn slack(bound: f64) -> f64 {

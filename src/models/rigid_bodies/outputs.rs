@@ -46,9 +46,9 @@ impl Scene {
                        and impulses (Monteiro Marques 1993, Stewart 1998); with friction it need not be unique";
         Analysis {
             index: Some(2.0),
-            levels: Vec::new(),
             uniqueness: Uniqueness::ExistsNotCertified,
             because: because.to_owned(),
+            ..Analysis::default()
         }
     }
 }

@@ -19,8 +19,14 @@ impl<'a> Best<'a> {
     }
 
     /// The estimated error in units of the tolerance.
-    pub fn scaled(&self) -> f64 {
+    fn scaled(&self) -> f64 {
         self.refinement.as_ref().map_or(f64::INFINITY, |refinement| refinement.scaled)
+    }
+
+    /// By how much it is expected to be off, for a comparison: one distance alone may be small by chance.
+    pub fn rank(&self) -> f64 {
+        let estimated = self.refinement.as_ref().filter(|refinement| refinement.halvings > 1);
+        estimated.map_or(f64::INFINITY, |refinement| refinement.scaled)
     }
 
     /// The run, with the estimate taken into its evidence, where the last run that was made had `last` steps.

@@ -53,7 +53,7 @@ pub(super) fn model(
     let rows = system.rows(&mut lowering.graph, &forms);
     let equations = Linear::new(&mut lowering.graph, rows)
         .map_err(|(_, error)| vec![SpecificationError::new(names.whole.clone(), error.code, error.message)])?;
-    let equations = Equations::Linear(equations);
+    let equations = Equations::Linear(Box::new(equations));
     let model = DviModel {
         state_names,
         variable_names,

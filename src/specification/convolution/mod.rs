@@ -99,7 +99,7 @@ impl ConvolutionProblem {
             None => variables.key(self.variables.name(row)).key("q").to_string(),
         };
         let equations = match Symbolic::new(&mut lowering.graph, rows) {
-            Ok(equations) => Equations::Symbolic(equations),
+            Ok(equations) => Equations::Symbolic(Box::new(equations)),
             Err(refusals) => {
                 for refusal in refusals {
                     lowering.errors.push(refused(refusal, &[], &variable_names, row_pointer));

@@ -128,7 +128,7 @@ impl ElasticProblem {
         let names = outputs::names(&geometry, &continuum, &lowered, &sides);
         let outputs = outputs::lower(&probes, &continuum, &lowered, &sides, &mut lowering);
         let equations = match Linear::new(&mut lowering.graph, lowered.rows) {
-            Ok(equations) => Equations::Linear(equations),
+            Ok(equations) => Equations::Linear(Box::new(equations)),
             Err((_, error)) => {
                 let place = place.key("contact");
                 lowering.errors.push(SpecificationError::new(place.to_string(), error.code, error.message));

@@ -117,7 +117,9 @@ impl Expectation {
                 verdict(steps <= *most, format!("{steps} steps"))
             }
             (Self::Warning(code), Ok(solution)) => {
-                let codes: Vec<&str> = solution.diagnostics.warnings.iter().map(|warning| warning.code).collect();
+                let warnings = solution.diagnostics.warnings.iter().map(|warning| warning.code);
+                let caveats = solution.verdict.caveats.iter().map(|caveat| caveat.code.as_str());
+                let codes: Vec<&str> = warnings.chain(caveats).collect();
                 verdict(codes.contains(&code.as_str()), format!("warnings: {}", listed(&codes)))
             }
         };

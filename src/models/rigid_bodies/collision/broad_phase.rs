@@ -59,7 +59,7 @@ impl BroadPhase {
         self.order.clear();
         self.order.extend(self.boxes.iter().map(|bounds| bounds.body));
         for (k, a) in self.boxes.iter().enumerate() {
-            if k % AT_ONCE == 0 {
+            if k.is_multiple_of(AT_ONCE) {
                 control.go_on()?;
             }
             for b in self.boxes[k + 1..].iter().take_while(|b| b.lower[axis] <= a.upper[axis]) {

@@ -1,0 +1,119 @@
+//! One problem in several writings, brought to one form before its uniqueness is judged: free variables are eliminated,
+//! and states are counted on the subspace in which two solutions can differ.
+//!
+//! - Of the equations `0 = C_F x + D_FF z_F + D_FB z_B + ..` of the free variables, those with a regular part of `D_FF`
+//!   give `z_F`; the others, if they bind states alone, `0 = C_2 x + ..`, give it when they are differentiated once, and
+//!   the difference of two solutions is in the kernel of `C_2`.
+//! - Where `q^T A = 0` and `q^T B = 0`, `q^T x` is known beforehand: two solutions differ orthogonally to `q`.
+
+use super::linearisation::{Linearisation, RANK};
+use factorisation::Singular;
+use nalgebra::DMatrix;
+
+impl Linearisation {
+    /// Without its free variables; `None` if there are none, or only such, or if their elimination takes more than one
+    /// differentiation.
+    pub(super) fn without_free(&self) -> Option<Self> {
+        let (free, bounded): (Vec<usize>, Vec<usize>) = (0..self.variables()).partition(|&k| self.free[k]);
+        if free.is_empty() || bounded.is_empty() {
+            return None;
+        }
+        let (n, m) = (self.states(), bounded.len());
+        // Rows: rates, then G of the bounded variables. Columns: states, bounded variables, then one.
+        let rows = stack(&self.a, &self.c.select_rows(&bounded));
+        let by_bounded = stack(&self.b.select_columns(&bounded), &self.block(&bounded, &bounded));
+        let mut known = join(&rows, &by_bounded);
+        let by_free = stack(&self.b.select_columns(&free), &self.block(&bounded, &free));
+        let equations = join(&self.c.select_rows(&free), &self.block(&free, &bounded));
+
+        let own = Singular::of(&self.block(&free, &free))?;
+        let rank = own.rank(RANK);
+        let (equations, by_free) = (own.u.transpose() * equations, by_free * own.v_t.transpose());
+        for i in 0..rank {
+            known -= by_free.column(i) * equations.row(i) / own.values[i];
+        }
+        let rest = free.len() - rank;
+        let equations = equations.rows(rank, rest).into_owned();
+        let by_free = by_free.columns(rank, rest).into_owned();
+        let (constraint, of_bounded) = (equations.columns(0, n).into_owned(), equations.columns(n, m));
+        if of_bounded.amax() > RANK * equations.amax() {
+            return None;
+        }
+        let mut differences = DMatrix::identity(n, n);
+        if rest > 0 {
+            let products = &constraint * by_free.rows(0, n);
+            if Singular::of(&products)?.rank(RANK) < rest {
+                return None;
+            }
+            let answer = products.lu().solve(&(&constraint * known.rows(0, n)))?;
+            known -= by_free * answer;
+            differences = kernel(&constraint)?;
+        }
+        let of = |top, left, rows, columns| known.view((top, left), (rows, columns)).into_owned();
+        let reduced = Self {
+            a: of(0, 0, n, n),
+            b: of(0, n, n, m),
+            c: of(n, 0, m, n),
+            d: of(n, n, m, m),
+            free: vec![false; m],
+            ..self.clone()
+        };
+        Some(reduced.on(&differences))
+    }
+
+    /// On the subspace in which two solutions can differ.
+    pub(super) fn without_invariants(&self) -> Option<Self> {
+        if !self.is_constant || self.states() == 0 {
+            return None;
+        }
+        let n = self.states();
+        let mut rows = join(&self.a, &self.b);
+        let sizes: Vec<f64> =
+            rows.row_iter().map(|row| row.amax()).map(|size| if size > 0.0 { size } else { 1.0 }).collect();
+        for (mut row, size) in rows.row_iter_mut().zip(&sizes) {
+            row.unscale_mut(*size);
+        }
+        let singular = Singular::of(&rows)?;
+        let rank = singular.rank(RANK);
+        if rank == n {
+            return None;
+        }
+        let invariants = DMatrix::from_fn(n - rank, n, |i, j| singular.u[(j, rank + i)] / sizes[j]);
+        Some(self.on(&kernel(&invariants)?))
+    }
+
+    /// With states that are combinations of the columns of an orthonormal `basis`, which the rates do not leave.
+    fn on(&self, basis: &DMatrix<f64>) -> Self {
+        Self { a: basis.tr_mul(&self.a) * basis, b: basis.tr_mul(&self.b), c: &self.c * basis, ..self.clone() }
+    }
+
+    /// The entries of `D` in some rows and columns.
+    fn block(&self, rows: &[usize], columns: &[usize]) -> DMatrix<f64> {
+        DMatrix::from_fn(rows.len(), columns.len(), |i, j| self.d[(rows[i], columns[j])])
+    }
+}
+
+/// An orthonormal basis of what a matrix of full row rank, its rows scaled to one size, maps to zero.
+fn kernel(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let (rows, n) = matrix.shape();
+    let mut square = DMatrix::zeros(n.max(rows), n);
+    for (i, row) in matrix.row_iter().enumerate() {
+        let size = row.amax();
+        square.row_mut(i).copy_from(&(row / if size > 0.0 { size } else { 1.0 }));
+    }
+    let singular = Singular::of(&square)?;
+    let rank = singular.rank(RANK);
+    Some(singular.v_t.rows(rank, n - rank).transpose())
+}
+
+/// One matrix above another.
+fn stack(above: &DMatrix<f64>, below: &DMatrix<f64>) -> DMatrix<f64> {
+    let n = above.nrows();
+    DMatrix::from_fn(n + below.nrows(), above.ncols(), |i, j| if i < n { above[(i, j)] } else { below[(i - n, j)] })
+}
+
+/// One matrix beside another.
+fn join(left: &DMatrix<f64>, right: &DMatrix<f64>) -> DMatrix<f64> {
+    let n = left.ncols();
+    DMatrix::from_fn(left.nrows(), n + right.ncols(), |i, j| if j < n { left[(i, j)] } else { right[(i, j - n)] })
+}

@@ -1,0 +1,40 @@
+//! Asks about signs that look reversed, by the names of what they belong to.
+
+use super::DviModel;
+use analysis::{Analysis, Reversal};
+
+impl DviModel {
+    /// The analysis with a question about what looks reversed.
+    pub(super) fn questioned(&self, analysis: Analysis) -> Analysis {
+        let Some(reversed) = analysis.reversed else { return analysis };
+        const SHOWN: usize = 3;
+        let structure = self.structure();
+        let (n, set) = (structure.states, &structure.set);
+        let bounded = (0..structure.variables).filter(|&k| !set.is_free(k) && set.lower[k] != set.upper[k]);
+        let variables: Vec<usize> = bounded.take(SHOWN + 1).collect();
+        let rates =
+            structure.pattern.iter().filter(|(row, column)| *row < n && variables.iter().any(|k| n + k == *column));
+        let mut rates: Vec<usize> = rates.map(|&(row, _)| row).collect();
+        rates.dedup();
+        let (of, one) = (list(&variables, &self.variable_names, SHOWN), variables.len() == 1);
+        let inequality = if one { format!("the inequality of {of}") } else { format!("the inequalities of {of}") };
+        let question = match reversed {
+            Reversal::Inequality => format!("Is the sign of {inequality} reversed?"),
+            Reversal::InequalityOrRate => {
+                let noun = if rates.len() == 1 { "the rate" } else { "the rates" };
+                let states = list(&rates, &self.state_names, SHOWN);
+                format!("Is the sign of {inequality}, or of {of} in {noun} of {states}, reversed?")
+            }
+        };
+        Analysis { because: format!("{}. {question}", analysis.because), ..analysis }
+    }
+}
+
+/// The first names of a list.
+fn list(places: &[usize], names: &[String], shown: usize) -> String {
+    let mut list: Vec<String> = places.iter().take(shown).map(|&place| format!("`{}`", names[place])).collect();
+    if places.len() > shown {
+        list.push("...".to_owned());
+    }
+    list.join(", ")
+}

@@ -1,0 +1,214 @@
+//! Which runs of a problem are right. The truth is the answer of an independent method where there is one, else the run with
+//! which most others agree, the tightest first; a run is wrong if it is further from that than a hundred tolerances, times the
+//! growth of small changes.
+
+use super::experiment::{Experiment, Run};
+use super::problem::Way;
+use super::solving::{Answer, Outcome};
+
+/// Distances up to this many tolerances, times `kappa`, are agreement.
+const TOLERANCES: f64 = 100.0;
+/// Distances up to this many steps times the largest speed, one more for each event, times `kappa`, are agreement of first
+/// order: over a horizon of some periods the errors of steps add up.
+const STEPS: f64 = 30.0;
+/// Problems on which small changes grow by more are counted apart.
+pub const MOST_GROWTH: f64 = 1e4;
+
+/// What became of a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Finding {
+    /// Right, and trusted.
+    Right,
+    /// Right, and not trusted.
+    FalseAlarm,
+    /// Wrong, and trusted.
+    Silent,
+    /// Wrong, and not trusted.
+    Caught,
+    Failed,
+    TimedOut,
+    Refused,
+    Panicked,
+    NotFinite,
+    Skipped,
+}
+
+impl Finding {
+    pub const ALL: [(Self, &'static str); 10] = [
+        (Self::Right, "right"),
+        (Self::FalseAlarm, "alarm"),
+        (Self::Silent, "SILENT"),
+        (Self::Caught, "caught"),
+        (Self::Failed, "failed"),
+        (Self::TimedOut, "late"),
+        (Self::Refused, "refused"),
+        (Self::Panicked, "panic"),
+        (Self::NotFinite, "not finite"),
+        (Self::Skipped, "skipped"),
+    ];
+}
+
+/// Why a problem is not judged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Apart {
+    /// Small changes grow too much, or their growth is not known.
+    Sensitive,
+    /// Theory does not say that the states are unique.
+    NotUnique,
+    /// Fewer than two runs reached the end, and nothing else tells what is right.
+    Alone,
+}
+
+/// The judgement of a problem.
+#[derive(Clone, Debug)]
+pub struct Judgement {
+    pub apart: Option<Apart>,
+    /// Of each run what became of it, and how far it is from the truth in units of what is allowed.
+    pub findings: Vec<(Finding, f64)>,
+    /// Whether an independent method tells the truth.
+    pub by_reference: bool,
+    /// Whether all runs agree with each other and none with the independent method, which is then the first suspect.
+    pub reference_alone: bool,
+    /// Of each field the values that were taken for the truth.
+    pub truth: Vec<Vec<f64>>,
+}
+
+/// A run at the times of comparison.
+struct Sample<'a> {
+    run: &'a Run,
+    answer: &'a Answer,
+    columns: Vec<Vec<f64>>,
+    times: Vec<f64>,
+}
+
+/// Judges the runs of a problem.
+pub fn judge(experiment: &Experiment, is_unique: bool) -> Judgement {
+    let samples: Vec<Option<Sample<'_>>> =
+        experiment.runs.iter().map(|run| run.answer().map(|answer| sample(experiment, run, answer))).collect();
+    let complete: Vec<&Sample<'_>> = samples.iter().flatten().collect();
+    let certified = complete.iter().any(|sample| sample.answer.is_certified);
+    let apart = if !(is_unique || certified) {
+        Some(Apart::NotUnique)
+    } else if !(experiment.kappa <= MOST_GROWTH) {
+        Some(Apart::Sensitive)
+    } else if complete.is_empty() || complete.len() < 2 && experiment.reference.is_none() {
+        Some(Apart::Alone)
+    } else {
+        None
+    };
+    let excess = |a: &Sample<'_>, b: &Sample<'_>| distance(experiment, a, Some(b), None);
+    // The first of those with which most agree: the tight run stands first. One that has no values at some of the times can
+    // stand for nothing there.
+    let is_whole = |sample: &Sample<'_>| !sample.columns.iter().flatten().any(|value| value.is_nan());
+    let count_of = |sample: &Sample<'_>| complete.iter().filter(|other| excess(sample, other) <= 1.0).count();
+    let best = complete
+        .iter()
+        .map(|sample| if is_whole(sample) { count_of(sample) } else { 0 })
+        .enumerate()
+        .rev()
+        .max_by_key(|(_, count)| *count)
+        .map(|(k, _)| k);
+    let by_reference = experiment.reference.is_some();
+    let far = |sample: &Sample<'_>| match (&experiment.reference, best) {
+        (Some(values), _) => distance(experiment, sample, None, Some(values)),
+        (None, Some(best)) => excess(sample, complete[best]),
+        (None, None) => 0.0,
+    };
+    let findings: Vec<(Finding, f64)> = experiment
+        .runs
+        .iter()
+        .zip(&samples)
+        .map(|(run, sample)| match (&run.outcome, sample) {
+            (Outcome::Answered(answer), Some(sample)) => {
+                let far = far(sample);
+                let finding = match (answer.is_finite, far <= 1.0, answer.trusted) {
+                    (false, _, _) => Finding::NotFinite,
+                    (_, true, true) => Finding::Right,
+                    (_, true, false) => Finding::FalseAlarm,
+                    (_, false, true) => Finding::Silent,
+                    (_, false, false) => Finding::Caught,
+                };
+                (finding, far)
+            }
+            (Outcome::Refused(_), _) => (Finding::Refused, 0.0),
+            (Outcome::Skipped, _) => (Finding::Skipped, 0.0),
+            (Outcome::Panicked, _) => (Finding::Panicked, 0.0),
+            (Outcome::Hung | Outcome::Stopped(_), _) => (Finding::TimedOut, 0.0),
+            _ => (Finding::Failed, 0.0),
+        })
+        .collect();
+    let all_agree = best.is_some_and(|best| complete.iter().all(|sample| excess(sample, complete[best]) <= 1.0));
+    let reference_alone = by_reference && all_agree && complete.iter().all(|sample| far(sample) > 1.0);
+    let truth = match (&experiment.reference, best) {
+        (Some(values), _) => values.columns.clone(),
+        (None, Some(best)) => complete[best].columns.clone(),
+        (None, None) => Vec::new(),
+    };
+    Judgement { apart, findings, by_reference, reference_alone, truth }
+}
+
+/// The values of a run at those times of comparison at which it has outputs.
+fn sample<'a>(experiment: &Experiment, run: &'a Run, answer: &'a Answer) -> Sample<'a> {
+    let slack = 1e-11 * experiment.end;
+    let place = |t: f64| {
+        let k = answer.t.partition_point(|other| *other < t - slack);
+        answer.t.get(k).filter(|other| (**other - t).abs() <= slack).map(|_| k)
+    };
+    let places: Vec<Option<usize>> = experiment.times.iter().map(|&t| place(t)).collect();
+    let value = |column: &Vec<f64>, place: &Option<usize>| place.map_or(f64::NAN, |k| column[k]);
+    let columns = answer.columns.iter().map(|column| places.iter().map(|place| value(column, place)).collect());
+    Sample { run, answer, columns: columns.collect(), times: experiment.times.clone() }
+}
+
+/// The largest distance of two runs, or of a run from the reference, in units of what is allowed.
+fn distance(
+    experiment: &Experiment,
+    sample: &Sample<'_>,
+    other: Option<&Sample<'_>>,
+    reference: Option<&super::reference::Values>,
+) -> f64 {
+    let Experiment { way, fields, sizes, rates, floors, kappa, .. } = experiment;
+    // Of a problem that is counted apart anyway.
+    let kappa = kappa.min(MOST_GROWTH);
+    let accuracy = sample.run.accuracy + other.map_or(0.0, |other| other.run.accuracy);
+    let events = sample.answer.events.len();
+    let mut largest = 0.0_f64;
+    for (k, field) in fields.iter().enumerate() {
+        let truth = match (other, reference) {
+            (Some(other), _) => &other.columns[k],
+            (None, Some(values)) => &values.columns[k],
+            (None, None) => continue,
+        };
+        let uncertainty = reference.map_or(0.0, |values| values.accuracy[k]);
+        let allowed = uncertainty
+            + kappa
+                * match way {
+                    Way::Step(_) => accuracy * rates[k] * (STEPS + events as f64),
+                    _ => TOLERANCES * accuracy * (sizes[k] + floors[k]),
+                };
+        if field.jumps && matches!(way, Way::Step(_)) {
+            continue;
+        }
+        let apart = sample.columns[k].iter().zip(truth).zip(&sample.times);
+        let apart: Vec<f64> = apart
+            .filter(|((a, b), _)| !a.is_nan() && !b.is_nan())
+            .filter(|(_, t)| !field.jumps || !is_near_event(experiment, sample, other, **t, kappa * accuracy))
+            .map(|((a, b), _)| (a - b).abs())
+            .collect();
+        let apart = match way {
+            // The promise is one of the mean over time.
+            Way::Mean => apart.iter().sum::<f64>() / apart.len().max(1) as f64,
+            _ => apart.into_iter().fold(0.0, f64::max),
+        };
+        largest = largest.max(if allowed > 0.0 { apart / allowed } else { 0.0 });
+    }
+    largest
+}
+
+/// Whether an event is so near that the other run may have it on the other side of `t`: by the time in which the states cover
+/// what is allowed, and the part of the horizon that this is.
+fn is_near_event(experiment: &Experiment, one: &Sample<'_>, other: Option<&Sample<'_>>, t: f64, part: f64) -> bool {
+    let window = (TOLERANCES * part).max(1e-9) * experiment.end;
+    let events = one.answer.events.iter().chain(other.into_iter().flat_map(|other| &other.answer.events));
+    events.into_iter().any(|event| (event - t).abs() <= window)
+}

@@ -1,0 +1,43 @@
+//! The differential fuzz: `cargo bench --bench differential` for 20,000 problems. `COUNT=500 SEED=7 KIND=circuit` before it say
+//! otherwise, `REFERENCE=1` compares all with an independent method, `SECONDS=3` is what each solve may take, `THREADS=2` solves
+//! problems side by side, `TELL=1` reports each finding as it comes, and `FAILURES=folder` (or the folder as an argument) keeps wrong runs as specifications that
+//! `dvi solve` takes; without it they go to a temporary folder.
+
+#[path = "mod.rs"]
+mod differential;
+
+use differential::{Campaign, Kind};
+use std::time::{Duration, Instant};
+
+fn main() {
+    let number = |name: &str, default| std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(default);
+    let chosen = std::env::var("KIND").ok();
+    let is_chosen = |kind: &Kind| chosen.as_ref().is_none_or(|names| names.split(',').any(|name| name == kind.name()));
+    let kinds: Vec<Kind> = Kind::ALL.into_iter().filter(is_chosen).collect();
+    if kinds.is_empty() {
+        let names: Vec<&str> = Kind::ALL.iter().map(|kind| kind.name()).collect();
+        eprintln!("no such kind; there are {}", names.join(", "));
+        std::process::exit(2);
+    }
+    let named = std::env::args().skip(1).find(|argument| !argument.starts_with("--"));
+    let folder = named
+        .or_else(|| std::env::var("FAILURES").ok())
+        .map_or_else(|| std::env::temp_dir().join(format!("dvi-differential-{}", std::process::id())), Into::into);
+    let campaign = Campaign {
+        count: number("COUNT", 20_000),
+        seed: number("SEED", 1),
+        kinds,
+        time: Duration::from_secs(number("SECONDS", 3)),
+        reference_every: number("REFERENCE", 10),
+        failures: Some(folder.clone()),
+        threads: number("THREADS", 1) as usize,
+        tells: number("TELL", 0) > 0,
+    };
+    println!("{} problems from seed {}; wrong runs go to {}", campaign.count, campaign.seed, folder.display());
+    let began = Instant::now();
+    let tally = campaign.run();
+    println!("{tally}in {:.0} s", began.elapsed().as_secs_f64());
+    if tally.panics() + tally.not_finite() > 0 || tally.silent() > 0 {
+        std::process::exit(1);
+    }
+}

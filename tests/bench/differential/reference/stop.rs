@@ -1,0 +1,86 @@
+//! A driven oscillator beside a stop, from impact to impact: `q'' = -k q - c q' + f(t)`, `q >= wall`, and `v+ = -e v-` where it
+//! strikes. It rests on the stop while the force presses it there.
+
+use super::Values;
+use super::flow::{Driven, Flow, Monitor, lexicographic_sign};
+use crate::differential::signal::Signal;
+use nalgebra::RowDVector;
+
+/// The oscillator, of unit mass.
+#[derive(Clone, Debug)]
+pub struct Stop {
+    pub stiffness: f64,
+    pub damping: f64,
+    pub force: Signal,
+    pub wall: f64,
+    pub restitution: f64,
+    /// Position and velocity at the start.
+    pub initial: [f64; 2],
+}
+
+const MOST_EVENTS: usize = 20_000;
+const MOST_STEPS: f64 = 3e6;
+/// A rebound this slow, beside the fastest motion so far, ends in rest where the force presses the body to the stop: it is as
+/// high as this squared.
+const REST: f64 = 1e-6;
+
+impl Stop {
+    /// Position and velocity at `times`.
+    pub fn solve(&self, times: &[f64]) -> Option<Values> {
+        let driven = Driven::new(2, std::iter::once(&self.force));
+        let none = Signal::default();
+        let velocity = driven.row(&[0.0, 1.0], &none);
+        let pull = driven.row(&[-self.stiffness, -self.damping], &self.force);
+        let still = driven.row(&[0.0, 0.0], &none);
+        let gap = driven.row(&[1.0, 0.0], &Signal::constant(-self.wall));
+        let end = *times.last()?;
+        let flows: [Flow; 2] = [[velocity, pull.clone()], [still.clone(), still]]
+            .map(|rows: [RowDVector<f64>; 2]| Flow::new(driven.rates(&rows), end / 200.0));
+        let (mut t, mut y) = (0.0, driven.start(&self.initial));
+        let mut sizes = y.map(|x| x.abs().max(f64::MIN_POSITIVE));
+        let mut columns = vec![Vec::with_capacity(times.len()); 2];
+        let (mut next, mut steps) = (0, 0.0);
+        for _ in 0..MOST_EVENTS {
+            let touches = lexicographic_sign(&gap, &flows[0].m, &y, &sizes) < 0.0
+                || (gap.clone() * &y)[0] <= 1e-12 * (self.wall.abs() + sizes[0])
+                    && y[1] == 0.0
+                    && lexicographic_sign(&pull, &flows[1].m, &y, &sizes) <= 0.0;
+            // Either the gap would close at once, or the body rests there and is pressed.
+            if touches {
+                y[0] = self.wall;
+                y[1] = -self.restitution * y[1].min(0.0);
+                let presses = lexicographic_sign(&pull, &flows[1].m, &y, &sizes) <= 0.0;
+                if y[1] <= REST * sizes[1] && presses {
+                    y[1] = 0.0;
+                }
+            }
+            let rests = touches && y[1] == 0.0;
+            let flow = &flows[usize::from(rests)];
+            let monitor = Monitor::new(if rests { -pull.clone() } else { gap.clone() }, &flow.m);
+            if steps + (end - t) / flow.h > MOST_STEPS {
+                return None;
+            }
+            loop {
+                let after = flow.step(&y);
+                let event = monitor.leaves(flow, &y, &after, &sizes, 1e-3).unwrap_or(f64::INFINITY);
+                let reached = flow.h.min(event);
+                while let Some(time) = times.get(next).filter(|time| **time <= t + reached) {
+                    let at = flow.advance(&y, time - t);
+                    columns.iter_mut().zip(at.iter()).for_each(|(column, x)| column.push(*x));
+                    next += 1;
+                }
+                if next == times.len() {
+                    return Some(Values { columns, accuracy: vec![1e-8 * sizes[0], 10.0 * REST * sizes[1]] });
+                }
+                t += reached;
+                steps += 1.0;
+                y = if event < f64::INFINITY { flow.advance(&y, event) } else { after };
+                sizes.iter_mut().zip(y.iter()).for_each(|(size, x)| *size = size.max(x.abs()));
+                if event < f64::INFINITY {
+                    break;
+                }
+            }
+        }
+        None
+    }
+}

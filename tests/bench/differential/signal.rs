@@ -1,0 +1,64 @@
+//! Functions of time: a constant and sine waves. They can be written as expressions in any units, and a system driven by
+//! them is a linear system in more unknowns.
+
+use super::random::Random;
+use std::fmt::Write;
+
+/// `amplitude sin(omega t + phase)`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wave {
+    pub amplitude: f64,
+    pub omega: f64,
+    pub phase: f64,
+}
+
+/// A constant and waves.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Signal {
+    pub constant: f64,
+    pub waves: Vec<Wave>,
+}
+
+impl Signal {
+    pub fn constant(constant: f64) -> Self {
+        Self { constant, waves: Vec::new() }
+    }
+
+    /// Up to `most` waves about a constant, of sizes up to `size`; with two or more waves the frequencies may lie far apart.
+    pub fn random(random: &mut Random, size: f64, omega: f64, most: usize) -> Self {
+        let waves = (0..random.whole(0, most))
+            .map(|k| Wave {
+                amplitude: size * random.uniform(0.2, 1.0),
+                omega: omega * if k > 0 { random.scale(0.03, 30.0) } else { random.scale(0.5, 2.0) },
+                phase: random.uniform(0.0, std::f64::consts::TAU),
+            })
+            .collect();
+        Self { constant: size * random.uniform(-0.7, 0.7), waves }
+    }
+
+    pub fn at(&self, t: f64) -> f64 {
+        let wave = |wave: &Wave| wave.amplitude * (wave.omega * t + wave.phase).sin();
+        self.constant + self.waves.iter().map(wave).sum::<f64>()
+    }
+
+    /// Adds `factor` times another.
+    pub fn add(&mut self, factor: f64, other: &Self) {
+        self.constant += factor * other.constant;
+        for wave in &other.waves {
+            let same = |own: &&mut Wave| own.omega == wave.omega && own.phase == wave.phase;
+            match self.waves.iter_mut().find(same) {
+                Some(own) => own.amplitude += factor * wave.amplitude,
+                None => self.waves.push(Wave { amplitude: factor * wave.amplitude, ..*wave }),
+            }
+        }
+    }
+
+    /// `factor` times it as an expression in a time counted in `unit`.
+    pub fn expression(&self, factor: f64, unit: f64) -> String {
+        let mut text = format!("{:?}", factor * self.constant);
+        for Wave { amplitude, omega, phase } in &self.waves {
+            write!(text, " + ({:?})*sin({:?}*t + {phase:?})", factor * amplitude, omega * unit).expect("a string");
+        }
+        text
+    }
+}

@@ -1,0 +1,92 @@
+//! One solve of a specification under a deadline, and what came of it in the generator's units.
+
+use super::problem::{Field, View};
+use dvi::analysis::Uniqueness;
+use dvi::problem::Control;
+use dvi::solution::{CheckCode, Solution, Status};
+use dvi::specification::Specification;
+use serde_json::Value;
+use std::sync::mpsc::{RecvTimeoutError, sync_channel};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// The stack of the threads on which the service solves.
+const STACK_BYTES: usize = 2 << 20;
+/// By how much a solve may be later than its deadline before it counts as never ending.
+const LATE: Duration = Duration::from_secs(20);
+
+/// How a solve ended.
+#[derive(Clone, Debug)]
+pub enum Outcome {
+    /// The specification was refused, with this code.
+    Refused(String),
+    Panicked,
+    /// It was not tried, because others of the problem had taken too long.
+    Skipped,
+    /// It went on after its deadline.
+    Hung,
+    /// It ended early, with this code.
+    Stopped(String),
+    Failed(String),
+    Answered(Answer),
+}
+
+/// A run that reached its end.
+#[derive(Clone, Debug)]
+pub struct Answer {
+    pub t: Vec<f64>,
+    /// The fields in the generator's units.
+    pub columns: Vec<Vec<f64>>,
+    /// The times of events, in those units.
+    pub events: Vec<f64>,
+    pub trusted: bool,
+    pub because: Vec<CheckCode>,
+    pub is_certified: bool,
+    pub is_finite: bool,
+}
+
+/// Solves a specification on a thread of its own.
+pub fn solve(specification: &Value, fields: &[Field], view: &View, time: Duration) -> Outcome {
+    let text = specification.to_string();
+    let (send, receive) = sync_channel(1);
+    let solving = move || {
+        let solved = match Specification::from_json(text.as_bytes()) {
+            Err(errors) => Err(errors.iter().map(|error| error.code.to_string()).collect::<Vec<_>>().join(" ")),
+            Ok(specification) => Ok(dvi::solve(&specification, &Control::with_deadline(Instant::now() + time))),
+        };
+        // Whoever waited too long is gone.
+        let _ = send.send(solved);
+    };
+    thread::Builder::new().stack_size(STACK_BYTES).spawn(solving).expect("a thread");
+    match receive.recv_timeout(time + LATE) {
+        Err(RecvTimeoutError::Timeout) => Outcome::Hung,
+        Err(RecvTimeoutError::Disconnected) => Outcome::Panicked,
+        Ok(Err(code)) => Outcome::Refused(code),
+        Ok(Ok(solution)) => outcome(&solution, fields, view),
+    }
+}
+
+fn outcome(solution: &Solution, fields: &[Field], view: &View) -> Outcome {
+    let code = || solution.error.as_ref().map_or(String::new(), |error| error.code.to_string());
+    match solution.status {
+        Status::Stopped => return Outcome::Stopped(code()),
+        Status::Failed => return Outcome::Failed(code()),
+        Status::Completed => {}
+    }
+    let trajectory = &solution.trajectory;
+    let column = |field: &Field| -> Vec<f64> {
+        let values = trajectory.field(&field.name).unwrap_or_else(|| panic!("there is no field `{}`", field.name));
+        values.iter().map(|value| value * field.unit(view)).collect()
+    };
+    let columns: Vec<Vec<f64>> = fields.iter().map(column).collect();
+    let analysis = solution.diagnostics.analysis.as_ref();
+    Outcome::Answered(Answer {
+        t: trajectory.t.iter().map(|t| t * view.time).collect(),
+        is_finite: trajectory.fields.iter().flat_map(|field| &field.values).all(|value| value.is_finite()),
+        columns,
+        events: trajectory.events.iter().map(|event| event.t * view.time).collect(),
+        trusted: solution.verdict.trusted,
+        because: solution.verdict.because.iter().map(|reason| reason.code).collect(),
+        is_certified: analysis.is_some_and(|analysis| analysis.uniqueness == Uniqueness::Unique),
+    })
+}

@@ -1,0 +1,166 @@
+//! The table of a campaign: of each kind how many problems there were, how many are counted apart, and what became of their runs.
+
+use super::experiment::Experiment;
+use super::judgement::{Apart, Finding, Judgement};
+use super::problem::Kind;
+use super::solving::Outcome;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::{Display, Formatter, Result, Write};
+
+/// Counts by kind, and the seeds of what is wrong.
+#[derive(Clone, Debug, Default)]
+pub struct Tally {
+    problems: BTreeMap<Kind, u64>,
+    apart: BTreeMap<(Kind, Apart), u64>,
+    runs: BTreeMap<(Kind, Finding), u64>,
+    /// Problems with a run of this finding.
+    seeds: BTreeMap<(Kind, Finding), BTreeSet<u64>>,
+    references: BTreeMap<Kind, u64>,
+    /// Problems on which the independent method stands against all runs.
+    alone: BTreeSet<(Kind, u64)>,
+    /// The words for why right answers were not trusted, and runs failed or were refused.
+    reasons: BTreeMap<(Finding, String), u64>,
+}
+
+impl Tally {
+    /// Takes in a problem; gives a line about what is wrong with it, if anything.
+    pub fn add(&mut self, kind: Kind, seed: u64, experiment: &Experiment, judgement: &Judgement) -> String {
+        *self.problems.entry(kind).or_default() += 1;
+        *self.references.entry(kind).or_default() += u64::from(judgement.by_reference);
+        let mut line = String::new();
+        for (run, (finding, far)) in experiment.runs.iter().zip(&judgement.findings) {
+            // A panic or a number that is not finite is wrong whatever the problem.
+            let always =
+                matches!(finding, Finding::Panicked | Finding::NotFinite | Finding::Refused | Finding::TimedOut);
+            if judgement.apart.is_some() && !always {
+                continue;
+            }
+            *self.runs.entry((kind, *finding)).or_default() += 1;
+            if matches!(finding, Finding::Right | Finding::Skipped) {
+                continue;
+            }
+            self.seeds.entry((kind, *finding)).or_default().insert(seed);
+            let reason = match &run.outcome {
+                Outcome::Answered(answer) => {
+                    answer.because.iter().map(|code| code.name()).collect::<Vec<_>>().join(" ")
+                }
+                Outcome::Refused(code) | Outcome::Stopped(code) | Outcome::Failed(code) => code.clone(),
+                Outcome::Skipped | Outcome::Panicked | Outcome::Hung => format!("{:?}", run.outcome),
+            };
+            let name = Finding::ALL.iter().find(|(other, _)| other == finding).map_or("", |(_, name)| name);
+            let _ = write!(line, "\n    {name} {}: {reason} {far:.3e} (accuracy {:.1e})", run.label, run.accuracy);
+            *self.reasons.entry((*finding, reason)).or_default() += 1;
+        }
+        if let Some(apart) = judgement.apart {
+            *self.apart.entry((kind, apart)).or_default() += 1;
+        }
+        if judgement.reference_alone && judgement.apart.is_none() {
+            self.alone.insert((kind, seed));
+        }
+        if line.is_empty() {
+            return line;
+        }
+        let by = if judgement.by_reference { ", by reference" } else { "" };
+        format!("{} {seed}: kappa {:.1e}{by}{line}", kind.name(), experiment.kappa)
+    }
+
+    /// Takes in another table.
+    pub fn merge(&mut self, other: Self) {
+        fn add<K: Ord>(to: &mut BTreeMap<K, u64>, from: BTreeMap<K, u64>) {
+            from.into_iter().for_each(|(key, count)| *to.entry(key).or_default() += count);
+        }
+        add(&mut self.problems, other.problems);
+        add(&mut self.apart, other.apart);
+        add(&mut self.runs, other.runs);
+        add(&mut self.references, other.references);
+        add(&mut self.reasons, other.reasons);
+        other.seeds.into_iter().for_each(|(key, seeds)| self.seeds.entry(key).or_default().extend(seeds));
+        self.alone.extend(other.alone);
+    }
+
+    /// The runs with a finding, of all kinds.
+    pub fn runs(&self, finding: Finding) -> u64 {
+        self.runs.iter().filter(|((_, other), _)| *other == finding).map(|(_, count)| count).sum()
+    }
+
+    /// The problems with such a run.
+    pub fn problems(&self, finding: Finding) -> usize {
+        self.seeds.iter().filter(|((_, other), _)| *other == finding).map(|(_, seeds)| seeds.len()).sum()
+    }
+
+    /// Problems that are wrong in silence.
+    pub fn silent(&self) -> usize {
+        self.problems(Finding::Silent)
+    }
+
+    pub fn panics(&self) -> u64 {
+        self.runs(Finding::Panicked)
+    }
+
+    pub fn not_finite(&self) -> u64 {
+        self.runs(Finding::NotFinite)
+    }
+
+    /// The part of right answers that is not trusted.
+    pub fn false_alarms(&self) -> f64 {
+        let (alarms, right) = (self.runs(Finding::FalseAlarm) as f64, self.runs(Finding::Right) as f64);
+        if alarms == 0.0 { 0.0 } else { alarms / (alarms + right) }
+    }
+
+    /// The part of all problems that is counted apart.
+    pub fn apart(&self) -> f64 {
+        let apart: u64 = self.apart.values().sum();
+        apart as f64 / self.problems.values().sum::<u64>().max(1) as f64
+    }
+}
+
+impl Display for Tally {
+    fn fmt(&self, f: &mut Formatter<'_>) -> Result {
+        write!(
+            f,
+            "{:16}{:>9}{:>10}{:>10}{:>11}{:>7}",
+            "kind", "problems", "reference", "sensitive", "not unique", "alone"
+        )?;
+        for (_, name) in Finding::ALL {
+            write!(f, "{name:>11}")?;
+        }
+        writeln!(f)?;
+        for (kind, problems) in &self.problems {
+            let apart = |apart| self.apart.get(&(*kind, apart)).copied().unwrap_or(0);
+            let references = self.references.get(kind).copied().unwrap_or(0);
+            let (sensitive, alone) = (apart(Apart::Sensitive), apart(Apart::Alone));
+            write!(
+                f,
+                "{:16}{problems:>9}{references:>10}{sensitive:>10}{:>11}{alone:>7}",
+                kind.name(),
+                apart(Apart::NotUnique)
+            )?;
+            for (finding, _) in Finding::ALL {
+                write!(f, "{:>11}", self.runs.get(&(*kind, finding)).copied().unwrap_or(0))?;
+            }
+            writeln!(f)?;
+        }
+        writeln!(
+            f,
+            "right but not trusted: {:.2} %; counted apart: {:.1} % of the problems",
+            100.0 * self.false_alarms(),
+            100.0 * self.apart()
+        )?;
+        for ((finding, reason), count) in &self.reasons {
+            let name = Finding::ALL.iter().find(|(other, _)| other == finding).map_or("", |(_, name)| name);
+            writeln!(f, "  {name} ({reason}): {count} runs")?;
+        }
+        for (finding, name) in Finding::ALL {
+            for kind in Kind::ALL {
+                let Some(seeds) = self.seeds.get(&(kind, finding)) else { continue };
+                let some: Vec<String> = seeds.iter().take(12).map(u64::to_string).collect();
+                let more = if seeds.len() > some.len() { " .." } else { "" };
+                writeln!(f, "  {name}, {} problems of {}: seeds {}{more}", seeds.len(), kind.name(), some.join(" "))?;
+            }
+        }
+        for (kind, seed) in &self.alone {
+            writeln!(f, "  the independent method stands alone: {} {seed}", kind.name())?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,33 @@
+//! The differential fuzz in short: problems that nobody chose, each solved in many ways that must agree. The long form is
+//! `cargo bench --bench differential`.
+
+#[path = "bench/differential/closed_forms.rs"]
+mod closed_forms;
+#[path = "bench/differential/mod.rs"]
+mod differential;
+
+use differential::{Campaign, Kind};
+use std::time::Duration;
+
+/// Problems that are known to be wrong in silence. This number may only shrink, to zero.
+const KNOWN_SILENT: usize = 100;
+
+#[test]
+fn what_is_solved_in_many_ways_has_one_answer() {
+    let campaign = Campaign {
+        count: 500,
+        seed: 1,
+        kinds: Kind::ALL.to_vec(),
+        time: Duration::from_secs(1),
+        reference_every: 10,
+        failures: None,
+        tells: false,
+        threads: std::thread::available_parallelism().map_or(1, usize::from),
+    };
+    let tally = campaign.run();
+    println!("{tally}");
+    assert_eq!(tally.panics(), 0, "a solve panicked");
+    assert_eq!(tally.not_finite(), 0, "an answer is not finite");
+    assert!(tally.silent() <= KNOWN_SILENT, "{} problems are wrong in silence:\n{tally}", tally.silent());
+    assert!(tally.apart() <= 0.2, "{} of the problems decide nothing", tally.apart());
+}

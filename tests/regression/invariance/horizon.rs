@@ -1,0 +1,54 @@
+//! What happens up to a time does not depend on how long the run goes on: the scenes are solved to their end and to a
+//! hundred times it, with outputs at the same times, and states and events up to the end are compared.
+
+use super::scenes::{SCENES, Scene, Tolerances};
+use super::{Answer, solve};
+use crate::known::{Failure, Known, assert_known};
+
+/// How much further the longer run goes.
+const BEYOND: f64 = 100.0;
+
+/// What depends on the horizon.
+const KNOWN: Known = &[];
+
+/// The part of its end up to which events are compared: one that falls on the end is in one run and not in the other.
+const BEFORE: f64 = 1.0 - 1e-6;
+
+/// The answer up to the end of the scene, where the run goes on to a multiple of it.
+fn answer(scene: &Scene, beyond: f64) -> Result<Answer, String> {
+    let (specification, end) = scene.specification([1.0; 3], 21, beyond);
+    let mut solution = solve(&specification)?;
+    if let Some(error) = solution.error.as_ref().filter(|error| error.time < end) {
+        return Err(format!("{} at t = {:e}", error.code, error.time));
+    }
+    solution.trajectory.events.retain(|event| event.t <= BEFORE * end);
+    Ok(Answer::new(&solution, &vec![1.0; scene.fields.len()], end))
+}
+
+/// How the longer run differs from the shorter one up to its end, if it does: in a word, and with what was measured.
+fn difference(scene: &Scene, short: &Answer) -> Option<(&'static str, String)> {
+    let long = match answer(scene, BEYOND) {
+        Ok(long) => long,
+        Err(cause) => return Some(("failed", cause)),
+    };
+    let distance = short.distance(&long);
+    if let Some(apart) = short.events_apart(&long, scene.within) {
+        return Some(("events", format!("{apart}; states differ by {distance:.1e}")));
+    }
+    // Steps that are given are the same, and so is every bit.
+    let allowed = if matches!(scene.tolerances, Tolerances::None) { 0.0 } else { scene.within };
+    (!(distance <= allowed)).then(|| ("states", format!("differ by {distance:.1e} where {allowed:.0e} is allowed")))
+}
+
+#[test]
+fn answers_do_not_depend_on_the_horizon() {
+    let mut failures = Vec::new();
+    for scene in &SCENES {
+        let short = answer(scene, 1.0).unwrap_or_else(|cause| panic!("{}: {cause}", scene.name));
+        if let Some((how, detail)) = difference(scene, &short) {
+            println!("{}: {how}, {detail}", scene.name);
+            failures.push(Failure { name: scene.name.to_owned(), how, detail });
+        }
+    }
+    assert_known("KNOWN in tests/regression/invariance/horizon.rs", KNOWN, &failures);
+}

@@ -1,0 +1,84 @@
+//! What an answer does not depend on: the units in which a scene is written, and how long the run goes on afterwards.
+
+mod horizon;
+mod scenes;
+mod units;
+
+use dvi::problem::Control;
+use dvi::solution::{Event, EventKind, Solution, Status};
+use dvi::specification::Specification;
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
+
+/// The seconds after which a run is given up; each takes a tenth of one at most.
+const SECONDS: u64 = if cfg!(debug_assertions) { 20 } else { 5 };
+
+/// The answer to a specification up to a time, in plain units.
+struct Answer {
+    /// Of each field, its values at the times of the output.
+    columns: Vec<Vec<f64>>,
+    /// Of each kind of event and what it is of, its times.
+    events: BTreeMap<(String, String), Vec<f64>>,
+    /// What speaks against it.
+    because: Vec<&'static str>,
+    trusted: bool,
+}
+
+/// Solves a specification; why there is no answer, if there is none.
+fn solve(specification: &Value) -> Result<Solution, String> {
+    let specification = Specification::from_json(specification.to_string().as_bytes())
+        .map_err(|errors| format!("refused: {} {}", errors[0].pointer, errors[0].detail))?;
+    let deadline = Instant::now() + Duration::from_secs(SECONDS);
+    Ok(dvi::solve(&specification, &Control::with_deadline(deadline)))
+}
+
+impl Answer {
+    /// What a solution says up to a time, its values over those of the units and its times over that of time.
+    fn new(solution: &Solution, units: &[f64], time: f64) -> Self {
+        let columns = solution.trajectory.fields.iter().zip(units);
+        let columns = columns.map(|(field, unit)| field.values.iter().map(|value| value / unit).collect()).collect();
+        let mut events = BTreeMap::<_, Vec<f64>>::new();
+        for Event { t, kind, of } in &solution.trajectory.events {
+            events.entry((word(*kind), of.clone())).or_default().push(t / time);
+        }
+        let verdict = &solution.verdict;
+        let because = verdict.because.iter().map(|reason| reason.code.name()).collect();
+        Self { columns, events, because, trusted: verdict.trusted }
+    }
+
+    /// The largest difference of a field, as a part of its largest value.
+    fn distance(&self, other: &Self) -> f64 {
+        let columns = self.columns.iter().zip(&other.columns).map(|(a, b)| {
+            let size = a.iter().fold(0.0_f64, |size, value| size.max(value.abs()));
+            let apart = a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            if a.len() != b.len() { f64::INFINITY } else { apart / size }
+        });
+        columns.fold(0.0, f64::max)
+    }
+
+    /// How the events differ by more than a time, if they do.
+    fn events_apart(&self, other: &Self, within: f64) -> Option<String> {
+        let none = Vec::new();
+        self.events.keys().chain(other.events.keys()).find_map(|key| {
+            let [a, b] = [self, other].map(|answer| answer.events.get(key).unwrap_or(&none));
+            let (kind, of) = key;
+            if a.len() != b.len() {
+                return Some(format!("{of}: {} times {kind}, not {}", b.len(), a.len()));
+            }
+            let apart = a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            (apart > within).then(|| format!("{of}: {kind} {apart:.1e} too early or too late"))
+        })
+    }
+}
+
+/// The word of a kind of event.
+fn word(kind: EventKind) -> String {
+    format!("{kind:?}")
+}
+
+/// Why a solution does not reach its end, if it does not.
+fn incomplete(solution: &Solution) -> Option<String> {
+    let error = solution.error.as_ref().filter(|_| solution.status != Status::Completed)?;
+    Some(format!("{} at t = {:e}", error.code, error.time))
+}

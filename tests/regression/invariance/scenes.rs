@@ -1,0 +1,396 @@
+//! A scene of every type of problem and every stepper, in any units.
+
+use serde_json::{Value, json};
+
+/// The units in which a scene is written, each in those of the plain scene: mass, length and time of mechanics; volt, ohm
+/// and second of circuits; the unit of the values, length and time of fields.
+pub type Units = [f64; 3];
+
+/// The exponents of the units that make up the unit of a value.
+pub type Dimension = [f64; 3];
+
+/// A specification that can be written in any units.
+pub struct Scene {
+    pub name: &'static str,
+    /// What the units are of.
+    pub axes: [&'static str; 3],
+    /// The problem, its end, and its method but for the absolute tolerances.
+    pub write: fn(Units) -> (Value, f64, Value),
+    /// The fields that are compared.
+    pub fields: &'static [(&'static str, Dimension)],
+    /// The states that have absolute tolerances of their own: all, where they are compared.
+    pub tolerances: Tolerances,
+    /// The part of the largest value of a field by which it may differ.
+    pub within: f64,
+}
+
+/// How the absolute tolerances of a scene are written.
+#[derive(Clone, Copy)]
+pub enum Tolerances {
+    /// One for each of the first fields.
+    Fields(usize),
+    /// One for all.
+    All(Dimension),
+    /// None: the stepper has fixed steps.
+    None,
+}
+
+const MECHANICS: [&str; 3] = ["mass", "length", "time"];
+const CIRCUITS: [&str; 3] = ["volt", "ohm", "second"];
+const FIELDS: [&str; 3] = ["value", "length", "time"];
+
+const NONE: Dimension = [0.0, 0.0, 0.0];
+const LENGTH: Dimension = [0.0, 1.0, 0.0];
+const SPEED: Dimension = [0.0, 1.0, -1.0];
+const PER_TIME: Dimension = [0.0, 0.0, -1.0];
+const FORCE: Dimension = [1.0, 1.0, -2.0];
+const VALUE: Dimension = [1.0, 0.0, 0.0];
+
+/// Every scene.
+pub const SCENES: [Scene; 19] = [
+    Scene {
+        name: "dvi: friction on a belt",
+        axes: MECHANICS,
+        write: belt,
+        fields: &[("x", LENGTH), ("v", SPEED), ("F", FORCE)],
+        tolerances: Tolerances::Fields(2),
+        within: 1e-6,
+    },
+    Scene {
+        name: "dvi: friction in the plane",
+        axes: MECHANICS,
+        write: disk,
+        fields: &[("x", LENGTH), ("y", LENGTH), ("vx", SPEED), ("vy", SPEED), ("Fx", FORCE)],
+        tolerances: Tolerances::Fields(4),
+        within: 1e-6,
+    },
+    Scene {
+        name: "dvi: pendulum of index two",
+        axes: MECHANICS,
+        write: pendulum_of_index_two,
+        fields: &[("x", LENGTH), ("y", LENGTH), ("u", SPEED), ("v", SPEED), ("tension", [0.0, 0.0, -2.0])],
+        tolerances: Tolerances::Fields(4),
+        within: 1e-6,
+    },
+    Scene {
+        name: "filippov: a circle that turns round",
+        axes: MECHANICS,
+        write: circle,
+        fields: &[("x", LENGTH), ("y", LENGTH)],
+        tolerances: Tolerances::Fields(2),
+        within: 1e-6,
+    },
+    Scene {
+        name: "lcs: two queues",
+        axes: FIELDS,
+        write: queues,
+        fields: &[("q1", VALUE), ("q2", VALUE), ("idle1", [1.0, 0.0, -1.0])],
+        tolerances: Tolerances::Fields(2),
+        within: 1e-6,
+    },
+    Scene {
+        name: "circuit: rectifier with a filter",
+        axes: CIRCUITS,
+        write: rectifier,
+        fields: &[("v(C1)", VALUE), ("i(L1)", [1.0, -1.0, 0.0])],
+        tolerances: Tolerances::Fields(2),
+        within: 1e-6,
+    },
+    Scene {
+        name: "mechanical, located: bouncing ball",
+        axes: MECHANICS,
+        write: |units| located(bouncing_ball(units)),
+        fields: &[("y", LENGTH), ("y_dot", SPEED)],
+        tolerances: Tolerances::Fields(2),
+        within: 1e-6,
+    },
+    Scene {
+        name: "mechanical, located: ball with spin",
+        axes: MECHANICS,
+        write: |units| located(spinning_ball(units)),
+        fields: &[("a", NONE), ("x", LENGTH), ("y", LENGTH), ("a_dot", PER_TIME), ("x_dot", SPEED), ("y_dot", SPEED)],
+        tolerances: Tolerances::Fields(6),
+        within: 1e-6,
+    },
+    Scene {
+        name: "mechanical, located: block that rocks",
+        axes: MECHANICS,
+        write: |units| located(rocking_block(units)),
+        fields: &[
+            ("angle", NONE),
+            ("x", LENGTH),
+            ("y", LENGTH),
+            ("angle_dot", PER_TIME),
+            ("x_dot", SPEED),
+            ("y_dot", SPEED),
+        ],
+        tolerances: Tolerances::Fields(6),
+        within: 1e-5,
+    },
+    Scene {
+        name: "mechanical, located: pendulum and wall",
+        axes: MECHANICS,
+        write: |units| located(pendulum_and_wall(units)),
+        fields: &[("x", LENGTH), ("y", LENGTH), ("x_dot", SPEED), ("y_dot", SPEED)],
+        tolerances: Tolerances::Fields(4),
+        within: 1e-6,
+    },
+    Scene {
+        name: "mechanical, time stepping: ball with spin",
+        axes: MECHANICS,
+        write: |units| stepped(spinning_ball(units)),
+        fields: &[("a", NONE), ("x", LENGTH), ("y", LENGTH)],
+        tolerances: Tolerances::None,
+        within: 1e-9,
+    },
+    Scene {
+        name: "mechanical, time stepping: block that rocks",
+        axes: MECHANICS,
+        write: |units| stepped(rocking_block(units)),
+        fields: &[("angle", NONE), ("x", LENGTH), ("y", LENGTH)],
+        tolerances: Tolerances::None,
+        within: 1e-9,
+    },
+    Scene {
+        name: "mechanical, time stepping: pendulum and wall",
+        axes: MECHANICS,
+        write: |units| stepped(pendulum_and_wall(units)),
+        fields: &[("x", LENGTH), ("y", LENGTH)],
+        tolerances: Tolerances::None,
+        within: 1e-9,
+    },
+    Scene {
+        name: "rigid bodies: ball thrown with spin",
+        axes: MECHANICS,
+        write: |units| stepped(thrown_ball(units)),
+        fields: &[("ball.x", LENGTH), ("ball.z", LENGTH), ("ball.vx", SPEED), ("ball.wy", PER_TIME)],
+        tolerances: Tolerances::None,
+        within: 1e-9,
+    },
+    Scene {
+        name: "rigid bodies: boxes that fall on each other",
+        axes: MECHANICS,
+        write: |units| stepped(boxes(units)),
+        fields: &[("lower.z", LENGTH), ("upper.z", LENGTH), ("upper.x", LENGTH)],
+        tolerances: Tolerances::None,
+        within: 1e-9,
+    },
+    Scene {
+        name: "rigid bodies, default step: ball thrown with spin",
+        axes: MECHANICS,
+        write: |units| by_default(thrown_ball(units)),
+        fields: &[("ball.x", LENGTH), ("ball.z", LENGTH), ("ball.vx", SPEED), ("ball.wy", PER_TIME)],
+        tolerances: Tolerances::None,
+        within: 1e-9,
+    },
+    Scene {
+        name: "elastic: bar thrown at a wall",
+        axes: MECHANICS,
+        write: bar,
+        fields: &[("contact_end", LENGTH), ("free_end", LENGTH), ("force_x_min", FORCE)],
+        tolerances: Tolerances::All(LENGTH),
+        within: 1e-5,
+    },
+    Scene {
+        name: "obstacle: membrane let down",
+        axes: FIELDS,
+        write: membrane,
+        fields: &[("middle", VALUE), ("beside", VALUE), ("total", [1.0, 1.0, 0.0])],
+        tolerances: Tolerances::All(VALUE),
+        within: 1e-5,
+    },
+    Scene {
+        name: "convolution: Abel's kernel",
+        axes: FIELDS,
+        write: abel,
+        fields: &[("u", [1.0, 0.0, -0.5])],
+        tolerances: Tolerances::Fields(1),
+        within: 1e-3,
+    },
+];
+
+impl Scene {
+    /// The scene with outputs at a number of times from its start to its end, and the length of a unit of time. The run
+    /// goes on to a multiple of the end.
+    pub fn specification(&self, units: Units, count: usize, beyond: f64) -> (Value, f64) {
+        let (problem, end, mut method) = (self.write)(units);
+        let rtol = method["rtol"].as_f64().unwrap_or(1e-6);
+        method["atol"] = match self.tolerances {
+            Tolerances::None => Value::Null,
+            Tolerances::All(dimension) => json!(1e-3 * rtol * unit(dimension, units)),
+            Tolerances::Fields(states) => {
+                let states = self.fields.iter().take(states);
+                states.map(|(name, of)| ((*name).to_owned(), json!(1e-3 * rtol * unit(*of, units)))).collect()
+            }
+        };
+        // No time is a simple fraction of the end: variables jump at switches, where neither value is wrong.
+        let times: Vec<f64> = (0..count).map(|k| end * (k as f64 + 0.618) / count as f64).collect();
+        let fields: Vec<&str> = self.fields.iter().map(|(name, _)| *name).collect();
+        let specification = json!({"problem": problem, "time": {"end": beyond * end}, "method": method,
+                                   "output": {"times": times, "fields": fields}});
+        (specification, end)
+    }
+}
+
+/// The unit of a dimension.
+pub fn unit(dimension: Dimension, units: Units) -> f64 {
+    units.iter().zip(dimension).map(|(unit, exponent)| unit.powf(exponent)).product()
+}
+
+/// A mechanical problem up to an end, impact by impact.
+fn located((problem, end): (Value, f64)) -> (Value, f64, Value) {
+    (problem, end, json!({"impacts": "locate", "rtol": 1e-8}))
+}
+
+/// A problem up to an end, in a thousand fixed steps.
+fn stepped((problem, end): (Value, f64)) -> (Value, f64, Value) {
+    (problem, end, json!({"step": end / 1000.0}))
+}
+
+/// A problem up to an end, its steps left to the solver.
+fn by_default((problem, end): (Value, f64)) -> (Value, f64, Value) {
+    (problem, end, json!({}))
+}
+
+fn belt([m, l, t]: Units) -> (Value, f64, Value) {
+    let problem = json!({"dvi": {
+        "parameters": {"m": m, "c": 0.1 * m / t, "k": m / (t * t), "f": m * l / (t * t), "v_belt": 0.5 * l / t},
+        "states": {"x": {"initial": 4.0 * l, "rate": "v"}, "v": {"initial": 0, "rate": "(-c*v - k*x - F)/m"}},
+        "variables": {"F": {"inequality": "-(v - v_belt)"}},
+        "set": [{"box": {"of": ["F"], "lower": "-f", "upper": "f"}}]}});
+    (problem, 20.0 * t, json!({"rtol": 1e-8}))
+}
+
+fn disk([m, l, t]: Units) -> (Value, f64, Value) {
+    let problem = json!({"dvi": {
+        "parameters": {"m": 2.0 * m, "g": 9.81 * l / (t * t), "mu": 0.4},
+        "states": {"x": {"initial": 0, "rate": "vx"}, "y": {"initial": 0, "rate": "vy"},
+                   "vx": {"initial": 3.0 * l / t, "rate": "-Fx/m"}, "vy": {"initial": 4.0 * l / t, "rate": "-Fy/m"}},
+        "variables": {"Fx": {"inequality": "-vx"}, "Fy": {"inequality": "-vy"}},
+        "set": [{"ball": {"of": ["Fx", "Fy"], "radius": "mu*m*g"}}]}});
+    (problem, 2.0 * t, json!({"rtol": 1e-8}))
+}
+
+fn pendulum_of_index_two([_, l, t]: Units) -> (Value, f64, Value) {
+    let problem = json!({"dvi": {
+        "parameters": {"g": 9.81 * l / (t * t)},
+        "states": {"x": {"initial": l, "rate": "u"}, "y": {"initial": 0, "rate": "v"},
+                   "u": {"initial": 0, "rate": "-x*tension"}, "v": {"initial": 0, "rate": "-y*tension - g"}},
+        "variables": {"tension": {"inequality": "-(x*u + y*v)"}},
+        "set": [{"free": ["tension"]}]}});
+    (problem, 3.0 * t, json!({"rtol": 1e-8}))
+}
+
+fn circle([_, l, t]: Units) -> (Value, f64, Value) {
+    let problem = json!({"filippov": {
+        "parameters": {"omega": 6.283185307179586 / t, "tau": t, "r": l},
+        "states": {"x": {"initial": "r*exp(-1)", "plus": "x/tau - omega*y", "minus": "x/tau + omega*y"},
+                   "y": {"initial": 0, "plus": "omega*x + y/tau", "minus": "-omega*x + y/tau"}},
+        "surface": "r^2 - x^2 - y^2"}});
+    (problem, 1.5 * t, json!({"rtol": 1e-8}))
+}
+
+fn queues([v, _, t]: Units) -> (Value, f64, Value) {
+    let problem = json!({"lcs": {
+        "parameters": {"arrivals": 1.5 * v / t, "mu1": 2.0 * v / t, "mu2": 1.2 * v / t},
+        "state_names": ["q1", "q2"], "variable_names": ["idle1", "idle2"], "initial": [3.0 * v, 0],
+        "a": ["arrivals - mu1", "mu1 - mu2"], "B": [[1, 0], [-1, 1]], "C": [[1, 0], [0, 1]],
+        "set": [{"nonnegative": ["idle1", "idle2"]}]}});
+    (problem, 12.0 * t, json!({"rtol": 1e-8}))
+}
+
+fn rectifier([v, r, s]: Units) -> (Value, f64, Value) {
+    let (peak, hertz, l, c, load) = (10.0 * v, 50.0 / s, 1e-2 * s * r, 1e-5 * s / r, 1e3 * r);
+    let netlist = format!("V1 a 0 SIN(0 {peak:e} {hertz:e})\nL1 a b {l:e}\nD1 b c\nC1 c 0 {c:e}\nR1 c 0 {load:e}");
+    (json!({"circuit": {"netlist": netlist}}), 0.1 * s, json!({"rtol": 1e-8}))
+}
+
+fn bouncing_ball([m, l, t]: Units) -> (Value, f64) {
+    let problem = json!({"mechanical": {
+        "parameters": {"m": m, "g": 9.81 * l / (t * t)},
+        "coordinates": {"y": {"initial": l}}, "mass": [["m"]], "potential": "m*g*y",
+        "contacts": [{"name": "floor", "gap": "y", "restitution": 0.6}]}});
+    (problem, 3.0 * t)
+}
+
+fn spinning_ball([m, l, t]: Units) -> (Value, f64) {
+    let problem = json!({"mechanical": {
+        "parameters": {"m": m, "g": 9.81 * l / (t * t), "R": 0.1 * l},
+        "coordinates": {"a": {"initial": 0}, "x": {"initial": 0, "velocity": 2.0 * l / t}, "y": {"initial": l}},
+        "mass": [["0.4*m*R^2", 0, 0], [0, "m", 0], [0, 0, "m"]], "potential": "m*g*y",
+        "contacts": [{"name": "floor", "gap": "y - R", "restitution": 0.7,
+                      "friction": {"coefficient": 0.2, "slip": ["x_dot + R*a_dot"]}}]}});
+    (problem, 1.5 * t)
+}
+
+fn rocking_block([m, l, t]: Units) -> (Value, f64) {
+    let problem = json!({"mechanical": {
+        "parameters": {"b": 0.1 * l, "h": 0.4 * l, "m": m, "g": 9.81 * l / (t * t), "tilt": "0.5*atan(b/h)"},
+        "coordinates": {"angle": {"initial": "tilt"}, "x": {"initial": "b*cos(tilt) - h*sin(tilt)"},
+                        "y": {"initial": "b*sin(tilt) + h*cos(tilt)"}},
+        "mass": [["m*(b^2 + h^2)/3", 0, 0], [0, "m", 0], [0, 0, "m"]], "potential": "m*g*y",
+        "contacts": [
+            {"name": "left", "gap": "y - b*sin(angle) - h*cos(angle)",
+             "friction": {"coefficient": 2, "slip": ["x_dot + (b*sin(angle) + h*cos(angle))*angle_dot"]}},
+            {"name": "right", "gap": "y + b*sin(angle) - h*cos(angle)",
+             "friction": {"coefficient": 2, "slip": ["x_dot + (-b*sin(angle) + h*cos(angle))*angle_dot"]}}]}});
+    (problem, 1.5 * t)
+}
+
+fn pendulum_and_wall([m, l, t]: Units) -> (Value, f64) {
+    let problem = json!({"mechanical": {
+        "parameters": {"m": m, "g": 9.81 * l / (t * t), "l": l},
+        "coordinates": {"x": {"initial": "l"}, "y": {"initial": 0}},
+        "mass": [["m", 0], [0, "m"]], "potential": "m*g*y",
+        "joints": [{"name": "rod", "constraint": "x^2 + y^2 - l^2"}],
+        "contacts": [{"name": "wall", "gap": "x + 0.3*l", "restitution": 0.8}]}});
+    (problem, 2.0 * t)
+}
+
+fn thrown_ball([m, l, t]: Units) -> (Value, f64) {
+    let problem = json!({"rigid_bodies": {
+        "gravity": [0, 0, -9.81 * l / (t * t)],
+        "bodies": [{"name": "ground", "shape": {"half_space": {"normal": [0, 0, 1]}}, "fixed": true},
+                   {"name": "ball", "shape": {"sphere": {"radius": 0.1 * l}}, "mass": m, "position": [0, 0, 0.5 * l],
+                    "velocity": [2.0 * l / t, 0, 0]}],
+        "contacts": {"friction": 0.3, "restitution": 0.5}}});
+    (problem, t)
+}
+
+fn boxes([m, l, t]: Units) -> (Value, f64) {
+    let cube = json!({"box": {"size": [0.2 * l, 0.2 * l, 0.2 * l]}});
+    let problem = json!({"rigid_bodies": {
+        "gravity": [0, 0, -9.81 * l / (t * t)],
+        "bodies": [{"name": "ground", "shape": {"half_space": {"normal": [0, 0, 1]}}, "fixed": true},
+                   {"name": "lower", "shape": cube, "mass": m, "position": [0, 0, 0.15 * l]},
+                   {"name": "upper", "shape": cube, "mass": 2.0 * m, "position": [0.02 * l, 0, 0.4 * l],
+                    "velocity": [0.3 * l / t, 0, 0]}],
+        "contacts": {"friction": 0.4}}});
+    (problem, 0.5 * t)
+}
+
+fn bar([m, l, t]: Units) -> (Value, f64, Value) {
+    let problem = json!({"elastic": {
+        "parameters": {"L": 10.0 * l, "E": 900.0 * m * l / (t * t), "rho": m / l, "h0": 5.0 * l, "v0": 10.0 * l / t},
+        "body": {"bar": {"x": [0, "L"]}}, "elements": 20, "density": "rho", "young": "E",
+        "contact": {"x_min": {"gap": "h0"}}, "initial": {"velocity": ["-v0"]},
+        "probes": {"contact_end": [0], "free_end": ["L"]}}});
+    (problem, 2.0 * t, json!({"rtol": 1e-8}))
+}
+
+fn membrane([v, l, t]: Units) -> (Value, f64, Value) {
+    let problem = json!({"obstacle": {
+        "parameters": {"l": l, "d": l * l / t, "weight": 12.0 * v / t, "v": v},
+        "domain": {"x": [0, "l"]}, "elements": 51, "diffusion": "d", "source": "-weight", "obstacle": 0, "initial": "v",
+        "boundary": {"x_min": {"dirichlet": "v"}, "x_max": {"dirichlet": "v"}},
+        "probes": {"middle": ["0.5*l"], "beside": ["0.3*l"]}}});
+    (problem, t, json!({"rtol": 1e-6}))
+}
+
+fn abel([v, _, t]: Units) -> (Value, f64, Value) {
+    let problem = json!({"convolution": {
+        "parameters": {"v": v, "tau": t},
+        "variables": {"u": {"q": "v*(1 - t/tau)"}},
+        "kernel": {"fractional": {"exponent": 0.5, "matrix": [[1]]}}, "set": [{"nonnegative": ["u"]}]}});
+    (problem, 3.0 * t, json!({"rtol": 1e-4}))
+}

@@ -1,0 +1,167 @@
+//! What is known of a problem from outside, as it stands in its file, and the comparison of an answer with it.
+
+use crate::reference::digits;
+use dvi::solution::{EventKind, Solution, Status};
+use serde::Deserialize;
+use serde_json::Value;
+use serde_json::value::RawValue;
+use std::collections::BTreeMap;
+
+/// A file of `tests/reference/strangers`.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Problem {
+    /// What was found when it came: A a wrong answer, B no end, C a failure, D a wrong verdict or message, E slowness.
+    pub class: char,
+    /// What makes it hard.
+    #[serde(rename = "about")]
+    _about: String,
+    /// Where the truth is from.
+    #[serde(rename = "source")]
+    _source: String,
+    /// The seconds of computing time within which it is to end, optimised.
+    pub seconds: u32,
+    pub truth: Truth,
+    /// As text: the order of names is part of a problem.
+    pub specification: Box<RawValue>,
+}
+
+/// What a right answer is.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Truth {
+    /// Times of the output, and the values of fields there.
+    t: Vec<f64>,
+    fields: BTreeMap<String, Values>,
+    /// All events of a kind of a variable or a contact.
+    events: Vec<Times>,
+    /// How many events of a kind there are, exactly or at least.
+    counts: Vec<Count>,
+    /// The least and the largest value of a field at any time.
+    bounds: BTreeMap<String, [f64; 2]>,
+    /// What the diagnostics have to say.
+    evidence: Vec<Evidence>,
+    /// The time behind which there is no solution.
+    no_solution_after: Option<Time>,
+    /// Whether a refusal or an end before the horizon, with its cause, is right as well.
+    pub may_be_refused: bool,
+    /// Whether the only claim is that the run stops when it is asked to.
+    pub stops: bool,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Values {
+    within: f64,
+    values: Vec<Value>,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Times {
+    kind: EventKind,
+    of: String,
+    within: f64,
+    t: Vec<Value>,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Count {
+    kind: EventKind,
+    count: Option<usize>,
+    at_least: Option<usize>,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Evidence {
+    /// A JSON pointer into the diagnostics.
+    at: String,
+    is: Option<Value>,
+    at_most: Option<f64>,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Time {
+    t: Value,
+    within: f64,
+}
+
+impl Truth {
+    /// The first thing that a completed answer has wrong.
+    pub fn fault(&self, solution: &Solution) -> Option<String> {
+        if let Some(Time { t, .. }) = &self.no_solution_after {
+            return Some(format!("reached the end, and there is no solution after t = {}", digits(t)));
+        }
+        let fields = self.fields.iter().filter_map(|(name, values)| self.off(solution, name, values));
+        let bounds = self.bounds.iter().filter_map(|(name, bounds)| outside(solution, name, *bounds));
+        let events = self.events.iter().filter_map(|times| times.off(solution));
+        let counts = self.counts.iter().filter_map(|Count { kind, count, at_least }| {
+            let found = solution.trajectory.events.iter().filter(|event| event.kind == *kind).count();
+            if count.is_some_and(|count| found != count) || at_least.is_some_and(|least| found < least) {
+                return Some(format!("{found} events {kind:?}"));
+            }
+            None
+        });
+        fields.chain(bounds).chain(events).chain(counts).next()
+    }
+
+    /// The first thing that the diagnostics have wrong.
+    pub fn misleading(&self, solution: &Solution) -> Option<String> {
+        let diagnostics = serde_json::to_value(&solution.diagnostics).expect("diagnostics");
+        self.evidence.iter().find_map(|Evidence { at, is, at_most }| {
+            let found = diagnostics.pointer(at).unwrap_or(&Value::Null);
+            let equal = is.as_ref().is_none_or(|is| is == found);
+            let small = at_most.is_none_or(|most| found.as_f64().is_some_and(|found| found <= most));
+            (!equal || !small).then(|| format!("the diagnostics say {found} at {at}"))
+        })
+    }
+
+    /// Whether a run that ended early is right to.
+    pub fn ends_early(&self, solution: &Solution) -> bool {
+        if solution.status != Status::Failed {
+            return false;
+        }
+        let time = solution.error.as_ref().expect("a cause").time;
+        let there = |Time { t, within }: &Time| (time - digits(t)).abs() <= *within;
+        self.may_be_refused || self.no_solution_after.as_ref().is_some_and(there)
+    }
+
+    /// The largest error of a field, if it is more than allowed.
+    fn off(&self, solution: &Solution, name: &str, Values { within, values }: &Values) -> Option<String> {
+        let column = solution.trajectory.field(name).unwrap_or_else(|| panic!("there is no field `{name}`"));
+        assert_eq!(values.len(), self.t.len(), "`{name}` has a value at each time");
+        let worst = self.t.iter().zip(values).map(|(&t, value)| {
+            let there = |found: &f64| (found - t).abs() <= 1e-12 * t.abs();
+            let at = solution.trajectory.t.iter().position(there).unwrap_or_else(|| panic!("no output at t = {t}"));
+            (t, column[at], (column[at] - digits(value)).abs())
+        });
+        let (t, found, error) = worst.max_by(|a, b| a.2.total_cmp(&b.2)).expect("a time");
+        (error > *within).then(|| format!("{name}({t}) = {found}, off by {error:.1e} where {within:.0e} is allowed"))
+    }
+}
+
+/// The first value of a field outside its bounds.
+fn outside(solution: &Solution, name: &str, [least, largest]: [f64; 2]) -> Option<String> {
+    let column = solution.trajectory.field(name).unwrap_or_else(|| panic!("there is no field `{name}`"));
+    let found = column.iter().find(|value| !(least..=largest).contains(*value))?;
+    Some(format!("{name} = {found:.3e}, not within [{least}, {largest}]"))
+}
+
+impl Times {
+    /// How the events found differ from those due.
+    fn off(&self, solution: &Solution) -> Option<String> {
+        let Self { kind, of, within, t } = self;
+        let events = solution.trajectory.events.iter();
+        let found: Vec<f64> =
+            events.filter(|event| event.kind == *kind && event.of == *of).map(|event| event.t).collect();
+        if found.len() != t.len() {
+            return Some(format!("{of} is {kind:?} {} times, not {}", found.len(), t.len()));
+        }
+        let errors = found.iter().zip(t).map(|(found, t)| (found - digits(t)).abs());
+        let worst = errors.fold(0.0, f64::max);
+        (worst > *within).then(|| format!("{of} is {kind:?} up to {worst:.1e} too early or too late"))
+    }
+}
