@@ -86,7 +86,7 @@ async fn a_check_takes_no_longer_than_a_job_may() {
     // 9,000 spheres in a row of boxes that overlap and surfaces that do not: forty million pairs to look at.
     let along = |k: u32| f64::from(k) * 1e-6;
     let sphere = |k: u32| {
-        let (x, y) = (along(k), if k % 2 == 0 { 0.0 } else { 1.9 });
+        let (x, y) = (along(k), if k.is_multiple_of(2) { 0.0 } else { 1.9 });
         format!(r#"{{"shape":{{"sphere":{{"radius":1}}}},"density":1,"position":[{x},{y},{y}]}}"#)
     };
     let bodies: Vec<String> = (0..9_000).map(sphere).collect();
