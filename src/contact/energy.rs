@@ -19,6 +19,10 @@
 
 use serde::Serialize;
 
+/// The part of the energy that half a step may exchange between its forms. A longer step does not resolve the motion, and
+/// what it lacks is no matter of the time at which velocities are taken.
+const MOST_LAG: f64 = 0.1;
+
 /// The balance of a run, in units of energy.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Energy {
@@ -60,6 +64,9 @@ pub struct Energy {
     /// The largest defect with velocities taken for those of the middles of steps.
     #[serde(skip)]
     largest_at_middles: Option<f64>,
+    /// The largest energy that half a step exchanged.
+    #[serde(skip)]
+    largest_lag: f64,
     /// All that was done and dissipated, each part by its size.
     #[serde(skip)]
     throughput: f64,
@@ -99,13 +106,19 @@ impl Energy {
     /// Takes a step of `q+ = q + h v+` into account whose potential changed by this: its velocity is that of its middle, to
     /// which the mean of the potentials at its ends belongs (as in the leapfrog). Half a step in time is no loss of energy.
     pub fn close_at_middle(&mut self, change_of_potential: f64) {
-        let defect = (self.defect - 0.5 * change_of_potential).abs();
+        let lag = 0.5 * change_of_potential;
+        self.largest_lag = self.largest_lag.max(lag.abs());
+        let defect = (self.defect - lag).abs();
         self.largest_at_middles = Some(self.largest_at_middles.map_or(defect, |largest| largest.max(defect)));
     }
 
-    /// What the balance lacks at worst, with velocities at the ends of steps or, where they are told, in their middles.
+    /// What the balance lacks at worst, with velocities at the ends of steps or, where they are told and a step is short
+    /// beside the motion, in their middles.
     pub fn lacking(&self) -> f64 {
-        self.largest_at_middles.map_or(self.largest_defect, |largest| largest.min(self.largest_defect))
+        let is_resolved = self.largest_lag <= MOST_LAG * self.size();
+        self.largest_at_middles
+            .filter(|_| is_resolved)
+            .map_or(self.largest_defect, |largest| largest.min(self.largest_defect))
     }
 
     /// The part of the defect that is rounding: of the energies, and of the sums of what was booked.
