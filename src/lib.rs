@@ -4,8 +4,8 @@
 //! x' = f(t,x) + B(t,x) z,    z in K,    <G(t,x,z), z~ - z> >= 0  for all z~ in K
 //! ```
 //!
-//! A [`Specification`] is read from JSON and checked as a whole; [`solve`] gives a
-//! [`Solution`]: the trajectory in columns, and the evidence that it is right.
+//! A [`Specification`](specification::Specification) is read from JSON and checked as a whole; [`solve`] gives a
+//! [`Solution`](solution::Solution): the trajectory in columns, and the evidence that it is right.
 //!
 //! ```
 //! use dvi::{problem::Control, specification::Specification};

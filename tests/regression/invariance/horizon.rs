@@ -42,7 +42,8 @@ fn difference(scene: &Scene, short: &Answer) -> Option<(&'static str, String)> {
     }
     // Steps that are given are the same, and so is every bit.
     let allowed = if matches!(scene.tolerances, Tolerances::None) { 0.0 } else { scene.within };
-    (!(distance <= allowed)).then(|| ("states", format!("differ by {distance:.1e} where {allowed:.0e} is allowed")))
+    (distance > allowed || distance.is_nan())
+        .then(|| ("states", format!("differ by {distance:.1e} where {allowed:.0e} is allowed")))
 }
 
 #[test]

@@ -283,7 +283,7 @@ fn pendulum_of_index_two([_, l, t]: Units) -> (Value, f64, Value) {
 
 fn circle([_, l, t]: Units) -> (Value, f64, Value) {
     let problem = json!({"filippov": {
-        "parameters": {"omega": 6.283185307179586 / t, "tau": t, "r": l},
+        "parameters": {"omega": std::f64::consts::TAU / t, "tau": t, "r": l},
         "states": {"x": {"initial": "r*exp(-1)", "plus": "x/tau - omega*y", "minus": "x/tau + omega*y"},
                    "y": {"initial": 0, "plus": "omega*x + y/tau", "minus": "-omega*x + y/tau"}},
         "surface": "r^2 - x^2 - y^2"}});

@@ -47,7 +47,7 @@ fn difference(scene: &Scene, plain: &Answer, units: Units) -> Option<(&'static s
     if let Some(apart) = plain.events_apart(&found, scene.within) {
         return Some(("events", format!("{apart}; states differ by {distance:.1e}")));
     }
-    if !(distance <= scene.within) {
+    if distance > scene.within || distance.is_nan() {
         return Some(("states", format!("differ by {distance:.1e} where {:.0e} is allowed", scene.within)));
     }
     let same = (plain.trusted, &plain.because) == (found.trusted, &found.because);

@@ -4,7 +4,7 @@
 use dvi::problem::Control;
 use dvi::solution::Solution;
 use dvi::specification::{Specification, SpecificationError};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::{Arc, mpsc};
 use std::time::{Duration, Instant};
 use std::{fs, thread};
@@ -50,7 +50,7 @@ pub fn solve(specification: &str, allowed: Duration) -> Ended {
             Err(mpsc::RecvTimeoutError::Disconnected) => panic!("a solve panicked"),
             Err(mpsc::RecvTimeoutError::Timeout) => {}
         }
-        let spent = thread.as_ref().and_then(computed).unwrap_or_else(|| began.elapsed());
+        let spent = thread.as_deref().and_then(computed).unwrap_or_else(|| began.elapsed());
         if spent > allowed {
             control.cancel();
         }
@@ -61,7 +61,7 @@ pub fn solve(specification: &str, allowed: Duration) -> Ended {
 }
 
 /// The computing time that a thread has had: the first figure of its `schedstat`, in nanoseconds.
-fn computed(thread: &PathBuf) -> Option<Duration> {
+fn computed(thread: &Path) -> Option<Duration> {
     let figures = fs::read_to_string(thread.join("schedstat")).ok()?;
     figures.split_whitespace().next()?.parse().ok().map(Duration::from_nanos)
 }
