@@ -224,7 +224,7 @@ pub fn experiment(problem: &dyn Problem, conditions: &Conditions) -> Experiment 
     experiment.measure_growth(&changed, &change);
     experiment.kappa = experiment.kappa.min(problem.most_growth(&experiment.sizes)).max(1.0);
     // A growth that is not plausible may be a wrong run; an independent method decides that too.
-    let doubtful = !(experiment.kappa < 30.0);
+    let doubtful = experiment.kappa >= 30.0 || experiment.kappa.is_nan();
     if conditions.reference || doubtful {
         experiment.reference = problem.reference(&[], &times);
         if let (Some(values), Some(other)) = (&experiment.reference, problem.reference(&change, &times)) {

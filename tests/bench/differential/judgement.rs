@@ -89,7 +89,7 @@ pub fn judge(experiment: &Experiment, is_unique: bool) -> Judgement {
     let certified = complete.iter().any(|sample| sample.answer.is_certified);
     let apart = if !(is_unique || certified) {
         Some(Apart::NotUnique)
-    } else if !(experiment.kappa <= MOST_GROWTH) {
+    } else if experiment.kappa > MOST_GROWTH || experiment.kappa.is_nan() {
         Some(Apart::Sensitive)
     } else if complete.is_empty() || complete.len() < 2 && experiment.reference.is_none() {
         Some(Apart::Alone)

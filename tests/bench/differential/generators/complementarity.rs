@@ -69,6 +69,7 @@ fn p_matrix(random: &mut Random, n: usize, m: usize) -> Linear {
 }
 
 /// Each variable pushes a state of its own away from zero, and may push others nearer to theirs, less in all.
+#[expect(clippy::needless_range_loop, reason = "columns of a matrix by rows")]
 fn reflection(random: &mut Random, n: usize, m: usize) -> Linear {
     let a = dissipative(random, n, 30.0);
     let mut b = zeros(n, m);

@@ -200,7 +200,7 @@ pub fn lexicographic_sign(row: &RowDVector<f64>, m: &DMatrix<f64>, y: &DVector<f
         if value.abs() > ZERO * terms {
             return value.signum();
         }
-        row = row * m;
+        row *= m;
     }
     0.0
 }

@@ -38,7 +38,7 @@ impl Stop {
             .map(|rows: [RowDVector<f64>; 2]| Flow::new(driven.rates(&rows), end / 200.0));
         let (mut t, mut y) = (0.0, driven.start(&self.initial));
         let mut sizes = y.map(|x| x.abs().max(f64::MIN_POSITIVE));
-        let mut columns = vec![Vec::with_capacity(times.len()); 2];
+        let mut columns = vec![Vec::new(); 2];
         let (mut next, mut steps) = (0, 0.0);
         for _ in 0..MOST_EVENTS {
             let touches = lexicographic_sign(&gap, &flows[0].m, &y, &sizes) < 0.0
