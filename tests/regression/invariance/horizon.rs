@@ -12,7 +12,6 @@ const BEYOND: f64 = 100.0;
 const KNOWN: Known = &[
     ("mechanical, located: bouncing ball", "events"),
     ("rigid bodies, default step: ball thrown with spin", "events"),
-    ("obstacle: membrane let down", "events"),
     ("convolution: Abel's kernel", "events"),
 ];
 

@@ -4,15 +4,14 @@ mod horizon;
 mod scenes;
 mod units;
 
-use dvi::problem::Control;
+use crate::computing_time::{self, Ended};
 use dvi::solution::{Event, EventKind, Solution, Status};
-use dvi::specification::Specification;
 use serde_json::Value;
 use std::collections::BTreeMap;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-/// The seconds after which a run is given up; each takes a tenth of one at most.
-const SECONDS: u64 = if cfg!(debug_assertions) { 20 } else { 5 };
+/// The computing time after which a run is given up; each takes a tenth of it at most.
+const ALLOWED: Duration = Duration::from_secs(if cfg!(debug_assertions) { 20 } else { 5 });
 
 /// The answer to a specification up to a time, in plain units.
 struct Answer {
@@ -26,11 +25,12 @@ struct Answer {
 }
 
 /// Solves a specification; why there is no answer, if there is none.
-fn solve(specification: &Value) -> Result<Solution, String> {
-    let specification = Specification::from_json(specification.to_string().as_bytes())
-        .map_err(|errors| format!("refused: {} {}", errors[0].pointer, errors[0].detail))?;
-    let deadline = Instant::now() + Duration::from_secs(SECONDS);
-    Ok(dvi::solve(&specification, &Control::with_deadline(deadline)))
+fn solve(specification: &Value) -> Result<Box<Solution>, String> {
+    match computing_time::solve(&specification.to_string(), ALLOWED) {
+        Ended::Solved(solution) => Ok(solution),
+        Ended::Refused(errors) => Err(format!("refused: {} {}", errors[0].pointer, errors[0].detail)),
+        Ended::Deaf => Err("goes on after it was asked to stop".to_owned()),
+    }
 }
 
 impl Answer {

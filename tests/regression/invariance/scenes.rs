@@ -1,6 +1,7 @@
 //! A scene of every type of problem and every stepper, in any units.
 
 use serde_json::{Value, json};
+use std::f64::consts::TAU;
 
 /// The units in which a scene is written, each in those of the plain scene: mass, length and time of mechanics; volt, ohm
 /// and second of circuits; the unit of the values, length and time of fields.
@@ -20,7 +21,8 @@ pub struct Scene {
     pub fields: &'static [(&'static str, Dimension)],
     /// The states that have absolute tolerances of their own: all, where they are compared.
     pub tolerances: Tolerances,
-    /// The part of the largest value of a field by which it may differ.
+    /// The part of the largest value of a field, and of the time, by which it may differ: some hundred relative tolerances;
+    /// where the steps are fixed, rounding.
     pub within: f64,
 }
 
@@ -197,7 +199,7 @@ pub const SCENES: [Scene; 19] = [
         write: membrane,
         fields: &[("middle", VALUE), ("beside", VALUE), ("total", [1.0, 1.0, 0.0])],
         tolerances: Tolerances::All(VALUE),
-        within: 1e-5,
+        within: 1e-4,
     },
     Scene {
         name: "convolution: Abel's kernel",
@@ -205,7 +207,7 @@ pub const SCENES: [Scene; 19] = [
         write: abel,
         fields: &[("u", [1.0, 0.0, -0.5])],
         tolerances: Tolerances::Fields(1),
-        within: 1e-3,
+        within: 1e-2,
     },
 ];
 
@@ -283,7 +285,7 @@ fn pendulum_of_index_two([_, l, t]: Units) -> (Value, f64, Value) {
 
 fn circle([_, l, t]: Units) -> (Value, f64, Value) {
     let problem = json!({"filippov": {
-        "parameters": {"omega": std::f64::consts::TAU / t, "tau": t, "r": l},
+        "parameters": {"omega": TAU / t, "tau": t, "r": l},
         "states": {"x": {"initial": "r*exp(-1)", "plus": "x/tau - omega*y", "minus": "x/tau + omega*y"},
                    "y": {"initial": 0, "plus": "omega*x + y/tau", "minus": "-omega*x + y/tau"}},
         "surface": "r^2 - x^2 - y^2"}});

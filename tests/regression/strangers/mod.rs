@@ -2,11 +2,10 @@
 //! Every one is solved as it stands and classified; those that are not right are listed, and the lists may only shrink.
 //! The list that matters most is [`SILENT`]: wrong answers that the verdict trusts.
 
-mod computing_time;
 mod truth;
 
+use crate::computing_time::{self, Ended};
 use crate::known::{Failure, Known, assert_known};
-use computing_time::Ended;
 use dvi::solution::Status;
 use std::fs;
 use std::path::Path;
