@@ -73,6 +73,12 @@ pub struct Judgement {
     pub truth: Vec<Vec<f64>>,
 }
 
+impl Judgement {
+    pub fn has_wrong_runs(&self) -> bool {
+        self.findings.iter().any(|(finding, _)| matches!(finding, Finding::Silent | Finding::Caught))
+    }
+}
+
 /// A run at the times of comparison.
 struct Sample<'a> {
     run: &'a Run,
