@@ -5,9 +5,8 @@ use super::stepper::Radau;
 
 impl Radau<'_> {
     /// The largest `h max_ij |B (z_i - z_j)| / M` of a state over the stages `i, j` of the last step, in units of its
-    /// tolerance; `None` where switches were located, were not to be, or the step has none. Each unknown has been as
-    /// large as `largest` in this run.
-    pub fn unlocated_switch(&self, largest: &[f64]) -> Option<f64> {
+    /// tolerance; `None` where switches were located, were not to be, or the step has none.
+    pub fn unlocated_switch(&self) -> Option<f64> {
         if self.last.is_smooth || !self.switching.is_to_locate() || self.last.face.is_same(&self.system.face) {
             return None;
         }
@@ -21,7 +20,7 @@ impl Radau<'_> {
             };
             let rates = (0..stages).map(|i| rate(Some(&self.last.z[i * unknowns..(i + 1) * unknowns])));
             let (lo, hi) = rates.fold((rate(None), rate(None)), |(lo, hi), rate| (lo.min(rate), hi.max(rate)));
-            let allowed = self.settings.atol[state] + self.settings.rtol * largest[state];
+            let allowed = self.settings.atol[state] + self.settings.rtol * self.largest[state];
             let mass = self.system.mass_diagonal[state].abs();
             worst = worst.max(h * (hi - lo) / (mass * allowed.max(f64::MIN_POSITIVE)));
         }
