@@ -30,6 +30,8 @@ pub(super) struct Step {
     pub is_smooth: bool,
     /// What screening found between its stages; none where there was nothing to screen.
     pub screened: Option<Between>,
+    /// By how many tolerances a switch within it that was not located may change a state.
+    pub unlocated: Option<f64>,
     basis: Vec<f64>,
 }
 

@@ -78,7 +78,10 @@ impl Radau<'_> {
         let of_g = (settings.vi_tolerance * terms).max(by_errors);
         let effect = self.control.weight[n + k] * self.methods[self.last_method].tolerance.factor;
         let without_effect = if effect > 0.0 { self.last.h / (effect * self.longest) } else { 0.0 };
-        let of_z = (error(n + k) + system.terms_of_bounds(k, error)).max(without_effect);
+        // An error of the states moves the root of `G` as well.
+        let own = system.entries_of_variable(k).find(|&(j, _)| j == n + k).map_or(0.0, |(_, value)| value.abs());
+        let of_root = if own > 0.0 { by_errors / own } else { 0.0 };
+        let of_z = (error(n + k) + system.terms_of_bounds(k, error)).max(without_effect).max(of_root);
         [of_z, of_g].map(|of| of.max(f64::MIN_POSITIVE))
     }
 }

@@ -9,6 +9,7 @@ pub use report::Variables;
 use super::breaks::Breaks;
 use super::chattering::Chattering;
 use super::consistent::Consistent;
+use super::coupled::Shortened;
 use super::dense_output::Step;
 use super::error_control::{Controller, Rescaled};
 use super::factors::Factors;
@@ -80,6 +81,7 @@ pub struct Radau<'p> {
     pub(super) largest: Vec<f64>,
     pub(super) continues: bool,
     pub(super) jumped: Option<f64>,
+    shortened: Shortened,
     pub(super) breaks: Breaks,
     pub(super) chattering: Chattering,
     pub(super) progress: Progress,
@@ -190,6 +192,7 @@ impl<'p> Radau<'p> {
             largest: vec![0.0; unknowns],
             continues: false,
             jumped: None,
+            shortened: Shortened::default(),
             breaks: Breaks::new(t),
             chattering: Chattering::default(),
             progress: Progress::default(),
@@ -253,6 +256,12 @@ impl<'p> Radau<'p> {
             if self.settings.step.is_some() {
                 self.accept(reached, coupled, between);
                 return self.end_step(reached < h);
+            }
+            let unlocated = if coupled { self.unlocated(reached) } else { None };
+            if self.shortened.is_too_long(unlocated) {
+                self.system.face.clone_from(&self.switching.before);
+                self.shrink(reached, Cause::Error, |_| 0.25 * reached)?;
+                continue;
             }
             let mut error = self.error(reached, coupled);
             if !coupled {
@@ -388,6 +397,8 @@ impl<'p> Radau<'p> {
         self.last.set(self.t, h, &self.y, &self.stages.z[..s * n], face);
         self.last.is_smooth = !coupled;
         self.last.screened = between;
+        self.last.unlocated = if coupled { self.unlocated(h) } else { None };
+        self.shortened.accepted();
         self.last.slope.clear();
         self.last.end_slope.clear();
         if let Some(gamma) = self.tableau().gamma

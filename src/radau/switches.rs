@@ -236,7 +236,13 @@ impl Radau<'_> {
                     trial = reached + 0.5 * (size - reached);
                     continue;
                 }
-                None => return Ok(None),
+                // Past the end of the face its equations need not have a solution.
+                None => {
+                    let reached = last.map_or(0.0, |(h, _)| h);
+                    trial = reached + 0.5 * (size - reached);
+                    self.predict(size);
+                    continue;
+                }
             }
             let Some(Monitor { value, noise }) = self.monitor_at(crossing, size) else { return Ok(None) };
             if let Some((h, old)) = last
