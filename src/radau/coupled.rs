@@ -8,22 +8,35 @@ const ALLOWED: f64 = 1.0;
 /// A step that was made four times shorter must bring its switch nearer by this at least: else the states jump.
 const GAIN: f64 = 0.5;
 
+/// A face that cannot be followed over a step four times shorter, as often as this, is no face to go on with.
+const MOST_UNFOLLOWED: u32 = 4;
+
 /// The attempts at one step that a switch within it made shorter.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Shortened {
     last: Option<f64>,
+    /// The attempts for which Newton's method could not follow the face.
+    unfollowed: u32,
 }
 
 impl Shortened {
     /// Whether a step within which a switch may change a state by this many tolerances is to be made shorter.
     pub fn is_too_long(&mut self, unlocated: Option<f64>) -> bool {
         let Some(distance) = unlocated.filter(|distance| *distance > ALLOWED) else { return false };
+        if self.unfollowed > MOST_UNFOLLOWED {
+            return false;
+        }
         distance < self.last.replace(distance).map_or(f64::INFINITY, |last| GAIN * last)
     }
 
     /// Takes an accepted step into account.
     pub fn accepted(&mut self) {
-        self.last = None;
+        *self = Self::default();
+    }
+
+    /// Takes an attempt into account for which Newton's method could not follow the face.
+    pub fn unfollowed(&mut self) {
+        self.unfollowed += 1;
     }
 }
 

@@ -29,6 +29,7 @@ mod memory;
 mod newton_control;
 mod progress;
 mod recurrence;
+mod regular_face;
 mod screening;
 mod settings;
 mod stage_vi;

@@ -106,6 +106,10 @@ impl Radau<'_> {
         if !self.probe(PROBE * h, true) {
             return false;
         }
+        let Self { system, switching, y, .. } = self;
+        if let Probe { vi: Some(vi), stages, .. } = &mut switching.probe {
+            vi.regularise(system, stages, y);
+        }
         for (y, z) in self.y[n..].iter_mut().zip(&self.switching.probe.stages.z[n..]) {
             *y += z;
         }

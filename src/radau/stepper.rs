@@ -343,7 +343,10 @@ impl<'p> Radau<'p> {
                         located => (located, self.control.most),
                     }
                 }
-                Newton::Slow(_) | Newton::Failed(_) => break,
+                Newton::Slow(_) | Newton::Failed(_) => {
+                    self.shortened.unfollowed();
+                    break;
+                }
             };
             match located {
                 Located::At { h, between } => {
