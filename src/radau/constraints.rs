@@ -4,22 +4,25 @@
 //! space of `A_(z,w)`,
 //!
 //! ```text
-//! N A(t, x) = 0,    dx = -W (N A_x W)^+ N A
+//! N A(t, x) = 0,    dx = -D (N A_x D)^+ N A,    D = M^-1 F_(z,w)
 //! ```
 //!
-//! is what binds the other states, and the correction of states that miss it, least in the weights `W` of their tolerances.
+//! is what binds the other states, and the correction of states that miss it: along the directions in which `z` and `w`
+//! drive them, so that invariants stay (Ascher and Petzold 1998, 10.2). Where these do not reach the constraints, it is the
+//! least in the weights of the tolerances, `D = W`.
 //! Where `M` is singular, massless states and variables follow with `A_(z,w)^+`; where it is not, variables have hidden
 //! constraints as well (see [`consistent`](super::consistent)).
 //!
 //! The ends of steps satisfy it. Between them the collocation polynomial does not, and no error estimate sees that: a state
 //! that constraints determine has no error at the stages, whatever the step.
 
-use super::face::ActiveFace;
+use super::face::{ActiveFace, Place};
 use super::layout::Storage;
 use super::newton_control::NewtonControl;
 use super::system::System;
 use factorisation::Singular;
 use nalgebra::{DMatrix, FullPivLU};
+use problem::Mass;
 
 /// Pivots and singular values below this part of the largest are rounding, in matrices whose rows and columns are scaled to
 /// entries of at most one.
@@ -114,9 +117,13 @@ fn correction(system: &System<'_>, control: &NewtonControl, rows: &mut Vec<usize
     let columns = are_free.enumerate().map(|(column, j)| free[j] = column).count();
     let mut of_free = DMatrix::<f64>::zeros(rows.len(), columns);
     let mut of_states = DMatrix::<f64>::zeros(rows.len(), n);
+    let mut rates = DMatrix::<f64>::zeros(n, columns);
+    let rests = |j: usize| j >= n && matches!(system.face.places[j - n], Place::Lower | Place::Upper | Place::Held);
     system.visit_derivatives(&system.face, |i, j, _, value| {
         match (place[i], free[j]) {
-            (usize::MAX, _) => {}
+            (usize::MAX, usize::MAX) => {}
+            // What rests on a bound drives nothing.
+            (usize::MAX, column) => rates[(i, column)] += if rests(j) { 0.0 } else { value },
             (row, usize::MAX) => of_states[(row, j)] += value,
             (row, column) => of_free[(row, column)] += value,
         }
@@ -125,19 +132,16 @@ fn correction(system: &System<'_>, control: &NewtonControl, rows: &mut Vec<usize
     let mut correction = DMatrix::<f64>::zeros(unknowns, rows.len());
     if let Some(mut null) = left_null_space(scaled.clone()) {
         null.column_iter_mut().zip(&of_rows).for_each(|(mut column, scale)| column.scale_mut(*scale));
-        let mut bound = &null * &of_states;
-        for (j, mut column) in bound.column_iter_mut().enumerate() {
-            column.scale_mut(1.0 / control.weight[j]);
-        }
+        let weights = DMatrix::from_fn(n, n, |i, j| if i == j { 1.0 / control.weight[i] } else { 0.0 });
+        let driven = directions(system, rates).filter(|driven| reaches(&(&null * &of_states * driven)));
+        let directions = driven.unwrap_or(weights);
+        let mut bound = &null * &of_states * &directions;
         for row in 0..bound.nrows() {
             let scale = scale_of(bound.row(row).amax());
             bound.row_mut(row).scale_mut(scale);
             null.row_mut(row).scale_mut(scale);
         }
-        let of_states = pseudoinverse(&bound)? * null;
-        for (j, row) in of_states.row_iter().enumerate() {
-            correction.row_mut(j).copy_from(&(-row / control.weight[j]));
-        }
+        correction.rows_mut(0, n).copy_from(&(-directions * pseudoinverse(&bound)? * null));
     }
     if layout.has_mass.contains(&false) {
         let rest = DMatrix::identity(rows.len(), rows.len()) + of_states * correction.rows(0, n);
@@ -150,6 +154,32 @@ fn correction(system: &System<'_>, control: &NewtonControl, rows: &mut Vec<usize
     }
     let is_needed = correction.amax() > 0.0;
     Some(correction).filter(|correction| is_needed && correction.iter().all(|entry| entry.is_finite()))
+}
+
+/// `M^-1 F_(z,w)`, its columns scaled to entries of at most one; `None` where `M` without its massless rows is singular.
+fn directions(system: &System<'_>, mut rates: DMatrix<f64>) -> Option<DMatrix<f64>> {
+    if let Mass::Constant(entries) = system.mass() {
+        let mut mass = DMatrix::<f64>::zeros(system.states, system.states);
+        entries.iter().for_each(|&(i, j, value)| mass[(i, j)] += value);
+        for i in (0..system.states).filter(|&i| !system.layout.is_rate[i] && !system.layout.has_mass[i]) {
+            mass[(i, i)] = 1.0;
+            rates.row_mut(i).fill(0.0);
+        }
+        if !mass.lu().solve_mut(&mut rates) {
+            return None;
+        }
+    }
+    for mut column in rates.column_iter_mut() {
+        let scale = scale_of(column.amax());
+        column.scale_mut(scale);
+    }
+    Some(rates).filter(|rates| rates.iter().all(|entry| entry.is_finite()))
+}
+
+/// Whether the rows of a matrix are independent.
+fn reaches(bound: &DMatrix<f64>) -> bool {
+    let (scaled, _, _) = equilibrated(bound.clone());
+    Singular::of(&scaled).is_some_and(|singular| singular.rank(RANK) == bound.nrows())
 }
 
 /// The matrix with its rows and columns scaled to entries of at most one, and their scales.
