@@ -20,6 +20,7 @@ use super::layout::Storage;
 use super::newton_control::NewtonControl;
 use super::system::System;
 use dense::Dense;
+use nalgebra::DMatrix;
 use sparse::Sparse;
 
 /// Newton's method on the equations above, with its workspace.
@@ -39,6 +40,13 @@ pub struct Consistent {
 enum Equations {
     Dense(Dense),
     Sparse(Sparse),
+}
+
+/// The inverse of a mass matrix.
+#[derive(Clone, Copy, Debug)]
+pub enum InverseMass<'a> {
+    Identity,
+    Entries(&'a DMatrix<f64>),
 }
 
 /// The most iterations; problems affine in `z` need one.
@@ -64,6 +72,34 @@ impl Consistent {
     /// Whether it takes no factorisation of a sparse matrix: it can then be done between the stages of every step.
     pub fn is_cheap(&self) -> bool {
         matches!(self.equations, Equations::Dense(_))
+    }
+
+    /// Writes to `out`, one a variable, how far the variables inside may be from those that belong to the states, where `G` is
+    /// as large as `sizes` says and `dG/dt` as `hidden`; infinite where the equations are singular, nothing where `K` has
+    /// blocks or the system is sparse.
+    pub fn find_errors(&mut self, system: &System<'_>, sizes: &[f64], hidden: &[f64], out: &mut [f64]) {
+        let Equations::Dense(equations) = &mut self.equations else { return };
+        if system.set.has_blocks() {
+            return;
+        }
+        self.inside.clear();
+        self.inside.extend((0..out.len()).filter(|&k| system.face.places[k] == Place::Inside));
+        if equations.errors(system, &self.inside, sizes, hidden, &mut self.step) {
+            self.inside.iter().for_each(|&k| out[k] = self.step[k]);
+        } else {
+            self.inside.iter().for_each(|&k| out[k] = f64::INFINITY);
+        }
+    }
+
+    /// `M^-1`; `None` where the system is sparse.
+    pub fn inverse_mass(&self) -> Option<InverseMass<'_>> {
+        match &self.equations {
+            Equations::Dense(equations) => Some(match &equations.inverse_mass {
+                Some(inverse) => InverseMass::Entries(inverse),
+                None => InverseMass::Identity,
+            }),
+            Equations::Sparse(_) => None,
+        }
     }
 
     /// Replaces the variables inside their interval and those of blocks in `y = (x, z)` at `t`, and puts those on a bound

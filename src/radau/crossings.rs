@@ -14,6 +14,8 @@ pub(super) struct Crossing {
     pub theta: f64,
     /// The rate of change of the monitor there.
     pub slope: f64,
+    /// Where it was positive before, and where it was seen to be negative, if it may have other zeros over the step.
+    pub bracket: Option<(f64, f64)>,
 }
 
 /// So many times an interval is halved in the search for a monitor that rises.
@@ -73,7 +75,8 @@ impl Radau<'_> {
                 let theta = self.root(index, (left, *start), (right, end.value), h);
                 if first.is_none_or(|first| theta < first.theta) {
                     let slope = (end.value - start.value) / ((right - left) * h);
-                    first = Some(Crossing { index, theta, slope });
+                    let bracket = dip.map(|_| (left, right));
+                    first = Some(Crossing { index, theta, slope, bracket });
                 }
             }
             if first.is_some() {

@@ -77,6 +77,12 @@ impl Inside {
         self.variables.len() == self.inside.len()
     }
 
+    /// Whether the equations tell all variables inside.
+    pub(super) fn tells_all(&mut self, system: &System<'_>) -> bool {
+        self.follow(system);
+        self.inside.is_empty() || !matches!(self.equations, Equations::None) && self.variables.len() == self.inside.len()
+    }
+
     /// How far each variable may be from the root of its equations where these are as large as `residuals`:
     /// `|dG_I/dz_I|^-1 |G_I|`, and zero of those that the equations do not tell.
     pub(super) fn errors(&mut self, system: &System<'_>, residuals: &[f64], out: &mut Vec<f64>) {

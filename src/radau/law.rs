@@ -77,7 +77,8 @@ impl Radau<'_> {
         let [terms, by_errors] = system.terms(k, |j| [largest[j], error(j)]);
         let of_g = (settings.vi_tolerance * terms).max(by_errors);
         let effect = self.control.weight[n + k] * self.methods[self.last_method].tolerance.factor;
-        let without_effect = if effect > 0.0 { self.last.h / (effect * self.longest) } else { 0.0 };
+        let longest = self.longest.max(self.control.span);
+        let without_effect = if effect > 0.0 { self.control.span / (effect * longest) } else { 0.0 };
         // An error of the states moves the root of `G` as well.
         let own = system.entries_of_variable(k).find(|&(j, _)| j == n + k).map_or(0.0, |(_, value)| value.abs());
         let of_root = if own > 0.0 { by_errors / own } else { 0.0 };

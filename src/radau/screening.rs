@@ -13,12 +13,19 @@ use super::face::Monitor;
 use super::law::Excess;
 use super::stepper::Radau;
 use super::switches::Switching;
-use monitors::{Enclosure, Found, Watched, watch};
+use monitors::{Corrections, Enclosure, Found, Watched, watch};
 use part::Part;
 
 /// The parts of one step that are enclosed at most. Halving a part where a monitor starts at its zero gains a binary
 /// digit each time, so that this settles monitors down to `2^-50` of their range at both ends of a step.
 const MOST_PARTS: usize = 200;
+/// The same where variables are told by hidden constraints alone: over a part the residual of these shrinks no faster than
+/// the part, and costs more.
+const MOST_HIDDEN: usize = 24;
+/// The least part of a step that is worth a step of its own, where screening proves no more.
+const LEAST: f64 = 0.1;
+/// The binary digits of the distance to the beginning of a step within which a monitor is looked at that may rise first.
+const RISES: i32 = 6;
 /// The excess up to which a law holds: one decimal digit less than asked for.
 pub const ALLOWED: f64 = 10.0;
 
@@ -40,6 +47,8 @@ pub(super) enum Between {
     Proven,
     /// Nothing is proven, and nothing was seen at the points that were looked at.
     Undecided,
+    /// No monitor changes its sign up to here, and what is behind was not looked at.
+    ProvenUpTo(f64),
     /// A monitor is violated here.
     Violated(f64),
 }
@@ -64,7 +73,7 @@ impl Radau<'_> {
         let found = self.screen_parts(h, &mut screening);
         self.switching.screening = screening;
         match found {
-            Between::Undecided => self.violated_in_middles(h).map_or(found, Between::Violated),
+            Between::Undecided | Between::ProvenUpTo(_) => self.violated_in_middles(h).map_or(found, Between::Violated),
             found => found,
         }
     }
@@ -82,7 +91,8 @@ impl Radau<'_> {
         let s = self.tableau().stages();
         whole.set_whole(self.tableau(), &self.y, &self.stages.z[..s * self.system.unknowns]);
         left.push(whole);
-        let mut parts = 0;
+        let (mut parts, are_told) = (0, self.switching.inside.tells_all(&self.system));
+        let most = if are_told { MOST_PARTS } else { MOST_HIDDEN };
         while !(watched.is_empty() && of_blocks.is_empty())
             && let Some(mut part) = left.pop()
         {
@@ -90,11 +100,12 @@ impl Radau<'_> {
             // Shorter than that, no event could be told from the end of the step, where a break of the rows may stand.
             if part.length * h > self.rounding_of_time(h) {
                 let span = (self.t + part.begin * h, part.length * h);
-                let Self { system, control, switching, .. } = self;
+                let Self { system, control, switching, consistent, .. } = self;
                 let Switching { inside, constraints, .. } = switching;
-                match enclosure.prove(system, control, (inside, constraints), &part, span, watched, of_blocks) {
+                let mut corrections = Corrections { inside, constraints, consistent: consistent.as_mut() };
+                match enclosure.prove(system, control, &mut corrections, &part, span, watched, of_blocks) {
                     Found::Proven => {}
-                    Found::Unproven { may_fail } if parts < MOST_PARTS => {
+                    Found::Unproven { may_fail } if parts < most => {
                         if may_fail && self.is_violated_at(part.middle(), h) {
                             let theta = part.middle();
                             spare.push(part);
@@ -105,6 +116,7 @@ impl Radau<'_> {
                         left.extend([second, part]);
                         continue;
                     }
+                    Found::Unproven { .. } if part.begin >= LEAST => return Between::ProvenUpTo(part.begin),
                     Found::Unproven { .. } | Found::Unknown => return Between::Undecided,
                 }
             }
@@ -129,6 +141,16 @@ impl Radau<'_> {
         is_violated
     }
 
+    /// Whether a monitor that is violated at `theta` of the step whose stages are solved was positive before.
+    pub(super) fn rises_before(&mut self, theta: f64, h: f64) -> bool {
+        let (mut there, mut before) = (Vec::new(), Vec::new());
+        self.monitors_at(theta, h, &mut there);
+        (1..=RISES).any(|k| {
+            self.monitors_at(theta * 0.5_f64.powi(k), h, &mut before);
+            there.iter().zip(&before).any(|(there, before)| there.is_violated() && before.value > before.noise)
+        })
+    }
+
     /// The first of the middles between the stages at which a monitor is violated.
     fn violated_in_middles(&mut self, h: f64) -> Option<f64> {
         let mut left = 0.0;
@@ -149,7 +171,7 @@ impl Radau<'_> {
         }
         Some(match found {
             Between::Proven => Screened::Proven,
-            Between::Undecided => Screened::Undecided,
+            Between::Undecided | Between::ProvenUpTo(_) => Screened::Undecided,
             Between::Violated(theta) => {
                 let t = self.last.t + theta * self.last.h;
                 match self.excess_within(t).filter(|found| found.excess > ALLOWED) {

@@ -82,6 +82,8 @@ pub struct Radau<'p> {
     pub(super) continues: bool,
     pub(super) jumped: Option<f64>,
     shortened: Shortened,
+    /// Whether the present step was made shorter because screening proved no more of it.
+    screened_short: bool,
     pub(super) breaks: Breaks,
     pub(super) chattering: Chattering,
     pub(super) progress: Progress,
@@ -145,6 +147,7 @@ impl<'p> Radau<'p> {
         system.project(&mut y);
         let control = NewtonControl {
             weight: vec![0.0; unknowns],
+            span: 0.0,
             rounding: vec![0.0; unknowns],
             size: vec![0.0; unknowns],
             kappa: 0.0,
@@ -193,6 +196,7 @@ impl<'p> Radau<'p> {
             continues: false,
             jumped: None,
             shortened: Shortened::default(),
+            screened_short: false,
             breaks: Breaks::new(t),
             chattering: Chattering::default(),
             progress: Progress::default(),
@@ -277,7 +281,7 @@ impl<'p> Radau<'p> {
                 // A step cut short by a switch or a break says nothing against the size that was wished for.
                 let is_cut = self.switching.ends_at_switch() || self.breaks.after.is_some();
                 self.h = if is_cut { wished } else { new };
-                let is_short = !is_cut && reached < SHORT * h;
+                let is_short = !is_cut && reached < SHORT * h && !self.screened_short;
                 self.accept(reached, coupled, between);
                 self.watch_progress(reached, is_short)?;
                 self.watch_switches()?;
@@ -308,6 +312,7 @@ impl<'p> Radau<'p> {
     fn attempt(&mut self, h: f64) -> Result<Attempt, StepError> {
         let mut size = h;
         let mut may_turn = true;
+        self.screened_short = false;
         let mut missed = None;
         let mut searches = if self.settings.step.is_some() { 0 } else { SEARCHES };
         for _ in 0..=self.system.bounded.len() + HALVINGS {
@@ -320,6 +325,14 @@ impl<'p> Radau<'p> {
                         Some(Between::Violated(theta)) if self.switching.locates() => Some(theta),
                         _ => None,
                     };
+                    if let Some(Between::ProvenUpTo(theta)) = between
+                        && self.settings.step.is_none()
+                        && self.switching.locates()
+                    {
+                        size *= theta;
+                        self.screened_short = true;
+                        continue;
+                    }
                     if !violated && dip.is_none() {
                         return Ok(Attempt::Solved { h: size, iterations, coupled: false, between });
                     }

@@ -44,7 +44,10 @@ pub(super) enum Located {
 
 /// So many switches in a row, each after a shorter time than the last, are taken for an accumulation (Zeno).
 const ACCUMULATION: u32 = 8;
-/// The most solves for one switch.
+/// By how much of its bracket on the polynomial a switch may be beside it, when the stages are solved again.
+const SLACK: f64 = 0.25;
+/// The most solves for one switch, and the most switches that are found one before the other in one step.
+const ROUNDS: usize = 8;
 const SOLVES: usize = 12;
 
 /// What finding switches needs and remembers.
@@ -164,7 +167,7 @@ impl Radau<'_> {
             return Ok(Located::Nowhere);
         }
         let mut size = h;
-        let mut solves = 0;
+        let (mut solves, mut rounds) = (0, 0);
         // Each round takes the earliest sign change of the polynomial at hand; a later round is needed when the step
         // that ends there shows an earlier one of another variable.
         while let Some(crossing) = self.earliest(size, dip.map(|theta| theta * h / size)) {
@@ -188,6 +191,10 @@ impl Radau<'_> {
                 return Ok(if changed { Located::Now } else { Located::Nowhere });
             }
             size = end;
+            rounds += 1;
+            if rounds < ROUNDS && dip.is_some() {
+                solves = solves.min(1);
+            }
             if !is_end && self.is_violated_within(size, &crossing) {
                 continue;
             }
@@ -195,7 +202,9 @@ impl Radau<'_> {
             let between = if self.system.is_curved() { Between::Undecided } else { self.screen(size) };
             // The first step on a face may have to bring the states onto it, which is no reason to leave it at once.
             match between {
-                Between::Violated(theta) if self.continues => dip = Some(theta * size / h),
+                Between::Violated(theta) if self.continues || self.rises_before(theta, size) => {
+                    dip = Some(theta * size / h);
+                }
                 between => {
                     self.switching.remember(&self.system.face);
                     self.switching.pending = true;
@@ -220,6 +229,9 @@ impl Radau<'_> {
         solves: &mut usize,
     ) -> Result<Option<f64>, StepError> {
         let longest = 1.5 * size;
+        // Of a monitor with several zeros over the step the others are not meant.
+        let slack = |(begin, end): (f64, f64)| SLACK * (end - begin);
+        let mut bracket = crossing.bracket.map(|part| ((part.0 - slack(part)) * size, (part.1 + slack(part)) * size));
         let mut trial = crossing.theta * size;
         let mut slope = crossing.slope;
         let mut last: Option<(f64, f64)> = None;
@@ -258,6 +270,13 @@ impl Radau<'_> {
                 return Ok(Some(size));
             }
             trial = size - correction;
+            if let Some((shortest, longest)) = &mut bracket {
+                let end = if value > 0.0 { shortest } else { longest };
+                *end = size;
+            }
+            if let Some((shortest, longest)) = bracket.filter(|part| !(trial > part.0 && trial < part.1)) {
+                trial = 0.5 * (shortest + longest);
+            }
         }
         Ok(None)
     }

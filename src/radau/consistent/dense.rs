@@ -8,8 +8,12 @@ use problem::Mass;
 pub(super) struct Dense {
     /// `M`, factorised; none where it is the identity.
     mass: Option<LU<f64, Dyn, Dyn>>,
+    /// `M^-1`; none where it is the identity.
+    pub inverse_mass: Option<DMatrix<f64>>,
     /// The place of each variable among those inside.
     place: Vec<usize>,
+    /// The last that was asked for.
+    response: Option<Response>,
 }
 
 impl Dense {
@@ -27,7 +31,47 @@ impl Dense {
                 Some(mass.lu())
             }
         };
-        Some(Self { mass, place: vec![usize::MAX; system.unknowns - n] })
+        let inverse_mass = mass.as_ref().and_then(|mass| mass.try_inverse());
+        Some(Self { mass, inverse_mass, place: vec![usize::MAX; system.unknowns - n], response: None })
+    }
+
+    /// How far each variable inside may be from the solution of the equations where `G` is as large as `sizes` says and the
+    /// hidden constraints as `hidden`, with the derivatives of `system` as they are. False if the equations are singular.
+    pub fn errors(
+        &mut self,
+        system: &System<'_>,
+        inside: &[usize],
+        sizes: &[f64],
+        hidden: &[f64],
+        out: &mut [f64],
+    ) -> bool {
+        let is_known = |known: &Response| known.jacobians == system.work.jacobians && known.inside == inside;
+        if !self.response.as_ref().is_some_and(is_known) {
+            self.response = self.response_of(system, inside);
+        }
+        let Some(response) = &self.response else { return false };
+        for (a, &k) in inside.iter().enumerate() {
+            let rows = inside.iter().enumerate();
+            out[k] = rows.map(|(b, &l)| response.to_g[(a, b)] * sizes[l] + response.to_hidden[(a, b)] * hidden[l]).sum();
+        }
+        true
+    }
+
+    fn response_of(&mut self, system: &System<'_>, inside: &[usize]) -> Option<Response> {
+        let Blocks { d, derivative, .. } = self.blocks(system, inside)?;
+        let count = inside.len();
+        let range = Singular::of(&d)?;
+        let rank = range.rank(RANK);
+        let (mut matrix, mut of_g, mut of_hidden) =
+            (d.clone(), DMatrix::zeros(count, count), DMatrix::zeros(count, count));
+        for (row, left) in range.u.column_iter().enumerate() {
+            let (from, of) = if row < rank { (&d, &mut of_g) } else { (&derivative, &mut of_hidden) };
+            matrix.set_row(row, &left.tr_mul(from).row(0));
+            of.set_row(row, &left.transpose());
+        }
+        let inverse = matrix.try_inverse().filter(|inverse| inverse.iter().all(|entry| entry.is_finite()))?;
+        let (to_g, to_hidden) = ((&inverse * of_g).abs(), (inverse * of_hidden).abs());
+        Some(Response { jacobians: system.work.jacobians, inside: inside.to_vec(), to_g, to_hidden })
     }
 
     /// The Newton step at the last evaluation of `system`, to be subtracted. False if the equations are singular.
@@ -52,7 +96,23 @@ impl Dense {
         drift: &[f64],
     ) -> Option<DVector<f64>> {
         let n = system.states;
-        let count = inside.len();
+        let Blocks { d, c, derivative } = self.blocks(system, inside)?;
+        let g = DVector::from_fn(inside.len(), |a, _| phi[n + inside[a]]);
+        let mut rates = DVector::from_column_slice(&phi[..n]);
+        if let Some(mass) = &self.mass
+            && !mass.solve_mut(&mut rates)
+        {
+            return None;
+        }
+        let hidden = DVector::from_fn(inside.len(), |a, _| drift[inside[a]]) + &c * rates;
+        let (matrix, right) =
+            if d.amax() == 0.0 { (derivative, hidden) } else { combine(&d, &g, &derivative, &hidden)? };
+        matrix.lu().solve(&right)
+    }
+
+    /// The blocks of the Jacobian on the rows of the variables inside; `None` where `M` is singular.
+    fn blocks(&mut self, system: &System<'_>, inside: &[usize]) -> Option<Blocks> {
+        let (n, count) = (system.states, inside.len());
         let place = &mut self.place;
         place.fill(usize::MAX);
         for (a, &k) in inside.iter().enumerate() {
@@ -76,20 +136,33 @@ impl Dense {
                 }
             }
         });
-        let g = DVector::from_fn(count, |a, _| phi[n + inside[a]]);
-        let mut rates = DVector::from_column_slice(&phi[..n]);
         if let Some(mass) = &self.mass
-            && (!mass.solve_mut(&mut rates) || !mass.solve_mut(&mut b))
+            && !mass.solve_mut(&mut b)
         {
             return None;
         }
-        let hidden = DVector::from_fn(count, |a, _| drift[inside[a]]) + &c * rates;
-        let derivative = c * b;
-        let (matrix, right) =
-            if d.amax() == 0.0 { (derivative, hidden) } else { combine(&d, &g, &derivative, &hidden)? };
-        matrix.lu().solve(&right)
+        let derivative = &c * b;
+        Some(Blocks { d, c, derivative })
     }
 }
+
+/// `D = G_z`, `C = G_x` and `C M^-1 F_z` of the variables inside.
+struct Blocks {
+    d: DMatrix<f64>,
+    c: DMatrix<f64>,
+    derivative: DMatrix<f64>,
+}
+
+/// How the variables inside answer to `G` and to the hidden constraints, in size.
+struct Response {
+    jacobians: u64,
+    inside: Vec<usize>,
+    to_g: DMatrix<f64>,
+    to_hidden: DMatrix<f64>,
+}
+
+/// Singular values below this part of the largest are rounding.
+const RANK: f64 = 1e-10;
 
 /// The rows `V^T (D | G)` and `U^T (derivative | hidden)`.
 fn combine(
@@ -99,7 +172,7 @@ fn combine(
     hidden: &DVector<f64>,
 ) -> Option<(DMatrix<f64>, DVector<f64>)> {
     let range = Singular::of(d)?;
-    let rank = range.rank(1e-10);
+    let rank = range.rank(RANK);
     let (mut matrix, mut right) = (d.clone(), g.clone());
     for (row, left) in range.u.column_iter().enumerate() {
         let (from, value) = if row < rank { (d, g) } else { (derivative, hidden) };

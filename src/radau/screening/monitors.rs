@@ -12,12 +12,15 @@
 //! constraints: monitors are lowered by it. Those of
 //! blocks are taken from the box alone.
 
+use super::MOST_PARTS;
 use super::part::Part;
+use crate::consistent::{Consistent, InverseMass};
 use crate::constraints::Constraints;
 use crate::face::Place;
 use crate::inside::Inside;
 use crate::newton_control::NewtonControl;
 use crate::system::System;
+use nalgebra::DVector;
 use numerics::Interval;
 use problem::{MonitorRange, Side};
 
@@ -30,6 +33,25 @@ pub(super) struct Watched {
     upper: bool,
     /// What counts as zero.
     limit: f64,
+}
+
+impl Watched {
+    /// The monitor where `G` and `z` are these, and the bounds of the variable.
+    fn of(&self, g: f64, z: f64, lower: f64, upper: f64) -> f64 {
+        match self.place {
+            Place::Lower => g,
+            Place::Upper => -g,
+            _ if self.upper => upper - z,
+            _ => z - lower,
+        }
+    }
+}
+
+/// What brings the unknowns from their polynomials to the equations of the face.
+pub(super) struct Corrections<'a> {
+    pub inside: &'a mut Inside,
+    pub constraints: &'a mut Constraints,
+    pub consistent: Option<&'a mut Consistent>,
 }
 
 /// Room for the enclosures over one part.
@@ -45,22 +67,21 @@ pub(super) struct Enclosure {
     residuals: Vec<f64>,
     /// How far the unknowns are from their polynomials.
     errors: Vec<f64>,
-    middle: Vec<f64>,
+    /// How large `dG/dt` is of the variables inside.
+    hidden: Vec<f64>,
+    /// `M^-1 F` over the box.
+    rates: Vec<Interval>,
     /// `z` and `G` of one block, and its monitors.
     members: [Vec<Interval>; 2],
     of_block: Vec<MonitorRange>,
-    /// The monitors that the box does not prove, and what their slopes say.
+    /// The monitors that the box does not prove.
     left: Vec<Watched>,
-    slopes: Vec<Sloping>,
+    /// Whether no number of parts that is worth its while would prove them.
+    is_hopeless: bool,
 }
 
-/// A monitor over a part by its slope.
-#[derive(Clone, Copy, Debug)]
-struct Sloping {
-    middle: f64,
-    lower: f64,
-    slope: Interval,
-}
+/// By how much errors to first order may be short of what they are.
+const CURVATURE: f64 = 2.0;
 
 /// What is known of the monitors over a part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -68,7 +89,7 @@ pub(super) enum Found {
     Proven,
     /// Not proven; whether one may be negative in the middle.
     Unproven { may_fail: bool },
-    /// The problem has no enclosure.
+    /// The problem has no enclosure, or none that is narrow enough.
     Unknown,
 }
 
@@ -98,7 +119,7 @@ impl Enclosure {
         &mut self,
         system: &mut System<'_>,
         control: &NewtonControl,
-        (inside, constraints): (&mut Inside, &mut Constraints),
+        corrections: &mut Corrections<'_>,
         part: &Part,
         (t, h): (f64, f64),
         watched: &[Watched],
@@ -114,17 +135,23 @@ impl Enclosure {
         }
         self.residuals.clear();
         self.residuals.extend(self.values[..system.unknowns].iter().copied().map(size));
-        self.find_errors(system, control, inside, constraints, part);
+        let are_told = corrections.inside.tells_all(system);
+        self.points[1].resize(system.unknowns, 0.0);
+        part.values(0.5, &mut self.points[1]);
+        self.find_errors(system, control, corrections, false);
         let are_blocks_proven = self.are_blocks_proven(system, limits);
         let mut left = std::mem::take(&mut self.left);
         left.clear();
         left.extend(watched.iter().copied().filter(|monitor| {
             let lower = self.lower_end(system, monitor) - self.error_of(system, monitor);
-            lower < 0.0 || lower.is_nan()
+            // Variables that only hidden constraints tell are known with the slopes.
+            !are_told || lower < 0.0 || lower.is_nan()
         }));
-        let may_fail = !left.is_empty() && self.may_fail(system, control, (inside, constraints), part, (t, h), times, &mut left);
+        self.is_hopeless = false;
+        let may_fail = !left.is_empty() && self.may_fail(system, control, corrections, part, (t, h), times, &mut left);
         let found = match are_blocks_proven && left.is_empty() {
             true => Found::Proven,
+            false if self.is_hopeless => Found::Unknown,
             false => Found::Unproven { may_fail: may_fail || !are_blocks_proven },
         };
         self.left = left;
@@ -137,7 +164,7 @@ impl Enclosure {
         &mut self,
         system: &mut System<'_>,
         control: &NewtonControl,
-        (inside, constraints): (&mut Inside, &mut Constraints),
+        corrections: &mut Corrections<'_>,
         part: &Part,
         (t, h): (f64, f64),
         times: Interval,
@@ -164,50 +191,114 @@ impl Enclosure {
             let sharper = system.values[n + k].abs() + 0.5 * slope + control.noise_of_g(system, k, &self.points[1]);
             self.residuals[n + k] = self.residuals[n + k].min(sharper);
         }
-        self.find_errors(system, control, inside, constraints, part);
-        self.slopes.clear();
-        for monitor in left.iter() {
-            let (middle, slope) = (value(system, monitor, &self.points[1]), self.slope(system, part, h, monitor));
-            self.slopes.push(Sloping { middle, lower: middle - 0.5 * size(slope), slope });
+        let middles: Vec<f64> = left.iter().map(|monitor| value(system, monitor, &self.points[1])).collect();
+        // What is wrong in the middle itself says whether a monitor may be negative there.
+        let over_part = std::mem::replace(&mut self.residuals, system.values[..system.unknowns].iter().map(|value| value.abs()).collect());
+        let are_told = corrections.inside.tells_all(system);
+        if !are_told {
+            self.find_hidden_in_middle(system, corrections, t + 0.5 * h);
         }
-        for (at, u) in [(0, 0.0), (2, 1.0)] {
-            let is_least = |slope: Interval| if at == 0 { slope.lo >= 0.0 } else { slope.hi <= 0.0 };
-            if self.slopes.iter().any(|of| is_least(of.slope)) && system.evaluate(t + u * h, &self.points[at]) {
-                for (of, monitor) in self.slopes.iter_mut().zip(&*left).filter(|(of, _)| is_least(of.slope)) {
-                    of.lower = value(system, monitor, &self.points[at]);
-                }
-            }
+        self.find_errors(system, control, corrections, !are_told);
+        let is_suspect: Vec<bool> = left
+            .iter()
+            .zip(&middles)
+            .map(|(monitor, middle)| {
+                let error = self.error_of(system, monitor);
+                *middle < CURVATURE * error || middle.is_nan() || error.is_nan()
+            })
+            .collect();
+        self.residuals = over_part;
+        if !are_told {
+            self.find_hidden(system, corrections);
         }
+        self.find_errors(system, control, corrections, !are_told);
+        let mut ends = [None, None];
         let (mut index, mut may_fail) = (0, false);
         left.retain(|monitor| {
-            let Sloping { middle, lower, .. } = self.slopes[index];
+            let (middle, suspect) = (middles[index], is_suspect[index]);
             index += 1;
-            let error = self.error_of(system, monitor);
-            let is_proven = lower + monitor.limit - error >= 0.0;
-            may_fail |= !is_proven && (middle < error || middle.is_nan() || error.is_nan());
+            let (slope, error) = (self.slope(system, part, h, monitor), self.error_of(system, monitor));
+            let allowed = error - monitor.limit;
+            let mut is_proven = middle - 0.5 * size(slope) >= allowed;
+            // Where the slope has one sign the least value is at an end.
+            let end = if slope.lo >= 0.0 { 0 } else { 1 };
+            if !is_proven && middle >= allowed && (slope.lo >= 0.0 || slope.hi <= 0.0) {
+                let (time, point) = [(t, &self.points[0]), (t + h, &self.points[2])][end];
+                let values = ends[end].get_or_insert_with(|| {
+                    let is_finite = system.evaluate(time, point);
+                    is_finite.then(|| (system.values.clone(), system.set.lower.clone(), system.set.upper.clone()))
+                });
+                if let Some((values, lower, upper)) = values {
+                    let k = monitor.variable;
+                    let row = system.states + k;
+                    is_proven = monitor.of(values[row], point[row], lower[k], upper[k]) >= allowed;
+                }
+            }
+            may_fail |= !is_proven && suspect;
+            // The residual of a hidden constraint over a box shrinks with the box and no faster.
+            self.is_hopeless |= !are_told && part.length == 1.0 && error > MOST_PARTS as f64 * (middle + monitor.limit).abs();
             !is_proven
         });
         may_fail
     }
 
-    /// How far the unknowns may be from their polynomials, by the residuals of the equations of the face.
+    /// How far the unknowns may be from their polynomials, by the residuals of the equations of the face, and those of hidden
+    /// constraints.
     fn find_errors(
         &mut self,
         system: &mut System<'_>,
         control: &NewtonControl,
-        inside: &mut Inside,
-        constraints: &mut Constraints,
-        part: &Part,
+        corrections: &mut Corrections<'_>,
+        with_hidden: bool,
     ) {
         let n = system.states;
+        let Corrections { inside, constraints, consistent } = corrections;
         inside.errors(system, &self.residuals[n..], &mut self.errors);
+        if with_hidden && let Some(consistent) = consistent {
+            consistent.find_errors(system, &self.residuals[n..], &self.hidden, &mut self.errors);
+        }
         self.errors.splice(0..0, std::iter::repeat_n(0.0, n));
         for k in (0..system.unknowns - n).filter(|&k| system.face.places[k] != Place::Inside) {
             self.residuals[n + k] = 0.0;
         }
-        self.middle.resize(system.unknowns, 0.0);
-        part.values(0.5, &mut self.middle);
-        constraints.add_errors(system, control, &self.middle, &self.residuals, &mut self.errors);
+        constraints.add_errors(system, control, &self.points[1], &self.residuals, &mut self.errors);
+    }
+
+    /// The rows of variables inside of `dG/dt = G_t + G_x M^-1 F` in the middle of the part, where `system` was evaluated last.
+    fn find_hidden_in_middle(&mut self, system: &mut System<'_>, corrections: &Corrections<'_>, t: f64) {
+        let n = system.states;
+        self.hidden.clear();
+        self.hidden.resize(system.unknowns - n, 0.0);
+        system.time_derivative(t, &self.points[1], &mut self.hidden);
+        let rates = match corrections.consistent.as_ref().and_then(|consistent| consistent.inverse_mass()) {
+            Some(InverseMass::Identity) => DVector::from_column_slice(&system.values[..n]),
+            Some(InverseMass::Entries(inverse)) => inverse * DVector::from_column_slice(&system.values[..n]),
+            None => DVector::from_element(n, f64::INFINITY),
+        };
+        for k in 0..self.hidden.len() {
+            let along = system.slope(k, |j| if j < n { rates[j] } else { 0.0 });
+            self.hidden[k] = (self.hidden[k] + along).abs();
+        }
+    }
+
+    /// How large `dG/dt = G_t + G_x M^-1 F` is over the box of each variable inside.
+    fn find_hidden(&mut self, system: &System<'_>, corrections: &Corrections<'_>) {
+        let n = system.states;
+        self.rates.clear();
+        match corrections.consistent.as_ref().and_then(|consistent| consistent.inverse_mass()) {
+            Some(InverseMass::Identity) => self.rates.extend_from_slice(&self.values[..n]),
+            Some(InverseMass::Entries(inverse)) => self.rates.extend(inverse.row_iter().map(|row| {
+                let terms = row.iter().zip(&self.values).filter(|(entry, _)| **entry != 0.0);
+                terms.fold(Interval::point(0.0), |sum, (&entry, &value)| sum + Interval::point(entry) * value)
+            })),
+            None => self.rates.resize(n, Interval::LINE),
+        }
+        self.hidden.clear();
+        self.hidden.resize(system.unknowns - n, 0.0);
+        for k in (0..system.unknowns - n).filter(|&k| system.face.places[k] == Place::Inside) {
+            let along = system.places_of_row(n + k).filter(|&(_, j)| j < n).map(|(at, j)| self.jacobian[at] * self.rates[j]);
+            self.hidden[k] = size(along.fold(self.by_time[k], |sum, term| sum + term));
+        }
     }
 
     /// Whether no monitor of a block falls below its limit over the box.
@@ -281,11 +372,6 @@ fn size(interval: Interval) -> f64 {
 
 /// A monitor at a point at which `system` was evaluated last.
 fn value(system: &System<'_>, monitor: &Watched, y: &[f64]) -> f64 {
-    let (n, k) = (system.states, monitor.variable);
-    match monitor.place {
-        Place::Lower => system.values[n + k],
-        Place::Upper => -system.values[n + k],
-        _ if monitor.upper => system.set.upper[k] - y[n + k],
-        _ => y[n + k] - system.set.lower[k],
-    }
+    let (row, k) = (system.states + monitor.variable, monitor.variable);
+    monitor.of(system.values[row], y[row], system.set.lower[k], system.set.upper[k])
 }
