@@ -192,7 +192,10 @@ impl Radau<'_> {
             }
             size = end;
             rounds += 1;
-            if rounds < ROUNDS && dip.is_some() {
+            if rounds == ROUNDS {
+                return Ok(Located::Nowhere);
+            }
+            if dip.is_some() {
                 solves = solves.min(1);
             }
             if !is_end && self.is_violated_within(size, &crossing) {
