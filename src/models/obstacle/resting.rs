@@ -1,7 +1,7 @@
 //! Nodes that rest at the beginning, the stage and the end of a step: do they rest in between?
 //!
 //! An obstacle holds a node while what its neighbours push it with, less `f`, does not pull it away. The push is known at the
-//! three times, and taken for linear between them; `f` is enclosed over parts of the step, in interval arithmetic. A part
+//! three times, and taken for a parabola between them; `f` is enclosed over parts of the step, in interval arithmetic. A part
 //! in which the obstacle might have to pull is halved, the worst first, until what all of them could move the nodes by is
 //! negligible: then they are proven to rest. What is left when a bound on the work is met counts with the way that the
 //! pull stands for, and the step is cut.
@@ -113,7 +113,7 @@ impl Resting {
         Ok(())
     }
 
-    /// What nodes that rest at all times of a step may do in a part of one half of it, if anything.
+    /// What nodes that rest at all times of a step may do in a part of it, if anything.
     fn part(
         &mut self,
         system: &mut Semidiscrete,
@@ -122,9 +122,7 @@ impl Resting {
         nodes: impl Iterator<Item = usize> + Clone,
         control: &Control,
     ) -> Result<Option<Part>, Cause> {
-        let half = usize::from(from >= times[1]);
-        let (start, end) = (times[half], times[half + 1]);
-        let place = |t: f64| (t - start) / (end - start);
+        let [middle, end] = [times[1] - times[0], times[2] - times[0]];
         nodes.clone().for_each(|node| self.wanted[node] = true);
         let enclosed = load_over(&mut system.problem, &self.wanted, &mut self.load, Interval::new(from, to), control);
         nodes.clone().for_each(|node| self.wanted[node] = false);
@@ -132,12 +130,16 @@ impl Resting {
         let (mut moved, mut square) = (Vec::new(), 0.0);
         for node in nodes {
             let side = f64::from(moments[0].held[node]);
-            let [before, after] = [half, half + 1].map(|k| side * moments[k].push(node));
-            let push = [from, to].map(|t| before + place(t) * (after - before));
+            let [a, b, c] = moments.each_ref().map(|moment| side * moment.push(node));
+            let (first, whole) = ((b - a) / middle, (c - a) / end);
+            let bend = (whole - first) / (end - middle);
+            let push = [from, to].map(|t| a + (t - times[0]) * (first + bend * (t - times[1])));
+            // A parabola is below its chord by no more than this.
+            let least = push[0].min(push[1]) - 0.25 * bend.max(0.0) * (to - from).powi(2);
             let load = self.load[node];
             let most = if side > 0.0 { load.hi } else { -load.lo };
-            let terms = before.abs().max(after.abs()) + load.lo.abs().max(load.hi.abs());
-            let pull = most - push[0].min(push[1]);
+            let terms = a.abs().max(b.abs()).max(c.abs()) + load.lo.abs().max(load.hi.abs());
+            let pull = most - least;
             if pull > ROUNDING * terms || pull.is_nan() {
                 let by = (to - from) * if pull.is_nan() { f64::INFINITY } else { pull } / system.weights[node];
                 square += system.weights[node] * by * by;

@@ -22,6 +22,8 @@ pub struct Membrane {
 
 const COARSE: usize = 4_000;
 const SWEEPS: usize = 2_000;
+/// The steps between two outputs are at least this part of those that there would be were outputs evenly spaced.
+const LEAST: f64 = 8.0;
 
 impl Membrane {
     /// The values at `probes` and the integral, at `times`.
@@ -57,10 +59,12 @@ impl Membrane {
             load[i + 1] += half;
         }
         let mut columns = vec![Vec::with_capacity(times.len()); probes.len() + 1];
-        let h = times.last()? / steps as f64;
+        // Each interval between outputs has the same parts, times the refinement, so that the three runs differ in each.
+        let (h, refinement) = (times.last()? / COARSE as f64, (steps / COARSE) as f64);
+        let least = COARSE as f64 / (LEAST * times.len() as f64);
         let (mut t, mut before) = (0.0, 0.0);
         for &time in times {
-            let parts = ((time - before) / h).ceil().max(1.0);
+            let parts = refinement * ((time - before) / h).max(least).ceil();
             for _ in 0..parts as usize {
                 let h = (time - before) / parts;
                 t += h;
