@@ -139,9 +139,10 @@ impl Energy {
     }
 
     /// What steps of first order may lack together: their errors, as long as these leave the states within what they cover in
-    /// so many steps. Positions that far off are worth `steps` exchanges of energy, and so are velocities.
+    /// so many steps. Positions that far off are worth `steps` exchanges of energy, and so are velocities; the errors are
+    /// estimates of leading order, and may be twice as large.
     pub fn explained(&self, steps: f64) -> f64 {
-        self.explained.min(2.0 * steps * self.exchanged)
+        2.0 * self.explained.min(steps * self.exchanged)
     }
 
     /// Books what contacts took, by friction and by impacts, in a step whose largest kinetic energy is this.

@@ -67,7 +67,9 @@ struct Sloping {
 pub(super) enum Found {
     Proven,
     /// Not proven; whether one may be negative in the middle.
-    Unproven { may_fail: bool },
+    Unproven {
+        may_fail: bool,
+    },
     /// The problem has no enclosure.
     Unknown,
 }
@@ -122,7 +124,8 @@ impl Enclosure {
             let lower = self.lower_end(system, monitor) - self.error_of(system, monitor);
             lower < 0.0 || lower.is_nan()
         }));
-        let may_fail = !left.is_empty() && self.may_fail(system, control, (inside, constraints), part, (t, h), times, &mut left);
+        let may_fail =
+            !left.is_empty() && self.may_fail(system, control, (inside, constraints), part, (t, h), times, &mut left);
         let found = match are_blocks_proven && left.is_empty() {
             true => Found::Proven,
             false => Found::Unproven { may_fail: may_fail || !are_blocks_proven },

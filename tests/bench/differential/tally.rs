@@ -103,7 +103,13 @@ impl Tally {
 
     /// The part of right answers that is not trusted.
     pub fn false_alarms(&self) -> f64 {
-        let (alarms, right) = (self.runs(Finding::FalseAlarm) as f64, self.runs(Finding::Right) as f64);
+        self.false_alarms_of(&Kind::ALL)
+    }
+
+    /// The same of these kinds.
+    pub fn false_alarms_of(&self, kinds: &[Kind]) -> f64 {
+        let runs = |finding| kinds.iter().filter_map(|kind| self.runs.get(&(*kind, finding))).sum::<u64>() as f64;
+        let (alarms, right) = (runs(Finding::FalseAlarm), runs(Finding::Right));
         if alarms == 0.0 { 0.0 } else { alarms / (alarms + right) }
     }
 
