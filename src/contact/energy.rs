@@ -140,9 +140,10 @@ impl Energy {
 
     /// What steps of first order may lack together: their errors, as long as these leave the states within what they cover in
     /// so many steps. Positions that far off are worth `steps` exchanges of energy, and so are velocities; the errors are
-    /// estimates of leading order, and may be twice as large.
+    /// estimates of leading order, and may be twice as large. No order explains a step that does not resolve the motion.
     pub fn explained(&self, steps: f64) -> f64 {
-        2.0 * self.explained.min(steps * self.exchanged)
+        let is_resolved = 0.5 * self.exchanged <= MOST_LAG * self.size();
+        if is_resolved { 2.0 * self.explained.min(steps * self.exchanged) } else { 0.0 }
     }
 
     /// Books what contacts took, by friction and by impacts, in a step whose largest kinetic energy is this.

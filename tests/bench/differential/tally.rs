@@ -93,6 +93,11 @@ impl Tally {
         self.problems(Finding::Silent)
     }
 
+    /// The same of these kinds.
+    pub fn silent_of(&self, kinds: &[Kind]) -> usize {
+        kinds.iter().filter_map(|kind| self.seeds.get(&(*kind, Finding::Silent))).map(BTreeSet::len).sum()
+    }
+
     pub fn panics(&self) -> u64 {
         self.runs(Finding::Panicked)
     }
