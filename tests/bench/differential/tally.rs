@@ -83,14 +83,9 @@ impl Tally {
         self.runs.iter().filter(|((_, other), _)| *other == finding).map(|(_, count)| count).sum()
     }
 
-    /// The problems with such a run.
-    pub fn problems(&self, finding: Finding) -> usize {
-        self.seeds.iter().filter(|((_, other), _)| *other == finding).map(|(_, seeds)| seeds.len()).sum()
-    }
-
     /// Problems that are wrong in silence.
     pub fn silent(&self) -> usize {
-        self.problems(Finding::Silent)
+        self.silent_of(&Kind::ALL)
     }
 
     /// The same of these kinds.
