@@ -70,6 +70,12 @@ pub struct Energy {
     /// All that was done and dissipated, each part by its size.
     #[serde(skip)]
     throughput: f64,
+    /// The errors that steps of first order make in the energy, as far as forces and velocities tell them, by their sizes.
+    #[serde(skip)]
+    explained: f64,
+    /// The most energy that forces of that size may exchange in a step.
+    #[serde(skip)]
+    exchanged: f64,
     /// The largest terms of the balance, which bound its rounding.
     #[serde(skip)]
     terms: f64,
@@ -124,6 +130,20 @@ impl Energy {
     /// The part of the defect that is rounding: of the energies, and of the sums of what was booked.
     pub fn rounding(&self) -> f64 {
         ROUNDING * (self.terms + self.throughput)
+    }
+
+    /// Notes the error of a step of first order in the energy, and the most that forces of its size may exchange in it.
+    pub fn explain(&mut self, error: f64, exchanged: f64) {
+        self.explained += error;
+        self.exchanged = self.exchanged.max(exchanged);
+    }
+
+    /// What steps of first order may lack together: their errors, as long as these leave the states within what they cover in
+    /// so many steps. Positions that far off are worth `steps` exchanges of energy, and so are velocities; the errors are
+    /// estimates of leading order, and may be twice as large. No order explains a step that does not resolve the motion.
+    pub fn explained(&self, steps: f64) -> f64 {
+        let is_resolved = 0.5 * self.exchanged <= MOST_LAG * self.size();
+        if is_resolved { 2.0 * self.explained.min(steps * self.exchanged) } else { 0.0 }
     }
 
     /// Books what contacts took, by friction and by impacts, in a step whose largest kinetic energy is this.

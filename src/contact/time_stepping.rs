@@ -33,6 +33,8 @@ pub struct TimeStepping<'p> {
     pub violations: Violations,
     /// How each contact was after the last step.
     touching: Vec<Touch>,
+    /// Forces and velocities at the start of the step before, if there was one.
+    before: Option<(Vec<f64>, Vec<f64>)>,
     settings: Settings,
     start: f64,
     end: f64,
@@ -78,6 +80,7 @@ impl<'p> TimeStepping<'p> {
             happenings: Vec::new(),
             accepted: 0,
             touching: vec![Touch::Open; contacts],
+            before: None,
             settings,
             end,
         }
@@ -112,9 +115,24 @@ impl<'p> TimeStepping<'p> {
         let after = self.step.problem.energies(*t, q, v);
         self.step.contacted.book(h, &before, &after, &mut self.energy);
         self.energy.close_at_middle(after.potential - before.potential);
+        self.explain(h, before.kinetic.max(after.kinetic));
         self.look(h);
         self.measure(h);
         Ok(())
+    }
+
+    /// Notes what the last step may have made wrong of the energy, with this kinetic energy. Its forces work with velocities
+    /// of its end, or the reverse, where the exact ones change together: by `h/2 |<df, v>| + h/2 |<f, dv>|`.
+    fn explain(&mut self, h: f64, kinetic: f64) {
+        let (f, v) = (&self.step.f, &self.last.v);
+        let (f_before, v_before) = self.before.get_or_insert_with(|| (f.clone(), v.clone()));
+        let change = |now: &[f64], before: &[f64], with: &[f64]| -> f64 {
+            now.iter().zip(before).zip(with).map(|((now, before), with)| (now - before) * with).sum()
+        };
+        let error = 0.5 * h * (change(f, f_before, v).abs() + change(v, v_before, f).abs());
+        self.energy.explain(error, self.step.kick * (2.0 * kinetic).sqrt());
+        f_before.copy_from_slice(f);
+        v_before.copy_from_slice(v);
     }
 
     /// Measures how far joints and gaps are off at the end of the last step, and on the straight way to it.

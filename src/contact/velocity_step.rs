@@ -87,6 +87,8 @@ pub struct VelocityStep<'p> {
     law: Law,
     impact_law: ImpactLaw,
     pub(super) f: Vec<f64>,
+    /// The size of what they change the velocities by in a step, in the metric of the masses.
+    pub(super) kick: f64,
     /// The contact whose gap was found to close, which is closed at an instant whatever rounding has left of it.
     pub(super) closing: Option<usize>,
     /// What contacts did in the last step.
@@ -112,6 +114,7 @@ impl<'p> VelocityStep<'p> {
             law: Law::new(tolerance),
             impact_law,
             f: vec![0.0; n],
+            kick: 0.0,
             closing: None,
             contacted: Contacted::none(structure.contacts.len()),
             work: Work::default(),
@@ -233,6 +236,7 @@ impl<'p> VelocityStep<'p> {
         if !self.delassus.solve(&mut p) {
             return Err(ContactError::Singular { t: state.t });
         }
+        self.kick = (h * dot(&self.f, &p)).max(0.0).sqrt();
         v.iter_mut().zip(&p).for_each(|(v, p)| *v += p);
         Ok(())
     }

@@ -76,7 +76,14 @@ impl Constraints {
     }
 
     /// How far each unknown may be from the constraints where the rows of `Phi` are as large as `sizes`, added to `out`.
-    pub fn add_errors(&mut self, system: &mut System<'_>, control: &NewtonControl, y: &[f64], sizes: &[f64], out: &mut [f64]) {
+    pub fn add_errors(
+        &mut self,
+        system: &mut System<'_>,
+        control: &NewtonControl,
+        y: &[f64],
+        sizes: &[f64],
+        out: &mut [f64],
+    ) {
         self.follow(system, control, y);
         if self.correction.is_empty() {
             return;

@@ -54,7 +54,8 @@ impl Radau<'_> {
                 let along = self.system.entries_of_row(state).filter(|&(j, _)| j >= n);
                 along.map(|(j, value)| value * (self.y[j] + increments.map_or(0.0, |z| z[j]))).sum()
             };
-            let rates = (0..self.tableau().stages()).map(|i| rate(Some(&self.stages.z[i * unknowns..(i + 1) * unknowns])));
+            let rates =
+                (0..self.tableau().stages()).map(|i| rate(Some(&self.stages.z[i * unknowns..(i + 1) * unknowns])));
             let (lo, hi) = rates.fold((rate(None), rate(None)), |(lo, hi), rate| (lo.min(rate), hi.max(rate)));
             let allowed = self.settings.atol[state] + self.settings.rtol * self.largest[state].max(self.y[state].abs());
             let mass = self.system.mass_diagonal[state].abs();

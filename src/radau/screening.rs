@@ -128,7 +128,8 @@ impl Radau<'_> {
     /// What counts as zero of variable `k` and of its `G`.
     fn limits(&self, k: usize) -> [f64; 2] {
         let [of_z, of_g] = self.uncertainties(k);
-        let noise = [self.control.noise_of_z(&self.system, k, &self.y), self.control.noise_of_g(&self.system, k, &self.y)];
+        let noise =
+            [self.control.noise_of_z(&self.system, k, &self.y), self.control.noise_of_g(&self.system, k, &self.y)];
         [of_z.max(noise[0]), of_g.max(noise[1])]
     }
 
@@ -155,7 +156,10 @@ impl Radau<'_> {
     fn violated_in_middles(&mut self, h: f64) -> Option<f64> {
         let mut left = 0.0;
         let nodes = &self.tableau().c;
-        nodes.iter().map(|&node| 0.5 * (std::mem::replace(&mut left, node) + node)).find(|&theta| self.is_violated_at(theta, h))
+        nodes
+            .iter()
+            .map(|&node| 0.5 * (std::mem::replace(&mut left, node) + node))
+            .find(|&theta| self.is_violated_at(theta, h))
     }
 
     /// What screening found of the last step; `None` where the step has no variables with bounds.

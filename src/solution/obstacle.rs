@@ -3,7 +3,7 @@
 use super::run::{Plan, Stepper, run};
 use super::{CheckCode, Diagnostics, Evaluations, Event, EventKind, Failure, Solution, Steps, ViCounts};
 use analysis::Analysis;
-use models::obstacle::{Cause, Contact, GAMMA, Obstacle, Settings, TrBdf2};
+use models::obstacle::{Cause, Contact, Obstacle, Settings, TrBdf2};
 use problem::Control;
 
 /// Integrates an obstacle problem.
@@ -45,8 +45,8 @@ pub fn describe_obstacle(problem: &Obstacle, settings: &Settings, analysis: &Ana
 /// A run with the names that its columns go by.
 struct Course<'a> {
     stepper: TrBdf2<'a>,
-    /// The outputs at the time before the last step, at its first stage and at the time reached.
-    told: [Vec<f64>; 3],
+    /// The outputs at the time before the last step, and at the time reached.
+    told: [Vec<f64>; 2],
     contact: Contact,
     events: Vec<Event>,
     /// Those of the probes, as corners of an element and their weights.
@@ -63,7 +63,7 @@ impl<'a> Course<'a> {
         let room = || vec![0.0; plan.names.len()];
         let mut course = Self {
             stepper,
-            told: [room(), room(), room()],
+            told: [room(), room()],
             contact: Contact::default(),
             events: Vec::new(),
             probes,
@@ -71,25 +71,21 @@ impl<'a> Course<'a> {
             vi_tolerance: settings.vi_tolerance,
         };
         course.tell();
-        let told = course.told[2].clone();
-        course.told[0].copy_from_slice(&told);
-        course.told[1].copy_from_slice(&told);
+        course.told[0] = course.told[1].clone();
         Ok(course)
     }
 
     /// Takes the outputs at the time reached into the books.
     fn tell(&mut self) {
-        let Self { stepper: TrBdf2 { system, u, force, last, .. }, told, probes, .. } = self;
+        let Self { stepper: TrBdf2 { system, u, force, .. }, told, probes, .. } = self;
         self.contact = Contact::of(system, u, force);
-        let [before, middle, now] = told;
+        let [before, now] = told;
         std::mem::swap(before, now);
         let scalars = probes.len();
-        for (u, told) in [(&last.2, &mut *middle), (u, &mut *now)] {
-            for (told, probe) in told.iter_mut().zip(probes.iter()) {
-                *told = probe.iter().map(|&(node, weight)| weight * u[node]).sum();
-            }
-            told[scalars] = u.iter().zip(&system.weights).map(|(u, weight)| u * weight).sum();
+        for (told, probe) in now.iter_mut().zip(probes.iter()) {
+            *told = probe.iter().map(|&(node, weight)| weight * u[node]).sum();
         }
+        now[scalars] = u.iter().zip(&system.weights).map(|(u, weight)| u * weight).sum();
         let Contact { measure, from, to, pressure, .. } = self.contact;
         let values = [pressure, measure, from, to];
         for (told, value) in now[scalars + 1..].iter_mut().zip(values) {
@@ -129,21 +125,24 @@ impl Stepper for Course<'_> {
         Ok(())
     }
 
-    /// Within a step, values of `u` are those of the parabola through both ends and the first stage; those of the contact
-    /// set, whose rate jumps, are on the line between the ends.
+    /// Within a step, values of `u` are those of the stepper; those of the contact set, whose rate jumps, are on the line
+    /// between the ends.
     fn outputs(&mut self, t: f64, out: &mut [f64]) {
-        let (before, end) = (self.stepper.last.0, self.stepper.t);
-        let part = if end > before { (t - before) / (end - before) } else { 1.0 };
+        let Self { stepper, told: [before, now], probes, .. } = self;
+        let (start, end) = (stepper.last.0, stepper.t);
+        let part = if end > start { (t - start) / (end - start) } else { 1.0 };
         if part == 1.0 {
-            out.copy_from_slice(&self.told[2]);
+            out.copy_from_slice(now);
             return;
         }
-        let of_middle = part * (1.0 - part) / (GAMMA * (1.0 - GAMMA));
-        let of_end = part * (part - GAMMA) / (1.0 - GAMMA);
-        let values = self.probes.len() + 1;
-        for (i, out) in out.iter_mut().enumerate() {
-            let [a, b, c] = [self.told[0][i], self.told[1][i], self.told[2][i]];
-            *out = if i < values { a + of_middle * (b - a) + of_end * (c - a) } else { a + part * (c - a) };
+        let scalars = probes.len();
+        for (out, probe) in out.iter_mut().zip(probes.iter()) {
+            *out = probe.iter().map(|&(node, weight)| weight * stepper.within(node, part)).sum();
+        }
+        let weights = stepper.system.weights.iter().enumerate();
+        out[scalars] = weights.map(|(node, weight)| weight * stepper.within(node, part)).sum();
+        for ((out, before), now) in out.iter_mut().zip(before.iter()).zip(now.iter()).skip(scalars + 1) {
+            *out = before + part * (now - before);
         }
     }
 

@@ -61,8 +61,9 @@ struct Course<'a> {
     /// The time reached, and that of the step before.
     t: f64,
     before: f64,
-    /// How the bodies moved then.
+    /// How the bodies moved then, and whether contacts had pushed them there.
     starts: Vec<Motion>,
+    pushed: Vec<bool>,
     states: Vec<f64>,
     energy: Energy,
     work: ViCounts,
@@ -90,6 +91,7 @@ impl<'a> Course<'a> {
         let mut course = Self {
             scene,
             starts: simulation.ends.clone(),
+            pushed: simulation.pushed.clone(),
             simulation,
             plan,
             control,
@@ -128,6 +130,22 @@ impl<'a> Course<'a> {
             self.work.solver = report.solver;
         }
         self.limited += u64::from(report.is_limited);
+    }
+
+    /// Notes what the last step may have made wrong of the energy: bodies that contacts push move at first order, and their
+    /// weight works by `h/2 <m g, dv>` with the velocity of the wrong end.
+    fn explain(&mut self) {
+        let (h, gravity) = (self.t - self.before, self.scene.gravity);
+        let (mut error, mut exchanged) = (0.0, 0.0);
+        let pushed = self.pushed.iter().zip(&self.simulation.pushed).map(|(before, now)| *before || *now);
+        for ((from, to), pushed) in self.starts.iter().zip(&self.simulation.ends).zip(pushed) {
+            let weight = h * from.mass * gravity;
+            exchanged += weight.norm() * from.velocity.norm().max(to.velocity.norm());
+            if pushed {
+                error += 0.5 * weight.dot(&(to.velocity - from.velocity)).abs();
+            }
+        }
+        self.energy.explain(error, exchanged);
     }
 
     /// Records how far the last step was from what contacts and joints ask for.
@@ -193,6 +211,7 @@ impl Stepper for Course<'_> {
         let next = self.plan.start + (self.steps + 1) as f64 * self.h;
         let next = if next >= self.plan.end - 1e-9 * self.h { self.plan.end } else { next };
         self.starts.clone_from(&self.simulation.ends);
+        self.pushed.clone_from(&self.simulation.pushed);
         let stepped = self.simulation.step(next - self.t, self.control);
         if let Err(cause @ (StepFailure::TooMuchMemory { .. } | StepFailure::Interrupted)) = &stepped {
             // The step was not made: the last one stands.
@@ -202,6 +221,7 @@ impl Stepper for Course<'_> {
         self.steps += 1;
         self.write_states(next);
         self.book();
+        self.explain();
         self.judge();
         stepped.map_err(|cause| failure(&cause, self.scene, self.plan, next, &self.states))
     }

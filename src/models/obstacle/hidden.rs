@@ -1,15 +1,19 @@
-//! What nodes do between the stages of a step at which they rest.
+//! What nodes do between the stages of a step without its error knowing.
 //!
-//! The error of a node on an obstacle is zero whatever the step, so that steps grow while all nodes rest; a source that
-//! wakes them for a moment, or takes them from one obstacle to the other and back, is then between the stages. So
+//! The error of a node on an obstacle is zero whatever the step, and that of all nodes is small in a steady state, so that
+//! steps grow; a source that wakes them for a moment, or takes them from one obstacle to the other and back, is then
+//! between the stages. So
 //!
-//! - a node that is on one obstacle at one of the beginning, the stage and the end, and on the other at another, counts with
-//!   the way between them;
+//! - a node that is on one obstacle at one of the beginning, the stage and the end, and on the other at another, or that
+//!   leaves an obstacle for the stage alone, counts with the way there;
+//! - nodes that rest at all three are proven to rest between them, or count with the way that they may move: [`Resting`];
 //! - data that depend on time are enclosed over the whole step, in interval arithmetic. Where they leave what they are at
-//!   the stages they are evaluated: a node that rests at all stages, and whose obstacle would have to pull there, counts
-//!   with the way that the pull stands for, and so does one that an obstacle passes.
+//!   the stages they are evaluated: a node that rests nowhere counts with the way that a load beyond the parabola through
+//!   the stages stands for, one whose value is given with what that is beyond its own, and one that an obstacle passes
+//!   with how far it does.
 
-use super::{Cause, Condition, Field, Semidiscrete};
+use super::resting::{Moment, Resting};
+use super::{Cause, Condition, Field, GAMMA, Semidiscrete};
 use numerics::Interval;
 use problem::Control;
 
@@ -23,6 +27,7 @@ const BEYOND: f64 = 0.25;
 pub struct Hidden {
     domain: [Interval; 3],
     kept: Kept,
+    resting: Resting,
 }
 
 /// The vectors of the end of a step.
@@ -33,6 +38,32 @@ struct Kept {
     upper: Vec<f64>,
 }
 
+/// The beginning, the stage and the end of a step.
+pub struct Seen<'a> {
+    /// When they are.
+    pub times: [f64; 3],
+    /// The nodal values there.
+    pub values: [&'a [f64]; 3],
+    /// The forces there.
+    pub moments: &'a [Moment; 3],
+}
+
+impl Seen<'_> {
+    /// The least and the largest value of a node.
+    fn range(&self, node: usize) -> (f64, f64) {
+        let of = self.values.iter().map(|values| values[node]);
+        of.fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), u| (least.min(u), most.max(u)))
+    }
+
+    /// The value at `t` of the parabola through three values.
+    fn parabola(&self, t: f64, [a, b, c]: [f64; 3]) -> f64 {
+        let part = (t - self.times[0]) / (self.times[2] - self.times[0]);
+        let of_middle = part * (1.0 - part) / (GAMMA * (1.0 - GAMMA));
+        let of_end = part * (part - GAMMA) / (1.0 - GAMMA);
+        a + of_middle * (b - a) + of_end * (c - a)
+    }
+}
+
 impl Hidden {
     /// Room for a system.
     pub fn new(system: &Semidiscrete) -> Self {
@@ -40,39 +71,37 @@ impl Hidden {
         for (side, axis) in domain.iter_mut().zip(system.problem.grid.axes()) {
             *side = Interval::new(axis.lower, axis.upper);
         }
-        Self { domain, kept: Kept::default() }
+        Self { domain, kept: Kept::default(), resting: Resting::new(system.weights.len()) }
     }
 
-    /// The mean square, over the domain, of how far nodes may have moved unseen in a step with these times, obstacles that
-    /// hold nodes (1 from below, -1 from above) and values at its beginning, stage and end, and the forces of the obstacles
-    /// at the end. The system is at the end, and is so afterwards.
+    /// The root of the mean square, over the domain, of how far nodes may have moved unseen in a step, where less than
+    /// `negligible` is as good as none. The system is at the end, and is so afterwards.
     ///
     /// # Errors
     /// Data between the stages that are not finite or contradict each other; or `control` asks to stop.
     pub fn error(
         &mut self,
         system: &mut Semidiscrete,
-        times: [f64; 3],
-        held: [&[i8]; 3],
-        force: &[f64],
-        values: [&Vec<f64>; 3],
+        seen: &Seen<'_>,
+        negligible: f64,
         control: &Control,
     ) -> Result<f64, Cause> {
         let nodes = system.weights.len();
         let mut moved = vec![0.0; nodes];
+        self.resting.bound(system, (seen.times, seen.moments), negligible, &mut moved, control)?;
         for i in (0..nodes).filter(|&i| !system.is_given[i]) {
-            let on = |side: i8| held.iter().any(|held| held[i] == side);
-            if on(1) && on(-1) {
-                let most = values.iter().fold(f64::NEG_INFINITY, |most, u| most.max(u[i]));
-                let least = values.iter().fold(f64::INFINITY, |least, u| least.min(u[i]));
+            let held = seen.moments.each_ref().map(|moment| moment.held[i]);
+            let changes_over = held.contains(&1) && held.contains(&-1);
+            if changes_over || held[0] != 0 && held[1] == 0 && held[2] != 0 {
+                let (least, most) = seen.range(i);
                 moved[i] = most - least;
             }
         }
-        for t in self.suspects(system, times) {
-            self.look(system, t, times[2] - times[0], (held, force, values), &mut moved, control)?;
+        for t in self.suspects(system, seen.times) {
+            self.look(system, t, seen, &mut moved, control)?;
         }
         let weighted = moved.iter().zip(&system.weights).map(|(moved, weight)| weight * moved * moved);
-        Ok(weighted.sum::<f64>() / system.weights.iter().sum::<f64>())
+        Ok((weighted.sum::<f64>() / system.weights.iter().sum::<f64>()).sqrt())
     }
 
     /// A time for each of the data that leave their range at the stages: that at which they are farthest from it.
@@ -117,13 +146,12 @@ impl Hidden {
         suspect
     }
 
-    /// How far nodes would move by the data at `t` while they are taken to rest.
+    /// How far the data at `t` would move nodes that do not know of them.
     fn look(
         &mut self,
         system: &mut Semidiscrete,
         t: f64,
-        h: f64,
-        (held, force, values): ([&[i8]; 3], &[f64], [&Vec<f64>; 3]),
+        seen: &Seen<'_>,
         moved: &mut [f64],
         control: &Control,
     ) -> Result<(), Cause> {
@@ -132,21 +160,19 @@ impl Hidden {
         lower.clone_from(&system.set.lower);
         upper.clone_from(&system.set.upper);
         let found = system.vectors_at(t, control);
-        for (i, moved) in moved.iter_mut().enumerate() {
-            if found.is_err() || system.is_given[i] {
-                continue;
-            }
-            let rests = held.iter().all(|at| at[i] == held[0][i]);
-            // What the obstacle pushes with if the node goes on resting.
-            let force = force[i] + load[i] - system.load[i];
-            if rests && f64::from(held[0][i]) * force < 0.0 {
-                *moved = f64::max(*moved, h * force.abs() / system.weights[i]);
-            }
-            let (most, least) = values
-                .iter()
-                .fold((f64::NEG_INFINITY, f64::INFINITY), |(most, least), u| (most.max(u[i]), least.min(u[i])));
-            let passed = (system.set.lower[i] - most).max(least - system.set.upper[i]);
-            *moved = f64::max(*moved, passed);
+        let h = seen.times[2] - seen.times[0];
+        for (i, moved) in moved.iter_mut().enumerate().filter(|_| found.is_ok()) {
+            let by = if system.is_given[i] {
+                (system.set.lower[i] - seen.parabola(t, seen.values.map(|values| values[i]))).abs()
+            } else {
+                let (least, most) = seen.range(i);
+                let passed = (system.set.lower[i] - most).max(least - system.set.upper[i]);
+                let is_free = seen.moments.iter().all(|moment| moment.held[i] == 0);
+                let known = || seen.parabola(t, seen.moments.each_ref().map(|moment| moment.load[i]));
+                let beyond = if is_free { (system.load[i] - known()).abs() } else { 0.0 };
+                passed.max(h * beyond / system.weights[i])
+            };
+            *moved = moved.max(by);
         }
         system.load.copy_from_slice(load);
         system.set.lower.copy_from_slice(lower);

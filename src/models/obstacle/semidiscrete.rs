@@ -1,5 +1,6 @@
 //! Space discretised: `M`, `A(t)`, `f(t)` and the bounds of `K(t)` at the nodes of the grid.
 
+use super::load::load_at;
 use super::operator::{check_coefficients, stiffness};
 use super::{Cause, Condition, Field, Obstacle, Offence};
 use crate::finite_elements::{Assembly, Element, Neighbours, Quadrature, Side};
@@ -91,6 +92,16 @@ impl Semidiscrete {
         })
     }
 
+    /// Whether `f` depends on time.
+    pub(super) fn load_varies(&self) -> bool {
+        self.varying.load
+    }
+
+    /// Whether `K` depends on time.
+    pub(super) fn set_varies(&self) -> bool {
+        self.varying.set
+    }
+
     /// Brings `A` to time `t`; whether it is another than before.
     ///
     /// # Errors
@@ -180,33 +191,6 @@ fn initial(
     worst.1.map_or(Ok(u), |offence| Err(offence.into()))
 }
 
-/// `f` at time `t`.
-fn load_at(problem: &mut Obstacle, load: &mut [f64], t: f64, control: &Control) -> Result<(), Cause> {
-    let Obstacle { grid, source, conditions, .. } = problem;
-    load.fill(0.0);
-    if let Some(source) = source {
-        let part = Element::of(grid, Quadrature::Nodal).volume() / (1 << grid.dimension()) as f64;
-        for element in 0..grid.elements() {
-            go_on(element, t, control)?;
-            let value = part * finite("source", source, t, grid.centre(element))?;
-            grid.corners(element).for_each(|node| load[node] += value);
-        }
-    }
-    for (side, condition) in Side::all(grid.dimension()).zip(conditions) {
-        let Condition::Neumann(flux) = condition else { continue };
-        if flux.constant() == Some(0.0) {
-            continue;
-        }
-        let area = grid.face_area(side);
-        for face in grid.faces_on(side) {
-            let part = area / face.nodes.len() as f64;
-            let value = part * finite(&side_key(side, "neumann"), flux, t, face.centre)?;
-            face.nodes.iter().for_each(|&node| load[node] += value);
-        }
-    }
-    Ok(())
-}
-
 /// `K` at time `t`.
 fn set_at(
     problem: &mut Obstacle,
@@ -263,7 +247,8 @@ fn varies(field: &Field) -> bool {
     field.varies_in_time()
 }
 
-fn side_key(side: Side, kind: &str) -> String {
+/// The key of what is given on a side.
+pub(super) fn side_key(side: Side, kind: &str) -> String {
     format!("boundary/{}/{kind}", side.name())
 }
 

@@ -17,6 +17,8 @@ pub struct Stage {
     pub force: Vec<f64>,
     /// Which obstacle holds each node: 1 from below, -1 from above, 0 none.
     pub held: Vec<i8>,
+    /// How far an obstacle keeps each node from where it would be without it, its neighbours as they are.
+    pub kept: Vec<f64>,
     /// What was done.
     pub work: Work,
     matrix: SparseMatrix,
@@ -56,6 +58,7 @@ impl Stage {
         Self {
             force: vec![0.0; n],
             held: vec![0; n],
+            kept: vec![0.0; n],
             work: Work::default(),
             matrix: system.mass.clone(),
             shape: system.problem.grid.shape(),
@@ -109,6 +112,7 @@ impl Stage {
             } else {
                 0
             };
+            self.kept[i] = if self.held[i] == 0 { 0.0 } else { *force * shift / diagonal };
         }
         Ok(residual / largest)
     }

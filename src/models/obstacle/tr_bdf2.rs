@@ -14,7 +14,8 @@
 //! `u_t` of a parabolic obstacle problem is continuous where the free boundary passes; only `u_tt` jumps. A step over it
 //! is in error by `h^2` on the nodes passed, a fraction `h` of the domain: the order stays, and no step need end there.
 
-use super::hidden::Hidden;
+use super::hidden::{Hidden, Seen};
+use super::resting::Moment;
 use super::settings::{Cause, Counts, Settings};
 use super::stage::{Stage, Unsolved};
 use super::{Obstacle, Offence, Semidiscrete};
@@ -39,6 +40,9 @@ const FIRST: f64 = 1e-4;
 
 /// The part of the largest value that a run of fixed steps may be off by.
 const FIXED: f64 = 1e-3;
+
+/// The part of what a step may be off by that is not worth a closer look between its stages.
+const NEGLIGIBLE: f64 = 0.1;
 
 /// The part of the first step whose backward difference is the slope at the start: short enough not to be seen, and a step
 /// into `K` all the same.
@@ -71,8 +75,8 @@ pub struct TrBdf2<'c> {
     /// The error of the step, and nodal values on trial.
     error: Vec<f64>,
     trial: [Vec<f64>; 2],
-    /// Which obstacles hold the nodes at the beginning of the step and at its first stage.
-    held: [Vec<i8>; 2],
+    /// The forces at the beginning of the step and at its stages; once it is accepted, those of its end come first.
+    moments: [Moment; 3],
     hidden: Hidden,
     was_rejected: bool,
 }
@@ -103,7 +107,7 @@ impl<'c> TrBdf2<'c> {
         let first = settings.first_step.unwrap_or(FIRST * (end - start)).min(settings.max_step).min(end - start);
         let mut stepper = Self {
             hidden: Hidden::new(&system),
-            held: [vec![0; n], vec![0; n]],
+            moments: std::array::from_fn(|_| Moment::new(n)),
             stage: Stage::new(&system),
             system,
             t: start,
@@ -128,6 +132,24 @@ impl<'c> TrBdf2<'c> {
     /// Whether the end is reached.
     pub fn is_done(&self) -> bool {
         self.t >= self.end
+    }
+
+    /// The value of a node at this part of the last step: on the parabola through its ends and its stage and, where
+    /// obstacles stand still, between them. A node that came to one goes on as if it were not there, until it is.
+    pub fn within(&self, node: usize, part: f64) -> f64 {
+        let (_, before, middle) = &self.last;
+        let [end, middle_moment, start] = &self.moments;
+        let (a, mut b, mut c) = (before[node], middle[node], self.u[node]);
+        let comes = start.held[node] == 0 && end.held[node] != 0;
+        if comes && !self.system.set_varies() {
+            b -= middle_moment.kept[node];
+            let came = middle_moment.held[node] != 0;
+            c = if came { a + (b - a) / GAMMA } else { c - end.kept[node] };
+        }
+        let of_middle = part * (1.0 - part) / (GAMMA * (1.0 - GAMMA));
+        let of_end = part * (part - GAMMA) / (1.0 - GAMMA);
+        let value = a + of_middle * (b - a) + of_end * (c - a);
+        if self.system.set_varies() { value } else { self.system.set.project(node, value) }
     }
 
     /// Makes one accepted step.
@@ -179,9 +201,10 @@ impl<'c> TrBdf2<'c> {
             Err(why) => return Err(Cause::Unsolved { t: self.t, h, why }),
         }
         self.slopes.swap(0, 2);
-        self.force.copy_from_slice(&self.stage.force);
-        self.held[0].copy_from_slice(&self.stage.held);
+        self.moments.swap(0, 2);
+        self.force.copy_from_slice(&self.moments[0].force);
         self.system.vectors_at(self.t, self.control)?;
+        self.moments[0].load.copy_from_slice(&self.system.load);
         Ok(())
     }
 
@@ -194,7 +217,6 @@ impl<'c> TrBdf2<'c> {
         if let Err(why) = self.solve(0, D * h, self.t + GAMMA * h)? {
             return Ok(Attempt::Unsolved(why));
         }
-        self.held[1].copy_from_slice(&self.stage.held);
         let Self { base, u, slopes: [first, second, _], trial, .. } = self;
         for (((base, &u), &k), &l) in base.iter_mut().zip(u.iter()).zip(first.iter()).zip(second.iter()) {
             *base = u + W * h * (k + l);
@@ -204,25 +226,32 @@ impl<'c> TrBdf2<'c> {
         if let Err(why) = self.solve(1, D * h, next)? {
             return Ok(Attempt::Unsolved(why));
         }
-        let hidden = self.hidden_error(h, next)?;
+        let size = self.settings.atol + self.settings.rtol * self.largest(h);
         if self.settings.step.is_some() {
             // A fixed step is told from its answer by a thousandth of it, where another has its tolerance.
-            self.counts.unproven += u64::from(hidden > FIXED / self.settings.rtol);
+            let size = FIXED / self.settings.rtol * size;
+            self.counts.unproven += u64::from(self.hidden_error(h, next, size)? > size);
             return Ok(Attempt::Made(0.0));
         }
-        Ok(Attempt::Made(self.error(h).hypot(hidden)))
+        let error = self.hidden_error(h, next, size)?.hypot(self.error(h));
+        Ok(Attempt::Made(if error == 0.0 { 0.0 } else { error / size }))
     }
 
-    /// The error of what nodes do between the stages where they rest at all of them, in units of the tolerance.
-    fn hidden_error(&mut self, h: f64, next: f64) -> Result<f64, Cause> {
-        let times = [self.t, self.t + GAMMA * h, next];
-        let held = [&self.held[0][..], &self.held[1], &self.stage.held];
-        let values = [&self.u, &self.trial[0], &self.trial[1]];
-        let square = self.hidden.error(&mut self.system, times, held, &self.stage.force, values, self.control)?;
+    /// The largest value at the ends of the step; where nothing has moved yet, what its load would move.
+    fn largest(&self, h: f64) -> f64 {
         let largest = self.trial[1].iter().chain(&self.u).fold(0.0_f64, |largest, u| largest.max(u.abs()));
-        // Where nothing has moved yet, what would is its own measure.
-        let size = self.settings.atol + self.settings.rtol * largest.max(square.sqrt());
-        Ok(if square > 0.0 { square.sqrt() / size } else { 0.0 })
+        if largest > 0.0 {
+            return largest;
+        }
+        let loads = self.moments.iter().flat_map(|moment| moment.load.iter().zip(&self.system.weights));
+        loads.fold(0.0, |largest, (load, weight)| largest.max(h * load.abs() / weight))
+    }
+
+    /// The error of what nodes do between the stages without the error of the step knowing, to a part of `size`.
+    fn hidden_error(&mut self, h: f64, next: f64, size: f64) -> Result<f64, Cause> {
+        let times = [self.t, self.t + GAMMA * h, next];
+        let seen = Seen { times, values: [&self.u, &self.trial[0], &self.trial[1]], moments: &self.moments };
+        self.hidden.error(&mut self.system, &seen, NEGLIGIBLE * size, self.control)
     }
 
     /// Solves stage `i`, from the nodal values on trial there, and finds its slope; why not, if not.
@@ -248,28 +277,56 @@ impl<'c> TrBdf2<'c> {
         for ((slope, &u), &base) in self.slopes[i + 1].iter_mut().zip(u.iter()).zip(&self.base) {
             *slope = (u - base) / shift;
         }
+        let Moment { held, force, kept, load } = &mut self.moments[i + 1];
+        kept.copy_from_slice(&self.stage.kept);
+        held.copy_from_slice(&self.stage.held);
+        force.copy_from_slice(&self.stage.force);
+        load.copy_from_slice(&self.system.load);
         Ok(Ok(()))
     }
 
-    /// The error of the step in units of the tolerance, its stiff part damped by the matrix of the stages.
+    /// The error of the step, its stiff part damped by the matrix of the stages. A node that came to an obstacle within the
+    /// step is where it should be, unless the error that it would have without the obstacle is larger than what this keeps
+    /// it from.
     fn error(&mut self, h: f64) -> f64 {
-        let Self { slopes: [a, b, c], base: difference, error, trial, settings, system, stage, control, .. } = self;
+        let Self { slopes: [a, b, c], base: difference, error, moments, system, stage, control, .. } = self;
         for (i, difference) in difference.iter_mut().enumerate() {
             *difference = h * (E[0] * a[i] + E[1] * b[i] + E[2] * c[i]);
         }
         if !stage.damp(system, difference, error, control) {
             return f64::NAN;
         }
-        let largest = trial[1].iter().chain(&self.u).fold(0.0_f64, |largest, u| largest.max(u.abs()));
+        let [first, middle, last] = moments;
         let (mut square, mut domain) = (0.0, 0.0);
-        for (&error, &weight) in error.iter().zip(&system.weights) {
+        for (i, (&error, &weight)) in error.iter().zip(&system.weights).enumerate() {
+            let landed = last.held[i] != 0 && first.held[i] == 0 && middle.held[i] == 0;
+            let without = || (difference[i] - E[2] / D * last.kept[i]).abs() - last.kept[i].abs();
+            let error = if landed { without().max(0.0) } else { error };
             square += weight * error * error;
             domain += weight;
         }
-        (square / domain).sqrt() / (settings.atol + settings.rtol * largest)
+        (square / domain).sqrt()
+    }
+
+    /// Adds the error of the accepted step to its end, which makes it one of third order. Damped once more, it leaves the
+    /// method A- and L-stable, the slope there being that of the sum: with `S e = M e_1`, `S = M + d h A` for the nodes that
+    /// are free, `M^-1 A e = (e_1 - e) / (d h)`. Where an obstacle holds a node, there is none.
+    fn extrapolate(&mut self, h: f64) {
+        let Self { base: once, error, trial: [_, last], slopes: [.., slope], system, stage, control, .. } = self;
+        once.copy_from_slice(error);
+        if !stage.damp(system, once, error, control) {
+            return;
+        }
+        for i in (0..last.len()).filter(|&i| !system.is_given[i]) {
+            last[i] = system.set.project(i, last[i] + error[i]);
+            slope[i] -= (once[i] - error[i]) / (D * h);
+        }
     }
 
     fn accept(&mut self, h: f64, next: f64, error: f64) {
+        if self.settings.step.is_none() {
+            self.extrapolate(h);
+        }
         let [middle, last] = &mut self.trial;
         self.last.0 = self.t;
         std::mem::swap(&mut self.last.1, &mut self.u);
@@ -277,8 +334,8 @@ impl<'c> TrBdf2<'c> {
         std::mem::swap(&mut self.u, last);
         let [first, _, third] = &mut self.slopes;
         std::mem::swap(first, third);
-        self.force.copy_from_slice(&self.stage.force);
-        self.held[0].copy_from_slice(&self.stage.held);
+        self.moments.swap(0, 2);
+        self.force.copy_from_slice(&self.moments[0].force);
         self.t = next;
         self.counts.accepted += 1;
         if self.settings.step.is_none() && next < self.end {

@@ -11,6 +11,8 @@ const TOLERANCES: f64 = 100.0;
 /// Distances up to this many steps times the largest speed, one more for each event, times `kappa`, are agreement of first
 /// order: over a horizon of some periods the errors of steps add up.
 const STEPS: f64 = 30.0;
+/// What rounding may make of a coordinate that nothing moves, in parts of the largest in the same unit.
+const ROUNDING: f64 = 1e-9;
 /// Problems on which small changes grow by more are counted apart.
 pub const MOST_GROWTH: f64 = 1e4;
 
@@ -185,11 +187,13 @@ fn distance(
             (None, Some(values)) => &values.columns[k],
             (None, None) => continue,
         };
+        let same = fields.iter().zip(sizes).filter(|(other, _)| (other.size, other.time) == (field.size, field.time));
+        let rounding = ROUNDING * same.fold(0.0_f64, |largest, (_, size)| largest.max(*size));
         let uncertainty = reference.map_or(0.0, |values| values.accuracy[k]);
         let allowed = uncertainty
             + kappa
                 * match way {
-                    Way::Step(_) => accuracy * rates[k] * (STEPS + events as f64),
+                    Way::Step(_) => accuracy * rates[k] * (STEPS + events as f64) + rounding,
                     _ => TOLERANCES * accuracy * (sizes[k] + floors[k]),
                 };
         if field.jumps && matches!(way, Way::Step(_)) {

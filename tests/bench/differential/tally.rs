@@ -83,14 +83,14 @@ impl Tally {
         self.runs.iter().filter(|((_, other), _)| *other == finding).map(|(_, count)| count).sum()
     }
 
-    /// The problems with such a run.
-    pub fn problems(&self, finding: Finding) -> usize {
-        self.seeds.iter().filter(|((_, other), _)| *other == finding).map(|(_, seeds)| seeds.len()).sum()
-    }
-
     /// Problems that are wrong in silence.
     pub fn silent(&self) -> usize {
-        self.problems(Finding::Silent)
+        self.silent_of(&Kind::ALL)
+    }
+
+    /// The same of these kinds.
+    pub fn silent_of(&self, kinds: &[Kind]) -> usize {
+        kinds.iter().filter_map(|kind| self.seeds.get(&(*kind, Finding::Silent))).map(BTreeSet::len).sum()
     }
 
     pub fn panics(&self) -> u64 {
@@ -103,7 +103,13 @@ impl Tally {
 
     /// The part of right answers that is not trusted.
     pub fn false_alarms(&self) -> f64 {
-        let (alarms, right) = (self.runs(Finding::FalseAlarm) as f64, self.runs(Finding::Right) as f64);
+        self.false_alarms_of(&Kind::ALL)
+    }
+
+    /// The same of these kinds.
+    pub fn false_alarms_of(&self, kinds: &[Kind]) -> f64 {
+        let runs = |finding| kinds.iter().filter_map(|kind| self.runs.get(&(*kind, finding))).sum::<u64>() as f64;
+        let (alarms, right) = (runs(Finding::FalseAlarm), runs(Finding::Right));
         if alarms == 0.0 { 0.0 } else { alarms / (alarms + right) }
     }
 
