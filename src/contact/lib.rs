@@ -10,6 +10,7 @@
 //! - [`VelocityStep`]: one step of a system in generalised coordinates; [`TimeStepping`]: one after the other.
 
 mod delassus;
+mod elapsed;
 pub mod energy;
 mod happening;
 pub mod islands;
@@ -21,6 +22,7 @@ mod time_stepping;
 mod velocity_step;
 mod violations;
 
+pub use elapsed::Elapsed;
 pub use happening::Happening;
 pub use locate::{Flights, Leg, Located, Passed};
 pub use settings::{ContactError, ImpactLaw, Settings};

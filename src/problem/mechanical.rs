@@ -178,4 +178,9 @@ pub trait Mechanical: Send {
 
     /// Writes derivatives at accelerations `a` and multipliers `lambda` of all rows.
     fn sensitivity(&mut self, t: f64, q: &[f64], v: &[f64], a: &[f64], lambda: &[f64], out: &mut Sensitivity);
+
+    /// How closely its own clock tells a time.
+    fn rounding_of_time(&self, t: f64) -> f64 {
+        f64::EPSILON * t.abs()
+    }
 }
