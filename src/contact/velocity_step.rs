@@ -40,11 +40,14 @@ pub struct State {
 pub enum Forces {
     /// All of them, and contacts with their restitution.
     All,
-    /// None but impulses: an impact, at an instant. Contacts with a gap below this are closed.
-    Impact(f64),
+    /// None but impulses: an impact, at an instant, of the contacts that are closed.
+    Impact,
     /// The same without restitution: what an infinite number of impacts come to.
-    Inelastic(f64),
+    Inelastic,
 }
+
+/// Gaps below this fraction of the largest terms that they had are closed at an event: several contacts close at once.
+const CLOSED: f64 = 1e-10;
 
 /// Counters of a run.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -89,6 +92,8 @@ pub struct VelocityStep<'p> {
     pub(super) f: Vec<f64>,
     /// The contact whose gap was found to close, which is closed at an instant whatever rounding has left of it.
     pub(super) closing: Option<usize>,
+    /// The length of the last probe.
+    pub(super) instant: Option<f64>,
     /// What contacts did in the last step.
     pub contacted: Contacted,
     /// Counters.
@@ -113,6 +118,7 @@ impl<'p> VelocityStep<'p> {
             impact_law,
             f: vec![0.0; n],
             closing: None,
+            instant: None,
             contacted: Contacted::none(structure.contacts.len()),
             work: Work::default(),
             problem,
@@ -189,6 +195,18 @@ impl<'p> VelocityStep<'p> {
             let terms = self.constraints.size(row, q) + h * self.constraints.size(row, v);
             *size = size.max(terms).max(self.constraints.values[row].abs());
         }
+    }
+
+    /// Takes the terms of joints and gaps at a place into account.
+    pub(super) fn meet(&mut self, constraints: &Constraints, q: &[f64]) {
+        for (row, size) in self.sizes.iter_mut().enumerate() {
+            *size = size.max(constraints.size(row, q)).max(constraints.values[row].abs());
+        }
+    }
+
+    /// The gap below which a contact, or a joint, is closed at an event.
+    pub(super) fn closed(&self, row: usize) -> f64 {
+        CLOSED * self.sizes[row]
     }
 
     /// Factorises `M - h f_v - h^2 f_q`, unless it is constant and at hand.
@@ -289,7 +307,7 @@ impl<'p> VelocityStep<'p> {
             let lasts = if forces == Forces::All { 1.0 } else { 0.0 };
             let gap = |&k: &usize| lasts * self.constraints.values[self.structure.joints + k];
             let gap: Vec<f64> = near.iter().map(gap).collect();
-            let rebounds = !matches!(forces, Forces::Inelastic(_));
+            let rebounds = forces != Forces::Inelastic;
             let elastic = if rebounds { 1.0 } else { 0.0 };
             let restitution: Vec<f64> = scene.restitution.iter().map(|e| elastic * e).collect();
             let mut struck = vec![Vector3::zeros(); near.len()];
@@ -336,7 +354,9 @@ impl<'p> VelocityStep<'p> {
     fn closes(&self, k: usize, v: &[f64], h: f64, forces: Forces) -> bool {
         let gap = self.constraints.values[self.structure.joints + k];
         match forces {
-            Forces::Impact(closed) | Forces::Inelastic(closed) => gap <= closed || self.closing == Some(k),
+            Forces::Impact | Forces::Inelastic => {
+                gap <= self.closed(self.structure.joints + k) || self.closing == Some(k)
+            }
             Forces::All => gap <= 0.0 || gap + h * self.constraints.velocity(self.structure.normal(k), v) <= 0.0,
         }
     }

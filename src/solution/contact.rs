@@ -315,12 +315,7 @@ impl Stepper for Flown<'_, '_, '_> {
 }
 
 /// Hands over the counters of a run, and what it warns of by a clock that is ahead of its own.
-fn tell(
-    step: &VelocityStep<'_>,
-    model: &MechanicalModel,
-    (ahead, steps): (f64, Steps),
-    diagnostics: &mut Diagnostics,
-) {
+fn tell(step: &VelocityStep<'_>, model: &MechanicalModel, (ahead, steps): (f64, Steps), diagnostics: &mut Diagnostics) {
     let work = &step.work;
     diagnostics.steps = steps;
     if work.solves > 0 {

@@ -78,7 +78,8 @@ impl Leg<'_, '_> {
         let tolerances: Vec<f64> =
             x[..n].iter().zip(&radau.atol).map(|(q, atol)| atol + radau.rtol * q.abs()).collect();
         let rows = constraints.values.iter().enumerate();
-        rows.map(|(row, value)| value.abs().min(super::CLOSED) + part * constraints.size(row, &tolerances)).collect()
+        let held = |row: usize, value: f64| value.abs().min(self.located.step.closed(row));
+        rows.map(|(row, value)| held(row, *value) + part * constraints.size(row, &tolerances)).collect()
     }
 
     /// Whether no joint or gap can be off between two times.

@@ -1,11 +1,11 @@
 //! Motion in one mode, from where it begins to where it ends.
 
+use super::Located;
 use super::flight::Flight;
 use super::integrals::Integrals;
 use super::mode::Status;
 use super::monitors::{Monitor, monitors};
 use super::search::{Search, Violation};
-use super::{CLOSED, Located, PASS};
 use crate::ContactError;
 use crate::energy::Energy;
 use nalgebra::Vector3;
@@ -42,8 +42,8 @@ const GROWN: f64 = 1e-6;
 /// The tolerance on the stages of a step that is cut.
 const CUT_RTOL: f64 = 1e-11;
 
-/// Drift of what is held, in units of the coordinates, that ends a leg.
-const DRIFT: f64 = 0.1 * CLOSED;
+/// Drift of what is held that ends a leg, in parts of the gap below which a contact is closed.
+const DRIFT: f64 = 0.1;
 
 /// A run of Radau IIA within one mode.
 pub struct Leg<'l, 'p> {
@@ -146,7 +146,7 @@ impl<'l, 'p> Leg<'l, 'p> {
         }
         self.acted = (begin, Integrals::none(self.mode.len()));
         if t - begin > 10.0 * self.located.pass {
-            self.located.pass = PASS * self.located.horizon;
+            self.located.pass = 0.0;
         }
         match ending {
             Some(ending) => {
@@ -157,6 +157,9 @@ impl<'l, 'p> Leg<'l, 'p> {
                 self.located.look();
                 self.follow_slips();
                 if self.drifts() {
+                    if !self.over {
+                        self.located.h = self.radau.as_ref().map(Radau::next_step);
+                    }
                     self.over = true;
                     self.located.hold(&self.mode)?;
                 }
@@ -355,9 +358,10 @@ impl<'l, 'p> Leg<'l, 'p> {
 
     /// Whether what the mode holds has moved away from zero.
     fn drifts(&self) -> bool {
-        let structure = &self.located.structure;
-        let values = &self.located.constraints.values;
+        let Located { structure, constraints, step, state, .. } = &*self.located;
+        let ticks = 4.0 * step.problem.rounding_of_time(state.t);
+        let allowed = |row: usize| DRIFT * step.closed(row) + ticks * constraints.drift[row].abs();
         let closed = (0..self.mode.len()).filter(|&k| self.mode[k].is_closed()).map(|k| structure.joints + k);
-        (0..structure.joints).chain(closed).any(|row| values[row].abs() > DRIFT)
+        (0..structure.joints).chain(closed).any(|row| constraints.values[row].abs() > allowed(row))
     }
 }

@@ -52,6 +52,7 @@ pub fn monitors(
     out: &mut Vec<Monitor>,
 ) {
     flight.settle(t, x);
+    let ticks = flight.problem().rounding_of_time(t);
     let (q, v) = x.split_at(structure.coordinates);
     out.clear();
     let constraints = flight.constraints();
@@ -63,7 +64,8 @@ pub fn monitors(
         if *status == Status::Open {
             let value = constraints.values[structure.joints + k];
             let terms = constraints.size(row, q);
-            let in_time = 4.0 * f64::EPSILON * t.abs() * constraints.terms(row, v);
+            let in_time =
+                4.0 * (f64::EPSILON * t.abs() * constraints.size(row, v) + ticks * constraints.drift[row].abs());
             let noise = in_time + ROUNDING * terms.max(f64::MIN_POSITIVE);
             let rate = Some(constraints.velocity(row, v));
             out.push(Monitor { value, noise, rate, ending: Ending::Closes(k) });
