@@ -48,6 +48,14 @@ impl Mechanical for Elapsed {
         self.problem.enclose_positions(Interval::point(self.start) + t, q, values);
     }
 
+    fn enclose_velocities(&mut self, t: Interval, q: &[Interval], v: &[Interval], values: &mut [Interval]) {
+        self.problem.enclose_velocities(Interval::point(self.start) + t, q, v, values);
+    }
+
+    fn enclose_in_time(&mut self, t: Interval, q: &[f64], v: &[f64], values: &mut [Interval]) {
+        self.problem.enclose_in_time(Interval::point(self.start) + t, q, v, values);
+    }
+
     fn energies(&mut self, t: f64, q: &[f64], v: &[f64]) -> Energies {
         self.problem.energies(self.start + t, q, v)
     }

@@ -170,6 +170,12 @@ pub trait Mechanical: Send {
     /// Writes intervals that hold joints and gaps wherever `t` and `q` are in theirs.
     fn enclose_positions(&mut self, t: Interval, q: &[Interval], values: &mut [Interval]);
 
+    /// Writes intervals that hold the velocities of joints and gaps wherever `t`, `q` and `v` are in theirs.
+    fn enclose_velocities(&mut self, t: Interval, q: &[Interval], v: &[Interval], values: &mut [Interval]);
+
+    /// Writes intervals that hold `f`, then `b`, then `gamma`, at one place wherever `t` is in its own.
+    fn enclose_in_time(&mut self, t: Interval, q: &[f64], v: &[f64], values: &mut [Interval]);
+
     /// Energies and power.
     fn energies(&mut self, t: f64, q: &[f64], v: &[f64]) -> Energies;
 

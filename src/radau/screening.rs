@@ -270,6 +270,27 @@ impl Radau<'_> {
         })
     }
 
+    /// Intervals that hold the states between two times within the last step: the ranges of its polynomials.
+    pub fn enclose_states(&self, from: f64, to: f64) -> Vec<Interval> {
+        let tableau = self.methods[self.last_method].tableau;
+        let [from, to] = [from, to].map(|t| ((t - self.last.t) / self.last.h).clamp(0.0, 1.0));
+        let all = self.bernstein(tableau);
+        let states = all.chunks_exact(tableau.stages() + 2).take(self.system.states);
+        states.map(|coefficients| range(&restricted(coefficients, from, to))).collect()
+    }
+
+    /// The slopes of the states at a time within the last step, on its polynomial.
+    pub fn slopes_at(&self, t: f64) -> Vec<f64> {
+        let tableau = self.methods[self.last_method].tableau;
+        let (degree, theta) = (tableau.stages() + 1, (t - self.last.t) / self.last.h);
+        let all = self.bernstein(tableau);
+        let slope = |coefficients: &[f64]| {
+            let differences: Vec<f64> = coefficients.windows(2).map(|pair| pair[1] - pair[0]).collect();
+            degree as f64 * casteljau(&differences, theta) / self.last.h
+        };
+        all.chunks_exact(degree + 1).take(self.system.states).map(slope).collect()
+    }
+
     /// The unknowns over the last step in the basis of Bernstein of degree `s + 1`.
     fn bernstein(&self, tableau: &Tableau) -> Vec<f64> {
         let (s, n) = (tableau.stages(), self.system.unknowns);
@@ -314,6 +335,25 @@ fn range(coefficients: &[f64]) -> Interval {
     let (lo, hi) = coefficients.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), &c| (lo.min(c), hi.max(c)));
     let noise = 8.0 * f64::EPSILON * lo.abs().max(hi.abs());
     if coefficients.iter().any(|c| c.is_nan()) { Interval::LINE } else { Interval::new(lo - noise, hi + noise) }
+}
+
+/// The coefficients of a polynomial over a part of its interval.
+fn restricted(coefficients: &[f64], from: f64, to: f64) -> Vec<f64> {
+    let degree = coefficients.len() - 1;
+    // Up to `to`, then from `from` on.
+    let mut part = coefficients.to_vec();
+    for round in 1..=degree {
+        for i in (round..=degree).rev() {
+            part[i] = part[i - 1] + to * (part[i] - part[i - 1]);
+        }
+    }
+    let from = if to > 0.0 { from / to } else { 0.0 };
+    for round in 1..=degree {
+        for i in 0..=degree - round {
+            part[i] += from * (part[i + 1] - part[i]);
+        }
+    }
+    part
 }
 
 /// The value of a polynomial at `theta`.

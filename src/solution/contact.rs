@@ -1,9 +1,10 @@
 //! A mechanical system from start to end: its contacts, energies and failures by name.
 
-use super::mechanical_checks::{Accuracy, check_energy, check_passed, check_violations};
+use super::mechanical_checks::{Accuracy, check_energy, check_passed, check_screening, check_violations};
 use super::run::{Plan, Run, Stepper, run};
 use super::{
-    CheckCode, Diagnostics, Evaluations, Event, EventKind, Failure, Solution, Status, Steps, ViCounts, Warning,
+    CheckCode, Diagnostics, Evaluations, Event, EventKind, Failure, Screening, Solution, Status, Steps, ViCounts,
+    Warning,
 };
 use analysis::Analysis;
 use contact::energy::Energy;
@@ -101,6 +102,11 @@ fn judge_located(
     let checks = &mut diagnostics.checks;
     check_energy(&located.energy, accuracy, checks);
     check_violations(&located.violations.clone().ahead(start), &model.contacts, accuracy, checks);
+    check_screening(located.screening, checks);
+    let contact::Screening { proven, undecided, missed } = located.screening;
+    let screening = Screening { proven, undecided, missed };
+    diagnostics.screening = (proven + undecided + missed > 0).then_some(screening);
+    let checks = &mut diagnostics.checks;
     if let Some(passed) = located.passed.map(|passed| Passed { t: start + passed.t, ..passed }) {
         check_passed(&passed, &model.contacts[passed.contact], &located.energy, radau.rtol, checks);
     }

@@ -1,7 +1,9 @@
 //! Motion in one mode, from where it begins to where it ends.
 
 use super::Located;
+use super::bursts::Parts;
 use super::flight::Flight;
+use super::hidden::Enclosed;
 use super::integrals::Integrals;
 use super::mode::Status;
 use super::monitors::{Monitor, monitors};
@@ -9,6 +11,7 @@ use super::search::{Search, Violation};
 use crate::ContactError;
 use crate::energy::Energy;
 use nalgebra::Vector3;
+use numerics::Interval;
 use problem::{Control, Mechanical};
 use radau::{Radau, Settings, StageChoice};
 
@@ -16,18 +19,21 @@ use radau::{Radau, Settings, StageChoice};
 pub struct Flights {
     main: Flight,
     trial: Flight,
-    again: Flight,
-    cut: Flight,
+    /// One for each time that a step is cut.
+    spare: [Flight; 5],
     watch: Flight,
 }
 
 impl Flights {
-    /// Five evaluators of one system, each of which `problem` makes.
+    /// Evaluators of one system, each of which `problem` makes.
     pub fn new(problem: impl Fn() -> Box<dyn Mechanical>) -> Self {
         let flight = || Flight::new(problem());
-        Self { main: flight(), trial: flight(), again: flight(), cut: flight(), watch: flight() }
+        Self { main: flight(), trial: flight(), spare: std::array::from_fn(|_| flight()), watch: flight() }
     }
 }
+
+/// How often a step is cut for what its enclosure shows between the points that were looked at.
+const ROUNDS: usize = 2;
 
 /// Steps that are solved anew to refine the time of an ending.
 const REFINEMENTS: usize = 6;
@@ -58,6 +64,8 @@ pub struct Leg<'l, 'p> {
     pub(super) watch: &'l mut Flight,
     control: &'l Control,
     over: bool,
+    /// The parts of the last step in which what depends on time shows.
+    pub(super) parts: Parts,
     /// What has acted in the last step up to a time.
     acted: (f64, Integrals),
 }
@@ -65,12 +73,12 @@ pub struct Leg<'l, 'p> {
 impl<'l, 'p> Leg<'l, 'p> {
     /// Takes up the mode of a run.
     pub fn new(located: &'l mut Located<'p>, flights: &'l mut Flights, control: &'l Control) -> Self {
-        let Flights { main, trial, again, cut, watch } = flights;
+        let Flights { main, trial, spare, watch } = flights;
         let mode = located.mode.clone();
         let mut radau = None;
         if let Some(mode) = &mode {
             let least = located.tolerances_of_slips();
-            for flight in [&mut *main, &mut *trial, &mut *again, &mut *cut, &mut *watch] {
+            for flight in [&mut *main, &mut *trial, &mut *watch].into_iter().chain(&mut *spare) {
                 flight.set_mode(mode, &located.loads, &least);
             }
             let x = [located.state.q.as_slice(), &located.state.v].concat();
@@ -81,7 +89,9 @@ impl<'l, 'p> Leg<'l, 'p> {
         }
         let mode = mode.unwrap_or_default();
         let acted = (located.state.t, Integrals::none(mode.len()));
-        Self { mode, radau, cut: None, trial, spare: vec![cut, again], watch, control, over: false, acted, located }
+        let spare = spare.iter_mut().collect();
+        let parts = Parts::default();
+        Self { mode, radau, cut: None, trial, spare, watch, control, over: false, parts, acted, located }
     }
 
     /// Whether the mode, or the run, is over.
@@ -106,6 +116,16 @@ impl<'l, 'p> Leg<'l, 'p> {
             return self.located.pass(self.control);
         }
         let last = radau.t();
+        if std::env::var("DBG").is_ok() {
+            eprintln!(
+                "step t={:e} h={:e} next={:e} {:?} {:?}",
+                last,
+                last - begin,
+                radau.next_step(),
+                radau.counts,
+                self.mode
+            );
+        }
         self.located.begin();
         self.located.accepted += 1;
         let mut end = self.grown(begin, last);
@@ -114,24 +134,46 @@ impl<'l, 'p> Leg<'l, 'p> {
             self.cut_at(begin, &x, end);
             self.over = true;
         }
-        let mut found = self.search(begin, end);
-        if let Search::Ends(violation) = &found
-            && self.cut.is_none()
-        {
-            // The stages of a step are as exact as its tolerance; whether a gap closes is to be told more exactly.
-            end = violation.seen;
+        self.parts = self.parts_in_time(begin, end);
+        if let Some(burst) = self.burst(begin, end) {
+            (self.over, self.located.h) = (true, Some(burst.next));
+            if burst.until <= begin {
+                // From the beginning on: the step is made again, shorter.
+                self.located.mode = Some(self.mode.clone());
+                return Ok(());
+            }
+            end = burst.until;
             self.cut_at(begin, &x, end);
-            found = self.search(begin, end);
-            self.over = true;
         }
-        if matches!(found, Search::Clear)
-            && let Some(hidden) = self.hidden(begin, end)
-        {
-            end = hidden.until;
-            self.cut_at(begin, &x, end);
-            (self.over, self.located.h) = (true, Some(hidden.next));
-            found = self.search(begin, end);
-        }
+        let mut rounds = 0;
+        let found = loop {
+            let mut found = self.search(begin, end);
+            if let Search::Ends(violation) = &found
+                && self.cut.is_none()
+            {
+                // The stages of a step are as exact as its tolerance; whether a gap closes is to be told more exactly.
+                end = violation.seen;
+                self.cut_at(begin, &x, end);
+                found = self.search(begin, end);
+                self.over = true;
+            }
+            let until = match &found {
+                Search::Clear => end,
+                Search::Ends(violation) => violation.t,
+                Search::Until(t) => *t,
+            };
+            let enclosed = self.hidden(begin, until);
+            if let Enclosed::Violated(hidden) = &enclosed
+                && rounds < ROUNDS
+            {
+                (end, rounds) = (hidden.until, rounds + 1);
+                (self.over, self.located.h) = (true, Some(hidden.next));
+                self.cut_at(begin, &x, end);
+                continue;
+            }
+            self.note_screened(&enclosed);
+            break found;
+        };
         let (t, ending) = match found {
             Search::Clear => (end, None),
             Search::Ends(violation) => (self.refine(begin, &x, end, &violation), Some(violation.ending)),
@@ -157,6 +199,15 @@ impl<'l, 'p> Leg<'l, 'p> {
                 self.located.look();
                 self.follow_slips();
                 if self.drifts() {
+                    if std::env::var("DBG").is_ok() {
+                        eprintln!(
+                            "drift t={:e} h={:e} next={:?} over={}",
+                            self.located.state.t,
+                            t - begin,
+                            self.radau.as_ref().map(Radau::next_step),
+                            self.over
+                        );
+                    }
                     if !self.over {
                         self.located.h = self.radau.as_ref().map(Radau::next_step);
                     }
@@ -191,6 +242,32 @@ impl<'l, 'p> Leg<'l, 'p> {
     pub(super) fn at(&mut self, t: f64, x: &mut [f64]) {
         if let Some(radau) = self.cut.as_mut().or(self.radau.as_mut()) {
             radau.interpolate(t, x);
+        }
+    }
+
+    /// Intervals that hold `x` between two times within the last step.
+    pub(super) fn ranges(&self, from: f64, to: f64) -> Vec<Interval> {
+        let radau = self.cut.as_ref().or(self.radau.as_ref());
+        radau.map_or_else(Vec::new, |radau| radau.enclose_states(from, to))
+    }
+
+    /// The slopes of `x` at a time within the last step.
+    pub(super) fn slopes_at(&self, t: f64) -> Vec<f64> {
+        let radau = self.cut.as_ref().or(self.radau.as_ref());
+        radau.map_or_else(Vec::new, |radau| radau.slopes_at(t))
+    }
+
+    /// Counts a step whose mode goes on: proven where no contact is closed, whose forces are looked at in points alone.
+    fn note_screened(&mut self, enclosed: &Enclosed) {
+        if self.mode.is_empty() {
+            return;
+        }
+        let is_proven = self.parts.are_decided && !self.mode.iter().any(|status| status.is_closed());
+        let screening = &mut self.located.screening;
+        match enclosed {
+            Enclosed::Proven if is_proven => screening.proven += 1,
+            Enclosed::Missed | Enclosed::Violated(_) => screening.missed += 1,
+            Enclosed::Proven | Enclosed::Undecided => screening.undecided += 1,
         }
     }
 

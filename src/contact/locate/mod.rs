@@ -8,6 +8,7 @@
 //! - Where impacts accumulate (Zeno), an impact without restitution is what they come to.
 //! - Where no mode goes on, steps of time stepping do, until one does again.
 
+mod bursts;
 mod flight;
 mod hidden;
 mod integrals;
@@ -88,6 +89,8 @@ pub struct Located<'p> {
     pub violations: Violations,
     /// What accumulations were passed over.
     pub passed: Option<Passed>,
+    /// What the enclosures of steps told of events within.
+    pub screening: Screening,
     /// What each contact does; `None` where time stepping is to go on.
     mode: Option<Vec<Status>>,
     /// The force on each contact from which those of the mode are the nearest, where they are not unique: the normal force
@@ -107,6 +110,17 @@ pub struct Located<'p> {
     pass: f64,
     stalls: usize,
     end: f64,
+}
+
+/// Steps of smooth motion, by what enclosures told of events within them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Screening {
+    /// Steps proven free of events.
+    pub proven: u64,
+    /// Steps of which neither is shown.
+    pub undecided: u64,
+    /// Steps with a violation that could not be located.
+    pub missed: u64,
 }
 
 /// An accumulation of impacts that was passed over by one without restitution.
@@ -142,6 +156,7 @@ impl<'p> Located<'p> {
         let mut located = Self {
             violations,
             passed: None,
+            screening: Screening::default(),
             step: VelocityStep::new(problem, settings.impact_law, settings.tolerance),
             last: state.clone(),
             state,
@@ -181,6 +196,9 @@ impl<'p> Located<'p> {
         self.stalls = if self.state.t > self.last.t { 0 } else { self.stalls + 1 };
         let before = self.mode.take().unwrap_or_default();
         let t = self.state.t;
+        if std::env::var("DBG").is_ok() {
+            eprintln!("turn t={t:e} {ending:?} stalls {} before {before:?} {:?}", self.stalls, self.state);
+        }
         if self.stalls > STALLS {
             return Ok(());
         }
@@ -311,6 +329,12 @@ impl<'p> Located<'p> {
     fn pass(&mut self, control: &Control) -> Result<(), ContactError> {
         self.begin();
         let left = self.end - self.state.t;
+        if std::env::var("DBG").is_ok() {
+            eprintln!(
+                "pass t={:e} {:e} {:?} stalls {} {:?}",
+                self.state.t, self.pass, self.step.instant, self.stalls, self.state
+            );
+        }
         let (first, longest) = self.step.instant.map_or((UNPROBED * left, left), |h| (PASS * h, LONGEST_PASS * h));
         let h = self.pass.max(first).min(longest).max(16.0 * f64::EPSILON * self.state.t.abs());
         self.pass = GROWTH * h;

@@ -83,7 +83,9 @@ pub fn monitors(
                 out.push(Monitor { value, noise, rate: None, ending: Ending::Breaks(k, away) });
             }
             Status::Slip(direction) => {
-                let value = flight.slip(k, v).dot(&direction);
+                // A point that others hold does not slip, and cannot stop.
+                let is_held = flight.is_slip_held(k, v);
+                let value = if is_held { f64::INFINITY } else { flight.slip(k, v).dot(&direction) };
                 let size = structure.tangents(k).map(|row| constraints.terms(row, v)).fold(0.0, f64::max);
                 let rate = Some(flight.slip_rate(k).dot(&direction));
                 out.push(Monitor { value, noise: ROUNDING * size, rate, ending: Ending::Stops(k) });

@@ -162,6 +162,17 @@ impl Leg<'_, '_> {
             let known = first.monitors.iter_mut().zip(soon.monitors);
             known.filter(|(monitor, _)| unknown(monitor)).for_each(|(monitor, soon)| *monitor = soon);
         }
+        let ends: Vec<f64> = self.parts.ends.iter().copied().filter(|t| *t < end).collect();
+        if !ends.is_empty() {
+            let mut parts = Vec::new();
+            for t in ends.into_iter().chain([end]) {
+                let (middle, last) = (self.point(start, 0.5 * (first.t + t)), self.point(start, t));
+                parts.push([first, middle, last.clone()]);
+                first = last;
+            }
+            parts.reverse();
+            return parts;
+        }
         let mut at = |x: f64| self.point(start, start.t + x * h);
         let (left, parted, right) = (at(0.5 * PARTED), at(PARTED), at(0.5 * (1.0 + PARTED)));
         let last = self.point(start, end);

@@ -92,7 +92,7 @@ impl VelocityStep<'_> {
     /// The factor by which a probe would have to be longer for forces to change the velocities of these contacts by the part
     /// of their terms that it should: none by much more, and that with the largest terms by more than rounding.
     fn pace(&self, (now, v): &(Constraints, Vec<f64>), state: &State, closed: &[usize], atol: &[f64]) -> f64 {
-        let (mut least, mut largest) = (f64::INFINITY, (0.0, f64::INFINITY));
+        let (mut least, mut largest) = (f64::INFINITY, (0.0, 0.0));
         for &k in closed {
             for row in rows(&self.structure, k) {
                 let terms = now.terms(row, &state.v);
