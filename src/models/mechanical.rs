@@ -246,19 +246,20 @@ impl SymbolicMechanics {
         let values = Tape::compile(graph, &holonomic);
         let (drift, bias) = (Tape::compile(graph, &drift), Tape::compile(graph, &bias));
         let (forces, jacobian) = (Tape::compile(graph, &forces), Sparse::compile(graph, jacobian));
+        let enclosures = Enclosures {
+            values: IntervalWorkspace::new(&values),
+            drift: IntervalWorkspace::new(&drift),
+            rows: IntervalWorkspace::new(&jacobian.tape),
+            forces: IntervalWorkspace::new(&forces),
+            bias: IntervalWorkspace::new(&bias),
+            inputs: Vec::new(),
+            jacobian: Vec::new(),
+        };
         Ok(Self {
             mass: Tape::compile(graph, &rows.mass),
             forces,
             stiffness,
-            enclosures: Enclosures {
-                values: IntervalWorkspace::new(&values),
-                drift: IntervalWorkspace::new(&drift),
-                rows: IntervalWorkspace::new(&jacobian.tape),
-                forces: IntervalWorkspace::new(&forces),
-                bias: IntervalWorkspace::new(&bias),
-                inputs: Vec::new(),
-                jacobian: Vec::new(),
-            },
+            enclosures,
             values,
             drift,
             rows: jacobian,

@@ -22,7 +22,7 @@ const SMALLEST: f64 = 1e-9;
 
 /// Slopes in the middle of a part are off by this many tolerances, over its length, where a burst was not seen: the
 /// polynomial has rates to one order less than its ends.
-const OFF: f64 = 100.0;
+const OFF: f64 = 10.0;
 
 /// The parts of a step.
 #[derive(Clone, Debug, Default)]

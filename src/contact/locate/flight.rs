@@ -25,9 +25,9 @@ const DEPENDENT: f64 = 1e-11;
 
 /// Rows that depend on each other where a mode begins, on what it holds, do so until a pivot is as large as this: they
 /// depend on each other there alone, and on the way singular values are the drift from there, squared.
-const RISEN: f64 = 1e-4;
+const RISEN: f64 = 1e-6;
 
-/// A slip that forces move by less than this part of what they would without what is held is held itself.
+/// A velocity that forces change by less than this part of what they would without what is held is held itself.
 const HELD: f64 = 1e-9;
 
 /// Shares of the largest force are told apart down to this one.
@@ -222,12 +222,21 @@ impl Flight {
     /// Whether the slip of contact `k`, at the last evaluation, is held by others: what else is held moves with its point,
     /// which stays at rest while its friction is as large as can be.
     pub fn is_slip_held(&self, k: usize, v: &[f64]) -> bool {
+        let Some(direction) = self.direction(k, v) else { return false };
         let others = self.rows.iter().any(|&row| row != self.shape.normal(k));
-        let (Some(solved), Some(direction), true) = (&self.last, self.direction(k, v), others) else { return false };
+        others && self.is_held(self.shape.tangents(k).zip(direction.iter().copied()))
+    }
+
+    /// Whether the gap of contact `k`, which is open and at rest, is held by others at the last evaluation.
+    pub fn is_gap_held(&self, k: usize) -> bool {
+        !self.rows.is_empty() && self.is_held(std::iter::once((self.shape.normal(k), 1.0)))
+    }
+
+    /// Whether forces change the velocity that is a sum of these rows of `J` by no more than rounding.
+    fn is_held(&self, rows: impl Iterator<Item = (usize, f64)>) -> bool {
+        let Some(solved) = &self.last else { return false };
         let mut j = DVector::zeros(self.shape.coordinates);
-        for (row, d) in self.shape.tangents(k).zip(direction.iter()) {
-            j += self.constraints.transposed.column(row) * *d;
-        }
+        rows.for_each(|(row, factor)| j += self.constraints.transposed.column(row) * factor);
         let free = solved.mass.solve(&j);
         let held = &free - &solved.y * (&solved.inverse * (&solved.c * &free));
         j.dot(&held).abs() <= HELD * j.dot(&free)
@@ -330,7 +339,7 @@ fn invert(matrix: &DMatrix<f64>, scale: &DVector<f64>, before: Option<usize>) ->
     let svd = (&scale * matrix * &scale).try_svd(true, true, f64::EPSILON, ITERATIONS)?;
     let largest = svd.singular_values.max();
     let above = |least: f64| svd.singular_values.iter().filter(|value| **value > least * largest).count();
-    let rank = above(DEPENDENT).min(before.max(above(RISEN)));
+    let rank = above(least);
     let least = svd.singular_values.get(rank).copied().unwrap_or(0.0);
     let inverse = svd.pseudo_inverse(least).ok()?;
     Some((&scale * inverse * &scale, rank))

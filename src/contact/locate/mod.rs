@@ -273,6 +273,9 @@ impl<'p> Located<'p> {
         }
         let t = *t;
         self.velocity_step(0.0, Forces::Impact, control)?;
+        if std::env::var("DBG").is_ok() {
+            eprintln!("struck {:?}", self.step.contacted);
+        }
         for k in approaching {
             if self.step.contacted.r[k].x > 0.0 {
                 let passed = t - std::mem::replace(&mut self.last_impact[k], t);
@@ -398,6 +401,12 @@ impl<'p> Located<'p> {
                 Ok(None) | Err(ContactError::Unsolved { .. }) => return Ok(()),
                 Err(error) => return Err(error),
             };
+            if std::env::var("DBG").is_ok() {
+                eprintln!(
+                    "probe h={h:e} cand {candidates:?} {probed:?} {:?} {:?}",
+                    self.constraints.values, self.state
+                );
+            }
             let largest = probed.iter().fold(0.0_f64, |most, probed| most.max(probed.r.x));
             for probed in probed.iter().filter(|probed| probed.r.x > ROUNDING * largest) {
                 let k = probed.contact;

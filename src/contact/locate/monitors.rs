@@ -42,6 +42,9 @@ impl Monitor {
 const ROUNDING: f64 = 1e-13;
 const ROUNDING_OF_FORCES: f64 = 1e-9;
 
+/// Gaps and their velocities below this part of their terms are at rest, but for drift.
+const AT_REST: f64 = 1e-9;
+
 /// The monitors of a mode at a place; always the same number in the same order.
 pub fn monitors(
     flight: &mut Flight,
@@ -67,7 +70,12 @@ pub fn monitors(
             let in_time =
                 4.0 * (f64::EPSILON * t.abs() * constraints.size(row, v) + ticks * constraints.drift[row].abs());
             let noise = in_time + ROUNDING * terms.max(f64::MIN_POSITIVE);
-            let rate = Some(constraints.velocity(row, v));
+            let speed = constraints.velocity(row, v);
+            // A gap that others hold at zero, without a force of its own, cannot close.
+            let rests =
+                speed.abs() <= AT_REST * constraints.terms(row, v) && value <= AT_REST * terms.max(f64::MIN_POSITIVE);
+            let value = if rests && flight.is_gap_held(k) { f64::INFINITY } else { value };
+            let rate = Some(speed);
             out.push(Monitor { value, noise, rate, ending: Ending::Closes(k) });
             continue;
         }

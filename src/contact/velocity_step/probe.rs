@@ -60,7 +60,8 @@ impl VelocityStep<'_> {
             Some(h) => h,
             None => self.first_instant(state, atol)?.unwrap_or(CHANGE * left),
         };
-        let ticks = TICKS * self.problem.rounding_of_time(state.t);
+        let clock = if self.structure.depends_on_time { self.problem.rounding_of_time(state.t) } else { 0.0 };
+        let ticks = TICKS * clock;
         let mut attempt = 1;
         let (now, v) = loop {
             h = h.max(ticks);
