@@ -56,6 +56,10 @@ impl Mechanical for Elapsed {
         self.problem.enclose_in_time(Interval::point(self.start) + t, q, v, values);
     }
 
+    fn breaks(&mut self, t: f64) -> &[f64] {
+        self.problem.breaks(self.start + t)
+    }
+
     fn energies(&mut self, t: f64, q: &[f64], v: &[f64]) -> Energies {
         self.problem.energies(self.start + t, q, v)
     }

@@ -8,7 +8,7 @@
 //! all by exact differentiation; contacts and joints give `J` and `b` by that of gaps and constraints, and `J` and `b` of
 //! slips are read off expressions that are affine in `v`.
 
-use expression::{ExpressionError, Graph, IntervalWorkspace, Node, Tape};
+use expression::{Breaks, ExpressionError, Graph, IntervalWorkspace, Node, Tape};
 use nalgebra::DMatrix;
 use numerics::Interval;
 use problem::{Constraints, ContactData, Energies, Mechanical, MechanicalStructure, Sensitivity};
@@ -60,6 +60,7 @@ pub struct SymbolicMechanics {
     bias: Tape,
     /// Derivatives of balance, acceleration and velocity, one below the other.
     sensitivity: Sparse,
+    breaks: Breaks,
     /// Those after `t`.
     inputs: Vec<f64>,
     scratch: Vec<f64>,
@@ -244,6 +245,8 @@ impl SymbolicMechanics {
             affine_constraints: constant(&straight) && !in_time(&holonomic),
         };
         let values = Tape::compile(graph, &holonomic);
+        let all: Vec<Node> = [&rows.mass, &forces, &holonomic, &drift, &bias].into_iter().flatten().copied().collect();
+        let breaks = Breaks::new(graph, &all);
         let (drift, bias) = (Tape::compile(graph, &drift), Tape::compile(graph, &bias));
         let (forces, jacobian) = (Tape::compile(graph, &forces), Sparse::compile(graph, jacobian));
         let enclosures = Enclosures {
@@ -260,6 +263,7 @@ impl SymbolicMechanics {
             forces,
             stiffness,
             enclosures,
+            breaks,
             values,
             drift,
             rows: jacobian,
@@ -407,6 +411,10 @@ impl Mechanical for SymbolicMechanics {
         self.forces.enclose(t, inputs, forces, of_forces);
         self.drift.enclose(t, inputs, drift, of_drift);
         self.bias.enclose(t, inputs, bias, of_bias);
+    }
+
+    fn breaks(&mut self, t: f64) -> &[f64] {
+        self.breaks.at(t)
     }
 
     fn energies(&mut self, t: f64, q: &[f64], v: &[f64]) -> Energies {

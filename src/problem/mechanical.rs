@@ -176,6 +176,11 @@ pub trait Mechanical: Send {
     /// Writes intervals that hold `f`, then `b`, then `gamma`, at one place wherever `t` is in its own.
     fn enclose_in_time(&mut self, t: Interval, q: &[f64], v: &[f64], values: &mut [Interval]);
 
+    /// What changes its sign where something has a kink or a jump at a time, whatever `q` and `v` are.
+    fn breaks(&mut self, _t: f64) -> &[f64] {
+        &[]
+    }
+
     /// Energies and power.
     fn energies(&mut self, t: f64, q: &[f64], v: &[f64]) -> Energies;
 

@@ -387,4 +387,8 @@ impl Dvi for Flight {
     }
 
     fn time_derivative(&mut self, _: f64, _: &[f64], _: &mut [f64]) {}
+
+    fn breaks(&mut self, t: f64) -> &[f64] {
+        self.problem.breaks(t)
+    }
 }

@@ -116,16 +116,6 @@ impl<'l, 'p> Leg<'l, 'p> {
             return self.located.pass(self.control);
         }
         let last = radau.t();
-        if std::env::var("DBG").is_ok() {
-            eprintln!(
-                "step t={:e} h={:e} next={:e} {:?} {:?}",
-                last,
-                last - begin,
-                radau.next_step(),
-                radau.counts,
-                self.mode
-            );
-        }
         self.located.begin();
         self.located.accepted += 1;
         let mut end = self.grown(begin, last);
@@ -156,6 +146,10 @@ impl<'l, 'p> Leg<'l, 'p> {
                 self.cut_at(begin, &x, end);
                 found = self.search(begin, end);
                 self.over = true;
+                if matches!(found, Search::Clear) {
+                    // What was seen is an error of the step, which a shorter one does not have.
+                    self.located.h = Some(GROWTH * (end - begin));
+                }
             }
             let until = match &found {
                 Search::Clear => end,
@@ -199,15 +193,6 @@ impl<'l, 'p> Leg<'l, 'p> {
                 self.located.look();
                 self.follow_slips();
                 if self.drifts() {
-                    if std::env::var("DBG").is_ok() {
-                        eprintln!(
-                            "drift t={:e} h={:e} next={:?} over={}",
-                            self.located.state.t,
-                            t - begin,
-                            self.radau.as_ref().map(Radau::next_step),
-                            self.over
-                        );
-                    }
                     if !self.over {
                         self.located.h = self.radau.as_ref().map(Radau::next_step);
                     }

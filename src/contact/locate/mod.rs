@@ -196,9 +196,6 @@ impl<'p> Located<'p> {
         self.stalls = if self.state.t > self.last.t { 0 } else { self.stalls + 1 };
         let before = self.mode.take().unwrap_or_default();
         let t = self.state.t;
-        if std::env::var("DBG").is_ok() {
-            eprintln!("turn t={t:e} {ending:?} stalls {} before {before:?} {:?}", self.stalls, self.state);
-        }
         if self.stalls > STALLS {
             return Ok(());
         }
@@ -273,9 +270,6 @@ impl<'p> Located<'p> {
         }
         let t = *t;
         self.velocity_step(0.0, Forces::Impact, control)?;
-        if std::env::var("DBG").is_ok() {
-            eprintln!("struck {:?}", self.step.contacted);
-        }
         for k in approaching {
             if self.step.contacted.r[k].x > 0.0 {
                 let passed = t - std::mem::replace(&mut self.last_impact[k], t);
@@ -332,12 +326,6 @@ impl<'p> Located<'p> {
     fn pass(&mut self, control: &Control) -> Result<(), ContactError> {
         self.begin();
         let left = self.end - self.state.t;
-        if std::env::var("DBG").is_ok() {
-            eprintln!(
-                "pass t={:e} {:e} {:?} stalls {} {:?}",
-                self.state.t, self.pass, self.step.instant, self.stalls, self.state
-            );
-        }
         let (first, longest) = self.step.instant.map_or((UNPROBED * left, left), |h| (PASS * h, LONGEST_PASS * h));
         let h = self.pass.max(first).min(longest).max(16.0 * f64::EPSILON * self.state.t.abs());
         self.pass = GROWTH * h;
@@ -401,12 +389,6 @@ impl<'p> Located<'p> {
                 Ok(None) | Err(ContactError::Unsolved { .. }) => return Ok(()),
                 Err(error) => return Err(error),
             };
-            if std::env::var("DBG").is_ok() {
-                eprintln!(
-                    "probe h={h:e} cand {candidates:?} {probed:?} {:?} {:?}",
-                    self.constraints.values, self.state
-                );
-            }
             let largest = probed.iter().fold(0.0_f64, |most, probed| most.max(probed.r.x));
             for probed in probed.iter().filter(|probed| probed.r.x > ROUNDING * largest) {
                 let k = probed.contact;
