@@ -46,8 +46,10 @@ pub enum Forces {
     Inelastic,
 }
 
-/// Gaps below this fraction of the largest terms that they had are closed at an event: several contacts close at once.
+/// Gaps below this fraction of the largest terms that they had are closed at an event: several contacts close at once. So
+/// are those below this fraction of what is open of their coordinates, where bodies rest at zero.
 const CLOSED: f64 = 1e-10;
+const OPEN: f64 = 0.1;
 
 /// Counters of a run.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -87,6 +89,8 @@ pub struct VelocityStep<'p> {
     factorised: Option<f64>,
     /// The largest terms of each joint and gap so far.
     pub(super) sizes: Vec<f64>,
+    /// What tolerances on the coordinates leave open of each joint and gap.
+    open: Vec<f64>,
     law: Law,
     impact_law: ImpactLaw,
     pub(super) f: Vec<f64>,
@@ -114,6 +118,7 @@ impl<'p> VelocityStep<'p> {
             by_v: DMatrix::zeros(n, n),
             factorised: None,
             sizes: vec![0.0; structure.joints + structure.contacts.len()],
+            open: vec![0.0; structure.joints + structure.contacts.len()],
             law: Law::new(tolerance),
             impact_law,
             f: vec![0.0; n],
@@ -197,16 +202,17 @@ impl<'p> VelocityStep<'p> {
         }
     }
 
-    /// Takes the terms of joints and gaps at a place into account.
-    pub(super) fn meet(&mut self, constraints: &Constraints, q: &[f64]) {
+    /// Takes the terms of joints and gaps at a place into account, where coordinates are known to `atol`.
+    pub(super) fn meet(&mut self, constraints: &Constraints, q: &[f64], atol: &[f64]) {
         for (row, size) in self.sizes.iter_mut().enumerate() {
             *size = size.max(constraints.size(row, q)).max(constraints.values[row].abs());
+            self.open[row] = self.open[row].max(constraints.size(row, atol));
         }
     }
 
     /// The gap below which a contact, or a joint, is closed at an event.
     pub(super) fn closed(&self, row: usize) -> f64 {
-        CLOSED * self.sizes[row]
+        CLOSED * self.sizes[row] + OPEN * self.open[row]
     }
 
     /// Factorises `M - h f_v - h^2 f_q`, unless it is constant and at hand.

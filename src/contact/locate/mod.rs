@@ -43,8 +43,8 @@ const HELD: f64 = 1e-7;
 const SPARE: f64 = 1e-4;
 
 /// Impacts of one contact that follow each other in less than this fraction of the longest time between two of them
-/// accumulate.
-const ZENO: f64 = 1e-11;
+/// accumulate: what energy they have left is below rounding.
+const ZENO: f64 = 1e-10;
 
 /// Times below this multiple of the rounding of the clock are not told apart.
 const ROUNDING_OF_TIME: f64 = 1e3 * f64::EPSILON;
@@ -348,7 +348,8 @@ impl<'p> Located<'p> {
 
     fn look(&mut self) {
         self.step.problem.constraints(self.state.t, &self.state.q, &mut self.constraints);
-        self.step.meet(&self.constraints, &self.state.q);
+        let (of_q, _) = self.radau.atol.split_at(self.structure.coordinates);
+        self.step.meet(&self.constraints, &self.state.q, of_q);
         for k in 0..self.gradients.len() {
             self.gradients[k] = self.gradients[k].max(self.gradient(k));
         }

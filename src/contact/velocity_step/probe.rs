@@ -15,8 +15,10 @@ const SMALL: f64 = 1e-6;
 /// and far above rounding.
 const CHANGE: f64 = 1e-7;
 
-/// A probe whose change is off by more than this factor is made again, so often.
-const OFF: f64 = 100.0;
+/// A probe whose change is smaller or larger than that by more than these factors is made again, so often: rounding and
+/// directions leave that much.
+const TOO_SHORT: f64 = 100.0;
+const TOO_LONG: f64 = 1e3;
 const ATTEMPTS: usize = 3;
 
 /// A probe is at least as long as this multiple of what the clock tells apart.
@@ -67,7 +69,8 @@ impl VelocityStep<'_> {
             h = h.max(ticks);
             let free = self.free_motion(state, h)?;
             let factor = self.pace(&free, state, closed, atol);
-            if attempt == ATTEMPTS || (factor * OFF >= 1.0 && factor <= OFF) || (factor < 1.0 && h <= ticks) {
+            if attempt == ATTEMPTS || (factor * TOO_LONG >= 1.0 && factor <= TOO_SHORT) || (factor < 1.0 && h <= ticks)
+            {
                 break free;
             }
             (h, attempt) = (factor * h, attempt + 1);
@@ -93,12 +96,14 @@ impl VelocityStep<'_> {
     /// The factor by which a probe would have to be longer for forces to change the velocities of these contacts by the part
     /// of their terms that it should: none by much more, and that with the largest terms by more than rounding.
     fn pace(&self, (now, v): &(Constraints, Vec<f64>), state: &State, closed: &[usize], atol: &[f64]) -> f64 {
+        let gained: Vec<f64> = v.iter().zip(&state.v).map(|(free, before)| free - before).collect();
         let (mut least, mut largest) = (f64::INFINITY, (0.0, 0.0));
         for &k in closed {
             for row in rows(&self.structure, k) {
                 let terms = now.terms(row, &state.v);
                 let due = CHANGE * terms + now.size(row, atol);
                 let change = (self.constraints.velocity(row, v) - now.velocity(row, &state.v)).abs();
+                let change = change.max(now.size(row, &gained));
                 if due > 0.0 && change > 0.0 {
                     least = least.min(due / change);
                     if terms > largest.0 {
@@ -107,7 +112,7 @@ impl VelocityStep<'_> {
                 }
             }
         }
-        if least.is_finite() { least.max(largest.1 / OFF) } else { 1.0 }
+        if least.is_finite() { least.max((largest.1 / TOO_SHORT).min(1.0)) } else { 1.0 }
     }
 
     /// The constraints now, and velocities after a step without contacts; constraints and factors are left at the place
