@@ -47,9 +47,13 @@ pub enum Forces {
 }
 
 /// Gaps below this fraction of the largest terms that they had are closed at an event: several contacts close at once. So
-/// are those below this fraction of what is open of their coordinates, where bodies rest at zero.
+/// are those below this fraction of what tolerances leave open of their coordinates, where bodies rest at zero; and slips
+/// below this fraction of what they leave open of velocities are none.
 const CLOSED: f64 = 1e-10;
-const OPEN: f64 = 0.1;
+const OPEN: f64 = 1e-3;
+
+/// What rounding leaves of a joint or a gap, as a fraction of the largest terms that it had.
+const ROUNDING: f64 = 1e-13;
 
 /// Counters of a run.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -91,6 +95,8 @@ pub struct VelocityStep<'p> {
     pub(super) sizes: Vec<f64>,
     /// What tolerances on the coordinates leave open of each joint and gap.
     open: Vec<f64>,
+    /// The absolute tolerances on velocities; none where steps have one size.
+    pub(super) atol: Vec<f64>,
     law: Law,
     impact_law: ImpactLaw,
     pub(super) f: Vec<f64>,
@@ -119,6 +125,7 @@ impl<'p> VelocityStep<'p> {
             factorised: None,
             sizes: vec![0.0; structure.joints + structure.contacts.len()],
             open: vec![0.0; structure.joints + structure.contacts.len()],
+            atol: Vec::new(),
             law: Law::new(tolerance),
             impact_law,
             f: vec![0.0; n],
@@ -213,6 +220,16 @@ impl<'p> VelocityStep<'p> {
     /// The gap below which a contact, or a joint, is closed at an event.
     pub(super) fn closed(&self, row: usize) -> f64 {
         CLOSED * self.sizes[row] + OPEN * self.open[row]
+    }
+
+    /// What rounding leaves of a joint or a gap.
+    pub(super) fn rounding_of_row(&self, row: usize) -> f64 {
+        ROUNDING * self.sizes[row]
+    }
+
+    /// What is left open of a slip of contact `k`.
+    pub(super) fn open_slip(&self, k: usize) -> f64 {
+        self.structure.tangents(k).map(|row| OPEN * self.constraints.size(row, &self.atol)).fold(0.0, f64::max)
     }
 
     /// Factorises `M - h f_v - h^2 f_q`, unless it is constant and at hand.

@@ -102,7 +102,8 @@ impl Leg<'_, '_> {
         let tolerances: Vec<f64> =
             x[..n].iter().zip(&radau.atol).map(|(q, atol)| atol + radau.rtol * q.abs()).collect();
         let rows = constraints.values.iter().enumerate();
-        let held = |row: usize, value: f64| value.abs().min(self.located.step.closed(row));
+        let step = &self.located.step;
+        let held = |row: usize, value: f64| value.abs().min(step.closed(row)) + step.rounding_of_row(row);
         rows.map(|(row, value)| held(row, *value) + part * constraints.size(row, &tolerances)).collect()
     }
 

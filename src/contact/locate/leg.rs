@@ -48,7 +48,8 @@ const GROWN: f64 = 1e-6;
 /// The tolerance on the stages of a step that is cut.
 const CUT_RTOL: f64 = 1e-11;
 
-/// Drift of what is held that ends a leg, in parts of the gap below which a contact is closed.
+/// Drift of what is held that ends a leg, in parts of the gap below which a contact is closed; and the drift of a step, in
+/// parts of the tolerances on its coordinates.
 const DRIFT: f64 = 0.1;
 
 /// A run of Radau IIA within one mode.
@@ -192,9 +193,10 @@ impl<'l, 'p> Leg<'l, 'p> {
             None => {
                 self.located.look();
                 self.follow_slips();
-                if self.drifts() {
+                if let Some(growth) = self.drift() {
                     if !self.over {
-                        self.located.h = self.radau.as_ref().map(Radau::next_step);
+                        let next = self.radau.as_ref().map(Radau::next_step);
+                        self.located.h = next.map(|next| next.min(growth * (t - begin)));
                     }
                     self.over = true;
                     self.located.hold(&self.mode)?;
@@ -301,6 +303,10 @@ impl<'l, 'p> Leg<'l, 'p> {
     fn refine(&mut self, begin: f64, x: &[f64], end: f64, violation: &Violation) -> f64 {
         let Violation { mut t, index, origin, mut slope, .. } = *violation;
         let least = 4.0 * f64::EPSILON * begin.abs().max(f64::MIN_POSITIVE);
+        if violation.jumps && t - begin > least {
+            self.cut_at(begin, x, t);
+            return t;
+        }
         let is_near = |change: f64, t: f64| change.abs() <= NEAR * (t - begin);
         // Drift is not kept, but where the whole of a flight is no higher.
         let level = if is_near(origin / slope, t) { 0.0 } else { origin };
@@ -418,12 +424,19 @@ impl<'l, 'p> Leg<'l, 'p> {
         (impulses, energy)
     }
 
-    /// Whether what the mode holds has moved away from zero.
-    fn drifts(&self) -> bool {
-        let Located { structure, constraints, step, state, .. } = &*self.located;
+    /// The factor by which a step may grow where what the mode holds has moved away from zero, if it has: drift, which goes
+    /// with the square of the step, is to stay well below the tolerances.
+    fn drift(&self) -> Option<f64> {
+        let Located { structure, constraints, step, state, radau, .. } = &*self.located;
         let ticks = 4.0 * step.problem.rounding_of_time(state.t);
-        let allowed = |row: usize| DRIFT * step.closed(row) + ticks * constraints.drift[row].abs();
+        let tolerances: Vec<f64> =
+            state.q.iter().zip(&radau.atol).map(|(q, atol)| atol + radau.rtol * q.abs()).collect();
         let closed = (0..self.mode.len()).filter(|&k| self.mode[k].is_closed()).map(|k| structure.joints + k);
-        (0..structure.joints).chain(closed).any(|row| constraints.values[row].abs() > allowed(row))
+        let held = (0..structure.joints).chain(closed);
+        let drifted = held.filter(|&row| {
+            constraints.values[row].abs() > DRIFT * step.closed(row) + ticks * constraints.drift[row].abs()
+        });
+        let growth = |row: usize| (DRIFT * constraints.size(row, &tolerances) / constraints.values[row].abs()).sqrt();
+        drifted.map(growth).reduce(f64::min)
     }
 }

@@ -181,6 +181,7 @@ impl<'p> Located<'p> {
             stalls: 0,
             end,
         };
+        located.step.atol = located.radau.atol[located.structure.coordinates..].to_vec();
         located.strike(control)?;
         located.choose(None, control)?;
         Ok(located)

@@ -194,7 +194,7 @@ impl VelocityStep<'_> {
         self.structure.tangents(k).map(|row| self.constraints.terms(row, v)).reduce(f64::max).unwrap_or(f64::INFINITY)
     }
 
-    /// Slips that are none: rounding of their terms, and small beside what forces make of them within the step.
+    /// Slips that are none: rounding of their terms, far below what tolerances leave open, and small beside what forces make of them within the step.
     pub(super) fn rounding_of_slips(
         &self,
         contacts: &[usize],
@@ -203,6 +203,7 @@ impl VelocityStep<'_> {
         free: &[Vector3<f64>],
     ) -> Vec<f64> {
         let changes = before.iter().zip(free).map(|(before, free)| SMALL * (free - before).norm());
-        contacts.iter().zip(changes).map(|(&k, change)| change.max(ROUNDING * self.size_of_slip(k, v))).collect()
+        let rounding = |k: usize| (ROUNDING * self.size_of_slip(k, v)).max(self.open_slip(k));
+        contacts.iter().zip(changes).map(|(&k, change)| change.max(rounding(k))).collect()
     }
 }
