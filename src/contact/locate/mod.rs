@@ -49,11 +49,10 @@ const ZENO: f64 = 1e-10;
 /// Times below this multiple of the rounding of the clock are not told apart.
 const ROUNDING_OF_TIME: f64 = 1e3 * f64::EPSILON;
 
-/// The first step over what cannot be located, and the longest, in units of the probe that has found no mode: forces change
-/// velocities by `1e-9` and `1e-3` of their terms. What a step grows by where that is not enough.
-const PASS: f64 = 1e-2;
-const LONGEST_PASS: f64 = 1e4;
+/// What a step over what cannot be located is longer than the probe that has found no mode, or than the step before that
+/// was not enough; and the longest, in units of the probe: forces change velocities by `1e-3` of their terms.
 const GROWTH: f64 = 4.0;
+const LONGEST_PASS: f64 = 1e4;
 
 /// The first step where there was no probe, as a fraction of the time that is left.
 const UNPROBED: f64 = 1e-9;
@@ -327,7 +326,7 @@ impl<'p> Located<'p> {
     fn pass(&mut self, control: &Control) -> Result<(), ContactError> {
         self.begin();
         let left = self.end - self.state.t;
-        let (first, longest) = self.step.instant.map_or((UNPROBED * left, left), |h| (PASS * h, LONGEST_PASS * h));
+        let (first, longest) = self.step.instant.map_or((UNPROBED * left, left), |h| (GROWTH * h, LONGEST_PASS * h));
         let h = self.pass.max(first).min(longest).max(16.0 * f64::EPSILON * self.state.t.abs());
         self.pass = GROWTH * h;
         self.velocity_step(h, Forces::All, control)?;
