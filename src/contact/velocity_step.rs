@@ -47,8 +47,8 @@ pub enum Forces {
 }
 
 /// Gaps below this fraction of the largest terms that they had are closed at an event: several contacts close at once. So
-/// are those below this fraction of what tolerances leave open of their coordinates, where bodies rest at zero; and slips
-/// below this fraction of what they leave open of velocities are none.
+/// are those below this fraction of what tolerances leave open of their coordinates, where bodies rest at zero; and
+/// velocities below this fraction of what they leave open of those are none.
 const CLOSED: f64 = 1e-10;
 const OPEN: f64 = 1e-3;
 
@@ -227,9 +227,14 @@ impl<'p> VelocityStep<'p> {
         ROUNDING * self.sizes[row]
     }
 
-    /// What is left open of a slip of contact `k`.
+    /// The velocity of a row that is none beside what tolerances leave open.
+    pub(super) fn open_velocity(&self, row: usize) -> f64 {
+        OPEN * self.constraints.size(row, &self.atol)
+    }
+
+    /// The same for a slip of contact `k`.
     pub(super) fn open_slip(&self, k: usize) -> f64 {
-        self.structure.tangents(k).map(|row| OPEN * self.constraints.size(row, &self.atol)).fold(0.0, f64::max)
+        self.structure.tangents(k).map(|row| self.open_velocity(row)).fold(0.0, f64::max)
     }
 
     /// Factorises `M - h f_v - h^2 f_q`, unless it is constant and at hand.

@@ -66,6 +66,18 @@ impl Interval {
         Self { lo: product_down(near, near), hi: product_up(far, far), defined: self.defined }
     }
 
+    /// The square root of the part that has one.
+    #[must_use]
+    pub fn sqrt(self) -> Self {
+        if self.is_empty() || self.hi < 0.0 {
+            return Self::EMPTY;
+        }
+        let root = |x: f64| if x > 0.0 { x.sqrt() } else { 0.0 };
+        let (lo, hi) = (root(self.lo), root(self.hi));
+        let defined = self.defined && self.lo >= 0.0;
+        Self { lo: if lo > 0.0 { lo.next_down() } else { 0.0 }, hi: if hi > 0.0 { hi.next_up() } else { 0.0 }, defined }
+    }
+
     /// `|x|`
     #[must_use]
     pub fn abs(self) -> Self {

@@ -1,5 +1,6 @@
-//! The ground of the numerics, which knows of no problem: intervals.
+//! The ground of the numerics, which knows of no problem: intervals, and the ranges of polynomials.
 
+pub mod bernstein;
 mod interval;
 
 pub use interval::{Interval, between};

@@ -17,7 +17,8 @@ use numerics::Interval;
 
 pub use control::{Control, Interrupted, Stop};
 pub use convex_set::{
-    Block, BlockWorkspace, ConvexSet, Derivative, Face, FaceEquations, Monitor, Polyhedron, Shape, Workspace,
+    Block, BlockWorkspace, ConvexSet, Derivative, Face, FaceEquations, Monitor, MonitorRange, Polyhedron, Shape,
+    Workspace,
 };
 pub use event::{Event, EventKind};
 pub use mechanical::{Constraints, ContactData, Energies, Mechanical, MechanicalStructure, Sensitivity};

@@ -23,9 +23,10 @@ impl Radau<'_> {
     /// The values of all monitors on the collocation polynomial of the step at hand.
     pub(super) fn monitors_at(&mut self, theta: f64, h: f64, out: &mut Vec<Monitor>) {
         self.polynomial_at(theta);
-        self.system.evaluate(self.t + theta * h, &self.switching.scratch);
-        let Switching { inside, scratch, .. } = &mut self.switching;
         let t = self.t + theta * h;
+        let Switching { inside, constraints, scratch, .. } = &mut self.switching;
+        constraints.correct(&mut self.system, &self.control, t, scratch);
+        self.system.evaluate(t, scratch);
         if !inside.correct(&mut self.system, scratch)
             && let Some(consistent) = &mut self.consistent
             && consistent.is_cheap()

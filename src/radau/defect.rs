@@ -23,12 +23,12 @@ const GAUSS: [(f64, f64); 5] = [
 
 impl Radau<'_> {
     /// The largest defect of a state over the last step, in units of its tolerance, with the state; `None` where the
-    /// problem cannot be enclosed. Each unknown has been as large as `largest` in this run.
-    pub fn defect(&mut self, largest: &[f64]) -> Option<(usize, f64)> {
+    /// problem cannot be enclosed.
+    pub fn defect(&mut self) -> Option<(usize, f64)> {
         let (n, h) = (self.system.states, self.last.h);
         let error = |j: usize| {
             let atol = if j < n { self.settings.atol[j] } else { 0.0 };
-            ALLOWED * (atol + self.settings.rtol * largest[j])
+            ALLOWED * (atol + self.settings.rtol * self.largest[j])
         };
         let errors: Vec<f64> = (0..self.system.unknowns).map(error).collect();
         let tableau = self.methods[self.last_method].tableau;

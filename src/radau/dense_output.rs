@@ -6,11 +6,12 @@
 //! between the steps from `s + 1` to `s + 2`, at no cost.
 
 use super::face::ActiveFace;
+use super::screening::Between;
 use super::tableau::Tableau;
 
 /// The last accepted step.
 #[derive(Clone, Debug, Default)]
-pub struct Step {
+pub(super) struct Step {
     /// Where it began.
     pub t: f64,
     /// Its size.
@@ -27,6 +28,10 @@ pub struct Step {
     pub face: ActiveFace,
     /// Whether it kept one face.
     pub is_smooth: bool,
+    /// What screening found between its stages; none where there was nothing to screen.
+    pub screened: Option<Between>,
+    /// By how many tolerances a switch within it that was not located may change a state.
+    pub unlocated: Option<f64>,
     basis: Vec<f64>,
 }
 

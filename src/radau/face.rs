@@ -124,13 +124,30 @@ impl Monitor {
     }
 }
 
-/// Whether each variable is one in an interval, and at its switch at `y`, to within noise; `system` was evaluated there last.
-pub fn undecided(system: &System<'_>, control: &NewtonControl, y: &[f64]) -> Vec<bool> {
+/// Whether each variable, or its block, is at its switch at `y`, to within noise; `system` was evaluated there last.
+pub fn undecided(system: &mut System<'_>, control: &NewtonControl, y: &[f64]) -> Vec<bool> {
     let mut undecided = vec![false; system.unknowns - system.states];
     for &k in &system.intervals {
         undecided[k] = of_place(system, control, k, y).any(|Monitor { value, noise }| value <= noise);
     }
+    for b in 0..system.face.blocks.len() {
+        let mut monitors = Vec::new();
+        monitors_of_block(system, control, b, y, &mut monitors);
+        if monitors.iter().any(|Monitor { value, noise }| value <= noise) {
+            system.set.blocks()[b].members.iter().for_each(|&k| undecided[k] = true);
+        }
+    }
     undecided
+}
+
+/// The monitors of the face of block `b` at `y`.
+fn monitors_of_block(system: &mut System<'_>, control: &NewtonControl, b: usize, y: &[f64], out: &mut Vec<Monitor>) {
+    let noise = control.noise_of_block(system, b, y);
+    let equations = system.equations_of(b, y);
+    out.extend(equations.monitors.iter().map(|monitor| match *monitor {
+        problem::Monitor::Distance(value) => Monitor { value, noise: noise.z },
+        problem::Monitor::Multiplier(value) => Monitor { value, noise: noise.g },
+    }));
 }
 
 /// The monitors of variable `k` of an interval at `y`, but for the width of the interval.
@@ -159,11 +176,6 @@ pub fn monitors(system: &mut System<'_>, control: &NewtonControl, y: &[f64], out
         }
     }
     for b in 0..system.face.blocks.len() {
-        let noise = control.noise_of_block(system, b, y);
-        let equations = system.equations_of(b, y);
-        out.extend(equations.monitors.iter().map(|monitor| match *monitor {
-            problem::Monitor::Distance(value) => Monitor { value, noise: noise.z },
-            problem::Monitor::Multiplier(value) => Monitor { value, noise: noise.g },
-        }));
+        monitors_of_block(system, control, b, y, out);
     }
 }

@@ -20,6 +20,8 @@ pub(super) struct Inside {
     /// Those of them whose equations have variables inside and in no block.
     variables: Vec<usize>,
     equations: Equations,
+    /// The sizes of the entries of the inverse of their matrix, column by column; empty until it is asked for.
+    inverse: Vec<f64>,
     change: Vec<f64>,
     /// The change of every variable.
     changes: Vec<f64>,
@@ -40,6 +42,7 @@ impl Inside {
             inside: Vec::new(),
             variables: Vec::new(),
             equations: Equations::None,
+            inverse: Vec::new(),
             change: Vec::new(),
             changes: vec![0.0; system.unknowns - system.states],
         }
@@ -48,14 +51,7 @@ impl Inside {
     /// Corrects the variables inside in `y`, where `system` was evaluated last, and all of `G` with them; whether that
     /// tells all of them. It does not where only the derivative of `G` has variables.
     pub(super) fn correct(&mut self, system: &mut System<'_>, y: &mut [f64]) -> bool {
-        let is_inside = |k: usize| system.face.places[k] == Place::Inside && system.set.block_of(k).is_none();
-        let inside = (0..self.changes.len()).filter(|&k| is_inside(k));
-        if self.jacobians != system.work.jacobians || !inside.clone().eq(self.inside.iter().copied()) {
-            self.jacobians = system.work.jacobians;
-            self.inside.clear();
-            self.inside.extend(inside);
-            self.set_equations(system);
-        }
+        self.follow(system);
         let n = system.states;
         self.change.clear();
         self.change.extend(self.variables.iter().map(|k| -system.values[n + k]));
@@ -79,6 +75,52 @@ impl Inside {
         }
         self.variables.iter().for_each(|&k| self.changes[k] = 0.0);
         self.variables.len() == self.inside.len()
+    }
+
+    /// How far each variable may be from the root of its equations where these are as large as `residuals`:
+    /// `|dG_I/dz_I|^-1 |G_I|`, and zero of those that the equations do not tell.
+    pub(super) fn errors(&mut self, system: &System<'_>, residuals: &[f64], out: &mut Vec<f64>) {
+        self.follow(system);
+        out.clear();
+        out.resize(self.changes.len(), 0.0);
+        match &mut self.equations {
+            Equations::None => {}
+            Equations::Apart(factors) => {
+                let told = self.variables.iter().zip(factors);
+                told.for_each(|(&k, factor)| out[k] = residuals[k] / factor.abs());
+            }
+            Equations::Together(factors) => {
+                if self.inverse.is_empty() {
+                    // The columns of the inverse, of which only the sizes count.
+                    for column in 0..self.variables.len() {
+                        self.change.clear();
+                        self.change.resize(self.variables.len(), 0.0);
+                        self.change[column] = 1.0;
+                        let is_regular = factors.solve(&mut self.change);
+                        let sizes = self.change.iter().map(|entry| if is_regular { entry.abs() } else { 0.0 });
+                        self.inverse.extend(sizes);
+                    }
+                }
+                for (column, &l) in self.inverse.chunks_exact(self.variables.len()).zip(&self.variables) {
+                    let residual = residuals[l];
+                    let told = self.variables.iter().zip(column);
+                    told.filter(|(_, entry)| **entry > 0.0).for_each(|(&k, entry)| out[k] += entry * residual);
+                }
+            }
+        }
+    }
+
+    /// Takes the equations of the face of `system`, with its last Jacobian.
+    fn follow(&mut self, system: &System<'_>) {
+        let is_inside = |k: usize| system.face.places[k] == Place::Inside && system.set.block_of(k).is_none();
+        let inside = (0..self.changes.len()).filter(|&k| is_inside(k));
+        if self.jacobians != system.work.jacobians || !inside.clone().eq(self.inside.iter().copied()) {
+            self.jacobians = system.work.jacobians;
+            self.inside.clear();
+            self.inside.extend(inside);
+            self.inverse.clear();
+            self.set_equations(system);
+        }
     }
 
     fn set_equations(&mut self, system: &System<'_>) {

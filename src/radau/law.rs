@@ -21,9 +21,9 @@ pub struct Excess {
 }
 
 impl Radau<'_> {
-    /// The largest excess over the variables at `(t, y)`, where each unknown has been as large as `largest` in this run;
-    /// `None` where there are no variables. The excess of what is not finite is infinite.
-    pub fn law_excess(&mut self, t: f64, y: &[f64], largest: &[f64]) -> Option<Excess> {
+    /// The largest excess over the variables at `(t, y)`; `None` where there are no variables. The excess of what is not
+    /// finite is infinite.
+    pub fn law_excess(&mut self, t: f64, y: &[f64]) -> Option<Excess> {
         if self.system.unknowns == self.system.states {
             return None;
         }
@@ -43,7 +43,7 @@ impl Radau<'_> {
             }
         };
         for k in (0..self.system.unknowns - n).filter(|&k| self.system.set.block_of(k).is_none()) {
-            let [of_z, of_g] = self.uncertainties(k, largest);
+            let [of_z, of_g] = self.uncertainties(k);
             let (z, gamma) = (y[n + k], self.system.values[n + k] / of_g);
             let below = (z - self.system.set.lower[k]) / of_z;
             let above = (self.system.set.upper[k] - z) / of_z;
@@ -58,7 +58,7 @@ impl Radau<'_> {
         }
         for b in 0..self.system.set.blocks().len() {
             let members = &self.system.set.blocks()[b].members;
-            let of_members = members.iter().map(|&k| self.uncertainties(k, largest));
+            let of_members = members.iter().map(|&k| self.uncertainties(k));
             let [of_z, of_g] = of_members.fold([0.0_f64; 2], |most, of| [most[0].max(of[0]), most[1].max(of[1])]);
             let first = members[0];
             let defect = self.system.defect_of_block(b, &y[n..], of_z / of_g);
@@ -67,11 +67,10 @@ impl Radau<'_> {
         Some(worst)
     }
 
-    /// What the tolerances leave uncertain of variable `k` and of its `G`, where each unknown has been as large as
-    /// `largest`: errors of the states, the tolerance of the VI, and of a variable also what changes no state over the
-    /// longest step so far.
-    pub(super) fn uncertainties(&self, k: usize, largest: &[f64]) -> [f64; 2] {
-        let (system, settings) = (&self.system, &self.settings);
+    /// What the tolerances leave uncertain of variable `k` and of its `G`: errors of the states, the tolerance of the VI, and
+    /// of a variable also what changes no state over the longest step so far.
+    pub(super) fn uncertainties(&self, k: usize) -> [f64; 2] {
+        let Self { system, settings, largest, .. } = self;
         let n = system.states;
         let state = |j: usize| settings.atol[j] + settings.rtol * largest[j];
         let error = |j: usize| if j < n { state(j) } else { settings.rtol * largest[j] };
@@ -79,7 +78,10 @@ impl Radau<'_> {
         let of_g = (settings.vi_tolerance * terms).max(by_errors);
         let effect = self.control.weight[n + k] * self.methods[self.last_method].tolerance.factor;
         let without_effect = if effect > 0.0 { self.last.h / (effect * self.longest) } else { 0.0 };
-        let of_z = (error(n + k) + system.terms_of_bounds(k, error)).max(without_effect);
+        // An error of the states moves the root of `G` as well.
+        let own = system.entries_of_variable(k).find(|&(j, _)| j == n + k).map_or(0.0, |(_, value)| value.abs());
+        let of_root = if own > 0.0 { by_errors / own } else { 0.0 };
+        let of_z = (error(n + k) + system.terms_of_bounds(k, error)).max(without_effect).max(of_root);
         [of_z, of_g].map(|of| of.max(f64::MIN_POSITIVE))
     }
 }

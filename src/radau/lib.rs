@@ -8,12 +8,12 @@
 //! sections IV.8 and VII), with `K = R^m` their solver of differential-algebraic equations; a set with bounds adds
 //! the active face of `K` and its switches, and nothing else.
 
-mod between;
 mod blocks;
 mod breaks;
 mod chattering;
 mod conditions;
 mod consistent;
+mod constraints;
 mod coupled;
 mod crossings;
 mod defect;
@@ -28,7 +28,9 @@ mod layout;
 mod memory;
 mod newton_control;
 mod progress;
+mod ranges;
 mod recurrence;
+mod regular_face;
 mod screening;
 mod settings;
 mod stage_vi;

@@ -14,6 +14,7 @@ use super::face::{ActiveFace, Place, place};
 use super::factors::Factors;
 use super::memory::check_memory;
 use super::newton_control::{NewtonControl, UNDERFLOW};
+use super::regular_face::{Member, Rests, regularise};
 use super::settings::{Cause, StepError};
 use super::stages::Stages;
 use super::system::System;
@@ -198,6 +199,40 @@ impl StageVi {
         for b in 0..system.set.blocks().len() {
             let face = system.set.face(b, &self.moved, &mut self.workspace);
             system.face.set_block(&system.set, b, face);
+        }
+    }
+
+    /// Puts `system` on a face that determines the variables, where the last solve was that of one stage, and moves the
+    /// variables in `stages` to its solution.
+    pub fn regularise(&mut self, system: &mut System<'_>, stages: &mut Stages, y0: &[f64]) {
+        let n = system.states;
+        if self.z.len() != system.bounded.len() {
+            return;
+        }
+        let of_intervals = system.bounded.iter().enumerate().filter(|(_, k)| system.set.block_of(**k).is_none());
+        let rests = |k: usize| match system.face.places[k] {
+            Place::Lower => Some(Rests::Lower),
+            Place::Upper => Some(Rests::Upper),
+            Place::Inside => Some(Rests::Inside),
+            _ => None,
+        };
+        let mut members: Vec<Member> = of_intervals
+            .filter_map(|(at, &k)| {
+                let (lower, upper) = (self.set.lower[at], self.set.upper[at]);
+                Some(Member { at, z: self.z[at], g: self.g[at], lower, upper, rests: rests(k)? })
+            })
+            .collect();
+        if !regularise(&self.matrix, &mut members) {
+            return;
+        }
+        for Member { at, z, rests, .. } in members {
+            let k = system.bounded[at];
+            system.face.places[k] = match rests {
+                Rests::Lower => Place::Lower,
+                Rests::Upper => Place::Upper,
+                Rests::Inside => Place::Inside,
+            };
+            stages.z[n + k] = z - y0[n + k];
         }
     }
 

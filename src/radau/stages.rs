@@ -8,6 +8,7 @@ use super::settings::Cause;
 use super::system::System;
 use super::tableau::Tableau;
 use nalgebra::{Complex, DMatrix};
+use problem::Face;
 
 /// Stage increments `Z`, their transforms `W = T^-1 Z` and the values `Phi`, each `s` blocks of `n + m`.
 #[derive(Clone, Debug)]
@@ -257,7 +258,8 @@ impl Stages {
                 let rounding = rounding();
                 match self.verify(system, tableau, t, h, y0, control) {
                     None => return Newton::Failed(Cause::NotFinite),
-                    Some(Verdict { satisfied, violated }) if satisfied || rounding => {
+                    Some(Verdict { degenerate: true, .. }) => return Newton::Failed(Cause::Diverged),
+                    Some(Verdict { satisfied, violated, .. }) if satisfied || rounding => {
                         return Newton::Converged { iterations: k, violated };
                     }
                     Some(_) => evaluated = true,
@@ -286,7 +288,7 @@ impl Stages {
         control: &NewtonControl,
     ) -> Option<Verdict> {
         let n = self.unknowns;
-        let mut verdict = Verdict { satisfied: true, violated: false };
+        let mut verdict = Verdict { satisfied: true, violated: false, degenerate: false };
         self.monitors.clear();
         for (i, c) in tableau.c.iter().enumerate() {
             self.stage(y0, i);
@@ -309,7 +311,9 @@ impl Stages {
                 }
             }
             monitors(system, control, &self.y, &mut self.at_stage);
-            verdict.violated |= self.at_stage.iter().any(Monitor::is_violated);
+            let violated = self.at_stage.iter().any(Monitor::is_violated);
+            verdict.degenerate |= !violated && has_degenerate_block(system, control, &self.y);
+            verdict.violated |= violated;
             self.monitors.extend_from_slice(&self.at_stage);
         }
         Some(verdict)
@@ -322,6 +326,23 @@ struct Verdict {
     satisfied: bool,
     /// Whether a monitor of the face is violated.
     violated: bool,
+    /// Whether the equations of a curved face hold beside its apex for values that do not solve the inequality.
+    degenerate: bool,
+}
+
+/// The multiple of its noise that the natural map of a block may be where the equations of its face hold to within noise.
+const MAPPED: f64 = 100.0;
+
+/// Whether a block on a curved face is off its inequality at `y`, where `system` was evaluated last, though its equations
+/// and monitors are satisfied to within noise: they are homogeneous, and beside the apex every direction satisfies them.
+fn has_degenerate_block(system: &mut System<'_>, control: &NewtonControl, y: &[f64]) -> bool {
+    (0..system.face.blocks.len()).any(|b| {
+        if !matches!(system.face.blocks[b], Face::Boundary(_)) {
+            return false;
+        }
+        let noise = control.noise_of_block(system, b, y);
+        system.defect_of_block(b, &y[system.states..], noise.z / noise.g) > MAPPED * noise.z
+    })
 }
 
 /// `out_i = sum_j matrix_ij x_j` on blocks of length `n`, for the numbers of stages that are offered.

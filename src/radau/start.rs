@@ -106,6 +106,10 @@ impl Radau<'_> {
         if !self.probe(PROBE * h, true) {
             return false;
         }
+        let Self { system, switching, y, .. } = self;
+        if let Probe { vi: Some(vi), stages, .. } = &mut switching.probe {
+            vi.regularise(system, stages, y);
+        }
         for (y, z) in self.y[n..].iter_mut().zip(&self.switching.probe.stages.z[n..]) {
             *y += z;
         }
@@ -122,7 +126,7 @@ impl Radau<'_> {
         if !self.system.evaluate(self.t, &self.y) {
             return false;
         }
-        let mut open = undecided(&self.system, &self.control, &self.y);
+        let mut open = undecided(&mut self.system, &self.control, &self.y);
         let before = self.system.face.clone();
         for part in LONGER {
             if !open.contains(&true) || !self.probe(part * h, true) {
@@ -132,7 +136,7 @@ impl Radau<'_> {
             if !self.system.evaluate(self.t + part * h, &end) {
                 break;
             }
-            let still = undecided(&self.system, &self.control, &end);
+            let still = undecided(&mut self.system, &self.control, &end);
             let chosen = std::mem::replace(&mut self.system.face, before.clone());
             for (k, (open, still)) in open.iter_mut().zip(still).enumerate() {
                 if *open && !still && chosen.places[k] != before.places[k] {
@@ -140,6 +144,13 @@ impl Radau<'_> {
                     self.y[n + k] = end[n + k];
                 }
                 *open &= still;
+            }
+            for b in 0..before.blocks.len() {
+                let members = self.system.set.blocks()[b].members.clone();
+                if members.iter().any(|&k| self.system.face.places[k] != before.places[k]) {
+                    self.system.face.set_block(&self.system.set, b, chosen.blocks[b].clone());
+                    members.iter().for_each(|&k| self.y[n + k] = end[n + k]);
+                }
             }
             if self.system.face != before {
                 if let Some(consistent) = &mut self.consistent {

@@ -6,15 +6,16 @@ mod report;
 
 pub use report::Variables;
 
-use super::between::{Between, Doubts};
 use super::breaks::Breaks;
 use super::chattering::Chattering;
 use super::consistent::Consistent;
+use super::coupled::Shortened;
 use super::dense_output::Step;
 use super::error_control::{Controller, Rescaled};
 use super::factors::Factors;
 use super::newton_control::NewtonControl;
 use super::progress::{Progress, SHORT};
+use super::screening::Between;
 use super::settings::{Cause, Settings, StageChoice, StepError};
 use super::stage_vi::StageVi;
 use super::stages::{Contraction, Newton, Stages, THETA};
@@ -76,9 +77,11 @@ pub struct Radau<'p> {
     pub(super) last_method: usize,
     /// The size of the longest step so far.
     pub(super) longest: f64,
+    /// The largest size of each unknown so far.
+    pub(super) largest: Vec<f64>,
     pub(super) continues: bool,
     pub(super) jumped: Option<f64>,
-    doubts: Doubts,
+    shortened: Shortened,
     pub(super) breaks: Breaks,
     pub(super) chattering: Chattering,
     pub(super) progress: Progress,
@@ -104,9 +107,9 @@ enum Freshness {
 
 /// How the stages of an attempt came out.
 enum Attempt {
-    /// Solved, in so many Newton iterations; `coupled` over the stages, or on one face, of which the monitors between the
-    /// stages leave some `doubt`.
-    Solved { h: f64, iterations: usize, coupled: bool, doubt: f64 },
+    /// Solved, in so many Newton iterations; `coupled` over the stages, or on one face; with what screening found between
+    /// them.
+    Solved { h: f64, iterations: usize, coupled: bool, between: Option<Between> },
     /// To be done again with the step times this factor, and why.
     Failed(f64, Cause),
 }
@@ -186,9 +189,10 @@ impl<'p> Radau<'p> {
             last: Step::default(),
             last_method: 0,
             longest: 0.0,
+            largest: vec![0.0; unknowns],
             continues: false,
             jumped: None,
-            doubts: Doubts::default(),
+            shortened: Shortened::default(),
             breaks: Breaks::new(t),
             chattering: Chattering::default(),
             progress: Progress::default(),
@@ -197,6 +201,7 @@ impl<'p> Radau<'p> {
         radau.check_finite()?;
         radau.h = radau.first_step();
         radau.start()?;
+        radau.watch_sizes();
         Ok(radau)
     }
 
@@ -232,8 +237,8 @@ impl<'p> Radau<'p> {
                 continue;
             }
             let outcome = self.attempt(h)?;
-            let (reached, iterations, coupled, doubt) = match outcome {
-                Attempt::Solved { h, iterations, coupled, doubt } => (h, iterations, coupled, doubt),
+            let (reached, iterations, coupled, between) = match outcome {
+                Attempt::Solved { h, iterations, coupled, between } => (h, iterations, coupled, between),
                 Attempt::Failed(factor, cause) => {
                     self.controller.surprise();
                     if self.jacobian == Freshness::Kept {
@@ -249,11 +254,16 @@ impl<'p> Radau<'p> {
                 }
             };
             if self.settings.step.is_some() {
-                self.accept(reached, coupled);
+                self.accept(reached, coupled, between);
                 return self.end_step(reached < h);
             }
-            let doubt = self.doubts.next(doubt);
-            let mut error = self.error(reached, coupled).max(doubt);
+            let unlocated = if coupled { self.unlocated(reached) } else { None };
+            if self.shortened.is_too_long(unlocated) {
+                self.system.face.clone_from(&self.switching.before);
+                self.shrink(reached, Cause::Error, |_| 0.25 * reached)?;
+                continue;
+            }
+            let mut error = self.error(reached, coupled);
             if !coupled {
                 error = error.max(self.constraint_error(reached));
             }
@@ -268,7 +278,7 @@ impl<'p> Radau<'p> {
                 let is_cut = self.switching.ends_at_switch() || self.breaks.after.is_some();
                 self.h = if is_cut { wished } else { new };
                 let is_short = !is_cut && reached < SHORT * h;
-                self.accept(reached, coupled);
+                self.accept(reached, coupled, between);
                 self.watch_progress(reached, is_short)?;
                 self.watch_switches()?;
                 self.watch_kinks()?;
@@ -298,17 +308,23 @@ impl<'p> Radau<'p> {
     fn attempt(&mut self, h: f64) -> Result<Attempt, StepError> {
         let mut size = h;
         let mut may_turn = true;
+        let mut missed = None;
         let mut searches = if self.settings.step.is_some() { 0 } else { SEARCHES };
         for _ in 0..=self.system.bounded.len() + HALVINGS {
             self.prepare(size)?;
             self.predict(size);
             let (located, iterations) = match self.newton(size) {
                 Newton::Converged { iterations, violated } => {
-                    let between = if violated { Between::default() } else { self.between(size) };
-                    if !violated && between.dip.is_none() {
-                        return Ok(Attempt::Solved { h: size, iterations, coupled: false, doubt: between.doubt });
+                    let between = if violated || self.stage_vi.is_none() { None } else { Some(self.screen(size)) };
+                    let dip = match between {
+                        Some(Between::Violated(theta)) if self.switching.locates() => Some(theta),
+                        _ => None,
+                    };
+                    if !violated && dip.is_none() {
+                        return Ok(Attempt::Solved { h: size, iterations, coupled: false, between });
                     }
-                    (self.locate(size, between.dip)?, iterations)
+                    missed = between;
+                    (self.locate(size, dip)?, iterations)
                 }
                 Newton::Slow(factor) if self.stage_vi.is_none() => return Ok(Attempt::Failed(factor, Cause::Slow)),
                 Newton::Failed(cause) if self.stage_vi.is_none() => return Ok(Attempt::Failed(0.5, cause)),
@@ -327,10 +343,15 @@ impl<'p> Radau<'p> {
                         located => (located, self.control.most),
                     }
                 }
-                Newton::Slow(_) | Newton::Failed(_) => break,
+                Newton::Slow(_) | Newton::Failed(_) => {
+                    self.shortened.unfollowed();
+                    break;
+                }
             };
             match located {
-                Located::At { h, doubt } => return Ok(Attempt::Solved { h, iterations, coupled: false, doubt }),
+                Located::At { h, between } => {
+                    return Ok(Attempt::Solved { h, iterations, coupled: false, between: Some(between) });
+                }
                 Located::Now => {}
                 Located::Nowhere if searches > 0 && self.switching.locates() => {
                     searches -= 1;
@@ -340,7 +361,7 @@ impl<'p> Radau<'p> {
             }
         }
         self.predict(h);
-        Ok(self.couple(h))
+        Ok(self.couple(h, missed))
     }
 
     /// Newton's method on the present face.
@@ -358,25 +379,29 @@ impl<'p> Radau<'p> {
         )
     }
 
-    /// Solves the stages with the VI coupled over them, from the increments at hand.
-    fn couple(&mut self, h: f64) -> Attempt {
+    /// Solves the stages with the VI coupled over them, from their present increments; where a violation was seen between
+    /// them, it is still `missed`.
+    fn couple(&mut self, h: f64, missed: Option<Between>) -> Attempt {
         let tableau = self.tableau();
         let Some(stage_vi) = &mut self.stage_vi else { return Attempt::Failed(0.5, Cause::Unsolved) };
         self.contraction = Contraction::default();
         self.switching.remember(&self.system.face);
         match stage_vi.solve(&mut self.system, tableau, &mut self.stages, self.t, h, &self.y, &self.control) {
-            Ok(()) => Attempt::Solved { h, iterations: self.control.most, coupled: true, doubt: 0.0 },
+            Ok(()) => Attempt::Solved { h, iterations: self.control.most, coupled: true, between: missed },
             Err(cause) => Attempt::Failed(0.5, cause),
         }
     }
 
     /// Makes the step at hand part of the trajectory.
-    fn accept(&mut self, h: f64, coupled: bool) {
+    fn accept(&mut self, h: f64, coupled: bool, between: Option<Between>) {
         let n = self.system.unknowns;
         let s = self.tableau().stages();
         let face = if coupled { &self.switching.before } else { &self.system.face };
         self.last.set(self.t, h, &self.y, &self.stages.z[..s * n], face);
         self.last.is_smooth = !coupled;
+        self.last.screened = between;
+        self.last.unlocated = if coupled { self.unlocated(h) } else { None };
+        self.shortened.accepted();
         self.last.slope.clear();
         self.last.end_slope.clear();
         if let Some(gamma) = self.tableau().gamma
@@ -407,7 +432,6 @@ impl<'p> Radau<'p> {
             *y += z;
         }
         self.counts.accepted += 1;
-        self.doubts = Doubts::default();
         self.continues = true;
         if !(self.system.constant_jacobian() || self.contraction.theta <= THETA) {
             self.jacobian = Freshness::Stale;
@@ -415,6 +439,12 @@ impl<'p> Radau<'p> {
             self.jacobian = Freshness::Kept;
         }
         self.settle(coupled);
+        self.watch_sizes();
+    }
+
+    /// Takes the present unknowns into their largest sizes.
+    fn watch_sizes(&mut self) {
+        self.largest.iter_mut().zip(&self.y).for_each(|(largest, y)| *largest = largest.max(y.abs()));
     }
 
     /// Takes more stages or fewer from the next step on, where the number is free.

@@ -6,11 +6,12 @@
 //! order `s + 1`.) The next face is not guessed: it is that of an implicit Euler step with the VI, so short that only
 //! the directions at the switch count, in which variables at their switch start exactly there.
 
-use super::between::Between;
+use super::constraints::Constraints;
 use super::crossings::Crossing;
 use super::face::{ActiveFace, Monitor, Place, monitors};
 use super::inside::Inside;
 use super::recurrence::Recurrence;
+use super::screening::{Between, Screening};
 use super::settings::{Settings, StepError, Switches};
 use super::stages::Newton;
 use super::start::Probe;
@@ -33,9 +34,8 @@ pub struct Switch {
 
 /// Where a violated monitor changes sign.
 pub(super) enum Located {
-    /// At the end of a step of size `h`, whose stages are at hand; the monitors between them leave some doubt whether it is
-    /// the first.
-    At { h: f64, doubt: f64 },
+    /// At the end of a step of size `h`, whose stages are solved, with what screening found before it.
+    At { h: f64, between: Between },
     /// At the beginning of the step: the face there is changed, and the step should be tried again.
     Now,
     /// Not to be found, or not to be looked for.
@@ -62,9 +62,11 @@ pub(super) struct Switching {
     pub(super) recurrence: Recurrence,
     pub(super) scratch: Vec<f64>,
     pub(super) inside: Inside,
+    pub(super) constraints: Constraints,
     monitors: Vec<Monitor>,
     /// Room for those between the stages.
-    pub(super) between: [Vec<Monitor>; 2],
+    pub(super) between: Vec<Monitor>,
+    pub(super) screening: Screening,
     /// Switches not yet taken by the caller.
     switches: Vec<Switch>,
     /// Accumulations passed.
@@ -84,8 +86,10 @@ impl Switching {
             recurrence: Recurrence::new(system.unknowns - system.states),
             scratch: vec![0.0; system.unknowns],
             inside: Inside::new(system),
+            constraints: Constraints::default(),
             monitors: Vec::new(),
-            between: Default::default(),
+            between: Vec::new(),
+            screening: Screening::default(),
             switches: Vec::new(),
             accumulations: 0,
         })
@@ -188,14 +192,14 @@ impl Radau<'_> {
                 continue;
             }
             // The stages of a curved face may be those of the VI, which looks at no monitors.
-            let between = if self.system.is_curved() { Between::default() } else { self.between(size) };
+            let between = if self.system.is_curved() { Between::Undecided } else { self.screen(size) };
             // The first step on a face may have to bring the states onto it, which is no reason to leave it at once.
-            match between.dip.filter(|_| self.continues) {
-                Some(theta) => dip = Some(theta * size / h),
-                None => {
+            match between {
+                Between::Violated(theta) if self.continues => dip = Some(theta * size / h),
+                between => {
                     self.switching.remember(&self.system.face);
                     self.switching.pending = true;
-                    return Ok(Located::At { h: size, doubt: between.doubt });
+                    return Ok(Located::At { h: size, between });
                 }
             }
         }
@@ -232,7 +236,13 @@ impl Radau<'_> {
                     trial = reached + 0.5 * (size - reached);
                     continue;
                 }
-                None => return Ok(None),
+                // Past the end of the face its equations need not have a solution.
+                None => {
+                    let reached = last.map_or(0.0, |(h, _)| h);
+                    trial = reached + 0.5 * (size - reached);
+                    self.predict(size);
+                    continue;
+                }
             }
             let Some(Monitor { value, noise }) = self.monitor_at(crossing, size) else { return Ok(None) };
             if let Some((h, old)) = last

@@ -10,7 +10,7 @@ use super::face::{ActiveFace, Place};
 use super::layout::Layout;
 use super::settings::StepError;
 use numerics::Interval;
-use problem::{Control, ConvexSet, Dvi, Face, FaceEquations, Mass, Side, Structure, Workspace};
+use problem::{Control, ConvexSet, Dvi, Face, FaceEquations, Mass, Shape, Side, Structure, Workspace};
 use std::sync::Arc;
 
 /// What was evaluated, and how often.
@@ -24,6 +24,8 @@ pub struct Work {
     pub factorisations: u64,
     /// Newton iterations on the stages.
     pub newton: u64,
+    /// Evaluations over boxes, of values or of derivatives.
+    pub enclosures: u64,
     /// How fast its increments shrank.
     pub contraction: Rates,
 }
@@ -328,6 +330,15 @@ impl<'p> System<'p> {
             None if side == Side::Lower => Interval::point(self.set.lower[k]),
             None => Interval::point(self.set.upper[k]),
         }
+    }
+
+    /// The radius of block `b`, of a ball, where rows of the problem are as in `values`; zero of other shapes.
+    pub fn radius(&self, b: usize, values: &[Interval]) -> Interval {
+        let block = &self.set.blocks()[b];
+        let Shape::Ball { radius } = block.shape else { return Interval::point(0.0) };
+        let mut moving = self.structure.moving.iter().zip(&values[self.unknowns..]);
+        let own = moving.find(|(moving, _)| moving.side == Side::Radius && block.members.contains(&moving.variable));
+        own.map_or(Interval::point(radius), |(_, value)| *value)
     }
 
     /// The nonzeros of `dG_k/dy` as of the last differentiation, as `(column, value)`.

@@ -44,7 +44,7 @@ pub struct Tableau {
     /// Coefficients of the polynomial `p` with `p(0) = p(1) = 0`, `p'(0) = 1` and `p'(c_i) = 0`, from the first power on:
     /// `p'` is the node polynomial, orthogonal to constants for `s >= 2`. Empty for one stage, where there is none.
     bubble: Vec<f64>,
-    bernstein: OnceLock<(Vec<Vec<f64>>, Vec<f64>)>,
+    bernstein: OnceLock<Vec<Vec<f64>>>,
     /// Barycentric weights of the nodes `0, c_1, .., c_s`.
     barycentric: Vec<f64>,
 }
@@ -129,9 +129,15 @@ impl Tableau {
         self.bubble.iter().rev().fold(0.0, |value, coefficient| (value + coefficient) * theta)
     }
 
-    /// The collocation polynomials of the increments, one a stage, and the bubble, by their coefficients in the basis of
-    /// Bernstein of degree `s + 1` on `[0, 1]`.
-    pub fn bernstein(&self) -> &(Vec<Vec<f64>>, Vec<f64>) {
+    /// The bubble in the basis of Bernstein of degree `s + 1` on `[0, 1]`.
+    pub fn bubble_in_bernstein(&self) -> Vec<f64> {
+        let powers: Vec<f64> = std::iter::once(0.0).chain(self.bubble.iter().copied()).collect();
+        in_bernstein(&powers, self.stages() + 1)
+    }
+
+    /// The collocation polynomials of the increments, one a stage, by their coefficients in the basis of Bernstein of degree
+    /// `s` on `[0, 1]`.
+    pub fn bernstein(&self) -> &[Vec<f64>] {
         self.bernstein.get_or_init(|| {
             let s = self.stages();
             let of_stage = |i: usize| {
@@ -144,10 +150,9 @@ impl Tableau {
                         powers[k] = if k > 0 { powers[k - 1] } else { 0.0 } - c * powers[k];
                     }
                 }
-                in_bernstein(&powers, s + 1)
+                in_bernstein(&powers, s)
             };
-            let bubble: Vec<f64> = std::iter::once(0.0).chain(self.bubble.iter().copied()).collect();
-            ((0..s).map(of_stage).collect(), in_bernstein(&bubble, s + 1))
+            (0..s).map(of_stage).collect()
         })
     }
 

@@ -10,8 +10,6 @@ const SMALL: f64 = 10.0;
 /// The measurements of a run on its way.
 pub(super) struct Audit<'p> {
     plan: &'p Plan,
-    /// The largest size of each unknown so far.
-    largest: Vec<f64>,
     /// Whether the rates have kinks of states, which the error estimate may miss.
     has_kinks: bool,
     screening: Screening,
@@ -19,33 +17,22 @@ pub(super) struct Audit<'p> {
 }
 
 impl<'p> Audit<'p> {
-    pub fn new(plan: &'p Plan, radau: &Radau<'_>, has_kinks: bool) -> Self {
-        let largest = radau.y().iter().map(|y| y.abs()).collect();
-        Self { plan, largest, has_kinks, screening: Screening::default(), checks: Checks::default() }
-    }
-
-    /// The largest size of each unknown so far.
-    pub fn largest(&self) -> &[f64] {
-        &self.largest
+    pub fn new(plan: &'p Plan, has_kinks: bool) -> Self {
+        Self { plan, has_kinks, screening: Screening::default(), checks: Checks::default() }
     }
 
     /// Measures an accepted step and the values at its end.
     pub fn step(&mut self, radau: &mut Radau<'_>) {
-        for (largest, y) in self.largest.iter_mut().zip(radau.y()) {
-            *largest = largest.max(y.abs());
-        }
         let (t, y) = (radau.t(), radau.y().to_vec());
-        if let Some(found) = radau.law_excess(t, &y, &self.largest) {
+        if let Some(found) = radau.law_excess(t, &y) {
             self.record_excess(CheckCode::LawResidual, found, t);
         }
-        if radau.is_smooth() {
-            self.screen(radau);
-        }
-        if let Some(distance) = radau.unlocated_switch(&self.largest) {
+        self.screen(radau);
+        if let Some(distance) = radau.unlocated_switch() {
             self.record_unlocated(t, distance, radau.accumulations() > 0);
         }
         if self.has_kinks
-            && let Some((state, defect)) = radau.defect(&self.largest)
+            && let Some((state, defect)) = radau.defect()
         {
             let name = &self.plan.names[state];
             self.checks.record(CheckCode::LocalError, defect, 1.0, || {
@@ -71,10 +58,11 @@ impl<'p> Audit<'p> {
     }
 
     fn screen(&mut self, radau: &mut Radau<'_>) {
-        match radau.screen(&self.largest) {
-            Screened::Proven => self.screening.proven += 1,
-            Screened::Undecided => self.screening.undecided += 1,
-            Screened::Missed(t, found) => {
+        match radau.screened() {
+            None => {}
+            Some(Screened::Proven) => self.screening.proven += 1,
+            Some(Screened::Undecided) => self.screening.undecided += 1,
+            Some(Screened::Missed(t, found)) => {
                 self.screening.missed += 1;
                 let name = self.variable(found);
                 self.checks.record(CheckCode::EventsUnproven, self.screening.missed as f64, 0.0, || {
@@ -92,7 +80,7 @@ impl<'p> Audit<'p> {
     pub fn output(&mut self, radau: &mut Radau<'_>, t: f64, y: &[f64]) {
         if t != radau.t()
             && radau.is_smooth()
-            && let Some(found) = radau.law_excess(t, y, &self.largest)
+            && let Some(found) = radau.law_excess(t, y)
         {
             self.record_excess(CheckCode::ConstraintResidual, found, t);
         }
@@ -114,8 +102,8 @@ impl<'p> Audit<'p> {
     }
 
     /// Closes the measurements of a run with these absolute tolerances.
-    pub fn finish(&mut self, atol: &[f64], checks: &mut Checks) -> Option<Screening> {
-        self.look_for_small_states(atol);
+    pub fn finish(&mut self, radau: &Radau<'_>, atol: &[f64], checks: &mut Checks) -> Option<Screening> {
+        self.look_for_small_states(radau.largest(), atol);
         let Screening { proven, undecided, missed } = self.screening;
         if undecided > 0 {
             let steps = proven + undecided + missed;
@@ -127,12 +115,12 @@ impl<'p> Audit<'p> {
             );
         }
         checks.absorb(std::mem::take(&mut self.checks));
-        (self.largest.len() > atol.len() && proven + undecided + missed > 0).then_some(self.screening)
+        (proven + undecided + missed > 0).then_some(self.screening)
     }
 
     /// Records the state that its absolute tolerance hides most.
-    fn look_for_small_states(&mut self, atol: &[f64]) {
-        let states = &self.largest[..atol.len()];
+    fn look_for_small_states(&mut self, largest: &[f64], atol: &[f64]) {
+        let states = &largest[..atol.len()];
         // What rounding leaves of a state that is zero says nothing.
         let rounding = 1e-12 * states.iter().copied().fold(0.0, f64::max);
         for ((name, atol), &largest) in self.plan.names.iter().zip(atol).zip(states) {

@@ -53,7 +53,7 @@ pub(super) fn integrate_once(
         // Where the run begins is no switch.
         radau.take_switches();
         let balance = model.outputs.energy().map(|form| EnergyBalance::new(form.clone(), &radau));
-        let audit = Audit::new(plan, &radau, model.has_kinks());
+        let audit = Audit::new(plan, model.has_kinks());
         let tolerances = (settings.rtol, settings.atol.as_slice());
         let watch = LipschitzWatch::new(model, analysis, tolerances, (radau.t(), radau.y()));
         let (kinks, outputs) = (&model.kinks, model.outputs.clone());
@@ -134,8 +134,8 @@ impl Stepper for Course<'_> {
 
     fn finish(&mut self, diagnostics: &mut Diagnostics) {
         count(&mut self.radau, self.plan, diagnostics);
-        warn_of_small_states(self.plan, self.atol, self.audit.largest(), diagnostics);
-        diagnostics.screening = self.audit.finish(self.atol, &mut diagnostics.checks);
+        warn_of_small_states(self.plan, self.atol, self.radau.largest(), diagnostics);
+        diagnostics.screening = self.audit.finish(&self.radau, self.atol, &mut diagnostics.checks);
         if let Some(balance) = &self.balance {
             diagnostics.energy = Some(balance.energy);
             balance.judge(&self.radau, self.rtol, self.atol, &mut diagnostics.checks);
@@ -149,7 +149,7 @@ impl Stepper for Course<'_> {
 impl Course<'_> {
     /// Names a state whose absolute tolerance asks for more digits than its values had.
     fn atol_below_rounding(&self) -> String {
-        let states = self.plan.names.iter().zip(self.atol).zip(self.audit.largest());
+        let states = self.plan.names.iter().zip(self.atol).zip(self.radau.largest());
         let excess = |((_, atol), largest): &((&String, &f64), &f64)| f64::EPSILON * **largest / **atol;
         let worst = states.max_by(|a, b| excess(a).total_cmp(&excess(b)));
         match worst.filter(|worst| excess(worst) > 1.0) {

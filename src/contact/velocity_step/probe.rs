@@ -154,7 +154,8 @@ impl VelocityStep<'_> {
             let row = self.structure.normal(k);
             let (before, free) = (now.velocity(row, &state.v), self.constraints.velocity(row, &v));
             let apart = now.size(row, &gained);
-            before > (SMALL * (free - before).abs().max(apart)).max(ROUNDING * now.terms(row, &state.v))
+            let rounding = (ROUNDING * now.terms(row, &state.v)).max(self.open_velocity(row));
+            before > (SMALL * (free - before).abs().max(apart)).max(rounding)
         };
         let contacts: Vec<usize> = closed.iter().copied().filter(|k| !parts(k)).collect();
         if contacts.is_empty() {

@@ -244,14 +244,14 @@ impl FaceEquations {
 }
 
 /// `N_p^-1 N` and `N_p^-1` for the rows `N`, with the members `p` chosen by complete pivoting.
-struct Elimination {
-    pivots: Vec<usize>,
+pub(super) struct Elimination {
+    pub(super) pivots: Vec<usize>,
     normals: Vec<f64>,
-    inverse: Vec<f64>,
+    pub(super) inverse: Vec<f64>,
 }
 
 impl Elimination {
-    fn of(polyhedron: &Polyhedron, rows: &[usize]) -> Self {
+    pub(super) fn of(polyhedron: &Polyhedron, rows: &[usize]) -> Self {
         let (count, k) = (rows.len(), polyhedron.dimension());
         let width = k + count;
         let mut table = vec![0.0; count * width];

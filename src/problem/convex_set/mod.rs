@@ -8,6 +8,7 @@ mod active_rows;
 mod ball;
 mod block;
 mod derivative;
+mod enclosure;
 mod face;
 mod polyhedron;
 mod second_order_cone;
@@ -17,6 +18,7 @@ mod tests;
 
 pub use block::{Block, BlockWorkspace, Shape};
 pub use derivative::Derivative;
+pub use enclosure::MonitorRange;
 pub use face::{Face, FaceEquations, Monitor};
 pub use polyhedron::Polyhedron;
 

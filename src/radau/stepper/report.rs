@@ -44,6 +44,11 @@ impl Radau<'_> {
         self.jumped
     }
 
+    /// The largest size of each unknown so far.
+    pub fn largest(&self) -> &[f64] {
+        &self.largest
+    }
+
     /// The number of stages in use.
     pub fn stages(&self) -> usize {
         self.tableau().stages()
@@ -76,6 +81,9 @@ impl Radau<'_> {
         } else {
             self.last.at(self.methods[self.last_method].tableau, t, out);
             std::mem::swap(&mut self.system.face, &mut self.last.face);
+            if self.last.is_smooth {
+                self.switching.constraints.correct(&mut self.system, &self.control, t, out);
+            }
         }
         if let Some(consistent) = &mut self.consistent
             && (at_end || self.last.is_smooth)

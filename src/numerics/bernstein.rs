@@ -1,0 +1,88 @@
+//! Polynomials on `[0, 1]` in the basis of Bernstein, given by their coefficients: the range of the coefficients holds that
+//! of the polynomial, and halving the interval by de Casteljau's algorithm brings the two together quadratically (Farouki
+//! 2012, *The Bernstein polynomial basis: a centennial retrospective*).
+
+use crate::Interval;
+
+/// The errors that rounding makes in a coefficient of a sum of some terms, in units of the largest of them.
+const ROUNDING: f64 = 8.0 * f64::EPSILON;
+
+/// The range of a polynomial, widened by the rounding of its coefficients.
+pub fn range(coefficients: &[f64]) -> Interval {
+    of_ends(coefficients.iter().copied())
+}
+
+/// The range of its derivative.
+pub fn range_of_rate(coefficients: &[f64]) -> Interval {
+    let degree = coefficients.len().saturating_sub(1) as f64;
+    let size = coefficients.iter().fold(0.0_f64, |size, c| size.max(c.abs()));
+    let rate = of_ends(coefficients.windows(2).map(|pair| degree * (pair[1] - pair[0])));
+    let noise = ROUNDING * degree * size;
+    Interval::new(rate.lo - noise, rate.hi + noise)
+}
+
+/// Its value at `theta`.
+pub fn value(coefficients: &[f64], theta: f64) -> f64 {
+    // Horner's scheme for this basis: the binomials and powers are made on the way.
+    let degree = coefficients.len().saturating_sub(1);
+    let rest = 1.0 - theta;
+    let (mut sum, mut weight) = (0.0, 1.0);
+    for (k, coefficient) in coefficients.iter().enumerate() {
+        sum = sum * rest + weight * coefficient;
+        weight *= theta * (degree - k) as f64 / (k + 1) as f64;
+    }
+    sum
+}
+
+/// Its coefficients on the first half of the interval, in place, and on the second, into `second`.
+pub fn halve(first: &mut [f64], second: &mut [f64]) {
+    let count = first.len();
+    second.copy_from_slice(first);
+    for round in 1..count {
+        for i in 0..count - round {
+            second[i] = 0.5 * (second[i] + second[i + 1]);
+        }
+        first[round] = second[0];
+    }
+}
+
+fn of_ends(values: impl Iterator<Item = f64>) -> Interval {
+    let (mut lo, mut hi, mut is_nan) = (f64::INFINITY, f64::NEG_INFINITY, false);
+    for value in values {
+        lo = lo.min(value);
+        hi = hi.max(value);
+        is_nan |= value.is_nan();
+    }
+    if is_nan {
+        return Interval::LINE;
+    }
+    let noise = ROUNDING * lo.abs().max(hi.abs());
+    Interval::new(lo - noise, hi + noise)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// `(u - 1/4) (u - 3/4)`
+    const PARABOLA: [f64; 3] = [3.0 / 16.0, -5.0 / 16.0, 3.0 / 16.0];
+
+    #[test]
+    fn values_are_those_of_the_polynomial() {
+        for (u, exact) in [(0.0, 0.1875), (0.25, 0.0), (0.5, -0.0625), (0.9, 0.0975), (1.0, 0.1875)] {
+            assert!((value(&PARABOLA, u) - exact).abs() < 1e-15, "at {u}");
+        }
+    }
+
+    #[test]
+    fn halves_are_the_same_polynomial_and_their_ranges_are_sharper() {
+        let (mut first, mut second) = (PARABOLA, [0.0; 3]);
+        halve(&mut first, &mut second);
+        for u in [0.0, 0.3, 1.0] {
+            assert!((value(&first, u) - value(&PARABOLA, 0.5 * u)).abs() < 1e-15);
+            assert!((value(&second, u) - value(&PARABOLA, 0.5 + 0.5 * u)).abs() < 1e-15);
+        }
+        assert!(range(&PARABOLA).contains(-0.3125) && !range(&first).contains(-0.0626));
+        assert!(range_of_rate(&PARABOLA).contains(-1.0) && range_of_rate(&PARABOLA).hi < 1.001);
+    }
+}

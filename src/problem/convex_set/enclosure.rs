@@ -1,0 +1,78 @@
+//! The monitors of a face over a box of `z` and `G`: intervals that hold their values at every point, in the order of
+//! [`FaceEquations::monitors`](super::FaceEquations).
+
+use super::block::Shape;
+use super::face::{Elimination, Face};
+use super::polyhedron::Polyhedron;
+use numerics::Interval;
+
+/// An interval that holds a monitor, by the unit that it has.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum MonitorRange {
+    /// A distance, in the unit of `z`.
+    Distance(Interval),
+    /// A multiplier, in the unit of `G`.
+    Multiplier(Interval),
+}
+
+use MonitorRange::{Distance, Multiplier};
+
+impl Shape {
+    /// Writes the ranges of the monitors of a face where `z` and `G` are in a box, and the radius of a ball in `radius`.
+    pub fn enclose_monitors(
+        &self,
+        face: &Face,
+        z: &[Interval],
+        g: &[Interval],
+        radius: Interval,
+        out: &mut Vec<MonitorRange>,
+    ) {
+        out.clear();
+        match (self, face) {
+            (Self::Ball { .. }, Face::Interior) => out.push(Distance(radius - norm(z))),
+            (Self::SecondOrderCone, Face::Interior) => out.push(Distance(z[0] - norm(&z[1..]))),
+            (Self::Polyhedron(polyhedron), Face::Interior) => {
+                out.extend((0..polyhedron.rows()).map(|j| Distance(slack(polyhedron, j, z))));
+            }
+            (_, Face::Interior) => {}
+            (Self::Ball { .. }, Face::Vertex) => out.push(Distance(-radius)),
+            (_, Face::Vertex) => out.push(Multiplier(g[0] - norm(&g[1..]))),
+            (Self::Simplex, Face::Edge(zeros)) => {
+                let pivot = (0..z.len()).find(|i| !zeros.contains(i)).unwrap_or(0);
+                out.extend((0..z.len()).map(|i| match zeros.contains(&i) {
+                    true => Multiplier(g[i] - g[pivot]),
+                    false => Distance(z[i]),
+                }));
+            }
+            (Self::Polyhedron(polyhedron), Face::Edge(rows)) => {
+                let Elimination { pivots, inverse, .. } = Elimination::of(polyhedron, rows);
+                let count = pivots.len();
+                out.extend((0..polyhedron.rows()).map(|j| match rows.iter().position(|row| *row == j) {
+                    Some(at) => {
+                        let terms = pivots.iter().enumerate();
+                        Multiplier(-sum(terms.map(|(q, p)| Interval::point(inverse[q * count + at]) * g[*p])))
+                    }
+                    None => Distance(slack(polyhedron, j, z)),
+                }));
+            }
+            (Self::Ball { .. }, _) => {
+                out.push(Multiplier(-sum(z.iter().zip(g).map(|(z, g)| *z * *g)) / norm(z)));
+            }
+            _ => out.extend([Multiplier(g[0]), Distance(z[0])]),
+        }
+    }
+}
+
+fn slack(polyhedron: &Polyhedron, row: usize, z: &[Interval]) -> Interval {
+    let terms = polyhedron.normal(row).iter().zip(z);
+    Interval::point(polyhedron.offset(row)) - sum(terms.map(|(normal, z)| Interval::point(*normal) * *z))
+}
+
+fn sum(terms: impl Iterator<Item = Interval>) -> Interval {
+    terms.fold(Interval::point(0.0), |sum, term| sum + term)
+}
+
+/// The Euclidean norm.
+fn norm(x: &[Interval]) -> Interval {
+    sum(x.iter().map(|x| x.square())).sqrt()
+}

@@ -1,0 +1,254 @@
+//! Equations that hold on a face beside the rates, and what they make of the unknowns between the ends of a step.
+//!
+//! With `A` the rows that are no rates, `z` and the massless states `w` free, and the rows of `N` a basis of the left null
+//! space of `A_(z,w)`,
+//!
+//! ```text
+//! N A(t, x) = 0,    dx = -D (N A_x D)^+ N A,    D = M^-1 F_(z,w)
+//! ```
+//!
+//! is what binds the other states, and the correction of states that miss it: along the directions in which `z` and `w`
+//! drive them, so that invariants stay (Ascher and Petzold 1998, 10.2). Where these do not reach the constraints, it is the
+//! least in the weights of the tolerances, `D = W`.
+//! Where `M` is singular, massless states and variables follow with `A_(z,w)^+`; where it is not, variables have hidden
+//! constraints as well (see [`consistent`](super::consistent)).
+//!
+//! The ends of steps satisfy it. Between them the collocation polynomial does not, and no error estimate sees that: a state
+//! that constraints determine has no error at the stages, whatever the step.
+
+use super::face::{ActiveFace, Place};
+use super::layout::Storage;
+use super::newton_control::NewtonControl;
+use super::system::System;
+use factorisation::Singular;
+use nalgebra::{DMatrix, FullPivLU};
+use problem::Mass;
+
+/// Pivots and singular values below this part of the largest are rounding, in matrices whose rows and columns are scaled to
+/// entries of at most one.
+const RANK: f64 = 1e-10;
+/// The most corrections of one point; constraints that are linear need one.
+const ITERATIONS: usize = 5;
+
+/// The constraints of one face with one Jacobian.
+#[derive(Debug, Default)]
+pub(super) struct Constraints {
+    jacobians: u64,
+    face: Option<ActiveFace>,
+    /// The rows that are no rates.
+    rows: Vec<usize>,
+    /// What to add to each unknown for each row of `A`; empty where there is nothing to correct.
+    correction: DMatrix<f64>,
+    phi: Vec<f64>,
+    residual: Vec<f64>,
+}
+
+impl Constraints {
+    /// Brings `y` onto the constraints of the face; false if there are none, or they are not reached.
+    pub fn correct(&mut self, system: &mut System<'_>, control: &NewtonControl, t: f64, y: &mut [f64]) -> bool {
+        self.follow(system, control, y);
+        if self.correction.is_empty() {
+            return false;
+        }
+        self.phi.resize(system.unknowns, 0.0);
+        let mut last = f64::INFINITY;
+        for _ in 0..ITERATIONS {
+            if !system.phi(t, y, &mut self.phi) {
+                return false;
+            }
+            self.residual.clear();
+            self.residual.extend(self.rows.iter().map(|&row| self.phi[row]));
+            let mut size = 0.0_f64;
+            for (unknown, row) in self.correction.row_iter().enumerate() {
+                let change: f64 = row.iter().zip(&self.residual).map(|(entry, residual)| entry * residual).sum();
+                y[unknown] += change;
+                size = size.max((change * control.weight[unknown]).abs());
+            }
+            if size <= control.kappa {
+                return true;
+            }
+            if size > 0.5 * last || size.is_nan() {
+                return false;
+            }
+            last = size;
+        }
+        true
+    }
+
+    /// How far each unknown may be from the constraints where the rows of `Phi` are as large as `sizes`, added to `out`.
+    pub fn add_errors(
+        &mut self,
+        system: &mut System<'_>,
+        control: &NewtonControl,
+        y: &[f64],
+        sizes: &[f64],
+        out: &mut [f64],
+    ) {
+        self.follow(system, control, y);
+        if self.correction.is_empty() {
+            return;
+        }
+        for (error, row) in out.iter_mut().zip(self.correction.row_iter()) {
+            let of_rows = row.iter().zip(&self.rows).filter(|(entry, _)| **entry != 0.0);
+            *error += of_rows.map(|(entry, &at)| entry.abs() * sizes[at]).sum::<f64>();
+        }
+    }
+
+    /// Takes the constraints of the face of `system`, with its last Jacobian.
+    fn follow(&mut self, system: &mut System<'_>, control: &NewtonControl, y: &[f64]) {
+        let is_same = self.jacobians == system.work.jacobians && self.face.as_ref() == Some(&system.face);
+        if is_same && !system.is_curved() {
+            return;
+        }
+        self.jacobians = system.work.jacobians;
+        self.face.get_or_insert_default().clone_from(&system.face);
+        if system.is_curved() {
+            system.linearise_blocks(y, Some(control));
+        }
+        self.correction = correction(system, control, &mut self.rows).unwrap_or_default();
+    }
+}
+
+/// The matrix that corrects states; none where nothing binds them, or the system is sparse.
+fn correction(system: &System<'_>, control: &NewtonControl, rows: &mut Vec<usize>) -> Option<DMatrix<f64>> {
+    let (n, unknowns, layout) = (system.states, system.unknowns, &system.layout);
+    rows.clear();
+    rows.extend((0..unknowns).filter(|&row| row >= n || !layout.is_rate[row]));
+    if rows.is_empty() || !matches!(layout.storage, Storage::Dense) {
+        return None;
+    }
+    let mut place = vec![usize::MAX; unknowns];
+    rows.iter().enumerate().for_each(|(at, &row)| place[row] = at);
+    let mut free = vec![usize::MAX; unknowns];
+    let are_free = (0..unknowns).filter(|&j| j >= n || !layout.has_mass[j]);
+    let columns = are_free.enumerate().map(|(column, j)| free[j] = column).count();
+    let mut of_free = DMatrix::<f64>::zeros(rows.len(), columns);
+    let mut of_states = DMatrix::<f64>::zeros(rows.len(), n);
+    let mut rates = DMatrix::<f64>::zeros(n, columns);
+    let rests = |j: usize| j >= n && matches!(system.face.places[j - n], Place::Lower | Place::Upper | Place::Held);
+    system.visit_derivatives(&system.face, |i, j, _, value| {
+        match (place[i], free[j]) {
+            (usize::MAX, usize::MAX) => {}
+            // What rests on a bound drives nothing.
+            (usize::MAX, column) => rates[(i, column)] += if rests(j) { 0.0 } else { value },
+            (row, usize::MAX) => of_states[(row, j)] += value,
+            (row, column) => of_free[(row, column)] += value,
+        }
+    });
+    let (scaled, of_rows, of_columns) = equilibrated(of_free);
+    let mut correction = DMatrix::<f64>::zeros(unknowns, rows.len());
+    if let Some(mut null) = left_null_space(scaled.clone()) {
+        null.column_iter_mut().zip(&of_rows).for_each(|(mut column, scale)| column.scale_mut(*scale));
+        let weights = DMatrix::from_fn(n, n, |i, j| if i == j { 1.0 / control.weight[i] } else { 0.0 });
+        let driven = directions(system, rates).filter(|driven| reaches(&(&null * &of_states * driven)));
+        let directions = driven.unwrap_or(weights);
+        let mut bound = &null * &of_states * &directions;
+        for row in 0..bound.nrows() {
+            let scale = scale_of(bound.row(row).amax());
+            bound.row_mut(row).scale_mut(scale);
+            null.row_mut(row).scale_mut(scale);
+        }
+        correction.rows_mut(0, n).copy_from(&(-directions * pseudoinverse(&bound)? * null));
+    }
+    if layout.has_mass.contains(&false) {
+        let rest = DMatrix::identity(rows.len(), rows.len()) + of_states * correction.rows(0, n);
+        let mut inverse = pseudoinverse(&scaled)?;
+        inverse.column_iter_mut().zip(&of_rows).for_each(|(mut column, scale)| column.scale_mut(*scale));
+        let of_free = inverse * rest;
+        for (j, &column) in free.iter().enumerate().filter(|(_, column)| **column != usize::MAX) {
+            correction.row_mut(j).copy_from(&(-of_free.row(column) * of_columns[column]));
+        }
+    }
+    let is_needed = correction.amax() > 0.0;
+    Some(correction).filter(|correction| is_needed && correction.iter().all(|entry| entry.is_finite()))
+}
+
+/// `M^-1 F_(z,w)`, its columns scaled to entries of at most one; `None` where `M` without its massless rows is singular.
+fn directions(system: &System<'_>, mut rates: DMatrix<f64>) -> Option<DMatrix<f64>> {
+    if let Mass::Constant(entries) = system.mass() {
+        let mut mass = DMatrix::<f64>::zeros(system.states, system.states);
+        entries.iter().for_each(|&(i, j, value)| mass[(i, j)] += value);
+        for i in (0..system.states).filter(|&i| !system.layout.is_rate[i] && !system.layout.has_mass[i]) {
+            mass[(i, i)] = 1.0;
+            rates.row_mut(i).fill(0.0);
+        }
+        if !mass.lu().solve_mut(&mut rates) {
+            return None;
+        }
+    }
+    for mut column in rates.column_iter_mut() {
+        let scale = scale_of(column.amax());
+        column.scale_mut(scale);
+    }
+    Some(rates).filter(|rates| rates.iter().all(|entry| entry.is_finite()))
+}
+
+/// Whether the rows of a matrix are independent.
+fn reaches(bound: &DMatrix<f64>) -> bool {
+    let (scaled, _, _) = equilibrated(bound.clone());
+    Singular::of(&scaled).is_some_and(|singular| singular.rank(RANK) == bound.nrows())
+}
+
+/// The matrix with its rows and columns scaled to entries of at most one, and their scales.
+fn equilibrated(mut matrix: DMatrix<f64>) -> (DMatrix<f64>, Vec<f64>, Vec<f64>) {
+    let of_rows: Vec<f64> = matrix.row_iter().map(|row| scale_of(row.amax())).collect();
+    matrix.row_iter_mut().zip(&of_rows).for_each(|(mut row, scale)| row.scale_mut(*scale));
+    let of_columns: Vec<f64> = matrix.column_iter().map(|column| scale_of(column.amax())).collect();
+    matrix.column_iter_mut().zip(&of_columns).for_each(|(mut column, scale)| column.scale_mut(*scale));
+    (matrix, of_rows, of_columns)
+}
+
+/// The pseudoinverse of Moore and Penrose; zero of a matrix that is zero, `None` if an entry is not finite.
+fn pseudoinverse(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let singular = Singular::of(matrix)?;
+    let mut inverse = DMatrix::<f64>::zeros(matrix.ncols(), matrix.nrows());
+    for q in 0..singular.rank(RANK) {
+        inverse += singular.v_t.row(q).transpose() * singular.u.column(q).transpose() / singular.values[q];
+    }
+    Some(inverse)
+}
+
+/// A basis of the rows that a matrix is zero under; `None` where there are none.
+fn left_null_space(matrix: DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let rows = matrix.nrows();
+    let lu = FullPivLU::new(matrix);
+    let u = lu.u();
+    let pivots: Vec<f64> = (0..u.nrows().min(u.ncols())).map(|i| u[(i, i)].abs()).collect();
+    let largest = pivots.first().copied().unwrap_or(0.0);
+    let rank = pivots.iter().take_while(|pivot| **pivot > RANK * largest && **pivot > 0.0).count();
+    if rank == rows {
+        return None;
+    }
+    let mut basis = DMatrix::<f64>::identity(rows, rows);
+    lu.p().permute_rows(&mut basis);
+    let lower = lu.l();
+    for row in 0..rows {
+        for above in 0..row.min(lower.ncols()).min(rank) {
+            let factor = lower[(row, above)];
+            if factor != 0.0 {
+                let eliminated = basis.row(above) * factor;
+                basis.row_mut(row).zip_apply(&eliminated, |entry, other| *entry -= other);
+            }
+        }
+    }
+    Some(basis.rows(rank, rows - rank).into_owned())
+}
+
+fn scale_of(size: f64) -> f64 {
+    if size > 0.0 { 1.0 / size } else { 1.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn null_vectors_are_those_of_the_combinations_that_vanish() {
+        // Row three is the sum of the first two.
+        let matrix = DMatrix::from_row_slice(3, 3, &[1.0, 2.0, 0.0, 0.0, 1.0, 1.0, 1.0, 3.0, 1.0]);
+        let null = left_null_space(matrix.clone()).expect("one combination");
+        assert_eq!(null.nrows(), 1);
+        assert!((null * matrix).amax() < 1e-15);
+        assert!(left_null_space(DMatrix::identity(3, 3)).is_none());
+    }
+}

@@ -1,0 +1,294 @@
+//! Lower ends of the monitors over a part of a step.
+//!
+//! `G` and the bounds in interval arithmetic over the box of the unknowns hold every value of a monitor `m`; where that is
+//! too wide, so does
+//!
+//! ```text
+//! m(middle) + m' [-1/2, 1/2],    m' = G_t dt/du + sum_j G_yj dy_j/du    over the part, u in [0, 1],
+//! ```
+//!
+//! or the value at one end where `m'` has one sign. The variables inside their intervals are the roots of `G_I = 0` and not
+//! their polynomials, from which they differ by `|dG_I/dz_I|^-1 |G_I|`, to first order, and so do states that are bound by
+//! constraints: monitors are lowered by it. Those of
+//! blocks are taken from the box alone.
+
+use super::part::Part;
+use crate::constraints::Constraints;
+use crate::face::Place;
+use crate::inside::Inside;
+use crate::newton_control::NewtonControl;
+use crate::system::System;
+use numerics::Interval;
+use problem::{MonitorRange, Side};
+
+/// A quantity that must not become negative on the face.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Watched {
+    pub variable: usize,
+    place: Place,
+    /// Of a variable inside: whether the upper bound is meant.
+    upper: bool,
+    /// What counts as zero.
+    limit: f64,
+}
+
+/// Room for the enclosures over one part.
+#[derive(Debug, Default)]
+pub(super) struct Enclosure {
+    ranges: Vec<Interval>,
+    values: Vec<Interval>,
+    jacobian: Vec<Interval>,
+    by_time: Vec<Interval>,
+    /// The unknowns at the beginning, in the middle and at the end.
+    points: [Vec<f64>; 3],
+    /// How large the rows of `Phi` are that are no rates.
+    residuals: Vec<f64>,
+    /// How far the unknowns are from their polynomials.
+    errors: Vec<f64>,
+    middle: Vec<f64>,
+    /// `z` and `G` of one block, and its monitors.
+    members: [Vec<Interval>; 2],
+    of_block: Vec<MonitorRange>,
+    /// The monitors that the box does not prove, and what their slopes say.
+    left: Vec<Watched>,
+    slopes: Vec<Sloping>,
+}
+
+/// A monitor over a part by its slope.
+#[derive(Clone, Copy, Debug)]
+struct Sloping {
+    middle: f64,
+    lower: f64,
+    slope: Interval,
+}
+
+/// What is known of the monitors over a part.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Found {
+    Proven,
+    /// Not proven; whether one may be negative in the middle.
+    Unproven {
+        may_fail: bool,
+    },
+    /// The problem has no enclosure.
+    Unknown,
+}
+
+/// The monitors of the face, but for those of blocks, into `out`; each may fall to `-limit`, which is what `limits` say of
+/// a variable and of its `G`.
+pub(super) fn watch(system: &System<'_>, limits: impl Fn(usize) -> [f64; 2], out: &mut Vec<Watched>) {
+    out.clear();
+    for &k in &system.intervals {
+        let place = system.face.places[k];
+        let watched = |upper: bool, limit: f64| Watched { variable: k, place, upper, limit };
+        match place {
+            Place::Lower | Place::Upper => out.push(watched(false, limits(k)[1])),
+            Place::Inside => {
+                let ends = [(false, system.set.lower[k]), (true, system.set.upper[k])];
+                let finite = ends.into_iter().filter(|(_, end)| end.is_finite());
+                out.extend(finite.map(|(upper, _)| watched(upper, limits(k)[0])));
+            }
+            Place::Held | Place::Boundary(_) | Place::Vertex => {}
+        }
+    }
+}
+
+impl Enclosure {
+    /// Whether no monitor falls below its limit over a part that begins at `t` and takes `h`; `limits` are those of blocks.
+    #[expect(clippy::too_many_arguments, reason = "a part is its place, its polynomials and what is asked of them")]
+    pub fn prove(
+        &mut self,
+        system: &mut System<'_>,
+        control: &NewtonControl,
+        (inside, constraints): (&mut Inside, &mut Constraints),
+        part: &Part,
+        (t, h): (f64, f64),
+        watched: &[Watched],
+        limits: &[[f64; 2]],
+    ) -> Found {
+        let times = Interval::new(t.next_down(), (t + h).next_up());
+        self.ranges.resize(system.unknowns, Interval::LINE);
+        self.values.resize(system.values.len(), Interval::LINE);
+        part.ranges(&mut self.ranges);
+        system.work.enclosures += 1;
+        if !system.problem().enclose(times, &self.ranges, &mut self.values) {
+            return Found::Unknown;
+        }
+        self.residuals.clear();
+        self.residuals.extend(self.values[..system.unknowns].iter().copied().map(size));
+        self.find_errors(system, control, inside, constraints, part);
+        let are_blocks_proven = self.are_blocks_proven(system, limits);
+        let mut left = std::mem::take(&mut self.left);
+        left.clear();
+        left.extend(watched.iter().copied().filter(|monitor| {
+            let lower = self.lower_end(system, monitor) - self.error_of(system, monitor);
+            lower < 0.0 || lower.is_nan()
+        }));
+        let may_fail =
+            !left.is_empty() && self.may_fail(system, control, (inside, constraints), part, (t, h), times, &mut left);
+        let found = match are_blocks_proven && left.is_empty() {
+            true => Found::Proven,
+            false => Found::Unproven { may_fail: may_fail || !are_blocks_proven },
+        };
+        self.left = left;
+        found
+    }
+
+    /// Takes out of `left` the monitors that their slopes prove; whether one that stays may be negative in the middle.
+    #[expect(clippy::too_many_arguments, reason = "a part is its place, its polynomials and what is asked of them")]
+    fn may_fail(
+        &mut self,
+        system: &mut System<'_>,
+        control: &NewtonControl,
+        (inside, constraints): (&mut Inside, &mut Constraints),
+        part: &Part,
+        (t, h): (f64, f64),
+        times: Interval,
+        left: &mut Vec<Watched>,
+    ) -> bool {
+        let n = system.states;
+        self.jacobian.resize(system.derivatives.len(), Interval::LINE);
+        self.by_time.resize(system.unknowns - n, Interval::LINE);
+        system.work.enclosures += 1;
+        if !system.problem().enclose_derivatives(times, &self.ranges, &mut self.jacobian, &mut self.by_time) {
+            return true;
+        }
+        for (point, u) in self.points.iter_mut().zip([0.0, 0.5, 1.0]) {
+            point.resize(system.unknowns, 0.0);
+            part.values(u, point);
+        }
+        if !system.evaluate(t + 0.5 * h, &self.points[1]) {
+            return true;
+        }
+        // The equations of the variables inside in the same form: their values over the box are too wide for long steps.
+        let equations = (0..system.unknowns - n).filter(|&k| system.face.places[k] == Place::Inside);
+        for k in equations.filter(|&k| system.set.block_of(k).is_none()) {
+            let slope = size(self.slope_of_row(system, part, h, n + k));
+            let sharper = system.values[n + k].abs() + 0.5 * slope + control.noise_of_g(system, k, &self.points[1]);
+            self.residuals[n + k] = self.residuals[n + k].min(sharper);
+        }
+        self.find_errors(system, control, inside, constraints, part);
+        self.slopes.clear();
+        for monitor in left.iter() {
+            let (middle, slope) = (value(system, monitor, &self.points[1]), self.slope(system, part, h, monitor));
+            self.slopes.push(Sloping { middle, lower: middle - 0.5 * size(slope), slope });
+        }
+        for (at, u) in [(0, 0.0), (2, 1.0)] {
+            let is_least = |slope: Interval| if at == 0 { slope.lo >= 0.0 } else { slope.hi <= 0.0 };
+            if self.slopes.iter().any(|of| is_least(of.slope)) && system.evaluate(t + u * h, &self.points[at]) {
+                for (of, monitor) in self.slopes.iter_mut().zip(&*left).filter(|(of, _)| is_least(of.slope)) {
+                    of.lower = value(system, monitor, &self.points[at]);
+                }
+            }
+        }
+        let (mut index, mut may_fail) = (0, false);
+        left.retain(|monitor| {
+            let Sloping { middle, lower, .. } = self.slopes[index];
+            index += 1;
+            let error = self.error_of(system, monitor);
+            let is_proven = lower + monitor.limit - error >= 0.0;
+            may_fail |= !is_proven && (middle < error || middle.is_nan() || error.is_nan());
+            !is_proven
+        });
+        may_fail
+    }
+
+    /// How far the unknowns may be from their polynomials, by the residuals of the equations of the face.
+    fn find_errors(
+        &mut self,
+        system: &mut System<'_>,
+        control: &NewtonControl,
+        inside: &mut Inside,
+        constraints: &mut Constraints,
+        part: &Part,
+    ) {
+        let n = system.states;
+        inside.errors(system, &self.residuals[n..], &mut self.errors);
+        self.errors.splice(0..0, std::iter::repeat_n(0.0, n));
+        for k in (0..system.unknowns - n).filter(|&k| system.face.places[k] != Place::Inside) {
+            self.residuals[n + k] = 0.0;
+        }
+        self.middle.resize(system.unknowns, 0.0);
+        part.values(0.5, &mut self.middle);
+        constraints.add_errors(system, control, &self.middle, &self.residuals, &mut self.errors);
+    }
+
+    /// Whether no monitor of a block falls below its limit over the box.
+    fn are_blocks_proven(&mut self, system: &System<'_>, limits: &[[f64; 2]]) -> bool {
+        let n = system.states;
+        system.set.blocks().iter().zip(&system.face.blocks).enumerate().all(|(b, (block, face))| {
+            if system.face.holds(&block.members) {
+                return true;
+            }
+            let [z, g] = &mut self.members;
+            z.clear();
+            z.extend(block.members.iter().map(|&k| self.ranges[n + k]));
+            g.clear();
+            g.extend(block.members.iter().map(|&k| self.values[n + k]));
+            block.shape.enclose_monitors(face, z, g, system.radius(b, &self.values), &mut self.of_block);
+            let [of_z, of_g] = limits[b];
+            self.of_block.iter().all(|monitor| match monitor {
+                MonitorRange::Distance(range) => range.defined && range.lo + of_z >= 0.0,
+                MonitorRange::Multiplier(range) => range.defined && range.lo + of_g >= 0.0,
+            })
+        })
+    }
+
+    /// The lower end of a monitor over the box with its limit added; NaN where it is not defined all over it.
+    fn lower_end(&self, system: &System<'_>, monitor: &Watched) -> f64 {
+        let (n, k) = (system.states, monitor.variable);
+        let value = match monitor.place {
+            Place::Lower => self.values[n + k],
+            Place::Upper => -self.values[n + k],
+            _ if monitor.upper => system.bound(k, Side::Upper, &self.values) - self.ranges[n + k],
+            _ => self.ranges[n + k] - system.bound(k, Side::Lower, &self.values),
+        };
+        if value.defined { value.lo + monitor.limit } else { f64::NAN }
+    }
+
+    /// What the errors of the variables inside make of a monitor.
+    fn error_of(&self, system: &System<'_>, monitor: &Watched) -> f64 {
+        let (n, k) = (system.states, monitor.variable);
+        match monitor.place {
+            Place::Inside => self.errors[n + k],
+            _ => system.terms(k, |j| [self.errors[j]])[0],
+        }
+    }
+
+    /// The slope of a monitor over the part, in its own unit of time; that of a variable inside whose bound moves is the
+    /// line.
+    fn slope(&self, system: &System<'_>, part: &Part, h: f64, monitor: &Watched) -> Interval {
+        let row = system.states + monitor.variable;
+        let slope = match monitor.place {
+            Place::Inside if system.moves(monitor.variable) => Interval::LINE,
+            Place::Inside if monitor.upper => -part.rate(row),
+            Place::Inside => part.rate(row),
+            Place::Upper => -self.slope_of_row(system, part, h, row),
+            _ => self.slope_of_row(system, part, h, row),
+        };
+        if slope.defined { slope } else { Interval::LINE }
+    }
+
+    /// The slope of `G` in one row over the part.
+    fn slope_of_row(&self, system: &System<'_>, part: &Part, h: f64, row: usize) -> Interval {
+        let explicit = self.by_time[row - system.states] * Interval::point(h);
+        let along = system.places_of_row(row).map(|(at, j)| self.jacobian[at] * part.rate(j));
+        along.fold(explicit, |sum, term| sum + term)
+    }
+}
+
+/// The largest size of a value in the interval; infinite where it is not defined all over the box.
+fn size(interval: Interval) -> f64 {
+    if interval.defined { interval.magnitudes().1 } else { f64::INFINITY }
+}
+
+/// A monitor at a point at which `system` was evaluated last.
+fn value(system: &System<'_>, monitor: &Watched, y: &[f64]) -> f64 {
+    let (n, k) = (system.states, monitor.variable);
+    match monitor.place {
+        Place::Lower => system.values[n + k],
+        Place::Upper => -system.values[n + k],
+        _ if monitor.upper => system.set.upper[k] - y[n + k],
+        _ => y[n + k] - system.set.lower[k],
+    }
+}

@@ -1,0 +1,63 @@
+//! Parts of a step, with the polynomials of the unknowns there in the basis of Bernstein.
+
+use crate::tableau::Tableau;
+use numerics::{Interval, bernstein};
+
+/// A part of a step: `theta` in `[begin, begin + length]`, and the coefficients of each unknown there, one after the other.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Part {
+    pub begin: f64,
+    pub length: f64,
+    coefficients: Vec<f64>,
+    /// Coefficients an unknown.
+    count: usize,
+}
+
+impl Part {
+    /// The whole step from `y` with these increments at the stages.
+    pub fn set_whole(&mut self, tableau: &Tableau, y: &[f64], increments: &[f64]) {
+        let (s, n) = (tableau.stages(), y.len());
+        let of_stages = tableau.bernstein();
+        (self.begin, self.length, self.count) = (0.0, 1.0, s + 1);
+        self.coefficients.clear();
+        for (j, &start) in y.iter().enumerate() {
+            for i in 0..=s {
+                let along: f64 = (0..s).map(|stage| of_stages[stage][i] * increments[stage * n + j]).sum();
+                self.coefficients.push(start + along);
+            }
+        }
+    }
+
+    /// Keeps the first half, and writes the second into `second`.
+    pub fn halve(&mut self, second: &mut Self) {
+        self.length *= 0.5;
+        (second.begin, second.length, second.count) = (self.begin + self.length, self.length, self.count);
+        second.coefficients.resize(self.coefficients.len(), 0.0);
+        let halves =
+            self.coefficients.chunks_exact_mut(self.count).zip(second.coefficients.chunks_exact_mut(self.count));
+        halves.for_each(|(first, second)| bernstein::halve(first, second));
+    }
+
+    /// `theta` in the middle.
+    pub fn middle(&self) -> f64 {
+        self.begin + 0.5 * self.length
+    }
+
+    /// The ranges of the unknowns.
+    pub fn ranges(&self, out: &mut [Interval]) {
+        let unknowns = self.coefficients.chunks_exact(self.count);
+        unknowns.zip(out).for_each(|(coefficients, range)| *range = bernstein::range(coefficients));
+    }
+
+    /// The range of the slope of an unknown, in units of the part.
+    pub fn rate(&self, unknown: usize) -> Interval {
+        let first = unknown * self.count;
+        bernstein::range_of_rate(&self.coefficients[first..first + self.count])
+    }
+
+    /// The unknowns at `u` in `[0, 1]` of the part.
+    pub fn values(&self, u: f64, out: &mut [f64]) {
+        let unknowns = self.coefficients.chunks_exact(self.count);
+        unknowns.zip(out).for_each(|(coefficients, value)| *value = bernstein::value(coefficients, u));
+    }
+}
