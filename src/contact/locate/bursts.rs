@@ -3,7 +3,7 @@
 //!
 //! So forces, drift and bias are enclosed over the times of a step, with coordinates and velocities as they are in the
 //! middle of each of its parts, and a part is halved where an enclosure is much wider than what is seen at its ends and in
-//! its middle. The parts that are left are those in which forces are looked at: where the slopes of the polynomial are not
+//! its middle, or where that is not nearly straight. The parts that are left are those in which forces are looked at: where the slopes of the polynomial are not
 //! the rates there, the step went over a burst and is made anew, up to where that begins.
 
 use super::hidden::{HALVINGS, Hidden, NEXT};
@@ -13,6 +13,10 @@ use numerics::Interval;
 /// The factor by which an enclosure may be wider than the range of what is seen: it is for sums and products of terms that
 /// vary together.
 const WIDER: f64 = 4.0;
+
+/// The part of this range by which what is in the middle may differ from the mean of the ends: a burst that happens to be
+/// in the middle, or at an end, differs by all of it, or by half.
+const BENT: f64 = 0.3;
 
 /// Parts of one step; a part that is left undecided then is as wide as it is.
 const MOST_PARTS: usize = 400;
@@ -89,14 +93,17 @@ impl Leg<'_, '_> {
         if enclosed.iter().zip(allowed).all(is_narrow) {
             return true;
         }
-        let mut seen = vec![Interval::EMPTY; allowed.len()];
-        let mut at_point = vec![Interval::LINE; allowed.len()];
-        for t in [a, 0.5 * (a + b), b] {
-            self.watch.problem().enclose_in_time(Interval::point(t), q, v, &mut at_point);
-            seen.iter_mut().zip(&at_point).for_each(|(seen, value)| *seen = seen.hull(*value));
+        let mut seen = [a, 0.5 * (a + b), b].map(|t| (t, vec![Interval::LINE; allowed.len()]));
+        for (t, values) in &mut seen {
+            self.watch.problem().enclose_in_time(Interval::point(*t), q, v, values);
         }
-        enclosed.iter().zip(&seen).zip(allowed).all(|((value, seen), allowed)| {
-            !seen.is_empty() && value.hi - value.lo <= WIDER * (seen.hi - seen.lo) + allowed
+        let [(_, first), (_, middle), (_, last)] = &seen;
+        (0..allowed.len()).all(|i| {
+            let all = first[i].hull(middle[i]).hull(last[i]);
+            let range = all.hi - all.lo;
+            let bent = (middle[i].lo - 0.5 * (first[i].lo + last[i].lo)).abs();
+            let is_narrow = enclosed[i].hi - enclosed[i].lo <= WIDER * range + allowed[i];
+            all.defined && is_narrow && bent <= BENT * range + allowed[i]
         })
     }
 
