@@ -10,6 +10,7 @@
 //! - [`VelocityStep`]: one step of a system in generalised coordinates; [`TimeStepping`]: one after the other.
 
 mod delassus;
+mod elapsed;
 pub mod energy;
 mod happening;
 pub mod islands;
@@ -21,8 +22,9 @@ mod time_stepping;
 mod velocity_step;
 mod violations;
 
+pub use elapsed::Elapsed;
 pub use happening::Happening;
-pub use locate::{Flights, Leg, Located, Passed};
+pub use locate::{Flights, Leg, Located, Passed, Screening};
 pub use settings::{ContactError, ImpactLaw, Settings};
 pub use time_stepping::TimeStepping;
 pub use velocity_step::{Contacted, Forces, State, VelocityStep, Work};

@@ -86,6 +86,20 @@ pub enum ContactError {
 }
 
 impl ContactError {
+    /// The same by a clock that is ahead by so much.
+    #[must_use]
+    pub fn ahead(mut self, by: f64) -> Self {
+        match &mut self {
+            Self::NotFinite { t, .. }
+            | Self::Force { t, .. }
+            | Self::MassNotPositive { t }
+            | Self::Singular { t }
+            | Self::Gradient { t, .. }
+            | Self::Unsolved { t, .. } => *t += by,
+        }
+        self
+    }
+
     /// A stable word for programs.
     pub fn code(&self) -> &'static str {
         match self {

@@ -40,11 +40,20 @@ pub struct State {
 pub enum Forces {
     /// All of them, and contacts with their restitution.
     All,
-    /// None but impulses: an impact, at an instant. Contacts with a gap below this are closed.
-    Impact(f64),
+    /// None but impulses: an impact, at an instant, of the contacts that are closed.
+    Impact,
     /// The same without restitution: what an infinite number of impacts come to.
-    Inelastic(f64),
+    Inelastic,
 }
+
+/// Gaps below this fraction of the largest terms that they had are closed at an event: several contacts close at once. So
+/// are those below this fraction of what tolerances leave open of their coordinates, where bodies rest at zero; and
+/// velocities below this fraction of what they leave open of those are none.
+const CLOSED: f64 = 1e-10;
+const OPEN: f64 = 1e-3;
+
+/// What rounding leaves of a joint or a gap, as a fraction of the largest terms that it had.
+const ROUNDING: f64 = 1e-13;
 
 /// Counters of a run.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -84,6 +93,10 @@ pub struct VelocityStep<'p> {
     factorised: Option<f64>,
     /// The largest terms of each joint and gap so far.
     pub(super) sizes: Vec<f64>,
+    /// What tolerances on the coordinates leave open of each joint and gap.
+    open: Vec<f64>,
+    /// The absolute tolerances on velocities; none where steps have one size.
+    pub(super) atol: Vec<f64>,
     law: Law,
     impact_law: ImpactLaw,
     pub(super) f: Vec<f64>,
@@ -91,6 +104,8 @@ pub struct VelocityStep<'p> {
     pub(super) kick: f64,
     /// The contact whose gap was found to close, which is closed at an instant whatever rounding has left of it.
     pub(super) closing: Option<usize>,
+    /// The length of the last probe.
+    pub(super) instant: Option<f64>,
     /// What contacts did in the last step.
     pub contacted: Contacted,
     /// Counters.
@@ -111,11 +126,14 @@ impl<'p> VelocityStep<'p> {
             by_v: DMatrix::zeros(n, n),
             factorised: None,
             sizes: vec![0.0; structure.joints + structure.contacts.len()],
+            open: vec![0.0; structure.joints + structure.contacts.len()],
+            atol: Vec::new(),
             law: Law::new(tolerance),
             impact_law,
             f: vec![0.0; n],
             kick: 0.0,
             closing: None,
+            instant: None,
             contacted: Contacted::none(structure.contacts.len()),
             work: Work::default(),
             problem,
@@ -192,6 +210,34 @@ impl<'p> VelocityStep<'p> {
             let terms = self.constraints.size(row, q) + h * self.constraints.size(row, v);
             *size = size.max(terms).max(self.constraints.values[row].abs());
         }
+    }
+
+    /// Takes the terms of joints and gaps at a place into account, where coordinates are known to `atol`.
+    pub(super) fn meet(&mut self, constraints: &Constraints, q: &[f64], atol: &[f64]) {
+        for (row, size) in self.sizes.iter_mut().enumerate() {
+            *size = size.max(constraints.size(row, q)).max(constraints.values[row].abs());
+            self.open[row] = self.open[row].max(constraints.size(row, atol));
+        }
+    }
+
+    /// The gap below which a contact, or a joint, is closed at an event.
+    pub(super) fn closed(&self, row: usize) -> f64 {
+        CLOSED * self.sizes[row] + OPEN * self.open[row]
+    }
+
+    /// What rounding leaves of a joint or a gap.
+    pub(super) fn rounding_of_row(&self, row: usize) -> f64 {
+        ROUNDING * self.sizes[row]
+    }
+
+    /// The velocity of a row that is none beside what tolerances leave open.
+    pub(super) fn open_velocity(&self, row: usize) -> f64 {
+        OPEN * self.constraints.size(row, &self.atol)
+    }
+
+    /// The same for a slip of contact `k`.
+    pub(super) fn open_slip(&self, k: usize) -> f64 {
+        self.structure.tangents(k).map(|row| self.open_velocity(row)).fold(0.0, f64::max)
     }
 
     /// Factorises `M - h f_v - h^2 f_q`, unless it is constant and at hand.
@@ -293,7 +339,7 @@ impl<'p> VelocityStep<'p> {
             let lasts = if forces == Forces::All { 1.0 } else { 0.0 };
             let gap = |&k: &usize| lasts * self.constraints.values[self.structure.joints + k];
             let gap: Vec<f64> = near.iter().map(gap).collect();
-            let rebounds = !matches!(forces, Forces::Inelastic(_));
+            let rebounds = forces != Forces::Inelastic;
             let elastic = if rebounds { 1.0 } else { 0.0 };
             let restitution: Vec<f64> = scene.restitution.iter().map(|e| elastic * e).collect();
             let mut struck = vec![Vector3::zeros(); near.len()];
@@ -340,7 +386,9 @@ impl<'p> VelocityStep<'p> {
     fn closes(&self, k: usize, v: &[f64], h: f64, forces: Forces) -> bool {
         let gap = self.constraints.values[self.structure.joints + k];
         match forces {
-            Forces::Impact(closed) | Forces::Inelastic(closed) => gap <= closed || self.closing == Some(k),
+            Forces::Impact | Forces::Inelastic => {
+                gap <= self.closed(self.structure.joints + k) || self.closing == Some(k)
+            }
             Forces::All => gap <= 0.0 || gap + h * self.constraints.velocity(self.structure.normal(k), v) <= 0.0,
         }
     }

@@ -66,6 +66,13 @@ impl Violations {
         }
     }
 
+    /// The same by a clock that is ahead by so much.
+    #[must_use]
+    pub fn ahead(mut self, by: f64) -> Self {
+        self.rows.iter_mut().for_each(|row| row.t += by);
+        self
+    }
+
     /// Of each joint.
     pub fn joints(&self) -> &[Violation] {
         &self.rows[..self.joints]

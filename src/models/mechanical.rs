@@ -8,7 +8,7 @@
 //! all by exact differentiation; contacts and joints give `J` and `b` by that of gaps and constraints, and `J` and `b` of
 //! slips are read off expressions that are affine in `v`.
 
-use expression::{ExpressionError, Graph, IntervalWorkspace, Node, Tape};
+use expression::{Breaks, ExpressionError, Graph, IntervalWorkspace, Node, Tape};
 use nalgebra::DMatrix;
 use numerics::Interval;
 use problem::{Constraints, ContactData, Energies, Mechanical, MechanicalStructure, Sensitivity};
@@ -53,16 +53,30 @@ pub struct SymbolicMechanics {
     forces: Tape,
     stiffness: Sparse,
     values: Tape,
-    enclosures: IntervalWorkspace,
+    enclosures: Enclosures,
     drift: Tape,
     rows: Sparse,
     energies: Tape,
     bias: Tape,
     /// Derivatives of balance, acceleration and velocity, one below the other.
     sensitivity: Sparse,
+    breaks: Breaks,
     /// Those after `t`.
     inputs: Vec<f64>,
     scratch: Vec<f64>,
+}
+
+/// Room for the enclosures of the parts of a system.
+#[derive(Clone, Debug)]
+struct Enclosures {
+    values: IntervalWorkspace,
+    drift: IntervalWorkspace,
+    rows: IntervalWorkspace,
+    forces: IntervalWorkspace,
+    bias: IntervalWorkspace,
+    /// Those after `t`.
+    inputs: Vec<Interval>,
+    jacobian: Vec<Interval>,
 }
 
 /// The places of a matrix that may be nonzero, and the program that fills them.
@@ -231,16 +245,30 @@ impl SymbolicMechanics {
             affine_constraints: constant(&straight) && !in_time(&holonomic),
         };
         let values = Tape::compile(graph, &holonomic);
+        let all: Vec<Node> = [&rows.mass, &forces, &holonomic, &drift, &bias].into_iter().flatten().copied().collect();
+        let breaks = Breaks::new(graph, &all);
+        let (drift, bias) = (Tape::compile(graph, &drift), Tape::compile(graph, &bias));
+        let (forces, jacobian) = (Tape::compile(graph, &forces), Sparse::compile(graph, jacobian));
+        let enclosures = Enclosures {
+            values: IntervalWorkspace::new(&values),
+            drift: IntervalWorkspace::new(&drift),
+            rows: IntervalWorkspace::new(&jacobian.tape),
+            forces: IntervalWorkspace::new(&forces),
+            bias: IntervalWorkspace::new(&bias),
+            inputs: Vec::new(),
+            jacobian: Vec::new(),
+        };
         Ok(Self {
             mass: Tape::compile(graph, &rows.mass),
-            forces: Tape::compile(graph, &forces),
+            forces,
             stiffness,
-            enclosures: IntervalWorkspace::new(&values),
+            enclosures,
+            breaks,
             values,
-            drift: Tape::compile(graph, &drift),
-            rows: Sparse::compile(graph, jacobian),
+            drift,
+            rows: jacobian,
             energies: Tape::compile(graph, &energies),
-            bias: Tape::compile(graph, &bias),
+            bias,
             sensitivity: Sparse::compile(graph, sensitivity),
             inputs: vec![0.0; 3 * n + structure.rows()],
             scratch: Vec::new(),
@@ -354,7 +382,39 @@ impl Mechanical for SymbolicMechanics {
     }
 
     fn enclose_positions(&mut self, t: Interval, q: &[Interval], values: &mut [Interval]) {
-        self.values.enclose(t, q, &mut self.enclosures, values);
+        self.values.enclose(t, q, &mut self.enclosures.values, values);
+    }
+
+    fn enclose_velocities(&mut self, t: Interval, q: &[Interval], v: &[Interval], values: &mut [Interval]) {
+        let Enclosures { drift, rows, inputs, jacobian, .. } = &mut self.enclosures;
+        inputs.clear();
+        inputs.extend(q.iter().chain(v).copied());
+        let mut all = vec![Interval::LINE; self.structure.rows()];
+        self.drift.enclose(t, inputs, drift, &mut all);
+        values.copy_from_slice(&all[..values.len()]);
+        jacobian.resize(self.rows.places.len(), Interval::LINE);
+        self.rows.tape.enclose(t, inputs, rows, jacobian);
+        for (&(j, row), &by) in self.rows.places.iter().zip(&*jacobian) {
+            if let Some(value) = values.get_mut(row) {
+                *value = *value + by * v[j];
+            }
+        }
+    }
+
+    fn enclose_in_time(&mut self, t: Interval, q: &[f64], v: &[f64], values: &mut [Interval]) {
+        let (n, rows) = (self.structure.coordinates, self.structure.rows());
+        let Enclosures { drift, forces, bias, inputs, .. } = &mut self.enclosures;
+        inputs.clear();
+        inputs.extend(q.iter().chain(v).map(|x| Interval::point(*x)));
+        let (of_forces, rest) = values.split_at_mut(n);
+        let (of_drift, of_bias) = rest.split_at_mut(rows);
+        self.forces.enclose(t, inputs, forces, of_forces);
+        self.drift.enclose(t, inputs, drift, of_drift);
+        self.bias.enclose(t, inputs, bias, of_bias);
+    }
+
+    fn breaks(&mut self, t: f64) -> &[f64] {
+        self.breaks.at(t)
     }
 
     fn energies(&mut self, t: f64, q: &[f64], v: &[f64]) -> Energies {

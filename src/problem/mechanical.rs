@@ -170,6 +170,17 @@ pub trait Mechanical: Send {
     /// Writes intervals that hold joints and gaps wherever `t` and `q` are in theirs.
     fn enclose_positions(&mut self, t: Interval, q: &[Interval], values: &mut [Interval]);
 
+    /// Writes intervals that hold the velocities of joints and gaps wherever `t`, `q` and `v` are in theirs.
+    fn enclose_velocities(&mut self, t: Interval, q: &[Interval], v: &[Interval], values: &mut [Interval]);
+
+    /// Writes intervals that hold `f`, then `b`, then `gamma`, at one place wherever `t` is in its own.
+    fn enclose_in_time(&mut self, t: Interval, q: &[f64], v: &[f64], values: &mut [Interval]);
+
+    /// What changes its sign where something has a kink or a jump at a time, whatever `q` and `v` are.
+    fn breaks(&mut self, _t: f64) -> &[f64] {
+        &[]
+    }
+
     /// Energies and power.
     fn energies(&mut self, t: f64, q: &[f64], v: &[f64]) -> Energies;
 
@@ -178,4 +189,9 @@ pub trait Mechanical: Send {
 
     /// Writes derivatives at accelerations `a` and multipliers `lambda` of all rows.
     fn sensitivity(&mut self, t: f64, q: &[f64], v: &[f64], a: &[f64], lambda: &[f64], out: &mut Sensitivity);
+
+    /// How closely its own clock tells a time.
+    fn rounding_of_time(&self, t: f64) -> f64 {
+        f64::EPSILON * t.abs()
+    }
 }

@@ -28,6 +28,7 @@ mod layout;
 mod memory;
 mod newton_control;
 mod progress;
+mod ranges;
 mod recurrence;
 mod regular_face;
 mod screening;

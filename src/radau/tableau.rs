@@ -129,6 +129,12 @@ impl Tableau {
         self.bubble.iter().rev().fold(0.0, |value, coefficient| (value + coefficient) * theta)
     }
 
+    /// The bubble in the basis of Bernstein of degree `s + 1` on `[0, 1]`.
+    pub fn bubble_in_bernstein(&self) -> Vec<f64> {
+        let powers: Vec<f64> = std::iter::once(0.0).chain(self.bubble.iter().copied()).collect();
+        in_bernstein(&powers, self.stages() + 1)
+    }
+
     /// The collocation polynomials of the increments, one a stage, by their coefficients in the basis of Bernstein of degree
     /// `s` on `[0, 1]`.
     pub fn bernstein(&self) -> &[Vec<f64>] {

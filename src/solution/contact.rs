@@ -1,14 +1,17 @@
 //! A mechanical system from start to end: its contacts, energies and failures by name.
 
-use super::mechanical_checks::{Accuracy, check_energy, check_passed, check_violations};
+use super::mechanical_checks::{Accuracy, check_energy, check_passed, check_screening, check_violations};
 use super::run::{Plan, Run, Stepper, run};
 use super::{
-    CheckCode, Diagnostics, Evaluations, Event, EventKind, Failure, Solution, Status, Steps, ViCounts, Warning,
+    CheckCode, Diagnostics, Evaluations, Event, EventKind, Failure, Screening, Solution, Status, Steps, ViCounts,
+    Warning,
 };
 use analysis::Analysis;
 use contact::energy::Energy;
 use contact::law::UNSOLVED;
-use contact::{ContactError, Flights, Happening, Leg, Located, Settings, State, TimeStepping, VelocityStep};
+use contact::{
+    ContactError, Elapsed, Flights, Happening, Leg, Located, Passed, Settings, State, TimeStepping, VelocityStep,
+};
 use models::{ENERGIES, MechanicalModel};
 use nalgebra::Vector3;
 use problem::{Constraints, Control, Mechanical};
@@ -32,7 +35,7 @@ pub fn integrate_contact(
 ) -> Solution {
     let mut problem = model.problem();
     let (q, v) = plan.initial.split_at(problem.structure().coordinates);
-    let state = State { t: plan.start, q: q.to_vec(), v: v.to_vec() };
+    let mut state = State { t: plan.start, q: q.to_vec(), v: v.to_vec() };
     let diagnostics = describe_contact(model, contact, analysis);
     let mut outputs = Outputs::new(model, control, plan);
     let ContactPlan { settings, located: Some(radau) } = contact else {
@@ -42,24 +45,27 @@ pub fn integrate_contact(
         });
     };
     let mut run = Run::new(plan, control, diagnostics);
-    let mut located = match Located::new(&mut *problem, settings, radau.clone(), state, plan.end, control) {
+    let clock = Clock { start: plan.start, end: plan.end };
+    let mut problem = Elapsed::new(problem, clock.start);
+    state.t = 0.0;
+    let mut located = match Located::new(&mut problem, settings, radau.clone(), state, clock.length(), control) {
         Ok(located) => located,
         Err(error) => {
-            let failure = outputs.failure(&error, plan.start);
+            let failure = outputs.failure(error.ahead(clock.start), plan.start);
             return run.end(Err((Status::Failed, failure))).solution;
         }
     };
-    let mut flights = Flights::new(|| model.problem());
+    let mut flights = Flights::new(|| Box::new(Elapsed::new(model.problem(), clock.start)));
     let ended = loop {
         let leg = Leg::new(&mut located, &mut flights, control);
-        let driven = run.drive(&mut Flown { leg, outputs: &mut outputs });
+        let driven = run.drive(&mut Flown { leg, clock, outputs: &mut outputs });
         if driven.is_err() || located.is_done() {
             break driven;
         }
     };
     let steps = Steps { accepted: located.accepted, ..Steps::default() };
-    tell(&located.step, model, steps, &mut run.diagnostics);
-    judge_located(&mut located, model, radau, &mut run.diagnostics);
+    tell(&located.step, model, (clock.start, steps), &mut run.diagnostics);
+    judge_located(&mut located, model, (clock.start, radau), &mut run.diagnostics);
     if located.accumulations > 0 {
         let message = format!(
             "impacts followed each other ever faster ({} times); the run passed their limit by an impact without restitution",
@@ -82,7 +88,7 @@ pub fn integrate_contact(
 fn judge_located(
     located: &mut Located<'_>,
     model: &MechanicalModel,
-    radau: &radau::Settings,
+    (start, radau): (f64, &radau::Settings),
     diagnostics: &mut Diagnostics,
 ) {
     let State { t, q, v } = &located.state;
@@ -95,9 +101,14 @@ fn judge_located(
     let accuracy = Accuracy::Tolerance { rtol: radau.rtol, atol, work, steps: located.accepted };
     let checks = &mut diagnostics.checks;
     check_energy(&located.energy, accuracy, checks);
-    check_violations(&located.violations, &model.contacts, accuracy, checks);
-    if let Some(passed) = &located.passed {
-        check_passed(passed, &model.contacts[passed.contact], &located.energy, radau.rtol, checks);
+    check_violations(&located.violations.clone().ahead(start), &model.contacts, accuracy, checks);
+    check_screening(located.screening, checks);
+    let contact::Screening { proven, undecided, missed } = located.screening;
+    let screening = Screening { proven, undecided, missed };
+    diagnostics.screening = (proven + undecided + missed > 0).then_some(screening);
+    let checks = &mut diagnostics.checks;
+    if let Some(passed) = located.passed.map(|passed| Passed { t: start + passed.t, ..passed }) {
+        check_passed(&passed, &model.contacts[passed.contact], &located.energy, radau.rtol, checks);
     }
 }
 
@@ -123,8 +134,8 @@ impl<'p> Outputs<'p> {
         v.copy_from_slice(&state.v);
     }
 
-    fn failure(&self, error: &ContactError, time: f64) -> Failure {
-        let message = match *error {
+    fn failure(&self, error: ContactError, time: f64) -> Failure {
+        let message = match error {
             ContactError::Force { component, t } => format!(
                 "the force on `{}` is not finite at t = {t:?}: a division by zero, a function outside its domain, or a \
                  number too large",
@@ -162,7 +173,8 @@ impl<'p> Outputs<'p> {
         ]);
     }
 
-    fn events(&self, happenings: &mut Vec<Happening>, events: &mut Vec<Event>) {
+    /// Hands over what happened by a clock that this one is behind of.
+    fn events(&self, start: f64, happenings: &mut Vec<Happening>, events: &mut Vec<Event>) {
         events.extend(happenings.drain(..).map(|happening| {
             let (t, kind, contact) = match happening {
                 Happening::Impact { t, contact } => (t, EventKind::Impact, contact),
@@ -170,7 +182,7 @@ impl<'p> Outputs<'p> {
                 Happening::Stick { t, contact } => (t, EventKind::Stick, contact),
                 Happening::Slip { t, contact } => (t, EventKind::Slip, contact),
             };
-            Event { t, kind, of: self.model.contacts[contact].clone() }
+            Event { t: start + t, kind, of: self.model.contacts[contact].clone() }
         }));
     }
 }
@@ -201,7 +213,7 @@ impl Stepper for Stepped<'_> {
     fn step(&mut self) -> Result<(), Failure> {
         let made = self.stepper.advance(self.outputs.control);
         self.outputs.reach(&self.stepper.state);
-        made.map_err(|error| self.outputs.failure(&error, self.stepper.state.t))
+        made.map_err(|error| self.outputs.failure(error, self.stepper.state.t))
     }
 
     /// Within a step velocities are those of its end, as the scheme has it: `q+ = q + h v+`.
@@ -219,7 +231,7 @@ impl Stepper for Stepped<'_> {
     }
 
     fn take_events(&mut self, events: &mut Vec<Event>) {
-        self.outputs.events(&mut self.stepper.happenings, events);
+        self.outputs.events(0.0, &mut self.stepper.happenings, events);
     }
 
     fn observe(&mut self, _: bool, diagnostics: &mut Diagnostics) {
@@ -228,22 +240,46 @@ impl Stepper for Stepped<'_> {
 
     fn finish(&mut self, diagnostics: &mut Diagnostics) {
         let steps = Steps { accepted: self.stepper.accepted, ..Steps::default() };
-        tell(&self.stepper.step, self.outputs.model, steps, diagnostics);
+        tell(&self.stepper.step, self.outputs.model, (0.0, steps), diagnostics);
         let checks = &mut diagnostics.checks;
         check_energy(&self.stepper.energy, Accuracy::Fixed, checks);
         check_violations(&self.stepper.violations, &self.outputs.model.contacts, Accuracy::Fixed, checks);
     }
 }
 
+/// The clock of the user, beside that of located motion, which begins with zero.
+#[derive(Clone, Copy, Debug)]
+struct Clock {
+    start: f64,
+    end: f64,
+}
+
+impl Clock {
+    fn length(self) -> f64 {
+        self.end - self.start
+    }
+
+    /// What it shows after a time.
+    fn shows(self, elapsed: f64) -> f64 {
+        if elapsed >= self.length() { self.end } else { (self.start + elapsed).min(self.end) }
+    }
+
+    /// The time after which it shows `t`.
+    fn elapsed(self, t: f64) -> f64 {
+        t - self.start
+    }
+}
+
 /// Motion in one mode, by name.
 struct Flown<'l, 'p, 'o> {
     leg: Leg<'l, 'p>,
+    clock: Clock,
     outputs: &'o mut Outputs<'p>,
 }
 
 impl Stepper for Flown<'_, '_, '_> {
     fn t(&self) -> f64 {
-        self.leg.located.state.t
+        self.clock.shows(self.leg.located.state.t)
     }
 
     fn is_done(&self) -> bool {
@@ -261,18 +297,20 @@ impl Stepper for Flown<'_, '_, '_> {
     fn step(&mut self) -> Result<(), Failure> {
         let made = self.leg.advance();
         self.outputs.reach(&self.leg.located.state);
-        made.map_err(|error| self.outputs.failure(&error, self.leg.located.state.t))
+        made.map_err(|error| self.outputs.failure(error.ahead(self.clock.start), self.t()))
     }
 
     fn outputs(&mut self, t: f64, out: &mut [f64]) {
         let n = self.leg.located.state.q.len();
         let (q, v) = out[..2 * n].split_at_mut(n);
-        let (impulses, energy) = self.leg.outputs(t, q, v);
+        // A time that the clock cannot tell from that of the step is within it.
+        let elapsed = self.clock.elapsed(t).max(self.leg.located.last.t);
+        let (impulses, energy) = self.leg.outputs(elapsed, q, v);
         self.outputs.write(t, &impulses, &energy, out);
     }
 
     fn take_events(&mut self, events: &mut Vec<Event>) {
-        self.outputs.events(&mut self.leg.located.happenings, events);
+        self.outputs.events(self.clock.start, &mut self.leg.located.happenings, events);
     }
 
     fn observe(&mut self, _: bool, diagnostics: &mut Diagnostics) {
@@ -282,8 +320,8 @@ impl Stepper for Flown<'_, '_, '_> {
     fn finish(&mut self, _: &mut Diagnostics) {}
 }
 
-/// Hands over the counters of a run.
-fn tell(step: &VelocityStep<'_>, model: &MechanicalModel, steps: Steps, diagnostics: &mut Diagnostics) {
+/// Hands over the counters of a run, and what it warns of by a clock that is ahead of its own.
+fn tell(step: &VelocityStep<'_>, model: &MechanicalModel, (ahead, steps): (f64, Steps), diagnostics: &mut Diagnostics) {
     let work = &step.work;
     diagnostics.steps = steps;
     if work.solves > 0 {
@@ -309,8 +347,9 @@ fn tell(step: &VelocityStep<'_>, model: &MechanicalModel, steps: Steps, diagnost
         diagnostics.warnings.push(Warning {
             code: "painleve",
             message: format!(
-                "at t = {t:?} friction drives `{}` into what it slides on (the paradox of Painleve): forces alone have no \
+                "at t = {:?} friction drives `{}` into what it slides on (the paradox of Painleve): forces alone have no \
                  solution there, or several; impulses, which have one, went on",
+                ahead + t,
                 model.contacts[contact]
             ),
         });

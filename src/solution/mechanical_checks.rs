@@ -7,7 +7,7 @@
 
 use super::{CheckCode, Checks};
 use contact::energy::Energy;
-use contact::{Passed, Violation, Violations};
+use contact::{Passed, Screening, Violation, Violations};
 
 /// The part of the largest energy and length met that a run may be off by, whatever its tolerances.
 pub(super) const LARGEST_PART: f64 = 1e-3;
@@ -126,6 +126,25 @@ pub(super) fn check_violations(violations: &Violations, names: &[String], accura
                  {length:.1e}, the largest length that it met: {remedy}"
             )
         });
+    }
+}
+
+/// Tells of steps in which an event was missed, or may have been.
+pub(super) fn check_screening(screening: Screening, checks: &mut Checks) {
+    let Screening { proven, undecided, missed } = screening;
+    checks.record(CheckCode::EventsUnproven, missed as f64, 0.0, || {
+        format!(
+            "in {missed} steps a gap closes, or a contact that is held parts, between the points that were looked at, and the              time could not be located; a smaller `max_step` may help"
+        )
+    });
+    if undecided > 0 {
+        let steps = proven + undecided + missed;
+        checks.caveat(
+            "events_not_proven",
+            format!(
+                "{undecided} of {steps} steps are not proven free of events; none was seen at the points looked at"
+            ),
+        );
     }
 }
 

@@ -23,6 +23,13 @@ use problem::{Constraints, ConvexSet, Dvi, Mass, Mechanical, MechanicalStructure
 /// A pivot below this fraction of the largest is that of rows that depend on each other.
 const DEPENDENT: f64 = 1e-11;
 
+/// Rows that depend on each other where a mode begins, on what it holds, do so until a pivot is as large as this: they
+/// depend on each other there alone, and on the way singular values are the drift from there, squared.
+const RISEN: f64 = 1e-6;
+
+/// A velocity that forces change by less than this part of what they would without what is held is held itself.
+const HELD: f64 = 1e-9;
+
 /// Shares of the largest force are told apart down to this one.
 const LEAST_SHARE: f64 = 1e-6;
 
@@ -38,6 +45,8 @@ pub struct Flight {
     least: Vec<f64>,
     rows: Vec<usize>,
     metric: Metric,
+    /// The rank of what is held where the mode began.
+    rank: Option<usize>,
     /// The factors of the last place.
     last: Option<Solved>,
     constraints: Constraints,
@@ -66,7 +75,13 @@ struct Solved {
 
 impl Solved {
     /// Factorises at one place; what is the same as at the last one stays.
-    fn new(last: Option<Self>, matrix: &DMatrix<f64>, held: Held, metric: &Metric) -> Option<Self> {
+    fn new(
+        last: Option<Self>,
+        matrix: &DMatrix<f64>,
+        held: Held,
+        metric: &Metric,
+        rank: &mut Option<usize>,
+    ) -> Option<Self> {
         let Held { c, g } = held;
         let mass = match last {
             Some(last) if last.matrix == *matrix && last.c == c && last.g == g => return Some(last),
@@ -75,8 +90,9 @@ impl Solved {
         };
         let y = mass.solve(&g);
         let gram = &c * &y;
-        let (inverse, unique) = invert(&gram, &metric.scale)?;
-        let shift = (!unique).then(|| {
+        let (inverse, found) = invert(&gram, &metric.scale, *rank)?;
+        rank.get_or_insert(found);
+        let shift = (found < gram.nrows()).then(|| {
             let shift = &metric.load - &inverse * (gram * &metric.load);
             (&y * &shift, shift)
         });
@@ -133,6 +149,7 @@ impl Flight {
             least: Vec::new(),
             rows: Vec::new(),
             metric: Metric::default(),
+            rank: None,
             last: None,
             problem,
             shape,
@@ -159,12 +176,17 @@ impl Flight {
         let rows = self.rows.len();
         self.metric.load = DVector::from_iterator(rows, self.rows.iter().map(|&row| load[row]));
         self.metric.scale = DVector::from_iterator(rows, self.rows.iter().map(|&row| scale[row]));
-        self.last = None;
+        (self.rank, self.last) = (None, None);
     }
 
     /// The constraints at the last evaluation.
     pub fn constraints(&self) -> &Constraints {
         &self.constraints
+    }
+
+    /// The diagonal of `M` at the last evaluation.
+    pub fn masses(&self) -> impl Iterator<Item = f64> + '_ {
+        (0..self.shape.coordinates).map(|i| self.mass[(i, i)])
     }
 
     /// The system.
@@ -195,6 +217,29 @@ impl Flight {
             *rate = self.gamma[row] + dot(self.constraints.row(row), &self.a);
         }
         rate
+    }
+
+    /// Whether the slip of contact `k`, at the last evaluation, is held by others: what else is held moves with its point,
+    /// which stays at rest while its friction is as large as can be.
+    pub fn is_slip_held(&self, k: usize, v: &[f64]) -> bool {
+        let Some(direction) = self.direction(k, v) else { return false };
+        let others = self.rows.iter().any(|&row| row != self.shape.normal(k));
+        others && self.is_held(self.shape.tangents(k).zip(direction.iter().copied()))
+    }
+
+    /// Whether the gap of contact `k`, which is open and at rest, is held by others at the last evaluation.
+    pub fn is_gap_held(&self, k: usize) -> bool {
+        !self.rows.is_empty() && self.is_held(std::iter::once((self.shape.normal(k), 1.0)))
+    }
+
+    /// Whether forces change the velocity that is a sum of these rows of `J` by no more than rounding.
+    fn is_held(&self, rows: impl Iterator<Item = (usize, f64)>) -> bool {
+        let Some(solved) = &self.last else { return false };
+        let mut j = DVector::zeros(self.shape.coordinates);
+        rows.for_each(|(row, factor)| j += self.constraints.transposed.column(row) * factor);
+        let free = solved.mass.solve(&j);
+        let held = &free - &solved.y * (&solved.inverse * (&solved.c * &free));
+        j.dot(&held).abs() <= HELD * j.dot(&free)
     }
 
     /// Writes `a` and `lambda` at a place; they are not finite where they do not exist.
@@ -233,7 +278,7 @@ impl Flight {
                 }
             }
         }
-        let solved = Solved::new(self.last.take(), &self.mass, Held { c, g }, &self.metric)?;
+        let solved = Solved::new(self.last.take(), &self.mass, Held { c, g }, &self.metric, &mut self.rank)?;
         let bias = DMatrix::from_fn(self.rows.len(), 1, |i, _| -self.gamma[self.rows[i]]);
         let (mut a, mut lambda) = solved.solve(&DMatrix::from_column_slice(n, 1, &self.f), &bias);
         if let Some((of_a, of_lambda)) = &solved.shift {
@@ -273,24 +318,31 @@ impl Flight {
     }
 }
 
-/// The inverse and true, or the pseudo-inverse of a singular matrix in these units of its rows and columns, and false.
-fn invert(matrix: &DMatrix<f64>, scale: &DVector<f64>) -> Option<(DMatrix<f64>, bool)> {
-    if matrix.nrows() == 0 {
-        return Some((matrix.clone(), true));
+/// The inverse of a matrix, or the pseudo-inverse of a singular one in these units of its rows and columns; and its rank,
+/// which stays what it was where it was less.
+fn invert(matrix: &DMatrix<f64>, scale: &DVector<f64>, before: Option<usize>) -> Option<(DMatrix<f64>, usize)> {
+    let n = matrix.nrows();
+    if n == 0 {
+        return Some((matrix.clone(), 0));
     }
     if !matrix.iter().all(|x| x.is_finite()) {
         return None;
     }
+    let before = before.unwrap_or(n);
+    let least = if before < n { RISEN } else { DEPENDENT };
     let factors = matrix.clone().full_piv_lu();
     let pivots: DVector<f64> = factors.u().diagonal().abs();
-    if pivots.min() > DEPENDENT * pivots.max() {
-        return factors.try_inverse().map(|inverse| (inverse, true));
+    if pivots.min() > least * pivots.max() {
+        return factors.try_inverse().map(|inverse| (inverse, n));
     }
     let scale = DMatrix::from_diagonal(scale);
     let svd = (&scale * matrix * &scale).try_svd(true, true, f64::EPSILON, ITERATIONS)?;
-    let least = DEPENDENT * svd.singular_values.max();
+    let largest = svd.singular_values.max();
+    let above = |least: f64| svd.singular_values.iter().filter(|value| **value > least * largest).count();
+    let rank = above(least);
+    let least = svd.singular_values.get(rank).copied().unwrap_or(0.0);
     let inverse = svd.pseudo_inverse(least).ok()?;
-    Some((&scale * inverse * &scale, false))
+    Some((&scale * inverse * &scale, rank))
 }
 
 impl Dvi for Flight {
@@ -335,4 +387,8 @@ impl Dvi for Flight {
     }
 
     fn time_derivative(&mut self, _: f64, _: &[f64], _: &mut [f64]) {}
+
+    fn breaks(&mut self, t: f64) -> &[f64] {
+        self.problem.breaks(t)
+    }
 }

@@ -2,23 +2,30 @@
 //!
 //! Where a body rests, or goes on at one speed, the error of a step is zero whatever its length; a floor that rises for a
 //! moment, or a bump that is narrow beside the way of the step, is then between all its points. So gaps and joints are
-//! enclosed over the whole step, in interval arithmetic over the time and the coordinates of its parts, the parts halved
-//! where the enclosure leaves a violation open. A violation that is found cuts the step.
+//! enclosed over the whole step, in interval arithmetic over the time and the ranges of the polynomials that the step is,
+//! the parts halved where the enclosure leaves a violation open. A violation that is found cuts the step. Where a plain
+//! enclosure is too wide, an open gap is above
+//!
+//! ```text
+//! gap(middle) - |gap'| length/2
+//! ```
+//!
+//! or its value at one end where `gap'`, enclosed as well, has one sign.
 
 use super::leg::Leg;
 use numerics::Interval;
 
-/// Parts of one step that are enclosed; what is undecided then is no violation that was found.
-const MOST_PARTS: usize = 64;
+/// Parts of one step that are enclosed for what is held: it is held by the equations, and seldom proven to be.
+const MOST_HELD: usize = 64;
 
-/// The part by which the box of a part is wider than what coordinates are at its ends and in its middle.
-const WIDER: f64 = 0.25;
+/// Parts of one step that are enclosed; what is undecided then is no violation that was found.
+const MOST_PARTS: usize = 200;
 
 /// Halvings of the time at which a violation begins.
-const HALVINGS: usize = 24;
+pub(super) const HALVINGS: usize = 24;
 
 /// The part of the way to a violation that the next step takes.
-const NEXT: f64 = 0.25;
+pub(super) const NEXT: f64 = 0.25;
 
 /// The part of the tolerance at which a violation begins: what comes before it is smooth to the end of the step.
 const FAINT: f64 = 1e-3;
@@ -31,36 +38,53 @@ pub(super) struct Hidden {
     pub next: f64,
 }
 
+/// What the enclosure of a step tells.
+pub(super) enum Enclosed {
+    /// No open gap closes.
+    Proven,
+    /// No violation was found, and none is excluded.
+    Undecided,
+    /// There is one.
+    Violated(Hidden),
+    /// There is one from the beginning of the step on.
+    Missed,
+}
+
 impl Leg<'_, '_> {
-    /// A violation of a joint or a gap within the last step, beyond the tolerances of its coordinates.
-    pub(super) fn hidden(&mut self, begin: f64, end: f64) -> Option<Hidden> {
+    /// Whether a joint or a gap is violated within the last step, beyond the tolerances of its coordinates.
+    pub(super) fn hidden(&mut self, begin: f64, end: f64) -> Enclosed {
         let structure = &self.located.structure;
-        if structure.affine_constraints || structure.joints + structure.contacts.len() == 0 {
-            return None;
+        if structure.joints + structure.contacts.len() == 0 {
+            return Enclosed::Proven;
         }
         let tolerances = self.tolerances_of_rows(begin, 1.0);
         let mut parts = vec![(begin, end)];
-        let mut enclosed = 0;
+        let (mut enclosed, mut is_proven) = (0, true);
         while let Some((a, b)) = parts.pop() {
             enclosed += 1;
-            if self.is_clear(a, b, &tolerances) {
+            let (open, held) = self.undecided(a, b, &tolerances);
+            if !open && !held {
                 continue;
             }
             let middle = 0.5 * (a + b);
             if let Some(row) = self.violated(middle, &tolerances) {
                 let faint = self.tolerances_of_rows(begin, FAINT);
-                return self
+                let found = self
                     .beginning(begin, middle, row, &faint)
                     .or_else(|| self.beginning(begin, middle, row, &tolerances));
+                return found.map_or(Enclosed::Missed, Enclosed::Violated);
             }
-            if enclosed + parts.len() < MOST_PARTS && a < middle && middle < b {
+            let most = if open { MOST_PARTS } else { MOST_HELD };
+            if enclosed + parts.len() < most && a < middle && middle < b {
                 // The widest first: those of one size are looked at in the order of time.
                 parts.insert(0, (middle, b));
                 parts.insert(0, (a, middle));
                 parts.sort_by(|x, y| (x.1 - x.0).total_cmp(&(y.1 - y.0)));
+            } else {
+                is_proven &= !open;
             }
         }
-        None
+        if is_proven { Enclosed::Proven } else { Enclosed::Undecided }
     }
 
     /// Whether a joint or a gap is held at zero.
@@ -78,37 +102,54 @@ impl Leg<'_, '_> {
         let tolerances: Vec<f64> =
             x[..n].iter().zip(&radau.atol).map(|(q, atol)| atol + radau.rtol * q.abs()).collect();
         let rows = constraints.values.iter().enumerate();
-        rows.map(|(row, value)| value.abs().min(super::CLOSED) + part * constraints.size(row, &tolerances)).collect()
+        let step = &self.located.step;
+        let held = |row: usize, value: f64| value.abs().min(step.closed(row)) + step.rounding_of_row(row);
+        rows.map(|(row, value)| held(row, *value) + part * constraints.size(row, &tolerances)).collect()
     }
 
-    /// Whether no joint or gap can be off between two times.
-    fn is_clear(&mut self, a: f64, b: f64, tolerances: &[f64]) -> bool {
+    /// Whether an open gap may be negative between two times, and whether what is held may be off.
+    fn undecided(&mut self, a: f64, b: f64, tolerances: &[f64]) -> (bool, bool) {
         let n = self.located.structure.coordinates;
-        let mut ends = [vec![0.0; 2 * n], vec![0.0; 2 * n], vec![0.0; 2 * n]];
-        for (x, t) in ends.iter_mut().zip([a, 0.5 * (a + b), b]) {
-            self.at(t, x);
-        }
-        let boxed = |i: usize| {
-            let [a, m, b] = [ends[0][i], ends[1][i], ends[2][i]];
-            let (lo, hi) = (a.min(m).min(b), a.max(m).max(b));
-            Interval::new(lo - WIDER * (hi - lo), hi + WIDER * (hi - lo))
-        };
-        let q: Vec<Interval> = (0..n).map(boxed).collect();
+        let (t, x) = (Interval::new(a, b), self.ranges(a, b));
+        let (q, v) = x.split_at(n);
         let mut values = vec![Interval::EMPTY; tolerances.len()];
-        self.watch.problem().enclose_positions(Interval::new(a, b), &q, &mut values);
+        self.watch.problem().enclose_positions(t, q, &mut values);
+        let off = |row: &usize| values[*row].lo < -tolerances[*row] || !values[*row].defined;
+        let (held, open): (Vec<usize>, Vec<usize>) = (0..values.len()).partition(|&row| self.is_held(row));
+        // What is affine and held at the ends is held on all of the polynomial.
+        let is_affine = self.located.structure.affine_constraints;
+        let held = !is_affine && held.iter().any(|row| off(row) || values[*row].hi > tolerances[*row]);
+        let open: Vec<usize> = open.into_iter().filter(off).collect();
+        if open.is_empty() {
+            return (false, held);
+        }
+        let mut rates = vec![Interval::LINE; tolerances.len()];
+        self.watch.problem().enclose_velocities(t, q, v, &mut rates);
+        let [at_begin, at_middle, at_end] = [a, 0.5 * (a + b), b].map(|t| self.positions_at(t, tolerances.len()));
+        let is_open = |&row: &usize| {
+            let rate = rates[row];
+            let lowest = match () {
+                () if !rate.defined => f64::NEG_INFINITY,
+                () if rate.lo >= 0.0 => at_begin[row],
+                () if rate.hi <= 0.0 => at_end[row],
+                () => at_middle[row] - 0.5 * (b - a) * rate.lo.abs().max(rate.hi.abs()),
+            };
+            lowest >= -tolerances[row]
+        };
+        (!open.iter().all(is_open), held)
+    }
+
+    fn positions_at(&mut self, t: f64, rows: usize) -> Vec<f64> {
+        let n = self.located.structure.coordinates;
+        let (mut x, mut values) = (vec![0.0; 2 * n], vec![0.0; rows]);
+        self.at(t, &mut x);
+        self.watch.problem().positions(t, &x[..n], &mut values);
         values
-            .iter()
-            .zip(tolerances)
-            .enumerate()
-            .all(|(row, (value, tolerance))| value.lo >= -tolerance && (!self.is_held(row) || value.hi <= *tolerance))
     }
 
     /// A joint or a gap that is off at a time.
     fn violated(&mut self, t: f64, tolerances: &[f64]) -> Option<usize> {
-        let n = self.located.structure.coordinates;
-        let (mut x, mut values) = (vec![0.0; 2 * n], vec![0.0; tolerances.len()]);
-        self.at(t, &mut x);
-        self.watch.problem().positions(t, &x[..n], &mut values);
+        let values = self.positions_at(t, tolerances.len());
         (0..values.len()).find(|&row| {
             let off = if self.is_held(row) { values[row].abs() } else { -values[row] };
             off > tolerances[row]

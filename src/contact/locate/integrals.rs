@@ -66,7 +66,9 @@ impl Leg<'_, '_> {
         let least = SMALLEST * (end - begin);
         let tolerance = (SHARE * self.located.radau.rtol).powf(ORDERS);
         let atol = self.located.radau.atol[self.located.structure.coordinates..].iter().copied().fold(0.0, f64::max);
-        let mut parts = vec![(begin, end)];
+        let inside = self.parts.ends.iter().copied().filter(|t| begin < *t && *t < end);
+        let ends: Vec<f64> = std::iter::once(begin).chain(inside).chain([end]).collect();
+        let mut parts: Vec<(f64, f64)> = ends.windows(2).rev().map(|pair| (pair[0], pair[1])).collect();
         for passed in 1.. {
             let Some((a, b)) = parts.pop() else { break };
             let (mut five, mut error) = (Integrals::none(contacts), Integrals::none(contacts));

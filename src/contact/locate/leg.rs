@@ -1,14 +1,17 @@
 //! Motion in one mode, from where it begins to where it ends.
 
+use super::Located;
+use super::bursts::Parts;
 use super::flight::Flight;
+use super::hidden::Enclosed;
 use super::integrals::Integrals;
 use super::mode::Status;
 use super::monitors::{Monitor, monitors};
 use super::search::{Search, Violation};
-use super::{CLOSED, Located, PASS};
 use crate::ContactError;
 use crate::energy::Energy;
 use nalgebra::Vector3;
+use numerics::Interval;
 use problem::{Control, Mechanical};
 use radau::{Radau, Settings, StageChoice};
 
@@ -16,18 +19,21 @@ use radau::{Radau, Settings, StageChoice};
 pub struct Flights {
     main: Flight,
     trial: Flight,
-    again: Flight,
-    cut: Flight,
+    /// One for each time that a step is cut.
+    spare: [Flight; 5],
     watch: Flight,
 }
 
 impl Flights {
-    /// Five evaluators of one system, each of which `problem` makes.
+    /// Evaluators of one system, each of which `problem` makes.
     pub fn new(problem: impl Fn() -> Box<dyn Mechanical>) -> Self {
         let flight = || Flight::new(problem());
-        Self { main: flight(), trial: flight(), again: flight(), cut: flight(), watch: flight() }
+        Self { main: flight(), trial: flight(), spare: std::array::from_fn(|_| flight()), watch: flight() }
     }
 }
+
+/// How often a step is cut for what its enclosure shows between the points that were looked at.
+const ROUNDS: usize = 2;
 
 /// Steps that are solved anew to refine the time of an ending.
 const REFINEMENTS: usize = 6;
@@ -42,8 +48,9 @@ const GROWN: f64 = 1e-6;
 /// The tolerance on the stages of a step that is cut.
 const CUT_RTOL: f64 = 1e-11;
 
-/// Drift of what is held, in units of the coordinates, that ends a leg.
-const DRIFT: f64 = 0.1 * CLOSED;
+/// Drift of what is held that ends a leg, in parts of the gap below which a contact is closed; and the drift of a step, in
+/// parts of the tolerances on its coordinates.
+const DRIFT: f64 = 0.1;
 
 /// A run of Radau IIA within one mode.
 pub struct Leg<'l, 'p> {
@@ -58,6 +65,8 @@ pub struct Leg<'l, 'p> {
     pub(super) watch: &'l mut Flight,
     control: &'l Control,
     over: bool,
+    /// The parts of the last step in which what depends on time shows.
+    pub(super) parts: Parts,
     /// What has acted in the last step up to a time.
     acted: (f64, Integrals),
 }
@@ -65,12 +74,12 @@ pub struct Leg<'l, 'p> {
 impl<'l, 'p> Leg<'l, 'p> {
     /// Takes up the mode of a run.
     pub fn new(located: &'l mut Located<'p>, flights: &'l mut Flights, control: &'l Control) -> Self {
-        let Flights { main, trial, again, cut, watch } = flights;
+        let Flights { main, trial, spare, watch } = flights;
         let mode = located.mode.clone();
         let mut radau = None;
         if let Some(mode) = &mode {
             let least = located.tolerances_of_slips();
-            for flight in [&mut *main, &mut *trial, &mut *again, &mut *cut, &mut *watch] {
+            for flight in [&mut *main, &mut *trial, &mut *watch].into_iter().chain(&mut *spare) {
                 flight.set_mode(mode, &located.loads, &least);
             }
             let x = [located.state.q.as_slice(), &located.state.v].concat();
@@ -81,7 +90,9 @@ impl<'l, 'p> Leg<'l, 'p> {
         }
         let mode = mode.unwrap_or_default();
         let acted = (located.state.t, Integrals::none(mode.len()));
-        Self { mode, radau, cut: None, trial, spare: vec![cut, again], watch, control, over: false, acted, located }
+        let spare = spare.iter_mut().collect();
+        let parts = Parts::default();
+        Self { mode, radau, cut: None, trial, spare, watch, control, over: false, parts, acted, located }
     }
 
     /// Whether the mode, or the run, is over.
@@ -114,24 +125,50 @@ impl<'l, 'p> Leg<'l, 'p> {
             self.cut_at(begin, &x, end);
             self.over = true;
         }
-        let mut found = self.search(begin, end);
-        if let Search::Ends(violation) = &found
-            && self.cut.is_none()
-        {
-            // The stages of a step are as exact as its tolerance; whether a gap closes is to be told more exactly.
-            end = violation.seen;
+        self.parts = self.parts_in_time(begin, end);
+        if let Some(burst) = self.burst(begin, end) {
+            (self.over, self.located.h) = (true, Some(burst.next));
+            if burst.until <= begin {
+                // From the beginning on: the step is made again, shorter.
+                self.located.mode = Some(self.mode.clone());
+                return Ok(());
+            }
+            end = burst.until;
             self.cut_at(begin, &x, end);
-            found = self.search(begin, end);
-            self.over = true;
         }
-        if matches!(found, Search::Clear)
-            && let Some(hidden) = self.hidden(begin, end)
-        {
-            end = hidden.until;
-            self.cut_at(begin, &x, end);
-            (self.over, self.located.h) = (true, Some(hidden.next));
-            found = self.search(begin, end);
-        }
+        let mut rounds = 0;
+        let found = loop {
+            let mut found = self.search(begin, end);
+            if let Search::Ends(violation) = &found
+                && self.cut.is_none()
+            {
+                // The stages of a step are as exact as its tolerance; whether a gap closes is to be told more exactly.
+                end = violation.seen;
+                self.cut_at(begin, &x, end);
+                found = self.search(begin, end);
+                self.over = true;
+                if matches!(found, Search::Clear) {
+                    // What was seen is an error of the step, which a shorter one does not have.
+                    self.located.h = Some(GROWTH * (end - begin));
+                }
+            }
+            let until = match &found {
+                Search::Clear => end,
+                Search::Ends(violation) => violation.t,
+                Search::Until(t) => *t,
+            };
+            let enclosed = self.hidden(begin, until);
+            if let Enclosed::Violated(hidden) = &enclosed
+                && rounds < ROUNDS
+            {
+                (end, rounds) = (hidden.until, rounds + 1);
+                (self.over, self.located.h) = (true, Some(hidden.next));
+                self.cut_at(begin, &x, end);
+                continue;
+            }
+            self.note_screened(&enclosed);
+            break found;
+        };
         let (t, ending) = match found {
             Search::Clear => (end, None),
             Search::Ends(violation) => (self.refine(begin, &x, end, &violation), Some(violation.ending)),
@@ -146,7 +183,7 @@ impl<'l, 'p> Leg<'l, 'p> {
         }
         self.acted = (begin, Integrals::none(self.mode.len()));
         if t - begin > 10.0 * self.located.pass {
-            self.located.pass = PASS * self.located.horizon;
+            self.located.pass = 0.0;
         }
         match ending {
             Some(ending) => {
@@ -156,7 +193,11 @@ impl<'l, 'p> Leg<'l, 'p> {
             None => {
                 self.located.look();
                 self.follow_slips();
-                if self.drifts() {
+                if let Some(growth) = self.drift() {
+                    if !self.over {
+                        let next = self.radau.as_ref().map(Radau::next_step);
+                        self.located.h = next.map(|next| next.min(growth * (t - begin)));
+                    }
                     self.over = true;
                     self.located.hold(&self.mode)?;
                 }
@@ -188,6 +229,32 @@ impl<'l, 'p> Leg<'l, 'p> {
     pub(super) fn at(&mut self, t: f64, x: &mut [f64]) {
         if let Some(radau) = self.cut.as_mut().or(self.radau.as_mut()) {
             radau.interpolate(t, x);
+        }
+    }
+
+    /// Intervals that hold `x` between two times within the last step.
+    pub(super) fn ranges(&self, from: f64, to: f64) -> Vec<Interval> {
+        let radau = self.cut.as_ref().or(self.radau.as_ref());
+        radau.map_or_else(Vec::new, |radau| radau.enclose_states(from, to))
+    }
+
+    /// The slopes of `x` at a time within the last step.
+    pub(super) fn slopes_at(&self, t: f64) -> Vec<f64> {
+        let radau = self.cut.as_ref().or(self.radau.as_ref());
+        radau.map_or_else(Vec::new, |radau| radau.slopes_at(t))
+    }
+
+    /// Counts a step whose mode goes on: proven where no contact is closed, whose forces are looked at in points alone.
+    fn note_screened(&mut self, enclosed: &Enclosed) {
+        if self.mode.is_empty() {
+            return;
+        }
+        let is_proven = self.parts.are_decided && !self.mode.iter().any(|status| status.is_closed());
+        let screening = &mut self.located.screening;
+        match enclosed {
+            Enclosed::Proven if is_proven => screening.proven += 1,
+            Enclosed::Missed | Enclosed::Violated(_) => screening.missed += 1,
+            Enclosed::Proven | Enclosed::Undecided => screening.undecided += 1,
         }
     }
 
@@ -236,6 +303,10 @@ impl<'l, 'p> Leg<'l, 'p> {
     fn refine(&mut self, begin: f64, x: &[f64], end: f64, violation: &Violation) -> f64 {
         let Violation { mut t, index, origin, mut slope, .. } = *violation;
         let least = 4.0 * f64::EPSILON * begin.abs().max(f64::MIN_POSITIVE);
+        if violation.jumps && t - begin > least {
+            self.cut_at(begin, x, t);
+            return t;
+        }
         let is_near = |change: f64, t: f64| change.abs() <= NEAR * (t - begin);
         // Drift is not kept, but where the whole of a flight is no higher.
         let level = if is_near(origin / slope, t) { 0.0 } else { origin };
@@ -353,11 +424,19 @@ impl<'l, 'p> Leg<'l, 'p> {
         (impulses, energy)
     }
 
-    /// Whether what the mode holds has moved away from zero.
-    fn drifts(&self) -> bool {
-        let structure = &self.located.structure;
-        let values = &self.located.constraints.values;
+    /// The factor by which a step may grow where what the mode holds has moved away from zero, if it has: drift, which goes
+    /// with the square of the step, is to stay well below the tolerances.
+    fn drift(&self) -> Option<f64> {
+        let Located { structure, constraints, step, state, radau, .. } = &*self.located;
+        let ticks = 4.0 * step.problem.rounding_of_time(state.t);
+        let tolerances: Vec<f64> =
+            state.q.iter().zip(&radau.atol).map(|(q, atol)| atol + radau.rtol * q.abs()).collect();
         let closed = (0..self.mode.len()).filter(|&k| self.mode[k].is_closed()).map(|k| structure.joints + k);
-        (0..structure.joints).chain(closed).any(|row| values[row].abs() > DRIFT)
+        let held = (0..structure.joints).chain(closed);
+        let drifted = held.filter(|&row| {
+            constraints.values[row].abs() > DRIFT * step.closed(row) + ticks * constraints.drift[row].abs()
+        });
+        let growth = |row: usize| (DRIFT * constraints.size(row, &tolerances) / constraints.values[row].abs()).sqrt();
+        drifted.map(growth).reduce(f64::min)
     }
 }

@@ -8,6 +8,7 @@
 //! - Where impacts accumulate (Zeno), an impact without restitution is what they come to.
 //! - Where no mode goes on, steps of time stepping do, until one does again.
 
+mod bursts;
 mod flight;
 mod hidden;
 mod integrals;
@@ -29,9 +30,6 @@ use monitors::Ending;
 use nalgebra::{Vector2, Vector3};
 use problem::{Constraints, Control, Mechanical, MechanicalStructure};
 
-/// Gaps below this, in units of the coordinates, are closed at an event.
-const CLOSED: f64 = 1e-10;
-
 /// Velocities below this fraction of their terms are rounding.
 const ROUNDING: f64 = 1e-11;
 
@@ -44,16 +42,20 @@ const HELD: f64 = 1e-7;
 /// Friction that is left unused by a contact that others help, as a fraction of what there is.
 const SPARE: f64 = 1e-4;
 
-/// The probe for a mode, as a fraction of the horizon.
-const PROBE: f64 = 1e-7;
+/// Impacts of one contact that follow each other in less than this fraction of the longest time between two of them
+/// accumulate: what energy they have left is below rounding.
+const ZENO: f64 = 1e-10;
 
-/// Impacts of one contact that follow each other in less than this fraction of the horizon accumulate.
-const ZENO: f64 = 1e-11;
+/// Times below this multiple of the rounding of the clock are not told apart.
+const ROUNDING_OF_TIME: f64 = 1e3 * f64::EPSILON;
 
-/// The first step over what cannot be located, as a fraction of the horizon; and what it grows by where that is not enough.
-const PASS: f64 = 1e-9;
+/// What a step over what cannot be located is longer than the probe that has found no mode, or than the step before that
+/// was not enough; and the longest, in units of the probe: forces change velocities by `1e-3` of their terms.
 const GROWTH: f64 = 4.0;
-const LONGEST_PASS: f64 = 1e-4;
+const LONGEST_PASS: f64 = 1e4;
+
+/// The first step where there was no probe, as a fraction of the time that is left.
+const UNPROBED: f64 = 1e-9;
 
 /// Events at one time after which time stepping goes on.
 const STALLS: usize = 8;
@@ -86,6 +88,8 @@ pub struct Located<'p> {
     pub violations: Violations,
     /// What accumulations were passed over.
     pub passed: Option<Passed>,
+    /// What the enclosures of steps told of events within.
+    pub screening: Screening,
     /// What each contact does; `None` where time stepping is to go on.
     mode: Option<Vec<Status>>,
     /// The force on each contact from which those of the mode are the nearest, where they are not unique: the normal force
@@ -94,15 +98,28 @@ pub struct Located<'p> {
     structure: MechanicalStructure,
     constraints: Constraints,
     last_impact: Vec<f64>,
+    /// The longest time between two impacts of each contact.
+    longest_flight: Vec<f64>,
     /// The largest gradient of each gap so far.
     gradients: Vec<f64>,
     radau: radau::Settings,
     /// The last step of Radau IIA, for the next mode to begin with.
     h: Option<f64>,
+    /// The next step of time stepping; zero after smooth motion.
     pass: f64,
     stalls: usize,
-    horizon: f64,
     end: f64,
+}
+
+/// Steps of smooth motion, by what enclosures told of events within them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Screening {
+    /// Steps proven free of events.
+    pub proven: u64,
+    /// Steps of which neither is shown.
+    pub undecided: u64,
+    /// Steps with a violation that could not be located.
+    pub missed: u64,
 }
 
 /// An accumulation of impacts that was passed over by one without restitution.
@@ -134,11 +151,11 @@ impl<'p> Located<'p> {
         let structure = problem.structure().clone();
         let contacts = structure.contacts.len();
         let energies = problem.energies(state.t, &state.q, &state.v);
-        let horizon = end - state.t;
         let violations = Violations::new(&structure, &state.q);
         let mut located = Self {
             violations,
             passed: None,
+            screening: Screening::default(),
             step: VelocityStep::new(problem, settings.impact_law, settings.tolerance),
             last: state.clone(),
             state,
@@ -155,14 +172,15 @@ impl<'p> Located<'p> {
             constraints: Constraints::new(&structure),
             structure,
             last_impact: vec![f64::NEG_INFINITY; contacts],
+            longest_flight: vec![0.0; contacts],
             gradients: vec![0.0; contacts],
             radau,
             h: None,
-            pass: PASS * horizon,
+            pass: 0.0,
             stalls: 0,
-            horizon,
             end,
         };
+        located.step.atol = located.radau.atol[located.structure.coordinates..].to_vec();
         located.strike(control)?;
         located.choose(None, control)?;
         Ok(located)
@@ -197,7 +215,7 @@ impl<'p> Located<'p> {
                 if self.accumulates(k) {
                     self.accumulations += 1;
                     let lost = self.energy.lost_in_impacts;
-                    self.velocity_step(0.0, Forces::Inelastic(CLOSED), control)?;
+                    self.velocity_step(0.0, Forces::Inelastic, control)?;
                     self.note_passed(k, self.energy.lost_in_impacts - lost);
                     // What closes in no time has no rebound.
                     let rests = |&i: &usize| self.step.contacted.r[i].x > 0.0 || i == k && self.stalls > 0;
@@ -236,8 +254,8 @@ impl<'p> Located<'p> {
         let terms = self.constraints.size(self.structure.normal(k), q);
         let height = 0.25 * passed * self.normal(k, v).abs();
         // Impacts that give all back follow each other fast, but have no limit.
-        let zeno = if self.structure.contacts[k].restitution == 1.0 { 0.0 } else { ZENO * self.horizon };
-        passed < zeno.max(1e3 * f64::EPSILON * t.abs()) || height <= 4.0 * f64::EPSILON * terms
+        let zeno = if self.structure.contacts[k].restitution == 1.0 { 0.0 } else { ZENO * self.longest_flight[k] };
+        passed < zeno.max(ROUNDING_OF_TIME * t.abs()) || height <= 4.0 * f64::EPSILON * terms
     }
 
     /// The law of impact for all contacts that are closed, if any of them approaches; whether one does.
@@ -251,10 +269,13 @@ impl<'p> Located<'p> {
             return Ok(false);
         }
         let t = *t;
-        self.velocity_step(0.0, Forces::Impact(CLOSED), control)?;
+        self.velocity_step(0.0, Forces::Impact, control)?;
         for k in approaching {
             if self.step.contacted.r[k].x > 0.0 {
-                self.last_impact[k] = t;
+                let passed = t - std::mem::replace(&mut self.last_impact[k], t);
+                if passed.is_finite() {
+                    self.longest_flight[k] = self.longest_flight[k].max(passed);
+                }
                 self.happenings.push(Happening::Impact { t, contact: k });
             }
         }
@@ -304,8 +325,10 @@ impl<'p> Located<'p> {
     /// One step of time stepping where no mode is known, and a look for one.
     fn pass(&mut self, control: &Control) -> Result<(), ContactError> {
         self.begin();
-        let h = self.pass.max(16.0 * f64::EPSILON * self.state.t.abs());
-        self.pass = (GROWTH * self.pass).min(LONGEST_PASS * self.horizon);
+        let left = self.end - self.state.t;
+        let (first, longest) = self.step.instant.map_or((UNPROBED * left, left), |h| (GROWTH * h, LONGEST_PASS * h));
+        let h = self.pass.max(first).min(longest).max(16.0 * f64::EPSILON * self.state.t.abs());
+        self.pass = GROWTH * h;
         self.velocity_step(h, Forces::All, control)?;
         if self.end - self.state.t <= 4.0 * f64::EPSILON * self.end.abs() {
             self.state.t = self.end;
@@ -325,6 +348,8 @@ impl<'p> Located<'p> {
 
     fn look(&mut self) {
         self.step.problem.constraints(self.state.t, &self.state.q, &mut self.constraints);
+        let (of_q, _) = self.radau.atol.split_at(self.structure.coordinates);
+        self.step.meet(&self.constraints, &self.state.q, of_q);
         for k in 0..self.gradients.len() {
             self.gradients[k] = self.gradients[k].max(self.gradient(k));
         }
@@ -335,7 +360,7 @@ impl<'p> Located<'p> {
     }
 
     fn is_closed(&self, k: usize) -> bool {
-        self.constraints.values[self.structure.joints + k] <= CLOSED
+        self.constraints.values[self.structure.joints + k] <= self.step.closed(self.structure.joints + k)
     }
 
     fn normal(&self, k: usize, v: &[f64]) -> f64 {
@@ -357,9 +382,10 @@ impl<'p> Located<'p> {
         let mut mode = vec![Status::Open; contacts];
         self.loads = vec![Vector3::zeros(); contacts];
         if !candidates.is_empty() {
-            let h = PROBE * self.horizon;
-            let probed = match self.step.probe(&self.state, h, &candidates, control) {
-                Ok(Some(probed)) => probed,
+            let (_, of_v) = self.radau.atol.split_at(self.structure.coordinates);
+            let (h, probed) = match self.step.probe(&self.state, (of_v, self.end - self.state.t), &candidates, control)
+            {
+                Ok(Some(found)) => found,
                 // Friction that drives a contact into what it slides on, or a law without a solution at this scale.
                 Ok(None) | Err(ContactError::Unsolved { .. }) => return Ok(()),
                 Err(error) => return Err(error),

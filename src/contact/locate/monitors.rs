@@ -42,6 +42,9 @@ impl Monitor {
 const ROUNDING: f64 = 1e-13;
 const ROUNDING_OF_FORCES: f64 = 1e-9;
 
+/// Gaps and their velocities below this part of their terms are at rest, but for drift.
+const AT_REST: f64 = 1e-9;
+
 /// The monitors of a mode at a place; always the same number in the same order.
 pub fn monitors(
     flight: &mut Flight,
@@ -52,6 +55,7 @@ pub fn monitors(
     out: &mut Vec<Monitor>,
 ) {
     flight.settle(t, x);
+    let ticks = flight.problem().rounding_of_time(t);
     let (q, v) = x.split_at(structure.coordinates);
     out.clear();
     let constraints = flight.constraints();
@@ -63,9 +67,15 @@ pub fn monitors(
         if *status == Status::Open {
             let value = constraints.values[structure.joints + k];
             let terms = constraints.size(row, q);
-            let in_time = 4.0 * f64::EPSILON * t.abs() * constraints.terms(row, v);
+            let in_time =
+                4.0 * (f64::EPSILON * t.abs() * constraints.size(row, v) + ticks * constraints.drift[row].abs());
             let noise = in_time + ROUNDING * terms.max(f64::MIN_POSITIVE);
-            let rate = Some(constraints.velocity(row, v));
+            let speed = constraints.velocity(row, v);
+            // A gap that others hold at zero, without a force of its own, cannot close.
+            let rests =
+                speed.abs() <= AT_REST * constraints.terms(row, v) && value <= AT_REST * terms.max(f64::MIN_POSITIVE);
+            let value = if rests && flight.is_gap_held(k) { f64::INFINITY } else { value };
+            let rate = Some(speed);
             out.push(Monitor { value, noise, rate, ending: Ending::Closes(k) });
             continue;
         }
@@ -81,7 +91,9 @@ pub fn monitors(
                 out.push(Monitor { value, noise, rate: None, ending: Ending::Breaks(k, away) });
             }
             Status::Slip(direction) => {
-                let value = flight.slip(k, v).dot(&direction);
+                // A point that others hold does not slip, and cannot stop.
+                let is_held = flight.is_slip_held(k, v);
+                let value = if is_held { f64::INFINITY } else { flight.slip(k, v).dot(&direction) };
                 let size = structure.tangents(k).map(|row| constraints.terms(row, v)).fold(0.0, f64::max);
                 let rate = Some(flight.slip_rate(k).dot(&direction));
                 out.push(Monitor { value, noise: ROUNDING * size, rate, ending: Ending::Stops(k) });

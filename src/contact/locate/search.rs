@@ -33,6 +33,9 @@ const STOPPED: f64 = 1e-6;
 const SMALLEST: f64 = 1e-6;
 const ROUNDING_OF_TIME: f64 = 32.0 * f64::EPSILON;
 
+/// A monitor that falls by this part of its change between two points, at a time that is known to rounding, jumps there.
+const JUMP: f64 = 1e-3;
+
 /// Points within one step; what lies behind them is left to the next.
 const MOST_POINTS: usize = 1000;
 
@@ -56,6 +59,8 @@ pub(super) struct Violation {
     pub origin: f64,
     /// How it falls.
     pub slope: f64,
+    /// Whether it falls at once, with a force that begins.
+    pub jumps: bool,
     pub ending: Ending,
 }
 
@@ -162,6 +167,17 @@ impl Leg<'_, '_> {
             let known = first.monitors.iter_mut().zip(soon.monitors);
             known.filter(|(monitor, _)| unknown(monitor)).for_each(|(monitor, soon)| *monitor = soon);
         }
+        let ends: Vec<f64> = self.parts.ends.iter().copied().filter(|t| *t < end).collect();
+        if !ends.is_empty() {
+            let mut parts = Vec::new();
+            for t in ends.into_iter().chain([end]) {
+                let (middle, last) = (self.point(start, 0.5 * (first.t + t)), self.point(start, t));
+                parts.push([first, middle, last.clone()]);
+                first = last;
+            }
+            parts.reverse();
+            return parts;
+        }
         let mut at = |x: f64| self.point(start, start.t + x * h);
         let (left, parted, right) = (at(0.5 * PARTED), at(PARTED), at(0.5 * (1.0 + PARTED)));
         let last = self.point(start, end);
@@ -180,6 +196,7 @@ impl Leg<'_, '_> {
         let (mut a, mut fa) = (left.t, left.monitors[index].value);
         let (mut b, mut fb) = (right.t, right.monitors[index].value);
         let mut slope = (fb - fa) / (b - a);
+        let (range, mut above) = (fa - fb, fa);
         let mut kept = 0;
         for _ in 0..80 {
             if fa <= 0.0 || b - a <= 2.0 * f64::EPSILON * b.abs() {
@@ -199,7 +216,7 @@ impl Leg<'_, '_> {
                 fa *= if kept < 0 { 0.5 } else { 1.0 };
                 kept = -1;
             } else {
-                (a, fa) = (t, value);
+                (a, fa, above) = (t, value, value);
                 fb *= if kept > 0 { 0.5 } else { 1.0 };
                 kept = 1;
             }
@@ -207,6 +224,8 @@ impl Leg<'_, '_> {
                 break;
             }
         }
+        let below = self.point(start, b).monitors[index].value;
+        let jumps = b - a <= 4.0 * f64::EPSILON * b.abs() && above - below > JUMP * range;
         let t = if fa <= 0.0 { a } else { b };
         let mut values = Vec::new();
         self.monitors_at(t, &mut values);
@@ -218,6 +237,7 @@ impl Leg<'_, '_> {
             index,
             origin,
             slope: values[index].rate.unwrap_or(slope),
+            jumps,
             ending: values[index].ending,
         }
     }

@@ -17,9 +17,6 @@ const OFF: f64 = 1e-13;
 /// Below this fraction, what a pass does not halve is rounding.
 const ROUNDING: f64 = 1e-10;
 
-/// What a mode holds is left if it is off by this, in units of the coordinates.
-const DRIFT: f64 = 1e-13;
-
 impl VelocityStep<'_> {
     /// Puts `q` on the joints and gaps among these rows, and `v` on all of them, by the shortest way in the metric of `M`;
     /// rows that depend on each other share it.
@@ -33,10 +30,12 @@ impl VelocityStep<'_> {
         for pass in 0..CORRECTIONS {
             self.problem.constraints(state.t, &state.q, &mut self.constraints);
             self.check_constraints(state.t)?;
+            self.survey(&state.q, &state.v, 0.0);
             self.factorised = None;
             self.factorise(state, 0.0)?;
             let off: Vec<f64> = holonomic.iter().map(|&row| self.constraints.values[row]).collect();
-            if pass + 1 == CORRECTIONS || off.iter().all(|off| off.abs() <= DRIFT) {
+            let is_left = |(off, &row): (&f64, &usize)| off.abs() <= OFF * self.sizes[row];
+            if pass + 1 == CORRECTIONS || off.iter().zip(&holonomic).all(is_left) {
                 break;
             }
             if !self.delassus.remove(&self.constraints, &holonomic, &off, &mut state.q) {

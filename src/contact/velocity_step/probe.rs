@@ -1,15 +1,28 @@
 //! A step that is no part of the trajectory: what contacts would do next.
 
 use super::{State, VelocityStep};
-use crate::near::Near;
+use crate::near::{Near, rows};
 use crate::settings::ContactError;
 use nalgebra::Vector3;
-use problem::Control;
+use problem::{Constraints, Control};
 use vi::Outcome;
 
 /// A velocity this small beside its terms, or beside its change within a step, is none.
 const ROUNDING: f64 = 1e-11;
 const SMALL: f64 = 1e-6;
+
+/// The part of the terms of velocities by which forces change them in a probe: small enough that only directions count,
+/// and far above rounding.
+const CHANGE: f64 = 1e-7;
+
+/// A probe whose change is smaller or larger than that by more than these factors is made again, so often: rounding and
+/// directions leave that much.
+const TOO_SHORT: f64 = 100.0;
+const TOO_LONG: f64 = 1e3;
+const ATTEMPTS: usize = 3;
+
+/// A probe is at least as long as this multiple of what the clock tells apart.
+const TICKS: f64 = 1e4;
 
 /// What the law makes of a contact in a step that is no part of the trajectory.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,18 +45,79 @@ pub struct Probed {
 
 impl VelocityStep<'_> {
     /// What the law makes of contacts that are closed and do not part, without restitution, in a step so short that only
-    /// directions count; the place is that where free motion leads, so that curved ways count too. `None` where friction
-    /// drives a contact into what it slides on.
+    /// directions count, and the length of the step; the place is that where free motion leads, so that curved ways count
+    /// too. `None` where friction drives a contact into what it slides on. Velocities are known to `atol`; where nothing tells
+    /// how long a step is short, it is a part of the time `left`.
     ///
     /// # Errors
     /// See [`VelocityStep::advance`].
     pub fn probe(
         &mut self,
         state: &State,
-        h: f64,
+        (atol, left): (&[f64], f64),
         closed: &[usize],
         control: &Control,
-    ) -> Result<Option<Vec<Probed>>, ContactError> {
+    ) -> Result<Option<(f64, Vec<Probed>)>, ContactError> {
+        let mut h = match self.instant {
+            Some(h) => h,
+            None => self.first_instant(state, atol)?.unwrap_or(CHANGE * left),
+        };
+        let clock = if self.structure.depends_on_time { self.problem.rounding_of_time(state.t) } else { 0.0 };
+        let ticks = TICKS * clock;
+        let mut attempt = 1;
+        let (now, v) = loop {
+            h = h.max(ticks);
+            let free = self.free_motion(state, h)?;
+            let factor = self.pace(&free, state, closed, atol);
+            if attempt == ATTEMPTS || (factor * TOO_LONG >= 1.0 && factor <= TOO_SHORT) || (factor < 1.0 && h <= ticks)
+            {
+                break free;
+            }
+            (h, attempt) = (factor * h, attempt + 1);
+        };
+        self.instant = Some(h);
+        Ok(self.touch_free(state, h, (now, v), closed, control)?.map(|probed| (h, probed)))
+    }
+
+    /// A first guess at the length of a probe: forces change no velocity by more than it is known to.
+    fn first_instant(&mut self, state: &State, atol: &[f64]) -> Result<Option<f64>, ContactError> {
+        self.factorised = None;
+        self.factorise(state, 0.0)?;
+        let mut rates = vec![0.0; state.v.len()];
+        self.problem.forces(state.t, &state.q, &state.v, &mut rates);
+        if !self.delassus.solve(&mut rates) {
+            return Err(ContactError::Singular { t: state.t });
+        }
+        let known = state.v.iter().zip(atol).map(|(v, atol)| CHANGE * v.abs() + atol);
+        let times = known.zip(&rates).map(|(known, rate)| known / rate.abs());
+        Ok(times.filter(|time| *time > 0.0 && time.is_finite()).reduce(f64::min))
+    }
+
+    /// The factor by which a probe would have to be longer for forces to change the velocities of these contacts by the part
+    /// of their terms that it should: none by much more, and that with the largest terms by more than rounding.
+    fn pace(&self, (now, v): &(Constraints, Vec<f64>), state: &State, closed: &[usize], atol: &[f64]) -> f64 {
+        let gained: Vec<f64> = v.iter().zip(&state.v).map(|(free, before)| free - before).collect();
+        let (mut least, mut largest) = (f64::INFINITY, (0.0, 0.0));
+        for &k in closed {
+            for row in rows(&self.structure, k) {
+                let terms = now.terms(row, &state.v);
+                let due = CHANGE * terms + now.size(row, atol);
+                let change = (self.constraints.velocity(row, v) - now.velocity(row, &state.v)).abs();
+                let change = change.max(now.size(row, &gained));
+                if due > 0.0 && change > 0.0 {
+                    least = least.min(due / change);
+                    if terms > largest.0 {
+                        largest = (terms, due / change);
+                    }
+                }
+            }
+        }
+        if least.is_finite() { least.max((largest.1 / TOO_SHORT).min(1.0)) } else { 1.0 }
+    }
+
+    /// The constraints now, and velocities after a step without contacts; constraints and factors are left at the place
+    /// where that leads.
+    fn free_motion(&mut self, state: &State, h: f64) -> Result<(Constraints, Vec<f64>), ContactError> {
         let lost = ContactError::Singular { t: state.t };
         self.problem.constraints(state.t, &state.q, &mut self.constraints);
         self.check_constraints(state.t)?;
@@ -61,13 +135,27 @@ impl VelocityStep<'_> {
         }
         let violation: Vec<f64> = (0..self.structure.joints).map(|i| self.constraints.velocity(i, &v)).collect();
         self.delassus.obey_joints(&violation, &mut v);
+        Ok((now, v))
+    }
+
+    /// What the law makes of contacts behind free motion.
+    fn touch_free(
+        &mut self,
+        state: &State,
+        h: f64,
+        (now, v): (Constraints, Vec<f64>),
+        closed: &[usize],
+        control: &Control,
+    ) -> Result<Option<Vec<Probed>>, ContactError> {
+        let lost = ContactError::Singular { t: state.t };
         // What forces make of both sides of a contact may be the same, at rest in a stack.
         let gained: Vec<f64> = v.iter().zip(&state.v).map(|(free, before)| free - before).collect();
         let parts = |&k: &usize| {
             let row = self.structure.normal(k);
             let (before, free) = (now.velocity(row, &state.v), self.constraints.velocity(row, &v));
             let apart = now.size(row, &gained);
-            before > (SMALL * (free - before).abs().max(apart)).max(ROUNDING * now.terms(row, &state.v))
+            let rounding = (ROUNDING * now.terms(row, &state.v)).max(self.open_velocity(row));
+            before > (SMALL * (free - before).abs().max(apart)).max(rounding)
         };
         let contacts: Vec<usize> = closed.iter().copied().filter(|k| !parts(k)).collect();
         if contacts.is_empty() {
@@ -107,7 +195,7 @@ impl VelocityStep<'_> {
         self.structure.tangents(k).map(|row| self.constraints.terms(row, v)).reduce(f64::max).unwrap_or(f64::INFINITY)
     }
 
-    /// Slips that are none: rounding of their terms, and small beside what forces make of them within the step.
+    /// Slips that are none: rounding of their terms, far below what tolerances leave open, and small beside what forces make of them within the step.
     pub(super) fn rounding_of_slips(
         &self,
         contacts: &[usize],
@@ -116,6 +204,7 @@ impl VelocityStep<'_> {
         free: &[Vector3<f64>],
     ) -> Vec<f64> {
         let changes = before.iter().zip(free).map(|(before, free)| SMALL * (free - before).norm());
-        contacts.iter().zip(changes).map(|(&k, change)| change.max(ROUNDING * self.size_of_slip(k, v))).collect()
+        let rounding = |k: usize| (ROUNDING * self.size_of_slip(k, v)).max(self.open_slip(k));
+        contacts.iter().zip(changes).map(|(&k, change)| change.max(rounding(k))).collect()
     }
 }

@@ -29,6 +29,11 @@ impl Radau<'_> {
         &self.y
     }
 
+    /// The size of the next step, as far as it is known.
+    pub fn next_step(&self) -> f64 {
+        self.h
+    }
+
     /// Whether the end is reached.
     pub fn is_done(&self) -> bool {
         self.t >= self.end

@@ -42,9 +42,6 @@ const KNOWN: Known = &[
     ("chain20_ball_joints_explodes", "wrong"),
     ("chain_with_heavy_ball_explodes", "wrong"),
     ("elastic_2d_hertz_slow", "stopped"),
-    ("redundant_cranks_slow", "stopped"),
-    ("rope_two_links_slow", "stopped"),
-    ("two_frictions_crawls", "stopped"),
 ];
 
 /// Wrong answers that the verdict trusts.

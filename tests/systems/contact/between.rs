@@ -167,3 +167,27 @@ fn a_slip_in_space_begins_once_and_follows_the_force_that_turns() {
         }
     }
 }
+
+#[test]
+fn a_burst_of_force_between_the_points_of_a_step_is_seen() {
+    // The momentum of exp(-((t - 5)/w)^2) is w sqrt(pi), whatever the horizon.
+    for (width, end) in [(0.02, 10.0), (1e-3, 10.0), (0.02, 1000.0)] {
+        let problem = json!({"coordinates": {"x": {"initial": 0}}, "mass": [[1]],
+            "forces": {"x": format!("exp(-((t - 5)/{width})^2)")}, "contacts": [{"name": "wall", "gap": "x + 1"}]});
+        let solution = solved(&problem, end, &json!([0, end]));
+        let (found, exact) = (last(&solution, "x_dot"), width * PI.sqrt());
+        assert!((found - exact).abs() < 1e-5 * exact, "{width} {end}: {found}, not {exact}");
+    }
+}
+
+#[test]
+fn a_pulse_of_force_lifts_a_body_at_rest_at_its_time() {
+    // 100 N for 0.02 s against a weight of 9.81 N: the floor gives what gravity takes, less 2 N s.
+    let problem = json!({"coordinates": {"y": {"initial": 0}}, "mass": [[1]], "potential": "9.81*y",
+        "forces": {"y": "100*(heaviside(t - 37.3) - heaviside(t - 37.32))"}, "contacts": [{"name": "floor", "gap": "y"}]});
+    let solution = solved(&problem, 100.0, &json!([0, 100]));
+    let lifts = times(&solution, EventKind::LiftOff);
+    assert!(lifts.len() == 1 && (lifts[0] - 37.3).abs() < 1e-9, "{lifts:?}");
+    let carried = last(&solution, "floor_impulse");
+    assert!((carried - 979.0).abs() < 1e-6, "{carried}");
+}

@@ -1,0 +1,78 @@
+//! A mechanical system by the time since its start. What happens to a body an hour or ten years after an epoch is the
+//! same, but clocks that count from the epoch tell times apart by `EPSILON` of it: impacts that come ever faster are lost
+//! in that. So motion is computed by the time since the start; the epoch is added where the system itself reads the clock.
+
+use nalgebra::DMatrix;
+use numerics::Interval;
+use problem::{Constraints, Energies, Mechanical, MechanicalStructure, Sensitivity};
+
+/// A system whose time is zero at its start.
+pub struct Elapsed {
+    problem: Box<dyn Mechanical>,
+    start: f64,
+}
+
+impl Elapsed {
+    /// Lets time begin at `start`.
+    pub fn new(problem: Box<dyn Mechanical>, start: f64) -> Self {
+        Self { problem, start }
+    }
+}
+
+impl Mechanical for Elapsed {
+    fn structure(&self) -> &MechanicalStructure {
+        self.problem.structure()
+    }
+
+    fn mass(&mut self, t: f64, q: &[f64], mass: &mut DMatrix<f64>) {
+        self.problem.mass(self.start + t, q, mass);
+    }
+
+    fn forces(&mut self, t: f64, q: &[f64], v: &[f64], f: &mut [f64]) {
+        self.problem.forces(self.start + t, q, v, f);
+    }
+
+    fn stiffness(&mut self, t: f64, q: &[f64], v: &[f64], by_q: &mut DMatrix<f64>, by_v: &mut DMatrix<f64>) {
+        self.problem.stiffness(self.start + t, q, v, by_q, by_v);
+    }
+
+    fn constraints(&mut self, t: f64, q: &[f64], constraints: &mut Constraints) {
+        self.problem.constraints(self.start + t, q, constraints);
+    }
+
+    fn positions(&mut self, t: f64, q: &[f64], values: &mut [f64]) {
+        self.problem.positions(self.start + t, q, values);
+    }
+
+    fn enclose_positions(&mut self, t: Interval, q: &[Interval], values: &mut [Interval]) {
+        self.problem.enclose_positions(Interval::point(self.start) + t, q, values);
+    }
+
+    fn enclose_velocities(&mut self, t: Interval, q: &[Interval], v: &[Interval], values: &mut [Interval]) {
+        self.problem.enclose_velocities(Interval::point(self.start) + t, q, v, values);
+    }
+
+    fn enclose_in_time(&mut self, t: Interval, q: &[f64], v: &[f64], values: &mut [Interval]) {
+        self.problem.enclose_in_time(Interval::point(self.start) + t, q, v, values);
+    }
+
+    fn breaks(&mut self, t: f64) -> &[f64] {
+        self.problem.breaks(self.start + t)
+    }
+
+    fn energies(&mut self, t: f64, q: &[f64], v: &[f64]) -> Energies {
+        self.problem.energies(self.start + t, q, v)
+    }
+
+    fn bias(&mut self, t: f64, q: &[f64], v: &[f64], gamma: &mut [f64]) {
+        self.problem.bias(self.start + t, q, v, gamma);
+    }
+
+    fn sensitivity(&mut self, t: f64, q: &[f64], v: &[f64], a: &[f64], lambda: &[f64], out: &mut Sensitivity) {
+        self.problem.sensitivity(self.start + t, q, v, a, lambda, out);
+    }
+
+    fn rounding_of_time(&self, t: f64) -> f64 {
+        self.problem.rounding_of_time(self.start + t).max(f64::EPSILON * t.abs())
+    }
+}

@@ -1,0 +1,154 @@
+//! What depends on time explicitly, within a step that does not look for it: a force, a belt or a floor that acts for a
+//! moment, between all points at which the step was made.
+//!
+//! So forces, drift and bias are enclosed over the times of a step, with coordinates and velocities as they are in the
+//! middle of each of its parts, and a part is halved where an enclosure is much wider than what is seen at its ends and in
+//! its middle, or where that is not nearly straight. The parts that are left are those in which forces are looked at: where the slopes of the polynomial are not
+//! the rates there, the step went over a burst and is made anew, up to where that begins.
+
+use super::hidden::{HALVINGS, Hidden, NEXT};
+use super::leg::Leg;
+use numerics::Interval;
+
+/// The factor by which an enclosure may be wider than the range of what is seen: it is for sums and products of terms that
+/// vary together.
+const WIDER: f64 = 4.0;
+
+/// The part of this range by which what is in the middle may differ from the mean of the ends: a burst that happens to be
+/// in the middle, or at an end, differs by all of it, or by half.
+const BENT: f64 = 0.3;
+
+/// Parts of one step; a part that is left undecided then is as wide as it is.
+const MOST_PARTS: usize = 400;
+
+/// The smallest part of a step.
+const SMALLEST: f64 = 1e-9;
+
+/// Slopes in the middle of a part are off by this many tolerances, over its length, where a burst was not seen: the
+/// polynomial has rates to one order less than its ends.
+const OFF: f64 = 10.0;
+
+/// The parts of a step.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Parts {
+    /// Where they end, but for the last.
+    pub ends: Vec<f64>,
+    /// Whether each shows what acts in it.
+    pub are_decided: bool,
+}
+
+impl Leg<'_, '_> {
+    /// Parts a step so that what depends on time shows in each.
+    pub(super) fn parts_in_time(&mut self, begin: f64, end: f64) -> Parts {
+        let mut parts = Parts { ends: Vec::new(), are_decided: true };
+        if !self.located.structure.depends_on_time {
+            return parts;
+        }
+        let n = self.located.structure.coordinates;
+        let allowed = self.tolerances_in_time(begin, end);
+        let least = (SMALLEST * (end - begin)).max(8.0 * self.watch.problem().rounding_of_time(end));
+        let (mut stack, mut passed) = (vec![(begin, end)], 0);
+        while let Some((a, b)) = stack.pop() {
+            passed += 1;
+            let middle = 0.5 * (a + b);
+            let mut x = vec![0.0; 2 * n];
+            self.at(middle, &mut x);
+            let is_small = b - a <= least;
+            if !is_small && !self.shows((a, b), &x, &allowed) && passed + stack.len() < MOST_PARTS {
+                stack.extend([(middle, b), (a, middle)]);
+                continue;
+            }
+            parts.are_decided &= is_small || passed + stack.len() < MOST_PARTS;
+            if b < end {
+                parts.ends.push(b);
+            }
+        }
+        parts
+    }
+
+    /// What forces, drift and bias may be off by over a step: the forces as they change velocities by their tolerances,
+    /// drift as velocities themselves.
+    fn tolerances_in_time(&mut self, begin: f64, end: f64) -> Vec<f64> {
+        let n = self.located.structure.coordinates;
+        let mut x = vec![0.0; 2 * n];
+        self.at(begin, &mut x);
+        self.watch.settle(begin, &x);
+        let (h, radau) = (end - begin, &self.located.radau);
+        let of_v: Vec<f64> = x[n..].iter().zip(&radau.atol[n..]).map(|(v, atol)| atol + radau.rtol * v.abs()).collect();
+        let mass = self.watch.masses();
+        let forces = mass.zip(&of_v).map(|(mass, of_v)| mass * of_v / h);
+        let constraints = self.watch.constraints();
+        let rows = 0..self.located.structure.rows();
+        let drift = rows.clone().map(|row| constraints.size(row, &of_v));
+        let bias = rows.map(|row| constraints.size(row, &of_v) / h);
+        forces.chain(drift).chain(bias).collect()
+    }
+
+    /// Whether what is seen at the ends and in the middle of a part tells what acts within.
+    fn shows(&mut self, (a, b): (f64, f64), x: &[f64], allowed: &[f64]) -> bool {
+        let (q, v) = x.split_at(x.len() / 2);
+        let mut enclosed = vec![Interval::LINE; allowed.len()];
+        self.watch.problem().enclose_in_time(Interval::new(a, b), q, v, &mut enclosed);
+        let is_narrow = |(value, allowed): (&Interval, &f64)| value.defined && value.hi - value.lo <= *allowed;
+        if enclosed.iter().zip(allowed).all(is_narrow) {
+            return true;
+        }
+        let mut seen = [a, 0.5 * (a + b), b].map(|t| (t, vec![Interval::LINE; allowed.len()]));
+        for (t, values) in &mut seen {
+            self.watch.problem().enclose_in_time(Interval::point(*t), q, v, values);
+        }
+        let [(_, first), (_, middle), (_, last)] = &seen;
+        (0..allowed.len()).all(|i| {
+            let all = first[i].hull(middle[i]).hull(last[i]);
+            let range = all.hi - all.lo;
+            let bent = (middle[i].lo - 0.5 * (first[i].lo + last[i].lo)).abs();
+            let is_narrow = enclosed[i].hi - enclosed[i].lo <= WIDER * range + allowed[i];
+            all.defined && is_narrow && bent <= BENT * range + allowed[i]
+        })
+    }
+
+    /// A burst that the last step went over, in one of its parts.
+    pub(super) fn burst(&mut self, begin: f64, end: f64) -> Option<Hidden> {
+        let mut from = begin;
+        let ends = self.parts.ends.clone();
+        let last = (!ends.is_empty()).then_some(end);
+        for to in ends.into_iter().chain(last) {
+            let middle = 0.5 * (from + to);
+            if self.is_off(middle, to - from, OFF) {
+                return Some(self.before(begin, middle, to - from));
+            }
+            from = to;
+        }
+        None
+    }
+
+    /// Whether the slopes of velocities at a time are off by this many tolerances over a length of time.
+    fn is_off(&mut self, t: f64, length: f64, tolerances: f64) -> bool {
+        let n = self.located.structure.coordinates;
+        let mut x = vec![0.0; 2 * n];
+        self.at(t, &mut x);
+        let slopes = self.slopes_at(t);
+        self.watch.settle(t, &x);
+        let radau = &self.located.radau;
+        (0..n).any(|i| {
+            let tolerance = radau.atol[n + i] + radau.rtol * x[n + i].abs();
+            (slopes[n + i] - self.watch.a[i]).abs() * length > tolerances * tolerance
+        })
+    }
+
+    /// How far a step may go that was found to be off at a time.
+    fn before(&mut self, begin: f64, seen: f64, length: f64) -> Hidden {
+        let (mut clear, mut off) = (begin, seen);
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (clear + off);
+            if middle <= clear || middle >= off {
+                break;
+            }
+            let side = if self.is_off(middle, length, 1.0) { &mut off } else { &mut clear };
+            *side = middle;
+        }
+        // What the step misses may begin before it shows.
+        let until = (clear - (seen - clear)).max(begin);
+        Hidden { until, next: NEXT * (seen - until) }
+    }
+}
