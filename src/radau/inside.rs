@@ -80,7 +80,8 @@ impl Inside {
     /// Whether the equations tell all variables inside.
     pub(super) fn tells_all(&mut self, system: &System<'_>) -> bool {
         self.follow(system);
-        self.inside.is_empty() || !matches!(self.equations, Equations::None) && self.variables.len() == self.inside.len()
+        self.inside.is_empty()
+            || !matches!(self.equations, Equations::None) && self.variables.len() == self.inside.len()
     }
 
     /// How far each variable may be from the root of its equations where these are as large as `residuals`:

@@ -52,7 +52,8 @@ impl Dense {
         let Some(response) = &self.response else { return false };
         for (a, &k) in inside.iter().enumerate() {
             let rows = inside.iter().enumerate();
-            out[k] = rows.map(|(b, &l)| response.to_g[(a, b)] * sizes[l] + response.to_hidden[(a, b)] * hidden[l]).sum();
+            out[k] =
+                rows.map(|(b, &l)| response.to_g[(a, b)] * sizes[l] + response.to_hidden[(a, b)] * hidden[l]).sum();
         }
         true
     }

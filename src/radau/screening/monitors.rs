@@ -88,7 +88,9 @@ const CURVATURE: f64 = 2.0;
 pub(super) enum Found {
     Proven,
     /// Not proven; whether one may be negative in the middle.
-    Unproven { may_fail: bool },
+    Unproven {
+        may_fail: bool,
+    },
     /// The problem has no enclosure, or none that is narrow enough.
     Unknown,
 }
@@ -193,7 +195,10 @@ impl Enclosure {
         }
         let middles: Vec<f64> = left.iter().map(|monitor| value(system, monitor, &self.points[1])).collect();
         // What is wrong in the middle itself says whether a monitor may be negative there.
-        let over_part = std::mem::replace(&mut self.residuals, system.values[..system.unknowns].iter().map(|value| value.abs()).collect());
+        let over_part = std::mem::replace(
+            &mut self.residuals,
+            system.values[..system.unknowns].iter().map(|value| value.abs()).collect(),
+        );
         let are_told = corrections.inside.tells_all(system);
         if !are_told {
             self.find_hidden_in_middle(system, corrections, t + 0.5 * h);
@@ -236,7 +241,8 @@ impl Enclosure {
             }
             may_fail |= !is_proven && suspect;
             // The residual of a hidden constraint over a box shrinks with the box and no faster.
-            self.is_hopeless |= !are_told && part.length == 1.0 && error > MOST_PARTS as f64 * (middle + monitor.limit).abs();
+            self.is_hopeless |=
+                !are_told && part.length == 1.0 && error > MOST_PARTS as f64 * (middle + monitor.limit).abs();
             !is_proven
         });
         may_fail
@@ -296,7 +302,8 @@ impl Enclosure {
         self.hidden.clear();
         self.hidden.resize(system.unknowns - n, 0.0);
         for k in (0..system.unknowns - n).filter(|&k| system.face.places[k] == Place::Inside) {
-            let along = system.places_of_row(n + k).filter(|&(_, j)| j < n).map(|(at, j)| self.jacobian[at] * self.rates[j]);
+            let along =
+                system.places_of_row(n + k).filter(|&(_, j)| j < n).map(|(at, j)| self.jacobian[at] * self.rates[j]);
             self.hidden[k] = size(along.fold(self.by_time[k], |sum, term| sum + term));
         }
     }
