@@ -142,8 +142,14 @@ impl Radau<'_> {
         is_violated
     }
 
-    /// Whether a monitor that is violated at `theta` of the step whose stages are solved was positive before.
+    /// Whether a monitor that is violated at `theta` of the step whose stages are solved was positive before. Not so where
+    /// hidden constraints tell variables: these bring the states onto their face first.
     pub(super) fn rises_before(&mut self, theta: f64, h: f64) -> bool {
+        let n = self.system.states;
+        let is_told = |k: usize| self.system.entries_of_variable(k).any(|(j, value)| j >= n && value != 0.0);
+        if !(0..self.system.unknowns - n).all(is_told) {
+            return false;
+        }
         let (mut there, mut before) = (Vec::new(), Vec::new());
         self.monitors_at(theta, h, &mut there);
         (1..=RISES).any(|k| {
