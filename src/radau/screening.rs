@@ -23,7 +23,7 @@ const MOST_PARTS: usize = 200;
 /// the part, and costs more.
 const MOST_HIDDEN: usize = 24;
 /// The least part of a step that is worth a step of its own, where screening proves no more.
-const LEAST: f64 = 0.1;
+pub(super) const LEAST: f64 = 0.1;
 /// The binary digits of the distance to the beginning of a step within which a monitor is looked at that may rise first.
 const RISES: i32 = 6;
 /// The excess up to which a law holds: one decimal digit less than asked for.
@@ -70,6 +70,7 @@ impl Radau<'_> {
     /// Screens the step of size `h` whose stages are solved.
     pub(super) fn screen(&mut self, h: f64) -> Between {
         let mut screening = std::mem::take(&mut self.switching.screening);
+        self.switching.proven = 0.0;
         let found = self.screen_parts(h, &mut screening);
         self.switching.screening = screening;
         match found {
@@ -107,8 +108,9 @@ impl Radau<'_> {
                     Found::Proven => {}
                     Found::Unproven { may_fail } if parts < most => {
                         if may_fail && self.is_violated_at(part.middle(), h) {
-                            let theta = part.middle();
+                            let (theta, part_begin) = (part.middle(), part.begin);
                             spare.push(part);
+                            self.switching.proven = part_begin;
                             return Between::Violated(theta);
                         }
                         let mut second = spare.pop().unwrap_or_default();

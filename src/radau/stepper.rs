@@ -15,7 +15,7 @@ use super::error_control::{Controller, Rescaled};
 use super::factors::Factors;
 use super::newton_control::NewtonControl;
 use super::progress::{Progress, SHORT};
-use super::screening::Between;
+use super::screening::{Between, LEAST};
 use super::settings::{Cause, Settings, StageChoice, StepError};
 use super::stage_vi::StageVi;
 use super::stages::{Contraction, Newton, Stages, THETA};
@@ -313,7 +313,7 @@ impl<'p> Radau<'p> {
         let mut size = h;
         let mut may_turn = true;
         self.screened_short = false;
-        let mut missed = None;
+        let (mut missed, mut proven) = (None, 0.0);
         let mut searches = if self.settings.step.is_some() { 0 } else { SEARCHES };
         for _ in 0..=self.system.bounded.len() + HALVINGS {
             self.prepare(size)?;
@@ -337,6 +337,7 @@ impl<'p> Radau<'p> {
                         return Ok(Attempt::Solved { h: size, iterations, coupled: false, between });
                     }
                     missed = between;
+                    proven = if dip.is_some() { self.switching.proven } else { 0.0 };
                     (self.locate(size, dip)?, iterations)
                 }
                 Newton::Slow(factor) if self.stage_vi.is_none() => return Ok(Attempt::Failed(factor, Cause::Slow)),
@@ -366,6 +367,11 @@ impl<'p> Radau<'p> {
                     return Ok(Attempt::Solved { h, iterations, coupled: false, between: Some(between) });
                 }
                 Located::Now => {}
+                // Up to shortly before it the step is proven.
+                Located::Nowhere if proven >= LEAST && self.settings.step.is_none() && self.switching.locates() => {
+                    size *= std::mem::take(&mut proven);
+                    self.screened_short = true;
+                }
                 Located::Nowhere if searches > 0 && self.switching.locates() => {
                     searches -= 1;
                     size *= 0.5;

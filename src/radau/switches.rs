@@ -70,6 +70,8 @@ pub(super) struct Switching {
     /// Room for those between the stages.
     pub(super) between: Vec<Monitor>,
     pub(super) screening: Screening,
+    /// The part of the last step screened before which no monitor changes its sign.
+    pub(super) proven: f64,
     /// Switches not yet taken by the caller.
     switches: Vec<Switch>,
     /// Accumulations passed.
@@ -93,6 +95,7 @@ impl Switching {
             monitors: Vec::new(),
             between: Vec::new(),
             screening: Screening::default(),
+            proven: 0.0,
             switches: Vec::new(),
             accumulations: 0,
         })
