@@ -102,13 +102,8 @@ impl Radau<'_> {
     /// it is not positive there. A face begins where a monitor of it is zero to within noise, and may rise before it falls.
     fn root(&mut self, index: usize, left: (f64, Monitor), right: (f64, f64), h: f64) -> f64 {
         let (mut b, mut fb) = right;
-        let start = if left.1.value > 0.0 {
-            Some((left.0, left.1.value))
-        } else if left.1.is_violated() {
-            None
-        } else {
-            self.rise(index, left, b, h)
-        };
+        // What crossed with the monitor that ended the last step is off by what is noise there, not here.
+        let start = if left.1.value > 0.0 { Some((left.0, left.1.value)) } else { self.rise(index, left, b, h) };
         let Some((mut a, mut fa)) = start else { return left.0 };
         let mut values = Vec::new();
         let mut kept = 0;

@@ -338,7 +338,17 @@ impl<'p> Radau<'p> {
                     }
                     missed = between;
                     proven = if dip.is_some() { self.switching.proven } else { 0.0 };
-                    (self.locate(size, dip)?, iterations)
+                    let mut located = self.locate(size, dip)?;
+                    // Of several switches within the step the stages need not show the first.
+                    if matches!(located, Located::Nowhere)
+                        && dip.is_none()
+                        && self.switching.locates()
+                        && let Some(first) = self.first_violation(size)?
+                    {
+                        proven = self.switching.proven;
+                        located = self.locate(size, Some(first))?;
+                    }
+                    (located, iterations)
                 }
                 Newton::Slow(factor) if self.stage_vi.is_none() => return Ok(Attempt::Failed(factor, Cause::Slow)),
                 Newton::Failed(cause) if self.stage_vi.is_none() => return Ok(Attempt::Failed(0.5, cause)),
@@ -381,6 +391,19 @@ impl<'p> Radau<'p> {
         }
         self.predict(h);
         Ok(self.couple(h, missed))
+    }
+
+    /// Where screening first sees a violation in a step of size `h`, whose stages are solved again.
+    fn first_violation(&mut self, h: f64) -> Result<Option<f64>, StepError> {
+        self.prepare(h)?;
+        self.predict(h);
+        if !matches!(self.newton(h), Newton::Converged { .. }) {
+            return Ok(None);
+        }
+        Ok(match self.screen(h) {
+            Between::Violated(theta) => Some(theta),
+            _ => None,
+        })
     }
 
     /// Newton's method on the present face.
