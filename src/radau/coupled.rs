@@ -23,7 +23,8 @@ impl Shortened {
     /// Whether a step within which a switch may change a state by this many tolerances is to be made shorter.
     pub fn is_too_long(&mut self, unlocated: Option<f64>) -> bool {
         let Some(distance) = unlocated.filter(|distance| *distance > ALLOWED) else { return false };
-        if self.unfollowed > MOST_UNFOLLOWED {
+        // Where the face was followed past its end, and its end was not found, switches accumulate: there are more in any step.
+        if !(1..=MOST_UNFOLLOWED).contains(&self.unfollowed) {
             return false;
         }
         distance < self.last.replace(distance).map_or(f64::INFINITY, |last| GAIN * last)
