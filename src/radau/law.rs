@@ -43,7 +43,7 @@ impl Radau<'_> {
             }
         };
         for k in (0..self.system.unknowns - n).filter(|&k| self.system.set.block_of(k).is_none()) {
-            let [of_z, of_g] = self.uncertainties(k);
+            let [of_z, of_g] = self.uncertainties(k, self.last.h);
             let (z, gamma) = (y[n + k], self.system.values[n + k] / of_g);
             let below = (z - self.system.set.lower[k]) / of_z;
             let above = (self.system.set.upper[k] - z) / of_z;
@@ -58,7 +58,7 @@ impl Radau<'_> {
         }
         for b in 0..self.system.set.blocks().len() {
             let members = &self.system.set.blocks()[b].members;
-            let of_members = members.iter().map(|&k| self.uncertainties(k));
+            let of_members = members.iter().map(|&k| self.uncertainties(k, self.last.h));
             let [of_z, of_g] = of_members.fold([0.0_f64; 2], |most, of| [most[0].max(of[0]), most[1].max(of[1])]);
             let first = members[0];
             let defect = self.system.defect_of_block(b, &y[n..], of_z / of_g);
@@ -68,8 +68,9 @@ impl Radau<'_> {
     }
 
     /// What the tolerances leave uncertain of variable `k` and of its `G`: errors of the states, the tolerance of the VI, and
-    /// of a variable also what changes no state over the longest step so far.
-    pub(super) fn uncertainties(&self, k: usize) -> [f64; 2] {
+    /// of a variable also what changes no state over the longest step so far, where the weights are those of a step of size
+    /// `h`, or of a shorter one that finds a face behind it.
+    pub(super) fn uncertainties(&self, k: usize, h: f64) -> [f64; 2] {
         let Self { system, settings, largest, .. } = self;
         let n = system.states;
         let state = |j: usize| settings.atol[j] + settings.rtol * largest[j];
@@ -77,8 +78,7 @@ impl Radau<'_> {
         let [terms, by_errors] = system.terms(k, |j| [largest[j], error(j)]);
         let of_g = (settings.vi_tolerance * terms).max(by_errors);
         let effect = self.control.weight[n + k] * self.methods[self.last_method].tolerance.factor;
-        let longest = self.longest.max(self.control.span);
-        let without_effect = if effect > 0.0 { self.control.span / (effect * longest) } else { 0.0 };
+        let without_effect = if effect > 0.0 { h / (effect * self.longest.max(h)) } else { 0.0 };
         // An error of the states moves the root of `G` as well.
         let own = system.entries_of_variable(k).find(|&(j, _)| j == n + k).map_or(0.0, |(_, value)| value.abs());
         let of_root = if own > 0.0 { by_errors / own } else { 0.0 };

@@ -8,8 +8,6 @@ use super::system::System;
 pub struct NewtonControl {
     /// `1/sc` for each component of `y`, in the norm `sqrt(sum (weight dW)^2 / (s (n+m)))`.
     pub weight: Vec<f64>,
-    /// The size of the step that the weights of variables are made for.
-    pub span: f64,
     /// The bound on that norm.
     pub kappa: f64,
     /// The most iterations.

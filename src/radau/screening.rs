@@ -84,9 +84,9 @@ impl Radau<'_> {
         of_blocks.clear();
         for block in self.system.set.blocks() {
             let sum = |sum: [f64; 2], of: [f64; 2]| [sum[0].max(of[0]), sum[1] + of[1]];
-            of_blocks.push(block.members.iter().map(|&k| self.limits(k)).fold([0.0; 2], sum));
+            of_blocks.push(block.members.iter().map(|&k| self.limits(k, h)).fold([0.0; 2], sum));
         }
-        watch(&self.system, |k| self.limits(k), watched);
+        watch(&self.system, |k| self.limits(k, h), watched);
         spare.append(left);
         let mut whole = spare.pop().unwrap_or_default();
         let s = self.tableau().stages();
@@ -127,9 +127,9 @@ impl Radau<'_> {
         Between::Proven
     }
 
-    /// What counts as zero of variable `k` and of its `G`.
-    fn limits(&self, k: usize) -> [f64; 2] {
-        let [of_z, of_g] = self.uncertainties(k);
+    /// What counts as zero of variable `k` and of its `G` over a step of size `h`.
+    fn limits(&self, k: usize, h: f64) -> [f64; 2] {
+        let [of_z, of_g] = self.uncertainties(k, h);
         let noise =
             [self.control.noise_of_z(&self.system, k, &self.y), self.control.noise_of_g(&self.system, k, &self.y)];
         [of_z.max(noise[0]), of_g.max(noise[1])]

@@ -147,7 +147,6 @@ impl<'p> Radau<'p> {
         system.project(&mut y);
         let control = NewtonControl {
             weight: vec![0.0; unknowns],
-            span: 0.0,
             rounding: vec![0.0; unknowns],
             size: vec![0.0; unknowns],
             kappa: 0.0,

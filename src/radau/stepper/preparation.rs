@@ -50,7 +50,6 @@ impl Radau<'_> {
     pub(crate) fn set_tolerances(&mut self, h: f64) {
         let tolerance = &self.methods[self.current].tolerance;
         let n = self.system.states;
-        self.control.span = h;
         for j in 0..n {
             let scale = tolerance.factor * self.settings.atol[j] + tolerance.rtol * self.y[j].abs();
             self.control.weight[j] = 1.0 / scale.max(f64::MIN_POSITIVE);
