@@ -1,6 +1,7 @@
 //! What a stepper tells of itself between steps: time, values, evidence, counters.
 
 use super::Radau;
+use crate::consistent::inequality;
 use crate::face::ActiveFace;
 use crate::system::Work;
 use problem::{ConvexSet, Dvi, FaceEquations};
@@ -84,6 +85,9 @@ impl Radau<'_> {
             if self.last.is_smooth {
                 self.switching.constraints.correct(&mut self.system, &self.control, t, out);
             }
+        }
+        if !at_end && !self.last.is_smooth {
+            inequality::solve(&mut self.system, t, out);
         }
         if let Some(consistent) = &mut self.consistent
             && (at_end || self.last.is_smooth)
