@@ -5,7 +5,7 @@ use super::memory::check_memory;
 use super::settings::StepError;
 use factorisation::Analysis;
 use faer::sparse::{Pair, SymbolicSparseColMat};
-use problem::{Mass, Structure};
+use problem::{Control, Mass, Structure};
 
 /// Up to this many unknowns, a dense factorisation is faster than the bookkeeping of a sparse one.
 const DENSE_AT_MOST: usize = 40;
@@ -59,11 +59,12 @@ pub enum Storage {
 }
 
 impl Layout {
-    /// For a problem with those bounded variables.
+    /// For a problem with those bounded variables, needed at `t`.
     ///
     /// # Errors
-    /// If the matrices would not fit into memory.
-    pub fn new(structure: &Structure, bounded: &[usize]) -> Result<Self, StepError> {
+    /// If the matrices would not fit into memory, or `outside` asks to stop.
+    pub fn new(structure: &Structure, bounded: &[usize], t: f64, outside: &Control) -> Result<Self, StepError> {
+        let go_on = || outside.go_on().map_err(|_| StepError::Interrupted { t });
         let (n, unknowns) = (structure.states, structure.unknowns());
         let mass: Vec<(usize, usize, f64)> = match &structure.mass {
             Mass::Identity => (0..n).map(|i| (i, i, 1.0)).collect(),
@@ -92,13 +93,17 @@ impl Layout {
             .chain(spread.iter().chain(&own).flatten().copied())
             .map(|(row, col)| Pair { row, col })
             .collect();
+        go_on()?;
         pairs.sort_unstable_by_key(|pair| (pair.col, pair.row));
         pairs.dedup();
+        go_on()?;
         let (storage, places) = if is_sparse(unknowns, pairs.len()) {
             let too_large = || StepError::TooLarge { what: "sparse factors", unknowns };
             let pattern = SymbolicSparseColMat::try_new_from_indices(unknowns, unknowns, &pairs);
             let (pattern, _) = pattern.map_err(|_| too_large())?;
-            let analysis = Analysis::new(pattern.as_ref()).ok_or_else(too_large)?;
+            let analysis = Analysis::new_unless(pattern.as_ref(), || outside.poll().is_some());
+            go_on()?;
+            let analysis = analysis.ok_or_else(too_large)?;
             (Storage::Sparse { pattern, analysis }, pairs.len())
         } else {
             check_memory("dense factors", unknowns)?;
