@@ -62,9 +62,8 @@ impl Layout {
     /// For a problem with those bounded variables, needed at `t`.
     ///
     /// # Errors
-    /// If the matrices would not fit into memory, or `outside` asks to stop.
+    /// If the matrices would not fit into memory, or `outside` asks to stop while a large one is analysed.
     pub fn new(structure: &Structure, bounded: &[usize], t: f64, outside: &Control) -> Result<Self, StepError> {
-        let go_on = || outside.go_on().map_err(|_| StepError::Interrupted { t });
         let (n, unknowns) = (structure.states, structure.unknowns());
         let mass: Vec<(usize, usize, f64)> = match &structure.mass {
             Mass::Identity => (0..n).map(|i| (i, i, 1.0)).collect(),
@@ -93,17 +92,15 @@ impl Layout {
             .chain(spread.iter().chain(&own).flatten().copied())
             .map(|(row, col)| Pair { row, col })
             .collect();
-        go_on()?;
         pairs.sort_unstable_by_key(|pair| (pair.col, pair.row));
         pairs.dedup();
-        go_on()?;
         let (storage, places) = if is_sparse(unknowns, pairs.len()) {
             let too_large = || StepError::TooLarge { what: "sparse factors", unknowns };
             let pattern = SymbolicSparseColMat::try_new_from_indices(unknowns, unknowns, &pairs);
             let (pattern, _) = pattern.map_err(|_| too_large())?;
-            let analysis = Analysis::new_unless(pattern.as_ref(), || outside.poll().is_some());
-            go_on()?;
-            let analysis = analysis.ok_or_else(too_large)?;
+            let stopped = || outside.poll().is_some();
+            let none = || if stopped() { StepError::Interrupted { t } } else { too_large() };
+            let analysis = Analysis::new_unless(pattern.as_ref(), stopped).ok_or_else(none)?;
             (Storage::Sparse { pattern, analysis }, pairs.len())
         } else {
             check_memory("dense factors", unknowns)?;
