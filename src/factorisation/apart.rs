@@ -46,13 +46,14 @@ impl Threads {
             let _ = done.send(computed);
         };
         thread::Builder::new().name("dvi-factors".to_owned()).spawn(computing).ok()?;
-        loop {
+        while !stop() {
             match result.recv_timeout(GLANCE) {
                 Ok(computed) => return Some(computed),
-                Err(RecvTimeoutError::Timeout) if !stop() => {}
-                Err(_) => return None,
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => break,
             }
         }
+        None
     }
 
     /// Waits for a place until `stop` says so.
