@@ -4,6 +4,7 @@ use super::data::Data;
 use super::{UNSERVABLE, USAGE};
 use clap::{Args, ValueEnum};
 use dvi::service::{Options, Service};
+use std::env::{self, VarError};
 use std::io::{self, IsTerminal};
 use std::panic;
 use std::process::ExitCode;
@@ -11,8 +12,9 @@ use std::sync::Arc;
 use tokio::net::TcpListener;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::mpsc::{Receiver, channel};
-use tracing_subscriber::EnvFilter;
-use tracing_subscriber::filter::LevelFilter;
+use tracing_subscriber::filter::{LevelFilter, Targets};
+use tracing_subscriber::layer::SubscriberExt;
+use tracing_subscriber::util::SubscriberInitExt;
 
 /// Serve the solver over HTTP
 ///
@@ -123,12 +125,18 @@ fn signals() -> io::Result<Receiver<()>> {
 }
 
 fn log(format: LogFormat) -> Result<(), Box<dyn std::error::Error>> {
-    let filter = EnvFilter::builder().with_default_directive(LevelFilter::INFO.into()).from_env()?;
-    let log =
-        tracing_subscriber::fmt().with_env_filter(filter).with_writer(io::stderr).with_ansi(io::stderr().is_terminal());
+    let filter: Targets = match env::var("RUST_LOG") {
+        Ok(chosen) if !chosen.is_empty() => chosen.parse()?,
+        Ok(_) | Err(VarError::NotPresent) => Targets::new().with_default(LevelFilter::INFO),
+        Err(error) => return Err(error.into()),
+    };
+    let log = tracing_subscriber::fmt()
+        .with_max_level(LevelFilter::TRACE)
+        .with_writer(io::stderr)
+        .with_ansi(io::stderr().is_terminal());
     match format {
-        LogFormat::Text => log.init(),
-        LogFormat::Json => log.json().init(),
+        LogFormat::Text => log.finish().with(filter).init(),
+        LogFormat::Json => log.json().finish().with(filter).init(),
     }
     // A log of JSON lines stays one; the place of a panic is known here alone, its job by the span.
     panic::set_hook(Box::new(|panic| {

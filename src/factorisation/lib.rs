@@ -2,6 +2,7 @@
 //! them is trusted to notice a singular matrix; a solution that is not finite shows it. Beside them the spectra that
 //! ranks and verdicts rest on.
 
+mod apart;
 mod cholesky;
 mod dense_lu;
 mod sparse_lu;

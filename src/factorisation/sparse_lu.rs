@@ -2,6 +2,7 @@
 //! degree (Davis, Gilbert, Larimore and Ng 2004, COLAMD).
 
 use super::SparseMatrix;
+use super::apart::THREADS;
 use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
 use faer::sparse::SymbolicSparseColMatRef;
 use faer::sparse::linalg::lu::{LuRef, NumericLu, SymbolicLu, factorize_symbolic_lu};
@@ -9,15 +10,10 @@ use faer::traits::ComplexField;
 use faer::traits::math_utils::is_finite;
 use faer::{Conj, MatMut, Par};
 use std::sync::Arc;
-use std::sync::mpsc::{RecvTimeoutError, channel};
-use std::thread;
-use std::time::Duration;
 
-/// Nonzeros from which factors may take more than a second: in three dimensions they grow like the square of the rows.
+/// Nonzeros from which factors, and their analysis, may take more than a second: in three dimensions they grow like the
+/// square of the rows.
 const LARGE: usize = 200_000;
-
-/// The time between two looks at whether to go on.
-const GLANCE: Duration = Duration::from_millis(20);
 
 /// The ordering and elimination tree of a pattern, for real and complex matrices alike.
 #[derive(Clone, Debug)]
@@ -27,6 +23,15 @@ impl Analysis {
     /// Analyses a square pattern; `None` if memory does not suffice.
     pub fn new(pattern: SymbolicSparseColMatRef<'_, usize>) -> Option<Self> {
         factorize_symbolic_lu(pattern, Default::default()).ok().map(|analysis| Self(Arc::new(analysis)))
+    }
+
+    /// The same, given up where `stop` says so: the ordering of a large pattern takes seconds.
+    pub fn new_unless(pattern: SymbolicSparseColMatRef<'_, usize>, stop: impl Fn() -> bool) -> Option<Self> {
+        if pattern.compute_nnz() < LARGE {
+            return Self::new(pattern);
+        }
+        let pattern = pattern.to_owned().ok()?;
+        THREADS.compute(move || Self::new(pattern.as_ref()), stop)?
     }
 }
 
@@ -71,8 +76,7 @@ impl<T: ComplexField> SparseLu<T> {
     }
 
     /// The same, given up where `stop` says so, which is asked a few times a second: the factors of a large matrix can take
-    /// minutes, and the library that computes them does not look up. Those are computed on a thread of their own, which nobody
-    /// waits for once they are given up; then there are no factors any more.
+    /// minutes. Once they are given up there are no factors any more.
     pub fn factorise_unless(&mut self, matrix: &SparseMatrix<T>, stop: impl Fn() -> bool) -> bool
     where
         T: Send + Sync + 'static,
@@ -89,25 +93,14 @@ impl<T: ComplexField> SparseLu<T> {
             is_given_up: true,
         };
         let (mut working, matrix) = (std::mem::replace(self, empty), matrix.clone());
-        let (done, result) = channel();
-        let computed = thread::Builder::new().name("dvi-factors".to_owned()).spawn(move || {
+        let computing = move || {
             working.factorise(&matrix);
-            // Where nobody waits any more there is nobody to tell.
-            let _ = done.send(working);
-        });
-        if computed.is_err() {
-            return false;
+            working
+        };
+        if let Some(working) = THREADS.compute(computing, stop) {
+            *self = working;
         }
-        loop {
-            match result.recv_timeout(GLANCE) {
-                Ok(working) => {
-                    *self = working;
-                    return self.is_factored;
-                }
-                Err(RecvTimeoutError::Timeout) if !stop() => {}
-                Err(_) => return false,
-            }
-        }
+        self.is_factored
     }
 
     /// Solves in place; false if there are no factors, or the solution is not finite: the matrix is singular.

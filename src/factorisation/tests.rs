@@ -119,3 +119,22 @@ fn cholesky_solves_a_positive_definite_system() {
     assert!(cholesky.factorise(&matrix) && cholesky.solve(&mut right));
     assert!((DVector::from_vec(right) - exact).amax() < 1e-12);
 }
+
+#[test]
+fn an_analysis_and_factors_that_take_long_can_be_given_up() {
+    let n = 200_000;
+    // With a dominant diagonal, for solutions to many digits whatever the size.
+    let dominant = |(i, j, value)| (i, j, if i == j { 40.0 } else { value });
+    let entries: Vec<_> = band(n).into_iter().map(dominant).collect();
+    let matrix = sparse(n, &entries);
+    assert!(Analysis::new_unless(matrix.symbolic(), || true).is_none());
+    let analysis = Analysis::new_unless(matrix.symbolic(), || false).expect("a narrow band");
+    let mut lu = SparseLu::new(&analysis).expect("enough memory");
+    assert!(lu.factorise_unless(&matrix, || false));
+    let mut right = vec![0.0; n];
+    entries.iter().for_each(|&(i, _, value)| right[i] += value);
+    assert!(lu.solve(&mut right) && right.iter().all(|x| (x - 1.0).abs() < 1e-12));
+    // There are no factors any more, nor any to come.
+    assert!(!lu.factorise_unless(&matrix, || true) && !lu.solve(&mut right));
+    assert!(!lu.factorise_unless(&matrix, || false));
+}

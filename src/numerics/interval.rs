@@ -40,6 +40,7 @@ impl Interval {
     }
 
     /// Whether the number is in it.
+    #[inline]
     pub fn contains(self, value: f64) -> bool {
         self.lo <= value && value <= self.hi
     }
@@ -58,6 +59,7 @@ impl Interval {
 
     /// `x^2`
     #[must_use]
+    #[inline]
     pub fn square(self) -> Self {
         if self.is_empty() {
             return self;
@@ -96,6 +98,7 @@ impl Interval {
 }
 
 /// The interval of two ends that were computed: where one is not a number, all that is known is the line.
+#[inline]
 pub fn between(lo: f64, hi: f64, defined: bool) -> Interval {
     if lo.is_nan() || hi.is_nan() {
         Interval { defined: false, ..Interval::LINE }
@@ -107,6 +110,7 @@ pub fn between(lo: f64, hi: f64, defined: bool) -> Interval {
 impl Neg for Interval {
     type Output = Self;
 
+    #[inline]
     fn neg(self) -> Self {
         Self { lo: -self.hi, hi: -self.lo, ..self }
     }
@@ -115,6 +119,7 @@ impl Neg for Interval {
 impl Add for Interval {
     type Output = Self;
 
+    #[inline]
     fn add(self, other: Self) -> Self {
         if self.is_empty() || other.is_empty() {
             return Self::EMPTY;
@@ -127,6 +132,7 @@ impl Add for Interval {
 impl Sub for Interval {
     type Output = Self;
 
+    #[inline]
     fn sub(self, other: Self) -> Self {
         self + -other
     }
@@ -135,6 +141,7 @@ impl Sub for Interval {
 impl Mul for Interval {
     type Output = Self;
 
+    #[inline]
     fn mul(self, other: Self) -> Self {
         if self.is_empty() || other.is_empty() {
             return Self::EMPTY;

@@ -5,7 +5,7 @@ use super::memory::check_memory;
 use super::settings::StepError;
 use factorisation::Analysis;
 use faer::sparse::{Pair, SymbolicSparseColMat};
-use problem::{Mass, Structure};
+use problem::{Control, Mass, Structure};
 
 /// Up to this many unknowns, a dense factorisation is faster than the bookkeeping of a sparse one.
 const DENSE_AT_MOST: usize = 40;
@@ -59,11 +59,11 @@ pub enum Storage {
 }
 
 impl Layout {
-    /// For a problem with those bounded variables.
+    /// For a problem with those bounded variables, needed at `t`.
     ///
     /// # Errors
-    /// If the matrices would not fit into memory.
-    pub fn new(structure: &Structure, bounded: &[usize]) -> Result<Self, StepError> {
+    /// If the matrices would not fit into memory, or `outside` asks to stop while a large one is analysed.
+    pub fn new(structure: &Structure, bounded: &[usize], t: f64, outside: &Control) -> Result<Self, StepError> {
         let (n, unknowns) = (structure.states, structure.unknowns());
         let mass: Vec<(usize, usize, f64)> = match &structure.mass {
             Mass::Identity => (0..n).map(|i| (i, i, 1.0)).collect(),
@@ -98,7 +98,9 @@ impl Layout {
             let too_large = || StepError::TooLarge { what: "sparse factors", unknowns };
             let pattern = SymbolicSparseColMat::try_new_from_indices(unknowns, unknowns, &pairs);
             let (pattern, _) = pattern.map_err(|_| too_large())?;
-            let analysis = Analysis::new(pattern.as_ref()).ok_or_else(too_large)?;
+            let stopped = || outside.poll().is_some();
+            let none = || if stopped() { StepError::Interrupted { t } } else { too_large() };
+            let analysis = Analysis::new_unless(pattern.as_ref(), stopped).ok_or_else(none)?;
             (Storage::Sparse { pattern, analysis }, pairs.len())
         } else {
             check_memory("dense factors", unknowns)?;

@@ -121,7 +121,7 @@ impl<'p> Radau<'p> {
     /// long work on one step is given up, and the step fails.
     ///
     /// # Errors
-    /// If something is not finite at the start, or the start is inconsistent.
+    /// If something is not finite at the start, the start is inconsistent, or `outside` asks to stop.
     pub fn new(
         problem: &'p mut dyn Dvi,
         settings: Settings,
@@ -130,7 +130,7 @@ impl<'p> Radau<'p> {
         end: f64,
         outside: &'p Control,
     ) -> Result<Self, StepError> {
-        let mut system = System::new(problem, outside)?;
+        let mut system = System::new(problem, t, outside)?;
         let counts = match settings.stages {
             StageChoice::Fixed(s) => vec![s],
             StageChoice::Auto => vec![3, 5, 7],
@@ -159,7 +159,7 @@ impl<'p> Radau<'p> {
             let is_all = system.bounded.len() == unknowns - system.states;
             // A factorisation at the start tells: a multiplier of bounded variables is in no equation of its own.
             if !is_all && system.differentiate(t, &y) && !vi.eliminates(&mut system, methods[0].tableau, end - t) {
-                system.keep_free()?;
+                system.keep_free(t)?;
                 vi = StageVi::new(&system, most_stages, settings.vi_solver)?;
             }
             stage_vi = Some(vi);

@@ -94,11 +94,11 @@ pub struct System<'p> {
 }
 
 impl<'p> System<'p> {
-    /// Wraps a problem; every bounded variable starts on a bound.
+    /// Wraps a problem that starts at `t`; every bounded variable starts on a bound.
     ///
     /// # Errors
-    /// If its matrices would not fit into memory.
-    pub fn new(problem: &'p mut dyn Dvi, outside: &'p Control) -> Result<Self, StepError> {
+    /// If its matrices would not fit into memory, or `outside` asks to stop.
+    pub fn new(problem: &'p mut dyn Dvi, t: f64, outside: &'p Control) -> Result<Self, StepError> {
         let structure = problem.structure().clone();
         let (n, unknowns) = (structure.states, structure.unknowns());
         let mut mass_diagonal = vec![0.0; n];
@@ -128,7 +128,7 @@ impl<'p> System<'p> {
         let face = ActiveFace { places, blocks: vec![Face::Interior; blocks] };
         let (rows, nonzeros) = (structure.rows(), structure.pattern.len());
         let row_starts = (0..=rows).map(|row| structure.pattern.partition_point(|&(i, _)| i < row)).collect();
-        let layout = Arc::new(Layout::new(&structure, &bounded)?);
+        let layout = Arc::new(Layout::new(&structure, &bounded, t, outside)?);
         Ok(Self {
             problem,
             structure,
@@ -155,11 +155,11 @@ impl<'p> System<'p> {
     /// Keeps the free variables beside those with a bound, where they cannot be eliminated while those are held.
     ///
     /// # Errors
-    /// If its matrices would not fit into memory.
-    pub fn keep_free(&mut self) -> Result<(), StepError> {
+    /// If its matrices would not fit into memory, or the outside asks to stop.
+    pub fn keep_free(&mut self, t: f64) -> Result<(), StepError> {
         self.bounded = (0..self.unknowns - self.states).collect();
         self.intervals = self.bounded.iter().copied().filter(|&k| self.set.block_of(k).is_none()).collect();
-        self.layout = Arc::new(Layout::new(&self.structure, &self.bounded)?);
+        self.layout = Arc::new(Layout::new(&self.structure, &self.bounded, t, self.outside)?);
         Ok(())
     }
 

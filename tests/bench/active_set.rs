@@ -1,11 +1,11 @@
 //! Obstacle problems `(I - dt Laplacian) u >= u_old` above an obstacle that moves at each step, as an implicit Euler
-//! method solves them: what one step costs, in one and two dimensions. `cargo bench --bench active_set`.
+//! method solves them: what one step costs, in one and two dimensions. `cargo bench -p dvi-vi --bench active_set`.
 
 use divan::{Bencher, black_box};
-use dvi::factorisation::SparseMatrix;
-use dvi::problem::{Control, ConvexSet};
-use dvi::vi::ActiveSet;
+use factorisation::SparseMatrix;
 use faer::sparse::Triplet;
+use problem::{Control, ConvexSet};
+use vi::ActiveSet;
 
 const DT: f64 = 1e-3;
 

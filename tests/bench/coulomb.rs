@@ -1,13 +1,13 @@
 //! What a frictional contact problem costs: one contact exactly, three coupled contacts cold and warm, and problems of
-//! the FCLIB collection from rest. `cargo bench --bench coulomb`.
+//! the FCLIB collection from rest. `cargo bench -p dvi-vi --bench coulomb`.
 
 #[path = "../fclib/collection.rs"]
 mod collection;
 
 use divan::{Bencher, black_box};
-use dvi::problem::Control;
-use dvi::vi::coulomb::{BlockMatrix, Coulomb, CoulombProblem, solve_contact};
 use nalgebra::{Matrix3, SMatrix, Vector3};
+use problem::Control;
+use vi::coulomb::{BlockMatrix, Coulomb, CoulombProblem, solve_contact};
 
 /// Problems that a bench goes through in turn, so that no branch predictor learns one by heart.
 const PROBLEMS: usize = 64;

@@ -1,17 +1,17 @@
 //! A chain of diffusion, `x_i' = c (x_{i-1} - 2 x_i + x_{i+1})`, of up to 1e5 states: a whole run, beside what its
-//! factorisations and solutions cost alone. `cargo bench --bench diffusion`.
+//! factorisations and solutions cost alone. `cargo bench -p dvi-models --bench diffusion`.
 
 use divan::{Bencher, black_box};
-use dvi::expression::Graph;
-use dvi::factorisation::{Analysis, SparseLu, SparseMatrix};
-use dvi::models::{Linear, LinearRows};
-use dvi::problem::{Control, ConvexSet, Mass};
-use dvi::radau::{Cause, Radau, Settings, StageChoice, Switches, Tableau, Work};
-use dvi::vi::SolverKind;
+use expression::Graph;
+use factorisation::{Analysis, SparseLu, SparseMatrix};
 use faer::sparse::Triplet;
 use mimalloc::MiMalloc;
+use models::{Linear, LinearRows};
 use nalgebra::Complex;
+use problem::{Control, ConvexSet, Mass};
+use radau::{Cause, Radau, Settings, StageChoice, Switches, Tableau, Work};
 use std::f64::consts::PI;
+use vi::SolverKind;
 
 /// That of the program.
 #[global_allocator]

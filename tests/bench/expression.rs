@@ -2,7 +2,7 @@
 //! Verwer 1994) and chains of reaction and diffusion.
 
 use divan::{AllocProfiler, Bencher, black_box};
-use dvi::expression::{Graph, Node, Scope, Tape};
+use expression::{Graph, Node, Scope, Tape};
 
 /// A right-hand side in the states `y1, .., yn`.
 struct System {

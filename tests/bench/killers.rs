@@ -1,14 +1,15 @@
 //! Few words that declare much: what they take of the service while they are checked. `cargo bench --bench killers`.
 //!
 //! Beside each request, sent by four clients at once, stand the time until the last of them is answered, the slowest
-//! `GET /healthz` meanwhile, and the most memory that the process held.
+//! `GET /healthz` meanwhile, the most memory that the process held, and how often there was which answer: 200, the name of a
+//! problem, or none. No check and no solve may take longer than 20 seconds.
 
-#[allow(dead_code)]
 #[path = "../service/process.rs"]
 mod process;
 
-use process::{Folder, Server};
+use process::{Answer, Folder, Server};
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -41,7 +42,7 @@ fn spheres(count: usize) -> Value {
 }
 
 fn main() {
-    println!("{:<28} {:>8} {:>12} {:>12} {:>8} {:>8}", "POST", "bytes", "seconds", "healthz ms", "MiB", "status");
+    println!("{:<24} {:>8} {:>9} {:>12} {:>6}  answers", "POST", "bytes", "seconds", "healthz ms", "MiB");
     for (name, path, document) in [
         ("/check, 50^3 elements", "/check", obstacle(50)),
         ("/check, 100^3 elements", "/check", obstacle(100)),
@@ -53,34 +54,55 @@ fn main() {
     ] {
         let text = document.to_string();
         let folder = Folder::new();
-        let server = Server::start(&folder, &[]);
-        let (seconds, slowest, most, status) = meet(&server, path, &text);
-        let (healthz, mib) = (1e3 * slowest.as_secs_f64(), most as f64 / 1024.0);
-        println!("{name:<28} {:>8} {seconds:>12.3} {healthz:>12.1} {mib:>8.0} {status:>8}", text.len());
+        let server = Server::start(&folder, &["--wall-seconds", "20"]);
+        let Met { time, slowest, most_kib, answers } = meet(&server, path, &text);
+        let (seconds, healthz, mib) = (time.as_secs_f64(), 1e3 * slowest.as_secs_f64(), most_kib as f64 / 1024.0);
+        println!("{name:<24} {:>8} {seconds:>9.3} {healthz:>12.1} {mib:>6.0}  {answers}", text.len());
     }
 }
 
-fn meet(server: &Server, path: &str, text: &str) -> (f64, Duration, u64, u16) {
+/// What came of a request that several clients sent at once.
+struct Met {
+    time: Duration,
+    slowest: Duration,
+    most_kib: u64,
+    answers: String,
+}
+
+fn meet(server: &Server, path: &str, text: &str) -> Met {
     let answered = AtomicBool::new(false);
     thread::scope(|scope| {
         let watch = scope.spawn(|| {
-            let (mut slowest, mut most) = (Duration::ZERO, 0);
+            let (mut slowest, mut most_kib) = (Duration::ZERO, 0);
             while !answered.load(Relaxed) {
                 let start = Instant::now();
                 assert_eq!(server.get("/healthz").status, 200);
                 slowest = slowest.max(start.elapsed());
-                most = most.max(server.resident_kib());
+                most_kib = most_kib.max(server.resident_kib());
                 thread::sleep(Duration::from_millis(2));
             }
-            (slowest, most)
+            (slowest, most_kib)
         });
         let start = Instant::now();
-        let clients: Vec<_> =
-            (0..CLIENTS).map(|_| scope.spawn(|| server.send("POST", path, "", text).status)).collect();
-        let status = clients.into_iter().map(|client| client.join().expect("an answer")).max().unwrap_or(0);
-        let seconds = start.elapsed().as_secs_f64();
+        let send = || name(server.try_send("POST", path, "", text));
+        let clients: Vec<_> = (0..CLIENTS).map(|_| scope.spawn(send)).collect();
+        let mut answers = BTreeMap::new();
+        for client in clients {
+            *answers.entry(client.join().unwrap_or_else(|_| "unreadable".to_owned())).or_insert(0) += 1;
+        }
+        let time = start.elapsed();
         answered.store(true, Relaxed);
-        let (slowest, most) = watch.join().expect("answers");
-        (seconds, slowest, most, status)
+        let (slowest, most_kib) = watch.join().expect("answers");
+        let answers: Vec<_> = answers.iter().map(|(answer, count)| format!("{count} x {answer}")).collect();
+        Met { time, slowest, most_kib, answers: answers.join(", ") }
     })
+}
+
+/// An answer in a word.
+fn name(answer: Option<Answer>) -> String {
+    match answer {
+        None => "none".to_owned(),
+        Some(answer) if answer.status < 300 => answer.status.to_string(),
+        Some(answer) => answer.json()["type"].as_str().unwrap_or_default().trim_start_matches("/problems/").to_owned(),
+    }
 }

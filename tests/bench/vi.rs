@@ -1,10 +1,10 @@
 //! What one variational inequality costs, by solver and size: positive definite, nonsymmetric P, and degenerate
-//! contact problems of rank `m / 2`; over discs and cones as well. `cargo bench --bench vi`.
+//! contact problems of rank `m / 2`; over discs and cones as well. `cargo bench -p dvi-vi --bench vi`.
 
 use divan::{Bencher, black_box};
-use dvi::problem::{Control, ConvexSet, Shape};
-use dvi::vi::{AffineVi, BlockGaussSeidel, Conic, Lemke, SemismoothNewton, ViSolver};
 use nalgebra::{DMatrix, DVector};
+use problem::{Control, ConvexSet, Shape};
+use vi::{AffineVi, BlockGaussSeidel, Conic, Lemke, SemismoothNewton, ViSolver};
 
 const SIZES: [usize; 7] = [2, 3, 6, 10, 50, 200, 500];
 

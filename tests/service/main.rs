@@ -21,5 +21,6 @@ mod refusals;
 mod remote;
 mod results;
 mod solve;
+mod supervision;
 mod tokens;
 mod verdict;

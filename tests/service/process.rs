@@ -1,19 +1,18 @@
-//! The program as a process that can be met over HTTP, killed, and started again on the same folder.
+//! The program as a process that can be met over HTTP, and started again on the same folder.
 
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStderr, Command, ExitStatus, Output, Stdio};
+use std::process::{Child, ChildStderr, Command, Stdio};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
-use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// The program.
 pub const DVI: &str = env!("CARGO_BIN_EXE_dvi");
 
 /// Longer than any answer takes on a busy machine.
-const PATIENCE: Duration = Duration::from_secs(60);
+pub const PATIENCE: Duration = Duration::from_secs(60);
 
 /// A folder of its own, removed at the end.
 pub struct Folder(PathBuf);
@@ -38,9 +37,9 @@ impl Drop for Folder {
 
 /// A running `dvi serve`, killed at the end if it still runs.
 pub struct Server {
-    child: Child,
-    address: String,
-    log: BufReader<ChildStderr>,
+    pub child: Child,
+    pub address: String,
+    pub log: BufReader<ChildStderr>,
 }
 
 impl Server {
@@ -70,31 +69,11 @@ impl Server {
         server
     }
 
-    /// Where it listens.
-    pub fn address(&self) -> &str {
-        &self.address
-    }
-
     /// The memory that it holds.
     pub fn resident_kib(&self) -> u64 {
         let status = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())).unwrap();
         let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();
         line.trim_end_matches("kB").trim().parse().unwrap()
-    }
-
-    /// Ends it without a word, as a crash does.
-    pub fn kill(mut self) {
-        self.child.kill().unwrap();
-        self.child.wait().unwrap();
-    }
-
-    /// Asks it to stop, and gives how it did and what it said.
-    pub fn stop(mut self) -> (ExitStatus, String) {
-        let sent = Command::new("kill").args(["-s", "TERM", &self.child.id().to_string()]).status().unwrap();
-        assert!(sent.success());
-        let mut told = String::new();
-        self.log.read_to_string(&mut told).unwrap();
-        (self.child.wait().unwrap(), told)
     }
 
     /// The answer to a request, or nothing if the server went away.
@@ -109,26 +88,6 @@ impl Server {
     pub fn get(&self, path: &str) -> Answer {
         self.send("GET", path, "", "")
     }
-
-    /// Accepts `document` as an asynchronous job and gives its path.
-    pub fn accept(&self, document: &str) -> String {
-        let answer = self.send("POST", "/solve", "prefer: respond-async\r\n", document);
-        assert_eq!(answer.status, 202, "{}", answer.body);
-        answer.header("location")
-    }
-
-    /// The state of the job at `path`, as soon as it is one of these.
-    pub fn reaches(&self, path: &str, states: &[&str]) -> Value {
-        let start = Instant::now();
-        loop {
-            let state = self.get(path).json();
-            if states.iter().any(|name| state["status"] == *name) {
-                return state;
-            }
-            assert!(start.elapsed() < PATIENCE, "{states:?} is not reached: {state}");
-            thread::sleep(Duration::from_millis(2));
-        }
-    }
 }
 
 impl Drop for Server {
@@ -136,11 +95,6 @@ impl Drop for Server {
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
-}
-
-/// What `dvi token` says of `folder`.
-pub fn dvi_token(folder: &Folder, arguments: &[&str]) -> Output {
-    Command::new(DVI).arg("token").args(arguments).arg("--data").arg(folder.path()).output().unwrap()
 }
 
 /// The answer of the server at `address` to a request, or nothing if it went away. In HTTP/1.0, whose bodies come in one
@@ -156,12 +110,8 @@ pub fn send(address: &str, method: &str, path: &str, headers: &str, body: &str) 
     let text = String::from_utf8(bytes).ok()?;
     let (head, body) = text.split_once("\r\n\r\n")?;
     let status = head.split(' ').nth(1)?.parse().ok()?;
-    let announced = header(head, "content-length").and_then(|length| length.parse().ok());
-    announced.is_none_or(|length: usize| length == body.len()).then(|| Answer {
-        status,
-        head: head.to_owned(),
-        body: body.to_owned(),
-    })
+    let answer = Answer { status, head: head.to_owned(), body: body.to_owned() };
+    answer.is_whole().then_some(answer)
 }
 
 /// An answer, read to its end.
@@ -173,22 +123,19 @@ pub struct Answer {
 }
 
 impl Answer {
-    pub fn header(&self, name: &str) -> String {
-        header(&self.head, name).unwrap_or_else(|| panic!("no {name} in {self:?}")).to_owned()
+    /// Whether the body has the length that was announced, if one was.
+    fn is_whole(&self) -> bool {
+        let announced = self.field("content-length").and_then(|length| length.parse().ok());
+        announced.is_none_or(|length: usize| length == self.body.len())
+    }
+
+    /// A field of the head.
+    pub fn field(&self, name: &str) -> Option<&str> {
+        let lines = self.head.lines().filter_map(|line| line.split_once(": "));
+        lines.filter(|(key, _)| key.eq_ignore_ascii_case(name)).map(|(_, value)| value).next()
     }
 
     pub fn json(&self) -> Value {
         serde_json::from_str(&self.body).unwrap_or_else(|error| panic!("{error} in {self:?}"))
     }
-
-    /// Asserts that the answer is this problem.
-    #[track_caller]
-    pub fn problem(&self, status: u16, slug: &str) {
-        assert_eq!((self.status, &self.json()["type"]), (status, &format!("/problems/{slug}").into()), "{self:?}");
-    }
-}
-
-fn header<'a>(head: &'a str, name: &str) -> Option<&'a str> {
-    let lines = head.lines().filter_map(|line| line.split_once(": "));
-    lines.filter(|(key, _)| key.eq_ignore_ascii_case(name)).map(|(_, value)| value).next()
 }

@@ -1,7 +1,8 @@
 //! Who may do what: tokens, their scopes, and other clients' jobs.
 
 use crate::harness::{Call, DECAY, Gate, Site, count, instant, one_worker};
-use crate::process::{Folder, Server, dvi_token};
+use crate::process::{Folder, Server};
+use crate::supervision::dvi_token;
 use axum::http::StatusCode;
 use dvi::service::Options;
 use dvi::service::access::{Scope, create, revoke};

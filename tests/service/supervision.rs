@@ -1,0 +1,67 @@
+//! What the tests of the service do with the program beside meeting it: end it, wait for its jobs, read its answers closely.
+
+use crate::process::{Answer, DVI, Folder, PATIENCE, Server};
+use serde_json::Value;
+use std::io::Read;
+use std::process::{Command, ExitStatus, Output};
+use std::thread;
+use std::time::{Duration, Instant};
+
+impl Server {
+    /// Where it listens.
+    pub fn address(&self) -> &str {
+        &self.address
+    }
+
+    /// Ends it without a word, as a crash does.
+    pub fn kill(mut self) {
+        self.child.kill().unwrap();
+        self.child.wait().unwrap();
+    }
+
+    /// Asks it to stop, and gives how it did and what it said.
+    pub fn stop(mut self) -> (ExitStatus, String) {
+        let sent = Command::new("kill").args(["-s", "TERM", &self.child.id().to_string()]).status().unwrap();
+        assert!(sent.success());
+        let mut told = String::new();
+        self.log.read_to_string(&mut told).unwrap();
+        (self.child.wait().unwrap(), told)
+    }
+
+    /// Accepts `document` as an asynchronous job and gives its path.
+    pub fn accept(&self, document: &str) -> String {
+        let answer = self.send("POST", "/solve", "prefer: respond-async\r\n", document);
+        assert_eq!(answer.status, 202, "{}", answer.body);
+        answer.header("location")
+    }
+
+    /// The state of the job at `path`, as soon as it is one of these.
+    pub fn reaches(&self, path: &str, states: &[&str]) -> Value {
+        let start = Instant::now();
+        loop {
+            let state = self.get(path).json();
+            if states.iter().any(|name| state["status"] == *name) {
+                return state;
+            }
+            assert!(start.elapsed() < PATIENCE, "{states:?} is not reached: {state}");
+            thread::sleep(Duration::from_millis(2));
+        }
+    }
+}
+
+impl Answer {
+    pub fn header(&self, name: &str) -> String {
+        self.field(name).unwrap_or_else(|| panic!("no {name} in {self:?}")).to_owned()
+    }
+
+    /// Asserts that the answer is this problem.
+    #[track_caller]
+    pub fn problem(&self, status: u16, slug: &str) {
+        assert_eq!((self.status, &self.json()["type"]), (status, &format!("/problems/{slug}").into()), "{self:?}");
+    }
+}
+
+/// What `dvi token` says of `folder`.
+pub fn dvi_token(folder: &Folder, arguments: &[&str]) -> Output {
+    Command::new(DVI).arg("token").args(arguments).arg("--data").arg(folder.path()).output().unwrap()
+}
