@@ -22,7 +22,8 @@ const MOST_PARTS: usize = 200;
 /// The same where variables are told by hidden constraints alone: over a part the residual of these shrinks no faster than
 /// the part, and costs more.
 const MOST_HIDDEN: usize = 24;
-/// The least part of a step that is worth a step of its own, where screening proves no more.
+/// The least part of a step that is worth a step of its own, where screening proves no more and hidden constraints tell
+/// variables.
 pub(super) const LEAST: f64 = 0.1;
 /// The binary digits of the distance to the beginning of a step within which a monitor is looked at that may rise first.
 const RISES: i32 = 6;
@@ -93,7 +94,8 @@ impl Radau<'_> {
         whole.set_whole(self.tableau(), &self.y, &self.stages.z[..s * self.system.unknowns]);
         left.push(whole);
         let (mut parts, are_told) = (0, self.switching.inside.tells_all(&self.system));
-        let most = if are_told { MOST_PARTS } else { MOST_HIDDEN };
+        // Of a step that needs equal parts, however many, screening proves at least the part that they are of these.
+        let (most, least) = if are_told { (MOST_PARTS, 1.0 / MOST_PARTS as f64) } else { (MOST_HIDDEN, LEAST) };
         while !(watched.is_empty() && of_blocks.is_empty())
             && let Some(mut part) = left.pop()
         {
@@ -118,7 +120,7 @@ impl Radau<'_> {
                         left.extend([second, part]);
                         continue;
                     }
-                    Found::Unproven { .. } if part.begin >= LEAST => return Between::ProvenUpTo(part.begin),
+                    Found::Unproven { .. } if part.begin >= least => return Between::ProvenUpTo(part.begin),
                     Found::Unproven { .. } | Found::Unknown => return Between::Undecided,
                 }
             }
