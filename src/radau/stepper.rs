@@ -312,6 +312,7 @@ impl<'p> Radau<'p> {
         let mut size = h;
         let mut may_turn = true;
         self.screened_short = false;
+        self.switching.cut = None;
         let (mut missed, mut proven) = (None, 0.0);
         let mut searches = if self.settings.step.is_some() { 0 } else { SEARCHES };
         for _ in 0..=self.system.bounded.len() + HALVINGS {
@@ -340,6 +341,7 @@ impl<'p> Radau<'p> {
                     let mut located = self.locate(size, dip)?;
                     // Of several switches within the step the stages need not show the first.
                     if matches!(located, Located::Nowhere)
+                        && self.switching.cut.is_none()
                         && dip.is_none()
                         && self.switching.locates()
                         && let Some(first) = self.first_violation(size)?
@@ -376,6 +378,10 @@ impl<'p> Radau<'p> {
                     return Ok(Attempt::Solved { h, iterations, coupled: false, between: Some(between) });
                 }
                 Located::Now => {}
+                Located::Nowhere if self.switching.cut.is_some() => {
+                    size *= self.switching.cut.take().unwrap_or(1.0);
+                    self.screened_short = true;
+                }
                 // Up to shortly before it the step is proven.
                 Located::Nowhere if proven >= LEAST && self.settings.step.is_none() && self.switching.locates() => {
                     size *= std::mem::take(&mut proven);

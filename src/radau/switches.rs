@@ -72,6 +72,8 @@ pub(super) struct Switching {
     pub(super) screening: Screening,
     /// The part of the last step screened before which no monitor changes its sign.
     pub(super) proven: f64,
+    /// The part of the step up to which screening proved that there is no switch, where one was located behind it.
+    pub(super) cut: Option<f64>,
     /// Switches not yet taken by the caller.
     switches: Vec<Switch>,
     /// Accumulations passed.
@@ -96,6 +98,7 @@ impl Switching {
             between: Vec::new(),
             screening: Screening::default(),
             proven: 0.0,
+            cut: None,
             switches: Vec::new(),
             accumulations: 0,
         })
@@ -210,6 +213,11 @@ impl Radau<'_> {
             match between {
                 Between::Violated(theta) if self.continues || self.rises_before(theta, size) => {
                     dip = Some(theta * size / h);
+                }
+                // There may be another before it.
+                Between::ProvenUpTo(theta) if self.settings.step.is_none() => {
+                    self.switching.cut = Some(theta * size / h);
+                    return Ok(Located::Nowhere);
                 }
                 between => {
                     self.switching.remember(&self.system.face);
