@@ -37,6 +37,8 @@ pub enum Screened {
     Proven,
     /// Neither proven nor seen to fail: parts were left undecided, or the problem cannot be enclosed.
     Undecided,
+    /// Not proven, though every monitor is told by the states: events may come faster than parts can be that are looked at.
+    Open,
     /// The law fails at this time by this much.
     Missed(f64, Excess),
 }
@@ -48,6 +50,8 @@ pub(super) enum Between {
     Proven,
     /// Nothing is proven, and nothing was seen at the points that were looked at.
     Undecided,
+    /// The same, where every monitor is told by the states, and could have been enclosed in smaller parts.
+    Open,
     /// No monitor changes its sign up to here, and what is behind was not looked at.
     ProvenUpTo(f64),
     /// A monitor is violated here.
@@ -75,7 +79,9 @@ impl Radau<'_> {
         let found = self.screen_parts(h, &mut screening);
         self.switching.screening = screening;
         match found {
-            Between::Undecided | Between::ProvenUpTo(_) => self.violated_in_middles(h).map_or(found, Between::Violated),
+            Between::Undecided | Between::Open | Between::ProvenUpTo(_) => {
+                self.violated_in_middles(h).map_or(found, Between::Violated)
+            }
             found => found,
         }
     }
@@ -121,6 +127,7 @@ impl Radau<'_> {
                         continue;
                     }
                     Found::Unproven { .. } if part.begin >= least => return Between::ProvenUpTo(part.begin),
+                    Found::Unproven { .. } if are_told => return Between::Open,
                     Found::Unproven { .. } | Found::Unknown => return Between::Undecided,
                 }
             }
@@ -186,6 +193,7 @@ impl Radau<'_> {
         Some(match found {
             Between::Proven => Screened::Proven,
             Between::Undecided | Between::ProvenUpTo(_) => Screened::Undecided,
+            Between::Open => Screened::Open,
             Between::Violated(theta) => {
                 let t = self.last.t + theta * self.last.h;
                 match self.excess_within(t).filter(|found| found.excess > ALLOWED) {

@@ -13,12 +13,14 @@ pub(super) struct Audit<'p> {
     /// Whether the rates have kinks of states, which the error estimate may miss.
     has_kinks: bool,
     screening: Screening,
+    /// The steps that could have been proven free of events, and were not.
+    open: u32,
     checks: Checks,
 }
 
 impl<'p> Audit<'p> {
     pub fn new(plan: &'p Plan, has_kinks: bool) -> Self {
-        Self { plan, has_kinks, screening: Screening::default(), checks: Checks::default() }
+        Self { plan, has_kinks, screening: Screening::default(), open: 0, checks: Checks::default() }
     }
 
     /// Measures an accepted step and the values at its end.
@@ -62,6 +64,17 @@ impl<'p> Audit<'p> {
             None => {}
             Some(Screened::Proven) => self.screening.proven += 1,
             Some(Screened::Undecided) => self.screening.undecided += 1,
+            Some(Screened::Open) => {
+                self.screening.undecided += 1;
+                self.open += 1;
+                let (t, open) = (radau.t(), self.open);
+                self.checks.record(CheckCode::EventsUnproven, f64::from(open), 0.0, || {
+                    format!(
+                        "{open} steps, the last before t = {t:?}, are not proven free of events, and an event that comes and \
+                         goes within one would not be seen; a smaller `max_step` may help"
+                    )
+                });
+            }
             Some(Screened::Missed(t, found)) => {
                 self.screening.missed += 1;
                 let name = self.variable(found);
