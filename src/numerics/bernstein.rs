@@ -38,11 +38,11 @@ pub fn value(coefficients: &[f64], theta: f64) -> f64 {
 pub fn halve(first: &mut [f64], second: &mut [f64]) {
     let count = first.len();
     second.copy_from_slice(first);
-    for round in 1..count {
+    for (round, first) in first.iter_mut().enumerate().skip(1) {
         for i in 0..count - round {
             second[i] = 0.5 * (second[i] + second[i + 1]);
         }
-        first[round] = second[0];
+        *first = second[0];
     }
 }
 

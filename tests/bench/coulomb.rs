@@ -5,9 +5,9 @@
 mod collection;
 
 use divan::{Bencher, black_box};
+use dvi::problem::Control;
+use dvi::vi::coulomb::{BlockMatrix, Coulomb, CoulombProblem, solve_contact};
 use nalgebra::{Matrix3, SMatrix, Vector3};
-use problem::Control;
-use vi::coulomb::{BlockMatrix, Coulomb, CoulombProblem, solve_contact};
 
 /// Problems that a bench goes through in turn, so that no branch predictor learns one by heart.
 const PROBLEMS: usize = 64;

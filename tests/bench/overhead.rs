@@ -29,7 +29,7 @@ const SECONDS: u32 = 3;
 
 fn main() {
     // As the program logs, so that what is measured is what it does.
-    tracing_subscriber::fmt().with_env_filter("info").with_writer(std::io::stderr).init();
+    tracing_subscriber::fmt().with_max_level(tracing::Level::INFO).with_writer(std::io::stderr).init();
     let folder = std::env::temp_dir().join(format!("dvi-overhead-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder");
     let (waits, leaves) = (script(&folder, "waits", ""), script(&folder, "leaves", "respond-async"));

@@ -21,10 +21,10 @@ impl Part {
         (self.begin, self.length, self.count) = (0.0, 1.0, s + 1);
         self.coefficients.clear();
         for (j, &start) in y.iter().enumerate() {
-            for i in 0..=s {
-                let along: f64 = (0..s).map(|stage| of_stages[stage][i] * increments[stage * n + j]).sum();
-                self.coefficients.push(start + along);
-            }
+            self.coefficients.extend((0..=s).map(|i| {
+                let stages = of_stages.iter().zip(increments.chunks_exact(n));
+                start + stages.map(|(of_stage, increment)| of_stage[i] * increment[j]).sum::<f64>()
+            }));
         }
     }
 
