@@ -127,7 +127,8 @@ impl Radau<'_> {
                         continue;
                     }
                     Found::Unproven { .. } if part.begin >= least => return Between::ProvenUpTo(part.begin),
-                    Found::Unproven { .. } if are_told => return Between::Open,
+                    // The box alone is too wide for the curved monitors of blocks.
+                    Found::Unproven { .. } if are_told && of_blocks.is_empty() => return Between::Open,
                     Found::Unproven { .. } | Found::Unknown => return Between::Undecided,
                 }
             }

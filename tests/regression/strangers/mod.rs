@@ -39,7 +39,6 @@ const SILENT: Known = &[];
 /// Right answers that the verdict does not trust.
 const DOUBTED: Known = &[
     ("a4_bridge_filter_between_steps", "doubted"),
-    ("a8_cone_sweep_leaves_tip", "doubted"),
     ("c2_cockcroft_walton_4", "doubted"),
     ("memory_order_1_9", "doubted"),
 ];
