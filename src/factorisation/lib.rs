@@ -5,6 +5,7 @@
 mod apart;
 mod cholesky;
 mod dense_lu;
+mod equilibration;
 mod sparse_lu;
 mod spectrum;
 #[cfg(test)]
@@ -12,6 +13,7 @@ mod tests;
 
 pub use cholesky::Cholesky;
 pub use dense_lu::{DenseLu, Number};
+pub use equilibration::{equilibrated, scale_of};
 pub use sparse_lu::{Analysis, SparseLu};
 pub use spectrum::{Singular, least_eigenvalue};
 

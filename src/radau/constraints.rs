@@ -1,4 +1,4 @@
-//! Equations that hold on a face beside the rates, and what they make of the unknowns between the ends of a step.
+//! The algebraic equations of a face, and the corrections by which unknowns between the ends of a step satisfy them.
 //!
 //! With `A` the rows that are no rates, `z` and the massless states `w` free, and the rows of `N` a basis of the left null
 //! space of `A_(z,w)`,
@@ -20,7 +20,7 @@ use super::face::{ActiveFace, Place};
 use super::layout::Storage;
 use super::newton_control::NewtonControl;
 use super::system::System;
-use factorisation::Singular;
+use factorisation::{Singular, equilibrated, scale_of};
 use nalgebra::{DMatrix, FullPivLU};
 use problem::Mass;
 
@@ -44,7 +44,7 @@ pub(super) struct Constraints {
 }
 
 impl Constraints {
-    /// Brings `y` onto the constraints of the face; false if there are none, or they are not reached.
+    /// Brings `y` onto the constraints of the face; false where nothing is bound, or the iteration does not converge.
     pub fn correct(&mut self, system: &mut System<'_>, control: &NewtonControl, t: f64, y: &mut [f64]) -> bool {
         self.follow(system, control, y);
         if self.correction.is_empty() {
@@ -189,15 +189,6 @@ fn reaches(bound: &DMatrix<f64>) -> bool {
     Singular::of(&scaled).is_some_and(|singular| singular.rank(RANK) == bound.nrows())
 }
 
-/// The matrix with its rows and columns scaled to entries of at most one, and their scales.
-fn equilibrated(mut matrix: DMatrix<f64>) -> (DMatrix<f64>, Vec<f64>, Vec<f64>) {
-    let of_rows: Vec<f64> = matrix.row_iter().map(|row| scale_of(row.amax())).collect();
-    matrix.row_iter_mut().zip(&of_rows).for_each(|(mut row, scale)| row.scale_mut(*scale));
-    let of_columns: Vec<f64> = matrix.column_iter().map(|column| scale_of(column.amax())).collect();
-    matrix.column_iter_mut().zip(&of_columns).for_each(|(mut column, scale)| column.scale_mut(*scale));
-    (matrix, of_rows, of_columns)
-}
-
 /// The pseudoinverse of Moore and Penrose; zero of a matrix that is zero, `None` if an entry is not finite.
 fn pseudoinverse(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let singular = Singular::of(matrix)?;
@@ -208,7 +199,7 @@ fn pseudoinverse(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     Some(inverse)
 }
 
-/// A basis of the rows that a matrix is zero under; `None` where there are none.
+/// A basis of the left null space of a matrix; `None` where its rows are independent.
 fn left_null_space(matrix: DMatrix<f64>) -> Option<DMatrix<f64>> {
     let rows = matrix.nrows();
     let lu = FullPivLU::new(matrix);
@@ -232,10 +223,6 @@ fn left_null_space(matrix: DMatrix<f64>) -> Option<DMatrix<f64>> {
         }
     }
     Some(basis.rows(rank, rows - rank).into_owned())
-}
-
-fn scale_of(size: f64) -> f64 {
-    if size > 0.0 { 1.0 / size } else { 1.0 }
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@
 //! leaves `I` or enters it, and the matrix is regular if neither `u` nor `v` vanishes on what changed: the step from a
 //! solution to a basic one, as that from an interior point of a linear program to a vertex (Megiddo 1991).
 
-use factorisation::Singular;
+use factorisation::{Singular, equilibrated};
 use nalgebra::DMatrix;
 
 /// Singular values below this part of the largest are rounding, in a matrix with rows and columns scaled to one.
@@ -88,13 +88,9 @@ pub(super) fn regularise(matrix: &DMatrix<f64>, members: &mut [Member]) -> bool 
 /// The left and the right null vector of the matrix of the members inside; `None` where it is regular.
 fn null_vectors(matrix: &DMatrix<f64>, members: &[Member], inside: &[usize]) -> Option<(Vec<f64>, Vec<f64>)> {
     let count = inside.len();
-    let mut own = DMatrix::from_fn(count, count, |i, j| matrix[(members[inside[i]].at, members[inside[j]].at)]);
-    let scale_of = |size: f64| if size > 0.0 { 1.0 / size } else { 1.0 };
-    let of_rows: Vec<f64> = own.row_iter().map(|row| scale_of(row.amax())).collect();
-    own.row_iter_mut().zip(&of_rows).for_each(|(mut row, scale)| row.scale_mut(*scale));
-    let of_columns: Vec<f64> = own.column_iter().map(|column| scale_of(column.amax())).collect();
-    own.column_iter_mut().zip(&of_columns).for_each(|(mut column, scale)| column.scale_mut(*scale));
-    let singular = Singular::of(&own)?;
+    let own = DMatrix::from_fn(count, count, |i, j| matrix[(members[inside[i]].at, members[inside[j]].at)]);
+    let (scaled, of_rows, of_columns) = equilibrated(own);
+    let singular = Singular::of(&scaled)?;
     if count == 0 || singular.rank(RANK) == count {
         return None;
     }

@@ -13,7 +13,7 @@ use super::face::Monitor;
 use super::law::Excess;
 use super::stepper::Radau;
 use super::switches::Switching;
-use monitors::{Corrections, Enclosure, Found, Watched, watch};
+use monitors::{Enclosure, Found, OnFace, Watched, watch};
 use part::Part;
 
 /// The parts of one step that are enclosed at most. Halving a part where a monitor starts at its zero gains a binary
@@ -37,7 +37,7 @@ pub enum Screened {
     Proven,
     /// Neither proven nor seen to fail: parts were left undecided, or the problem cannot be enclosed.
     Undecided,
-    /// Not proven, though every monitor is told by the states: events may come faster than parts can be that are looked at.
+    /// Not proven, though the states determine every monitor: parts that were small enough would have been too many.
     Open,
     /// The law fails at this time by this much.
     Missed(f64, Excess),
@@ -50,12 +50,22 @@ pub(super) enum Between {
     Proven,
     /// Nothing is proven, and nothing was seen at the points that were looked at.
     Undecided,
-    /// The same, where every monitor is told by the states, and could have been enclosed in smaller parts.
+    /// The same, where the states determine every monitor: smaller parts would have settled it.
     Open,
     /// No monitor changes its sign up to here, and what is behind was not looked at.
     ProvenUpTo(f64),
-    /// A monitor is violated here.
-    Violated(f64),
+    /// A monitor is violated at `theta`; none changes its sign up to `proven`.
+    Violated { theta: f64, proven: f64 },
+}
+
+impl Between {
+    /// Where a monitor is violated, and up to where none is.
+    pub(super) fn violation(self) -> Option<(f64, f64)> {
+        match self {
+            Self::Violated { theta, proven } => Some((theta, proven)),
+            _ => None,
+        }
+    }
 }
 
 /// Room for screening.
@@ -75,12 +85,11 @@ impl Radau<'_> {
     /// Screens the step of size `h` whose stages are solved.
     pub(super) fn screen(&mut self, h: f64) -> Between {
         let mut screening = std::mem::take(&mut self.switching.screening);
-        self.switching.proven = 0.0;
         let found = self.screen_parts(h, &mut screening);
         self.switching.screening = screening;
         match found {
             Between::Undecided | Between::Open | Between::ProvenUpTo(_) => {
-                self.violated_in_middles(h).map_or(found, Between::Violated)
+                self.violated_in_middles(h).map_or(found, |theta| Between::Violated { theta, proven: 0.0 })
             }
             found => found,
         }
@@ -111,15 +120,14 @@ impl Radau<'_> {
                 let span = (self.t + part.begin * h, part.length * h);
                 let Self { system, control, switching, consistent, .. } = self;
                 let Switching { inside, constraints, .. } = switching;
-                let mut corrections = Corrections { inside, constraints, consistent: consistent.as_mut() };
-                match enclosure.prove(system, control, &mut corrections, &part, span, watched, of_blocks) {
+                let mut on = OnFace { system, control, inside, constraints, consistent: consistent.as_mut() };
+                match enclosure.prove(&mut on, &part, span, watched, of_blocks) {
                     Found::Proven => {}
                     Found::Unproven { may_fail } if parts < most => {
                         if may_fail && self.is_violated_at(part.middle(), h) {
-                            let (theta, part_begin) = (part.middle(), part.begin);
+                            let (theta, proven) = (part.middle(), part.begin);
                             spare.push(part);
-                            self.switching.proven = part_begin;
-                            return Between::Violated(theta);
+                            return Between::Violated { theta, proven };
                         }
                         let mut second = spare.pop().unwrap_or_default();
                         part.halve(&mut second);
@@ -157,9 +165,7 @@ impl Radau<'_> {
     /// Whether a monitor that is violated at `theta` of the step whose stages are solved was positive before. Not so where
     /// hidden constraints tell variables: these bring the states onto their face first.
     pub(super) fn rises_before(&mut self, theta: f64, h: f64) -> bool {
-        let n = self.system.states;
-        let is_told = |k: usize| self.system.entries_of_variable(k).any(|(j, value)| j >= n && value != 0.0);
-        if !(0..self.system.unknowns - n).all(is_told) {
+        if !(0..self.system.unknowns - self.system.states).all(|k| self.system.has_variables(k)) {
             return false;
         }
         let (mut there, mut before) = (Vec::new(), Vec::new());
@@ -195,7 +201,7 @@ impl Radau<'_> {
             Between::Proven => Screened::Proven,
             Between::Undecided | Between::ProvenUpTo(_) => Screened::Undecided,
             Between::Open => Screened::Open,
-            Between::Violated(theta) => {
+            Between::Violated { theta, .. } => {
                 let t = self.last.t + theta * self.last.h;
                 match self.excess_within(t).filter(|found| found.excess > ALLOWED) {
                     Some(excess) => Screened::Missed(t, excess),
@@ -211,12 +217,7 @@ impl Radau<'_> {
         let mut y = vec![0.0; self.system.unknowns];
         self.last.at(self.methods[self.last_method].tableau, t, &mut y);
         std::mem::swap(&mut self.system.face, &mut self.last.face);
-        self.switching.constraints.correct(&mut self.system, &self.control, t, &mut y);
-        if let Some(consistent) = &mut self.consistent
-            && !consistent.solve(&mut self.system, &self.control, t, &mut y)
-        {
-            self.forget_jacobian();
-        }
+        self.bring_onto_face(t, &mut y);
         let excess = self.law_excess(t, &y);
         std::mem::swap(&mut self.system.face, &mut self.last.face);
         excess

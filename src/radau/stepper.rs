@@ -312,7 +312,6 @@ impl<'p> Radau<'p> {
         let mut size = h;
         let mut may_turn = true;
         self.screened_short = false;
-        self.switching.cut = None;
         let (mut missed, mut proven) = (None, 0.0);
         let mut searches = if self.settings.step.is_some() { 0 } else { SEARCHES };
         for _ in 0..=self.system.bounded.len() + HALVINGS {
@@ -321,10 +320,7 @@ impl<'p> Radau<'p> {
             let (located, iterations) = match self.newton(size) {
                 Newton::Converged { iterations, violated } => {
                     let between = if violated || self.stage_vi.is_none() { None } else { Some(self.screen(size)) };
-                    let dip = match between {
-                        Some(Between::Violated(theta)) if self.switching.locates() => Some(theta),
-                        _ => None,
-                    };
+                    let violation = between.and_then(Between::violation).filter(|_| self.switching.locates());
                     if let Some(Between::ProvenUpTo(theta)) = between
                         && self.settings.step.is_none()
                         && self.switching.locates()
@@ -333,21 +329,20 @@ impl<'p> Radau<'p> {
                         self.screened_short = true;
                         continue;
                     }
-                    if !violated && dip.is_none() {
+                    if !violated && violation.is_none() {
                         return Ok(Attempt::Solved { h: size, iterations, coupled: false, between });
                     }
                     missed = between;
-                    proven = if dip.is_some() { self.switching.proven } else { 0.0 };
-                    let mut located = self.locate(size, dip)?;
+                    proven = violation.map_or(0.0, |(_, proven)| proven);
+                    let mut located = self.locate(size, violation.map(|(theta, _)| theta))?;
                     // Of several switches within the step the stages need not show the first.
                     if matches!(located, Located::Nowhere)
-                        && self.switching.cut.is_none()
-                        && dip.is_none()
+                        && violation.is_none()
                         && self.switching.locates()
                         && let Some(first) = self.first_violation(size)?
                     {
-                        proven = self.switching.proven;
-                        located = self.locate(size, Some(first))?;
+                        proven = first.1;
+                        located = self.locate(size, Some(first.0))?;
                     }
                     (located, iterations)
                 }
@@ -378,8 +373,8 @@ impl<'p> Radau<'p> {
                     return Ok(Attempt::Solved { h, iterations, coupled: false, between: Some(between) });
                 }
                 Located::Now => {}
-                Located::Nowhere if self.switching.cut.is_some() => {
-                    size *= self.switching.cut.take().unwrap_or(1.0);
+                Located::Behind(part) => {
+                    size *= part;
                     self.screened_short = true;
                 }
                 // Up to shortly before it the step is proven.
@@ -398,17 +393,15 @@ impl<'p> Radau<'p> {
         Ok(self.couple(h, missed))
     }
 
-    /// Where screening first sees a violation in a step of size `h`, whose stages are solved again.
-    fn first_violation(&mut self, h: f64) -> Result<Option<f64>, StepError> {
+    /// Where screening first sees a violation in a step of size `h`, whose stages are solved again, and up to where it sees
+    /// none for certain.
+    fn first_violation(&mut self, h: f64) -> Result<Option<(f64, f64)>, StepError> {
         self.prepare(h)?;
         self.predict(h);
         if !matches!(self.newton(h), Newton::Converged { .. }) {
             return Ok(None);
         }
-        Ok(match self.screen(h) {
-            Between::Violated(theta) => Some(theta),
-            _ => None,
-        })
+        Ok(self.screen(h).violation())
     }
 
     /// Newton's method on the present face.

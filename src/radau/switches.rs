@@ -38,6 +38,8 @@ pub(super) enum Located {
     At { h: f64, between: Between },
     /// At the beginning of the step: the face there is changed, and the step should be tried again.
     Now,
+    /// Behind this part of the step, up to which none is proven to be; there may be another before it.
+    Behind(f64),
     /// Not to be found, or not to be looked for.
     Nowhere,
 }
@@ -46,8 +48,9 @@ pub(super) enum Located {
 const ACCUMULATION: u32 = 8;
 /// By how much of its bracket on the polynomial a switch may be beside it, when the stages are solved again.
 const SLACK: f64 = 0.25;
-/// The most solves for one switch, and the most switches that are found one before the other in one step.
+/// The most switches that are found in one step, each before the last.
 const ROUNDS: usize = 8;
+/// The most solves for one of them.
 const SOLVES: usize = 12;
 
 /// What finding switches needs and remembers.
@@ -70,10 +73,6 @@ pub(super) struct Switching {
     /// Room for those between the stages.
     pub(super) between: Vec<Monitor>,
     pub(super) screening: Screening,
-    /// The part of the last step screened before which no monitor changes its sign.
-    pub(super) proven: f64,
-    /// The part of the step up to which screening proved that there is no switch, where one was located behind it.
-    pub(super) cut: Option<f64>,
     /// Switches not yet taken by the caller.
     switches: Vec<Switch>,
     /// Accumulations passed.
@@ -97,8 +96,6 @@ impl Switching {
             monitors: Vec::new(),
             between: Vec::new(),
             screening: Screening::default(),
-            proven: 0.0,
-            cut: None,
             switches: Vec::new(),
             accumulations: 0,
         })
@@ -211,13 +208,11 @@ impl Radau<'_> {
             let between = if self.system.is_curved() { Between::Undecided } else { self.screen(size) };
             // The first step on a face may have to bring the states onto it, which is no reason to leave it at once.
             match between {
-                Between::Violated(theta) if self.continues || self.rises_before(theta, size) => {
+                Between::Violated { theta, .. } if self.continues || self.rises_before(theta, size) => {
                     dip = Some(theta * size / h);
                 }
-                // There may be another before it.
                 Between::ProvenUpTo(theta) if self.settings.step.is_none() => {
-                    self.switching.cut = Some(theta * size / h);
-                    return Ok(Located::Nowhere);
+                    return Ok(Located::Behind(theta * size / h));
                 }
                 between => {
                     self.switching.remember(&self.system.face);
@@ -375,8 +370,8 @@ impl Radau<'_> {
             *moved = y - g;
         }
         system.project(&mut switching.scratch);
-        let is_told = |&k: &usize| system.entries_of_variable(k).any(|(j, value)| j >= n && value != 0.0);
-        let residuals = (0..y.len() - n).filter(is_told).map(|k| (y[n + k] - switching.scratch[n + k]).abs());
+        let residuals =
+            (0..y.len() - n).filter(|&k| system.has_variables(k)).map(|k| (y[n + k] - switching.scratch[n + k]).abs());
         residuals.fold(0.0, f64::max)
     }
 

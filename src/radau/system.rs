@@ -24,8 +24,6 @@ pub struct Work {
     pub factorisations: u64,
     /// Newton iterations on the stages.
     pub newton: u64,
-    /// Evaluations over boxes, of values or of derivatives.
-    pub enclosures: u64,
     /// How fast its increments shrank.
     pub contraction: Rates,
 }
@@ -344,6 +342,11 @@ impl<'p> System<'p> {
     /// The nonzeros of `dG_k/dy` as of the last differentiation, as `(column, value)`.
     pub fn entries_of_variable(&self, k: usize) -> impl Iterator<Item = (usize, f64)> {
         self.entries_of_row(self.states + k)
+    }
+
+    /// Whether variables enter `G_k`, by the derivatives as of the last differentiation.
+    pub fn has_variables(&self, k: usize) -> bool {
+        self.entries_of_variable(k).any(|(j, value)| j >= self.states && value != 0.0)
     }
 
     /// `dG_k/dy . direction`

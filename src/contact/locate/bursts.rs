@@ -3,8 +3,9 @@
 //!
 //! So forces, drift and bias are enclosed over the times of a step, with coordinates and velocities as they are in the
 //! middle of each of its parts, and a part is halved where an enclosure is much wider than what is seen at its ends and in
-//! its middle, or where that is not nearly straight. The parts that are left are those in which forces are looked at: where the slopes of the polynomial are not
-//! the rates there, the step went over a burst and is made anew, up to where that begins.
+//! its middle, or where that is not nearly straight. The parts that are left are those in which forces are looked at: where
+//! the slopes of the polynomial are not the rates there, the step went over a burst and is made anew, up to where that
+//! begins.
 
 use super::hidden::{HALVINGS, Hidden, NEXT};
 use super::leg::Leg;

@@ -195,7 +195,8 @@ impl VelocityStep<'_> {
         self.structure.tangents(k).map(|row| self.constraints.terms(row, v)).reduce(f64::max).unwrap_or(f64::INFINITY)
     }
 
-    /// Slips that are none: rounding of their terms, far below what tolerances leave open, and small beside what forces make of them within the step.
+    /// The sizes below which slips count as rest: rounding of their terms, far below what tolerances leave open, and small
+    /// beside the change by forces within the step.
     pub(super) fn rounding_of_slips(
         &self,
         contacts: &[usize],

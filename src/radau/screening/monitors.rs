@@ -9,8 +9,7 @@
 //!
 //! or the value at one end where `m'` has one sign. The variables inside their intervals are the roots of `G_I = 0` and not
 //! their polynomials, from which they differ by `|dG_I/dz_I|^-1 |G_I|`, to first order, and so do states that are bound by
-//! constraints: monitors are lowered by it. Those of
-//! blocks are taken from the box alone.
+//! constraints: monitors are lowered by it. Those of blocks are taken from the box alone.
 
 use super::MOST_PARTS;
 use super::part::Part;
@@ -47,8 +46,10 @@ impl Watched {
     }
 }
 
-/// What brings the unknowns from their polynomials to the equations of the face.
-pub(super) struct Corrections<'a> {
+/// The equations of a face, with what brings the unknowns from their polynomials onto them.
+pub(super) struct OnFace<'a, 'p> {
+    pub system: &'a mut System<'p>,
+    pub control: &'a NewtonControl,
     pub inside: &'a mut Inside,
     pub constraints: &'a mut Constraints,
     pub consistent: Option<&'a mut Consistent>,
@@ -61,8 +62,8 @@ pub(super) struct Enclosure {
     values: Vec<Interval>,
     jacobian: Vec<Interval>,
     by_time: Vec<Interval>,
-    /// The unknowns at the beginning, in the middle and at the end.
-    points: [Vec<f64>; 3],
+    /// The unknowns in the middle.
+    middle: Vec<f64>,
     /// How large the rows of `Phi` are that are no rates.
     residuals: Vec<f64>,
     /// How far the unknowns are from their polynomials.
@@ -116,31 +117,29 @@ pub(super) fn watch(system: &System<'_>, limits: impl Fn(usize) -> [f64; 2], out
 
 impl Enclosure {
     /// Whether no monitor falls below its limit over a part that begins at `t` and takes `h`; `limits` are those of blocks.
-    #[expect(clippy::too_many_arguments, reason = "a part is its place, its polynomials and what is asked of them")]
     pub fn prove(
         &mut self,
-        system: &mut System<'_>,
-        control: &NewtonControl,
-        corrections: &mut Corrections<'_>,
+        on: &mut OnFace<'_, '_>,
         part: &Part,
         (t, h): (f64, f64),
         watched: &[Watched],
         limits: &[[f64; 2]],
     ) -> Found {
         let times = Interval::new(t.next_down(), (t + h).next_up());
+        let are_told = on.inside.tells_all(on.system);
+        let system = &mut *on.system;
         self.ranges.resize(system.unknowns, Interval::LINE);
         self.values.resize(system.values.len(), Interval::LINE);
         part.ranges(&mut self.ranges);
-        system.work.enclosures += 1;
         if !system.problem().enclose(times, &self.ranges, &mut self.values) {
             return Found::Unknown;
         }
         self.residuals.clear();
         self.residuals.extend(self.values[..system.unknowns].iter().copied().map(size));
-        let are_told = corrections.inside.tells_all(system);
-        self.points[1].resize(system.unknowns, 0.0);
-        part.values(0.5, &mut self.points[1]);
-        self.find_errors(system, control, corrections, false);
+        self.middle.resize(system.unknowns, 0.0);
+        part.values(0.5, &mut self.middle);
+        self.find_errors(on, false);
+        let system = &*on.system;
         let are_blocks_proven = self.are_blocks_proven(system, limits);
         let mut left = std::mem::take(&mut self.left);
         left.clear();
@@ -150,7 +149,7 @@ impl Enclosure {
             !are_told || lower < 0.0 || lower.is_nan()
         }));
         self.is_hopeless = false;
-        let may_fail = !left.is_empty() && self.may_fail(system, control, corrections, part, (t, h), times, &mut left);
+        let may_fail = !left.is_empty() && self.may_fail(on, part, (t, h), times, &mut left);
         let found = match are_blocks_proven && left.is_empty() {
             true => Found::Proven,
             false if self.is_hopeless => Found::Unknown,
@@ -161,62 +160,55 @@ impl Enclosure {
     }
 
     /// Takes out of `left` the monitors that their slopes prove; whether one that stays may be negative in the middle.
-    #[expect(clippy::too_many_arguments, reason = "a part is its place, its polynomials and what is asked of them")]
     fn may_fail(
         &mut self,
-        system: &mut System<'_>,
-        control: &NewtonControl,
-        corrections: &mut Corrections<'_>,
+        on: &mut OnFace<'_, '_>,
         part: &Part,
         (t, h): (f64, f64),
         times: Interval,
         left: &mut Vec<Watched>,
     ) -> bool {
-        let n = system.states;
+        let are_told = on.inside.tells_all(on.system);
+        let (n, system) = (on.system.states, &mut *on.system);
         self.jacobian.resize(system.derivatives.len(), Interval::LINE);
         self.by_time.resize(system.unknowns - n, Interval::LINE);
-        system.work.enclosures += 1;
         if !system.problem().enclose_derivatives(times, &self.ranges, &mut self.jacobian, &mut self.by_time) {
             return true;
         }
-        for (point, u) in self.points.iter_mut().zip([0.0, 0.5, 1.0]) {
-            point.resize(system.unknowns, 0.0);
-            part.values(u, point);
-        }
-        if !system.evaluate(t + 0.5 * h, &self.points[1]) {
+        if !system.evaluate(t + 0.5 * h, &self.middle) {
             return true;
         }
         // The equations of the variables inside in the same form: their values over the box are too wide for long steps.
         let equations = (0..system.unknowns - n).filter(|&k| system.face.places[k] == Place::Inside);
         for k in equations.filter(|&k| system.set.block_of(k).is_none()) {
             let slope = size(self.slope_of_row(system, part, h, n + k));
-            let sharper = system.values[n + k].abs() + 0.5 * slope + control.noise_of_g(system, k, &self.points[1]);
+            let sharper = system.values[n + k].abs() + 0.5 * slope + on.control.noise_of_g(system, k, &self.middle);
             self.residuals[n + k] = self.residuals[n + k].min(sharper);
         }
-        let middles: Vec<f64> = left.iter().map(|monitor| value(system, monitor, &self.points[1])).collect();
+        let middles: Vec<f64> = left.iter().map(|monitor| value(system, monitor, &self.middle)).collect();
         // What is wrong in the middle itself says whether a monitor may be negative there.
         let over_part = std::mem::replace(
             &mut self.residuals,
             system.values[..system.unknowns].iter().map(|value| value.abs()).collect(),
         );
-        let are_told = corrections.inside.tells_all(system);
         if !are_told {
-            self.find_hidden_in_middle(system, corrections, t + 0.5 * h);
+            self.find_hidden_in_middle(on, t + 0.5 * h);
         }
-        self.find_errors(system, control, corrections, !are_told);
+        self.find_errors(on, !are_told);
         let is_suspect: Vec<bool> = left
             .iter()
             .zip(&middles)
             .map(|(monitor, middle)| {
-                let error = self.error_of(system, monitor);
+                let error = self.error_of(on.system, monitor);
                 *middle < CURVATURE * error || middle.is_nan() || error.is_nan()
             })
             .collect();
         self.residuals = over_part;
         if !are_told {
-            self.find_hidden(system, corrections);
+            self.find_hidden(on);
         }
-        self.find_errors(system, control, corrections, !are_told);
+        self.find_errors(on, !are_told);
+        let system = &mut *on.system;
         let mut ends = [None, None];
         let (mut index, mut may_fail) = (0, false);
         left.retain(|monitor| {
@@ -228,15 +220,16 @@ impl Enclosure {
             // Where the slope has one sign the least value is at an end.
             let end = if slope.lo >= 0.0 { 0 } else { 1 };
             if !is_proven && middle >= allowed && (slope.lo >= 0.0 || slope.hi <= 0.0) {
-                let (time, point) = [(t, &self.points[0]), (t + h, &self.points[2])][end];
                 let values = ends[end].get_or_insert_with(|| {
-                    let is_finite = system.evaluate(time, point);
-                    is_finite.then(|| (system.values.clone(), system.set.lower.clone(), system.set.upper.clone()))
+                    let mut y = vec![0.0; system.unknowns];
+                    part.values(end as f64, &mut y);
+                    let is_finite = system.evaluate(t + end as f64 * h, &y);
+                    is_finite.then(|| (y, system.values.clone(), system.set.lower.clone(), system.set.upper.clone()))
                 });
-                if let Some((values, lower, upper)) = values {
+                if let Some((y, values, lower, upper)) = values {
                     let k = monitor.variable;
                     let row = system.states + k;
-                    is_proven = monitor.of(values[row], point[row], lower[k], upper[k]) >= allowed;
+                    is_proven = monitor.of(values[row], y[row], lower[k], upper[k]) >= allowed;
                 }
             }
             may_fail |= !is_proven && suspect;
@@ -250,15 +243,9 @@ impl Enclosure {
 
     /// How far the unknowns may be from their polynomials, by the residuals of the equations of the face, and those of hidden
     /// constraints.
-    fn find_errors(
-        &mut self,
-        system: &mut System<'_>,
-        control: &NewtonControl,
-        corrections: &mut Corrections<'_>,
-        with_hidden: bool,
-    ) {
+    fn find_errors(&mut self, on: &mut OnFace<'_, '_>, with_hidden: bool) {
+        let OnFace { system, control, inside, constraints, consistent } = on;
         let n = system.states;
-        let Corrections { inside, constraints, consistent } = corrections;
         inside.errors(system, &self.residuals[n..], &mut self.errors);
         if with_hidden && let Some(consistent) = consistent {
             consistent.find_errors(system, &self.residuals[n..], &self.hidden, &mut self.errors);
@@ -267,16 +254,17 @@ impl Enclosure {
         for k in (0..system.unknowns - n).filter(|&k| system.face.places[k] != Place::Inside) {
             self.residuals[n + k] = 0.0;
         }
-        constraints.add_errors(system, control, &self.points[1], &self.residuals, &mut self.errors);
+        constraints.add_errors(system, control, &self.middle, &self.residuals, &mut self.errors);
     }
 
     /// The rows of variables inside of `dG/dt = G_t + G_x M^-1 F` in the middle of the part, where `system` was evaluated last.
-    fn find_hidden_in_middle(&mut self, system: &mut System<'_>, corrections: &Corrections<'_>, t: f64) {
+    fn find_hidden_in_middle(&mut self, on: &mut OnFace<'_, '_>, t: f64) {
+        let OnFace { system, consistent, .. } = on;
         let n = system.states;
         self.hidden.clear();
         self.hidden.resize(system.unknowns - n, 0.0);
-        system.time_derivative(t, &self.points[1], &mut self.hidden);
-        let rates = match corrections.consistent.as_ref().and_then(|consistent| consistent.inverse_mass()) {
+        system.time_derivative(t, &self.middle, &mut self.hidden);
+        let rates = match consistent.as_ref().and_then(|consistent| consistent.inverse_mass()) {
             Some(InverseMass::Identity) => DVector::from_column_slice(&system.values[..n]),
             Some(InverseMass::Entries(inverse)) => inverse * DVector::from_column_slice(&system.values[..n]),
             None => DVector::from_element(n, f64::INFINITY),
@@ -288,10 +276,11 @@ impl Enclosure {
     }
 
     /// How large `dG/dt = G_t + G_x M^-1 F` is over the box of each variable inside.
-    fn find_hidden(&mut self, system: &System<'_>, corrections: &Corrections<'_>) {
+    fn find_hidden(&mut self, on: &OnFace<'_, '_>) {
+        let OnFace { system, consistent, .. } = on;
         let n = system.states;
         self.rates.clear();
-        match corrections.consistent.as_ref().and_then(|consistent| consistent.inverse_mass()) {
+        match consistent.as_ref().and_then(|consistent| consistent.inverse_mass()) {
             Some(InverseMass::Identity) => self.rates.extend_from_slice(&self.values[..n]),
             Some(InverseMass::Entries(inverse)) => self.rates.extend(inverse.row_iter().map(|row| {
                 let terms = row.iter().zip(&self.values).filter(|(entry, _)| **entry != 0.0);

@@ -79,27 +79,36 @@ impl Radau<'_> {
         let at_end = t == self.t;
         if at_end {
             out.copy_from_slice(&self.y);
+            self.find_variables(t, out);
         } else {
             self.last.at(self.methods[self.last_method].tableau, t, out);
             std::mem::swap(&mut self.system.face, &mut self.last.face);
             if self.last.is_smooth {
-                self.switching.constraints.correct(&mut self.system, &self.control, t, out);
+                self.bring_onto_face(t, out);
+            } else {
+                inequality::solve(&mut self.system, t, out);
             }
-        }
-        if !at_end && !self.last.is_smooth {
-            inequality::solve(&mut self.system, t, out);
-        }
-        if let Some(consistent) = &mut self.consistent
-            && (at_end || self.last.is_smooth)
-            && !consistent.solve(&mut self.system, &self.control, t, out)
-        {
-            self.forget_jacobian();
         }
         if !self.system.bounded.is_empty() && self.system.evaluate(t, out) {
             self.system.project(out);
         }
         if !at_end {
             std::mem::swap(&mut self.system.face, &mut self.last.face);
+        }
+    }
+
+    /// Brings `y` at `t` onto the present face: the states onto its constraints, the variables to those that belong to them.
+    pub(crate) fn bring_onto_face(&mut self, t: f64, y: &mut [f64]) {
+        self.switching.constraints.correct(&mut self.system, &self.control, t, y);
+        self.find_variables(t, y);
+    }
+
+    /// The variables in `y` that belong to the states on the present face.
+    fn find_variables(&mut self, t: f64, y: &mut [f64]) {
+        if let Some(consistent) = &mut self.consistent
+            && !consistent.solve(&mut self.system, &self.control, t, y)
+        {
+            self.forget_jacobian();
         }
     }
 

@@ -1,0 +1,17 @@
+//! Scaling of small dense matrices whose rows and columns have units of their own, before ranks are read off them.
+
+use nalgebra::DMatrix;
+
+/// The matrix with its rows and columns scaled to entries of at most one, and their scales.
+pub fn equilibrated(mut matrix: DMatrix<f64>) -> (DMatrix<f64>, Vec<f64>, Vec<f64>) {
+    let of_rows: Vec<f64> = matrix.row_iter().map(|row| scale_of(row.amax())).collect();
+    matrix.row_iter_mut().zip(&of_rows).for_each(|(mut row, scale)| row.scale_mut(*scale));
+    let of_columns: Vec<f64> = matrix.column_iter().map(|column| scale_of(column.amax())).collect();
+    matrix.column_iter_mut().zip(&of_columns).for_each(|(mut column, scale)| column.scale_mut(*scale));
+    (matrix, of_rows, of_columns)
+}
+
+/// The factor that brings a size to one; one for zero.
+pub fn scale_of(size: f64) -> f64 {
+    if size > 0.0 { 1.0 / size } else { 1.0 }
+}
