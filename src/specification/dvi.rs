@@ -21,7 +21,7 @@ use super::set::{self, Block, LoweredSet};
 use super::start;
 use super::wording::abridged;
 use expression::Node;
-use models::{DviModel, Equations, Outputs, Refusal, Rows, Symbolic};
+use models::{DviModel, Equations, Outputs, Refusal, Rows};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use utoipa::ToSchema;
@@ -106,8 +106,8 @@ impl DviProblem {
             (Some(i), None) => place.key("variables").key(self.variables.name(i)).key("inequality").to_string(),
             (None, None) => place.key("states").key(self.states.name(row)).key("rate").to_string(),
         };
-        let equations = match Symbolic::new(&mut lowering.graph, rows) {
-            Ok(equations) => Equations::Symbolic(Box::new(equations)),
+        let equations = match Equations::new(&mut lowering.graph, rows) {
+            Ok(equations) => equations,
             Err(refusals) => {
                 for refusal in refusals {
                     lowering.errors.push(refused(refusal, &state_names, &variable_names, row_pointer));

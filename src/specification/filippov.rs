@@ -13,7 +13,7 @@ use super::start;
 use super::wording::{abridged, listed};
 use expression::{Node, nearest};
 use models::filippov::{Region, departures, many_regions, two_regions};
-use models::{DviModel, Equations, Outputs, Symbolic};
+use models::{DviModel, Equations, Outputs};
 use serde::Deserialize;
 use solution::Warning;
 use std::sync::Arc;
@@ -114,8 +114,8 @@ impl FilippovProblem {
                 _ => {}
             }
         }
-        let equations = match Symbolic::new(&mut lowering.graph, rows) {
-            Ok(equations) => Equations::Symbolic(Box::new(equations)),
+        let equations = match Equations::new(&mut lowering.graph, rows) {
+            Ok(equations) => equations,
             Err(refusals) => {
                 for refusal in refusals {
                     lowering.errors.push(refused(refusal, &state_names, &variable_names, row_pointer));

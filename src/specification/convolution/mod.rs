@@ -16,7 +16,7 @@ use super::ordered::Ordered;
 use super::place::Place;
 use super::set::{self, Block, LoweredSet};
 use super::start;
-use models::{ConvolutionModel, DviModel, Equations, KinkAdvice, Outputs, Rows, Symbolic};
+use models::{ConvolutionModel, DviModel, Equations, KinkAdvice, Outputs, Rows};
 use problem::{Mass, Workspace};
 use serde::Deserialize;
 use solution::Warning;
@@ -100,8 +100,8 @@ impl ConvolutionProblem {
             Some(bound) => moving_pointers[bound].clone(),
             None => variables.key(self.variables.name(row)).key("q").to_string(),
         };
-        let equations = match Symbolic::new(&mut lowering.graph, rows) {
-            Ok(equations) => Equations::Symbolic(Box::new(equations)),
+        let equations = match Equations::new(&mut lowering.graph, rows) {
+            Ok(equations) => equations,
             Err(refusals) => {
                 for refusal in refusals {
                     lowering.errors.push(refused(refusal, &[], &variable_names, row_pointer));

@@ -37,11 +37,7 @@ const KNOWN: Known = &[
 const SILENT: Known = &[];
 
 /// Right answers that the verdict does not trust.
-const DOUBTED: Known = &[
-    ("a4_bridge_filter_between_steps", "doubted"),
-    ("c2_cockcroft_walton_4", "doubted"),
-    ("memory_order_1_9", "doubted"),
-];
+const DOUBTED: Known = &[("a4_bridge_filter_between_steps", "doubted"), ("memory_order_1_9", "doubted")];
 
 /// What came of a problem.
 struct Outcome {
