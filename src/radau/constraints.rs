@@ -40,7 +40,7 @@ pub(super) struct Constraints {
     /// What to add to each unknown for each row of `A`; empty where there is nothing to correct.
     correction: DMatrix<f64>,
     phi: Vec<f64>,
-    residual: Vec<f64>,
+    changes: Vec<f64>,
 }
 
 impl Constraints {
@@ -56,13 +56,19 @@ impl Constraints {
             if !system.phi(t, y, &mut self.phi) {
                 return false;
             }
-            self.residual.clear();
-            self.residual.extend(self.rows.iter().map(|&row| self.phi[row]));
+            self.changes.clear();
+            self.changes.resize(system.unknowns, 0.0);
+            for (column, &row) in
+                self.correction.column_iter().zip(&self.rows).filter(|(_, row)| self.phi[**row] != 0.0)
+            {
+                for (change, entry) in self.changes.iter_mut().zip(column.as_slice()) {
+                    *change += entry * self.phi[row];
+                }
+            }
             let mut size = 0.0_f64;
-            for (unknown, row) in self.correction.row_iter().enumerate() {
-                let change: f64 = row.iter().zip(&self.residual).map(|(entry, residual)| entry * residual).sum();
-                y[unknown] += change;
-                size = size.max((change * control.weight[unknown]).abs());
+            for ((y, change), weight) in y.iter_mut().zip(&self.changes).zip(&control.weight) {
+                *y += change;
+                size = size.max((change * weight).abs());
             }
             if size <= control.kappa {
                 return true;
@@ -88,9 +94,10 @@ impl Constraints {
         if self.correction.is_empty() {
             return;
         }
-        for (error, row) in out.iter_mut().zip(self.correction.row_iter()) {
-            let of_rows = row.iter().zip(&self.rows).filter(|(entry, _)| **entry != 0.0);
-            *error += of_rows.map(|(entry, &at)| entry.abs() * sizes[at]).sum::<f64>();
+        for (column, &row) in self.correction.column_iter().zip(&self.rows).filter(|(_, row)| sizes[**row] != 0.0) {
+            for (error, entry) in out.iter_mut().zip(column.as_slice()).filter(|(_, entry)| **entry != 0.0) {
+                *error += entry.abs() * sizes[row];
+            }
         }
     }
 
