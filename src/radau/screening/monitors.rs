@@ -124,6 +124,8 @@ impl Reduced {
     }
 }
 
+/// Below this part of its terms a derivative is what rounding leaves of zero.
+const TOLD: f64 = 1e-10;
 /// By how much errors to first order may be short of what they are.
 const CURVATURE: f64 = 2.0;
 
@@ -135,7 +137,9 @@ pub(super) enum Found {
     Unproven {
         may_fail: bool,
     },
-    /// The problem has no enclosure, or none that is narrow enough.
+    /// No number of parts that is worth its while would prove a monitor.
+    Hopeless,
+    /// The problem has no enclosure.
     Unknown,
 }
 
@@ -195,7 +199,7 @@ impl Enclosure {
         let may_fail = !left.is_empty() && self.may_fail(on, part, (t, h), times, &mut left);
         let found = match are_blocks_proven && left.is_empty() {
             true => Found::Proven,
-            false if self.is_hopeless => Found::Unknown,
+            false if self.is_hopeless => Found::Hopeless,
             false => Found::Unproven { may_fail: may_fail || !are_blocks_proven },
         };
         self.left = left;
@@ -285,6 +289,27 @@ impl Enclosure {
             !is_proven
         });
         may_fail
+    }
+
+    /// Whether no variable that hidden constraints alone tell enters a monitor, but for rounding, by the derivatives as they are.
+    pub fn is_told(system: &System<'_>, inside: &mut Inside, monitor: &Watched) -> bool {
+        let n = system.states;
+        let mut own = vec![0.0; system.unknowns - n];
+        if monitor.place == Place::Inside {
+            own[monitor.variable] = 1.0;
+        } else {
+            system.entries_of_variable(monitor.variable).filter(|(j, _)| *j >= n).for_each(|(j, x)| own[j - n] += x);
+        }
+        let mut weights = Vec::new();
+        inside.weights(system, |l| own[l], &mut weights);
+        let mut terms: Vec<f64> = own.iter().map(|x| x.abs()).collect();
+        for (l, weight) in weights {
+            for (j, x) in system.entries_of_variable(l).filter(|(j, _)| *j >= n) {
+                own[j - n] -= weight * x;
+                terms[j - n] += (weight * x).abs();
+            }
+        }
+        (0..own.len()).all(|l| system.face.places[l] != Place::Inside || own[l].abs() <= TOLD * terms[l])
     }
 
     /// A monitor without what the equations of the variables inside tell, with the derivatives over the box; of a variable

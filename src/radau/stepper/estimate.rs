@@ -13,8 +13,8 @@
 //! stages: it is held to the tolerance that is not rescaled, but for a factor, since stiff errors do not add up. And `e`
 //! vanishes as `1/z` though between the ends of the step the collocation polynomial may miss a solution that varies over
 //! it: its slope then jumps from the last step to this one. The jump, which is `gamma e` where the problem is not stiff,
-//! is held to what `gamma e` is held to. Both are for explicit equations: where there are equations without rates, what
-//! Newton's method leaves of these does not shrink with the step, and would hold up the run.
+//! is held to what `gamma e` is held to. Both are for explicit equations and linear ones: where there are other equations
+//! without rates, what Newton's method leaves of these does not shrink with the step, and would hold up the run.
 
 use super::{Method, Radau};
 use crate::newton_control::mean_square_root;
@@ -39,6 +39,7 @@ impl Radau<'_> {
     fn filtered_error(&mut self, h: f64, coupled: bool) -> f64 {
         let n = self.system.unknowns;
         let states = self.system.states;
+        let leaves_no_rest = !coupled && self.leaves_no_rest();
         let factors = match &mut self.stage_vi {
             Some(vi) if coupled => vi.factors(),
             _ => &mut self.factors,
@@ -51,7 +52,7 @@ impl Radau<'_> {
                 *sum += weight * z;
             }
         }
-        if self.settings.interpolated && self.system.is_explicit_ode() {
+        if self.settings.interpolated && leaves_no_rest {
             self.last.jump(h, &self.shifted[..states], &mut self.jump);
         }
         self.system.multiply_by_mass(&self.shifted, &mut self.embedded);
@@ -80,7 +81,7 @@ impl Radau<'_> {
         if error.is_nan() {
             return f64::INFINITY;
         }
-        if !self.system.is_explicit_ode() {
+        if !leaves_no_rest {
             return error;
         }
         if let Some(gamma) = self.tableau().gamma
@@ -89,6 +90,11 @@ impl Radau<'_> {
             error = error.max(rms(&self.jump, &self.control.weight) / gamma);
         }
         error.max(self.stiff_error(h, error))
+    }
+
+    /// Whether Newton's method leaves nothing in equations without rates: there are none, or all are linear.
+    fn leaves_no_rest(&self) -> bool {
+        self.system.is_explicit_ode() || self.system.constant_jacobian()
     }
 
     /// The norm of `(I - P)^(s-1) e` for the estimate `e` at hand, in units of the tolerance that is not rescaled, to the
