@@ -275,8 +275,11 @@ impl Radau<'_> {
             let correction = value / slope;
             let rounding = self.rounding_of_time(size);
             let stalled = (size - before).abs() <= correction.abs() && *solves > 3 && correction.abs() < 1e-6 * size;
-            if value.abs() <= 0.1 * noise || correction.abs() <= rounding || stalled {
+            if correction.abs() <= rounding || stalled {
                 return Ok(Some(size));
+            }
+            if value.abs() <= 0.1 * noise {
+                return Ok(Some(self.extend(crossing, size, value, correction)));
             }
             trial = size - correction;
             if let Some((shortest, longest)) = &mut bracket {
@@ -288,6 +291,24 @@ impl Radau<'_> {
             }
         }
         Ok(None)
+    }
+
+    /// Takes the step at hand, of size `h`, along its collocation polynomial to where the monitor of `crossing` is zero, from
+    /// which it is off by a `value` within noise and thus by about `correction`; its size then. Other variables that switch at
+    /// the same instant are then off by what rounding leaves, and no longer by what the search was content with.
+    fn extend(&mut self, crossing: &Crossing, h: f64, value: f64, correction: f64) -> f64 {
+        let mut monitors = std::mem::take(&mut self.switching.monitors);
+        let theta = 1.0 - correction / h;
+        self.monitors_at(theta, h, &mut monitors);
+        let left = monitors.get(crossing.index).map_or(value, |monitor| monitor.value);
+        self.switching.monitors = monitors;
+        // The secant through both: the error of the polynomial behind its last stage is of second order.
+        let end = h - correction * value / (value - left);
+        if left.abs() >= value.abs() || !end.is_finite() {
+            return h;
+        }
+        self.stages.resample(self.tableau(), end / h);
+        end
     }
 
     /// Solves the stages of a step of size `h` on the present face by Newton's method; where it fails on a curved face,
