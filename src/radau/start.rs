@@ -6,7 +6,7 @@
 //! complementary to `G(x+)`), and the run starts after it; where all variables are free it is an error of the user.
 
 use super::consistent::inequality;
-use super::face::undecided;
+use super::face::{Place, undecided};
 use super::factors::Factors;
 use super::settings::{Settings, StepError};
 use super::stage_vi::StageVi;
@@ -99,8 +99,8 @@ impl Radau<'_> {
         }
     }
 
-    /// The face and the variables at `(t, y)`, where steps are about `h` long; the states stay. False if no solution
-    /// was found, with nothing changed.
+    /// The face and the variables at `(t, y)`, where steps are about `h` long; the states stay, but for noise. False
+    /// if no solution was found, with nothing changed.
     pub(super) fn choose_face(&mut self, h: f64) -> bool {
         let n = self.system.states;
         if !self.probe(PROBE * h, true) {
@@ -113,10 +113,32 @@ impl Radau<'_> {
         for (y, z) in self.y[n..].iter_mut().zip(&self.switching.probe.stages.z[n..]) {
             *y += z;
         }
+        self.remove_noise();
         if let Some(consistent) = &mut self.consistent {
             consistent.solve(&mut self.system, &self.control, self.t, &mut self.y);
         }
         true
+    }
+
+    /// Brings the states onto the equations of the face where they are off them by noise. The first step would else do it,
+    /// by forces that grow as it is made shorter and pass for a switch, and by a change that its error test sees in states
+    /// whose own tolerance is finer than the noise of others.
+    fn remove_noise(&mut self) {
+        let n = self.system.states;
+        let Self { system, switching, control, y, t, .. } = self;
+        let is_inside = |system: &System<'_>, k: usize| system.face.places[k] == Place::Inside;
+        if !system.intervals.iter().any(|&k| is_inside(system, k)) || !system.evaluate(*t, y) {
+            return;
+        }
+        let mut residuals =
+            system.intervals.iter().filter(|&&k| is_inside(system, k)).map(|&k| (k, system.values[n + k]));
+        if !residuals.all(|(k, residual)| residual.abs() <= control.noise_of_g(system, k, y)) {
+            return;
+        }
+        switching.scratch.copy_from_slice(y);
+        if switching.constraints.correct(system, control, *t, &mut switching.scratch) {
+            y.copy_from_slice(&switching.scratch);
+        }
     }
 
     /// The face at `(t, y)` of variables that are at their switch, to within noise, and of which the first moment does not

@@ -116,17 +116,18 @@ impl Switching {
 
     /// Records what differs from the remembered face, and what turned round on it; whether anything did.
     pub(super) fn record(&mut self, t: f64, set: &ConvexSet, face: &ActiveFace, turned: &[usize]) -> bool {
-        let mut changed = false;
+        let mut changed = Vec::new();
         for (variable, (&from, &to)) in self.before.places.iter().zip(&face.places).enumerate() {
             if from != to || self.before.exchanges(face, set, variable) || turned.contains(&variable) {
                 self.switches.push(Switch { t, variable, from, to });
-                changed = true;
-                if self.locate && set.block_of(variable).is_none() && self.recurrence.switched(variable) {
-                    self.accumulations += 1;
-                }
+                changed.push(variable);
             }
         }
-        if changed && self.locate {
+        if !changed.is_empty() && self.locate {
+            let in_interval = changed.iter().copied().filter(|&variable| set.block_of(variable).is_none());
+            if self.recurrence.switched(in_interval) {
+                self.accumulations += 1;
+            }
             let gap = t - self.last;
             self.shrinking = if gap < 0.95 * self.gap { self.shrinking + 1 } else { 0 };
             if self.shrinking == ACCUMULATION {
@@ -134,7 +135,7 @@ impl Switching {
             }
             (self.last, self.gap) = (t, gap);
         }
-        changed
+        !changed.is_empty()
     }
 
     /// Whether switches are to be located.
