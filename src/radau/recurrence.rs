@@ -87,6 +87,11 @@ impl Recurrence {
         begins
     }
 
+    /// Forgets what has led to where the states rest.
+    pub(super) fn passed(&mut self) {
+        (self.clear, self.within, self.pause, self.left) = (0, 0, 1, 0);
+    }
+
     /// Takes a step that kept its face into account.
     pub(super) fn kept_face(&mut self) {
         self.left = self.left.saturating_sub(1);

@@ -357,13 +357,28 @@ impl Radau<'_> {
             if !changed && self.switching.recurrence.within_noise() {
                 self.switching.accumulations += 1;
             }
+            self.rest();
             self.restart();
         } else if coupled {
             self.switching.record(self.t, &self.system.set, &self.system.face, &[]);
+            self.rest();
             self.restart();
         } else if self.switching.is_accumulating() {
             self.switching.shrinking = 0;
             self.switching.recurrence.kept_face();
+        }
+    }
+
+    /// Ends an accumulation of switches where the states come to rest within their tolerances.
+    fn rest(&mut self) {
+        if !self.switching.is_accumulating() {
+            return;
+        }
+        self.switching.remember(&self.system.face);
+        if self.pass_accumulation(self.last.h) {
+            self.switching.record(self.t, &self.system.set, &self.system.face, &[]);
+            self.switching.shrinking = 0;
+            self.switching.recurrence.passed();
         }
     }
 
