@@ -3,13 +3,13 @@
 
 pub mod circuit;
 mod convolution;
+mod dvi_model;
 pub mod elastic;
 pub mod filippov;
 pub mod finite_elements;
 mod linear;
 mod mechanical;
 mod mechanical_model;
-mod model;
 pub mod obstacle;
 mod outputs;
 mod regularity;
@@ -18,9 +18,9 @@ pub mod rigid_bodies;
 mod symbolic;
 
 pub use convolution::ConvolutionModel;
+pub use dvi_model::{DviModel, Equations, KinkAdvice};
 pub use linear::{Linear, LinearRows};
 pub use mechanical::{MechanicalRows, SymbolicMechanics, Underivable};
 pub use mechanical_model::{ENERGIES, MechanicalModel};
-pub use model::{DviModel, Equations, KinkAdvice, Model};
 pub use outputs::Outputs;
 pub use symbolic::{Refusal, Rows, Symbolic};

@@ -51,6 +51,8 @@ pub enum InverseMass<'a> {
 
 /// The most iterations; problems affine in `z` need one.
 const ITERATIONS: usize = 6;
+/// A step this small, relative to the variables, leaves their rounding alone.
+const ENOUGH: f64 = 1e-14;
 
 impl Consistent {
     /// `None` where there are no variables, or where `M` is singular: then `z` is not determined by `x` alone.
@@ -135,7 +137,9 @@ impl Consistent {
             }
             last = size;
             let scale = self.inside.iter().fold(0.0_f64, |scale, &k| scale.max(y[n + k].abs()));
-            if size <= 1e-14 * scale {
+            // Of affine equations the next step would be the rounding of this one.
+            let enough = if system.constant_jacobian() { f64::EPSILON.sqrt() } else { ENOUGH };
+            if size <= enough * scale {
                 return true;
             }
         }

@@ -71,7 +71,8 @@ impl Inside {
             y[n + k] += change;
         }
         for k in 0..self.changes.len() {
-            system.values[n + k] += system.slope(k, |j| j.checked_sub(n).map_or(0.0, |k| self.changes[k]));
+            let change = system.slope(k, |j| j.checked_sub(n).map_or(0.0, |k| self.changes[k]));
+            system.add_to_inequality(k, change);
         }
         self.variables.iter().for_each(|&k| self.changes[k] = 0.0);
         self.variables.len() == self.inside.len()

@@ -87,6 +87,9 @@ pub struct System<'p> {
     pub(super) members: (Vec<f64>, Vec<f64>),
     /// Rows `F`, `G`, moving bounds as of the last evaluation.
     pub values: Vec<f64>,
+    /// Where that was, and whether all were finite: the same place is not evaluated twice.
+    last: Option<(f64, bool)>,
+    last_y: Vec<f64>,
     /// Where each row of the Jacobian starts among its nonzeros.
     row_starts: Vec<usize>,
     /// Nonzeros of the Jacobian as of the last evaluation.
@@ -151,6 +154,8 @@ impl<'p> System<'p> {
             linearised: vec![FaceEquations::default(); blocks],
             members: (Vec::new(), Vec::new()),
             values: vec![0.0; rows],
+            last: None,
+            last_y: vec![0.0; unknowns],
             row_starts,
             derivatives: vec![0.0; nonzeros],
             work: Work::default(),
@@ -195,13 +200,29 @@ impl<'p> System<'p> {
 
     /// Evaluates `F`, `G` and the bounds at `(t, y)`; false if a number is not finite.
     pub fn evaluate(&mut self, t: f64, y: &[f64]) -> bool {
+        let is_same = |(a, b): (&f64, &f64)| a.to_bits() == b.to_bits();
+        if let Some((time, finite)) = self.last
+            && time == t
+            && y.iter().zip(&self.last_y).all(is_same)
+        {
+            return finite;
+        }
         self.work.rates += 1;
         self.problem.evaluate(t, y, &mut self.values);
         for (p, moving) in self.structure.moving.iter().enumerate() {
             moving.place(self.values[self.unknowns + p], &mut self.set);
         }
         // Without an end at the first that is none: the loop is vectorised.
-        self.values.iter().fold(true, |finite, value| finite & value.is_finite())
+        let finite = self.values.iter().fold(true, |finite, value| finite & value.is_finite());
+        self.last = Some((t, finite));
+        self.last_y.copy_from_slice(y);
+        finite
+    }
+
+    /// Adds to the value of `G_k`, which is then no longer that of the last evaluation.
+    pub fn add_to_inequality(&mut self, k: usize, change: f64) {
+        self.values[self.states + k] += change;
+        self.last = None;
     }
 
     /// Evaluates `Phi` at `(t, y)` on the present face into `phi`; false if a number is not finite.

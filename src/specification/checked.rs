@@ -1,28 +1,27 @@
 //! A specification that has passed every check.
 
-use super::convolution;
 use super::document::{Document, Limits, Problem, Time};
 use super::draft::Draft;
 use super::error::{Errors, SpecificationError};
 use super::lowering::{Lowering, MOST_UNKNOWNS, Start};
 use super::method::{Method, ViSolverName, out_of_range};
+use super::model::{Asked, Model};
 use super::place::Place;
 use super::plan::MOST_STEPS;
 use super::repairs::Repairs;
-use super::stages::Stages;
 use super::study::StudyPlan;
 use super::wording::abridged;
 use analysis::Analysis;
 use models::rigid_bodies::Load;
-use models::{DviModel, Model};
 use problem::{Control, ConvexSet};
+use std::sync::Arc;
 
 /// A specification that has passed every check, lowered and ready to be solved any number of times.
 #[derive(Clone, Debug)]
 pub struct Specification {
     label: Option<String>,
     problem: &'static str,
-    model: Model,
+    model: Arc<dyn Model>,
     time: Time,
     pub(super) method: Method,
     pub(super) absolute_tolerances: Vec<f64>,
@@ -36,9 +35,6 @@ pub struct Specification {
     pub(super) most_memory: usize,
     analysis: Analysis,
 }
-
-/// Bytes that no machine has: contacts that take as many are not counted to their end.
-const ENOUGH: usize = 1 << 50;
 
 /// The longest label, in characters.
 const LONGEST_LABEL: usize = 200;
@@ -86,31 +82,16 @@ impl Specification {
                 check_solver(set, method.vi_solver, &place, &mut found);
             }
             let analysis = (errors.is_empty() && found.is_empty()).then(|| model.analyse(time.start))?;
-            match &model {
-                Model::Dvi(model) => check_index(&analysis, model, &method, &mut found),
-                Model::Mechanical(_) | Model::RigidBodies(_) | Model::Obstacle(_) => {}
-                Model::Convolution(model) => convolution::check(model, &method, time, &mut found),
-            }
-            method.check_for(&model, &place, &mut found);
-            if output.global_error && model.dvi().is_none() {
-                let detail = match model {
-                    Model::Obstacle(_) => "it is estimated of states, and these are as many as there are nodes",
-                    Model::Convolution(_) => {
-                        "with memory the error is estimated where there is no `step`, and only there"
-                    }
-                    _ => "two runs that meet impacts at different times are not compared",
-                };
-                found.report(&place_of_output.key("global_error"), "conflict", detail);
+            model.check_method(&Asked { analysis: &analysis, method: &method, time }, &mut found);
+            if let Some(why) = model.no_global_error().filter(|_| output.global_error) {
+                found.report(&place_of_output.key("global_error"), "conflict", why);
             }
             let study = study.and_then(|study| {
                 let of_problem = root.key("problem");
                 let parameters = (problem.parameters(), &of_problem.key(problem.name()));
-                study.check((&model, &method, time), parameters, &root.key("study"), &mut found)
+                study.check((&*model, &method, time), parameters, &root.key("study"), &mut found)
             });
-            let load = match &model {
-                Model::RigidBodies(scene) => scene.load(ENOUGH, control).unwrap_or_default(),
-                Model::Dvi(_) | Model::Mechanical(_) | Model::Obstacle(_) | Model::Convolution(_) => Load::default(),
-            };
+            let load = model.load(control);
             Some(Self {
                 label,
                 problem: problem.name(),
@@ -161,8 +142,8 @@ impl Specification {
     }
 
     /// The problem, with names and initial values.
-    pub fn model(&self) -> &Model {
-        &self.model
+    pub fn model(&self) -> &dyn Model {
+        &*self.model
     }
 
     /// What the theory says of the problem at the start.
@@ -217,7 +198,7 @@ impl Specification {
 }
 
 /// The model, where the problem has one; its errors go to `errors`.
-fn lower(problem: &Problem, start: Start<'_>, errors: &mut Errors) -> Option<Model> {
+fn lower(problem: &Problem, start: Start<'_>, errors: &mut Errors) -> Option<Arc<dyn Model>> {
     let place = Place::Root.key("problem");
     let unknowns = match problem {
         Problem::Dvi(problem) => problem.states.len() + problem.variables.len(),
@@ -268,35 +249,6 @@ fn check_limits(limits: Limits, place: &Place<'_>, errors: &mut Errors) {
     }
     if let Some(steps) = limits.steps.filter(|steps| !(1..=MOST_STEPS).contains(steps)) {
         out_of_range(&place.key("steps"), steps as f64, &format!("1 to {MOST_STEPS}"), errors);
-    }
-}
-
-/// Refuses what no method here solves as it is posed. Variables in bounded sets have no impulses, so that their index is no
-/// reason.
-fn check_index(analysis: &Analysis, model: &DviModel, method: &Method, errors: &mut Errors) {
-    match analysis.unbounded_index {
-        Some(index) if index >= 3.0 && !method.accept_index_three => {
-            let detail = format!(
-                "the index is {index}: the variables show only in derivative number {index} of the inequalities, so that \
-                 solutions exist for special data only, and limits of approximate solutions need not be solutions"
-            );
-            let expected = "an inequality nearer to its variable (a velocity in place of a position), or \
-                            `\"accept_index_three\": true` in `method`";
-            let error = SpecificationError::new("/problem", "index_too_high", detail);
-            errors.push(error.expected(expected));
-        }
-        // Where the matrices vary, those at the start do not tell what happens at a bound: it may be crossed without rest.
-        Some(2.0)
-            if model.structure().has_impulses()
-                && model.structure().constant_jacobian
-                && !(method.step.is_some() && matches!(method.stages, Stages::Fixed(1))) =>
-        {
-            let detail = "the index is 2 (CB = 0): where a bound is reached the states jump, and only implicit Euler with a \
-                          fixed step takes such impulses in its stride";
-            let error = SpecificationError::new("/method", "index_two_needs_euler", detail);
-            errors.push(error.expected("`\"stages\": 1` and a fixed `step`, or the inequality posed for velocities"));
-        }
-        _ => {}
     }
 }
 

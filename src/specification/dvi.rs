@@ -14,14 +14,16 @@ use super::kinks;
 use super::lowering::{Lowering, Start};
 use super::mass;
 use super::matrix::Matrix;
+use super::model::Model;
 use super::ordered::Ordered;
 use super::place::Place;
 use super::set::{self, Block, LoweredSet};
 use super::start;
 use super::wording::abridged;
 use expression::Node;
-use models::{DviModel, Equations, Model, Outputs, Refusal, Rows, Symbolic};
+use models::{DviModel, Equations, Outputs, Refusal, Rows, Symbolic};
 use serde::{Deserialize, Serialize};
+use std::sync::Arc;
 use utoipa::ToSchema;
 
 /// The general form: rates of the states, an inequality for each variable, and the set they lie in.
@@ -69,7 +71,7 @@ pub struct Variable {
 
 impl DviProblem {
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Model>) {
+    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Arc<dyn Model>>) {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let (n, m) = (self.states.len(), self.variables.len());
         if n == 0 {
@@ -119,7 +121,7 @@ impl DviProblem {
         if let Some(t) = lowering.start.filter(|_| lowering.errors.is_empty()) {
             start::check(&model, t, row_pointer, &mut lowering.errors);
         }
-        (lowering, Some(Model::Dvi(Box::new(model))))
+        (lowering, Some(Arc::new(model)))
     }
 
     /// The problem with its kinks written as a set, as JSON, if it can be.

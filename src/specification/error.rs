@@ -54,7 +54,7 @@ pub(super) const MOST: usize = 100;
 
 /// The errors found so far.
 #[derive(Debug, Default)]
-pub(super) struct Errors {
+pub struct Errors {
     listed: Vec<SpecificationError>,
     cut: bool,
 }

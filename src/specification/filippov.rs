@@ -6,15 +6,17 @@ use super::error::SpecificationError;
 use super::expression::Expression;
 use super::kinks;
 use super::lowering::{Lowering, Start};
+use super::model::Model;
 use super::ordered::Ordered;
 use super::place::Place;
 use super::start;
 use super::wording::{abridged, listed};
 use expression::{Node, nearest};
 use models::filippov::{Region, departures, many_regions, two_regions};
-use models::{DviModel, Equations, Model, Outputs, Symbolic};
+use models::{DviModel, Equations, Outputs, Symbolic};
 use serde::Deserialize;
 use solution::Warning;
+use std::sync::Arc;
 use utoipa::ToSchema;
 
 /// Rates that jump between regions. Either `surface`, and `plus` and `minus` of every state; or `regions`.
@@ -65,7 +67,7 @@ impl FilippovProblem {
     }
 
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Model>) {
+    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Arc<dyn Model>>) {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let n = self.states.len();
         let states = place.key("states");
@@ -127,7 +129,7 @@ impl FilippovProblem {
         if let Some(t) = lowering.start {
             start::check(&model, t, row_pointer, &mut lowering.errors);
         }
-        (lowering, Some(Model::Dvi(Box::new(model))))
+        (lowering, Some(Arc::new(model)))
     }
 
     /// The two regions of a surface, that of `plus` first.

@@ -9,13 +9,15 @@ use super::expression::Expression;
 use super::lowering::{Lowering, Start};
 use super::mass;
 use super::matrix::Matrix;
+use super::model::Model;
 use super::ordered::Ordered;
 use super::place::Place;
 use super::set::{self, Block};
 use super::start;
 use expression::Node;
-use models::{DviModel, Equations, KinkAdvice, Linear, LinearRows, Model, Outputs};
+use models::{DviModel, Equations, KinkAdvice, Linear, LinearRows, Outputs};
 use serde::Deserialize;
+use std::sync::Arc;
 use utoipa::ToSchema;
 
 /// `M x' = A x + B z + a(t)`, `G = C x + D z + g(t)`, `z in K`. What is left out is zero.
@@ -65,7 +67,7 @@ impl LcsProblem {
     }
 
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Model>) {
+    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Arc<dyn Model>>) {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let (n, m) = (self.initial.len(), self.variables());
         if n == 0 {
@@ -120,7 +122,7 @@ impl LcsProblem {
             };
             start::check(&model, t, pointer, &mut lowering.errors);
         }
-        (lowering, Some(Model::Dvi(Box::new(model))))
+        (lowering, Some(Arc::new(model)))
     }
 
     /// `[A B; C D]` by its nonzeros.

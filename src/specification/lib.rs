@@ -2,7 +2,7 @@
 //!
 //! A document is read ([`Specification::from_json`]; [`Draft`] for who asks first how long it takes) in three steps, and the errors of all three are reported together:
 //! JSON to a tree that keeps the order of members; the tree to the types of this module, which are also the source of
-//! the JSON Schema ([`json_schema`]); the types to a [`Model`](models::Model), where names, shapes, domains and
+//! the JSON Schema ([`json_schema`]); the types to a [`Model`], where names, shapes, domains and
 //! the affine form of the rates are checked. Choices are tagged from outside, `{"box": {..}}`, so that every value has
 //! an exact place.
 
@@ -33,6 +33,7 @@ mod mechanical;
 mod memory;
 mod method;
 mod mismatch;
+mod model;
 mod obstacle;
 mod ordered;
 mod output;
@@ -74,6 +75,7 @@ pub use lcs::LcsProblem;
 pub use matrix::{Matrix, SparseMatrix};
 pub use mechanical::{ConeName, Contact, Coordinate, Friction, Interpenetration, Joint, MechanicalProblem};
 pub use method::{ImpactLawName, Impacts, Method, MethodName, Switches, ViSolverName};
+pub use model::{By, Ladder, Model, Sizes, Varied, WithStages};
 pub use obstacle::{Boundary, BoundaryCondition, Directions, Domain, MassName, ObstacleProblem, PerDirection};
 pub use ordered::Ordered;
 pub use output::Output;

@@ -6,7 +6,6 @@ use super::place::Place;
 use super::plan::MOST_STEPS;
 use super::stages::Stages;
 use super::tolerance::AbsoluteTolerance;
-use models::Model;
 use radau::MOST_STAGES;
 use serde::Deserialize;
 use utoipa::ToSchema;
@@ -190,7 +189,7 @@ impl Method {
 
     /// The keys that say what error a step may have, as far as they were given. A tolerance that is the default may not
     /// have been.
-    fn error_controls(&self) -> impl Iterator<Item = &'static str> {
+    pub(super) fn error_controls(&self) -> impl Iterator<Item = &'static str> {
         let given = [
             ("rtol", self.rtol != default_rtol()),
             ("atol", self.atol.is_some()),
@@ -199,91 +198,6 @@ impl Method {
             ("min_step", self.min_step.is_some()),
         ];
         given.into_iter().filter(|(_, given)| *given).map(|(key, _)| key)
-    }
-
-    /// Checks that the method is one for this model.
-    pub(super) fn check_for(&self, model: &Model, place: &Place<'_>, errors: &mut Errors) {
-        if let Model::Mechanical(mechanical) = model
-            && self.impacts() == Impacts::Locate
-        {
-            let contacts = &mechanical.structure().contacts;
-            for k in (0..contacts.len()).filter(|&k| contacts[k].facets.is_some()) {
-                let pointer = format!("/problem/mechanical/contacts/{k}/friction/cone");
-                let detail = "smooth motion between located impacts knows friction from the disk alone";
-                let error = SpecificationError::new(pointer, "conflict", detail);
-                errors.push(error.expected("`quadratic`, or `time_stepping` with a `step` as the method"));
-            }
-        }
-        let mut refuse = |key: &str, detail: &str, expected: &str| {
-            let error = SpecificationError::new(place.key(key).to_string(), "conflict", detail);
-            errors.push(error.expected(expected));
-        };
-        if matches!(model, Model::RigidBodies(_)) && self.impacts == Some(Impacts::Locate) {
-            refuse(
-                "impacts",
-                "bodies in space take impacts as they fall into steps",
-                "`time_stepping`, or to be left out",
-            );
-        }
-        if matches!(model, Model::Mechanical(_))
-            && self.impacts() == Impacts::TimeStepping
-            && self.stages != Stages::Auto
-        {
-            refuse("stages", "time stepping has no stages", "to be left out, or `impacts` to be `locate`");
-        }
-        if let Model::RigidBodies(_) = model {
-            for key in self.error_controls() {
-                refuse(key, "bodies in space go in steps of one size, and no error is measured", "`step` alone");
-            }
-            if self.stages != Stages::Auto {
-                refuse("stages", "the stepper of bodies in space has no stages", "to be left out");
-            }
-            if self.switches != Switches::default() {
-                refuse("switches", "steps of one size go over all that happens to bodies in space", "to be left out");
-            }
-            if self.vi_solver != ViSolverName::Auto {
-                refuse("vi_solver", "the law of contact has solvers of its own", "`auto`, or to be left out");
-            }
-            if self.accept_index_three {
-                refuse("accept_index_three", "no problem of bodies in space has index three", "to be left out");
-            }
-        }
-        match (model, self.name) {
-            (Model::Mechanical(_) | Model::RigidBodies(_), MethodName::Radau) => {
-                refuse("name", "Radau IIA alone knows no impacts", "`auto` or `contact`");
-            }
-            (Model::Mechanical(_) | Model::RigidBodies(_), MethodName::TrBdf2) => {
-                refuse("name", "this is the method of obstacle problems", "`auto` or `contact`");
-            }
-            (Model::Dvi(_), MethodName::Contact | MethodName::TrBdf2) => {
-                refuse("name", "this problem has no contacts and no grid", "`auto` or `radau`");
-            }
-            (Model::Obstacle(_), MethodName::Radau | MethodName::Contact | MethodName::Convolution) => {
-                refuse("name", "obstacle problems have a method of their own", "`auto` or `tr_bdf2`");
-            }
-            (Model::Convolution(_), MethodName::Radau | MethodName::Contact | MethodName::TrBdf2) => {
-                refuse("name", "this problem has a memory", "`auto` or `convolution`");
-            }
-            (Model::Dvi(_) | Model::Mechanical(_) | Model::RigidBodies(_), MethodName::Convolution) => {
-                refuse("name", "this problem has no memory", "`auto`");
-            }
-            _ => {}
-        }
-        if matches!(model, Model::Dvi(_) | Model::Obstacle(_) | Model::Convolution(_)) {
-            for (key, given) in [("impacts", self.impacts.is_some()), ("impact_law", self.impact_law.is_some())] {
-                if given {
-                    refuse(key, "only mechanical systems have impacts", "to be left out");
-                }
-            }
-        }
-        if let Model::Obstacle(_) = model {
-            if self.stages != Stages::Auto {
-                refuse("stages", "the method of obstacle problems has two stages", "to be left out");
-            }
-            if !matches!(self.vi_solver, ViSolverName::Auto | ViSolverName::ActiveSet) {
-                refuse("vi_solver", "obstacle problems are solved on the active set", "`auto` or `active_set`");
-            }
-        }
     }
 }
 

@@ -1,11 +1,11 @@
 //! From a checked specification to what the integration is told.
 
 use super::checked::Specification;
-use super::method::{ImpactLawName, Impacts, Switches, ViSolverName};
+use super::method::{ImpactLawName, Switches, ViSolverName};
 use super::stages::Stages;
-use models::{Model, obstacle};
+use models::obstacle;
 use radau::{self, Settings, StageChoice};
-use solution::{ContactPlan, Plan};
+use solution::Plan;
 use vi::SolverKind;
 
 /// The steps that a run may make unless `limits.steps` says less.
@@ -14,10 +14,6 @@ pub(super) const MOST_STEPS: u64 = 10_000_000;
 pub(super) const MOST_VALUES: usize = 1 << 25;
 /// The natural-map residual to reach where none is given, relative to the terms of `G`.
 pub(super) const VI_TOLERANCE: f64 = 1e-10;
-/// The relative residual of the law of contact where none is given: bodies at rest are not to creep.
-const CONTACT_TOLERANCE: f64 = 1e-12;
-/// The same for bodies in space, whose many redundant contacts leave no more digits.
-const BODIES_TOLERANCE: f64 = 1e-10;
 /// Steps of time stepping over the horizon where no step is given.
 const DEFAULT_STEPS: f64 = 10_000.0;
 
@@ -79,23 +75,18 @@ impl Specification {
         }
     }
 
-    /// The choices for the steppers of contact.
-    pub fn contact_plan(&self) -> ContactPlan {
+    /// The choices for the steppers of contact, with the relative residual of the law where none is given.
+    pub(super) fn contact_settings(&self, tolerance: f64) -> contact::Settings {
         let (method, time) = (self.method(), self.time());
-        let settings = contact::Settings {
+        contact::Settings {
             step: method.step.unwrap_or((time.end - time.start) / DEFAULT_STEPS),
             default_step: method.step.is_none(),
             impact_law: match method.impact_law.unwrap_or_default() {
                 ImpactLawName::Simultaneous => contact::ImpactLaw::Simultaneous,
                 ImpactLawName::Sequential => contact::ImpactLaw::Sequential,
             },
-            tolerance: method.vi_tolerance.unwrap_or(match self.model() {
-                Model::RigidBodies(_) => BODIES_TOLERANCE,
-                _ => CONTACT_TOLERANCE,
-            }),
-        };
-        let located = method.impacts() == Impacts::Locate;
-        ContactPlan { settings, located: located.then(|| self.settings()) }
+            tolerance: method.vi_tolerance.unwrap_or(tolerance),
+        }
     }
 }
 

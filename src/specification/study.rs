@@ -6,12 +6,12 @@ use super::error::{Errors, SpecificationError};
 use super::expression::Expression;
 use super::lowering::{Lowering, Start};
 use super::method::{Impacts, Method, check_rtol, check_stages, check_step, out_of_range};
+use super::model::{Model, WithStages};
 use super::ordered::Ordered;
 use super::place::Place;
 use super::stages::Stages;
 use super::wording::{abridged, listed};
 use expression::{Tape, nearest};
-use models::Model;
 use problem::Control;
 use serde::Deserialize;
 use utoipa::ToSchema;
@@ -81,7 +81,7 @@ impl StudyRequest {
     /// Checks a study of a model; `parameters` are those of the problem, at `problem`.
     pub(super) fn check(
         &self,
-        (model, method, time): (&Model, &Method, Time),
+        (model, method, time): (&dyn Model, &Method, Time),
         (parameters, problem): (&Ordered<Expression>, &Place<'_>),
         place: &Place<'_>,
         errors: &mut Errors,
@@ -107,14 +107,14 @@ impl StudyRequest {
         plan
     }
 
-    fn rungs(&self, model: &Model, time: Time, place: &Place<'_>, errors: &mut Errors) -> Vec<Rung> {
+    fn rungs(&self, model: &dyn Model, time: Time, place: &Place<'_>, errors: &mut Errors) -> Vec<Rung> {
         let conflict = |detail: &str, expected: &str| {
             SpecificationError::new(place.to_string(), "conflict", detail).expected(expected)
         };
         match (&self.rtol, &self.step) {
             (Some(_), Some(_)) => errors.push(conflict("both `rtol` and `step` are given", "one of them")),
             (None, None) => errors.push(conflict("neither `rtol` nor `step` is given", "one of them")),
-            (Some(_), None) if matches!(model, Model::RigidBodies(_)) => {
+            (Some(_), None) if !model.varied().tolerance => {
                 errors.push(conflict("bodies in space are solved in steps of one size", "`step`"));
             }
             (Some(tolerances), None) => {
@@ -134,12 +134,16 @@ impl StudyRequest {
         Vec::new()
     }
 
-    fn stages(&self, model: &Model, method: &Method, place: &Place<'_>, errors: &mut Errors) -> Vec<Stages> {
+    fn stages(&self, model: &dyn Model, method: &Method, place: &Place<'_>, errors: &mut Errors) -> Vec<Stages> {
         let Some(stages) = &self.stages else { return vec![method.stages] };
         let place = place.key("stages");
         check_length(stages.len(), &place, errors);
-        let located = matches!(model, Model::Mechanical(_)) && method.impacts != Some(Impacts::TimeStepping);
-        if model.dvi().is_none() && !matches!(model, Model::Convolution(_)) && !located {
+        let has_stages = match model.varied().stages {
+            WithStages::Always => true,
+            WithStages::Located => method.impacts != Some(Impacts::TimeStepping),
+            WithStages::Never => false,
+        };
+        if !has_stages {
             let error =
                 SpecificationError::new(place.to_string(), "conflict", "this problem is not solved by Radau IIA");
             errors.push(error.expected("`stages` to be left out"));

@@ -1,13 +1,10 @@
 //! What a checked specification comes to, told without a solve.
 
 use super::checked::Specification;
+use super::model::Sizes;
 use analysis::Analysis;
-use models::Model;
 use serde::Serialize;
-use solution::{
-    Warning, describe, describe_contact, describe_convolution, describe_obstacle, describe_rigid_bodies,
-    uniqueness_caveat,
-};
+use solution::{Warning, uniqueness_caveat};
 
 /// Sizes, what the theory says, and what a solve would build.
 #[derive(Clone, Debug, Serialize)]
@@ -44,16 +41,10 @@ impl Specification {
     /// What this specification comes to.
     pub fn summary(&self) -> Summary {
         let model = self.model();
-        let Sizes { states, variables, moving_bounds, jacobian_nonzeros, constant_jacobian } = Sizes::of(model);
-        let described = match model {
-            Model::Dvi(model) => describe(model.structure(), &self.settings(), self.analysis()),
-            Model::Mechanical(model) => describe_contact(model, &self.contact_plan(), self.analysis()),
-            Model::RigidBodies(scene) => describe_rigid_bodies(scene, &self.contact_plan().settings, self.analysis()),
-            Model::Obstacle(problem) => describe_obstacle(problem, &self.obstacle_settings(), self.analysis()),
-            Model::Convolution(model) => describe_convolution(model, &self.convolution_plan(model), self.analysis()),
-        };
+        let Sizes { states, variables, moving_bounds, jacobian_nonzeros, constant_jacobian } = model.sizes();
+        let described = model.describe(self);
         let mut warnings = described.warnings;
-        if matches!(model, Model::Dvi(_) | Model::Convolution(_)) {
+        if model.has_theory_of_uniqueness() {
             warnings.extend(uniqueness_caveat(self.analysis()));
         }
         warnings.extend(model.warnings().iter().cloned());
@@ -70,66 +61,6 @@ impl Specification {
             built: described.built,
             left_out: described.left_out,
             warnings,
-        }
-    }
-}
-
-/// The sizes of a model.
-struct Sizes {
-    states: usize,
-    variables: usize,
-    moving_bounds: usize,
-    jacobian_nonzeros: usize,
-    constant_jacobian: bool,
-}
-
-impl Sizes {
-    fn of(model: &Model) -> Self {
-        match model {
-            Model::Dvi(model) => {
-                let structure = model.structure();
-                Self {
-                    states: structure.states,
-                    variables: structure.variables,
-                    moving_bounds: structure.moving.len(),
-                    jacobian_nonzeros: structure.pattern.len(),
-                    constant_jacobian: structure.constant_jacobian,
-                }
-            }
-            Model::Mechanical(model) => {
-                let structure = model.structure();
-                Self {
-                    states: 2 * structure.coordinates,
-                    variables: structure.rows(),
-                    moving_bounds: 0,
-                    jacobian_nonzeros: 0,
-                    constant_jacobian: structure.constant_mass && structure.constant_forces,
-                }
-            }
-            Model::Obstacle(problem) => {
-                let nodes = problem.grid.nodes();
-                Self {
-                    states: nodes,
-                    variables: if problem.has_obstacle() { nodes } else { 0 },
-                    moving_bounds: 0,
-                    jacobian_nonzeros: 0,
-                    constant_jacobian: problem.has_constant_operator(),
-                }
-            }
-            Model::Convolution(model) => Self {
-                states: 0,
-                variables: model.variables(),
-                moving_bounds: model.forcing.structure().moving.len(),
-                jacobian_nonzeros: model.at_zero.iter().filter(|entry| **entry != 0.0).count(),
-                constant_jacobian: true,
-            },
-            Model::RigidBodies(_) => Self {
-                states: model.state_names().len(),
-                variables: 0,
-                moving_bounds: 0,
-                jacobian_nonzeros: 0,
-                constant_jacobian: false,
-            },
         }
     }
 }

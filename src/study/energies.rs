@@ -1,10 +1,9 @@
 //! The energy of contact runs: how far the balance of each example that has one is off, at tolerances and at steps.
 
-use models::Model;
 use problem::Control;
 use serde::{Deserialize, Serialize};
 use solution::Status;
-use specification::{EXAMPLES, Rung, Specification};
+use specification::{By, EXAMPLES, Rung, Specification};
 use std::time::{Duration, Instant};
 
 /// The tolerances of runs that choose their steps.
@@ -37,15 +36,11 @@ pub fn balances() -> Vec<Balance> {
 fn of_example(name: &str, text: &str) -> Vec<Balance> {
     let Ok(specification) = Specification::from_json(text.as_bytes()) else { return Vec::new() };
     let horizon = specification.time().end - specification.time().start;
-    let tolerances = || TOLERANCES.map(Rung::Tolerance).to_vec();
-    let steps = || STEPS.map(|steps| Rung::Step(horizon / steps)).to_vec();
-    let rungs = match specification.model() {
-        Model::Mechanical(_) => [tolerances(), steps()].concat(),
-        Model::RigidBodies(_) => steps(),
-        Model::Dvi(_) => tolerances(),
-        Model::Convolution(_) | Model::Obstacle(_) => Vec::new(),
-    };
-    rungs.into_iter().map_while(|rung| balance(name, &specification, rung)).collect()
+    let rungs = specification.model().varied().balances.iter().flat_map(|by| match by {
+        By::Tolerance => TOLERANCES.map(Rung::Tolerance),
+        By::Step => STEPS.map(|steps| Rung::Step(horizon / steps)),
+    });
+    rungs.map_while(|rung| balance(name, &specification, rung)).collect()
 }
 
 /// The balance of one run; none where the problem has none.

@@ -12,12 +12,11 @@ pub mod stability;
 pub use page::html;
 pub use solve::solve;
 
-use models::Model;
 use problem::Control;
 use solution::pictures::work_precision;
 use solution::{Series, Solution, Status, Study, StudyRun, Trajectory};
 use solve::solve_once;
-use specification::{Exact, Rung, Specification, Stages, StudyPlan};
+use specification::{By, Exact, Model, Rung, Specification, Stages, StudyPlan};
 
 /// Times to compare at where the user names none.
 const TIMES: usize = 33;
@@ -75,7 +74,7 @@ pub fn study(specification: &Specification, plan: &StudyPlan, control: &Control)
             measured.order = done.last().and_then(|before| order(before, &measured));
             done.push(measured);
         }
-        series.push(Series { method: name(specification.model(), stages), runs: done });
+        series.push(Series { method: specification.model().method_name(stages), runs: done });
     }
     let picture = work_precision(&series, specification.label(), &reference);
     Study { reference, series, picture }
@@ -95,12 +94,12 @@ fn times(specification: &Specification) -> Vec<f64> {
 }
 
 /// A rung beyond the finest, and its name.
-fn reference(model: &Model, rungs: &[Rung]) -> (Rung, String) {
+fn reference(model: &dyn Model, rungs: &[Rung]) -> (Rung, String) {
     let finest = rungs.iter().fold(f64::INFINITY, |finest, rung| match rung {
         Rung::Tolerance(x) | Rung::Step(x) => finest.min(*x),
     });
     let by_step = matches!(rungs.first(), Some(Rung::Step(_)));
-    if by_step && matches!(model, Model::RigidBodies(_) | Model::Convolution(_) | Model::Obstacle(_)) {
+    if by_step && model.varied().reference == By::Step {
         let step = finest / FINER;
         return (Rung::Step(step), format!("a run with the step {step:e}"));
     }
@@ -170,15 +169,4 @@ fn order(before: &StudyRun, run: &StudyRun) -> Option<f64> {
     let rung = |run: &StudyRun| run.rtol.or(run.step);
     let errors = before.error_at_end?.ln() - run.error_at_end?.ln();
     Some(errors / (rung(before)?.ln() - rung(run)?.ln())).filter(|order| order.is_finite())
-}
-
-fn name(model: &Model, stages: Stages) -> String {
-    match (model, stages) {
-        (Model::Mechanical(_) | Model::RigidBodies(_), _) => "contact".to_owned(),
-        (Model::Obstacle(_), _) => "tr_bdf2".to_owned(),
-        (Model::Convolution(_), Stages::Auto) => "convolution".to_owned(),
-        (Model::Dvi(_), Stages::Auto) => "stages chosen".to_owned(),
-        (Model::Dvi(_) | Model::Convolution(_), Stages::Fixed(1)) => "1 stage".to_owned(),
-        (Model::Dvi(_) | Model::Convolution(_), Stages::Fixed(stages)) => format!("{stages} stages"),
-    }
 }

@@ -1,12 +1,11 @@
 //! The systems of the theory, each at a ladder of tolerances and steps: what a report is made of.
 
-use models::Model;
 use problem::Control;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use solution::pictures::{Curve, curves, overview};
 use solution::{Series, Status};
-use specification::{Example, Specification};
+use specification::{By, Example, Specification};
 use std::collections::HashMap;
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};
@@ -20,9 +19,6 @@ const LONGEST: Duration = Duration::from_secs(10);
 
 /// Times to compare at, which also tell how large each state is.
 const TIMES: u32 = 33;
-
-/// What is said of runs with a fixed step.
-const FIXED: &str = " at fixed steps";
 
 /// The methods that show in the picture of all systems: of each the first that it has been run by.
 const CHOSEN: [&str; 5] = ["stages chosen", "contact, located", "tr_bdf2", "3 stages", "3 stages at fixed steps"];
@@ -71,21 +67,16 @@ pub fn chapter(example: &Example) -> Option<Chapter> {
     let specification = Specification::from_json(document.to_string().as_bytes()).ok()?;
     let horizon = specification.time().end - specification.time().start;
     let steps: Vec<f64> = STEPS.iter().map(|steps| horizon / steps).collect();
-    let by_tolerance = json!({"rtol": TOLERANCES});
-    let by_step = json!({"step": steps});
-    let with = |mut ladder: Value, stages: Value| {
-        ladder["stages"] = stages;
-        ladder
-    };
-    let ladders = match specification.model() {
-        Model::Dvi(_) => {
-            vec![("", with(by_tolerance, json!([3, 5, "auto"]))), (FIXED, with(by_step, json!([1, 2, 3])))]
+    let ladders = specification.model().varied().ladders.iter().map(|ladder| {
+        let mut study = match ladder.by {
+            By::Tolerance => json!({"rtol": TOLERANCES}),
+            By::Step => json!({"step": steps}),
+        };
+        if !ladder.stages.is_empty() {
+            study["stages"] = json!(ladder.stages);
         }
-        Model::Mechanical(_) => vec![(", located", by_tolerance), (FIXED, by_step)],
-        Model::Convolution(_) => vec![(FIXED, with(by_step, json!([1, 2, 3])))],
-        Model::Obstacle(_) => vec![("", by_tolerance), (FIXED, by_step)],
-        Model::RigidBodies(_) => vec![(FIXED, by_step)],
-    };
+        (ladder.name, study)
+    });
     let mut chapter = Chapter {
         name: example.name.to_owned(),
         title: specification.label().unwrap_or(example.name).to_owned(),

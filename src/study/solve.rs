@@ -1,7 +1,6 @@
 //! A specification solved, with its study where it asks for one.
 
 use crate::study;
-use models::Model;
 use problem::Control;
 use solution::Solution;
 use specification::Specification;
@@ -20,28 +19,7 @@ const FIRST: f64 = 0.1;
 /// One solve, without a study.
 pub(crate) fn solve_once(specification: &Specification, control: &Control) -> Solution {
     let (model, plan) = (specification.model(), specification.plan());
-    let mut solution = match model {
-        Model::Dvi(model) => {
-            let (settings, analysis) = (specification.settings(), specification.analysis());
-            solution::integrate(model, &plan, &settings, analysis, control)
-        }
-        Model::Mechanical(model) => {
-            let (contact, analysis) = (specification.contact_plan(), specification.analysis());
-            solution::integrate_contact(model, &plan, &contact, analysis, control)
-        }
-        Model::RigidBodies(scene) => {
-            let (settings, analysis) = (specification.contact_plan().settings, specification.analysis());
-            solution::step_rigid_bodies(scene, &plan, &settings, analysis, control)
-        }
-        Model::Obstacle(problem) => {
-            let (settings, analysis) = (specification.obstacle_settings(), specification.analysis());
-            solution::integrate_obstacle(problem, &plan, &settings, analysis, control)
-        }
-        Model::Convolution(model) => {
-            let (convolution, analysis) = (specification.convolution_plan(model), specification.analysis());
-            solution::integrate_convolution(model, &plan, &convolution, analysis, control)
-        }
-    };
+    let mut solution = model.run(specification, &plan, control);
     solution.diagnostics.warnings.extend(model.warnings().iter().cloned());
     solution.judge(plan.end);
     solution

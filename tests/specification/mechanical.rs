@@ -129,7 +129,8 @@ fn coriolis_forces_are_those_of_the_textbook() {
         "mass": [[2, "cos(a - b)"], ["cos(a - b)", 1]], "potential": "-9.81*(2*cos(a) + cos(b))"}},
         "time": {"end": 1}});
     let specification = Specification::from_json(document.to_string().as_bytes()).unwrap();
-    let dvi::models::Model::Mechanical(model) = specification.model() else { panic!("a mechanical system") };
+    let model: &dyn std::any::Any = specification.model();
+    let model: &dvi::models::MechanicalModel = model.downcast_ref().expect("a mechanical system");
     let mut problem: Box<dyn Mechanical> = model.problem();
     let (a, b, a_dot, b_dot) = (0.3_f64, -0.7_f64, 1.1_f64, 2.3_f64);
     let mut f = [0.0; 2];

@@ -77,19 +77,21 @@ impl Radau<'_> {
     /// that belong to them; at the end of a step that is a switch, those after it.
     pub fn interpolate(&mut self, t: f64, out: &mut [f64]) {
         let at_end = t == self.t;
+        let mut are_found = false;
         if at_end {
             out.copy_from_slice(&self.y);
-            self.find_variables(t, out);
+            are_found = self.find_variables(t, out);
         } else {
             self.last.at(self.methods[self.last_method].tableau, t, out);
             std::mem::swap(&mut self.system.face, &mut self.last.face);
             if self.last.is_smooth {
-                self.bring_onto_face(t, out);
+                are_found = self.bring_onto_face(t, out);
             } else {
                 inequality::solve(&mut self.system, t, out);
             }
         }
-        if !self.system.bounded.is_empty() && self.system.evaluate(t, out) {
+        // The bounds are those at the states already where variables were found for them.
+        if !self.system.bounded.is_empty() && (are_found || self.system.evaluate(t, out)) {
             self.system.project(out);
         }
         if !at_end {
@@ -97,19 +99,21 @@ impl Radau<'_> {
         }
     }
 
-    /// Brings `y` at `t` onto the present face: the states onto its constraints, the variables to those that belong to them.
-    pub(crate) fn bring_onto_face(&mut self, t: f64, y: &mut [f64]) {
+    /// Brings `y` at `t` onto the present face: the states onto its constraints, the variables to those that belong to them;
+    /// whether these were found.
+    pub(crate) fn bring_onto_face(&mut self, t: f64, y: &mut [f64]) -> bool {
         self.switching.constraints.correct(&mut self.system, &self.control, t, y);
-        self.find_variables(t, y);
+        self.find_variables(t, y)
     }
 
-    /// The variables in `y` that belong to the states on the present face.
-    fn find_variables(&mut self, t: f64, y: &mut [f64]) {
-        if let Some(consistent) = &mut self.consistent
-            && !consistent.solve(&mut self.system, &self.control, t, y)
-        {
+    /// The variables in `y` that belong to the states on the present face; whether they were found.
+    fn find_variables(&mut self, t: f64, y: &mut [f64]) -> bool {
+        let Some(consistent) = &mut self.consistent else { return false };
+        let are_found = consistent.solve(&mut self.system, &self.control, t, y);
+        if !are_found {
             self.forget_jacobian();
         }
+        are_found
     }
 
     /// What is needed to judge the variables at the time reached; `None` where no variable has a bound.

@@ -7,7 +7,6 @@
 
 use super::job::Job;
 use super::{Jobs, Order};
-use models::Model;
 use solution::Status;
 use specification::Specification;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -51,7 +50,5 @@ impl Jobs {
 }
 
 fn is_small(specification: &Specification) -> bool {
-    matches!(specification.model(), Model::Dvi(_))
-        && specification.study().is_none()
-        && specification.memory_bytes() <= SMALL
+    specification.model().dvi().is_some() && specification.study().is_none() && specification.memory_bytes() <= SMALL
 }

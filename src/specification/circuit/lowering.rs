@@ -6,18 +6,19 @@ use super::{CircuitProblem, MOST_COMPONENTS, model, netlist};
 use crate::error::SpecificationError;
 use crate::expression::Expression;
 use crate::lowering::{Lowering, Start};
+use crate::model::Model;
 use crate::place::Place;
 use crate::wording::abridged;
-use models::Model;
 use models::circuit::{Element, Law};
 use std::collections::HashMap;
+use std::sync::Arc;
 
 /// The name of ground.
 pub(super) const GROUND: &str = "0";
 
 impl CircuitProblem {
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(crate) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Model>) {
+    pub(crate) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Arc<dyn Model>>) {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let model = match (&self.components, &self.netlist) {
             (Some(components), None) => {
@@ -57,7 +58,7 @@ struct Circuit<'a> {
 }
 
 impl Circuit<'_> {
-    fn model(&self, lowering: &mut Lowering) -> Option<Model> {
+    fn model(&self, lowering: &mut Lowering) -> Option<Arc<dyn Model>> {
         let count = self.components.len();
         if count == 0 || count > MOST_COMPONENTS {
             let detail = format!("{count} components");

@@ -3,10 +3,12 @@
 use super::faults::Names;
 use crate::error::SpecificationError;
 use crate::lowering::Lowering;
+use crate::model::Model;
 use crate::start;
 use expression::Node;
 use models::circuit::{Columns, Element, Equations as Forms, Fault, Law, NormalTree, Port, System};
-use models::{DviModel, Equations, KinkAdvice, Linear, Model, Outputs};
+use models::{DviModel, Equations, KinkAdvice, Linear, Outputs};
+use std::sync::Arc;
 
 /// The model of a circuit whose components are right each by itself.
 ///
@@ -16,7 +18,7 @@ pub(super) fn model(
     elements: &[Element],
     names: &Names<'_>,
     lowering: &mut Lowering,
-) -> Result<Model, Vec<SpecificationError>> {
+) -> Result<Arc<dyn Model>, Vec<SpecificationError>> {
     let told = |faults: Vec<Fault>| -> Vec<SpecificationError> { faults.iter().map(|f| names.error(f)).collect() };
     let tree = NormalTree::new(elements, names.nodes.len()).map_err(told)?;
     let columns = Columns::new(elements, &tree);
@@ -66,7 +68,7 @@ pub(super) fn model(
     if let Some(t) = lowering.start {
         start::check(&model, t, |_| names.whole.clone(), &mut lowering.errors);
     }
-    Ok(Model::Dvi(Box::new(model)))
+    Ok(Arc::new(model))
 }
 
 /// Node voltages, currents, and the voltages of diodes and switches, but for what is a state or a variable.

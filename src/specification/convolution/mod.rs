@@ -4,21 +4,23 @@
 mod kernel;
 mod plan;
 
-pub(super) use plan::check;
+pub(super) use plan::{check, numbers, plan_of};
 
 use super::dvi::refused;
 use super::error::SpecificationError;
 use super::expression::Expression;
 use super::lowering::{Lowering, Start};
 use super::matrix::Matrix;
+use super::model::Model;
 use super::ordered::Ordered;
 use super::place::Place;
 use super::set::{self, Block, LoweredSet};
 use super::start;
-use models::{ConvolutionModel, DviModel, Equations, KinkAdvice, Model, Outputs, Rows, Symbolic};
+use models::{ConvolutionModel, DviModel, Equations, KinkAdvice, Outputs, Rows, Symbolic};
 use problem::{Mass, Workspace};
 use serde::Deserialize;
 use solution::Warning;
+use std::sync::Arc;
 use utoipa::ToSchema;
 
 /// `z in K`, `<(m * z)(t) + q(t), z~ - z> >= 0` for all `z~ in K`, with `(m * z)(t)` the integral of `m(t - s) z(s)` over `s`
@@ -71,7 +73,7 @@ pub struct FractionalKernel {
 
 impl ConvolutionProblem {
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Model>) {
+    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Arc<dyn Model>>) {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let m = self.variables.len();
         let variables = place.key("variables");
@@ -121,7 +123,7 @@ impl ConvolutionProblem {
             forcing.warnings.extend(impulse(&forcing, t));
         }
         let model = kernel.map(|(kernel, index, at_zero)| {
-            Model::Convolution(Box::new(ConvolutionModel::new(forcing, kernel, index, at_zero)))
+            Arc::new(ConvolutionModel::new(forcing, kernel, index, at_zero)) as Arc<dyn Model>
         });
         (lowering, model)
     }

@@ -18,36 +18,34 @@ const MOST_UNKNOWNS: usize = 2_000;
 const FIRST_MESH: usize = 64;
 const LAST_MESH: usize = 1 << 17;
 
-impl Specification {
-    /// The choices for a problem with memory.
-    pub fn convolution_plan(&self, model: &ConvolutionModel) -> ConvolutionPlan {
-        let (method, time) = (self.method(), self.time());
-        let within = |step: Option<f64>| step.map(|step| steps_of(time, step));
-        let most = most_steps(model, method.stages);
-        let mesh = match within(method.step) {
-            Some(steps) => Mesh::Fixed(steps),
-            None => {
-                let first = within(method.first_step.or(method.max_step)).unwrap_or(FIRST_MESH);
-                let last = within(method.min_step).unwrap_or(LAST_MESH).min(most);
-                let (rtol, atol) = (method.rtol, self.absolute_tolerances().to_vec());
-                Mesh::Halved { first: first.min(last), most: last, rtol, atol }
-            }
-        };
-        let settings = Settings {
-            stages: stages(method.stages),
-            vi_solver: solver(method.vi_solver),
-            vi_tolerance: method.vi_tolerance.unwrap_or(VI_TOLERANCE),
-        };
-        ConvolutionPlan { settings, mesh, most }
-    }
+/// The choices for a problem with memory.
+pub fn plan_of(model: &ConvolutionModel, specification: &Specification) -> ConvolutionPlan {
+    let (method, time) = (specification.method(), specification.time());
+    let within = |step: Option<f64>| step.map(|step| steps_of(time, step));
+    let most = most_steps(model, method.stages);
+    let mesh = match within(method.step) {
+        Some(steps) => Mesh::Fixed(steps),
+        None => {
+            let first = within(method.first_step.or(method.max_step)).unwrap_or(FIRST_MESH);
+            let last = within(method.min_step).unwrap_or(LAST_MESH).min(most);
+            let (rtol, atol) = (method.rtol, specification.absolute_tolerances().to_vec());
+            Mesh::Halved { first: first.min(last), most: last, rtol, atol }
+        }
+    };
+    let settings = Settings {
+        stages: stages(method.stages),
+        vi_solver: solver(method.vi_solver),
+        vi_tolerance: method.vi_tolerance.unwrap_or(VI_TOLERANCE),
+    };
+    ConvolutionPlan { settings, mesh, most }
+}
 
-    /// The numbers that the first run keeps.
-    pub(crate) fn convolution_numbers(&self, model: &ConvolutionModel) -> usize {
-        let steps = match self.convolution_plan(model).mesh {
-            Mesh::Fixed(steps) | Mesh::Halved { first: steps, .. } => steps,
-        };
-        steps.saturating_mul(numbers_a_step(model, self.method().stages))
-    }
+/// The numbers that the first run keeps.
+pub fn numbers(model: &ConvolutionModel, specification: &Specification) -> usize {
+    let steps = match plan_of(model, specification).mesh {
+        Mesh::Fixed(steps) | Mesh::Halved { first: steps, .. } => steps,
+    };
+    steps.saturating_mul(numbers_a_step(model, specification.method().stages))
 }
 
 /// Refuses a run that would not fit into memory.

@@ -17,14 +17,16 @@ use super::elements::Elements;
 use super::error::SpecificationError;
 use super::expression::Expression;
 use super::lowering::{Lowering, Start};
+use super::model::Model;
 use super::ordered::Ordered;
 use super::place::Place;
 use super::start;
 use body::Geometry;
 use models::elastic::{Continuum, semidiscretise};
-use models::{DviModel, Equations, KinkAdvice, Linear, Model};
+use models::{DviModel, Equations, KinkAdvice, Linear};
 use serde::Deserialize;
 use solution::Warning;
+use std::sync::Arc;
 use utoipa::ToSchema;
 
 /// A string, a bar, a rectangle or a box in small displacements, which obstacles bound: `rho u_tt = div s + f` with
@@ -93,7 +95,7 @@ impl ElasticProblem {
     }
 
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Model>) {
+    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Arc<dyn Model>>) {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let Some(geometry) = self.geometry(place, &mut lowering) else { return (lowering, None) };
         let names = DIRECTIONS.into_iter().take(geometry.grid.dimension());
@@ -147,7 +149,7 @@ impl ElasticProblem {
         if let Some(t) = lowering.start {
             start::check(&model, t, |_| place.to_string(), &mut lowering.errors);
         }
-        (lowering, Some(Model::Dvi(Box::new(model))))
+        (lowering, Some(Arc::new(model)))
     }
 }
 

@@ -16,12 +16,14 @@ use super::expression::Expression;
 use super::kinks;
 use super::lowering::{Lowering, Start};
 use super::matrix::Matrix;
+use super::model::Model;
 use super::ordered::Ordered;
 use super::place::Place;
 use contact::LoweredContacts;
 use expression::Node;
-use models::{MechanicalModel, MechanicalRows, Model, SymbolicMechanics, Underivable};
+use models::{MechanicalModel, MechanicalRows, SymbolicMechanics, Underivable};
 use serde::Deserialize;
+use std::sync::Arc;
 use utoipa::ToSchema;
 
 /// A mechanical system in generalised coordinates, with contacts and joints.
@@ -81,7 +83,7 @@ const MOST_CONSTRAINTS: usize = 400;
 
 impl MechanicalProblem {
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(crate) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Model>) {
+    pub(crate) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Arc<dyn Model>>) {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let n = self.coordinates.len();
         if n == 0 {
@@ -154,7 +156,7 @@ impl MechanicalProblem {
         if let Some(t) = lowering.start.filter(|_| lowering.errors.is_empty()) {
             start::settle(&mut model, t, self.interpenetration, place, &mut lowering.errors);
         }
-        (lowering, Some(Model::Mechanical(Box::new(model))))
+        (lowering, Some(Arc::new(model)))
     }
 
     fn initial(&self, place: &Place<'_>, lowering: &mut Lowering) -> Vec<f64> {

@@ -15,13 +15,14 @@ use super::elements::Elements;
 use super::error::SpecificationError;
 use super::expression::Expression;
 use super::lowering::{Lowering, Start};
+use super::model::Model;
 use super::ordered::Ordered;
 use super::place::Place;
-use models::Model;
 use models::finite_elements::{Grid, Quadrature};
 use models::obstacle::{Cause, Field, Obstacle, Probe, largest_peclet};
 use serde::Deserialize;
 use solution::Warning;
+use std::sync::Arc;
 use utoipa::ToSchema;
 
 /// A parabolic equation between obstacles: `u_t - div(a grad u) + b . grad u + c u = f` where `u` touches none. Beside the
@@ -80,7 +81,7 @@ impl ObstacleProblem {
     }
 
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Model>) {
+    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Arc<dyn Model>>) {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let dimension = self.domain.dimension();
         let place_of_domain = place.key("domain");
@@ -133,7 +134,7 @@ impl ObstacleProblem {
                 }
             }
         }
-        (lowering, Some(Model::Obstacle(Box::new(problem))))
+        (lowering, Some(Arc::new(problem)))
     }
 
     fn probes(&self, grid: Option<&Grid>, place: &Place<'_>, lowering: &mut Lowering) -> Vec<Probe> {

@@ -22,12 +22,13 @@ use super::error::SpecificationError;
 use super::expression::Expression;
 use super::lowering::{Lowering, Start};
 use super::mechanical::Interpenetration;
+use super::model::Model;
 use super::ordered::Ordered;
 use super::place::Place;
-use models::Model;
 use models::rigid_bodies::Scene;
 use serde::Deserialize;
 use std::collections::HashMap;
+use std::sync::Arc;
 use utoipa::ToSchema;
 use vectors::Vector;
 
@@ -64,7 +65,7 @@ pub struct RigidBodiesProblem {
 
 impl RigidBodiesProblem {
     /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Model>) {
+    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Arc<dyn Model>>) {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let place_of_bodies = place.key("bodies");
         if self.bodies.len() > MOST_BODIES {
@@ -101,6 +102,6 @@ impl RigidBodiesProblem {
             overlaps::refuse(&scene, &place_of_bodies, lowering.control, &mut lowering.errors);
             joints::refuse_torn(&self.joints, &scene, &place.key("joints"), &mut lowering.errors);
         }
-        (lowering, Some(Model::RigidBodies(scene)))
+        (lowering, Some(Arc::new(scene)))
     }
 }

@@ -1,0 +1,146 @@
+//! Differential variational inequalities, by Radau IIA.
+
+use super::{Asked, By, FIXED, Ladder, Model, Sizes, Varied, WithStages, name_of_stages, refuse, refuse_impacts};
+use crate::checked::Specification;
+use crate::error::{Errors, SpecificationError};
+use crate::method::MethodName;
+use crate::stages::Stages;
+use analysis::Analysis;
+use models::DviModel;
+use problem::{Control, ConvexSet, Warning};
+use radau::matrix_numbers;
+use solution::{Diagnostics, Plan, Solution};
+use std::ops::Range;
+
+/// The stages that a run with a choice of them begins with.
+const FEWEST_STAGES: usize = 3;
+
+impl Model for DviModel {
+    fn state_names(&self) -> Vec<String> {
+        self.state_names.clone()
+    }
+
+    fn output_names(&self) -> Vec<String> {
+        self.names().cloned().collect()
+    }
+
+    fn default_outputs(&self) -> Range<usize> {
+        let all = self.names().count();
+        if self.outputs.stand_for_unknowns { all - self.outputs.names.len()..all } else { 0..all }
+    }
+
+    fn initial(&self) -> Vec<f64> {
+        self.initial.clone()
+    }
+
+    fn warnings(&self) -> &[Warning] {
+        &self.warnings
+    }
+
+    fn sizes(&self) -> Sizes {
+        let structure = self.structure();
+        Sizes {
+            states: structure.states,
+            variables: structure.variables,
+            moving_bounds: structure.moving.len(),
+            jacobian_nonzeros: structure.pattern.len(),
+            constant_jacobian: structure.constant_jacobian,
+        }
+    }
+
+    fn set(&self) -> Option<&ConvexSet> {
+        Some(&self.structure().set)
+    }
+
+    fn dvi(&self) -> Option<&DviModel> {
+        Some(self)
+    }
+
+    fn analyse(&self, t: f64) -> Analysis {
+        DviModel::analyse(self, t)
+    }
+
+    fn has_theory_of_uniqueness(&self) -> bool {
+        true
+    }
+
+    fn check_method(&self, asked: &Asked<'_>, errors: &mut Errors) {
+        check_index(self, asked, errors);
+        match asked.method.name {
+            MethodName::Contact | MethodName::TrBdf2 => {
+                refuse("name", "this problem has no contacts and no grid", "`auto` or `radau`", errors);
+            }
+            MethodName::Convolution => refuse("name", "this problem has no memory", "`auto`", errors),
+            MethodName::Auto | MethodName::Radau => {}
+        }
+        refuse_impacts(asked.method, errors);
+    }
+
+    fn no_global_error(&self) -> Option<&'static str> {
+        None
+    }
+
+    fn numbers(&self, specification: &Specification) -> usize {
+        let stages = match specification.method().stages {
+            Stages::Fixed(stages) => stages as usize,
+            Stages::Auto => FEWEST_STAGES,
+        };
+        matrix_numbers(self.structure(), stages)
+    }
+
+    fn describe(&self, specification: &Specification) -> Diagnostics {
+        solution::describe(self.structure(), &specification.settings(), specification.analysis())
+    }
+
+    fn run(&self, specification: &Specification, plan: &Plan, control: &Control) -> Solution {
+        solution::integrate(self, plan, &specification.settings(), specification.analysis(), control)
+    }
+
+    fn method_name(&self, stages: Stages) -> String {
+        name_of_stages(stages, "stages chosen")
+    }
+
+    fn varied(&self) -> Varied {
+        const LADDERS: [Ladder; 2] = [
+            Ladder { by: By::Tolerance, name: "", stages: &[Stages::Fixed(3), Stages::Fixed(5), Stages::Auto] },
+            Ladder { by: By::Step, name: FIXED, stages: &[Stages::Fixed(1), Stages::Fixed(2), Stages::Fixed(3)] },
+        ];
+        Varied {
+            tolerance: true,
+            stages: WithStages::Always,
+            reference: By::Tolerance,
+            ladders: &LADDERS,
+            balances: &[By::Tolerance],
+        }
+    }
+}
+
+/// Refuses what no method here solves as it is posed. Variables in bounded sets have no impulses, so that their index is no
+/// reason.
+fn check_index(model: &DviModel, asked: &Asked<'_>, errors: &mut Errors) {
+    let Asked { analysis, method, .. } = asked;
+    match analysis.unbounded_index {
+        Some(index) if index >= 3.0 && !method.accept_index_three => {
+            let detail = format!(
+                "the index is {index}: the variables show only in derivative number {index} of the inequalities, so that \
+                 solutions exist for special data only, and limits of approximate solutions need not be solutions"
+            );
+            let expected = "an inequality nearer to its variable (a velocity in place of a position), or \
+                            `\"accept_index_three\": true` in `method`";
+            let error = SpecificationError::new("/problem", "index_too_high", detail);
+            errors.push(error.expected(expected));
+        }
+        // Where the matrices vary, those at the start do not tell what happens at a bound: it may be crossed without rest.
+        Some(2.0)
+            if model.structure().has_impulses()
+                && model.structure().constant_jacobian
+                && !(method.step.is_some() && matches!(method.stages, Stages::Fixed(1))) =>
+        {
+            let detail = "the index is 2 (CB = 0): where a bound is reached the states jump, and only implicit Euler with a \
+                          fixed step takes such impulses in its stride";
+            let error = SpecificationError::new("/method", "index_two_needs_euler", detail);
+            errors.push(error.expected("`\"stages\": 1` and a fixed `step`, or the inequality posed for velocities"));
+        }
+        _ => {}
+    }
+}

@@ -1,0 +1,127 @@
+//! Mechanical systems in generalised coordinates, by the steppers of contact.
+
+use super::{Asked, By, FIXED, Ladder, Model, Sizes, Varied, WithStages, refuse};
+use crate::checked::Specification;
+use crate::error::{Errors, SpecificationError};
+use crate::method::{Impacts, Method, MethodName};
+use crate::stages::Stages;
+use analysis::Analysis;
+use models::MechanicalModel;
+use problem::{Control, Warning};
+use solution::{ContactPlan, Diagnostics, Plan, Solution};
+
+/// The relative residual of the law of contact where none is given: bodies at rest are not to creep.
+const CONTACT_TOLERANCE: f64 = 1e-12;
+
+impl Model for MechanicalModel {
+    fn state_names(&self) -> Vec<String> {
+        self.state_names.clone()
+    }
+
+    fn output_names(&self) -> Vec<String> {
+        self.output_names.clone()
+    }
+
+    fn initial(&self) -> Vec<f64> {
+        self.initial.clone()
+    }
+
+    fn warnings(&self) -> &[Warning] {
+        &self.warnings
+    }
+
+    fn sizes(&self) -> Sizes {
+        let structure = self.structure();
+        Sizes {
+            states: 2 * structure.coordinates,
+            variables: structure.rows(),
+            constant_jacobian: structure.constant_mass && structure.constant_forces,
+            ..Sizes::default()
+        }
+    }
+
+    fn analyse(&self, _t: f64) -> Analysis {
+        MechanicalModel::analyse(self)
+    }
+
+    fn check_method(&self, asked: &Asked<'_>, errors: &mut Errors) {
+        let method = asked.method;
+        match method.impacts() {
+            Impacts::Locate => check_friction(self, errors),
+            Impacts::TimeStepping if method.stages != Stages::Auto => {
+                let expected = "to be left out, or `impacts` to be `locate`";
+                refuse("stages", "time stepping has no stages", expected, errors);
+            }
+            Impacts::TimeStepping => {}
+        }
+        refuse_other_methods(method, errors);
+    }
+
+    fn no_global_error(&self) -> Option<&'static str> {
+        Some(NOT_COMPARED)
+    }
+
+    fn numbers(&self, _specification: &Specification) -> usize {
+        let structure = self.structure();
+        let (n, rows) = (structure.coordinates, structure.rows());
+        // The mass, what is implicit, two Jacobians; the responses to impulses.
+        n.saturating_mul(n).saturating_mul(4).saturating_add(n.saturating_mul(rows))
+    }
+
+    fn describe(&self, specification: &Specification) -> Diagnostics {
+        solution::describe_contact(self, &plan_of(specification), specification.analysis())
+    }
+
+    fn run(&self, specification: &Specification, plan: &Plan, control: &Control) -> Solution {
+        solution::integrate_contact(self, plan, &plan_of(specification), specification.analysis(), control)
+    }
+
+    fn method_name(&self, _stages: Stages) -> String {
+        "contact".to_owned()
+    }
+
+    fn varied(&self) -> Varied {
+        const LADDERS: [Ladder; 2] = [
+            Ladder { by: By::Tolerance, name: ", located", stages: &[] },
+            Ladder { by: By::Step, name: FIXED, stages: &[] },
+        ];
+        Varied {
+            tolerance: true,
+            stages: WithStages::Located,
+            reference: By::Tolerance,
+            ladders: &LADDERS,
+            balances: &[By::Tolerance, By::Step],
+        }
+    }
+}
+
+/// Why runs with impacts have no estimate of the error at the end.
+pub(super) const NOT_COMPARED: &str = "two runs that meet impacts at different times are not compared";
+
+fn plan_of(specification: &Specification) -> ContactPlan {
+    let settings = specification.contact_settings(CONTACT_TOLERANCE);
+    let located = specification.method().impacts() == Impacts::Locate;
+    ContactPlan { settings, located: located.then(|| specification.settings()) }
+}
+
+/// Refuses friction that motion between located impacts does not know.
+fn check_friction(model: &MechanicalModel, errors: &mut Errors) {
+    let contacts = &model.structure().contacts;
+    for k in (0..contacts.len()).filter(|&k| contacts[k].facets.is_some()) {
+        let pointer = format!("/problem/mechanical/contacts/{k}/friction/cone");
+        let detail = "smooth motion between located impacts knows friction from the disk alone";
+        let error = SpecificationError::new(pointer, "conflict", detail);
+        errors.push(error.expected("`quadratic`, or `time_stepping` with a `step` as the method"));
+    }
+}
+
+/// Refuses the names of methods that know no impacts.
+pub(super) fn refuse_other_methods(method: &Method, errors: &mut Errors) {
+    let why = match method.name {
+        MethodName::Radau => ("Radau IIA alone knows no impacts", "`auto` or `contact`"),
+        MethodName::TrBdf2 => ("this is the method of obstacle problems", "`auto` or `contact`"),
+        MethodName::Convolution => ("this problem has no memory", "`auto`"),
+        MethodName::Auto | MethodName::Contact => return,
+    };
+    refuse("name", why.0, why.1, errors);
+}

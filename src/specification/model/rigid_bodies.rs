@@ -1,0 +1,112 @@
+//! Rigid bodies in space, by time stepping.
+
+use super::mechanical::{NOT_COMPARED, refuse_other_methods};
+use super::{Asked, By, FIXED, Ladder, Model, Sizes, Varied, WithStages, refuse};
+use crate::checked::Specification;
+use crate::error::Errors;
+use crate::method::{Impacts, Switches, ViSolverName};
+use crate::stages::Stages;
+use analysis::Analysis;
+use models::rigid_bodies::{Load, Scene};
+use problem::{Control, Warning};
+use solution::{Diagnostics, Plan, Solution};
+
+/// The relative residual of the law of contact where none is given: many redundant contacts leave no more digits.
+const TOLERANCE: f64 = 1e-10;
+/// Bytes that no machine has: contacts that take as many are not counted to their end.
+const ENOUGH: usize = 1 << 50;
+/// The numbers of one state of a body: position, quaternion, velocity, rotation.
+const NUMBERS_A_BODY: usize = 13;
+
+impl Model for Scene {
+    fn state_names(&self) -> Vec<String> {
+        Scene::state_names(self)
+    }
+
+    fn output_names(&self) -> Vec<String> {
+        Scene::output_names(self)
+    }
+
+    fn initial(&self) -> Vec<f64> {
+        Scene::initial(self)
+    }
+
+    fn warnings(&self) -> &[Warning] {
+        &self.warnings
+    }
+
+    fn sizes(&self) -> Sizes {
+        Sizes { states: Scene::state_names(self).len(), ..Sizes::default() }
+    }
+
+    fn analyse(&self, _t: f64) -> Analysis {
+        Scene::analyse(self)
+    }
+
+    fn check_method(&self, asked: &Asked<'_>, errors: &mut Errors) {
+        let method = asked.method;
+        if method.impacts == Some(Impacts::Locate) {
+            let detail = "bodies in space take impacts as they fall into steps";
+            refuse("impacts", detail, "`time_stepping`, or to be left out", errors);
+        }
+        for key in method.error_controls() {
+            let detail = "bodies in space go in steps of one size, and no error is measured";
+            refuse(key, detail, "`step` alone", errors);
+        }
+        let choices = [
+            ("stages", method.stages != Stages::Auto, "the stepper of bodies in space has no stages"),
+            (
+                "switches",
+                method.switches != Switches::default(),
+                "steps of one size go over all that happens to bodies in space",
+            ),
+            ("accept_index_three", method.accept_index_three, "no problem of bodies in space has index three"),
+        ];
+        for (key, _, detail) in choices.into_iter().filter(|(_, given, _)| *given) {
+            refuse(key, detail, "to be left out", errors);
+        }
+        if method.vi_solver != ViSolverName::Auto {
+            let detail = "the law of contact has solvers of its own";
+            refuse("vi_solver", detail, "`auto`, or to be left out", errors);
+        }
+        refuse_other_methods(method, errors);
+    }
+
+    fn no_global_error(&self) -> Option<&'static str> {
+        Some(NOT_COMPARED)
+    }
+
+    fn load(&self, control: &Control) -> Load {
+        Scene::load(self, ENOUGH, control).unwrap_or_default()
+    }
+
+    fn numbers(&self, _specification: &Specification) -> usize {
+        // Before and after a step, with their changes.
+        4 * NUMBERS_A_BODY * self.bodies.len()
+    }
+
+    fn describe(&self, specification: &Specification) -> Diagnostics {
+        let settings = specification.contact_settings(TOLERANCE);
+        solution::describe_rigid_bodies(self, &settings, specification.analysis())
+    }
+
+    fn run(&self, specification: &Specification, plan: &Plan, control: &Control) -> Solution {
+        let settings = specification.contact_settings(TOLERANCE);
+        solution::step_rigid_bodies(self, plan, &settings, specification.analysis(), control)
+    }
+
+    fn method_name(&self, _stages: Stages) -> String {
+        "contact".to_owned()
+    }
+
+    fn varied(&self) -> Varied {
+        const LADDERS: [Ladder; 1] = [Ladder { by: By::Step, name: FIXED, stages: &[] }];
+        Varied {
+            tolerance: false,
+            stages: WithStages::Never,
+            reference: By::Step,
+            ladders: &LADDERS,
+            balances: &[By::Step],
+        }
+    }
+}
