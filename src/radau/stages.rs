@@ -247,10 +247,7 @@ impl Stages {
                 }
             }
             last_norm = norm.max(f64::EPSILON);
-            // Derivatives from the other side of a kink may be too large by any factor, and the increments too small by it:
-            // only the next shows that.
-            let is_blind = k == 1 && system.has_kinks;
-            if (factor * norm <= control.kappa && !is_blind) || rounding() {
+            if factor * norm <= control.kappa || rounding() {
                 contraction.factor = factor;
                 if k > 1 {
                     system.work.contraction.observe(contraction.theta);

@@ -131,10 +131,24 @@ impl Radau<'_> {
             *y += z;
         }
         self.remove_noise();
-        if let Some(consistent) = &mut self.consistent {
-            consistent.solve(&mut self.system, &self.control, self.t, &mut self.y);
-        }
+        self.make_consistent();
         true
+    }
+
+    /// Takes the variables that belong to the states for those of the step that found the face, where they stay within their
+    /// bounds: near a point at which the states are no longer driven by them, they would be of any size.
+    fn make_consistent(&mut self) {
+        let n = self.system.states;
+        let Some(consistent) = &mut self.consistent else { return };
+        let before = self.y[n..].to_vec();
+        consistent.solve(&mut self.system, &self.control, self.t, &mut self.y);
+        let is_beyond = |k: usize| {
+            let (lower, upper, z) = (self.system.set.lower[k], self.system.set.upper[k], self.y[n + k]);
+            (lower - z).max(z - upper) > upper - lower
+        };
+        if self.system.intervals.iter().any(|&k| is_beyond(k)) {
+            self.y[n..].copy_from_slice(&before);
+        }
     }
 
     /// Whether the last probe was too long to show the face at `t`: over it an inequality that was off its switch, and has no
@@ -182,9 +196,7 @@ impl Radau<'_> {
                 }
                 self.y.iter_mut().zip(&self.switching.probe.stages.z).for_each(|(y, z)| *y += z);
                 self.remove_noise();
-                if let Some(consistent) = &mut self.consistent {
-                    consistent.solve(&mut self.system, &self.control, self.t, &mut self.y);
-                }
+                self.make_consistent();
                 return true;
             }
             last = Some((face, found)).filter(|(face, _)| count(face) > count(&before));
