@@ -144,7 +144,7 @@ impl Radau<'_> {
         consistent.solve(&mut self.system, &self.control, self.t, &mut self.y);
         let is_beyond = |k: usize| {
             let (lower, upper, z) = (self.system.set.lower[k], self.system.set.upper[k], self.y[n + k]);
-            (lower - z).max(z - upper) > upper - lower
+            (lower - z).max(z - upper) > self.control.noise_of_z(&self.system, k, &self.y)
         };
         if self.system.intervals.iter().any(|&k| is_beyond(k)) {
             self.y[n..].copy_from_slice(&before);
