@@ -155,6 +155,10 @@ impl Radau<'_> {
     /// variables, came half way to it. Where switches accumulate they follow each other in less than any part of the steps
     /// of the run.
     fn was_too_long(&mut self) -> bool {
+        // Steps of one size resolve nothing shorter.
+        if self.settings.step.is_some() {
+            return false;
+        }
         let n = self.system.states;
         let Self { system, switching, control, y, t, .. } = self;
         if !system.evaluate(*t, y) {
