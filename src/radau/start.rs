@@ -135,8 +135,8 @@ impl Radau<'_> {
         true
     }
 
-    /// Takes the variables that belong to the states for those of the step that found the face, where they stay within their
-    /// bounds: near a point at which the states are no longer driven by them, they would be of any size.
+    /// Takes the variables that belong to the states for those of the step that found the face, where they stay within the
+    /// width of their interval beside it: near a point at which the states are no longer driven by them, they would be of any size.
     fn make_consistent(&mut self) {
         let n = self.system.states;
         let Some(consistent) = &mut self.consistent else { return };
@@ -144,7 +144,7 @@ impl Radau<'_> {
         consistent.solve(&mut self.system, &self.control, self.t, &mut self.y);
         let is_beyond = |k: usize| {
             let (lower, upper, z) = (self.system.set.lower[k], self.system.set.upper[k], self.y[n + k]);
-            (lower - z).max(z - upper) > self.control.noise_of_z(&self.system, k, &self.y)
+            (lower - z).max(z - upper) > upper - lower
         };
         if self.system.intervals.iter().any(|&k| is_beyond(k)) {
             self.y[n..].copy_from_slice(&before);
