@@ -54,6 +54,9 @@ impl Radau<'_> {
             let scale = tolerance.factor * self.settings.atol[j] + tolerance.rtol * self.y[j].abs();
             self.control.weight[j] = 1.0 / scale.max(f64::MIN_POSITIVE);
         }
+        let weights = self.control.weight[..n].iter();
+        self.system.tolerances.clear();
+        self.system.tolerances.extend(weights.map(|weight| weight.recip()));
         for (size, y) in self.control.size.iter_mut().zip(&self.y) {
             *size = y.abs();
         }
