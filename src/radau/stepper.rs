@@ -149,6 +149,7 @@ impl<'p> Radau<'p> {
             weight: vec![0.0; unknowns],
             rounding: vec![0.0; unknowns],
             size: vec![0.0; unknowns],
+            by_time: vec![0.0; unknowns - system.states],
             kappa: 0.0,
             most: 0,
             vi_tolerance: settings.vi_tolerance,

@@ -63,6 +63,11 @@ impl Radau<'_> {
         self.control.kappa = tolerance.kappa;
         self.control.most = tolerance.most;
         if self.system.unknowns > n {
+            let rounding = self.rounding_of_time(0.0);
+            self.system.time_derivative(self.t, &self.y, &mut self.control.by_time);
+            for slope in &mut self.control.by_time {
+                *slope = if slope.is_finite() { slope.abs() * rounding } else { 0.0 };
+            }
             let (states, effects) = self.control.weight.split_at_mut(n);
             effects.fill(0.0);
             for (i, j, value) in self.system.entries() {

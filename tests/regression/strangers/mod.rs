@@ -22,8 +22,6 @@ const PATIENCE: u32 = if cfg!(debug_assertions) { 4 } else { 2 };
 /// What is not right.
 const KNOWN: Known = &[
     ("a9_steep_saturation", "failed"),
-    ("c2_cockcroft_walton_6", "stopped"),
-    ("c2_cockcroft_walton_8", "stopped"),
     ("chain20_ball_joints_explodes", "wrong"),
     ("chain_with_heavy_ball_explodes", "wrong"),
     ("elastic_2d_hertz_slow", "stopped"),
