@@ -15,7 +15,7 @@
 //! m - w G_I,    w dG_I/dz_I = dm/dz_I,
 //! ```
 //!
-//! with the constraints taken out likewise, which is the monitor at the roots but for `|dm/dz_I - w dG_I/dz_I| e` over the box: of second order, and nothing where `G`
+//! which is the monitor at the roots but for `|dm/dz_I - w dG_I/dz_I| e` over the box: of second order, and nothing where `G`
 //! is linear. Monitors of blocks are taken from the box alone.
 
 use super::MOST_PARTS;
@@ -232,8 +232,7 @@ impl Enclosure {
             let sharper = system.values[n + k].abs() + 0.5 * slope + on.control.noise_of_g(system, k, &self.middle);
             self.residuals[n + k] = self.residuals[n + k].min(sharper);
         }
-        let forms: Vec<Reduced> = left.iter().map(|monitor| self.reduced(on, monitor)).collect();
-        let system = &mut *on.system;
+        let forms: Vec<Reduced> = left.iter().map(|monitor| self.reduced(system, on.inside, monitor)).collect();
         let at_middle = |(monitor, form): (&Watched, &Reduced)| {
             form.value(system, value(system, monitor, &self.middle), &self.middle)
         };
@@ -313,10 +312,9 @@ impl Enclosure {
         (0..own.len()).all(|l| system.face.places[l] != Place::Inside || own[l].abs() <= TOLD * terms[l])
     }
 
-    /// A monitor without what the equations of the variables inside and the constraints of the states tell, with the
-    /// derivatives over the box; of a variable inside whose bound moves they are not known.
-    fn reduced(&self, on: &mut OnFace<'_, '_>, monitor: &Watched) -> Reduced {
-        let OnFace { system, control, inside, constraints, .. } = on;
+    /// A monitor without what the equations of the variables inside tell, with the derivatives over the box; of a variable
+    /// inside whose bound moves they are not known.
+    fn reduced(&self, system: &System<'_>, inside: &mut Inside, monitor: &Watched) -> Reduced {
         let (n, k) = (system.states, monitor.variable);
         let is_inside = monitor.place == Place::Inside;
         let sign = if monitor.place == Place::Upper || is_inside && monitor.upper { -1.0 } else { 1.0 };
@@ -338,13 +336,6 @@ impl Enclosure {
         let mut weights = Vec::new();
         inside.weights(system, |l| own[l], &mut weights);
         for &(l, weight) in &weights {
-            self.add_row(system, l, -weight, &mut gradient, &mut by_time);
-        }
-        let told = weights.len();
-        let slopes = gradient.iter().enumerate().filter(|(_, slope)| **slope != Interval::point(0.0));
-        let slopes = slopes.map(|(j, slope)| (j, slope.ball().0));
-        constraints.add_weights(system, control, &self.middle, slopes, &mut weights);
-        for &(l, weight) in &weights[told..] {
             self.add_row(system, l, -weight, &mut gradient, &mut by_time);
         }
         let gradient = gradient.into_iter().enumerate().filter(|(_, slope)| *slope != Interval::point(0.0)).collect();
