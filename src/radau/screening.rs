@@ -168,31 +168,28 @@ impl Radau<'_> {
     /// its stages tell: in the middles between these they are off the polynomial through the values at them.
     fn is_unresolved_in_time(&mut self, h: f64) -> bool {
         let tableau = self.tableau();
-        let nodes: Vec<f64> = std::iter::once(0.0).chain(tableau.c.iter().copied()).collect();
-        let middles: Vec<f64> = nodes.windows(2).map(|ends| 0.5 * (ends[0] + ends[1])).collect();
         let (t, y, evaluations) = (self.t, self.y.clone(), self.system.work.rates);
-        let mut at = |theta: &f64| {
+        let mut at = |theta: f64| {
             self.system.evaluate(t + theta * h, &y);
             self.system.values.clone()
         };
-        let (at_nodes, at_middles): (Vec<_>, Vec<_>) =
-            (nodes.iter().map(&mut at).collect(), middles.iter().map(&mut at).collect());
-        // Evidence is no part of the method.
-        self.system.work.rates = evaluations;
-        let weight = |k: usize, theta: f64| -> f64 {
-            let others = (0..nodes.len()).filter(|&l| l != k);
-            others.map(|l| (theta - nodes[l]) / (nodes[k] - nodes[l])).product()
-        };
-        middles.iter().zip(&at_middles).any(|(&theta, values)| {
-            let weights: Vec<f64> = (0..nodes.len()).map(|k| weight(k, theta)).collect();
-            values.iter().enumerate().any(|(row, value)| {
+        let begin = at(0.0);
+        let at_nodes: Vec<Vec<f64>> = tableau.c.iter().map(|&node| at(node)).collect();
+        let mut weights = vec![0.0; tableau.stages()];
+        let is_unresolved = tableau.middles().any(|theta| {
+            tableau.increments_at(theta, &mut weights);
+            at(theta).iter().zip(&begin).enumerate().any(|(row, (value, begin))| {
                 let of_nodes = || at_nodes.iter().map(|values| values[row]);
-                let interpolated: f64 = of_nodes().zip(&weights).map(|(value, weight)| value * weight).sum();
-                let (least, most) = of_nodes().fold((*value, *value), |(a, b), value| (a.min(value), b.max(value)));
-                let off = (value - interpolated).abs();
+                let change: f64 = of_nodes().zip(&weights).map(|(node, weight)| (node - begin) * weight).sum();
+                let ends = (begin.min(*value), begin.max(*value));
+                let (least, most) = of_nodes().fold(ends, |(a, b), node| (a.min(node), b.max(node)));
+                let off = (value - begin - change).abs();
                 off > RESOLVED * (most - least) && off > f64::EPSILON.sqrt() * most.abs().max(least.abs())
             })
-        })
+        });
+        // Evidence is no part of the method.
+        self.system.work.rates = evaluations;
+        is_unresolved
     }
 
     /// What counts as zero of variable `k` and of its `G` over a step of size `h`.
@@ -228,12 +225,7 @@ impl Radau<'_> {
 
     /// The first of the middles between the stages at which a monitor is violated.
     fn violated_in_middles(&mut self, h: f64) -> Option<f64> {
-        let mut left = 0.0;
-        let nodes = &self.tableau().c;
-        nodes
-            .iter()
-            .map(|&node| 0.5 * (std::mem::replace(&mut left, node) + node))
-            .find(|&theta| self.is_violated_at(theta, h))
+        self.tableau().middles().find(|&theta| self.is_violated_at(theta, h))
     }
 
     /// What screening found of the last step; `None` where the step has no variables with bounds.

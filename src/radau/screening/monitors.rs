@@ -51,6 +51,25 @@ impl Watched {
             _ => z - lower,
         }
     }
+
+    /// The sign with which `G`, or `z` where the variable is inside, enters it.
+    fn sign(&self) -> f64 {
+        let is_negative = self.place == Place::Upper || self.place == Place::Inside && self.upper;
+        if is_negative { -1.0 } else { 1.0 }
+    }
+
+    /// Its derivatives by the variables, from those of `G` as they are.
+    fn by_variables(&self, system: &System<'_>) -> Vec<f64> {
+        let n = system.states;
+        let mut slopes = vec![0.0; system.unknowns - n];
+        if self.place == Place::Inside {
+            slopes[self.variable] = self.sign();
+        } else {
+            let of_variables = system.entries_of_variable(self.variable).filter(|(j, _)| *j >= n);
+            of_variables.for_each(|(j, value)| slopes[j - n] += self.sign() * value);
+        }
+        slopes
+    }
 }
 
 /// The equations of a face, with what brings the unknowns from their polynomials onto them.
@@ -294,12 +313,7 @@ impl Enclosure {
     /// Whether no variable that hidden constraints alone tell enters a monitor, but for rounding, by the derivatives as they are.
     pub fn is_told(system: &System<'_>, inside: &mut Inside, monitor: &Watched) -> bool {
         let n = system.states;
-        let mut own = vec![0.0; system.unknowns - n];
-        if monitor.place == Place::Inside {
-            own[monitor.variable] = 1.0;
-        } else {
-            system.entries_of_variable(monitor.variable).filter(|(j, _)| *j >= n).for_each(|(j, x)| own[j - n] += x);
-        }
+        let mut own = monitor.by_variables(system);
         let mut weights = Vec::new();
         inside.weights(system, |l| own[l], &mut weights);
         let mut terms: Vec<f64> = own.iter().map(|x| x.abs()).collect();
@@ -316,22 +330,16 @@ impl Enclosure {
     /// inside whose bound moves they are not known.
     fn reduced(&self, system: &System<'_>, inside: &mut Inside, monitor: &Watched) -> Reduced {
         let (n, k) = (system.states, monitor.variable);
-        let is_inside = monitor.place == Place::Inside;
-        let sign = if monitor.place == Place::Upper || is_inside && monitor.upper { -1.0 } else { 1.0 };
-        let mut own = vec![0.0; system.unknowns - n];
+        let own = monitor.by_variables(system);
         let mut gradient = vec![Interval::point(0.0); system.unknowns];
         let mut by_time = Interval::point(0.0);
-        if is_inside {
-            own[k] = sign;
-            gradient[n + k] = Interval::point(sign);
+        if monitor.place == Place::Inside {
+            gradient[n + k] = Interval::point(own[k]);
             if system.moves(k) {
                 by_time = Interval::LINE;
             }
         } else {
-            for (j, value) in system.entries_of_variable(k).filter(|(j, _)| *j >= n) {
-                own[j - n] += sign * value;
-            }
-            self.add_row(system, k, sign, &mut gradient, &mut by_time);
+            self.add_row(system, k, monitor.sign(), &mut gradient, &mut by_time);
         }
         let mut weights = Vec::new();
         inside.weights(system, |l| own[l], &mut weights);
