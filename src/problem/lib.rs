@@ -160,6 +160,12 @@ pub trait Dvi: Send {
         false
     }
 
+    /// Writes intervals that hold the derivatives of `F` (n) by `t` and the second ones of `G` (m) wherever `t` is in an
+    /// interval; false where these are not known, or depend on `y`.
+    fn enclose_time_slopes(&mut self, _t: Interval, _rates: &mut [Interval], _inequality: &mut [Interval]) -> bool {
+        false
+    }
+
     /// The quantities, at `t`, at whose changes of sign a row has a kink or a jump whatever `y` is; as many at any time.
     fn breaks(&mut self, _t: f64) -> &[f64] {
         &[]
