@@ -61,16 +61,16 @@ pub struct Flight {
 }
 
 /// `M^-1` and `(C M^-1 G)^-1`, with what they were computed from.
-struct Solved {
-    matrix: DMatrix<f64>,
-    mass: Cholesky<f64, Dyn>,
-    c: DMatrix<f64>,
-    g: DMatrix<f64>,
+pub(super) struct Solved {
+    pub matrix: DMatrix<f64>,
+    pub mass: Cholesky<f64, Dyn>,
+    pub c: DMatrix<f64>,
+    pub g: DMatrix<f64>,
     /// `M^-1 G`.
-    y: DMatrix<f64>,
-    inverse: DMatrix<f64>,
+    pub y: DMatrix<f64>,
+    pub inverse: DMatrix<f64>,
     /// What the loads add where multipliers are not unique, to `a` and to `lambda`.
-    shift: Option<(DVector<f64>, DVector<f64>)>,
+    pub shift: Option<(DVector<f64>, DVector<f64>)>,
 }
 
 impl Solved {
@@ -177,6 +177,31 @@ impl Flight {
         self.metric.load = DVector::from_iterator(rows, self.rows.iter().map(|&row| load[row]));
         self.metric.scale = DVector::from_iterator(rows, self.rows.iter().map(|&row| scale[row]));
         (self.rank, self.last) = (None, None);
+    }
+
+    /// Sizes and contacts.
+    pub fn shape(&self) -> &MechanicalStructure {
+        &self.shape
+    }
+
+    /// What each contact does.
+    pub fn mode(&self) -> &[Status] {
+        &self.mode
+    }
+
+    /// The rows of `J` that are held.
+    pub fn rows(&self) -> &[usize] {
+        &self.rows
+    }
+
+    /// The slip of a contact below which its direction is that of the mode.
+    pub(super) fn least_slip(&self, k: usize) -> f64 {
+        self.least[k]
+    }
+
+    /// The factors of the last place.
+    pub(super) fn solved_last(&self) -> Option<&Solved> {
+        self.last.as_ref()
     }
 
     /// The constraints at the last evaluation.

@@ -113,11 +113,7 @@ impl OnFace<'_, '_> {
         }
         let Some(consistent) = &mut self.consistent else { return Told::InPart };
         let is_affine = self.system.constant_jacobian() && self.system.has_time_slopes;
-        if is_affine && consistent.response(self.system).is_some() {
-            Told::ByHiddenConstraints
-        } else {
-            Told::InPart
-        }
+        if is_affine && consistent.response(self.system).is_some() { Told::ByHiddenConstraints } else { Told::InPart }
     }
 }
 
@@ -279,14 +275,14 @@ impl Enclosure {
         let equations = (0..system.unknowns - n).filter(|&k| system.face.places[k] == Place::Inside);
         for k in equations.filter(|&k| system.set.block_of(k).is_none()) {
             let slope = size(self.slope_of_row(system, part, h, n + k));
-            let sharper = self.middle.values[n + k].abs() + 0.5 * slope + on.control.noise_of_g(system, k, &self.middle.y);
+            let sharper =
+                self.middle.values[n + k].abs() + 0.5 * slope + on.control.noise_of_g(system, k, &self.middle.y);
             self.residuals[n + k] = self.residuals[n + k].min(sharper);
         }
         self.follow(on, told, watched, left);
         let system = &*on.system;
-        let at_middle = |&at: &usize| {
-            self.forms[at].value(system, self.middle.value(system, &watched[at]), &self.middle)
-        };
+        let at_middle =
+            |&at: &usize| self.forms[at].value(system, self.middle.value(system, &watched[at]), &self.middle);
         let middles: Vec<(f64, f64)> = left.iter().map(at_middle).collect();
         // What is wrong in the middle itself says whether a monitor may be negative there.
         let in_middle = self.middle.values[..system.unknowns].iter().map(|value| value.abs()).collect();
@@ -397,8 +393,10 @@ impl Enclosure {
         self.hidden.clear();
         self.hidden.resize(system.unknowns - n, 0.0);
         for k in (0..system.unknowns - n).filter(|&k| system.face.places[k] == Place::Inside) {
-            let along =
-                system.places_of_row(n + k).filter(|&(_, j)| j < n).map(|(at, j)| self.rows.jacobian[at] * self.rates[j]);
+            let along = system
+                .places_of_row(n + k)
+                .filter(|&(_, j)| j < n)
+                .map(|(at, j)| self.rows.jacobian[at] * self.rates[j]);
             self.hidden[k] = size(along.fold(self.rows.by_time[k], |sum, term| sum + term));
         }
     }
