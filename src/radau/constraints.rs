@@ -103,7 +103,13 @@ impl Constraints {
 
     /// Takes out of a difference of states what would leave the constraints, which is what rounding and Newton's method leave
     /// there; false where nothing is known to be bound.
-    pub fn project(&mut self, system: &mut System<'_>, control: &NewtonControl, y: &[f64], difference: &mut [f64]) -> bool {
+    pub fn project(
+        &mut self,
+        system: &mut System<'_>,
+        control: &NewtonControl,
+        y: &[f64],
+        difference: &mut [f64],
+    ) -> bool {
         self.follow(system, control, y);
         if self.correction.is_empty() {
             return false;

@@ -239,9 +239,14 @@ impl Flight {
     pub fn slip_rate(&self, k: usize) -> Vector2<f64> {
         let mut rate = Vector2::zeros();
         for (rate, row) in rate.iter_mut().zip(self.shape.tangents(k)) {
-            *rate = self.gamma[row] + dot(self.constraints.row(row), &self.a);
+            *rate = self.rate_of_row(row);
         }
         rate
+    }
+
+    /// The rate of `u` in one row of `J` at the last evaluation.
+    pub fn rate_of_row(&self, row: usize) -> f64 {
+        self.gamma[row] + dot(self.constraints.row(row), &self.a)
     }
 
     /// Whether the slip of contact `k`, at the last evaluation, is held by others: what else is held moves with its point,
@@ -282,9 +287,7 @@ impl Flight {
         self.problem.mass(t, q, &mut self.mass);
         self.problem.forces(t, q, v, &mut self.f);
         self.problem.constraints(t, q, &mut self.constraints);
-        if !self.rows.is_empty() {
-            self.problem.bias(t, q, v, &mut self.gamma);
-        }
+        self.problem.bias(t, q, v, &mut self.gamma);
         let transposed = &self.constraints.transposed;
         let mut g = DMatrix::zeros(n, self.rows.len());
         for (column, &row) in self.rows.iter().enumerate() {

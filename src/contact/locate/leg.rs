@@ -179,6 +179,7 @@ impl<'l, 'p> Leg<'l, 'p> {
             }
         };
         if t > begin {
+            self.note_grazing(begin, t, ending);
             self.travel(begin, t);
         }
         self.acted = (begin, Integrals::none(self.mode.len()));
