@@ -112,7 +112,7 @@ impl OnFace<'_, '_> {
             return Told::ByEquations;
         }
         let Some(consistent) = &mut self.consistent else { return Told::InPart };
-        let is_affine = self.system.constant_jacobian() && self.system.has_time_slopes;
+        let is_affine = self.system.constant_jacobian() && self.system.forcing_slopes().is_some();
         if is_affine && consistent.response(self.system).is_some() { Told::ByHiddenConstraints } else { Told::InPart }
     }
 }
@@ -229,15 +229,13 @@ impl Enclosure {
     }
 
     /// The derivatives of the rows over the box; whether they are known.
-    fn enclose_rows(&mut self, system: &mut System<'_>, told: Told, times: Interval) -> bool {
-        let (n, m) = (system.states, system.unknowns - system.states);
-        let Rows { jacobian, by_time, time_slopes: (of_rates, of_g) } = &mut self.rows;
+    fn enclose_rows(&mut self, system: &mut System<'_>, times: Interval) -> bool {
+        let Rows { jacobian, by_time, terms } = &mut self.rows;
         jacobian.resize(system.derivatives.len(), Interval::LINE);
-        by_time.resize(m, Interval::LINE);
-        of_rates.resize(n, Interval::LINE);
-        of_g.resize(m, Interval::LINE);
+        by_time.resize(system.unknowns - system.states, Interval::LINE);
+        terms.resize(system.forcing_slopes().map_or(0, |slopes| slopes.terms), Interval::LINE);
+        system.problem().enclose_forcing_slopes(times, terms);
         system.problem().enclose_derivatives(times, &self.ranges, jacobian, by_time)
-            && (told != Told::ByHiddenConstraints || system.problem().enclose_time_slopes(times, of_rates, of_g))
     }
 
     /// Takes the monitors of `left` without what equations tell.
@@ -264,7 +262,7 @@ impl Enclosure {
     ) -> bool {
         let times = Interval::new(t.next_down(), (t + h).next_up());
         let (n, system) = (on.system.states, &mut *on.system);
-        if !self.enclose_rows(system, told, times) {
+        if !self.enclose_rows(system, times) {
             return true;
         }
         self.middle.set(system, part, (t, h), 0.5);
@@ -309,7 +307,8 @@ impl Enclosure {
             let ((middle, rounding), suspect) = (middles[index], is_suspect[index]);
             index += 1;
             let (slope, error) = (form.slope(&self.rows, part, h), form.error(&self.errors));
-            let allowed = error + rounding - monitor.limit;
+            // What rounding leaves uncertain of a monitor is no event.
+            let allowed = error + rounding - monitor.limit.max(2.0 * rounding);
             let mut is_proven = middle - 0.5 * size(slope) >= allowed;
             // Where the slope has one sign the least value is at an end.
             let end = if slope.lo >= 0.0 { 0 } else { 1 };

@@ -11,6 +11,7 @@ use crate::face::Place;
 use crate::system::System;
 use nalgebra::{DMatrix, RowDVector};
 use numerics::Interval;
+use problem::{ForcingSlopes, Sums};
 
 /// The slopes of the rows of a problem over a part of a step.
 #[derive(Debug, Default)]
@@ -19,8 +20,8 @@ pub(super) struct Rows {
     pub jacobian: Vec<Interval>,
     /// Those of `G` by time.
     pub by_time: Vec<Interval>,
-    /// Those of `F` by time, and the second ones of `G`, where hidden constraints need them.
-    pub time_slopes: (Vec<Interval>, Vec<Interval>),
+    /// The terms of the slopes of all rows in time, where they are sums of such.
+    pub terms: Vec<Interval>,
 }
 
 /// One monitor, reduced.
@@ -36,6 +37,8 @@ pub(super) struct Reduced {
     rates: Vec<(usize, f64)>,
     /// The derivatives by the unknowns over the box.
     gradient: Vec<(usize, Interval)>,
+    /// Its slope in time as a sum of terms, where the rows are such.
+    by_terms: Option<Vec<(usize, Interval)>>,
     /// Whether a bound of its variable moves in a way that is not known.
     is_moved: bool,
 }
@@ -79,8 +82,29 @@ impl Reduced {
                 *slope = *slope + Interval::new(-noise, noise);
             }
         }
+        self.by_terms = system.forcing_slopes().map(|slopes| self.sum_of_terms(slopes));
         self.gradient.clear();
         self.gradient.extend(gradient.into_iter().enumerate().filter(|(_, slope)| *slope != Interval::point(0.0)));
+    }
+
+    /// Its slope in time, with what rounding makes of factors that cancel.
+    fn sum_of_terms(&self, slopes: &ForcingSlopes) -> Vec<(usize, Interval)> {
+        let mut factors = vec![(0.0, 0.0_f64); slopes.terms];
+        let mut add = |rows: &[(usize, f64)], sums: &Sums| {
+            for &(row, factor) in rows {
+                for &(term, of_row) in &sums[row] {
+                    factors[term].0 += factor * of_row;
+                    factors[term].1 += (factor * of_row).abs();
+                }
+            }
+        };
+        add(self.own.as_slice(), &slopes.inequality);
+        add(&self.equations, &slopes.inequality);
+        add(&self.hidden, &slopes.curvature);
+        add(&self.rates, &slopes.rates);
+        let noise = |size: f64| f64::EPSILON * size;
+        let intervals = factors.into_iter().enumerate().filter(|(_, (_, size))| *size > 0.0);
+        intervals.map(|(term, (sum, size))| (term, Interval::new(sum - noise(size), sum + noise(size)))).collect()
     }
 
     /// The factors of equations and hidden constraints that answer to a change of the variables inside as the monitor does.
@@ -133,12 +157,16 @@ impl Reduced {
         if self.is_moved {
             return Interval::LINE;
         }
-        let (of_rates, of_g) = &rows.time_slopes;
-        let of = |factors: &[(usize, f64)], slopes: &[Interval]| {
-            factors.iter().fold(Interval::point(0.0), |sum, &(row, factor)| sum + Interval::point(factor) * slopes[row])
+        let sum = |sum: Interval, (factor, slope): (Interval, Interval)| sum + factor * slope;
+        let by_time = match &self.by_terms {
+            Some(terms) => {
+                terms.iter().map(|&(term, factor)| (factor, rows.terms[term])).fold(Interval::point(0.0), sum)
+            }
+            None => {
+                let of_g = self.own.iter().chain(&self.equations);
+                of_g.map(|&(l, factor)| (Interval::point(factor), rows.by_time[l])).fold(Interval::point(0.0), sum)
+            }
         };
-        let own = of(self.own.as_slice(), &rows.by_time);
-        let by_time = own + of(&self.equations, &rows.by_time) + of(&self.hidden, of_g) + of(&self.rates, of_rates);
         let slope = part.rate_of_sum(&self.gradient) + by_time * Interval::point(h);
         if slope.defined { slope } else { Interval::LINE }
     }
