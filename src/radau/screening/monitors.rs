@@ -243,10 +243,10 @@ impl Enclosure {
         self.forms.resize_with(watched.len().max(self.forms.len()), Reduced::default);
         if !on.system.constant_jacobian() {
             self.face = None;
-            left.iter().for_each(|&at| self.forms[at].set(on, told, &self.rows, &watched[at]));
+            left.iter().for_each(|&at| self.forms[at].set(on, told, &self.rows, &self.middle.y, &watched[at]));
         } else if self.face.as_ref() != Some(&on.system.face) {
             self.face.get_or_insert_default().clone_from(&on.system.face);
-            self.forms.iter_mut().zip(watched).for_each(|(form, monitor)| form.set(on, told, &self.rows, monitor));
+            self.forms.iter_mut().zip(watched).for_each(|(form, monitor)| form.set(on, told, &self.rows, &self.middle.y, monitor));
         }
     }
 
@@ -290,8 +290,10 @@ impl Enclosure {
             self.find_hidden_in_middle(on);
         }
         self.find_errors(on, with_hidden);
+        // Monitors of states on their constraints have no error of these.
+        let error_of = |form: &Reduced, errors: &[f64]| if told == Told::ByHiddenConstraints { 0.0 } else { form.error(errors) };
         let is_suspect = |(&at, (middle, _)): (&usize, &(f64, f64))| {
-            let error = self.forms[at].error(&self.errors);
+            let error = error_of(&self.forms[at], &self.errors);
             *middle < CURVATURE * error || middle.is_nan() || error.is_nan()
         };
         let is_suspect: Vec<bool> = left.iter().zip(&middles).map(is_suspect).collect();
@@ -306,7 +308,7 @@ impl Enclosure {
             let (form, monitor) = (&self.forms[at], &watched[at]);
             let ((middle, rounding), suspect) = (middles[index], is_suspect[index]);
             index += 1;
-            let (slope, error) = (form.slope(&self.rows, part, h), form.error(&self.errors));
+            let (slope, error) = (form.slope(&self.rows, part, h), error_of(form, &self.errors));
             // What rounding leaves uncertain of a monitor is no event.
             let allowed = error + rounding - monitor.limit.max(2.0 * rounding);
             let mut is_proven = middle - 0.5 * size(slope) >= allowed;

@@ -3,6 +3,8 @@
 //! ```text
 //! m - w G_I - v dG_I/dt,    dG/dt = G_t + G_x M^-1 F,    (w, v) d(G_I, dG_I/dt)/dz_I = dm/dz_I.
 //! ```
+//!
+//! Where these bind states as well, `w` is such that the monitor does not change where the states are brought onto them.
 
 use super::monitors::{OnFace, Point, Told, Watched, size};
 use super::part::Part;
@@ -44,27 +46,33 @@ pub(super) struct Reduced {
 }
 
 impl Reduced {
-    /// The monitor with the derivatives over the box of `rows`, by what tells the variables inside.
-    pub fn set(&mut self, on: &mut OnFace<'_, '_>, told: Told, rows: &Rows, monitor: &Watched) {
-        let (n, k) = (on.system.states, monitor.variable);
+    /// The monitor with the derivatives over the box of `rows`, by what tells the variables inside, near the unknowns `y`.
+    pub fn set(&mut self, on: &mut OnFace<'_, '_>, told: Told, rows: &Rows, y: &[f64], monitor: &Watched) {
         let is_inside = monitor.place() == Place::Inside;
         let by_variables = monitor.by_variables(on.system);
-        self.own = (!is_inside).then_some((k, monitor.sign()));
-        self.is_moved = is_inside && on.system.moves(k);
+        self.own = (!is_inside).then_some((monitor.variable, monitor.sign()));
+        self.is_moved = is_inside && on.system.moves(monitor.variable);
         self.hidden.clear();
         self.rates.clear();
         if told == Told::ByHiddenConstraints {
             self.follow_hidden(on, &by_variables);
+            self.follow_constraints(on, rows, y);
         } else {
             on.inside.weights(on.system, |l| by_variables[l], &mut self.equations);
             self.equations.iter_mut().for_each(|(_, factor)| *factor = -*factor);
         }
-        let system = &*on.system;
+        let n = on.system.states;
+        let of_variable = is_inside.then(|| (n + monitor.variable, by_variables[monitor.variable]));
+        self.set_gradient(on.system, told, rows, of_variable);
+        self.by_terms = on.system.forcing_slopes().map(|slopes| self.sum_of_terms(slopes));
+    }
+
+    /// The derivatives by the unknowns, of which the variable of the monitor may enter itself.
+    fn set_gradient(&mut self, system: &System<'_>, told: Told, rows: &Rows, of_variable: Option<(usize, f64)>) {
+        let n = system.states;
         let mut gradient = vec![Interval::point(0.0); system.unknowns];
         let mut sizes = vec![0.0; system.unknowns];
-        if is_inside {
-            gradient[n + k] = Interval::point(by_variables[k]);
-        }
+        of_variable.into_iter().for_each(|(j, slope)| gradient[j] = Interval::point(slope));
         let of_g = self.own.iter().chain(&self.equations).map(|&(l, factor)| (n + l, factor));
         for (row, factor) in of_g.chain(self.rates.iter().copied()) {
             for (at, j) in system.places_of_row(row) {
@@ -82,9 +90,29 @@ impl Reduced {
                 *slope = *slope + Interval::new(-noise, noise);
             }
         }
-        self.by_terms = system.forcing_slopes().map(|slopes| self.sum_of_terms(slopes));
         self.gradient.clear();
         self.gradient.extend(gradient.into_iter().enumerate().filter(|(_, slope)| *slope != Interval::point(0.0)));
+    }
+
+    /// The factors of equations that answer to bringing the states onto what these bind of them: the monitor is then that of
+    /// the states on their constraints.
+    fn follow_constraints(&mut self, on: &mut OnFace<'_, '_>, rows: &Rows, y: &[f64]) {
+        self.set_gradient(on.system, Told::ByHiddenConstraints, rows, None);
+        let n = on.system.states;
+        let mut of_states = vec![0.0; n];
+        for &(j, slope) in self.gradient.iter().filter(|(j, _)| *j < n) {
+            of_states[j] = 0.5 * (slope.lo + slope.hi);
+        }
+        let mut factors = Vec::new();
+        on.constraints.change_of(on.system, on.control, y, |j| of_states[j], &mut factors);
+        let is_equation = |row: usize| row >= n && on.system.face.places[row - n] == Place::Inside;
+        let equations = factors.into_iter().filter(|(row, _)| is_equation(*row));
+        for (l, factor) in equations.map(|(row, factor)| (row - n, factor)) {
+            match self.equations.iter_mut().find(|(other, _)| *other == l) {
+                Some((_, sum)) => *sum += factor,
+                None => self.equations.push((l, factor)),
+            }
+        }
     }
 
     /// Its slope in time, with what rounding makes of factors that cancel.
