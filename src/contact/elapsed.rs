@@ -4,7 +4,7 @@
 
 use nalgebra::DMatrix;
 use numerics::Interval;
-use problem::{Constraints, DynamicsRange, Energies, Mechanical, MechanicalStructure, Sensitivity};
+use problem::{Constraints, DynamicsRange, Energies, Mechanical, MechanicalStructure, Sensitivity, SensitivityRange};
 
 /// A system whose time is zero at its start.
 pub struct Elapsed {
@@ -58,6 +58,17 @@ impl Mechanical for Elapsed {
 
     fn enclose_dynamics(&mut self, t: Interval, q: &[Interval], v: &[Interval], range: &mut DynamicsRange) {
         self.problem.enclose_dynamics(Interval::point(self.start) + t, q, v, range);
+    }
+
+    fn enclose_sensitivity(
+        &mut self,
+        t: Interval,
+        x: &[Interval],
+        a: &[f64],
+        lambda: &[f64],
+        range: &mut SensitivityRange,
+    ) {
+        self.problem.enclose_sensitivity(Interval::point(self.start) + t, x, a, lambda, range);
     }
 
     fn breaks(&mut self, t: f64) -> &[f64] {

@@ -11,7 +11,9 @@
 use expression::{Breaks, ExpressionError, Graph, IntervalWorkspace, Node, Tape};
 use nalgebra::DMatrix;
 use numerics::Interval;
-use problem::{Constraints, ContactData, DynamicsRange, Energies, Mechanical, MechanicalStructure, Sensitivity};
+use problem::{
+    Constraints, ContactData, DynamicsRange, Energies, Mechanical, MechanicalStructure, Sensitivity, SensitivityRange,
+};
 
 /// The parts of a system with `n` coordinates as nodes of a [`Graph`] whose inputs are `t`, then `q` (n), then `v` (n).
 #[derive(Clone, Debug)]
@@ -75,6 +77,7 @@ struct Enclosures {
     forces: IntervalWorkspace,
     bias: IntervalWorkspace,
     mass: IntervalWorkspace,
+    sensitivity: IntervalWorkspace,
     /// Those after `t`.
     inputs: Vec<Interval>,
     jacobian: Vec<Interval>,
@@ -249,6 +252,7 @@ impl SymbolicMechanics {
         let all: Vec<Node> = [&rows.mass, &forces, &holonomic, &drift, &bias].into_iter().flatten().copied().collect();
         let breaks = Breaks::new(graph, &all);
         let mass = Tape::compile(graph, &rows.mass);
+        let sensitivity = Sparse::compile(graph, sensitivity);
         let (drift, bias) = (Tape::compile(graph, &drift), Tape::compile(graph, &bias));
         let (forces, jacobian) = (Tape::compile(graph, &forces), Sparse::compile(graph, jacobian));
         let enclosures = Enclosures {
@@ -258,6 +262,7 @@ impl SymbolicMechanics {
             forces: IntervalWorkspace::new(&forces),
             bias: IntervalWorkspace::new(&bias),
             mass: IntervalWorkspace::new(&mass),
+            sensitivity: IntervalWorkspace::new(&sensitivity.tape),
             inputs: Vec::new(),
             jacobian: Vec::new(),
         };
@@ -272,7 +277,7 @@ impl SymbolicMechanics {
             rows: jacobian,
             energies: Tape::compile(graph, &energies),
             bias,
-            sensitivity: Sparse::compile(graph, sensitivity),
+            sensitivity,
             inputs: vec![0.0; 3 * n + structure.rows()],
             scratch: Vec::new(),
             structure,
@@ -429,6 +434,33 @@ impl Mechanical for SymbolicMechanics {
         range.rows.fill(Interval::point(0.0));
         for (&(j, row), &by) in self.rows.places.iter().zip(&*jacobian) {
             range.rows[row * q.len() + j] = by;
+        }
+    }
+
+    fn enclose_sensitivity(
+        &mut self,
+        t: Interval,
+        x: &[Interval],
+        a: &[f64],
+        lambda: &[f64],
+        range: &mut SensitivityRange,
+    ) {
+        let (n, rows) = (self.structure.coordinates, self.structure.rows());
+        let Enclosures { sensitivity, inputs, jacobian, .. } = &mut self.enclosures;
+        inputs.clear();
+        inputs.extend(x.iter().copied().chain(a.iter().chain(lambda).map(|value| Interval::point(*value))));
+        jacobian.resize(self.sensitivity.places.len(), Interval::LINE);
+        self.sensitivity.tape.enclose(t, inputs, sensitivity, jacobian);
+        for (matrix, count) in [(&mut range.balance, n), (&mut range.acceleration, rows)] {
+            matrix.clear();
+            matrix.resize(count * 2 * n, Interval::point(0.0));
+        }
+        for (&(i, j), &value) in self.sensitivity.places.iter().zip(&*jacobian) {
+            match i.checked_sub(n) {
+                Some(i) if i < rows => range.acceleration[i * 2 * n + j] = value,
+                None => range.balance[i * 2 * n + j] = value,
+                Some(_) => {}
+            }
         }
     }
 

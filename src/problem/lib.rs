@@ -21,7 +21,9 @@ pub use convex_set::{
     Workspace,
 };
 pub use event::{Event, EventKind};
-pub use mechanical::{Constraints, ContactData, DynamicsRange, Energies, Mechanical, MechanicalStructure, Sensitivity};
+pub use mechanical::{
+    Constraints, ContactData, DynamicsRange, Energies, Mechanical, MechanicalStructure, Sensitivity, SensitivityRange,
+};
 pub use warning::Warning;
 
 /// What a moving bound is.

@@ -153,6 +153,15 @@ impl DynamicsRange {
     }
 }
 
+/// Intervals that hold what [`Sensitivity`] says of accelerations and balance, row by row of `2 n`.
+#[derive(Clone, Debug, Default)]
+pub struct SensitivityRange {
+    /// Of `M a - f - J^T lambda`, `n` rows.
+    pub balance: Vec<Interval>,
+    /// Of `u'`, a row for each of `J`.
+    pub acceleration: Vec<Interval>,
+}
+
 /// Energies, and the powers that change them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Energies {
@@ -208,6 +217,16 @@ pub trait Mechanical: Send {
 
     /// Writes intervals that hold masses, forces, bias, drift and `J` wherever `t`, `q` and `v` are in theirs.
     fn enclose_dynamics(&mut self, t: Interval, q: &[Interval], v: &[Interval], range: &mut DynamicsRange);
+
+    /// Writes intervals that hold derivatives at accelerations `a` and multipliers `lambda` of all rows likewise.
+    fn enclose_sensitivity(
+        &mut self,
+        t: Interval,
+        x: &[Interval],
+        a: &[f64],
+        lambda: &[f64],
+        range: &mut SensitivityRange,
+    );
 
     /// What changes its sign where something has a kink or a jump at a time, whatever `q` and `v` are.
     fn breaks(&mut self, _t: f64) -> &[f64] {

@@ -12,7 +12,7 @@ use super::flight::{Flight, Solved};
 use super::mode::Status;
 use nalgebra::DMatrix;
 use numerics::Interval;
-use problem::DynamicsRange;
+use problem::{DynamicsRange, SensitivityRange};
 
 /// By this factor at most changes of the matrix may feed back on what they multiply.
 const FEEDBACK: f64 = 0.5;
@@ -74,33 +74,19 @@ impl Inverse {
 }
 
 impl Flight {
-    /// Accelerations and multipliers over a box in which the equations of the mode were settled last; `None` where they are
-    /// not known there, or multipliers are not unique.
-    pub(super) fn enclose(&mut self, t: Interval, x: &[Interval]) -> Option<Forces> {
+    /// Accelerations and multipliers over a box of times and of `x`, at a point `m` of which the equations of the mode were
+    /// settled last; `None` where they are not known there, or multipliers are not unique.
+    pub(super) fn enclose(&mut self, t: Interval, x: &[Interval], m: &[f64]) -> Option<Forces> {
         let n = self.shape().coordinates;
         let (q, v) = x.split_at(n);
         let mut dynamics = DynamicsRange::new(self.shape());
         self.problem().enclose_dynamics(t, q, v, &mut dynamics);
-        let solved = self.solved_last().filter(|solved| solved.shift.is_none())?;
         let directions = self.directions_over(&dynamics, v)?;
+        let (r, w) = self.residuals(t, x, m, &dynamics, &directions);
+        let solved = self.solved_last().filter(|solved| solved.shift.is_none())?;
         let rows = self.rows();
         // `G`, column by column.
         let columns: Vec<Vec<Interval>> = rows.iter().map(|&row| self.push_of(row, &dynamics, &directions)).collect();
-        let own = |row: usize| self.lambda[row];
-        let r: Vec<Interval> = (0..n)
-            .map(|i| {
-                let pushes = sum(rows.iter().zip(&columns).map(|(&row, column)| column[i] * Interval::point(own(row))));
-                let inertia = sum((0..n).map(|j| dynamics.mass[i * n + j] * Interval::point(self.a[j])));
-                dynamics.forces[i] + pushes - inertia
-            })
-            .collect();
-        let w: Vec<Interval> = rows
-            .iter()
-            .map(|&row| {
-                let along = dynamics.row(row).iter().zip(&self.a).map(|(j, a)| *j * Interval::point(*a));
-                -(dynamics.bias[row] + sum(along))
-            })
-            .collect();
         let inverse = Inverse::new(solved);
         let (mut da, mut dl) = inverse.apply(&r, &w);
         // What the changes of the matrix make of these, and of what they make of them.
@@ -143,6 +129,59 @@ impl Flight {
         let mut lambda: Vec<Interval> = self.lambda.iter().map(|lambda| Interval::point(*lambda)).collect();
         rows.iter().zip(&dl).for_each(|(&row, dl)| lambda[row] = lambda[row] + *dl);
         Some(Forces { a, lambda, dynamics })
+    }
+
+    /// `r` and `w` over the box, where directions of slip do not turn as
+    ///
+    /// ```text
+    /// r = r(t, m) - (d(M a - f - G lambda)/dx) (x - m),    w = w(t, m) - (d(C a + gamma)/dx) (x - m)
+    /// ```
+    fn residuals(
+        &mut self,
+        t: Interval,
+        x: &[Interval],
+        m: &[f64],
+        dynamics: &DynamicsRange,
+        directions: &[Vec<Interval>],
+    ) -> (Vec<Interval>, Vec<Interval>) {
+        let turns = directions.iter().any(|direction| direction.len() > 1);
+        if turns {
+            return self.residuals_of(dynamics, directions);
+        }
+        let (a, lambda) = (self.a.clone(), self.lambda.clone());
+        let mut slopes = SensitivityRange::default();
+        self.problem().enclose_sensitivity(t, x, &a, &lambda, &mut slopes);
+        let from: Vec<Interval> = x.iter().zip(m).map(|(x, m)| *x - Interval::point(*m)).collect();
+        let along = |matrix: &[Interval], row: usize| -product(&matrix[row * x.len()..(row + 1) * x.len()], &from);
+        let (mut r, mut w) = (vec![Interval::point(0.0); m.len() / 2], vec![Interval::point(0.0); self.rows().len()]);
+        if self.shape().depends_on_time {
+            let still: Vec<Interval> = m.iter().map(|m| Interval::point(*m)).collect();
+            let (q, v) = still.split_at(m.len() / 2);
+            let mut in_time = DynamicsRange::new(self.shape());
+            self.problem().enclose_dynamics(t, q, v, &mut in_time);
+            (r, w) = self.residuals_of(&in_time, directions);
+        }
+        r.iter_mut().enumerate().for_each(|(i, r)| *r = *r + along(&slopes.balance, i));
+        w.iter_mut().zip(self.rows()).for_each(|(w, &row)| *w = *w + along(&slopes.acceleration, row));
+        (r, w)
+    }
+
+    /// `r` and `w` of what intervals hold.
+    fn residuals_of(&self, dynamics: &DynamicsRange, directions: &[Vec<Interval>]) -> (Vec<Interval>, Vec<Interval>) {
+        let n = self.shape().coordinates;
+        let rows = self.rows();
+        let columns: Vec<Vec<Interval>> = rows.iter().map(|&row| self.push_of(row, dynamics, directions)).collect();
+        let of_balance = |i: usize| {
+            let pushes = rows.iter().zip(&columns);
+            let pushes = sum(pushes.map(|(&row, column)| column[i] * Interval::point(self.lambda[row])));
+            let inertia = sum((0..n).map(|j| dynamics.mass[i * n + j] * Interval::point(self.a[j])));
+            dynamics.forces[i] + pushes - inertia
+        };
+        let of_row = |&row: &usize| {
+            let along = dynamics.row(row).iter().zip(&self.a).map(|(j, a)| *j * Interval::point(*a));
+            -(dynamics.bias[row] + sum(along))
+        };
+        ((0..n).map(of_balance).collect(), rows.iter().map(of_row).collect())
     }
 
     /// What the multiplier of a held row pushes: the row, and with the normal of a contact that slides its friction.

@@ -9,6 +9,7 @@
 //! - Where no mode goes on, steps of time stepping do, until one does again.
 
 mod bursts;
+mod closed;
 mod enclosed_forces;
 mod flight;
 mod grazing;

@@ -1,0 +1,101 @@
+//! Whether closed contacts go on as they do between the points at which a step has been looked at: normal forces stay positive
+//! and friction below its bound, by the [enclosure](super::enclosed_forces) of both, and slips go on, by theirs or by
+//!
+//! ```text
+//! u_t(middle) - |u_t'| length/2
+//! ```
+//!
+//! or the value at one end where the rate has one sign. A part of the step that is left open is halved.
+
+use super::hidden::MOST_PARTS;
+use super::leg::Leg;
+use super::mode::Status;
+use super::monitors::Ending;
+use super::search::{NOISE, ROUNDING_OF_TIME, SMALLEST};
+use numerics::Interval;
+
+impl Leg<'_, '_> {
+    /// Whether the monitors of closed contacts are proven to stay positive over the step, or else a time at which one is
+    /// violated.
+    pub(super) fn forces_within(&mut self, begin: f64, end: f64) -> (bool, Option<f64>) {
+        if !self.mode.iter().any(|status| status.is_closed()) {
+            return (true, None);
+        }
+        let levels = self.levels(begin);
+        // What a force does in a moment before the step ends is the event that ends it, or none that times tell apart.
+        let smallest = (SMALLEST * (end - begin)).max(ROUNDING_OF_TIME * end.abs());
+        let mut parts = vec![(begin, end)];
+        let mut enclosed = 0;
+        while let Some((a, b)) = parts.pop() {
+            enclosed += 1;
+            if b - a <= smallest || self.are_forces_proven(a, b, &levels) {
+                continue;
+            }
+            let middle = 0.5 * (a + b);
+            if self.is_mode_violated(middle, &levels) {
+                return (false, Some(middle));
+            }
+            if enclosed + parts.len() >= MOST_PARTS {
+                return (false, None);
+            }
+            parts.extend([(middle, b), (a, middle)]);
+        }
+        (true, None)
+    }
+
+    /// To where the monitors of closed contacts may fall: to their noise, or to where the step begins if that is below.
+    fn levels(&mut self, begin: f64) -> Vec<f64> {
+        let mut monitors = Vec::new();
+        self.monitors_at(begin, &mut monitors);
+        monitors.iter().map(|monitor| monitor.value.min(0.0) - NOISE * monitor.noise).collect()
+    }
+
+    /// Whether a monitor of a closed contact is violated at a time.
+    fn is_mode_violated(&mut self, t: f64, levels: &[f64]) -> bool {
+        let mut monitors = Vec::new();
+        self.monitors_at(t, &mut monitors);
+        let closed = monitors.iter().zip(levels).filter(|(monitor, _)| !matches!(monitor.ending, Ending::Closes(_)));
+        closed.into_iter().any(|(monitor, level)| monitor.value < *level)
+    }
+
+    /// Whether no monitor of a closed contact falls to its level between two times.
+    fn are_forces_proven(&mut self, a: f64, b: f64, levels: &[f64]) -> bool {
+        let [mut first, mut middle, mut last] = [const { Vec::new() }; 3];
+        self.monitors_at(a, &mut first);
+        self.monitors_at(b, &mut last);
+        // Settled there last, about which the equations are enclosed.
+        self.monitors_at(0.5 * (a + b), &mut middle);
+        let x = self.ranges(a, b);
+        let mut m = vec![0.0; x.len()];
+        self.at(0.5 * (a + b), &mut m);
+        let Some(forces) = self.watch.enclose(Interval::new(a, b), &x, &m) else { return false };
+        let structure = &self.located.structure;
+        let v = &x[structure.coordinates..];
+        let lowest = |index: usize| match (middle[index].ending, middle[index].value) {
+            (Ending::Closes(_), _) | (_, f64::INFINITY) => f64::INFINITY,
+            (Ending::LetsGo(k), _) => least(forces.lambda[structure.normal(k)]),
+            (Ending::Breaks(k, _), _) => {
+                let squares = structure.tangents(k).map(|row| forces.lambda[row].square());
+                let friction = squares.fold(Interval::point(0.0), |sum, square| sum + square).sqrt();
+                least(Interval::point(structure.contacts[k].mu) * forces.lambda[structure.normal(k)] - friction)
+            }
+            (Ending::Stops(k), value) => {
+                let Status::Slip(d) = self.mode[k] else { return f64::NEG_INFINITY };
+                let rate = forces.slip_rate(self.watch, k, |i| d[i]);
+                let along = match () {
+                    () if !rate.defined => f64::NEG_INFINITY,
+                    () if rate.lo >= 0.0 => first[index].value,
+                    () if rate.hi <= 0.0 => last[index].value,
+                    () => value - 0.5 * (b - a) * rate.magnitudes().1,
+                };
+                along.max(least(forces.slip(self.watch, k, v, |i| d[i])))
+            }
+        };
+        (0..middle.len()).all(|index| lowest(index) >= levels[index])
+    }
+}
+
+/// The lower end of an interval; none where it is not defined all over the box.
+fn least(interval: Interval) -> f64 {
+    if interval.defined { interval.lo } else { f64::NEG_INFINITY }
+}
