@@ -12,9 +12,11 @@ mod mechanical;
 mod mechanical_model;
 pub mod obstacle;
 mod outputs;
+mod parameters;
 mod regularity;
 mod reversal;
 pub mod rigid_bodies;
+mod slopes;
 mod symbolic;
 
 pub use convolution::ConvolutionModel;
@@ -23,4 +25,6 @@ pub use linear::{Linear, LinearRows};
 pub use mechanical::{MechanicalRows, SymbolicMechanics, Underivable};
 pub use mechanical_model::{ENERGIES, MechanicalModel};
 pub use outputs::Outputs;
+pub use parameters::{Parameters, ParametricTerms, Unbindable};
+pub use slopes::Slopes;
 pub use symbolic::{Refusal, Rows, Symbolic};

@@ -86,7 +86,15 @@ impl<'a> System<'a> {
                 _ => set.lower[variable] = 0.0,
             }
         }
-        LinearRows { mass: Mass::Identity, matrix, state_forcing, inequality_forcing, set, moving }
+        LinearRows {
+            mass: Mass::Identity,
+            matrix,
+            parametric: Vec::new(),
+            state_forcing,
+            inequality_forcing,
+            set,
+            moving,
+        }
     }
 
     /// A form as a function of `(t, x, z)`.

@@ -64,6 +64,7 @@ pub(super) fn model(
         equations,
         warnings: Vec::new(),
         kinks: KinkAdvice::default(),
+        parameters: None,
     };
     if let Some(t) = lowering.start {
         start::check(&model, t, |_| names.whole.clone(), &mut lowering.errors);

@@ -6,11 +6,12 @@ use crate::error::{Errors, SpecificationError};
 use crate::method::MethodName;
 use crate::stages::Stages;
 use analysis::Analysis;
-use models::DviModel;
+use models::{DviModel, Parameters, Unbindable};
 use problem::{Control, ConvexSet, Warning};
 use radau::matrix_numbers;
 use solution::{Diagnostics, Plan, Solution};
 use std::ops::Range;
+use std::sync::Arc;
 
 /// The stages that a run with a choice of them begins with.
 const FEWEST_STAGES: usize = 3;
@@ -54,6 +55,14 @@ impl Model for DviModel {
 
     fn dvi(&self) -> Option<&DviModel> {
         Some(self)
+    }
+
+    fn parameters(&self) -> Option<&Parameters> {
+        self.parameters.as_ref()
+    }
+
+    fn with_parameters(&self, values: &[f64]) -> Result<Arc<dyn Model>, Unbindable> {
+        DviModel::with_parameters(self, values).map(|model| Arc::new(model) as Arc<dyn Model>)
     }
 
     fn analyse(&self, t: f64) -> Analysis {

@@ -1,0 +1,114 @@
+//! The derivatives of a differential variational inequality by its parameters: of `F`, `G` and moving bounds at `(t, y)`,
+//! and of the constants - the states at the start, the mass matrix, constant bounds. They are exact, by the same sweep in
+//! reverse that gives those by the unknowns.
+
+use super::parameters::Source;
+use expression::{ExpressionError, Graph, Node, Tape};
+use problem::MovingBound;
+
+/// Programs for the derivatives by parameters, with registers of their own.
+#[derive(Clone, Debug)]
+pub struct Slopes {
+    /// The places of those of the rows, as `(row, parameter)`.
+    pattern: Vec<(usize, usize)>,
+    rows: Tape,
+    initial: Constants<usize>,
+    mass: Constants<(usize, usize)>,
+    bounds: Constants<MovingBound>,
+}
+
+/// The derivatives of constants, each with what it is a derivative of, and the parameter.
+#[derive(Clone, Debug)]
+struct Constants<P> {
+    places: Vec<(P, usize)>,
+    tape: Tape,
+    values: Vec<f64>,
+}
+
+impl Slopes {
+    pub(super) fn new(source: &Source) -> Result<Self, ExpressionError> {
+        let mut graph = source.graph.clone();
+        let terms = &source.terms;
+        let mut rows = terms.rows.clone();
+        for &(row, column, coefficient) in &terms.coefficients {
+            let unknown = graph.input(1 + column);
+            let term = graph.multiply(coefficient, unknown);
+            rows[row] = graph.add(rows[row], term);
+        }
+        let (pattern, nodes) = derivatives(&mut graph, rows.into_iter().enumerate())?;
+        let rows = Tape::compile(&graph, &nodes);
+        let initial = terms.initial.iter().copied().enumerate();
+        let mass = terms.mass.iter().map(|&(row, column, node)| ((row, column), node));
+        Ok(Self {
+            initial: Constants::new(&mut graph, initial)?,
+            mass: Constants::new(&mut graph, mass)?,
+            bounds: Constants::new(&mut graph, terms.bounds.iter().copied())?,
+            pattern,
+            rows,
+        })
+    }
+
+    pub(super) fn bind(&mut self, parameters: &[f64]) {
+        self.rows.bind(parameters);
+        self.initial.bind(parameters);
+        self.mass.bind(parameters);
+        self.bounds.bind(parameters);
+    }
+
+    /// The places of the derivatives that may be nonzero, as `(row, parameter)` sorted by row; rows are `F` (n), `G` (m),
+    /// moving bounds.
+    pub fn pattern(&self) -> &[(usize, usize)] {
+        &self.pattern
+    }
+
+    /// Writes the derivatives of the rows at `(t, y)`, one for each place of the pattern.
+    pub fn evaluate(&mut self, t: f64, y: &[f64], values: &mut [f64]) {
+        self.rows.evaluate(t, y, values);
+    }
+
+    /// Those of the states at the start, as `(state, parameter, value)`.
+    pub fn initial(&self) -> impl Iterator<Item = (usize, usize, f64)> {
+        self.initial.iter()
+    }
+
+    /// Those of the mass matrix, as `((row, column), parameter, value)`.
+    pub fn mass(&self) -> impl Iterator<Item = ((usize, usize), usize, f64)> {
+        self.mass.iter()
+    }
+
+    /// Those of the constant bounds, as `(bound, parameter, value)`.
+    pub fn bounds(&self) -> impl Iterator<Item = (MovingBound, usize, f64)> {
+        self.bounds.iter()
+    }
+}
+
+impl<P: Copy> Constants<P> {
+    fn new(graph: &mut Graph, terms: impl Iterator<Item = (P, Node)>) -> Result<Self, ExpressionError> {
+        let (places, nodes) = derivatives(graph, terms)?;
+        Ok(Self { values: vec![0.0; nodes.len()], tape: Tape::compile(graph, &nodes), places })
+    }
+
+    fn bind(&mut self, parameters: &[f64]) {
+        self.tape.bind(parameters);
+        self.tape.evaluate(0.0, &[], &mut self.values);
+    }
+
+    fn iter(&self) -> impl Iterator<Item = (P, usize, f64)> {
+        self.places.iter().zip(&self.values).map(|(&(place, parameter), &value)| (place, parameter, value))
+    }
+}
+
+/// The derivatives of terms by parameters, with the place of each term.
+fn derivatives<P: Copy>(
+    graph: &mut Graph,
+    terms: impl Iterator<Item = (P, Node)>,
+) -> Result<(Vec<(P, usize)>, Vec<Node>), ExpressionError> {
+    let (mut places, mut nodes) = (Vec::new(), Vec::new());
+    for (place, node) in terms {
+        for (parameter, derivative) in graph.gradient_by_parameters(node)? {
+            places.push((place, parameter));
+            nodes.push(derivative);
+        }
+    }
+    Ok((places, nodes))
+}
