@@ -237,8 +237,14 @@ impl DviModel {
         for (&(bound, _), &value) in terms.bounds.iter().zip(bounds) {
             bound.place(value, &mut set);
         }
-        for (&(bound, node), &value) in terms.bounds.iter().zip(bounds) {
-            let deciding = || listed(&source.graph.parameters(node), &terms.names, values);
+        for (&(bound, _), &value) in terms.bounds.iter().zip(bounds) {
+            let deciding = || {
+                let of_variable = terms.bounds.iter().filter(|(other, _)| other.variable == bound.variable);
+                let mut all: Vec<usize> = of_variable.flat_map(|&(_, node)| source.graph.parameters(node)).collect();
+                all.sort_unstable();
+                all.dedup();
+                listed(&all, &terms.names, values)
+            };
             let name = &self.variable_names[bound.variable];
             placed(bound, value, name, &structure.set, &set, deciding)?;
         }

@@ -1,7 +1,7 @@
 //! Parameters as inputs: a problem that is bound to other values against the same text read anew, and slopes against closed
 //! forms and differences.
 
-use dvi::problem::{Control, Dvi};
+use dvi::problem::Control;
 use dvi::specification::{EXAMPLES, Specification};
 use serde_json::{Value, json};
 
@@ -72,18 +72,18 @@ fn everywhere() -> Value {
         "problem": {"dvi": {
             "parameters": {"m": 2, "k": 3, "c": "k/m", "a": 0.4, "w": 5, "b": 0.25},
             "states": {
-                "x": {"initial": "a", "rate": "v"},
-                "v": {"initial": "-a*c", "rate": "-k*x - c*v*abs(v) + sin(w*t) + z"}
+                "x": {"initial": "a", "rate": "y"},
+                "y": {"initial": "-a*c", "rate": "-k*x - c*y*abs(y) + sin(w*t) + z1"}
             },
             "variables": {
-                "z": {"inequality": "x + c*z"},
-                "u": {"inequality": "u - v + w*t*b"},
-                "s": {"inequality": "s - b*x"}
+                "z1": {"inequality": "x + c*z1"},
+                "z2": {"inequality": "z2 - y + w*t*b"},
+                "z3": {"inequality": "z3 - b*x"}
             },
             "set": [
-                {"box": {"of": ["z"], "lower": "-b*x", "upper": "c"}},
-                {"box": {"of": ["u"], "lower": "-k*b", "upper": "m"}},
-                {"ball": {"of": ["s"], "radius": "a*m"}}
+                {"box": {"of": ["z1"], "lower": "-b*x", "upper": "c"}},
+                {"box": {"of": ["z2"], "lower": "-k*b", "upper": "m"}},
+                {"ball": {"of": ["z3"], "radius": "a*m"}}
             ],
             "mass": [[1, 0], [0, "m"]]
         }},
@@ -124,26 +124,17 @@ fn regions() -> Value {
 #[test]
 fn a_bound_problem_is_the_one_that_is_read_anew() {
     for (document, given) in [
-        (everywhere(), vec![("m", 3.5), ("k", 0.7), ("a", -0.1)]),
+        (everywhere(), vec![("m", 3.5), ("k", 0.7), ("a", 0.1)]),
         (everywhere(), vec![("w", 1.1), ("b", 0.9)]),
         (linear(), vec![("r", 1.7), ("e", -0.3)]),
         (linear(), vec![("l", 0.9), ("f", 0.2)]),
         (regions(), vec![("up", 0.3), ("s", 0.6)]),
     ] {
-        let document_of = |given: &[(&str, f64)]| {
-            let mut document = document.clone();
-            if given.iter().any(|(name, _)| *name == "a") {
-                // A radius is not negative.
-                document["problem"]["dvi"]["set"][2]["ball"]["radius"] = json!("a^2*m");
-            }
-            document
-        };
-        let document = document_of(&given);
         let bound = read(&document).with_parameters(&given).unwrap_or_else(|errors| panic!("{given:?}: {errors:?}"));
         let anew = read(&with_numbers(&document, &given));
         assert_same(&bound, &anew, &format!("{given:?}"));
         let [found, expected] = [&bound, &anew].map(|specification| {
-            let solution = specification.solve(&Control::new());
+            let solution = dvi::solve(specification, &Control::new());
             serde_json::to_value(&solution.trajectory).expect("a trajectory")
         });
         assert_eq!(found, expected, "{given:?}");
@@ -160,7 +151,7 @@ fn what_cannot_be_bound_says_which_parameter_changes_what() {
         let errors = codes(document, given);
         assert!(errors.len() == 1 && errors[0].0 == code && errors[0].1.contains(words), "{given:?}: {errors:?}");
     };
-    told(&everywhere(), &[("k", 0.0)], "structure_changes", "`m` = 2, `k` = 0");
+    told(&everywhere(), &[("k", 0.0)], "structure_changes", "`k` = 0");
     told(&everywhere(), &[("m", 0.0)], "structure_changes", "`m` = 0");
     told(&everywhere(), &[("m", -1.0)], "empty_set", "`m` = -1");
     told(&everywhere(), &[("b", f64::NAN)], "not_finite", "`b` = NaN");
@@ -171,8 +162,7 @@ fn what_cannot_be_bound_says_which_parameter_changes_what() {
     told(&at_zero, &[("e", 1.0)], "structure_changes", "a coefficient that was zero");
     told(&with_numbers(&linear(), &[("l", -2.0), ("r", 2.0)]), &[("l", 1.0)], "structure_changes", "was zero");
     // Rates that lead away from the border on both sides leave it at any time.
-    let repelling = with_numbers(&regions(), &[("s", 0.0)]);
-    let mut repelling = repelling;
+    let mut repelling = with_numbers(&regions(), &[("s", 0.0)]);
     repelling["problem"]["filippov"]["surface"] = json!("x");
     told(&repelling, &[("up", -1.0), ("down", 2.0)], "structure_changes", "repels");
     // A mass of one is the identity; nothing is known of another.
