@@ -172,18 +172,22 @@ impl<'g> Assembly<'g> {
         let known = steps.iter().map(|&(_, node)| node).filter(|node| self.graph.known.contains_key(node));
         let mut terms = self.graph.computed_below(&known.collect::<Vec<_>>());
         terms.sort_unstable();
-        for node in terms {
-            let target = self.registers.len();
-            match self.graph.terms[node.place()] {
-                Term::Apply(Operator::Expanded, ..) => continue,
-                Term::Apply(operator, a, b) => {
-                    let instruction = Instruction { operator, a: self.register(a), b: self.register(b) };
-                    self.prelude.push((target, instruction));
-                }
-                Term::Parameter(index) => self.parameters.push((index, target)),
-                Term::Constant(_) | Term::Input(_) => {}
+        // What is computed stands together, as its operands in the lanes of evaluations should.
+        let (computed, given): (Vec<Node>, Vec<Node>) =
+            terms.into_iter().partition(|node| matches!(self.graph.terms[node.place()], Term::Apply(..)));
+        for node in given {
+            if let Term::Parameter(index) = self.graph.terms[node.place()] {
+                self.parameters.push((index, self.registers.len()));
             }
             self.keep(node, self.graph.value(node).unwrap_or(f64::NAN));
+        }
+        for node in computed {
+            let Term::Apply(operator, a, b) = self.graph.terms[node.place()] else { continue };
+            if operator != Operator::Expanded {
+                let instruction = Instruction { operator, a: self.register(a), b: self.register(b) };
+                self.prelude.push((self.registers.len(), instruction));
+                self.keep(node, self.graph.value(node).unwrap_or(f64::NAN));
+            }
         }
     }
 

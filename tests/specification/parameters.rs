@@ -169,11 +169,10 @@ fn what_cannot_be_bound_says_which_parameter_changes_what() {
     let mut identity = linear();
     identity["problem"]["lcs"]["mass"] = json!([["2*l", 0], [0, 1]]);
     told(&identity, &[("l", 0.75)], "structure_changes", "taken for 1");
-    let folded = json!({"problem": {"mechanical": {
-        "parameters": {"g": 9.81},
-        "coordinates": {"y": {"initial": 1, "velocity": 0}}, "mass": [[1]], "forces": ["-g"],
-        "contacts": {"floor": {"gap": "y", "restitution": 0.5}}}}, "time": {"end": 1}});
-    told(&folded, &[("g", 1.62)], "folded", "constants");
+    let folded = json!({"problem": {"convolution": {
+        "parameters": {"a": 1}, "variables": {"z": {"q": "-a*t"}}, "kernel": {"fractional": {"exponent": 0.5}},
+        "set": [{"nonnegative": ["z"]}]}}, "time": {"end": 1}, "method": {"step": 0.1}});
+    told(&folded, &[("a", 2.0)], "folded", "constants");
 }
 
 /// The slopes of rows at a point and of constants, dense: rows then states at the start then mass then bounds.
