@@ -6,6 +6,7 @@
 //! decide otherwise are refused: there the problem has to be compiled anew.
 
 use super::DviModel;
+use super::circuit::{CircuitParameters, Refused};
 use super::filippov::Departures;
 use super::slopes::Slopes;
 use expression::{Assumption, Assumptions, Broken, ExpressionError, Graph, Node, Tape};
@@ -27,6 +28,8 @@ pub struct ParametricTerms {
     pub bounds: Vec<(MovingBound, Node)>,
     /// `F`, `G` and the moving bounds.
     pub rows: Vec<Node>,
+    /// The coefficients of a circuit, which are inputs behind the parameters.
+    pub circuit: Option<CircuitParameters>,
     /// What is to be added to rows: coefficients of unknowns that are terms in parameters, as `(row, column, node)`.
     pub coefficients: Vec<(usize, usize, Node)>,
 }
@@ -74,6 +77,14 @@ pub enum Unbindable {
         what: String,
         /// Its value.
         value: f64,
+    },
+    /// A value is not in its range.
+    #[error("with {parameters} {what}")]
+    OutOfRange {
+        /// The parameters that it depends on, with their values.
+        parameters: String,
+        /// What it is.
+        what: String,
     },
     /// The set is empty.
     #[error("with {parameters} the set is empty: {what}")]
@@ -134,12 +145,37 @@ impl Parameters {
     /// Programs for the derivatives by them, at their values.
     pub(super) fn slopes(&self) -> Result<Slopes, ExpressionError> {
         let mut slopes = Slopes::new(&self.source)?;
-        slopes.bind(&self.values);
+        slopes.bind(&self.extended(&self.values).unwrap_or_else(|_| self.values.clone()));
+        if let Some(circuit) = &self.source.terms.circuit {
+            slopes.follow(&circuit.slopes(&self.values));
+        }
         Ok(slopes)
     }
 
-    /// The constants at these values; an error leaves the parameters as they were.
-    fn constants(&self, values: &[f64]) -> Result<Vec<f64>, Unbindable> {
+    /// The values with what follows them.
+    fn extended(&self, values: &[f64]) -> Result<Vec<f64>, Unbindable> {
+        let terms = &self.source.terms;
+        let Some(circuit) = &terms.circuit else { return Ok(values.to_vec()) };
+        let all: Vec<usize> = (0..values.len()).collect();
+        let parameters = || listed(&all, &terms.names, values);
+        circuit.extended(values).map_err(|refused| match refused {
+            Refused::Structure => {
+                let what = "a coefficient of the circuit appears that vanished".to_owned();
+                Unbindable::Structure { parameters: parameters(), what }
+            }
+            Refused::Number(element, value) => {
+                let what = format!("the value of component number {} is {value}", element + 1);
+                Unbindable::OutOfRange { parameters: parameters(), what }
+            }
+            Refused::Fault(_) => {
+                let what = "the equations of the circuit are singular".to_owned();
+                Unbindable::OutOfRange { parameters: parameters(), what }
+            }
+        })
+    }
+
+    /// These values with what follows them, and the constants at them.
+    fn checked(&self, values: &[f64]) -> Result<(Vec<f64>, Vec<f64>), Unbindable> {
         let terms = &self.source.terms;
         if values.len() != terms.names.len() {
             return Err(Unbindable::Count { expected: terms.names.len(), found: values.len() });
@@ -149,16 +185,17 @@ impl Parameters {
             let what = "a parameter".to_owned();
             return Err(Unbindable::NotFinite { parameters: named(&[k]), what, value: values[k] });
         }
-        self.assumptions.clone().check(values).map_err(|broken| Unbindable::Structure {
+        let all = self.extended(values)?;
+        self.assumptions.clone().check(&all).map_err(|broken| Unbindable::Structure {
             parameters: named(&broken.parameters),
             what: changed(&broken),
         })?;
         let mut constants = self.constants.clone();
-        constants.bind(values);
+        constants.bind(&all);
         let mut found = vec![0.0; self.count()];
         constants.evaluate(0.0, &[], &mut found);
         match found.iter().position(|value| !value.is_finite()) {
-            None => Ok(found),
+            None => Ok((all, found)),
             Some(k) => Err(Unbindable::NotFinite {
                 parameters: named(&self.source.graph.parameters(self.node(k))),
                 what: self.what(k),
@@ -227,7 +264,7 @@ impl DviModel {
     /// Binds other values; an error leaves those that were bound.
     fn bind(&mut self, values: &[f64]) -> Result<(), Unbindable> {
         let Some(parameters) = &mut self.parameters else { return Err(Unbindable::Folded) };
-        let constants = parameters.constants(values)?;
+        let (all, constants) = parameters.checked(values)?;
         let source = parameters.source.clone();
         let terms = &source.terms;
         let (initial, rest) = constants.split_at(terms.initial.len());
@@ -254,15 +291,15 @@ impl DviModel {
             let repels = departures.repel(initial);
             if repels != repelled {
                 departures.bind(&parameters.values);
-                let all: Vec<usize> = (0..values.len()).collect();
+                let every: Vec<usize> = (0..values.len()).collect();
                 let what = "whether a border repels at the start".to_owned();
-                return Err(Unbindable::Structure { parameters: listed(&all, &terms.names, values), what });
+                return Err(Unbindable::Structure { parameters: listed(&every, &terms.names, values), what });
             }
         }
         parameters.values.copy_from_slice(values);
         self.initial.copy_from_slice(initial);
-        self.equations.bind(values);
-        self.outputs.bind(values);
+        self.equations.bind(&all);
+        self.outputs.bind(&all);
         let structure = self.equations.structure_mut();
         structure.set = set;
         if let Mass::Constant(entries) = &mut structure.mass {
@@ -319,9 +356,11 @@ fn changed(broken: &Broken) -> String {
     }
 }
 
-/// Parameters with their values.
+/// Parameters with their values; all of them, where it is something that follows them.
 fn listed(parameters: &[usize], names: &[String], values: &[f64]) -> String {
     const SHOWN: usize = 4;
+    let every: Vec<usize> = (0..names.len()).collect();
+    let parameters = if parameters.iter().all(|&k| k < names.len()) { parameters } else { &every };
     let shown = parameters.iter().take(SHOWN).map(|&k| format!("`{}` = {}", names[k], values[k]));
     let mut list: Vec<String> = shown.collect();
     if parameters.len() > SHOWN {

@@ -12,9 +12,19 @@ pub struct Slopes {
     /// The places of those of the rows, as `(row, parameter)`.
     pattern: Vec<(usize, usize)>,
     rows: Tape,
+    /// Where coefficients follow parameters.
+    chain: Option<Chain>,
     initial: Constants<usize>,
     mass: Constants<(usize, usize)>,
     bounds: Constants<MovingBound>,
+}
+
+/// The derivatives by inputs that follow parameters, to be passed on to these.
+#[derive(Clone, Debug)]
+struct Chain {
+    /// For each derivative by an input, the places in the pattern that it is passed on to, with their factors.
+    shares: Vec<Vec<(usize, f64)>>,
+    values: Vec<f64>,
 }
 
 /// The derivatives of constants, each with what it is a derivative of, and the parameter.
@@ -45,7 +55,32 @@ impl Slopes {
             bounds: Constants::new(&mut graph, terms.bounds.iter().copied())?,
             pattern,
             rows,
+            chain: None,
         })
+    }
+
+    /// Passes the derivatives by what follows the parameters on to these, whose derivatives of it are given.
+    pub(super) fn follow(&mut self, slopes: &[Vec<f64>]) {
+        let parameters = slopes.len();
+        let shares_of = |input: usize| -> Vec<(usize, f64)> {
+            match input.checked_sub(parameters) {
+                None => vec![(input, 1.0)],
+                Some(k) => (0..parameters).map(|by| (by, slopes[by][k])).filter(|share| share.1 != 0.0).collect(),
+            }
+        };
+        let all = self.pattern.iter().map(|&(row, input)| (row, shares_of(input)));
+        let shares: Vec<(usize, Vec<(usize, f64)>)> = all.collect();
+        let mut pattern: Vec<(usize, usize)> =
+            shares.iter().flat_map(|(row, shares)| shares.iter().map(|&(by, _)| (*row, by))).collect();
+        pattern.sort_unstable();
+        pattern.dedup();
+        let place = |row: usize, by: usize| pattern.partition_point(|&found| found < (row, by));
+        let placed = |(row, shares): (usize, Vec<(usize, f64)>)| {
+            shares.into_iter().map(|(by, factor)| (place(row, by), factor)).collect()
+        };
+        let shares: Vec<Vec<(usize, f64)>> = shares.into_iter().map(placed).collect();
+        self.chain = Some(Chain { values: vec![0.0; shares.len()], shares });
+        self.pattern = pattern;
     }
 
     pub(super) fn bind(&mut self, parameters: &[f64]) {
@@ -63,7 +98,12 @@ impl Slopes {
 
     /// Writes the derivatives of the rows at `(t, y)`, one for each place of the pattern.
     pub fn evaluate(&mut self, t: f64, y: &[f64], values: &mut [f64]) {
-        self.rows.evaluate(t, y, values);
+        let Some(Chain { shares, values: raw }) = &mut self.chain else { return self.rows.evaluate(t, y, values) };
+        self.rows.evaluate(t, y, raw);
+        values.fill(0.0);
+        for (shares, &slope) in shares.iter().zip(raw.iter()) {
+            shares.iter().for_each(|&(place, factor)| values[place] += factor * slope);
+        }
     }
 
     /// Those of the states at the start, as `(state, parameter, value)`.

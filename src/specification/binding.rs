@@ -43,6 +43,7 @@ impl Specification {
             let code = match error {
                 Unbindable::Structure { .. } => "structure_changes",
                 Unbindable::NotFinite { .. } => "not_finite",
+                Unbindable::OutOfRange { .. } => "out_of_range",
                 Unbindable::EmptySet { .. } => "empty_set",
                 Unbindable::Folded | Unbindable::Count { .. } => "folded",
             };

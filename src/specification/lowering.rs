@@ -201,6 +201,19 @@ impl<'c> Lowering<'c> {
         Constant { value, node: Some(self.graph.add(a, b)) }
     }
 
+    /// Keeps all parameters at the values given: others cannot be bound.
+    pub(super) fn keep_values(&mut self) {
+        for (index, &(_, value)) in self.inputs.iter().enumerate() {
+            let node = self.graph.parameter(index, value);
+            self.graph.assume(node, Assumption::Value);
+        }
+    }
+
+    /// The number of parameters that are inputs.
+    pub(super) fn inputs(&self) -> usize {
+        self.inputs.len()
+    }
+
     /// The parameters of rows that were compiled from this graph, with this mass matrix; `None` where there are none.
     pub(super) fn parameters(&self, terms: ParametricTerms, mass: &Mass) -> Option<Parameters> {
         if self.inputs.is_empty() || !self.errors.is_empty() {

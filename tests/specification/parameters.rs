@@ -42,6 +42,14 @@ fn assert_same(bound: &Specification, anew: &Specification, what: &str) {
     assert_eq!(bound.analysis().uniqueness, anew.analysis().uniqueness, "{what}");
     let y: Vec<f64> = (0..structure.unknowns()).map(|i| 0.3 + 0.7 * (1.0 + 1.3 * i as f64).sin().abs()).collect();
     let pairs = told(bound, 0.37, &y).into_iter().zip(told(anew, 0.37, &y));
+    let outputs = [model, other].map(|model| {
+        let mut all = y.clone();
+        all.resize(model.names().count(), 0.0);
+        model.outputs.clone().append(0.37, &mut all);
+        all
+    });
+    let [found, expected] = outputs;
+    let pairs = pairs.chain([(found, expected)]);
     for (found, expected) in pairs.flat_map(|(found, expected)| found.into_iter().zip(expected)) {
         let off = (found - expected).abs();
         assert!(off <= 4.0 * f64::EPSILON * expected.abs() || found.to_bits() == expected.to_bits(), "{what}: {off}");
@@ -121,6 +129,29 @@ fn regions() -> Value {
     })
 }
 
+/// A bridge with a capacitor in a loop with the source, a coil in series with another, and a zener in the tree.
+fn circuit() -> Value {
+    json!({
+        "problem": {"circuit": {
+            "parameters": {"r": 2, "c": 0.3, "l": 0.5, "e": 3, "w": 7, "u": 0.6, "i0": 0.2},
+            "components": [
+                {"voltage_source": {"name": "V1", "nodes": ["in", "0"], "volts": "e*cos(w*t)"}},
+                {"resistor": {"name": "R1", "nodes": ["in", "a"], "ohms": "r"}},
+                {"resistor": {"name": "R2", "nodes": ["a", "0"], "ohms": "3*r + 1"}},
+                {"resistor": {"name": "R3", "nodes": ["a", "b"], "ohms": "r^2"}},
+                {"diode": {"name": "D1", "nodes": ["b", "out"], "forward_volts": "u/10"}},
+                {"capacitor": {"name": "C1", "nodes": ["out", "0"], "farads": "c", "volts": "u"}},
+                {"capacitor": {"name": "C2", "nodes": ["in", "0"], "farads": "2*c"}},
+                {"inductor": {"name": "L1", "nodes": ["out", "m"], "henries": "l", "amperes": "i0"}},
+                {"inductor": {"name": "L2", "nodes": ["m", "0"], "henries": "l/2"}},
+                {"zener": {"name": "Z1", "nodes": ["0", "b"], "forward_volts": "u", "breakdown_volts": "2*e"}},
+                {"switch": {"name": "S1", "nodes": ["a", "out"], "closed": "sin(w*t) - u", "withstand_volts": "100*e"}}
+            ]
+        }},
+        "time": {"end": 1}
+    })
+}
+
 #[test]
 fn a_bound_problem_is_the_one_that_is_read_anew() {
     for (document, given) in [
@@ -129,6 +160,8 @@ fn a_bound_problem_is_the_one_that_is_read_anew() {
         (linear(), vec![("r", 1.7), ("e", -0.3)]),
         (linear(), vec![("l", 0.9), ("f", 0.2)]),
         (regions(), vec![("up", 0.3), ("s", 0.6)]),
+        (circuit(), vec![("r", 0.7), ("l", 1.3), ("i0", -0.1)]),
+        (circuit(), vec![("c", 1.1), ("e", 2.0), ("w", 3.0), ("u", 0.5)]),
     ] {
         let bound = read(&document).with_parameters(&given).unwrap_or_else(|errors| panic!("{given:?}: {errors:?}"));
         let anew = read(&with_numbers(&document, &given));
@@ -161,6 +194,7 @@ fn what_cannot_be_bound_says_which_parameter_changes_what() {
     let at_zero = with_numbers(&linear(), &[("e", 0.0)]);
     told(&at_zero, &[("e", 1.0)], "structure_changes", "a coefficient that was zero");
     told(&with_numbers(&linear(), &[("l", -2.0), ("r", 2.0)]), &[("l", 1.0)], "structure_changes", "was zero");
+    told(&circuit(), &[("r", -1.0)], "out_of_range", "component number 2 is -1");
     // Rates that lead away from the border on both sides leave it at any time.
     let mut repelling = with_numbers(&regions(), &[("s", 0.0)]);
     repelling["problem"]["filippov"]["surface"] = json!("x");
@@ -229,7 +263,7 @@ fn slopes_are_those_of_the_closed_form() {
 
 #[test]
 fn slopes_are_those_of_differences() {
-    for document in [linear(), regions()] {
+    for document in [linear(), regions(), circuit()] {
         let specification = read(&document);
         let parameters = specification.model().parameters().expect("parameters").clone();
         let structure = specification.model().dvi().expect("a problem").structure().clone();
