@@ -23,7 +23,7 @@ pub use convolution::ConvolutionModel;
 pub use dvi_model::{DviModel, Equations, KinkAdvice};
 pub use linear::{Linear, LinearRows};
 pub use mechanical::{MechanicalRows, SymbolicMechanics, Underivable};
-pub use mechanical_model::{ENERGIES, MechanicalModel};
+pub use mechanical_model::{ContactCoefficient, ENERGIES, MechanicalModel};
 pub use outputs::Outputs;
 pub use parameters::{Parameters, ParametricTerms, Unbindable};
 pub use slopes::Slopes;

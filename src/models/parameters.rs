@@ -1,6 +1,6 @@
-//! The parameters of a differential variational inequality. Programs keep them as inputs; what else depends on them - the
-//! states at the start, entries of the mass matrix, constant bounds - is a short program of its own. Other values are bound
-//! without parsing, differentiation or compilation.
+//! The parameters of a problem. Programs keep them as inputs; what else depends on them - the
+//! states at the start, entries of the mass matrix, constant bounds, coefficients of contacts - is a short program of its own.
+//! Other values are bound without parsing, differentiation or compilation.
 //!
 //! What parameters decide about structure is decided by the values that the model was compiled with. Values that would
 //! decide otherwise are refused: there the problem has to be compiled anew.
@@ -28,6 +28,8 @@ pub struct ParametricTerms {
     pub bounds: Vec<(MovingBound, Node)>,
     /// `F`, `G` and the moving bounds.
     pub rows: Vec<Node>,
+    /// The coefficients of contacts that are such terms.
+    pub contacts: Vec<Node>,
     /// The coefficients of a circuit, which are inputs behind the parameters.
     pub circuit: Option<CircuitParameters>,
     /// What is to be added to rows: coefficients of unknowns that are terms in parameters, as `(row, column, node)`.
@@ -38,7 +40,7 @@ pub struct ParametricTerms {
 #[derive(Clone, Debug)]
 pub struct Parameters {
     values: Vec<f64>,
-    /// The states at the start, then the entries of the mass matrix, then the bounds.
+    /// The states at the start, then the entries of the mass matrix, the bounds, the coefficients of contacts.
     constants: Tape,
     assumptions: Assumptions,
     departures: Option<Departures>,
@@ -110,7 +112,8 @@ impl Parameters {
     pub fn new(graph: &Graph, terms: ParametricTerms, mass: &Mass) -> Self {
         let of_mass = terms.mass.iter().map(|&(.., node)| node);
         let of_bounds = terms.bounds.iter().map(|&(_, node)| node);
-        let constants: Vec<Node> = terms.initial.iter().copied().chain(of_mass).chain(of_bounds).collect();
+        let of_set = of_mass.chain(of_bounds);
+        let constants: Vec<Node> = terms.initial.iter().copied().chain(of_set).chain(terms.contacts.clone()).collect();
         let places = |&(row, column, _): &(usize, usize, Node)| match mass {
             Mass::Identity => None,
             Mass::Constant(entries) => entries.iter().position(|&(i, j, _)| (i, j) == (row, column)),
@@ -156,8 +159,7 @@ impl Parameters {
     fn extended(&self, values: &[f64]) -> Result<Vec<f64>, Unbindable> {
         let terms = &self.source.terms;
         let Some(circuit) = &terms.circuit else { return Ok(values.to_vec()) };
-        let all: Vec<usize> = (0..values.len()).collect();
-        let parameters = || listed(&all, &terms.names, values);
+        let parameters = || self.told(values);
         circuit.extended(values).map_err(|refused| match refused {
             Refused::Structure => {
                 let what = "a coefficient of the circuit appears that vanished".to_owned();
@@ -174,8 +176,19 @@ impl Parameters {
         })
     }
 
+    /// All of them, with these values.
+    pub(super) fn told(&self, values: &[f64]) -> String {
+        let all: Vec<usize> = (0..values.len()).collect();
+        listed(&all, self.names(), values)
+    }
+
+    /// Remembers the values that are bound.
+    pub(super) fn keep(&mut self, values: &[f64]) {
+        self.values.copy_from_slice(values);
+    }
+
     /// These values with what follows them, and the constants at them.
-    fn checked(&self, values: &[f64]) -> Result<(Vec<f64>, Vec<f64>), Unbindable> {
+    pub(super) fn checked(&self, values: &[f64]) -> Result<(Vec<f64>, Vec<f64>), Unbindable> {
         let terms = &self.source.terms;
         if values.len() != terms.names.len() {
             return Err(Unbindable::Count { expected: terms.names.len(), found: values.len() });
@@ -206,7 +219,7 @@ impl Parameters {
 
     fn count(&self) -> usize {
         let terms = &self.source.terms;
-        terms.initial.len() + terms.mass.len() + terms.bounds.len()
+        terms.initial.len() + terms.mass.len() + terms.bounds.len() + terms.contacts.len()
     }
 
     /// The node of a constant.
@@ -214,7 +227,7 @@ impl Parameters {
         let terms = &self.source.terms;
         let mass = terms.mass.iter().map(|&(.., node)| node);
         let bounds = terms.bounds.iter().map(|&(_, node)| node);
-        let mut nodes = terms.initial.iter().copied().chain(mass).chain(bounds);
+        let mut nodes = terms.initial.iter().copied().chain(mass).chain(bounds).chain(terms.contacts.iter().copied());
         nodes.nth(k).unwrap_or(terms.initial[0])
     }
 
@@ -223,15 +236,15 @@ impl Parameters {
         match (k.checked_sub(terms.initial.len()), k.checked_sub(terms.initial.len() + terms.mass.len())) {
             (None, _) => format!("state number {} at the start", k + 1),
             (Some(_), None) => "an entry of the mass matrix".to_owned(),
-            (_, Some(_)) => "a bound".to_owned(),
+            (_, Some(_)) => "a bound or a coefficient of a contact".to_owned(),
         }
     }
 }
 
 impl Source {
     fn new(graph: &Graph, mut terms: ParametricTerms, mass: Vec<usize>) -> Self {
-        let ParametricTerms { initial, mass: entries, bounds, rows, coefficients, .. } = &mut terms;
-        let mut places: Vec<&mut Node> = initial.iter_mut().chain(rows.iter_mut()).collect();
+        let ParametricTerms { initial, mass: entries, bounds, rows, coefficients, contacts, .. } = &mut terms;
+        let mut places: Vec<&mut Node> = initial.iter_mut().chain(rows.iter_mut()).chain(contacts.iter_mut()).collect();
         places.extend(entries.iter_mut().chain(coefficients.iter_mut()).map(|(.., node)| node));
         places.extend(bounds.iter_mut().map(|(_, node)| node));
         let nodes: Vec<Node> = places.iter().map(|node| **node).collect();
@@ -291,12 +304,11 @@ impl DviModel {
             let repels = departures.repel(initial);
             if repels != repelled {
                 departures.bind(&parameters.values);
-                let every: Vec<usize> = (0..values.len()).collect();
                 let what = "whether a border repels at the start".to_owned();
-                return Err(Unbindable::Structure { parameters: listed(&every, &terms.names, values), what });
+                return Err(Unbindable::Structure { parameters: parameters.told(values), what });
             }
         }
-        parameters.values.copy_from_slice(values);
+        parameters.keep(values);
         self.initial.copy_from_slice(initial);
         self.equations.bind(&all);
         self.outputs.bind(&all);

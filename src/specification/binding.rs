@@ -4,7 +4,6 @@ use super::checked::Specification;
 use super::error::{Errors, SpecificationError};
 use super::model::Asked;
 use super::place::Place;
-use super::start;
 use super::wording::{abridged, listed};
 use expression::nearest;
 use models::Unbindable;
@@ -49,9 +48,7 @@ impl Specification {
             };
             vec![SpecificationError::new(place.to_string(), code, error.to_string())]
         })?;
-        if let Some(model) = model.dvi() {
-            start::check(model, time.start, |_| problem.to_string(), &mut errors);
-        }
+        model.check_start(time.start, &problem, &mut errors);
         let analysis = model.analyse(time.start);
         model.check_method(&Asked { analysis: &analysis, method: self.method(), time }, &mut errors);
         match errors.is_empty() {

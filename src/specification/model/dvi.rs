@@ -4,7 +4,9 @@ use super::{Asked, By, FIXED, Ladder, Model, Sizes, Varied, WithStages, name_of_
 use crate::checked::Specification;
 use crate::error::{Errors, SpecificationError};
 use crate::method::MethodName;
+use crate::place::Place;
 use crate::stages::Stages;
+use crate::start;
 use analysis::Analysis;
 use models::{DviModel, Parameters, Unbindable};
 use problem::{Control, ConvexSet, Warning};
@@ -63,6 +65,10 @@ impl Model for DviModel {
 
     fn with_parameters(&self, values: &[f64]) -> Result<Arc<dyn Model>, Unbindable> {
         DviModel::with_parameters(self, values).map(|model| Arc::new(model) as Arc<dyn Model>)
+    }
+
+    fn check_start(&self, t: f64, problem: &Place<'_>, errors: &mut Errors) {
+        start::check(self, t, |_| problem.to_string(), errors);
     }
 
     fn analyse(&self, t: f64) -> Analysis {

@@ -58,9 +58,8 @@ pub trait Model: Any + Debug + Send + Sync {
         None
     }
 
-    /// The parameters that are inputs of its programs. Differential variational inequalities have them (`dvi`, `lcs`,
-    /// `filippov`); `circuit`, `mechanical`, `rigid_bodies`, `elastic`, `obstacle` and `convolution` keep theirs as
-    /// constants, and are lowered anew for others.
+    /// The parameters that are inputs of its programs. `dvi`, `lcs`, `filippov`, `circuit` and `mechanical` have them;
+    /// `rigid_bodies`, `elastic`, `obstacle` and `convolution` keep theirs as constants, and are lowered anew for others.
     fn parameters(&self) -> Option<&Parameters> {
         None
     }
@@ -72,6 +71,9 @@ pub trait Model: Any + Debug + Send + Sync {
     fn with_parameters(&self, _values: &[f64]) -> Result<Arc<dyn Model>, Unbindable> {
         Err(Unbindable::Folded)
     }
+
+    /// What is wrong with its start at time `t`, once other parameters are bound. It is reported at the problem.
+    fn check_start(&self, _t: f64, _problem: &Place<'_>, _errors: &mut Errors) {}
 
     /// What the theory says of it at time `t` and its initial states.
     fn analyse(&self, t: f64) -> Analysis;
