@@ -10,7 +10,8 @@
 use super::ParametricTerms;
 use expression::{Breaks, ExpressionError, Graph, IntervalWorkspace, Node, Tape};
 use numerics::Interval;
-use problem::{ConvexSet, Dvi, Mass, MovingBound, Structure};
+use problem::{ConvexSet, Dvi, ForcingSlopes, Mass, MovingBound, Structure, Sums};
+use rustc_hash::FxHashMap;
 
 /// The parts of a linear system with `n` states and `m` variables.
 #[derive(Clone, Debug)]
@@ -57,11 +58,45 @@ pub struct Linear {
     forcing: Tape,
     bound_derivatives: Tape,
     time_derivatives: Tape,
+    /// Those of `a` and `g` by `t`, and the second ones of `g`; none where one passes the bounds of the graph.
+    slopes: Option<Slopes>,
     breaks: Breaks,
     /// Those of the three tapes over boxes.
     boxes: [IntervalWorkspace; 3],
     /// The middle and the radius of each unknown over a box.
     balls: Vec<(f64, f64)>,
+}
+
+/// The slopes of a forcing in time as sums of terms, and the program of these.
+#[derive(Clone, Debug)]
+struct Slopes {
+    sums: ForcingSlopes,
+    terms: Tape,
+    over_box: IntervalWorkspace,
+}
+
+impl Slopes {
+    fn new(graph: &mut Graph, rates: &[Node], inequality: &[Node], curvature: &[Node]) -> Self {
+        let mut terms: Vec<Node> = Vec::new();
+        let mut places = FxHashMap::default();
+        let mut sums = |nodes: &[Node]| -> Sums {
+            let sum = |node: &Node| {
+                let found = graph.terms_of_sum(*node).into_iter();
+                let mut place = |term: Node| {
+                    *places.entry(term).or_insert_with(|| {
+                        terms.push(term);
+                        terms.len() - 1
+                    })
+                };
+                found.map(|(term, factor)| (place(term), factor)).collect()
+            };
+            nodes.iter().map(sum).collect()
+        };
+        let (rates, inequality, curvature) = (sums(rates), sums(inequality), sums(curvature));
+        let program = Tape::compile(graph, &terms);
+        let sums = ForcingSlopes { terms: terms.len(), rates, inequality, curvature };
+        Self { sums, over_box: IntervalWorkspace::new(&program), terms: program }
+    }
 }
 
 impl Linear {
@@ -95,11 +130,17 @@ impl Linear {
             }
         }
         let zero = graph.constant(0.0);
+        let mut by_time_of = |node: Node| -> Result<Node, ExpressionError> {
+            let gradient = graph.gradient(node)?;
+            Ok(gradient.first().map_or(zero, |&(_, derivative)| derivative))
+        };
         let mut by_time = Vec::with_capacity(m);
         for (k, &g) in rows.inequality_forcing.iter().enumerate() {
-            let gradient = graph.gradient(g).map_err(|error| (rows.moving.len() + k, error))?;
-            by_time.push(gradient.first().map_or(zero, |&(_, derivative)| derivative));
+            by_time.push(by_time_of(g).map_err(|error| (rows.moving.len() + k, error))?);
         }
+        let slopes = rows.state_forcing.iter().chain(&by_time).map(|&node| by_time_of(node));
+        let slopes: Option<Vec<Node>> = slopes.collect::<Result<_, _>>().ok();
+        let slopes = slopes.map(|slopes| Slopes::new(graph, &slopes[..n], &by_time, &slopes[n..]));
         let outputs: Vec<Node> = rows
             .state_forcing
             .into_iter()
@@ -128,6 +169,7 @@ impl Linear {
             forcing,
             bound_derivatives,
             time_derivatives,
+            slopes,
             boxes,
             balls: Vec::new(),
             breaks: Breaks::new(graph, &outputs),
@@ -213,6 +255,16 @@ impl Dvi for Linear {
         }
         self.time_derivatives.enclose(t, y, &mut self.boxes[2], by_time);
         true
+    }
+
+    fn forcing_slopes(&self) -> Option<&ForcingSlopes> {
+        self.slopes.as_ref().map(|slopes| &slopes.sums)
+    }
+
+    fn enclose_forcing_slopes(&mut self, t: Interval, values: &mut [Interval]) {
+        if let Some(Slopes { terms, over_box, .. }) = &mut self.slopes {
+            terms.enclose(t, &[], over_box, values);
+        }
     }
 
     fn breaks(&mut self, t: f64) -> &[f64] {

@@ -10,7 +10,7 @@ use super::face::{ActiveFace, Place};
 use super::layout::Layout;
 use super::settings::StepError;
 use numerics::Interval;
-use problem::{Control, ConvexSet, Dvi, Face, FaceEquations, Mass, Shape, Side, Structure, Workspace};
+use problem::{Control, ConvexSet, Dvi, Face, FaceEquations, ForcingSlopes, Mass, Shape, Side, Structure, Workspace};
 use std::sync::Arc;
 
 /// What was evaluated, and how often.
@@ -178,6 +178,11 @@ impl<'p> System<'p> {
         self.problem
     }
 
+    /// How the slopes of its rows in time are sums of terms, where these are known.
+    pub fn forcing_slopes(&self) -> Option<&ForcingSlopes> {
+        self.problem.forcing_slopes()
+    }
+
     /// `M`.
     pub fn mass(&self) -> &Mass {
         &self.structure.mass
@@ -330,7 +335,7 @@ impl<'p> System<'p> {
         bounds.map(|(p, _)| self.terms_of_row(self.unknowns + p, |j| [size(j)])[0]).sum()
     }
 
-    fn terms_of_row<const N: usize>(&self, row: usize, sizes: impl Fn(usize) -> [f64; N]) -> [f64; N] {
+    pub fn terms_of_row<const N: usize>(&self, row: usize, sizes: impl Fn(usize) -> [f64; N]) -> [f64; N] {
         let mut sums = [0.0; N];
         for (j, value) in self.entries_of_row(row) {
             for (sum, size) in sums.iter_mut().zip(sizes(j)) {

@@ -1,0 +1,201 @@
+//! Monitors without what the equations of the variables inside tell:
+//!
+//! ```text
+//! m - w G_I - v dG_I/dt,    dG/dt = G_t + G_x M^-1 F,    (w, v) d(G_I, dG_I/dt)/dz_I = dm/dz_I.
+//! ```
+//!
+//! Where these bind states as well, `w` is such that the monitor does not change where the states are brought onto them.
+
+use super::monitors::{OnFace, Point, Told, Watched, size};
+use super::part::Part;
+use crate::consistent::InverseMass;
+use crate::face::Place;
+use crate::system::System;
+use nalgebra::{DMatrix, RowDVector};
+use numerics::Interval;
+use problem::{ForcingSlopes, Sums};
+
+/// The slopes of the rows of a problem over a part of a step.
+#[derive(Debug, Default)]
+pub(super) struct Rows {
+    /// The derivatives by the unknowns over the box, at the places of the pattern.
+    pub jacobian: Vec<Interval>,
+    /// Those of `G` by time.
+    pub by_time: Vec<Interval>,
+    /// The terms of the slopes of all rows in time, where they are sums of such.
+    pub terms: Vec<Interval>,
+}
+
+/// One monitor, reduced.
+#[derive(Debug, Default)]
+pub(super) struct Reduced {
+    /// Its own row of `G`, with its sign; none of a variable inside.
+    own: Option<(usize, f64)>,
+    /// The factors of the equations, by variable.
+    equations: Vec<(usize, f64)>,
+    /// Those of their derivatives by time.
+    hidden: Vec<(usize, f64)>,
+    /// Those of the rows of `F` in these.
+    rates: Vec<(usize, f64)>,
+    /// The derivatives by the unknowns over the box.
+    gradient: Vec<(usize, Interval)>,
+    /// Its slope in time as a sum of terms, where the rows are such.
+    by_terms: Option<Vec<(usize, Interval)>>,
+    /// Whether a bound of its variable moves in a way that is not known.
+    is_moved: bool,
+}
+
+impl Reduced {
+    /// The monitor with the derivatives over the box of `rows`, by what tells the variables inside, near the unknowns `y`.
+    pub fn set(&mut self, on: &mut OnFace<'_, '_>, told: Told, rows: &Rows, y: &[f64], monitor: &Watched) {
+        let is_inside = monitor.place() == Place::Inside;
+        let by_variables = monitor.by_variables(on.system);
+        self.own = (!is_inside).then_some((monitor.variable, monitor.sign()));
+        self.is_moved = is_inside && on.system.moves(monitor.variable);
+        self.hidden.clear();
+        self.rates.clear();
+        if told == Told::ByHiddenConstraints {
+            self.follow_hidden(on, &by_variables);
+            self.follow_constraints(on, rows, y);
+        } else {
+            on.inside.weights(on.system, |l| by_variables[l], &mut self.equations);
+            self.equations.iter_mut().for_each(|(_, factor)| *factor = -*factor);
+        }
+        let n = on.system.states;
+        let of_variable = is_inside.then(|| (n + monitor.variable, by_variables[monitor.variable]));
+        self.set_gradient(on.system, told, rows, of_variable);
+        self.by_terms = on.system.forcing_slopes().map(|slopes| self.sum_of_terms(slopes));
+    }
+
+    /// The derivatives by the unknowns, of which the variable of the monitor may enter itself.
+    fn set_gradient(&mut self, system: &System<'_>, told: Told, rows: &Rows, of_variable: Option<(usize, f64)>) {
+        let n = system.states;
+        let mut gradient = vec![Interval::point(0.0); system.unknowns];
+        let mut sizes = vec![0.0; system.unknowns];
+        of_variable.into_iter().for_each(|(j, slope)| gradient[j] = Interval::point(slope));
+        let of_g = self.own.iter().chain(&self.equations).map(|&(l, factor)| (n + l, factor));
+        for (row, factor) in of_g.chain(self.rates.iter().copied()) {
+            for (at, j) in system.places_of_row(row) {
+                let term = Interval::point(factor) * rows.jacobian[at];
+                gradient[j] = gradient[j] + term;
+                sizes[j] += size(term);
+            }
+        }
+        if told == Told::ByHiddenConstraints {
+            // Nothing is left of the variables inside, and of the others what rounding makes of the sums.
+            let is_told = |l: usize| system.face.places[l] == Place::Inside;
+            (0..system.unknowns - n).filter(|&l| is_told(l)).for_each(|l| gradient[n + l] = Interval::point(0.0));
+            for (slope, size) in gradient.iter_mut().zip(&sizes).filter(|(slope, _)| **slope != Interval::point(0.0)) {
+                let noise = f64::EPSILON * size;
+                *slope = *slope + Interval::new(-noise, noise);
+            }
+        }
+        self.gradient.clear();
+        self.gradient.extend(gradient.into_iter().enumerate().filter(|(_, slope)| *slope != Interval::point(0.0)));
+    }
+
+    /// The factors of equations that answer to bringing the states onto what these bind of them: the monitor is then that of
+    /// the states on their constraints.
+    fn follow_constraints(&mut self, on: &mut OnFace<'_, '_>, rows: &Rows, y: &[f64]) {
+        self.set_gradient(on.system, Told::ByHiddenConstraints, rows, None);
+        let n = on.system.states;
+        let mut of_states = vec![0.0; n];
+        for &(j, slope) in self.gradient.iter().filter(|(j, _)| *j < n) {
+            of_states[j] = 0.5 * (slope.lo + slope.hi);
+        }
+        let mut factors = Vec::new();
+        on.constraints.change_of(on.system, on.control, y, |j| of_states[j], &mut factors);
+        let is_equation = |row: usize| row >= n && on.system.face.places[row - n] == Place::Inside;
+        let equations = factors.into_iter().filter(|(row, _)| is_equation(*row));
+        for (l, factor) in equations.map(|(row, factor)| (row - n, factor)) {
+            match self.equations.iter_mut().find(|(other, _)| *other == l) {
+                Some((_, sum)) => *sum += factor,
+                None => self.equations.push((l, factor)),
+            }
+        }
+    }
+
+    /// Its slope in time, with what rounding makes of factors that cancel.
+    fn sum_of_terms(&self, slopes: &ForcingSlopes) -> Vec<(usize, Interval)> {
+        let mut factors = vec![(0.0, 0.0_f64); slopes.terms];
+        let mut add = |rows: &[(usize, f64)], sums: &Sums| {
+            for &(row, factor) in rows {
+                for &(term, of_row) in &sums[row] {
+                    factors[term].0 += factor * of_row;
+                    factors[term].1 += (factor * of_row).abs();
+                }
+            }
+        };
+        add(self.own.as_slice(), &slopes.inequality);
+        add(&self.equations, &slopes.inequality);
+        add(&self.hidden, &slopes.curvature);
+        add(&self.rates, &slopes.rates);
+        let noise = |size: f64| f64::EPSILON * size;
+        let intervals = factors.into_iter().enumerate().filter(|(_, (_, size))| *size > 0.0);
+        intervals.map(|(term, (sum, size))| (term, Interval::new(sum - noise(size), sum + noise(size)))).collect()
+    }
+
+    /// The factors of equations and hidden constraints that answer to a change of the variables inside as the monitor does.
+    fn follow_hidden(&mut self, on: &mut OnFace<'_, '_>, by_variables: &[f64]) {
+        let system = &*on.system;
+        let n = system.states;
+        self.equations.clear();
+        let Some(consistent) = &mut on.consistent else { return };
+        let Some(response) = consistent.response(system) else { return };
+        let own = RowDVector::from_iterator(response.inside.len(), response.inside.iter().map(|&l| by_variables[l]));
+        let factors = |to: &DMatrix<f64>| -> Vec<(usize, f64)> {
+            let factors = &own * to;
+            let pairs = response.inside.iter().zip(factors.iter()).map(|(&l, &factor)| (l, -factor));
+            pairs.filter(|(_, factor)| *factor != 0.0).collect()
+        };
+        (self.equations, self.hidden) = (factors(&response.to_g), factors(&response.to_hidden));
+        let mut along = RowDVector::<f64>::zeros(n);
+        for &(l, factor) in &self.hidden {
+            system.entries_of_variable(l).filter(|(j, _)| *j < n).for_each(|(j, value)| along[j] += factor * value);
+        }
+        if let Some(InverseMass::Entries(inverse)) = consistent.inverse_mass() {
+            along *= inverse;
+        }
+        self.rates.extend(along.iter().copied().enumerate().filter(|(_, factor)| *factor != 0.0));
+    }
+
+    /// Its value at a point where the monitor is `value`, and what rounding leaves uncertain of it.
+    pub fn value(&self, system: &System<'_>, value: f64, there: &Point) -> (f64, f64) {
+        let n = system.states;
+        let mut of = (value, 0.0);
+        let of_rows = self.equations.iter().map(|&(l, factor)| (n + l, factor)).chain(self.rates.iter().copied());
+        for (row, factor) in of_rows {
+            of.0 += factor * there.values[row];
+            of.1 += f64::EPSILON * factor.abs() * system.terms_of_row(row, |j| [there.y[j].abs()])[0];
+        }
+        for &(l, factor) in &self.hidden {
+            of.0 += factor * there.drift[l];
+            of.1 += f64::EPSILON * (factor * there.drift[l]).abs();
+        }
+        of
+    }
+
+    /// What errors of the unknowns make of it.
+    pub fn error(&self, errors: &[f64]) -> f64 {
+        self.gradient.iter().filter(|(j, _)| errors[*j] != 0.0).map(|&(j, slope)| size(slope) * errors[j]).sum()
+    }
+
+    /// Its slope over a part that takes `h`, in units of the part.
+    pub fn slope(&self, rows: &Rows, part: &Part, h: f64) -> Interval {
+        if self.is_moved {
+            return Interval::LINE;
+        }
+        let sum = |sum: Interval, (factor, slope): (Interval, Interval)| sum + factor * slope;
+        let by_time = match &self.by_terms {
+            Some(terms) => {
+                terms.iter().map(|&(term, factor)| (factor, rows.terms[term])).fold(Interval::point(0.0), sum)
+            }
+            None => {
+                let of_g = self.own.iter().chain(&self.equations);
+                of_g.map(|&(l, factor)| (Interval::point(factor), rows.by_time[l])).fold(Interval::point(0.0), sum)
+            }
+        };
+        let slope = part.rate_of_sum(&self.gradient) + by_time * Interval::point(h);
+        if slope.defined { slope } else { Interval::LINE }
+    }
+}
