@@ -9,6 +9,7 @@ use super::DviModel;
 use super::circuit::{CircuitParameters, Refused};
 use super::filippov::Departures;
 use super::slopes::Slopes;
+use super::unbindable::Unbindable;
 use expression::{Assumption, Assumptions, Broken, ExpressionError, Graph, Node, Tape};
 use problem::{ConvexSet, Mass, MovingBound, Side};
 use std::sync::Arc;
@@ -56,59 +57,9 @@ pub(super) struct Source {
     mass: Vec<usize>,
 }
 
-/// Why values cannot be bound.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum Unbindable {
-    /// The problem has no parameters that stay inputs.
-    #[error("this type of problem keeps its parameters as constants: it is to be compiled anew for others")]
-    Folded,
-    /// Not as many values as parameters.
-    #[error("{found} values for {expected} parameters")]
-    Count {
-        /// The number of parameters.
-        expected: usize,
-        /// The number of values.
-        found: usize,
-    },
-    /// Something that has to be finite is not.
-    #[error("with {parameters} {what} is {value}, which is not finite")]
-    NotFinite {
-        /// The parameters that it depends on, with their values.
-        parameters: String,
-        /// What it is.
-        what: String,
-        /// Its value.
-        value: f64,
-    },
-    /// A value is not in its range.
-    #[error("with {parameters} {what}")]
-    OutOfRange {
-        /// The parameters that it depends on, with their values.
-        parameters: String,
-        /// What it is.
-        what: String,
-    },
-    /// The set is empty.
-    #[error("with {parameters} the set is empty: {what}")]
-    EmptySet {
-        /// The parameters that it depends on, with their values.
-        parameters: String,
-        /// Where.
-        what: String,
-    },
-    /// The structure would change.
-    #[error("{parameters} changes the structure: {what}; the problem is to be compiled anew with this value")]
-    Structure {
-        /// The parameters that decide it, with their values.
-        parameters: String,
-        /// What would change.
-        what: String,
-    },
-}
-
 impl Parameters {
     /// The parameters of rows that have been compiled: what was decided in that stands in `graph`. `mass` is the mass matrix
-    /// of the compiled rows.
+    /// of the compiled rows, its entries sorted.
     pub fn new(graph: &Graph, terms: ParametricTerms, mass: &Mass) -> Self {
         let of_mass = terms.mass.iter().map(|&(.., node)| node);
         let of_bounds = terms.bounds.iter().map(|&(_, node)| node);
@@ -116,7 +67,7 @@ impl Parameters {
         let constants: Vec<Node> = terms.initial.iter().copied().chain(of_set).chain(terms.contacts.clone()).collect();
         let places = |&(row, column, _): &(usize, usize, Node)| match mass {
             Mass::Identity => None,
-            Mass::Constant(entries) => entries.iter().position(|&(i, j, _)| (i, j) == (row, column)),
+            Mass::Constant(entries) => entries.binary_search_by_key(&(row, column), |&(i, j, _)| (i, j)).ok(),
         };
         let mass = terms.mass.iter().map(|entry| places(entry).unwrap_or(usize::MAX)).collect();
         let source = Source::new(graph, terms, mass);

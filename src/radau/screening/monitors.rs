@@ -246,7 +246,10 @@ impl Enclosure {
             left.iter().for_each(|&at| self.forms[at].set(on, told, &self.rows, &self.middle.y, &watched[at]));
         } else if self.face.as_ref() != Some(&on.system.face) {
             self.face.get_or_insert_default().clone_from(&on.system.face);
-            self.forms.iter_mut().zip(watched).for_each(|(form, monitor)| form.set(on, told, &self.rows, &self.middle.y, monitor));
+            self.forms
+                .iter_mut()
+                .zip(watched)
+                .for_each(|(form, monitor)| form.set(on, told, &self.rows, &self.middle.y, monitor));
         }
     }
 
@@ -291,7 +294,8 @@ impl Enclosure {
         }
         self.find_errors(on, with_hidden);
         // Monitors of states on their constraints have no error of these.
-        let error_of = |form: &Reduced, errors: &[f64]| if told == Told::ByHiddenConstraints { 0.0 } else { form.error(errors) };
+        let error_of =
+            |form: &Reduced, errors: &[f64]| if told == Told::ByHiddenConstraints { 0.0 } else { form.error(errors) };
         let is_suspect = |(&at, (middle, _)): (&usize, &(f64, f64))| {
             let error = error_of(&self.forms[at], &self.errors);
             *middle < CURVATURE * error || middle.is_nan() || error.is_nan()
