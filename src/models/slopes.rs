@@ -138,11 +138,14 @@ impl<P: Copy> Constants<P> {
     }
 }
 
+/// What each of some derivatives is of, with the parameter; and the derivatives.
+type Derivatives<P> = (Vec<(P, usize)>, Vec<Node>);
+
 /// The derivatives of terms by parameters, with the place of each term.
 fn derivatives<P: Copy>(
     graph: &mut Graph,
     terms: impl Iterator<Item = (P, Node)>,
-) -> Result<(Vec<(P, usize)>, Vec<Node>), ExpressionError> {
+) -> Result<Derivatives<P>, ExpressionError> {
     let (mut places, mut nodes) = (Vec::new(), Vec::new());
     for (place, node) in terms {
         for (parameter, derivative) in graph.gradient_by_parameters(node)? {

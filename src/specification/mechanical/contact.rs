@@ -167,7 +167,7 @@ impl Friction {
         let mut nodes = Vec::new();
         for (i, slip) in self.slip.iter().enumerate() {
             let place = slip_place.index(i);
-            let Some(node) = lowering.node(slip, &place) else { return None };
+            let node = lowering.node(slip, &place)?;
             let Ok(gradient) = lowering.graph.gradient(node) else { return None };
             let velocities = gradient.iter().filter(|&&(input, _)| input > n);
             let depends =
