@@ -1,7 +1,7 @@
 //! Where expressions have a kink or a jump at a time that no state decides: at the changes of sign of the arguments of
 //! `abs`, `sign` and `heaviside`, and of the differences of those of `min` and `max`, that depend on one input alone.
 
-use super::graph::{Graph, Node, Term};
+use super::graph::{Graph, Node};
 use super::operator::Operator;
 use super::tape::Tape;
 
@@ -19,6 +19,11 @@ impl Breaks {
         Self { tape: Tape::compile(graph, &quantities), values: vec![0.0; quantities.len()] }
     }
 
+    /// Takes over other parameters.
+    pub fn bind(&mut self, parameters: &[f64]) {
+        self.tape.bind(parameters);
+    }
+
     /// Their values where input 0 is `t`.
     pub fn at(&mut self, t: f64) -> &[f64] {
         self.tape.evaluate(t, &[], &mut self.values);
@@ -30,7 +35,7 @@ impl Graph {
     fn breaks(&mut self, nodes: &[Node]) -> Vec<Node> {
         let mut found = Vec::new();
         for node in self.terms_below(nodes) {
-            let Term::Apply(operator, a, b) = self.terms[node.place()] else { continue };
+            let Some((operator, a, b)) = self.operation(node) else { continue };
             let quantity = match operator {
                 Operator::Abs | Operator::Sign | Operator::Heaviside => a,
                 Operator::Min | Operator::Max => self.subtract(a, b),

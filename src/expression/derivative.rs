@@ -10,19 +10,56 @@
 use super::error::ExpressionError;
 use super::graph::{Graph, Node, Term};
 use super::operator::Operator;
+use rustc_hash::FxHashSet;
 use std::collections::BTreeMap;
 use std::f64::consts::LN_10;
 
 /// The largest number of terms in a graph, derivatives included.
 pub(super) const MAXIMUM_TERMS: usize = 2_000_000;
 
+/// What is differentiated by.
+#[derive(Debug)]
+enum By {
+    /// The inputs; what parameters alone decide is constant, and what vanishes at the values given is left out.
+    Inputs,
+    /// The parameters, by way of these terms: those that depend on one.
+    Parameters(FxHashSet<Node>),
+}
+
 impl Graph {
     /// The inputs that `root` has a derivative by, and the derivatives, sorted by input; those that vanish
-    /// identically are left out.
+    /// identically are left out, and those that vanish with the parameters given, which is assumed from then on.
     ///
     /// # Errors
     /// `too_many_nodes` when the graph has grown past two million terms.
     pub fn gradient(&mut self, root: Node) -> Result<Vec<(usize, Node)>, ExpressionError> {
+        self.sweep(root, &By::Inputs)
+    }
+
+    /// The parameters that `root` has a derivative by, and the derivatives, sorted by parameter; those that vanish
+    /// whatever the parameters are left out.
+    ///
+    /// # Errors
+    /// `too_many_nodes` when the graph has grown past two million terms.
+    pub fn gradient_by_parameters(&mut self, root: Node) -> Result<Vec<(usize, Node)>, ExpressionError> {
+        let mut terms = self.all_below(&[root]);
+        // Operands stand before the terms that use them.
+        terms.sort_unstable();
+        let mut depending = FxHashSet::default();
+        for y in terms {
+            let depends = match self.terms[y.place()] {
+                Term::Parameter(_) => true,
+                Term::Apply(_, a, b) => depending.contains(&a) || depending.contains(&b),
+                Term::Constant(_) | Term::Input(_) => false,
+            };
+            if depends {
+                depending.insert(y);
+            }
+        }
+        self.sweep(root, &By::Parameters(depending))
+    }
+
+    fn sweep(&mut self, root: Node, by: &By) -> Result<Vec<(usize, Node)>, ExpressionError> {
         let mut gradient = Vec::new();
         // Sorted by place, so that the last one has all that its users contribute.
         let mut adjoints = BTreeMap::from([(root, self.constant(1.0))]);
@@ -30,8 +67,8 @@ impl Graph {
             if self.len() > MAXIMUM_TERMS {
                 return Err(ExpressionError::too_many_nodes(0));
             }
-            for (operand, contribution) in self.contributions(y, w).into_iter().flatten() {
-                if self.value(contribution) != Some(0.0) {
+            for (operand, contribution) in self.contributions(y, w, by).into_iter().flatten() {
+                if !self.is_nothing(contribution, by) {
                     let sum = match adjoints.get(&operand) {
                         Some(&adjoint) => self.add(adjoint, contribution),
                         None => contribution,
@@ -39,31 +76,62 @@ impl Graph {
                     adjoints.insert(operand, sum);
                 }
             }
-            if let Term::Input(index) = self.terms[y.place()]
-                && self.value(w) != Some(0.0)
-            {
-                gradient.push((index, w));
+            match (self.terms[y.place()], by) {
+                (Term::Input(index), By::Inputs) | (Term::Parameter(index), By::Parameters(_))
+                    if !self.is_nothing(w, by) =>
+                {
+                    gradient.push((index, w));
+                }
+                _ => {}
             }
         }
         gradient.sort_unstable_by_key(|&(index, _)| index);
         Ok(gradient)
     }
 
+    /// Whether a derivative is left out.
+    fn is_nothing(&mut self, derivative: Node, by: &By) -> bool {
+        match by {
+            By::Inputs => self.vanishes(derivative),
+            By::Parameters(_) => self.number(derivative) == Some(0.0),
+        }
+    }
+
+    /// Whether an operand has a derivative.
+    fn varies(&self, operand: Node, by: &By) -> bool {
+        match by {
+            By::Inputs => self.value(operand).is_none(),
+            By::Parameters(depending) => depending.contains(&operand),
+        }
+    }
+
     /// What `y` with adjoint `w` gives to the adjoints of its operands. Constants need none.
-    fn contributions(&mut self, y: Node, w: Node) -> [Option<(Node, Node)>; 2] {
+    fn contributions(&mut self, y: Node, w: Node, by: &By) -> [Option<(Node, Node)>; 2] {
         let Term::Apply(operator, a, b) = self.terms[y.place()] else {
             return [None, None];
         };
         if let Some(&(base, exponent)) = self.powers.get(&y) {
+            if !self.varies(base, by) {
+                return [None, None];
+            }
             let (k, less) = (self.constant(f64::from(exponent)), self.constant(f64::from(exponent - 1)));
             let slope = self.power(base, less);
             let slope = self.multiply(k, slope);
             return [Some((base, self.multiply(w, slope))), None];
         }
-        let first = self.value(a).is_none().then(|| (a, self.by_first(operator, a, b, y, w)));
-        let second =
-            (!operator.is_unary() && self.value(b).is_none()).then(|| (b, self.by_second(operator, a, b, y, w)));
+        let first = self.varies(a, by).then(|| (a, self.by_first(operator, a, b, y, w)));
+        let second = match operator {
+            Operator::Expanded => self.by_exponent(b, w, by),
+            _ if operator.is_unary() || !self.varies(b, by) => None,
+            _ => Some((b, self.by_second(operator, a, b, y, w))),
+        };
         [first, second]
+    }
+
+    /// What a power that is written out, with adjoint `w`, gives to its exponent; its base has its share by the product.
+    fn by_exponent(&mut self, power: Node, w: Node, by: &By) -> Option<(Node, Node)> {
+        let Term::Apply(operator, base, exponent) = self.terms[power.place()] else { return None };
+        self.varies(exponent, by).then(|| (exponent, self.by_second(operator, base, exponent, power, w)))
     }
 
     /// `w d phi(a, b) / d a`, with `y = phi(a, b)`.
@@ -71,6 +139,7 @@ impl Graph {
         let one = self.constant(1.0);
         match operator {
             Operator::Negate => self.negate(w),
+            Operator::Expanded => w,
             Operator::Sin => self.scaled(w, Operator::Cos, a),
             Operator::Cos => {
                 let slope = self.scaled(w, Operator::Sin, a);

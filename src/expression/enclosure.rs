@@ -4,6 +4,7 @@
 //! Monotone functions are taken at the ends; sine, cosine and tangent look for their extrema and poles between them.
 //! Library functions are off by a few units in the last place: their values are widened by [`SLACK`].
 
+use super::graph::is_power_of_two;
 use super::operator::Operator;
 use super::tape::Tape;
 use numerics::{Interval, between};
@@ -22,6 +23,14 @@ impl IntervalWorkspace {
     /// Room for this program, with its constants.
     pub fn new(tape: &Tape) -> Self {
         Self { registers: tape.registers.iter().map(|&value| Interval::point(value)).collect() }
+    }
+
+    /// Takes over what the parameters of the program have become.
+    pub fn bind(&mut self, tape: &Tape) {
+        let constants = tape.program.inputs..tape.program.first;
+        for (range, &value) in self.registers[constants.clone()].iter_mut().zip(&tape.registers[constants]) {
+            *range = Interval::point(value);
+        }
     }
 }
 
@@ -63,6 +72,7 @@ impl Operator {
         let defined = a.defined && b.defined;
         match self {
             Self::Negate => -a,
+            Self::Expanded => a,
             Self::Sin => wave(a, FRAC_PI_2, f64::sin),
             Self::Cos => wave(a, 0.0, f64::cos),
             Self::Tan if reaches(a, FRAC_PI_2, PI) => Interval { defined: false, ..Interval::LINE },
@@ -87,8 +97,13 @@ impl Operator {
             Self::Subtract if same => Interval::point(0.0).defined_if(defined),
             Self::Subtract => a - b,
             Self::Multiply if same => a.square(),
-            Self::Multiply => a * b,
+            Self::Multiply => product(a, b),
             Self::Divide if same => Interval::point(1.0).defined_if(defined && !a.contains(0.0)),
+            // As where the divisor is a number, and the quotient is written as a product.
+            Self::Divide if b.lo == b.hi && is_power_of_two(b.lo) => {
+                let reciprocal = 1.0 / b.lo;
+                product(a, Interval { lo: reciprocal, hi: reciprocal, ..b })
+            }
             Self::Divide => a / b,
             Self::Power => power(a, b),
             Self::Atan2 => angle(a, b),
@@ -99,6 +114,16 @@ impl Operator {
             Self::Greater => Interval::new(0.0, 1.0).defined_if(defined),
             Self::Gate => gate(a, b),
         }
+    }
+}
+
+/// `a b`, exact where one of them is the number 1, as a parameter may be.
+fn product(a: Interval, b: Interval) -> Interval {
+    let is_one = |x: Interval| x.lo == 1.0 && x.hi == 1.0;
+    match (is_one(a), is_one(b)) {
+        (_, true) => a.defined_if(b.defined),
+        (true, _) => b.defined_if(a.defined),
+        _ => a * b,
     }
 }
 

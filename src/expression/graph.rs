@@ -3,9 +3,18 @@
 //! Rewriting is exact in IEEE arithmetic with rounding to nearest, up to the sign of a zero: neutral elements are
 //! dropped, signs move outwards (`-a - b = -(a + b)`), and a division by a power of two becomes a product. Neither
 //! `0 x -> 0` nor `x - x -> 0` is among the rules: they would hide a NaN or an infinity in `x`.
+//!
+//! Terms in parameters and numbers alone know their value where the parameters have the values given
+//! ([`Graph::parameter`]), and are constants to whoever asks about structure. Of the rules, those of signs go by these
+//! values, as they hold whatever the sign; neutral elements are dropped, and quotients by powers of two written as products,
+//! only where they are numbers. An evaluation then has the bits of one with numbers in place of the parameters, but for the
+//! signs of zeros, for exponents that are whole numbers or halves in one of the two alone, and for derivatives where terms
+//! are equal by their numbers alone, so that sums have another order.
 
 use super::operator::Operator;
+use super::parameters::Assumption;
 use rustc_hash::FxHashMap;
+use std::collections::BTreeSet;
 
 /// A term of a [`Graph`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -18,12 +27,13 @@ impl Node {
     }
 }
 
-/// A number, an input, or an operator at two terms (at the same one twice if it is unary).
+/// A number, an input, a parameter, or an operator at two terms (at the same one twice if it is unary).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Term {
     /// By its bits, so that it can be hashed.
     Constant(u64),
     Input(usize),
+    Parameter(usize),
     Apply(Operator, Node, Node),
 }
 
@@ -34,6 +44,10 @@ pub struct Graph {
     places: FxHashMap<Term, Node>,
     /// Terms that are `base^exponent` written out as products: they have shorter derivatives than the products.
     pub(super) powers: FxHashMap<Node, (Node, i32)>,
+    /// The values of terms in parameters, at the values given.
+    pub(super) known: FxHashMap<Node, f64>,
+    /// What was decided by these values.
+    pub(super) assumptions: BTreeSet<(Node, Assumption)>,
 }
 
 impl Graph {
@@ -62,28 +76,45 @@ impl Graph {
         self.intern(Term::Input(index))
     }
 
-    /// The value of a constant node.
+    /// The value of a constant node, of one in parameters that at the values given.
     pub fn value(&self, node: Node) -> Option<f64> {
+        match self.terms[node.place()] {
+            Term::Constant(bits) => Some(f64::from_bits(bits)),
+            Term::Input(_) => None,
+            Term::Parameter(_) | Term::Apply(..) => self.known.get(&node).copied(),
+        }
+    }
+
+    /// The value of a node that is a number, whatever the parameters.
+    pub fn number(&self, node: Node) -> Option<f64> {
         match self.terms[node.place()] {
             Term::Constant(bits) => Some(f64::from_bits(bits)),
             _ => None,
         }
     }
 
+    /// The operator and the operands of a term that is no constant.
+    pub(super) fn operation(&self, node: Node) -> Option<(Operator, Node, Node)> {
+        match self.terms[node.place()] {
+            Term::Apply(operator, a, b) if !self.known.contains_key(&node) => Some((operator, a, b)),
+            _ => None,
+        }
+    }
+
     /// `-a`
     pub fn negate(&mut self, a: Node) -> Node {
-        match self.negated(a) {
-            Some(inner) => inner,
-            None => self.unary(Operator::Negate, a),
+        match self.terms[a.place()] {
+            Term::Apply(Operator::Negate, inner, _) => inner,
+            _ => self.unary(Operator::Negate, a),
         }
     }
 
     /// `a + b`
     pub fn add(&mut self, a: Node, b: Node) -> Node {
-        if self.value(a) == Some(0.0) {
+        if self.number(a) == Some(0.0) {
             return b;
         }
-        if self.value(b) == Some(0.0) {
+        if self.number(b) == Some(0.0) {
             return a;
         }
         match (self.negated(a), self.negated(b)) {
@@ -99,11 +130,11 @@ impl Graph {
 
     /// `a - b`
     pub fn subtract(&mut self, a: Node, b: Node) -> Node {
-        if self.value(b) == Some(0.0) {
+        if self.number(b) == Some(0.0) {
             return a;
         }
         let minus_b = self.negate(b);
-        if self.value(a) == Some(0.0) {
+        if self.number(a) == Some(0.0) {
             return minus_b;
         }
         match self.negated(a) {
@@ -115,10 +146,10 @@ impl Graph {
 
     /// `a b`
     pub fn multiply(&mut self, a: Node, b: Node) -> Node {
-        if self.value(a) == Some(1.0) {
+        if self.number(a) == Some(1.0) {
             return b;
         }
-        if self.value(b) == Some(1.0) {
+        if self.number(b) == Some(1.0) {
             return a;
         }
         self.signed(Operator::Multiply, a, b)
@@ -126,7 +157,7 @@ impl Graph {
 
     /// `a / b`
     pub fn divide(&mut self, a: Node, b: Node) -> Node {
-        match self.value(b) {
+        match self.number(b) {
             Some(1.0) => a,
             Some(divisor) if is_power_of_two(divisor) => {
                 let reciprocal = self.constant(1.0 / divisor);
@@ -151,39 +182,52 @@ impl Graph {
 
     /// Whether a minus can be taken off, and what remains.
     fn without_sign(&mut self, a: Node) -> (bool, Node) {
-        match (self.terms[a.place()], self.value(a)) {
-            (Term::Apply(Operator::Negate, inner, _), _) => (true, inner),
-            (_, Some(value)) if value < 0.0 => (true, self.constant(-value)),
+        match (self.value(a), self.negated(a)) {
+            (Some(value), _) if value < 0.0 => (true, self.negate(a)),
+            (_, Some(inner)) => (true, inner),
             _ => (false, a),
         }
     }
 
-    /// `b` where `a = -b` is written with its sign.
+    /// `b` where `a = -b` is written with its sign; constants have theirs within.
     fn negated(&self, a: Node) -> Option<Node> {
-        match self.terms[a.place()] {
-            Term::Apply(Operator::Negate, inner, _) => Some(inner),
+        match self.operation(a) {
+            Some((Operator::Negate, inner, _)) => Some(inner),
             _ => None,
         }
     }
 
-    /// A unary operator at `a`; a number if `a` is one.
+    /// A unary operator at `a`; a constant if `a` is one.
     pub(super) fn unary(&mut self, operator: Operator, a: Node) -> Node {
-        match self.value(a) {
+        match self.number(a) {
             Some(a) => self.constant(operator.apply(a, a)),
-            None => self.intern(Term::Apply(operator, a, a)),
+            None => {
+                let value = self.value(a).map(|a| operator.apply(a, a));
+                self.applied(operator, a, a, value)
+            }
         }
     }
 
-    /// A binary operator at `(a, b)`; a number if both are.
+    /// A binary operator at `(a, b)`; a constant if both are.
     pub(super) fn binary(&mut self, operator: Operator, a: Node, b: Node) -> Node {
-        match (self.value(a), self.value(b)) {
-            (Some(a), Some(b)) => self.constant(operator.apply(a, b)),
-            _ if operator.commutes() && b < a => self.intern(Term::Apply(operator, b, a)),
-            _ => self.intern(Term::Apply(operator, a, b)),
+        if let (Some(a), Some(b)) = (self.number(a), self.number(b)) {
+            return self.constant(operator.apply(a, b));
         }
+        let value = self.value(a).zip(self.value(b)).map(|(a, b)| operator.apply(a, b));
+        let (a, b) = if operator.commutes() && b < a { (b, a) } else { (a, b) };
+        self.applied(operator, a, b, value)
     }
 
-    fn intern(&mut self, term: Term) -> Node {
+    /// An operator at two terms, with its value at the parameters given where it has one.
+    pub(super) fn applied(&mut self, operator: Operator, a: Node, b: Node, value: Option<f64>) -> Node {
+        let node = self.intern(Term::Apply(operator, a, b));
+        if let Some(value) = value {
+            self.known.insert(node, value);
+        }
+        node
+    }
+
+    pub(super) fn intern(&mut self, term: Term) -> Node {
         *self.places.entry(term).or_insert_with(|| {
             let place = u32::try_from(self.terms.len()).expect("a graph has fewer than 2^32 terms");
             self.terms.push(term);
@@ -193,7 +237,7 @@ impl Graph {
 }
 
 /// Whether `1 / divisor` is exact: no mantissa, and neither number is subnormal.
-fn is_power_of_two(divisor: f64) -> bool {
+pub(super) fn is_power_of_two(divisor: f64) -> bool {
     const MANTISSA: u64 = (1 << 52) - 1;
     divisor.to_bits() & MANTISSA == 0 && divisor.is_normal() && (1.0 / divisor).is_normal()
 }

@@ -2,7 +2,7 @@
 //! arguments of `abs`, `sign` and `heaviside`, and of the differences of those of `min` and `max`. The others are
 //! [`Breaks`](super::Breaks).
 
-use super::graph::{Graph, Node, Term};
+use super::graph::{Graph, Node};
 use super::operator::Operator;
 use super::tape::Tape;
 
@@ -55,6 +55,12 @@ impl Kinks {
         }
     }
 
+    /// Takes over other parameters.
+    pub fn bind(&mut self, parameters: &[f64]) {
+        self.tape.bind(parameters);
+        self.derivatives.bind(parameters);
+    }
+
     /// What they are, in the order of their values.
     pub fn kinks(&self) -> &[Kink] {
         &self.kinks
@@ -79,7 +85,7 @@ impl Graph {
     fn kink_quantities(&mut self, nodes: &[Node]) -> Vec<(&'static str, Node)> {
         let mut found: Vec<(&'static str, Node)> = Vec::new();
         for node in self.terms_below(nodes) {
-            let Term::Apply(operator, a, b) = self.terms[node.place()] else { continue };
+            let Some((operator, a, b)) = self.operation(node) else { continue };
             let Some(function) = operator.kink() else { continue };
             let quantity = if matches!(operator, Operator::Min | Operator::Max) { self.subtract(a, b) } else { a };
             found.push((function, quantity));

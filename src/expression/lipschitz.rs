@@ -9,13 +9,15 @@
 //! - `abs`, `min` and `max` are Lipschitz.
 //!
 //! What depends on input 0 alone, time, does not matter: a differential equation may jump in time.
+//!
+//! What a parameter decides (`sqrt(x^2 + c)` is Lipschitz for positive `c`) is decided anew when it is bound.
 
 use super::enclosure::IntervalWorkspace;
-use super::graph::{Graph, Node, Term};
+use super::graph::{Graph, Node};
 use super::operator::Operator;
 use super::tape::Tape;
 use numerics::Interval;
-use rustc_hash::{FxHashMap, FxHashSet};
+use rustc_hash::FxHashSet;
 
 /// A function in an expression that is not Lipschitz at some of its arguments.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -53,11 +55,24 @@ impl Points {
     }
 }
 
+/// A function that is not Lipschitz at some arguments, in whatever range they turn out to be.
+#[derive(Clone, Debug)]
+struct Candidate {
+    operator: Operator,
+    /// Whether another function hides its pole.
+    pole: bool,
+    /// Whether it is a power with a constant exponent.
+    has_constant_exponent: bool,
+    inputs: Vec<usize>,
+}
+
 /// The functions in some expressions that are not Lipschitz everywhere, with their arguments compiled.
 #[derive(Clone, Debug, Default)]
 pub struct Irregularities {
-    found: Vec<Irregularity>,
-    /// Two arguments of each.
+    candidates: Vec<Candidate>,
+    /// Those that no bound of their arguments excludes, with their places among the candidates.
+    found: Vec<(usize, Irregularity)>,
+    /// Two arguments of each candidate.
     arguments: Tape,
     workspace: IntervalWorkspace,
     ranges: Vec<Interval>,
@@ -66,27 +81,38 @@ pub struct Irregularities {
 impl Irregularities {
     /// Those of `nodes` that depend on another input than 0, and that no bound of their arguments excludes.
     pub fn new(graph: &Graph, nodes: &[Node]) -> Self {
-        let mut pairs = graph.irregularities(nodes);
-        let mut all = Self::compiled(graph, &pairs);
-        let lines = vec![Interval::LINE; all.arguments.program.inputs];
-        let met = all.met(Interval::LINE, lines.get(1..).unwrap_or_default());
-        if met.contains(&false) {
-            let mut met = met.into_iter();
-            pairs.retain(|_| met.next() == Some(true));
-            all = Self::compiled(graph, &pairs);
-        }
-        all
-    }
-
-    fn compiled(graph: &Graph, pairs: &[(Irregularity, [Node; 2])]) -> Self {
-        let arguments: Vec<Node> = pairs.iter().flat_map(|(_, arguments)| *arguments).collect();
+        let (candidates, arguments): (Vec<Candidate>, Vec<[Node; 2]>) = graph.candidates(nodes).into_iter().unzip();
+        let arguments = arguments.concat();
         let tape = Tape::compile(graph, &arguments);
-        Self {
-            found: pairs.iter().map(|(found, _)| found.clone()).collect(),
+        let mut all = Self {
+            candidates,
+            found: Vec::new(),
             workspace: IntervalWorkspace::new(&tape),
             arguments: tape,
             ranges: vec![Interval::EMPTY; arguments.len()],
+        };
+        all.decide();
+        all
+    }
+
+    /// Takes over other parameters, and decides again by their values.
+    pub fn bind(&mut self, parameters: &[f64]) {
+        if !self.candidates.is_empty() {
+            self.arguments.bind(parameters);
+            self.workspace.bind(&self.arguments);
+            self.decide();
         }
+    }
+
+    /// Which candidates are not Lipschitz at some arguments that they meet on the whole space.
+    fn decide(&mut self) {
+        let known = self.arguments.regularities();
+        let pairs = self.arguments.program.outputs.chunks(2);
+        let judged = self.candidates.iter().zip(pairs).enumerate().filter_map(|(k, (candidate, pair))| {
+            let [a, b] = [pair[0], pair[1]].map(|register| known[register as usize]);
+            candidate.judged(a, b).map(|found| (k, found))
+        });
+        self.found = judged.collect();
     }
 
     /// Whether the expressions are locally Lipschitz wherever they have a value.
@@ -96,59 +122,90 @@ impl Irregularities {
 
     /// One that arguments over the box meet, a jump before anything else. The first input, time, is in `first`.
     pub fn over(&mut self, first: Interval, rest: &[Interval]) -> Option<&Irregularity> {
-        let met = self.met(first, rest);
-        let among = || self.found.iter().zip(&met).filter(|(_, met)| **met).map(|(found, _)| found);
+        self.arguments.enclose(first, rest, &mut self.workspace, &mut self.ranges);
+        let ranges = &self.ranges;
+        let met = |found: &(usize, Irregularity)| {
+            let (k, irregularity) = found;
+            irregularity.points.meet(ranges[2 * k], ranges[2 * k + 1])
+        };
+        let among = || self.found.iter().filter(|found| met(found)).map(|(_, found)| found);
         among().find(|found| found.jumps).or_else(|| among().next())
     }
+}
 
-    fn met(&mut self, first: Interval, rest: &[Interval]) -> Vec<bool> {
-        self.arguments.enclose(first, rest, &mut self.workspace, &mut self.ranges);
-        let pairs = self.found.iter().zip(self.ranges.chunks(2));
-        pairs.map(|(found, pair)| found.points.meet(pair[0], pair[1])).collect()
+impl Candidate {
+    /// The irregularity, where arguments of which this is known meet it.
+    fn judged(&self, a: Regularity, b: Regularity) -> Option<Irregularity> {
+        let (half_line, unit) = (Interval::new(0.0, f64::INFINITY), Interval::new(-1.0, 1.0));
+        let exponent = (self.has_constant_exponent && b.range.lo == b.range.hi).then_some(b.range.lo);
+        let (function, points, jumps) = match self.operator {
+            Operator::Sign => ("sign", Points::Zero, true),
+            Operator::Heaviside => ("heaviside", Points::Zero, true),
+            Operator::Atan2 => ("atan2", Points::Cut, true),
+            Operator::Cbrt => ("cbrt", Points::Zero, false),
+            Operator::Sqrt if !a.touches_only(half_line) => ("sqrt", Points::NotPositive, false),
+            Operator::Asin if !a.touches_only(unit) => ("asin", Points::NotInsideUnit, false),
+            Operator::Acos if !a.touches_only(unit) => ("acos", Points::NotInsideUnit, false),
+            Operator::Power => match exponent {
+                Some(exponent) if exponent >= 1.0 || (exponent >= 0.5 && a.touches_only(half_line)) => return None,
+                Some(exponent) if exponent < 0.0 && !self.pole => return None,
+                _ => ("^", Points::NotPositive, exponent.is_some_and(|exponent| exponent < 0.0)),
+            },
+            Operator::Divide if self.pole => ("/", Points::Zero, true),
+            Operator::Ln if self.pole => ("ln", Points::NotPositive, true),
+            Operator::Log10 if self.pole => ("log10", Points::NotPositive, true),
+            _ => return None,
+        };
+        points.meet(a.range, b.range).then(|| Irregularity { function, inputs: self.inputs.clone(), jumps, points })
+    }
+}
+
+impl Tape {
+    /// What is known of each register on the whole space.
+    fn regularities(&self) -> Vec<Regularity> {
+        let (inputs, first) = (self.program.inputs, self.program.first);
+        let leaf = |(register, &value): (usize, &f64)| match register < inputs {
+            true => Regularity { range: Interval::LINE, smooth: true, of_states: register > 0 },
+            false => Regularity { range: Interval::point(value), smooth: true, of_states: false },
+        };
+        let mut known: Vec<Regularity> = self.registers[..first].iter().enumerate().map(leaf).collect();
+        self.for_each_operation(|operator, a, b| {
+            let (first, second) = (known[a], known[b]);
+            let range = operator.enclose(first.range, second.range, a == b);
+            let of_states = first.of_states || second.of_states;
+            let smooth = first.smooth && second.smooth && operator.is_smooth(first.range, second.range);
+            known.push(Regularity { range, smooth: smooth || !of_states, of_states });
+        });
+        known
     }
 }
 
 impl Graph {
-    /// The functions that are not Lipschitz at some arguments, with their arguments, the only one twice.
-    fn irregularities(&self, nodes: &[Node]) -> Vec<(Irregularity, [Node; 2])> {
+    /// The functions that may not be Lipschitz at some arguments, with these, the only one twice or with the exponent.
+    fn candidates(&self, nodes: &[Node]) -> Vec<(Candidate, [Node; 2])> {
         let mut terms = self.terms_below(nodes);
-        if !terms
-            .iter()
-            .any(|y| matches!(self.terms[y.place()], Term::Apply(operator, ..) if operator.may_be_irregular()))
-        {
+        let operator = |y: Node| self.operation(y).map(|(operator, ..)| operator);
+        if !terms.iter().any(|&y| operator(y).is_some_and(Operator::may_be_irregular)) {
             return Vec::new();
         }
         terms.sort_unstable();
         let of_states = self.of_states(&terms);
-        let (known, hidden) = (self.regularities(&terms, &of_states), self.hidden(&terms));
-        let (half_line, unit) = (Interval::new(0.0, f64::INFINITY), Interval::new(-1.0, 1.0));
+        let hidden = self.hidden(&terms);
         let mut found = Vec::new();
         for &y in &terms {
-            let Term::Apply(operator, a, b) = self.terms[y.place()] else { continue };
+            let Some((operator, a, b)) = self.operation(y) else { continue };
             let pole = hidden.contains(&y);
-            let touches = |domain| known[&a].touches_only(domain);
-            let exponent = self.value(b).filter(|_| operator == Operator::Power);
-            let (function, arguments, points, jumps) = match operator {
-                Operator::Sign => ("sign", [a, a], Points::Zero, true),
-                Operator::Heaviside => ("heaviside", [a, a], Points::Zero, true),
-                Operator::Atan2 => ("atan2", [a, b], Points::Cut, true),
-                Operator::Cbrt => ("cbrt", [a, a], Points::Zero, false),
-                Operator::Sqrt if !touches(half_line) => ("sqrt", [a, a], Points::NotPositive, false),
-                Operator::Asin if !touches(unit) => ("asin", [a, a], Points::NotInsideUnit, false),
-                Operator::Acos if !touches(unit) => ("acos", [a, a], Points::NotInsideUnit, false),
-                Operator::Power => match exponent {
-                    Some(exponent) if exponent >= 1.0 || (exponent >= 0.5 && touches(half_line)) => continue,
-                    Some(exponent) if exponent < 0.0 && !pole => continue,
-                    _ => ("^", [a, a], Points::NotPositive, exponent.is_some_and(|exponent| exponent < 0.0)),
-                },
-                Operator::Divide if pole => ("/", [b, b], Points::Zero, true),
-                Operator::Ln if pole => ("ln", [a, a], Points::NotPositive, true),
-                Operator::Log10 if pole => ("log10", [a, a], Points::NotPositive, true),
-                _ => continue,
+            let has_constant_exponent = operator == Operator::Power && self.value(b).is_some();
+            let arguments = match operator {
+                Operator::Divide | Operator::Ln | Operator::Log10 if !pole => continue,
+                Operator::Divide => [b, b],
+                Operator::Atan2 => [a, b],
+                Operator::Power if has_constant_exponent => [a, b],
+                _ => [a, a],
             };
-            if arguments.iter().any(|node| of_states.contains(node)) {
+            if operator.may_be_irregular() && arguments.iter().any(|node| of_states.contains(node)) {
                 let inputs = self.inputs_of(&arguments);
-                found.push((Irregularity { function, inputs, jumps, points }, arguments));
+                found.push((Candidate { operator, pole, has_constant_exponent, inputs }, arguments));
             }
         }
         found
@@ -158,10 +215,9 @@ impl Graph {
     fn of_states(&self, terms: &[Node]) -> FxHashSet<Node> {
         let mut found = FxHashSet::default();
         for &y in terms {
-            let depends = match self.terms[y.place()] {
-                Term::Constant(_) => false,
-                Term::Input(index) => index > 0,
-                Term::Apply(_, a, b) => found.contains(&a) || found.contains(&b),
+            let depends = match self.operation(y) {
+                Some((_, a, b)) => found.contains(&a) || found.contains(&b),
+                None => self.is_input(y, |index| index > 0),
             };
             if depends {
                 found.insert(y);
@@ -170,30 +226,11 @@ impl Graph {
         found
     }
 
-    /// What is known of each term on the whole space.
-    fn regularities(&self, terms: &[Node], of_states: &FxHashSet<Node>) -> FxHashMap<Node, Regularity> {
-        let mut known: FxHashMap<Node, Regularity> = FxHashMap::default();
-        for &y in terms {
-            let regularity = match self.terms[y.place()] {
-                Term::Constant(bits) => Regularity { range: Interval::point(f64::from_bits(bits)), smooth: true },
-                Term::Input(_) => Regularity { range: Interval::LINE, smooth: true },
-                Term::Apply(operator, a, b) => {
-                    let (first, second) = (known[&a], known[&b]);
-                    let range = operator.enclose(first.range, second.range, a == b);
-                    let smooth = first.smooth && second.smooth && operator.is_smooth(first.range, second.range);
-                    Regularity { range, smooth: smooth || !of_states.contains(&y) }
-                }
-            };
-            known.insert(y, regularity);
-        }
-        known
-    }
-
     /// The terms that reach a function with a finite value at infinity, so that their poles are hidden.
     fn hidden(&self, terms: &[Node]) -> FxHashSet<Node> {
         let mut hidden = FxHashSet::default();
         for &y in terms.iter().rev() {
-            let Term::Apply(operator, a, b) = self.terms[y.place()] else { continue };
+            let Some((operator, a, b)) = self.operation(y) else { continue };
             let (first, second) = match operator {
                 Operator::Atan
                 | Operator::Tanh
@@ -225,6 +262,8 @@ struct Regularity {
     range: Interval,
     /// Whether it has Lipschitz derivatives, by other inputs than time, wherever it has a value.
     smooth: bool,
+    /// Whether it depends on another input than time.
+    of_states: bool,
 }
 
 impl Regularity {

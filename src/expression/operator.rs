@@ -5,6 +5,8 @@
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(super) enum Operator {
     Negate,
+    /// The first operand, which is the second with an exponent that parameters give written out as products.
+    Expanded,
     Sin,
     Cos,
     Tan,
@@ -65,6 +67,7 @@ impl Operator {
     pub(super) fn apply(self, a: f64, b: f64) -> f64 {
         match self {
             Self::Negate => -a,
+            Self::Expanded => a,
             Self::Sin => a.sin(),
             Self::Cos => a.cos(),
             Self::Tan => a.tan(),

@@ -1,8 +1,11 @@
 //! `x^y`. Exponents that are small whole numbers become products, by `x^(2k) = (x^k)^2`; halves become square roots:
-//! both are an order of magnitude faster than the general power, and whole powers take any sign of `x`.
+//! both are an order of magnitude faster than the general power, and whole powers take any sign of `x`. Where a parameter
+//! is such an exponent at the values given, its value is assumed, and the power stands behind the product for derivatives
+//! by the exponent.
 
 use super::graph::{Graph, Node};
 use super::operator::Operator;
+use super::parameters::Assumption;
 
 /// The largest whole exponent that is written out. Each squaring doubles the relative error, so 16 costs a few units
 /// in the last place.
@@ -11,17 +14,28 @@ const LARGEST: f64 = 16.0;
 impl Graph {
     /// `x^y`
     pub fn power(&mut self, x: Node, y: Node) -> Node {
-        match self.value(y) {
-            Some(exponent) if exponent == exponent.trunc() && exponent.abs() <= LARGEST => {
-                self.whole_power(x, exponent as i32)
-            }
-            Some(0.5) => self.unary(Operator::Sqrt, x),
-            Some(-0.5) => {
-                let root = self.unary(Operator::Sqrt, x);
-                self.reciprocal(root)
-            }
-            _ => self.binary(Operator::Power, x, y),
+        let Some(expanded) = self.value(y).and_then(|exponent| self.expanded(x, exponent)) else {
+            return self.binary(Operator::Power, x, y);
+        };
+        if self.number(y).is_some() {
+            return expanded;
         }
+        self.assume(y, Assumption::Value);
+        let power = self.binary(Operator::Power, x, y);
+        let value = self.value(expanded);
+        self.applied(Operator::Expanded, expanded, power, value)
+    }
+
+    /// `x^exponent` in products and square roots, where it is written out.
+    fn expanded(&mut self, x: Node, exponent: f64) -> Option<Node> {
+        if exponent == exponent.trunc() && exponent.abs() <= LARGEST {
+            return Some(self.whole_power(x, exponent as i32));
+        }
+        if exponent.abs() != 0.5 {
+            return None;
+        }
+        let root = self.unary(Operator::Sqrt, x);
+        Some(if exponent > 0.0 { root } else { self.reciprocal(root) })
     }
 
     fn whole_power(&mut self, x: Node, exponent: i32) -> Node {

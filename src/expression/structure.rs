@@ -19,7 +19,7 @@ impl Graph {
         let mut terms = self.terms_below(&[node]);
         terms.sort_unstable_by(|a, b| b.cmp(a));
         for y in terms {
-            let Term::Apply(operator, a, b) = self.terms[y.place()] else { continue };
+            let Some((operator, a, b)) = self.operation(y) else { continue };
             let Some(name) = operator.kink() else { continue };
             if matches!(operator, Operator::Min | Operator::Max) {
                 absorbed.extend([a, b].into_iter().filter(|&operand| self.is_apply(operator, operand)));
@@ -72,7 +72,12 @@ impl Graph {
     }
 
     fn is_apply(&self, operator: Operator, node: Node) -> bool {
-        matches!(self.terms[node.place()], Term::Apply(found, ..) if found == operator)
+        matches!(self.operation(node), Some((found, ..)) if found == operator)
+    }
+
+    /// Whether a node is an input of which this holds.
+    pub(super) fn is_input(&self, node: Node, holds: impl Fn(usize) -> bool) -> bool {
+        matches!(self.terms[node.place()], Term::Input(index) if holds(index))
     }
 
     pub(super) fn inputs_of(&self, nodes: &[Node]) -> Vec<usize> {
@@ -88,16 +93,40 @@ impl Graph {
         inputs
     }
 
-    /// The nodes themselves and all that they are made of, each once.
+    /// The nodes themselves and all that they are made of down to constants, each once.
     pub(super) fn terms_below(&self, nodes: &[Node]) -> Vec<Node> {
+        self.reached(nodes, |node| {
+            self.operation(node).map(|(operator, a, b)| (a, (!operator.is_unary()).then_some(b)))
+        })
+    }
+
+    /// The nodes themselves and all that their values are computed from, constants taken apart, each once.
+    pub(super) fn computed_below(&self, nodes: &[Node]) -> Vec<Node> {
+        self.reached(nodes, |node| match self.terms[node.place()] {
+            Term::Apply(operator, a, b) => Some((a, (!operator.is_unary()).then_some(b))),
+            _ => None,
+        })
+    }
+
+    /// The nodes themselves and all that they are made of, constants taken apart, each once.
+    pub(super) fn all_below(&self, nodes: &[Node]) -> Vec<Node> {
+        self.reached(nodes, |node| match self.terms[node.place()] {
+            Term::Apply(_, a, b) => Some((a, Some(b))),
+            _ => None,
+        })
+    }
+
+    /// The nodes themselves and what is reached from them by way of these operands, each once.
+    fn reached(&self, nodes: &[Node], operands: impl Fn(Node) -> Option<(Node, Option<Node>)>) -> Vec<Node> {
         let mut seen = FxHashSet::default();
         let mut open = nodes.to_vec();
         let mut terms = Vec::new();
         while let Some(node) = open.pop() {
             if seen.insert(node) {
                 terms.push(node);
-                if let Term::Apply(_, a, b) = self.terms[node.place()] {
-                    open.extend([a, b]);
+                if let Some((a, b)) = operands(node) {
+                    open.push(a);
+                    open.extend(b);
                 }
             }
         }

@@ -3,6 +3,7 @@
 use super::derivative::MAXIMUM_TERMS;
 use super::error::ExpressionError;
 use super::graph::{Graph, Node, Term};
+use super::operator::Operator;
 use rustc_hash::FxHashMap;
 
 /// What became of a term; a number is not a term before a term needs it.
@@ -29,6 +30,10 @@ impl Graph {
                     Some(&(_, number)) => Replaced::Number(number),
                     None => Replaced::Term(old),
                 },
+                Term::Parameter(_) => Replaced::Term(old),
+                Term::Apply(..) if self.value(old).is_some() => Replaced::Term(old),
+                // What is written out is so whatever it is a power of.
+                Term::Apply(Operator::Expanded, a, _) => replaced[&a],
                 Term::Apply(operator, a, b) => match (replaced[&a], replaced[&b]) {
                     (Replaced::Number(a), Replaced::Number(b)) => Replaced::Number(operator.apply(a, b)),
                     (a, b) => {

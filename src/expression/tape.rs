@@ -1,6 +1,8 @@
 //! A straight program for several nodes of a graph. Each instruction writes the next register. Terms are ordered by
 //! depth, then by operator and shape: those that agree in all three do not depend on each other, and where there are
 //! many, as in the rows of a discretised partial differential equation, they run as lanes without a dispatch for each.
+//!
+//! What depends on parameters alone is computed once, when they are bound: to each evaluation it is a constant.
 
 use super::graph::{Graph, Node, Term};
 use super::lanes::Lanes;
@@ -33,6 +35,10 @@ enum Block {
 #[derive(Debug, Default)]
 pub(super) struct Program {
     blocks: Vec<Block>,
+    /// The parameters that occur, with their registers.
+    parameters: Vec<(usize, usize)>,
+    /// What depends on them alone, with the registers of the results.
+    prelude: Vec<(usize, Instruction)>,
     pub(super) inputs: usize,
     /// The register of the first instruction.
     pub(super) first: usize,
@@ -44,46 +50,44 @@ pub(super) struct Program {
 #[derive(Clone, Debug, Default)]
 pub struct Tape {
     pub(super) program: Arc<Program>,
-    /// The inputs, the constants, then one for each instruction.
+    /// The inputs, the constants and what parameters give, then one for each instruction.
     pub(super) registers: Vec<f64>,
 }
 
 impl Tape {
-    /// A program that computes `outputs`, and of the terms of `graph` only those that they need.
+    /// A program that computes `outputs`, and of the terms of `graph` only those that they need. Its parameters are bound
+    /// to the values given.
     pub fn compile(graph: &Graph, outputs: &[Node]) -> Self {
         let steps = steps(graph, outputs);
         let inputs = steps.iter().filter_map(|(_, node)| match graph.terms[node.place()] {
             Term::Input(index) => Some(index + 1),
             _ => None,
         });
-        let inputs = inputs.max().unwrap_or(0);
-
-        let mut registers = vec![0.0; inputs];
-        let mut register_of = FxHashMap::default();
-        let mut instructions = Vec::new();
-        for &(kind, node) in &steps {
-            let register = match graph.terms[node.place()] {
-                Term::Input(index) => index,
-                Term::Constant(bits) => {
-                    registers.push(f64::from_bits(bits));
-                    registers.len() - 1
-                }
-                Term::Apply(operator, a, b) => {
-                    let instruction = Instruction { operator, a: register_of[&a], b: register_of[&b] };
-                    instructions.push((kind, instruction));
-                    registers.push(0.0);
-                    registers.len() - 1
-                }
-            };
-            register_of.insert(node, u32::try_from(register).expect("a graph has fewer than 2^32 terms"));
-        }
+        let mut assembly = Assembly::new(graph, inputs.max().unwrap_or(0));
+        assembly.prelude(&steps);
+        steps.iter().for_each(|&(kind, node)| assembly.take(kind, node));
+        let outputs = outputs.iter().map(|&node| assembly.register(node)).collect();
+        let Assembly { registers, parameters, prelude, instructions, inputs, .. } = assembly;
         let program = Program {
             blocks: blocks(&instructions),
+            parameters,
+            prelude,
             first: registers.len() - instructions.len(),
             inputs,
-            outputs: outputs.iter().map(|node| register_of[node]).collect(),
+            outputs,
         };
         Self { program: Arc::new(program), registers }
+    }
+
+    /// Binds the parameters, which reach at least to the largest index that occurs, until they are bound again.
+    pub fn bind(&mut self, parameters: &[f64]) {
+        let Self { program, registers } = self;
+        for &(index, register) in &program.parameters {
+            registers[register] = parameters[index];
+        }
+        for &(target, Instruction { operator, a, b }) in &program.prelude {
+            registers[target] = operator.apply(registers[a as usize], registers[b as usize]);
+        }
     }
 
     /// Writes the values of the outputs where the first input is `first`, mostly time, and the others are `rest`, which
@@ -139,6 +143,93 @@ impl Tape {
     }
 }
 
+/// The registers of a program in the course of being compiled.
+struct Assembly<'g> {
+    graph: &'g Graph,
+    inputs: usize,
+    registers: Vec<f64>,
+    register_of: FxHashMap<Node, u32>,
+    parameters: Vec<(usize, usize)>,
+    prelude: Vec<(usize, Instruction)>,
+    instructions: Vec<(Kind, Instruction)>,
+}
+
+impl<'g> Assembly<'g> {
+    fn new(graph: &'g Graph, inputs: usize) -> Self {
+        Self {
+            graph,
+            inputs,
+            registers: vec![0.0; inputs],
+            register_of: FxHashMap::default(),
+            parameters: Vec::new(),
+            prelude: Vec::new(),
+            instructions: Vec::new(),
+        }
+    }
+
+    /// What the steps need of terms in parameters alone, operands first.
+    fn prelude(&mut self, steps: &[(Kind, Node)]) {
+        let known = steps.iter().map(|&(_, node)| node).filter(|node| self.graph.known.contains_key(node));
+        let mut terms = self.graph.computed_below(&known.collect::<Vec<_>>());
+        terms.sort_unstable();
+        // What is computed stands together, as its operands in the lanes of evaluations should.
+        let (computed, given): (Vec<Node>, Vec<Node>) =
+            terms.into_iter().partition(|node| matches!(self.graph.terms[node.place()], Term::Apply(..)));
+        for node in given {
+            if let Term::Parameter(index) = self.graph.terms[node.place()] {
+                self.parameters.push((index, self.registers.len()));
+            }
+            self.keep(node, self.graph.value(node).unwrap_or(f64::NAN));
+        }
+        for node in computed {
+            let Term::Apply(operator, a, b) = self.graph.terms[node.place()] else { continue };
+            if operator != Operator::Expanded {
+                let instruction = Instruction { operator, a: self.register(a), b: self.register(b) };
+                self.prelude.push((self.registers.len(), instruction));
+                self.keep(node, self.graph.value(node).unwrap_or(f64::NAN));
+            }
+        }
+    }
+
+    /// A step; what the prelude has is there.
+    fn take(&mut self, kind: Kind, node: Node) {
+        if self.register_of.contains_key(&node) {
+            return;
+        }
+        match self.graph.terms[node.place()] {
+            Term::Input(index) => {
+                self.register_of.insert(node, narrow(index));
+            }
+            Term::Apply(Operator::Expanded, ..) => {}
+            Term::Apply(operator, a, b) => {
+                let instruction = Instruction { operator, a: self.register(a), b: self.register(b) };
+                self.instructions.push((kind, instruction));
+                self.keep(node, 0.0);
+            }
+            Term::Constant(_) | Term::Parameter(_) => self.keep(node, self.graph.value(node).unwrap_or(f64::NAN)),
+        }
+    }
+
+    /// The register of a term, of one that is written out that of the product.
+    fn register(&self, mut node: Node) -> u32 {
+        while let Term::Apply(Operator::Expanded, a, _) = self.graph.terms[node.place()] {
+            node = a;
+        }
+        self.register_of[&node]
+    }
+
+    /// A register for a term.
+    fn keep(&mut self, node: Node, value: f64) {
+        self.register_of.insert(node, narrow(self.registers.len()));
+        self.registers.push(value);
+    }
+}
+
+/// Places in half their size.
+fn narrow(place: usize) -> u32 {
+    u32::try_from(place).expect("a graph has fewer than 2^32 terms")
+}
+
 /// What terms that can be computed together have in common.
 #[derive(Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
 struct Kind {
@@ -150,10 +241,14 @@ struct Kind {
 }
 
 impl Kind {
-    fn of(term: Term, kinds: &FxHashMap<Node, Self>) -> Self {
-        let Term::Apply(operator, a, b) = term else {
-            return Self { shape: u64::from(matches!(term, Term::Input(_))), ..Self::default() };
+    fn of(graph: &Graph, node: Node, kinds: &FxHashMap<Node, Self>) -> Self {
+        let Some((operator, a, b)) = graph.operation(node) else {
+            let is_input = matches!(graph.terms[node.place()], Term::Input(_));
+            return Self { shape: u64::from(is_input), ..Self::default() };
         };
+        if operator == Operator::Expanded {
+            return kinds[&a];
+        }
         let (a, b) = (kinds[&a], kinds[&b]);
         let shape = FxBuildHasher.hash_one((operator, a.shape, b.shape));
         Self { depth: 1 + a.depth.max(b.depth), operator: Some(operator), shape }
@@ -167,7 +262,7 @@ fn steps(graph: &Graph, outputs: &[Node]) -> Vec<(Kind, Node)> {
     let mut kinds = FxHashMap::default();
     let mut steps = Vec::with_capacity(nodes.len());
     for node in nodes {
-        let kind = Kind::of(graph.terms[node.place()], &kinds);
+        let kind = Kind::of(graph, node, &kinds);
         kinds.insert(node, kind);
         steps.push((kind, node));
     }

@@ -1,6 +1,6 @@
 //! A differential variational inequality with its names and its start, to be solved any number of times.
 
-use super::{Linear, Outputs, Symbolic};
+use super::{Linear, Outputs, Parameters, Symbolic};
 use analysis::{Analysis, analyse};
 use problem::Warning;
 use problem::{Dvi, Structure};
@@ -40,6 +40,32 @@ pub struct DviModel {
     pub warnings: Vec<Warning>,
     /// What is to be said where steps chatter across a kink.
     pub kinks: KinkAdvice,
+    /// The parameters; `None` where there are none, or they are constants.
+    pub parameters: Option<Parameters>,
+}
+
+impl Equations {
+    /// Sizes, set and sparsity.
+    pub fn structure(&self) -> &Structure {
+        match self {
+            Self::Symbolic(equations) => equations.structure(),
+            Self::Linear(equations) => equations.structure(),
+        }
+    }
+
+    pub(super) fn structure_mut(&mut self) -> &mut Structure {
+        match self {
+            Self::Symbolic(equations) => equations.structure_mut(),
+            Self::Linear(equations) => equations.structure_mut(),
+        }
+    }
+
+    pub(super) fn bind(&mut self, parameters: &[f64]) {
+        match self {
+            Self::Symbolic(equations) => equations.bind(parameters),
+            Self::Linear(equations) => equations.bind(parameters),
+        }
+    }
 }
 
 impl DviModel {
@@ -63,10 +89,7 @@ impl DviModel {
 
     /// Sizes, set and sparsity.
     pub fn structure(&self) -> &Structure {
-        match &self.equations {
-            Equations::Symbolic(equations) => equations.structure(),
-            Equations::Linear(equations) => equations.structure(),
-        }
+        self.equations.structure()
     }
 
     /// What the theory says of the problem at time `t` and its initial states, with each variable as near to zero as its

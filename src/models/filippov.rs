@@ -56,52 +56,81 @@ pub fn many_regions(graph: &mut Graph, n: usize, regions: &[Region]) -> Rows {
     Rows { mass: Mass::Identity, rates, inequality, set, moving: Vec::new() }
 }
 
-/// The regions into which solutions leave from `x` at once: those that meet there, and whose own rate takes each of the
+/// The regions into which solutions leave from a point at once: those that meet there, and whose own rate takes each of the
 /// others' indicators above theirs. Where there are two or more, sliding is repulsive and solutions are not unique.
-///
-/// # Errors
-/// An indicator whose derivative passes the bounds of `graph`.
-pub fn departures(graph: &mut Graph, regions: &[Region], t: f64, x: &[f64]) -> Result<Vec<usize>, ExpressionError> {
-    let mut point = vec![t];
-    point.extend(x);
-    let mut nodes: Vec<Node> = Vec::new();
-    let mut gradients = Vec::new();
-    for region in regions {
-        let gradient = graph.gradient(region.indicator)?;
-        nodes.push(region.indicator);
-        nodes.extend(gradient.iter().map(|&(_, derivative)| derivative));
-        gradients.push(gradient);
-    }
-    nodes.extend(regions.iter().flat_map(|region| &region.rates));
-    let mut values = vec![0.0; nodes.len()];
-    Tape::compile(graph, &nodes).evaluate(t, x, &mut values);
+#[derive(Clone, Debug)]
+pub struct Departures {
+    t: f64,
+    /// Of each region its indicator with its derivatives; then the rates of all.
+    tape: Tape,
+    /// The inputs by which each indicator is differentiated.
+    inputs: Vec<Vec<usize>>,
+}
 
-    let (mut indicators, mut normals, mut sizes) = (Vec::new(), Vec::new(), Vec::new());
-    let mut rest = values.as_slice();
-    for gradient in &gradients {
-        let (own, after) = rest.split_at(1 + gradient.len());
-        let mut normal = vec![0.0; point.len()];
-        gradient.iter().zip(&own[1..]).for_each(|(&(input, _), &value)| normal[input] = value);
-        sizes.push(normal.iter().zip(&point).map(|(d, x)| (d * x).abs()).sum::<f64>());
-        indicators.push(own[0]);
-        normals.push(normal);
-        rest = after;
+impl Departures {
+    /// Those at time `t`.
+    ///
+    /// # Errors
+    /// An indicator whose derivative passes the bounds of `graph`.
+    pub fn new(graph: &mut Graph, regions: &[Region], t: f64) -> Result<Self, ExpressionError> {
+        let mut nodes: Vec<Node> = Vec::new();
+        let mut inputs = Vec::new();
+        for region in regions {
+            let gradient = graph.gradient(region.indicator)?;
+            nodes.push(region.indicator);
+            nodes.extend(gradient.iter().map(|&(_, derivative)| derivative));
+            inputs.push(gradient.into_iter().map(|(input, _)| input).collect());
+        }
+        nodes.extend(regions.iter().flat_map(|region| &region.rates));
+        Ok(Self { t, tape: Tape::compile(graph, &nodes), inputs })
     }
-    // The change of every indicator in time when the rate of region i acts.
-    let along = |i: usize, normal: &[f64]| {
-        let rates = &rest[i * x.len()..(i + 1) * x.len()];
-        normal[0] + normal[1..].iter().zip(rates).map(|(d, f)| d * f).sum::<f64>()
-    };
-    // An indicator is known to the rounding of its terms only.
-    const ROUNDING: f64 = 1e-12;
-    let least = indicators.iter().copied().fold(f64::INFINITY, f64::min);
-    let meets = |i: usize| indicators[i] - least <= ROUNDING * sizes[i];
-    let met: Vec<usize> = (0..regions.len()).filter(|&i| meets(i)).collect();
-    let leaves = |i: usize| {
-        let own = along(i, &normals[i]);
-        met.iter().all(|&j| j == i || along(i, &normals[j]) > own)
-    };
-    Ok(met.iter().copied().filter(|&i| leaves(i)).collect())
+
+    /// Takes over other parameters.
+    pub(super) fn bind(&mut self, parameters: &[f64]) {
+        self.tape.bind(parameters);
+    }
+
+    /// Whether there are several from `x`.
+    pub fn repel(&mut self, x: &[f64]) -> bool {
+        self.from(x).len() > 1
+    }
+
+    /// The regions into which solutions leave from `x`.
+    pub fn from(&mut self, x: &[f64]) -> Vec<usize> {
+        let regions = self.inputs.len();
+        let mut point = vec![self.t];
+        point.extend(x);
+        let derivatives: usize = self.inputs.iter().map(Vec::len).sum();
+        let mut values = vec![0.0; regions + derivatives + regions * x.len()];
+        self.tape.evaluate(self.t, x, &mut values);
+
+        let (mut indicators, mut normals, mut sizes) = (Vec::new(), Vec::new(), Vec::new());
+        let mut rest = values.as_slice();
+        for inputs in &self.inputs {
+            let (own, after) = rest.split_at(1 + inputs.len());
+            let mut normal = vec![0.0; point.len()];
+            inputs.iter().zip(&own[1..]).for_each(|(&input, &value)| normal[input] = value);
+            sizes.push(normal.iter().zip(&point).map(|(d, x)| (d * x).abs()).sum::<f64>());
+            indicators.push(own[0]);
+            normals.push(normal);
+            rest = after;
+        }
+        // The change of every indicator in time when the rate of region i acts.
+        let along = |i: usize, normal: &[f64]| {
+            let rates = &rest[i * x.len()..(i + 1) * x.len()];
+            normal[0] + normal[1..].iter().zip(rates).map(|(d, f)| d * f).sum::<f64>()
+        };
+        // An indicator is known to the rounding of its terms only.
+        const ROUNDING: f64 = 1e-12;
+        let least = indicators.iter().copied().fold(f64::INFINITY, f64::min);
+        let meets = |i: usize| indicators[i] - least <= ROUNDING * sizes[i];
+        let met: Vec<usize> = (0..regions).filter(|&i| meets(i)).collect();
+        let leaves = |i: usize| {
+            let own = along(i, &normals[i]);
+            met.iter().all(|&j| j == i || along(i, &normals[j]) > own)
+        };
+        met.iter().copied().filter(|&i| leaves(i)).collect()
+    }
 }
 
 #[cfg(test)]
@@ -117,7 +146,7 @@ mod tests {
         let mut node = |text: &str| graph.parse(text, &scope).expect("an expression");
         let regions = [("-x", plus), ("x", minus)]
             .map(|(indicator, rate)| Region { indicator: node(indicator), rates: vec![node(rate)] });
-        departures(&mut graph, &regions, 0.0, &[x]).expect("derivatives").len()
+        Departures::new(&mut graph, &regions, 0.0).expect("derivatives").from(&[x]).len()
     }
 
     #[test]

@@ -1,5 +1,9 @@
 //! What the types of specification lower to: equations that can be handed out as often as they are needed, with the
 //! names that their columns go by.
+//!
+//! Parameters are inputs of these equations: other values are bound to a model that is compiled
+//! ([`DviModel::with_parameters`], [`MechanicalModel::with_parameters`]), and it has derivatives by them
+//! ([`DviModel::slopes`]). Elastic bodies, obstacles, rigid bodies and memory have theirs folded into constants.
 
 pub mod circuit;
 mod convolution;
@@ -12,15 +16,21 @@ mod mechanical;
 mod mechanical_model;
 pub mod obstacle;
 mod outputs;
+mod parameters;
 mod regularity;
 mod reversal;
 pub mod rigid_bodies;
+mod slopes;
 mod symbolic;
+mod unbindable;
 
 pub use convolution::ConvolutionModel;
 pub use dvi_model::{DviModel, Equations, KinkAdvice};
 pub use linear::{Linear, LinearRows};
 pub use mechanical::{MechanicalRows, SymbolicMechanics, Underivable};
-pub use mechanical_model::{ENERGIES, MechanicalModel};
+pub use mechanical_model::{ContactCoefficient, ENERGIES, MechanicalModel};
 pub use outputs::Outputs;
+pub use parameters::{Parameters, ParametricTerms};
+pub use slopes::Slopes;
 pub use symbolic::{Refusal, Rows, Symbolic};
+pub use unbindable::Unbindable;

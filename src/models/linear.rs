@@ -7,6 +7,7 @@
 //! The matrices are stored as one, `[A B; C D]`, by its nonzeros, which are its Jacobian. The forcing `(a, g)` and the
 //! moving bounds of `K`, if there are any, are expressions.
 
+use super::ParametricTerms;
 use expression::{Breaks, ExpressionError, Graph, IntervalWorkspace, Node, Tape};
 use numerics::Interval;
 use problem::{ConvexSet, Dvi, ForcingSlopes, Mass, MovingBound, Structure, Sums};
@@ -19,6 +20,8 @@ pub struct LinearRows {
     pub mass: Mass,
     /// `[A B; C D]` as `(row, column, value)`, each place once, in any order.
     pub matrix: Vec<(usize, usize, f64)>,
+    /// The terms in parameters that entries of the matrix are the values of, in any order.
+    pub parametric: Vec<(usize, usize, Node)>,
     /// `a` (n), in the input `t` alone.
     pub state_forcing: Vec<Node>,
     /// `g` (m), in the input `t` alone.
@@ -29,12 +32,24 @@ pub struct LinearRows {
     pub moving: Vec<(MovingBound, Node)>,
 }
 
+impl LinearRows {
+    /// The rows as terms in parameters.
+    pub fn terms(&self) -> ParametricTerms {
+        let bounds = self.moving.iter().map(|(_, node)| node);
+        let rows = self.state_forcing.iter().chain(&self.inequality_forcing).chain(bounds).copied().collect();
+        ParametricTerms { rows, coefficients: self.parametric.clone(), ..ParametricTerms::default() }
+    }
+}
+
 /// A linear complementarity system, with registers of its own.
 #[derive(Clone, Debug)]
 pub struct Linear {
     structure: Structure,
     /// The values at the first places of the pattern; the others are derivatives of moving bounds.
     coefficients: Vec<f64>,
+    /// Those that parameters decide, by their places, with the program and the room for their values.
+    parametric: Vec<u32>,
+    decided: (Tape, Vec<f64>),
     /// Their columns, which every evaluation reads: half as wide as in the pattern.
     columns: Vec<u32>,
     /// Where each row of the matrix ends among them.
@@ -98,6 +113,13 @@ impl Linear {
         let columns = columns.collect();
         let row_ends = (0..n + m).map(|row| matrix.partition_point(|&(i, _, _)| i <= row)).collect();
         let mut pattern: Vec<(usize, usize)> = matrix.iter().map(|&(row, column, _)| (row, column)).collect();
+        let place = |&(row, column, _): &(usize, usize, Node)| {
+            let place = pattern.binary_search(&(row, column)).expect("an entry of the matrix");
+            u32::try_from(place).expect("fewer than 2^32 entries")
+        };
+        let parametric: Vec<u32> = rows.parametric.iter().map(place).collect();
+        let terms: Vec<Node> = rows.parametric.iter().map(|&(.., node)| node).collect();
+        let decided = (Tape::compile(graph, &terms), vec![0.0; terms.len()]);
         let coefficients = matrix.into_iter().map(|(_, _, value)| value).collect();
         let mut derivatives = Vec::new();
         for (k, &(_, bound)) in rows.moving.iter().enumerate() {
@@ -140,6 +162,8 @@ impl Linear {
         Ok(Self {
             structure,
             coefficients,
+            parametric,
+            decided,
             columns,
             row_ends,
             forcing,
@@ -150,6 +174,30 @@ impl Linear {
             balls: Vec::new(),
             breaks: Breaks::new(graph, &outputs),
         })
+    }
+}
+
+impl Linear {
+    /// Takes over other parameters.
+    pub(super) fn bind(&mut self, parameters: &[f64]) {
+        let (tape, values) = &mut self.decided;
+        tape.bind(parameters);
+        tape.evaluate(0.0, &[], values);
+        for (&place, &value) in self.parametric.iter().zip(values.iter()) {
+            self.coefficients[place as usize] = value;
+        }
+        for (tape, range) in [&mut self.forcing, &mut self.bound_derivatives, &mut self.time_derivatives]
+            .into_iter()
+            .zip(&mut self.boxes)
+        {
+            tape.bind(parameters);
+            range.bind(tape);
+        }
+        self.breaks.bind(parameters);
+    }
+
+    pub(super) fn structure_mut(&mut self) -> &mut Structure {
+        &mut self.structure
     }
 }
 

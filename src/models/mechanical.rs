@@ -91,9 +91,9 @@ struct Sparse {
 }
 
 impl Sparse {
-    fn compile(graph: &Graph, entries: Vec<((usize, usize), Node)>) -> Self {
+    fn compile(graph: &mut Graph, entries: Vec<((usize, usize), Node)>) -> Self {
         let (places, nodes): (Vec<_>, Vec<Node>) =
-            entries.into_iter().filter(|&(_, node)| graph.value(node) != Some(0.0)).unzip();
+            entries.into_iter().filter(|&(_, node)| !graph.vanishes(node)).unzip();
         Self { tape: Tape::compile(graph, &nodes), places }
     }
 }
@@ -233,8 +233,8 @@ impl SymbolicMechanics {
         let lagrangian = graph.subtract(kinetic, potential);
         let by_time = derivatives(graph, lagrangian, 1).map_err(lost)?[0];
         let energies = [kinetic, potential, power, graph.negate(by_time)];
-        let constant = |nodes: &[Node]| nodes.iter().all(|&node| graph.value(node).is_some());
         let stiffness = Sparse::compile(graph, stiffness);
+        let constant = |nodes: &[Node]| nodes.iter().all(|&node| graph.value(node).is_some());
         let holonomic: Vec<Node> = rows.joints.iter().chain(&rows.gaps).copied().collect();
         let in_time = |nodes: &[Node]| nodes.iter().any(|&node| graph.inputs(node).contains(&0));
         let of_holonomic = jacobian.iter().filter(|((_, row), _)| *row < holonomic.len());
@@ -282,6 +282,31 @@ impl SymbolicMechanics {
             scratch: Vec::new(),
             structure,
         })
+    }
+
+    /// Takes over other parameters.
+    pub(super) fn bind(&mut self, parameters: &[f64]) {
+        let Enclosures { values, drift, rows, forces, bias, .. } = &mut self.enclosures;
+        let enclosed = [
+            (&mut self.values, values),
+            (&mut self.drift, drift),
+            (&mut self.rows.tape, rows),
+            (&mut self.forces, forces),
+            (&mut self.bias, bias),
+        ];
+        for (tape, ranges) in enclosed {
+            tape.bind(parameters);
+            ranges.bind(tape);
+        }
+        for tape in [&mut self.mass, &mut self.stiffness.tape, &mut self.energies, &mut self.sensitivity.tape] {
+            tape.bind(parameters);
+        }
+        self.breaks.bind(parameters);
+    }
+
+    /// The contacts, whose coefficients may be others.
+    pub(super) fn contacts_mut(&mut self) -> &mut [ContactData] {
+        &mut self.structure.contacts
     }
 
     fn place(&mut self, q: &[f64], v: &[f64]) {

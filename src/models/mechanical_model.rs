@@ -1,6 +1,6 @@
 //! A mechanical system with its names and its start.
 
-use super::SymbolicMechanics;
+use super::{Parameters, SymbolicMechanics, Unbindable};
 use analysis::{Analysis, Uniqueness};
 use problem::Warning;
 use problem::{Mechanical, MechanicalStructure};
@@ -20,7 +20,19 @@ pub struct MechanicalModel {
     pub initial: Vec<f64>,
     /// What the user should know before it is solved.
     pub warnings: Vec<Warning>,
+    /// The parameters, with the coefficients of contacts that depend on them; `None` where there are none, or they are
+    /// constants.
+    pub parameters: Option<(Parameters, Vec<ContactCoefficient>)>,
     system: SymbolicMechanics,
+}
+
+/// A coefficient of a contact, by the number of this.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ContactCoefficient {
+    /// Of friction.
+    Friction(usize),
+    /// Of restitution.
+    Restitution(usize),
 }
 
 /// The energies among the outputs, in their order.
@@ -61,8 +73,37 @@ impl MechanicalModel {
             output_names,
             initial,
             warnings,
+            parameters: None,
             system,
         }
+    }
+
+    /// The same system with other values of its parameters, in the order of [`Parameters::names`]: nothing is parsed,
+    /// differentiated or compiled, and the programs are shared.
+    ///
+    /// # Errors
+    /// Values that are none, and those that would change the structure, for which the problem is to be compiled anew.
+    pub fn with_parameters(&self, values: &[f64]) -> Result<Self, Unbindable> {
+        let mut bound = self.clone();
+        let Some((parameters, coefficients)) = &mut bound.parameters else { return Err(Unbindable::Folded) };
+        let (all, constants) = parameters.checked(values)?;
+        let (initial, of_contacts) = constants.split_at(bound.initial.len());
+        for (&coefficient, &value) in coefficients.iter().zip(of_contacts) {
+            let contacts = bound.system.contacts_mut();
+            let (place, name, most, contact) = match coefficient {
+                ContactCoefficient::Friction(k) => (&mut contacts[k].mu, "friction", f64::MAX, k),
+                ContactCoefficient::Restitution(k) => (&mut contacts[k].restitution, "restitution", 1.0, k),
+            };
+            if !(0.0..=most).contains(&value) {
+                let what = format!("the coefficient of {name} of `{}` is {value}", bound.contacts[contact]);
+                return Err(Unbindable::OutOfRange { parameters: parameters.told(values), what });
+            }
+            *place = value;
+        }
+        parameters.keep(values);
+        bound.initial.copy_from_slice(initial);
+        bound.system.bind(&all);
+        Ok(bound)
     }
 
     /// An evaluator with registers of its own.

@@ -34,6 +34,11 @@ impl Outputs {
         self
     }
 
+    /// Takes over other parameters.
+    pub(super) fn bind(&mut self, parameters: &[f64]) {
+        self.values.bind(parameters);
+    }
+
     /// The energies, where the problem has them.
     pub fn energy(&self) -> Option<&EnergyForm> {
         self.energy.as_ref()

@@ -6,8 +6,10 @@
 //!
 //! with `F` affine in `z`. Values, Jacobian and time derivatives are one [`Tape`] each; derivatives are exact.
 
-use super::{Equations, Linear, LinearRows};
-use expression::{Breaks, ExpressionError, Graph, IntervalWorkspace, Irregularities, Kink, Kinks, Node, Tape};
+use super::{Equations, Linear, LinearRows, ParametricTerms};
+use expression::{
+    Assumption, Breaks, ExpressionError, Graph, IntervalWorkspace, Irregularities, Kink, Kinks, Node, Tape,
+};
 use numerics::Interval;
 use problem::{ConvexSet, Dvi, Mass, MovingBound, Structure};
 
@@ -24,6 +26,15 @@ pub struct Rows {
     pub set: ConvexSet,
     /// The bounds that vary with `(t, x)`.
     pub moving: Vec<(MovingBound, Node)>,
+}
+
+impl Rows {
+    /// The rows as terms in parameters.
+    pub fn terms(&self) -> ParametricTerms {
+        let bounds = self.moving.iter().map(|(_, node)| node);
+        let rows = self.rates.iter().chain(&self.inequality).chain(bounds).copied().collect();
+        ParametricTerms { rows, ..ParametricTerms::default() }
+    }
 }
 
 /// Why rows are no differential variational inequality.
@@ -101,7 +112,7 @@ impl Gradients {
                 if row < n && column >= n && graph.inputs(derivative).iter().any(|&input| input > n) {
                     refusals.push(Refusal::NotAffine { rate: row, variable: column - n });
                 }
-                if graph.value(derivative) != Some(0.0) {
+                if !graph.vanishes(derivative) {
                     pattern.push((row, column));
                     by_unknowns.push(derivative);
                 }
@@ -117,6 +128,7 @@ impl Gradients {
     /// The rows as matrices and a forcing; `None` where one is not affine in `y` with constant coefficients.
     fn affine(&self, graph: &mut Graph, rows: &Rows) -> Option<LinearRows> {
         let (n, count) = (rows.rates.len(), rows.rates.len() + rows.inequality.len());
+        self.by_unknowns.iter().for_each(|&node| graph.assume(node, Assumption::Finite));
         let coefficients: Option<Vec<f64>> = self.by_unknowns.iter().map(|&node| graph.value(node)).collect();
         let coefficients = coefficients.filter(|coefficients| coefficients.iter().all(|value| value.is_finite()))?;
         // Functions with a jump have derivatives that are constant as well.
@@ -128,15 +140,19 @@ impl Gradients {
             let zeros: Vec<(usize, f64)> =
                 graph.inputs(row).into_iter().filter(|&input| input > 0).map(|input| (input, 0.0)).collect();
             let of_time = graph.substitute(row, &zeros).ok()?;
+            graph.assume(of_time, Assumption::Finite);
             if graph.value(of_time).is_some_and(|value| !value.is_finite()) {
                 return None;
             }
             forcing.push(of_time);
         }
         let matrix = self.pattern.iter().zip(coefficients).filter(|((row, _), _)| *row < count);
+        let parametric = self.pattern.iter().zip(&self.by_unknowns);
+        let parametric = parametric.filter(|((row, _), node)| *row < count && graph.number(**node).is_none());
         Some(LinearRows {
             mass: rows.mass.clone(),
             matrix: matrix.map(|(&(row, column), value)| (row, column, value)).collect(),
+            parametric: parametric.map(|(&(row, column), &node)| (row, column, node)).collect(),
             inequality_forcing: forcing.split_off(n),
             state_forcing: forcing,
             set: rows.set.clone(),
@@ -179,6 +195,23 @@ impl Symbolic {
         let breaks = Breaks::new(graph, &outputs);
         let irregularities = Irregularities::new(graph, &outputs);
         Self { structure, values, derivatives, time_derivatives, boxes, breaks, kinks, irregularities }
+    }
+
+    /// Takes over other parameters.
+    pub(super) fn bind(&mut self, parameters: &[f64]) {
+        for (tape, range) in
+            [&mut self.values, &mut self.derivatives, &mut self.time_derivatives].into_iter().zip(&mut self.boxes)
+        {
+            tape.bind(parameters);
+            range.bind(tape);
+        }
+        self.breaks.bind(parameters);
+        self.kinks.bind(parameters);
+        self.irregularities.bind(parameters);
+    }
+
+    pub(super) fn structure_mut(&mut self) -> &mut Structure {
+        &mut self.structure
     }
 
     /// What has a kink or a jump that depends on `y`, in the order of [`Dvi::kinks`].

@@ -117,6 +117,11 @@ impl Specification {
         specification
     }
 
+    /// The same with another model of the same names.
+    pub(super) fn with_model(&self, model: Arc<dyn Model>, analysis: Analysis) -> Self {
+        Self { model, analysis, ..self.clone() }
+    }
+
     /// The same problem, to be solved in at most so many accepted steps.
     #[must_use]
     pub fn within_steps(mut self, most: u64) -> Self {

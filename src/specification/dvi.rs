@@ -21,7 +21,7 @@ use super::start;
 use super::wording::abridged;
 use super::written::{Lowered, Written};
 use expression::Node;
-use models::{DviModel, Equations, Outputs, Refusal, Rows};
+use models::{DviModel, Equations, Outputs, ParametricTerms, Refusal, Rows};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use utoipa::ToSchema;
@@ -83,7 +83,7 @@ impl Written for DviProblem {
     }
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
-        let mut lowering = Lowering::new(start, &self.parameters, place);
+        let mut lowering = Lowering::with_inputs(start, &self.parameters, place);
         let (n, m) = (self.states.len(), self.variables.len());
         if n == 0 {
             let error = SpecificationError::new(place.key("states").to_string(), "empty_states", "there are no states");
@@ -98,12 +98,12 @@ impl Written for DviProblem {
             };
             place.key(section).key(name).to_string()
         });
-        let initial = self.initial(place, &mut lowering);
+        let (initial, start_terms) = self.initial(place, &mut lowering);
         let rates = self.rates(place, &mut lowering);
         let inequality = self.inequality(place, &mut lowering);
-        let mass = mass::lower(self.mass.as_ref(), n, place, &mut lowering);
+        let (mass, mass_terms) = mass::lower(self.mass.as_ref(), n, place, &mut lowering);
         let variable_pointer = |i: usize| place.key("variables").key(self.variables.name(i)).to_string();
-        let LoweredSet { set, moving, moving_pointers } =
+        let LoweredSet { set, moving, moving_pointers, parametric } =
             set::lower(self.set.as_deref(), n, &variable_names, place, variable_pointer, &mut lowering);
         let warnings = self
             .states
@@ -112,6 +112,7 @@ impl Written for DviProblem {
             .flat_map(|(name, &rate)| kinks::warnings(name, rate, &state_names, &lowering.graph))
             .collect();
         let rows = Rows { mass, rates, inequality, set, moving };
+        let terms = ParametricTerms { initial: start_terms, mass: mass_terms, bounds: parametric, ..rows.terms() };
         let row_pointer = |row: usize| match (row.checked_sub(n), row.checked_sub(n + m)) {
             (_, Some(bound)) => moving_pointers[bound].clone(),
             (Some(i), None) => place.key("variables").key(self.variables.name(i)).key("inequality").to_string(),
@@ -128,7 +129,8 @@ impl Written for DviProblem {
         };
         let kinks = kinks::advice(&equations, &state_names, &variable_names, || self.as_set(start));
         let outputs = Outputs::default();
-        let model = DviModel { state_names, variable_names, outputs, initial, equations, warnings, kinks };
+        let parameters = lowering.parameters(terms, &equations.structure().mass);
+        let model = DviModel { state_names, variable_names, outputs, initial, equations, warnings, kinks, parameters };
         if let Some(t) = lowering.start.filter(|_| lowering.errors.is_empty()) {
             start::check(&model, t, row_pointer, &mut lowering.errors);
         }
@@ -145,12 +147,12 @@ impl DviProblem {
         serde_json::to_string(&problem).ok().map(|problem| format!("{{\"dvi\":{problem}}}"))
     }
 
-    fn initial(&self, place: &Place<'_>, lowering: &mut Lowering) -> Vec<f64> {
+    fn initial(&self, place: &Place<'_>, lowering: &mut Lowering) -> (Vec<f64>, Vec<Node>) {
         let place = place.key("states");
         self.states
             .iter()
-            .map(|(name, state)| lowering.constant(&state.initial, &place.key(name).key("initial")).unwrap_or(0.0))
-            .collect()
+            .map(|(name, state)| lowering.initial(&state.initial, &place.key(name).key("initial")))
+            .unzip()
     }
 
     fn rates(&self, place: &Place<'_>, lowering: &mut Lowering) -> Vec<Node> {

@@ -12,8 +12,8 @@ use super::start;
 use super::wording::{abridged, listed};
 use super::written::{Lowered, Written};
 use expression::{Node, nearest};
-use models::filippov::{Region, departures, many_regions, two_regions};
-use models::{DviModel, Equations, Outputs};
+use models::filippov::{Departures, Region, many_regions, two_regions};
+use models::{DviModel, Equations, Outputs, ParametricTerms};
 use serde::Deserialize;
 use solution::Warning;
 use std::sync::Arc;
@@ -81,7 +81,7 @@ impl Written for FilippovProblem {
     }
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
-        let mut lowering = Lowering::new(start, &self.parameters, place);
+        let mut lowering = Lowering::with_inputs(start, &self.parameters, place);
         let n = self.states.len();
         let states = place.key("states");
         if n == 0 {
@@ -89,11 +89,9 @@ impl Written for FilippovProblem {
             lowering.errors.push(error.expected("at least one state"));
         }
         lowering.bind_unknowns(self.states.names(), |i| states.key(self.states.name(i)).to_string());
-        let initial: Vec<f64> = self
-            .states
-            .iter()
-            .map(|(name, state)| lowering.constant(&state.initial, &states.key(name).key("initial")).unwrap_or(0.0))
-            .collect();
+        let values = self.states.iter();
+        let (initial, start_terms): (Vec<f64>, Vec<Node>) =
+            values.map(|(name, state)| lowering.initial(&state.initial, &states.key(name).key("initial"))).unzip();
         let regions = match (&self.surface, &self.regions) {
             (Some(surface), None) => self.sides(surface, place, &mut lowering),
             (None, Some(regions)) => self.many(regions, place, &mut lowering),
@@ -120,13 +118,13 @@ impl Written for FilippovProblem {
             (Some(i), None) => place.key("regions").index(i).key("indicator").to_string(),
         };
         let mut warnings = self.warnings(&regions, &state_names, &lowering);
-        if let Some(t) = lowering.start {
-            match departures(&mut lowering.graph, &regions, t, &initial) {
-                Ok(ways) if ways.len() > 1 => warnings.push(repulsive(ways.len())),
-                // A derivative that cannot be had is refused below, with its place.
-                _ => {}
-            }
+        // A derivative that cannot be had is refused below, with its place.
+        let mut departures = lowering.start.and_then(|t| Departures::new(&mut lowering.graph, &regions, t).ok());
+        let ways = departures.as_mut().map_or(0, |departures| departures.from(&initial).len());
+        if ways > 1 {
+            warnings.push(repulsive(ways));
         }
+        let terms = ParametricTerms { initial: start_terms, ..rows.terms() };
         let equations = match Equations::new(&mut lowering.graph, rows) {
             Ok(equations) => equations,
             Err(refusals) => {
@@ -138,7 +136,9 @@ impl Written for FilippovProblem {
         };
         let kinks = kinks::advice(&equations, &state_names, &variable_names, || None);
         let outputs = Outputs::default();
-        let model = DviModel { state_names, variable_names, outputs, initial, equations, warnings, kinks };
+        let parameters = lowering.parameters(terms, &equations.structure().mass);
+        let parameters = parameters.map(|parameters| parameters.with_departures(departures));
+        let model = DviModel { state_names, variable_names, outputs, initial, equations, warnings, kinks, parameters };
         if let Some(t) = lowering.start {
             start::check(&model, t, row_pointer, &mut lowering.errors);
         }

@@ -8,14 +8,14 @@ use super::error::SpecificationError;
 use super::expression::Expression;
 use super::lowering::{Lowering, Start};
 use super::mass;
-use super::matrix::Matrix;
+use super::matrix::{Entries, Matrix};
 use super::ordered::Ordered;
 use super::place::Place;
 use super::set::{self, Block};
 use super::start;
 use super::written::{Lowered, Written};
 use expression::Node;
-use models::{DviModel, Equations, KinkAdvice, Linear, LinearRows, Outputs};
+use models::{DviModel, Equations, KinkAdvice, Linear, LinearRows, Outputs, ParametricTerms};
 use serde::Deserialize;
 use std::sync::Arc;
 use utoipa::ToSchema;
@@ -81,7 +81,7 @@ impl Written for LcsProblem {
     }
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
-        let mut lowering = Lowering::new(start, &self.parameters, place);
+        let mut lowering = Lowering::with_inputs(start, &self.parameters, place);
         let (n, m) = (self.initial.len(), self.variables());
         if n == 0 {
             let error =
@@ -96,19 +96,25 @@ impl Written for LcsProblem {
             Some(_) => place.to_string(),
         };
         lowering.bind_unknowns(state_names.iter().chain(&variable_names).map(String::as_str), name_pointer);
-        let initial = self
-            .initial
-            .iter()
-            .enumerate()
-            .map(|(i, value)| lowering.constant(value, &place.key("initial").index(i)).unwrap_or(0.0))
-            .collect();
-        let matrix = self.matrix(n, m, place, &mut lowering);
+        let values = self.initial.iter().enumerate();
+        let (initial, start_terms) =
+            values.map(|(i, value)| lowering.initial(value, &place.key("initial").index(i))).unzip();
+        let Entries { values: matrix, terms: parametric } = self.matrix(n, m, place, &mut lowering);
         let state_forcing = forcing(self.a.as_deref(), n, &place.key("a"), &mut lowering);
         let inequality_forcing = forcing(self.g.as_deref(), m, &place.key("g"), &mut lowering);
-        let mass = mass::lower(self.mass.as_ref(), n, place, &mut lowering);
+        let (mass, mass_terms) = mass::lower(self.mass.as_ref(), n, place, &mut lowering);
         let set = set::lower(self.set.as_deref(), n, &variable_names, place, |i| name_pointer(n + i), &mut lowering);
         let pointers = set.moving_pointers;
-        let rows = LinearRows { mass, matrix, state_forcing, inequality_forcing, set: set.set, moving: set.moving };
+        let rows = LinearRows {
+            mass,
+            matrix,
+            parametric,
+            state_forcing,
+            inequality_forcing,
+            set: set.set,
+            moving: set.moving,
+        };
+        let terms = ParametricTerms { initial: start_terms, mass: mass_terms, bounds: set.parametric, ..rows.terms() };
         let equations = match Linear::new(&mut lowering.graph, rows) {
             Ok(equations) => Equations::Linear(Box::new(equations)),
             Err((row, error)) => {
@@ -118,6 +124,7 @@ impl Written for LcsProblem {
                 return (lowering, None);
             }
         };
+        let parameters = lowering.parameters(terms, &equations.structure().mass);
         let model = DviModel {
             state_names,
             variable_names,
@@ -126,6 +133,7 @@ impl Written for LcsProblem {
             equations,
             warnings: Vec::new(),
             kinks: KinkAdvice::default(),
+            parameters,
         };
         if let Some(t) = lowering.start.filter(|_| lowering.errors.is_empty()) {
             let pointer = |row: usize| match (row.checked_sub(n), row.checked_sub(n + m)) {
@@ -141,18 +149,19 @@ impl Written for LcsProblem {
 
 impl LcsProblem {
     /// `[A B; C D]` by its nonzeros.
-    fn matrix(&self, n: usize, m: usize, place: &Place<'_>, lowering: &mut Lowering) -> Vec<(usize, usize, f64)> {
+    fn matrix(&self, n: usize, m: usize, place: &Place<'_>, lowering: &mut Lowering) -> Entries {
         let blocks = [
             ("A", &self.A, (0, 0), (n, n)),
             ("B", &self.B, (0, n), (n, m)),
             ("C", &self.C, (n, 0), (m, n)),
             ("D", &self.D, (n, n), (m, m)),
         ];
-        let mut matrix = Vec::new();
+        let mut matrix = Entries::default();
         for (key, block, (top, left), shape) in blocks {
             let Some(block) = block else { continue };
-            let entries = block.entries(shape, &place.key(key), lowering);
-            matrix.extend(entries.into_iter().map(|(i, j, value)| (top + i, left + j, value)));
+            let Entries { values, terms } = block.parametric(shape, &place.key(key), lowering);
+            matrix.values.extend(values.into_iter().map(|(i, j, value)| (top + i, left + j, value)));
+            matrix.terms.extend(terms.into_iter().map(|(i, j, node)| (top + i, left + j, node)));
         }
         matrix
     }

@@ -7,6 +7,7 @@
 //! an exact place.
 
 mod as_set;
+mod binding;
 mod catalogue;
 mod checked;
 mod choices;

@@ -2,6 +2,9 @@
 //!
 //! Inputs are numbered `t = 0`, states `1..=n`, variables `n+1..=n+m`. An expression that cannot be read is reported and
 //! gives nothing; its caller puts in something harmless and goes on, so that the rest is checked as well.
+//!
+//! Parameters are constants, or inputs that may be bound to other values later. Of these, the ones that are expressions in
+//! others are terms, and follow them.
 
 use super::error::{Errors, SpecificationError};
 use super::expression::Expression;
@@ -9,8 +12,9 @@ use super::ordered::Ordered;
 use super::parameters;
 use super::place::Place;
 use super::wording::abridged;
-use expression::{Graph, NameError, Node, Scope};
-use problem::Control;
+use expression::{Assumption, Graph, NameError, Node, Scope};
+use models::{Parameters, ParametricTerms};
+use problem::{Control, Mass};
 
 /// States and variables that one specification may have in all.
 pub(super) const MOST_UNKNOWNS: usize = 2_000_000;
@@ -31,22 +35,41 @@ pub(super) struct Lowering<'c> {
     /// The start time and whether the initial values are the user's; absent if the start is not to be evaluated.
     pub start: Option<f64>,
     pub control: &'c Control,
+    /// The parameters that are inputs, with their values.
+    inputs: Vec<(String, f64)>,
     constants: Scope,
     names: Scope,
     misnamed: bool,
+}
+
+/// A constant, with its term where it depends on parameters that are inputs.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Constant {
+    pub value: f64,
+    pub node: Option<Node>,
 }
 
 /// Nodes or rows lowered between two polls of [`Control`]: below a millisecond's work for a short expression.
 const BETWEEN_POLLS: usize = 256;
 
 impl<'c> Lowering<'c> {
-    /// A lowering in which `t` and the parameters have their names.
+    /// A lowering in which `t` and the parameters have their names, these as constants.
     pub(super) fn new(start: Start<'c>, parameters: &Ordered<Expression>, problem: &Place<'_>) -> Self {
+        Self::named(start, parameters, problem, false)
+    }
+
+    /// A lowering in which `t` and the parameters have their names, these as inputs.
+    pub(super) fn with_inputs(start: Start<'c>, parameters: &Ordered<Expression>, problem: &Place<'_>) -> Self {
+        Self::named(start, parameters, problem, true)
+    }
+
+    fn named(start: Start<'c>, parameters: &Ordered<Expression>, problem: &Place<'_>, are_inputs: bool) -> Self {
         let mut lowering = Self {
             graph: Graph::default(),
             errors: Errors::default(),
             start: start.time,
             control: start.control,
+            inputs: Vec::new(),
             constants: Scope::default(),
             names: Scope::default(),
             misnamed: false,
@@ -56,8 +79,18 @@ impl<'c> Lowering<'c> {
         let place = problem.key("parameters");
         for (name, value) in parameters::in_order(parameters) {
             let place = place.key(name);
-            let value = lowering.constant(value, &place);
-            let node = lowering.graph.constant(value.unwrap_or(1.0));
+            let value = lowering.parametric(value, &place);
+            let node = match value {
+                Some(Constant { node: Some(node), .. }) => {
+                    lowering.graph.assume(node, Assumption::Finite);
+                    node
+                }
+                Some(Constant { value, .. }) if are_inputs => {
+                    lowering.inputs.push((name.to_owned(), value));
+                    lowering.graph.parameter(lowering.inputs.len() - 1, value)
+                }
+                value => lowering.graph.constant(value.map_or(1.0, |constant| constant.value)),
+            };
             if lowering.bind(name, node, &place) {
                 // Bound in the larger scope, the name is valid and new in the smaller one.
                 let _ = lowering.constants.bind(name, node);
@@ -121,13 +154,22 @@ impl<'c> Lowering<'c> {
         }
     }
 
-    /// An expression in the parameters alone, which has a finite value.
+    /// An expression in the parameters alone, which has a finite value and keeps it: others cannot be bound.
     pub(super) fn constant(&mut self, expression: &Expression, place: &Place<'_>) -> Option<f64> {
-        let value = match expression {
-            Expression::Number(value) => Some(*value),
+        let Constant { value, node } = self.parametric(expression, place)?;
+        if let Some(node) = node {
+            self.graph.assume(node, Assumption::Value);
+        }
+        Some(value)
+    }
+
+    /// An expression in the parameters alone, which has a finite value.
+    pub(super) fn parametric(&mut self, expression: &Expression, place: &Place<'_>) -> Option<Constant> {
+        let (value, node) = match expression {
+            Expression::Number(value) => (Some(*value), None),
             Expression::Text(text) => {
                 let node = self.parse(text, place, true)?;
-                self.graph.value(node)
+                (self.graph.value(node), self.graph.number(node).is_none().then_some(node))
             }
         };
         let finite = value.filter(|value| value.is_finite());
@@ -139,7 +181,46 @@ impl<'c> Lowering<'c> {
             self.errors
                 .push(SpecificationError::new(place.to_string(), "not_finite", detail).expected("a finite constant"));
         }
-        finite
+        finite.map(|value| Constant { value, node })
+    }
+
+    /// A state at the start, with its term.
+    pub(super) fn initial(&mut self, given: &Expression, place: &Place<'_>) -> (f64, Node) {
+        let constant = self.parametric(given, place).unwrap_or(Constant { value: 0.0, node: None });
+        let node = constant.node.unwrap_or_else(|| self.graph.constant(constant.value));
+        (constant.value, node)
+    }
+
+    /// The sum of two constants.
+    pub(super) fn sum(&mut self, a: Constant, b: Constant) -> Constant {
+        let value = a.value + b.value;
+        if a.node.or(b.node).is_none() {
+            return Constant { value, node: None };
+        }
+        let [a, b] = [a, b].map(|constant| constant.node.unwrap_or_else(|| self.graph.constant(constant.value)));
+        Constant { value, node: Some(self.graph.add(a, b)) }
+    }
+
+    /// Keeps all parameters at the values given: others cannot be bound.
+    pub(super) fn keep_values(&mut self) {
+        for (index, &(_, value)) in self.inputs.iter().enumerate() {
+            let node = self.graph.parameter(index, value);
+            self.graph.assume(node, Assumption::Value);
+        }
+    }
+
+    /// The number of parameters that are inputs.
+    pub(super) fn inputs(&self) -> usize {
+        self.inputs.len()
+    }
+
+    /// The parameters of rows that were compiled from this graph, with this mass matrix; `None` where there are none.
+    pub(super) fn parameters(&self, terms: ParametricTerms, mass: &Mass) -> Option<Parameters> {
+        if self.inputs.is_empty() || !self.errors.is_empty() {
+            return None;
+        }
+        let (names, values) = self.inputs.iter().cloned().unzip();
+        Some(Parameters::new(&self.graph, ParametricTerms { names, values, ..terms }, mass))
     }
 
     fn parse(&mut self, text: &str, place: &Place<'_>, constant: bool) -> Option<Node> {

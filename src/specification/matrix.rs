@@ -2,9 +2,9 @@
 
 use super::error::SpecificationError;
 use super::expression::Expression;
-use super::lowering::Lowering;
+use super::lowering::{Constant, Lowering};
 use super::place::Place;
-use expression::Node;
+use expression::{Assumption, Node};
 use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{Deserializer, MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize};
@@ -34,6 +34,15 @@ pub struct SparseMatrix {
     pub entries: Vec<(usize, usize, Expression)>,
 }
 
+/// The nonzero entries of a matrix, sorted, each place once.
+#[derive(Debug, Default)]
+pub(super) struct Entries {
+    /// `(row, column, value)`.
+    pub values: Vec<(usize, usize, f64)>,
+    /// The terms of those that depend on parameters.
+    pub terms: Vec<(usize, usize, Node)>,
+}
+
 impl Matrix {
     /// The number of rows, as written.
     pub(super) fn rows(&self) -> usize {
@@ -58,20 +67,30 @@ impl Matrix {
         place: &Place<'_>,
         lowering: &mut Lowering,
     ) -> Vec<(usize, usize, f64)> {
-        let mut entries: Vec<(usize, usize, f64)> = Vec::new();
+        let Entries { values, terms } = self.parametric(shape, place, lowering);
+        terms.into_iter().for_each(|(.., node)| lowering.graph.assume(node, Assumption::Value));
+        values
+    }
+
+    /// The same, with the terms of those that depend on parameters.
+    pub(super) fn parametric(&self, shape: (usize, usize), place: &Place<'_>, lowering: &mut Lowering) -> Entries {
+        let mut entries: Vec<(usize, usize, Constant)> = Vec::new();
         self.for_each(shape, place, lowering, |i, j, value, place, lowering| {
-            entries.push((i, j, lowering.constant(value, place).unwrap_or(0.0)));
+            let constant = lowering.parametric(value, place).unwrap_or(Constant { value: 0.0, node: None });
+            entries.push((i, j, constant));
         });
         entries.sort_by_key(|&(i, j, _)| (i, j));
         entries.dedup_by(|next, kept| {
             let same = (next.0, next.1) == (kept.0, kept.1);
             if same {
-                kept.2 += next.2;
+                kept.2 = lowering.sum(kept.2, next.2);
             }
             same
         });
-        entries.retain(|&(_, _, value)| value != 0.0);
-        entries
+        let nodes = entries.iter().filter_map(|&(i, j, constant)| Some((i, j, constant.node?)));
+        let terms = nodes.filter(|&(.., node)| !lowering.graph.vanishes(node)).collect();
+        let values = entries.iter().map(|&(i, j, constant)| (i, j, constant.value)).filter(|entry| entry.2 != 0.0);
+        Entries { values: values.collect(), terms }
     }
 
     /// All entries row by row, as expressions that may vary.

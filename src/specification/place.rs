@@ -4,7 +4,7 @@ use std::fmt::{self, Display, Formatter, Write};
 
 /// A place as a path from the root that borrows each step, so that naming one costs nothing until it is shown.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Place<'a> {
+pub enum Place<'a> {
     /// The document.
     Root,
     /// The member of that name.

@@ -36,6 +36,7 @@ fn problem(n: usize) -> Linear {
     let rows = LinearRows {
         mass: Mass::Identity,
         matrix: entries(n),
+        parametric: Vec::new(),
         state_forcing: vec![zero; n],
         inequality_forcing: Vec::new(),
         set: ConvexSet::free(0),

@@ -12,6 +12,7 @@ mod index;
 mod mechanical;
 mod memory;
 mod obstacle;
+mod parameters;
 mod rigid_bodies;
 mod schema;
 mod semantics;

@@ -4,6 +4,7 @@ mod enclosures;
 mod gradients;
 mod hostile;
 mod messages;
+mod parameters;
 mod values;
 
 use super::{ExpressionError, Graph, Node, Scope, Tape};

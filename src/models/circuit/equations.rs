@@ -12,9 +12,9 @@
 //!    that are in the tree are added to those of their loops and cut sets. `M` is positive definite too.
 //! 4. The other of voltage and current of every element, by Kirchhoff's laws; for the diodes, that is `G`.
 
-use super::form::Form;
+use super::form::{Coefficient, Form};
 use super::solve::solve;
-use super::{Columns, Element, Fault, Law, NormalTree, Port};
+use super::{Columns, Direction, Element, Fault, Law, NormalTree, Port, Quantity};
 use std::cell::Cell;
 
 /// The most terms that are added on the way, and that the solution of one system may have.
@@ -42,7 +42,20 @@ impl Equations {
     /// [`Fault::Singular`] where rounding makes a matrix indefinite that is positive definite, and
     /// [`Fault::TooIntertwined`] where the forms grow past all bounds.
     pub fn new(elements: &[Element], tree: &NormalTree, columns: &Columns) -> Result<Self, Fault> {
-        let mut assembly = Assembly::given(elements, tree, columns)?;
+        Self::along(elements, tree, columns, &Direction::default())
+    }
+
+    /// The same, with the derivatives of all coefficients along a direction of the values of elements.
+    ///
+    /// # Errors
+    /// As without.
+    pub fn along(
+        elements: &[Element],
+        tree: &NormalTree,
+        columns: &Columns,
+        direction: &Direction,
+    ) -> Result<Self, Fault> {
+        let mut assembly = Assembly::given(elements, tree, columns, direction)?;
         assembly.resistors()?;
         let mut rates = assembly.storage()?;
         let assembly = assembly.rest(&rates)?;
@@ -53,7 +66,8 @@ impl Equations {
         }));
         let nodes = assembly.nodes()?;
         let Assembly { voltages, currents, .. } = assembly;
-        let slack = |sign: f64, v: &Form, bound: f64| {
+        let slack = |sign: f64, v: &Form, k: usize, quantity: Quantity| {
+            let bound = direction.at(elements, k, quantity);
             let mut slack = v.times(sign);
             slack.add_term(columns.one(), bound);
             slack
@@ -62,10 +76,10 @@ impl Equations {
             let k = port.element();
             match (port, &elements[k].law) {
                 (Port::Voltage(_), _) => currents[k].times(-1.0),
-                (Port::Conducting(_), Law::Diode { forward } | Law::Zener { forward, .. }) => {
-                    slack(-1.0, &voltages[k], *forward)
+                (Port::Conducting(_), Law::Diode { .. } | Law::Zener { .. }) => {
+                    slack(-1.0, &voltages[k], k, Quantity::Forward)
                 }
-                (Port::BreakingDown(_), Law::Zener { breakdown, .. }) => slack(1.0, &voltages[k], *breakdown),
+                (Port::BreakingDown(_), Law::Zener { .. }) => slack(1.0, &voltages[k], k, Quantity::Breakdown),
                 _ => currents[k].clone(),
             }
         });
@@ -79,6 +93,7 @@ struct Assembly<'a> {
     elements: &'a [Element],
     tree: &'a NormalTree,
     columns: &'a Columns,
+    direction: &'a Direction,
     voltages: Vec<Form>,
     currents: Vec<Form>,
     terms_left: Cell<usize>,
@@ -86,7 +101,12 @@ struct Assembly<'a> {
 
 impl<'a> Assembly<'a> {
     /// Step 1.
-    fn given(elements: &'a [Element], tree: &'a NormalTree, columns: &'a Columns) -> Result<Self, Fault> {
+    fn given(
+        elements: &'a [Element],
+        tree: &'a NormalTree,
+        columns: &'a Columns,
+        direction: &'a Direction,
+    ) -> Result<Self, Fault> {
         let mut voltages = vec![Form::default(); elements.len()];
         let mut currents = voltages.clone();
         for (x, &k) in columns.states.iter().enumerate() {
@@ -98,8 +118,8 @@ impl<'a> Assembly<'a> {
             match port {
                 Port::Blocking(_) => {
                     voltages[k].add_term(z, -1.0);
-                    if let Law::Diode { forward } = elements[k].law {
-                        voltages[k].add_term(columns.one(), forward);
+                    if let Law::Diode { .. } = elements[k].law {
+                        voltages[k].add_term(columns.one(), direction.at(elements, k, Quantity::Forward));
                     }
                 }
                 Port::Conducting(_) => currents[k].add_term(z, 1.0),
@@ -115,7 +135,7 @@ impl<'a> Assembly<'a> {
             }
         }
         let terms_left = Cell::new(MOST_TERMS);
-        let mut assembly = Self { elements, tree, columns, voltages, currents, terms_left };
+        let mut assembly = Self { elements, tree, columns, direction, voltages, currents, terms_left };
         for (k, element) in elements.iter().enumerate() {
             match (&element.law, tree.contains[k]) {
                 (Law::Capacitor(..), false) => assembly.voltages[k] = assembly.loop_voltage(k)?,
@@ -153,11 +173,10 @@ impl<'a> Assembly<'a> {
     /// Step 2: the voltages and currents of all resistors.
     fn resistors(&mut self) -> Result<(), Fault> {
         let (tree, elements) = (self.tree, self.elements);
-        let resistors: Vec<(usize, f64)> = elements
-            .iter()
-            .enumerate()
-            .filter_map(|(k, element)| if let Law::Resistor(ohms) = element.law { Some((k, 1.0 / ohms)) } else { None })
-            .collect();
+        let is_resistor = |k: &usize| matches!(elements[*k].law, Law::Resistor(_));
+        let conductance = |k: usize| Coefficient::from(1.0) / self.size(k);
+        let resistors: Vec<(usize, Coefficient)> =
+            (0..elements.len()).filter(is_resistor).map(|k| (k, conductance(k))).collect();
         let mut row_of = vec![None; elements.len()];
         let branches = resistors.iter().filter(|&&(k, _)| tree.contains[k]);
         let count = branches.enumerate().map(|(row, &(t, _))| row_of[t] = Some(row)).count();
@@ -178,8 +197,8 @@ impl<'a> Assembly<'a> {
             };
             for (row, sign) in ends(k) {
                 right[row].add(&i, sign);
-                right[row].add(&v, -sign * y);
-                matrix.extend(ends(k).map(|(column, other)| (row, column, sign * other * y)));
+                right[row].add(&v, Coefficient::from(-sign) * y);
+                matrix.extend(ends(k).map(|(column, other)| (row, column, Coefficient::from(sign * other) * y)));
             }
             known.push(v);
         }
@@ -210,7 +229,7 @@ impl<'a> Assembly<'a> {
             for &(of, sign) in self.dependent(k) {
                 let Some(&row) = row_of.get(of).filter(|&&row| row < states.len()) else { continue };
                 for &(other, factor) in self.dependent(k) {
-                    let coefficient = sign * factor * self.size(k);
+                    let coefficient = Coefficient::from(sign * factor) * self.size(k);
                     match row_of[other] {
                         column if column < states.len() => matrix.push((row, column, coefficient)),
                         _ => right[row].add_term(self.columns.derivative(other), -coefficient),
@@ -230,12 +249,9 @@ impl<'a> Assembly<'a> {
         }
     }
 
-    /// Farads or henries.
-    fn size(&self, k: usize) -> f64 {
-        match self.elements[k].law {
-            Law::Capacitor(size, _) | Law::Inductor(size, _) => size,
-            _ => 0.0,
-        }
+    /// Ohms, farads or henries.
+    fn size(&self, k: usize) -> Coefficient {
+        self.direction.at(self.elements, k, Quantity::Size)
     }
 
     /// Step 4, once `x'` is known.
@@ -254,8 +270,8 @@ impl<'a> Assembly<'a> {
                 }
             }
             match (&self.elements[k].law, self.tree.contains[k]) {
-                (&Law::Capacitor(farads, _), false) => self.currents[k] = rate.times(farads),
-                (&Law::Inductor(henries, _), true) => self.voltages[k] = rate.times(-henries),
+                (Law::Capacitor(..), false) => self.currents[k] = rate.times(self.size(k)),
+                (Law::Inductor(..), true) => self.voltages[k] = rate.times(-self.size(k)),
                 _ => {}
             }
         }

@@ -15,6 +15,8 @@ mod columns;
 mod equations;
 mod faults;
 mod form;
+mod parameters;
+mod quantity;
 mod solve;
 mod system;
 #[cfg(test)]
@@ -24,7 +26,9 @@ mod tree;
 pub use columns::{Column, Columns, Port};
 pub use equations::Equations;
 pub use faults::Fault;
-pub use form::Form;
+pub use form::{Coefficient, Form};
+pub use parameters::{CircuitParameters, Refused, Terms};
+pub use quantity::{Direction, Quantity};
 pub use system::System;
 pub use tree::NormalTree;
 

@@ -2,24 +2,25 @@
 
 use super::Fault;
 use super::equations::MOST_TERMS;
-use super::form::Form;
+use super::form::{Coefficient, Form};
 use factorisation::{Cholesky, SparseMatrix};
 use faer::sparse::Triplet;
 use std::collections::BTreeSet;
 
-/// Solves `A v = right` for the forms `v`, with `A` by its entries, of which equal places add.
+/// Solves `A v = right` for the forms `v`, with `A` by its entries, of which equal places add; for derivatives,
+/// `A v' = right' - A' v`.
 ///
 /// # Errors
 /// If `A` is not positive definite to rounding, or the solution may have too many terms.
-pub(super) fn solve(entries: &[(usize, usize, f64)], mut right: Vec<Form>) -> Result<Vec<Form>, Fault> {
+pub(super) fn solve(entries: &[(usize, usize, Coefficient)], mut right: Vec<Form>) -> Result<Vec<Form>, Fault> {
     let n = right.len();
     if entries.iter().all(|&(i, j, _)| i == j) {
-        let mut diagonal = vec![0.0; n];
-        entries.iter().for_each(|&(i, _, value)| diagonal[i] += value);
+        let mut diagonal = vec![Coefficient::default(); n];
+        entries.iter().for_each(|&(i, _, value)| diagonal[i] = diagonal[i] + value);
         right.iter_mut().zip(diagonal).for_each(|(form, value)| form.divide(value));
         return Ok(right);
     }
-    let triplets: Vec<_> = entries.iter().map(|&(i, j, value)| Triplet::new(i, j, value)).collect();
+    let triplets: Vec<_> = entries.iter().map(|&(i, j, value)| Triplet::new(i, j, value.value)).collect();
     let matrix = SparseMatrix::try_new_from_triplets(n, n, &triplets).map_err(|_| Fault::Singular)?;
     let mut factor = Cholesky::new(&matrix).ok_or(Fault::Singular)?;
     if !factor.factorise(&matrix) {
@@ -31,12 +32,20 @@ pub(super) fn solve(entries: &[(usize, usize, f64)], mut right: Vec<Form>) -> Re
     }
     let mut solutions = vec![Form::default(); n];
     let mut column_values = vec![0.0; n];
+    let mut slopes = vec![0.0; n];
     for column in columns {
         column_values.iter_mut().zip(&right).for_each(|(value, form)| *value = form.coefficient(column));
         if !factor.solve(&mut column_values) {
             return Err(Fault::Singular);
         }
-        solutions.iter_mut().zip(&column_values).for_each(|(form, &value)| form.add_term(column, value));
+        slopes.iter_mut().zip(&right).for_each(|(slope, form)| *slope = form.with_slope(column).slope);
+        entries.iter().for_each(|&(i, j, entry)| slopes[i] -= entry.slope * column_values[j]);
+        if slopes.iter().any(|slope| *slope != 0.0) && !factor.solve(&mut slopes) {
+            return Err(Fault::Singular);
+        }
+        for ((form, &value), &slope) in solutions.iter_mut().zip(&column_values).zip(&slopes) {
+            form.add_term(column, Coefficient { value, slope });
+        }
     }
     Ok(solutions)
 }

@@ -1,7 +1,7 @@
 //! The forms of a circuit as a linear complementarity system, and as outputs.
 
-use super::{Column, Columns, Element, Equations, Fault, Form, Law, Port};
-use crate::LinearRows;
+use super::{Column, Columns, Element, Equations, Fault, Form, Law, Port, Quantity, Terms};
+use crate::{LinearRows, ParametricTerms};
 use expression::{ExpressionError, Graph, Node, Tape};
 use problem::{ConvexSet, Mass, MovingBound, Side};
 
@@ -9,6 +9,7 @@ use problem::{ConvexSet, Mass, MovingBound, Side};
 pub struct System<'a> {
     elements: &'a [Element],
     columns: &'a Columns,
+    terms: &'a Terms,
     /// The derivatives of sources by time, where they are wanted.
     derivatives: Vec<Option<Node>>,
 }
@@ -22,6 +23,7 @@ impl<'a> System<'a> {
         graph: &mut Graph,
         elements: &'a [Element],
         columns: &'a Columns,
+        terms: &'a Terms,
         equations: &Equations,
     ) -> Result<Self, (usize, ExpressionError)> {
         let mut derivatives = vec![None; elements.len()];
@@ -33,7 +35,7 @@ impl<'a> System<'a> {
             let zero = graph.constant(0.0);
             derivatives[k] = Some(gradient.first().map_or(zero, |&(_, derivative)| derivative));
         }
-        Ok(Self { elements, columns, derivatives })
+        Ok(Self { elements, columns, terms, derivatives })
     }
 
     /// Impulses: a source that jumps, and what answers to its derivative.
@@ -54,14 +56,19 @@ impl<'a> System<'a> {
         faults
     }
 
-    /// The equations as a linear complementarity system.
-    pub fn rows(&self, graph: &mut Graph, equations: &Equations) -> LinearRows {
-        let mut matrix = Vec::new();
+    /// The equations as a linear complementarity system, with what of it depends on parameters.
+    pub fn rows(&self, graph: &mut Graph, equations: &Equations) -> (LinearRows, ParametricTerms) {
+        let (mut matrix, mut parametric, mut vanished) = (Vec::new(), Vec::new(), Vec::new());
+        let mut bounds = Vec::new();
         for (row, form) in equations.rates.iter().chain(&equations.inequality).enumerate() {
-            matrix.extend(form.terms().filter_map(|(column, c)| match self.columns.at(column) {
-                Column::Unknown(column) => Some((row, column, c)),
-                _ => None,
-            }));
+            for (place, c) in form.terms() {
+                let Column::Unknown(column) = self.columns.at(place) else { continue };
+                let node = form.node(place);
+                let vanishes = node.is_some_and(|node| graph.vanishes(node));
+                let terms = if vanishes { &mut vanished } else { &mut parametric };
+                terms.extend(node.map(|node| (row, column, node)));
+                matrix.extend((!vanishes).then_some((row, column, c)));
+            }
         }
         let mut forcing = |forms: &[Form]| forms.iter().map(|form| self.node(graph, form, false)).collect();
         let (state_forcing, inequality_forcing) = (forcing(&equations.rates), forcing(&equations.inequality));
@@ -69,16 +76,27 @@ impl<'a> System<'a> {
         let mut moving = Vec::new();
         for (variable, &port) in self.columns.ports.iter().enumerate() {
             match (port, &self.elements[port.element()].law) {
-                (Port::Voltage(_), &Law::Zener { forward, breakdown }) => {
+                (Port::Voltage(k), &Law::Zener { forward, breakdown }) => {
                     (set.lower[variable], set.upper[variable]) = (-breakdown, forward);
+                    if let Some(&node) = self.terms.0.get(&(k, Quantity::Breakdown)) {
+                        bounds.push((MovingBound { variable, side: Side::Lower }, graph.negate(node)));
+                    }
+                    if let Some(&node) = self.terms.0.get(&(k, Quantity::Forward)) {
+                        bounds.push((MovingBound { variable, side: Side::Upper }, node));
+                    }
                 }
-                (Port::Voltage(_), &Law::Switch { closed, withstand }) => {
+                (Port::Voltage(k), &Law::Switch { closed, withstand }) => {
+                    let given = self.terms.0.get(&(k, Quantity::Withstand)).copied();
+                    let withstand = given.unwrap_or_else(|| graph.constant(withstand));
                     let upper = open_voltage(graph, closed, withstand);
                     let lower = graph.negate(upper);
                     for (side, node) in [(Side::Lower, lower), (Side::Upper, upper)] {
                         let bound = MovingBound { variable, side };
                         match graph.value(node) {
-                            Some(value) => bound.place(value, &mut set),
+                            Some(value) => {
+                                bound.place(value, &mut set);
+                                bounds.extend(graph.number(node).is_none().then_some((bound, node)));
+                            }
                             None => moving.push((bound, node)),
                         }
                     }
@@ -86,7 +104,11 @@ impl<'a> System<'a> {
                 _ => set.lower[variable] = 0.0,
             }
         }
-        LinearRows { mass: Mass::Identity, matrix, state_forcing, inequality_forcing, set, moving }
+        let mass = Mass::Identity;
+        let rows = LinearRows { mass, matrix, parametric, state_forcing, inequality_forcing, set, moving };
+        let mut terms = ParametricTerms { bounds, ..rows.terms() };
+        terms.coefficients.extend(vanished);
+        (rows, terms)
     }
 
     /// A form as a function of `(t, x, z)`.
@@ -105,7 +127,7 @@ impl<'a> System<'a> {
                 Column::Derivative(k) => self.derivatives[k],
             };
             if let Some(factor) = factor {
-                let c = graph.constant(c);
+                let c = form.node(column).unwrap_or_else(|| graph.constant(c));
                 let term = graph.multiply(factor, c);
                 sum = graph.add(sum, term);
             }
@@ -152,10 +174,9 @@ fn has_jump(graph: &Graph, element: &Element) -> bool {
 }
 
 /// The most that a switch holds: nothing where it is closed.
-fn open_voltage(graph: &mut Graph, closed: Node, withstand: f64) -> Node {
+fn open_voltage(graph: &mut Graph, closed: Node, withstand: Node) -> Node {
     let is_closed = graph.heaviside(closed);
     let one = graph.constant(1.0);
     let is_open = graph.subtract(one, is_closed);
-    let withstand = graph.constant(withstand);
     graph.multiply(is_open, withstand)
 }

@@ -78,8 +78,9 @@ fn a_zener_has_one_variable_in_the_tree_and_two_as_a_link() {
         let tree = NormalTree::new(elements, 2).expect("a tree");
         let columns = Columns::new(elements, &tree);
         let forms = Equations::new(elements, &tree, &columns).expect("regular");
-        let system = System::new(&mut Graph::new(), elements, &columns, &forms).expect("no sources");
-        let rows = system.rows(&mut Graph::new(), &forms);
+        let terms = Terms::default();
+        let system = System::new(&mut Graph::new(), elements, &columns, &terms, &forms).expect("no sources");
+        let (rows, _) = system.rows(&mut Graph::new(), &forms);
         (columns.ports, rows.set.lower, rows.set.upper)
     };
     assert_eq!(ports(&[zener.clone(), resistor]), (vec![Port::Voltage(0)], vec![-5.0], vec![0.7]));

@@ -117,7 +117,15 @@ impl Body<'_> {
                 None => moving.push((bound, end)),
             }
         }
-        LinearRows { mass: Mass::Identity, matrix, state_forcing, inequality_forcing, set, moving }
+        LinearRows {
+            mass: Mass::Identity,
+            matrix,
+            parametric: Vec::new(),
+            state_forcing,
+            inequality_forcing,
+            set,
+            moving,
+        }
     }
 
     /// `u_I' = v,  m v' + C_IN u_N' = (f - K u)_I - C_II v,  C_NN u_N' = (f - K u)_N - C_NI v - n r;  G = gap - n u_N`
@@ -159,6 +167,7 @@ impl Body<'_> {
         LinearRows {
             mass: Mass::Constant(mass),
             matrix,
+            parametric: Vec::new(),
             state_forcing,
             inequality_forcing,
             set: ConvexSet::nonnegative(nodes),

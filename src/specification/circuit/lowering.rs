@@ -5,13 +5,13 @@ use super::faults::Names;
 use super::{CircuitProblem, MOST_COMPONENTS, model, netlist};
 use crate::error::SpecificationError;
 use crate::expression::Expression;
-use crate::lowering::{Lowering, Start};
+use crate::lowering::{Constant, Lowering, Start};
 use crate::model::Model;
 use crate::ordered::Ordered;
 use crate::place::Place;
 use crate::wording::abridged;
 use crate::written::{Lowered, Written};
-use models::circuit::{Element, Law};
+use models::circuit::{Element, Law, Quantity, Terms};
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -32,7 +32,7 @@ impl Written for CircuitProblem {
     }
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
-        let mut lowering = Lowering::new(start, &self.parameters, place);
+        let mut lowering = Lowering::with_inputs(start, &self.parameters, place);
         let model = match (&self.components, &self.netlist) {
             (Some(components), None) => {
                 let circuit = Circuit { components, place: place.key("components"), lines: None };
@@ -80,7 +80,8 @@ impl Circuit<'_> {
             return None;
         }
         let nodes = self.nodes(lowering);
-        let elements = (0..count).map(|k| self.element(k, &nodes, lowering)).collect::<Vec<_>>();
+        let mut terms = Terms::default();
+        let elements = (0..count).map(|k| self.element(k, &nodes, &mut terms, lowering)).collect::<Vec<_>>();
         if !lowering.errors.is_empty() {
             return None;
         }
@@ -92,7 +93,7 @@ impl Circuit<'_> {
             pointer: &|k| self.at(k),
             whole: self.place.to_string(),
         };
-        match model::model(&elements, &names, lowering) {
+        match model::model(&elements, &terms, &names, lowering) {
             Ok(model) => Some(model),
             Err(errors) => {
                 errors.into_iter().for_each(|error| lowering.errors.push(error));
@@ -136,12 +137,16 @@ impl Circuit<'_> {
         nodes
     }
 
-    fn element(&self, k: usize, nodes: &HashMap<&str, usize>, lowering: &mut Lowering) -> Element {
+    fn element(&self, k: usize, nodes: &HashMap<&str, usize>, terms: &mut Terms, lowering: &mut Lowering) -> Element {
         let component = &self.components[k];
         let (a, b) = component.nodes();
         let (above, any) = (Some((0.0, false)), None);
         let not_below = Some((0.0, true));
-        let mut value = |key, expression: &Expression, least| self.value(k, key, expression, least, lowering);
+        let mut value = |key, expression: &Expression, least| {
+            let Constant { value, node } = self.value(k, key, expression, least, lowering);
+            terms.0.extend(node.map(|node| ((k, quantity(key)), node)));
+            value
+        };
         let law = match component {
             Component::Resistor(resistor) => Law::Resistor(value("ohms", &resistor.ohms, above)),
             Component::Capacitor(Capacitor { farads, volts, .. }) => {
@@ -178,11 +183,12 @@ impl Circuit<'_> {
         expression: &Expression,
         least: Option<(f64, bool)>,
         lowering: &mut Lowering,
-    ) -> f64 {
+    ) -> Constant {
         let component = &self.components[k];
-        let mut value = None;
-        self.within(k, key, |place| value = lowering.constant(expression, place));
-        let value = value.unwrap_or(1.0);
+        let mut constant = None;
+        self.within(k, key, |place| constant = lowering.parametric(expression, place));
+        let constant = constant.unwrap_or(Constant { value: 1.0, node: None });
+        let value = constant.value;
         if let Some((least, with)) = least
             && !(value > least || with && value == least)
         {
@@ -196,7 +202,7 @@ impl Circuit<'_> {
                 lowering.errors.push(error.expected(&*expected));
             });
         }
-        value
+        constant
     }
 
     fn node(&self, k: usize, key: &str, expression: &Expression, lowering: &mut Lowering) -> expression::Node {
@@ -226,6 +232,17 @@ impl Circuit<'_> {
             None => detail.to_owned(),
         };
         lowering.errors.push(SpecificationError::new(self.at(k), code, detail).expected(expected));
+    }
+}
+
+/// What a member of a component says of it.
+fn quantity(key: &str) -> Quantity {
+    match key {
+        "volts" | "amperes" => Quantity::Start,
+        "forward_volts" => Quantity::Forward,
+        "breakdown_volts" => Quantity::Breakdown,
+        "withstand_volts" => Quantity::Withstand,
+        _ => Quantity::Size,
     }
 }
 

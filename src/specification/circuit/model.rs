@@ -5,9 +5,12 @@ use crate::error::SpecificationError;
 use crate::lowering::Lowering;
 use crate::model::Model;
 use crate::start;
-use expression::Node;
-use models::circuit::{Columns, Element, Equations as Forms, Fault, Law, NormalTree, Port, System};
-use models::{DviModel, Equations, KinkAdvice, Linear, Outputs};
+use expression::{ExpressionError, Node};
+use models::circuit::{
+    CircuitParameters, Columns, Element, Equations as Forms, Fault, Law, NormalTree, Port, Quantity, System, Terms,
+};
+use models::{DviModel, Equations, KinkAdvice, Linear, Outputs, ParametricTerms};
+use problem::Mass;
 use std::sync::Arc;
 
 /// The model of a circuit whose components are right each by itself.
@@ -16,6 +19,7 @@ use std::sync::Arc;
 /// What is wrong with the circuit as a whole.
 pub(super) fn model(
     elements: &[Element],
+    terms: &Terms,
     names: &Names<'_>,
     lowering: &mut Lowering,
 ) -> Result<Arc<dyn Model>, Vec<SpecificationError>> {
@@ -25,9 +29,13 @@ pub(super) fn model(
     if columns.states.is_empty() && columns.integrals.is_empty() {
         return Err(told(vec![Fault::Dead]));
     }
-    let forms = Forms::new(elements, &tree, &columns).map_err(|fault| told(vec![fault]))?;
+    let mut forms = Forms::new(elements, &tree, &columns).map_err(|fault| told(vec![fault]))?;
+    let inputs = lowering.inputs();
     let graph = &mut lowering.graph;
-    let system = System::new(graph, elements, &columns, &forms)
+    let whole = |error: ExpressionError| vec![SpecificationError::new(names.whole.clone(), error.code, error.message)];
+    let circuit =
+        CircuitParameters::new(graph, (elements, &tree, &columns), &mut forms, terms, inputs).map_err(whole)?;
+    let system = System::new(graph, elements, &columns, terms, &forms)
         .map_err(|(k, error)| vec![SpecificationError::new((names.pointer)(k), error.code, error.message)])?;
     let impulses = system.impulses(graph, &forms);
     if !impulses.is_empty() {
@@ -42,6 +50,12 @@ pub(super) fn model(
         })
         .chain(columns.integrals.iter().map(|_| 0.0))
         .collect();
+    // Other values might contradict a start that follows from those of the states.
+    let mut elsewhere = (0..elements.len()).filter(|k| !columns.states.contains(k));
+    if elsewhere.any(|k| elements[k].quantity(Quantity::Start).is_some()) {
+        lowering.keep_values();
+    }
+    let graph = &mut lowering.graph;
     if let Some(t) = lowering.start {
         let contradictions = system.contradictions(graph, &forms, t, &initial);
         if !contradictions.is_empty() {
@@ -52,9 +66,13 @@ pub(super) fn model(
     let state_names: Vec<String> = states.map(|&k| names.of_state(&elements[k], k)).collect();
     let variable_names: Vec<String> = columns.ports.iter().map(|&port| names.of_port(elements, port)).collect();
     let outputs = outputs(elements, &forms, &system, names, lowering, &[&state_names, &variable_names]);
-    let rows = system.rows(&mut lowering.graph, &forms);
-    let equations = Linear::new(&mut lowering.graph, rows)
-        .map_err(|(_, error)| vec![SpecificationError::new(names.whole.clone(), error.code, error.message)])?;
+    let (rows, parametric) = system.rows(&mut lowering.graph, &forms);
+    let equations = Linear::new(&mut lowering.graph, rows).map_err(|(_, error)| whole(error))?;
+    let starts = columns.states.iter().map(|&k| terms.0.get(&(k, Quantity::Start)).copied());
+    let starts = starts.chain(columns.integrals.iter().map(|_| None)).zip(&initial);
+    let graph = &mut lowering.graph;
+    let starts = starts.map(|(node, &value)| node.unwrap_or_else(|| graph.constant(value))).collect();
+    let parameters = lowering.parameters(ParametricTerms { initial: starts, circuit, ..parametric }, &Mass::Identity);
     let equations = Equations::Linear(Box::new(equations));
     let model = DviModel {
         state_names,
@@ -64,6 +82,7 @@ pub(super) fn model(
         equations,
         warnings: Vec::new(),
         kinks: KinkAdvice::default(),
+        parameters,
     };
     if let Some(t) = lowering.start {
         start::check(&model, t, |_| names.whole.clone(), &mut lowering.errors);

@@ -104,7 +104,7 @@ impl Written for ConvolutionProblem {
         lowering.bind_unknowns(self.variables.names(), |i| variables.key(self.variables.name(i)).to_string());
         let variable_names: Vec<String> = self.variables.names().map(String::from).collect();
         let pointer = |i: usize| variables.key(self.variables.name(i)).to_string();
-        let LoweredSet { set, moving, moving_pointers } =
+        let LoweredSet { set, moving, moving_pointers, .. } =
             set::lower(self.set.as_deref(), 0, &variable_names, place, pointer, &mut lowering);
 
         let rows = Rows { mass: Mass::Identity, rates: Vec::new(), inequality, set, moving };
@@ -129,6 +129,7 @@ impl Written for ConvolutionProblem {
             equations,
             warnings: Vec::new(),
             kinks: KinkAdvice::default(),
+            parameters: None,
         };
         if let Some(t) = lowering.start.filter(|_| lowering.errors.is_empty()) {
             start::check(&forcing, t, row_pointer, &mut lowering.errors);

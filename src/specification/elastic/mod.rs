@@ -161,6 +161,7 @@ impl Written for ElasticProblem {
             equations,
             warnings: open_questions(&geometry, &continuum),
             kinks: KinkAdvice::default(),
+            parameters: None,
         };
         if let Some(t) = lowering.start {
             start::check(&model, t, |_| place.to_string(), &mut lowering.errors);

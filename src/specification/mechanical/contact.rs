@@ -2,10 +2,11 @@
 
 use super::super::error::SpecificationError;
 use super::super::expression::Expression;
-use super::super::lowering::Lowering;
+use super::super::lowering::{Constant, Lowering};
 use super::super::place::Place;
 use super::super::wording::{abridged, listed};
-use expression::{Node, Scope, nearest};
+use expression::{Assumption, Node, Scope, nearest};
+use models::ContactCoefficient;
 use problem::ContactData;
 use serde::Deserialize;
 use utoipa::ToSchema;
@@ -71,6 +72,8 @@ pub(super) struct LoweredContacts {
     pub slips: Vec<Node>,
     pub data: Vec<ContactData>,
     pub joints: Vec<Node>,
+    /// The terms of coefficients that depend on parameters.
+    pub terms: Vec<(ContactCoefficient, Node)>,
 }
 
 const FACETS: u64 = 8;
@@ -111,16 +114,19 @@ pub(super) fn lower(
         let restitution = contact.restitution.as_ref();
         let restitution = restitution
             .and_then(|value| in_range(value, "restitution", (0.0, 1.0), &place.key("restitution"), lowering));
+        let terms = &mut lowered.terms;
+        terms.extend(restitution.and_then(|restitution| Some((ContactCoefficient::Restitution(k), restitution.node?))));
         let mut data = ContactData {
             mu: 0.0,
-            restitution: restitution.unwrap_or(0.0),
+            restitution: restitution.map_or(0.0, |restitution| restitution.value),
             first_slip: lowered.slips.len(),
             slips: 0,
             facets: None,
         };
         if let Some(friction) = &contact.friction {
             let place = place.key("friction");
-            friction.lower(n, &place, &mut data, &mut lowered.slips, lowering);
+            let term = friction.lower(n, &place, &mut data, &mut lowered.slips, lowering);
+            lowered.terms.extend(term.map(|node| (ContactCoefficient::Friction(k), node)));
             if data.slips == 2 && *cone.get_or_insert(friction.cone) != friction.cone {
                 let detail = "contacts with two slips have cones of both kinds";
                 let error = SpecificationError::new(place.key("cone").to_string(), "mixed_cones", detail);
@@ -133,6 +139,7 @@ pub(super) fn lower(
 }
 
 impl Friction {
+    /// Lowers the friction of a contact; the term of its coefficient, where that depends on parameters.
     fn lower(
         &self,
         n: usize,
@@ -140,28 +147,28 @@ impl Friction {
         data: &mut ContactData,
         slips: &mut Vec<Node>,
         lowering: &mut Lowering,
-    ) {
+    ) -> Option<Node> {
         let range = (0.0, f64::MAX);
         let mu = in_range(&self.coefficient, "coefficient", range, &place.key("coefficient"), lowering);
         if !(1..=2).contains(&self.slip.len()) {
             let detail = format!("{} velocities of slip", self.slip.len());
             let error = SpecificationError::new(place.key("slip").to_string(), "wrong_shape", detail);
             lowering.errors.push(error.expected("one for motion in a plane, two in space"));
-            return;
+            return None;
         }
         let facets = self.facets.unwrap_or(FACETS);
         if self.facets.is_some() && (self.cone == ConeName::Quadratic || !(4..=64).contains(&facets)) {
             let detail = format!("{facets} corners for a {:?} cone", self.cone).to_lowercase();
             let error = SpecificationError::new(place.key("facets").to_string(), "out_of_range", detail);
             lowering.errors.push(error.expected("4 to 64 corners, for a polyhedral cone"));
-            return;
+            return None;
         }
         let slip_place = place.key("slip");
         let mut nodes = Vec::new();
         for (i, slip) in self.slip.iter().enumerate() {
             let place = slip_place.index(i);
-            let Some(node) = lowering.node(slip, &place) else { return };
-            let Ok(gradient) = lowering.graph.gradient(node) else { return };
+            let node = lowering.node(slip, &place)?;
+            let Ok(gradient) = lowering.graph.gradient(node) else { return None };
             let velocities = gradient.iter().filter(|&&(input, _)| input > n);
             let depends =
                 |&(_, derivative): &(usize, Node)| lowering.graph.inputs(derivative).iter().any(|&input| input > n);
@@ -173,17 +180,22 @@ impl Friction {
                 };
                 let error = SpecificationError::new(place.to_string(), "slip_not_linear", detail);
                 lowering.errors.push(error.expected("D(t,q)^T v, plus the velocity of what slides below"));
-                return;
+                return None;
             }
             nodes.push(node);
         }
         // Without a coefficient there is no friction to be built.
-        if let Some(mu) = mu.filter(|mu| *mu > 0.0) {
+        let Constant { value: mu, node } = mu?;
+        if let Some(node) = node {
+            lowering.graph.assume(node, Assumption::Vanishing);
+        }
+        if mu > 0.0 {
             data.mu = mu;
             data.slips = nodes.len();
             data.facets = (self.cone == ConeName::Polyhedral && nodes.len() == 2).then_some(facets as usize);
             slips.extend(nodes);
         }
+        node
     }
 }
 
@@ -209,10 +221,11 @@ fn in_range(
     (least, most): (f64, f64),
     place: &Place<'_>,
     lowering: &mut Lowering,
-) -> Option<f64> {
-    let value = lowering.constant(expression, place)?;
+) -> Option<Constant> {
+    let constant = lowering.parametric(expression, place)?;
+    let value = constant.value;
     if (least..=most).contains(&value) {
-        return Some(value);
+        return Some(constant);
     }
     let error = SpecificationError::new(place.to_string(), "out_of_range", format!("a {what} of {value}"));
     let range = if most < f64::MAX { format!("from {least} to {most}") } else { format!("{least} or more") };

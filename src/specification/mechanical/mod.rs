@@ -11,7 +11,7 @@ mod start;
 
 pub use contact::{ConeName, Contact, Friction, Joint};
 
-use super::error::SpecificationError;
+use super::error::{Errors, SpecificationError};
 use super::expression::Expression;
 use super::kinks;
 use super::lowering::{Lowering, Start};
@@ -21,7 +21,8 @@ use super::place::Place;
 use super::written::{Lowered, Written};
 use contact::LoweredContacts;
 use expression::Node;
-use models::{MechanicalModel, MechanicalRows, SymbolicMechanics, Underivable};
+use models::{MechanicalModel, MechanicalRows, ParametricTerms, SymbolicMechanics, Underivable};
+use problem::Mass;
 use serde::Deserialize;
 use std::sync::Arc;
 use utoipa::ToSchema;
@@ -95,7 +96,11 @@ impl Written for MechanicalProblem {
     }
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
-        let mut lowering = Lowering::new(start, &self.parameters, place);
+        let mut lowering = Lowering::with_inputs(start, &self.parameters, place);
+        if self.interpenetration == Interpenetration::Resolve {
+            // Where a start is moved to is no expression in parameters.
+            lowering.keep_values();
+        }
         let n = self.coordinates.len();
         if n == 0 {
             let pointer = place.key("coordinates").to_string();
@@ -115,7 +120,7 @@ impl Written for MechanicalProblem {
         lowering.bind_unknowns(coordinates.iter().chain(&velocities).map(String::as_str), |i| {
             place.key("coordinates").key(self.coordinates.name(i % n.max(1))).to_string()
         });
-        let initial = self.initial(place, &mut lowering);
+        let (initial, start_terms) = self.initial(place, &mut lowering);
         let mass = self.mass.nodes((n, n), &place.key("mass"), &mut lowering);
         let of_place = |what: &str, node: Node, pointer: &Place<'_>, lowering: &mut Lowering| {
             if lowering.graph.inputs(node).iter().any(|&input| input > n) {
@@ -146,7 +151,7 @@ impl Written for MechanicalProblem {
         for (name, &force) in coordinates.iter().zip(&forces) {
             warnings.extend(kinks::warnings(&format!("{name}_dot"), force, &states, &lowering.graph));
         }
-        let LoweredContacts { names, gaps, slips, data, joints } =
+        let LoweredContacts { names, gaps, slips, data, joints, terms } =
             contact::lower(&self.contacts, &self.joints, n, place, &mut lowering);
         let rows = MechanicalRows { mass, potential, forces, joints, gaps, slips, contacts: data };
         let system = match SymbolicMechanics::new(&mut lowering.graph, &rows) {
@@ -163,6 +168,10 @@ impl Written for MechanicalProblem {
             }
         };
         let mut model = MechanicalModel::new(&coordinates, &names, initial, system, warnings);
+        let (coefficients, contacts) = terms.into_iter().unzip();
+        let terms = ParametricTerms { initial: start_terms, contacts, ..ParametricTerms::default() };
+        let parameters = lowering.parameters(terms, &Mass::Identity);
+        model.parameters = parameters.map(|parameters| (parameters, coefficients));
         self.check_names(&model, place, &mut lowering);
         if let Some(t) = lowering.start.filter(|_| lowering.errors.is_empty()) {
             start::settle(&mut model, t, self.interpenetration, place, &mut lowering.errors);
@@ -171,19 +180,25 @@ impl Written for MechanicalProblem {
     }
 }
 
+/// What is wrong with a system that was bound to other parameters at its start, time `t`; it was not to be moved.
+pub(super) fn check_start(model: &MechanicalModel, t: f64, problem: &Place<'_>, errors: &mut Errors) {
+    start::settle(&mut model.clone(), t, Interpenetration::Refuse, problem, errors);
+}
+
 impl MechanicalProblem {
-    fn initial(&self, place: &Place<'_>, lowering: &mut Lowering) -> Vec<f64> {
+    fn initial(&self, place: &Place<'_>, lowering: &mut Lowering) -> (Vec<f64>, Vec<Node>) {
         let place = place.key("coordinates");
+        let zero = (0.0, lowering.graph.constant(0.0));
         let mut values = Vec::with_capacity(2 * self.coordinates.len());
         for (name, coordinate) in self.coordinates.iter() {
-            values.push(lowering.constant(&coordinate.initial, &place.key(name).key("initial")).unwrap_or(0.0));
+            values.push(lowering.initial(&coordinate.initial, &place.key(name).key("initial")));
         }
         for (name, coordinate) in self.coordinates.iter() {
             let velocity = coordinate.velocity.as_ref();
-            let velocity = velocity.map(|velocity| lowering.constant(velocity, &place.key(name).key("velocity")));
-            values.push(velocity.flatten().unwrap_or(0.0));
+            let velocity = velocity.map(|velocity| lowering.initial(velocity, &place.key(name).key("velocity")));
+            values.push(velocity.unwrap_or(zero));
         }
-        values
+        values.into_iter().unzip()
     }
 
     fn forces(&self, coordinates: &[String], place: &Place<'_>, lowering: &mut Lowering) -> Vec<Node> {

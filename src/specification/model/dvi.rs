@@ -4,13 +4,16 @@ use super::{Asked, By, FIXED, Ladder, Model, Sizes, Varied, WithStages, name_of_
 use crate::checked::Specification;
 use crate::error::{Errors, SpecificationError};
 use crate::method::MethodName;
+use crate::place::Place;
 use crate::stages::Stages;
+use crate::start;
 use analysis::Analysis;
-use models::DviModel;
+use models::{DviModel, Parameters, Unbindable};
 use problem::{Control, ConvexSet, Warning};
 use radau::matrix_numbers;
 use solution::{Diagnostics, Plan, Solution};
 use std::ops::Range;
+use std::sync::Arc;
 
 /// The stages that a run with a choice of them begins with.
 const FEWEST_STAGES: usize = 3;
@@ -54,6 +57,18 @@ impl Model for DviModel {
 
     fn dvi(&self) -> Option<&DviModel> {
         Some(self)
+    }
+
+    fn parameters(&self) -> Option<&Parameters> {
+        self.parameters.as_ref()
+    }
+
+    fn with_parameters(&self, values: &[f64]) -> Result<Arc<dyn Model>, Unbindable> {
+        DviModel::with_parameters(self, values).map(|model| Arc::new(model) as Arc<dyn Model>)
+    }
+
+    fn check_start(&self, t: f64, problem: &Place<'_>, errors: &mut Errors) {
+        start::check(self, t, |_| problem.to_string(), errors);
     }
 
     fn analyse(&self, t: f64) -> Analysis {

@@ -3,12 +3,15 @@
 use super::{Asked, By, FIXED, Ladder, Model, Sizes, Varied, WithStages, refuse};
 use crate::checked::Specification;
 use crate::error::{Errors, SpecificationError};
+use crate::mechanical;
 use crate::method::{Impacts, Method, MethodName};
+use crate::place::Place;
 use crate::stages::Stages;
 use analysis::Analysis;
-use models::MechanicalModel;
+use models::{MechanicalModel, Parameters, Unbindable};
 use problem::{Control, Warning};
 use solution::{ContactPlan, Diagnostics, Plan, Solution};
+use std::sync::Arc;
 
 /// The relative residual of the law of contact where none is given: bodies at rest are not to creep.
 const CONTACT_TOLERANCE: f64 = 1e-12;
@@ -28,6 +31,18 @@ impl Model for MechanicalModel {
 
     fn warnings(&self) -> &[Warning] {
         &self.warnings
+    }
+
+    fn parameters(&self) -> Option<&Parameters> {
+        self.parameters.as_ref().map(|(parameters, _)| parameters)
+    }
+
+    fn with_parameters(&self, values: &[f64]) -> Result<Arc<dyn Model>, Unbindable> {
+        MechanicalModel::with_parameters(self, values).map(|model| Arc::new(model) as Arc<dyn Model>)
+    }
+
+    fn check_start(&self, t: f64, problem: &Place<'_>, errors: &mut Errors) {
+        mechanical::check_start(self, t, problem, errors);
     }
 
     fn sizes(&self) -> Sizes {

@@ -17,13 +17,14 @@ use super::method::Method;
 use super::place::Place;
 use super::stages::Stages;
 use analysis::Analysis;
-use models::DviModel;
 use models::rigid_bodies::Load;
+use models::{DviModel, Parameters, Unbindable};
 use problem::{Control, ConvexSet, Warning};
 use solution::{Diagnostics, Plan, Solution};
 use std::any::Any;
 use std::fmt::Debug;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// A problem with its names and its start, to be solved any number of times.
 pub trait Model: Any + Debug + Send + Sync {
@@ -56,6 +57,23 @@ pub trait Model: Any + Debug + Send + Sync {
     fn dvi(&self) -> Option<&DviModel> {
         None
     }
+
+    /// The parameters that are inputs of its programs. `dvi`, `lcs`, `filippov`, `circuit` and `mechanical` have them;
+    /// `rigid_bodies`, `elastic`, `obstacle` and `convolution` keep theirs as constants, and are lowered anew for others.
+    fn parameters(&self) -> Option<&Parameters> {
+        None
+    }
+
+    /// The same problem with these values of its parameters, in their order.
+    ///
+    /// # Errors
+    /// Values that cannot be bound; all of them, where parameters are constants.
+    fn with_parameters(&self, _values: &[f64]) -> Result<Arc<dyn Model>, Unbindable> {
+        Err(Unbindable::Folded)
+    }
+
+    /// What is wrong with its start at time `t`, once other parameters are bound. It is reported at the problem.
+    fn check_start(&self, _t: f64, _problem: &Place<'_>, _errors: &mut Errors) {}
 
     /// What the theory says of it at time `t` and its initial states.
     fn analyse(&self, t: f64) -> Analysis;

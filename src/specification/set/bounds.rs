@@ -37,7 +37,12 @@ impl LoweredSet {
     /// Sets a constant bound, or takes up one that moves.
     pub(super) fn set_bound(&mut self, bound: MovingBound, node: Node, place: &Place<'_>, lowering: &Lowering) {
         match lowering.graph.value(node) {
-            Some(value) => bound.place(value, &mut self.set),
+            Some(value) => {
+                bound.place(value, &mut self.set);
+                if lowering.graph.number(node).is_none() {
+                    self.parametric.push((bound, node));
+                }
+            }
             None => {
                 self.moving.push((bound, node));
                 self.moving_pointers.push(place.to_string());

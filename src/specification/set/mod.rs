@@ -73,12 +73,14 @@ pub struct PolyhedronBlock {
     pub b: Vec<Expression>,
 }
 
-/// `K`, its moving bounds, and where each of those was written.
+/// `K`, its moving bounds, where each of those was written, and those that parameters decide.
 #[derive(Debug)]
 pub(super) struct LoweredSet {
     pub set: ConvexSet,
     pub moving: Vec<(MovingBound, Node)>,
     pub moving_pointers: Vec<String>,
+    /// The constant bounds that depend on parameters.
+    pub parametric: Vec<(MovingBound, Node)>,
 }
 
 impl Block {
@@ -124,7 +126,8 @@ pub(super) fn lower(
     lowering: &mut Lowering,
 ) -> LoweredSet {
     let m = variables.len();
-    let mut lowered = LoweredSet { set: ConvexSet::free(m), moving: Vec::new(), moving_pointers: Vec::new() };
+    let mut lowered =
+        LoweredSet { set: ConvexSet::free(m), moving: Vec::new(), moving_pointers: Vec::new(), parametric: Vec::new() };
     let Some(blocks) = blocks else {
         if m > 0 {
             let detail = "`set` is missing: it says where the variables may lie";

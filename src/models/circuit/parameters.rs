@@ -1,0 +1,191 @@
+//! The numbers of the elements of a circuit as terms in parameters. The coefficients of its forms are rational functions of
+//! these numbers, which are not written out: they are inputs of the programs behind the parameters, and are computed anew by
+//! the elimination that gave them when others are bound.
+
+use super::{Columns, Direction, Element, Equations, Fault, Form, NormalTree, Quantity};
+use expression::{ExpressionError, Graph, Node, Tape};
+use rustc_hash::FxHashMap;
+
+/// The terms in parameters that numbers of elements are the values of.
+#[derive(Clone, Debug, Default)]
+pub struct Terms(pub FxHashMap<(usize, Quantity), Node>);
+
+/// What it takes to compute the coefficients of a circuit for other values of its parameters.
+#[derive(Clone, Debug)]
+pub struct CircuitParameters {
+    elements: Vec<Element>,
+    tree: NormalTree,
+    columns: Columns,
+    /// The numbers that follow parameters, with their program.
+    quantities: Vec<(usize, Quantity)>,
+    numbers: Tape,
+    /// Their derivatives, as `(place of the number, parameter)`.
+    slopes: (Vec<(usize, usize)>, Tape),
+    parameters: usize,
+    /// The coefficients at the values given.
+    given: Equations,
+    /// Those that follow parameters: the form, counted through all, and the column.
+    places: Vec<(usize, usize)>,
+}
+
+/// Why a circuit cannot have other numbers.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Refused {
+    /// A number is not in its range.
+    Number(usize, f64),
+    /// A coefficient that vanished does no longer.
+    Structure,
+    /// It cannot be solved.
+    Fault(Fault),
+}
+
+impl CircuitParameters {
+    /// Lets the coefficients of `equations` that depend on parameters follow inputs behind the `parameters` that the user
+    /// has; `None` where there are none.
+    ///
+    /// # Errors
+    /// A number that cannot be differentiated.
+    pub fn new(
+        graph: &mut Graph,
+        (elements, tree, columns): (&[Element], &NormalTree, &Columns),
+        equations: &mut Equations,
+        terms: &Terms,
+        parameters: usize,
+    ) -> Result<Option<Self>, ExpressionError> {
+        let mut quantities: Vec<(usize, Quantity)> = terms.0.keys().copied().collect();
+        quantities.retain(|(_, quantity)| *quantity != Quantity::Start);
+        quantities.sort_unstable_by_key(|&(element, quantity)| (element, quantity as u8));
+        if quantities.is_empty() {
+            return Ok(None);
+        }
+        let nodes: Vec<Node> = quantities.iter().map(|place| terms.0[place]).collect();
+        let (mut places, mut derivatives) = (Vec::new(), Vec::new());
+        for (place, &node) in nodes.iter().enumerate() {
+            for (parameter, derivative) in graph.gradient_by_parameters(node)? {
+                places.push((place, parameter));
+                derivatives.push(derivative);
+            }
+        }
+        let mut found = Self {
+            elements: elements.to_vec(),
+            tree: tree.clone(),
+            columns: columns.clone(),
+            numbers: Tape::compile(graph, &nodes),
+            slopes: (places, Tape::compile(graph, &derivatives)),
+            quantities,
+            parameters,
+            given: equations.clone(),
+            places: Vec::new(),
+        };
+        found.places = found.varying();
+        for (slot, &(form, column)) in found.places.iter().enumerate() {
+            if let Some(form) = equations.forms_mut().nth(form) {
+                let node = graph.parameter(parameters + slot, form.coefficient(column));
+                form.let_follow(column, node);
+            }
+        }
+        Ok(Some(found))
+    }
+
+    /// The coefficients that depend on a number that follows parameters: those with a derivative by one.
+    fn varying(&self) -> Vec<(usize, usize)> {
+        let mut places = Vec::new();
+        for &place in &self.quantities {
+            let direction = Direction(FxHashMap::from_iter([(place, 1.0)]));
+            let Ok(equations) = Equations::along(&self.elements, &self.tree, &self.columns, &direction) else {
+                continue;
+            };
+            for (k, form) in equations.forms().enumerate() {
+                let columns = form.terms().map(|(column, _)| column);
+                places.extend(columns.filter(|&column| form.with_slope(column).slope != 0.0).map(|column| (k, column)));
+            }
+        }
+        places.sort_unstable();
+        places.dedup();
+        places
+    }
+
+    /// The elements with the numbers that these parameters give.
+    fn elements(&self, parameters: &[f64]) -> Result<Vec<Element>, Refused> {
+        let (mut elements, mut numbers) = (self.elements.clone(), self.numbers.clone());
+        let mut values = vec![0.0; self.quantities.len()];
+        numbers.bind(parameters);
+        numbers.evaluate(0.0, &[], &mut values);
+        for (&(k, quantity), &value) in self.quantities.iter().zip(&values) {
+            let in_range = value > 0.0 || value == 0.0 && quantity == Quantity::Forward;
+            if !in_range || !value.is_finite() {
+                return Err(Refused::Number(k, value));
+            }
+            elements[k].set(quantity, value);
+        }
+        Ok(elements)
+    }
+
+    /// The coefficients that follow, behind the parameters.
+    ///
+    /// # Errors
+    /// Numbers out of range, and coefficients that would have to follow and do not.
+    pub fn extended(&self, parameters: &[f64]) -> Result<Vec<f64>, Refused> {
+        let elements = self.elements(parameters)?;
+        let equations = Equations::new(&elements, &self.tree, &self.columns).map_err(Refused::Fault)?;
+        let all: Vec<&Form> = equations.forms().collect();
+        for (k, (form, given)) in all.iter().zip(self.given.forms()).enumerate() {
+            let size = form.terms().map(|(_, c)| c.abs()).fold(0.0, f64::max);
+            let mut columns = form.terms().chain(given.terms()).map(|(column, _)| column);
+            // What does not depend on parameters may be rounded otherwise by the elimination.
+            const ROUNDING: f64 = 1e-12;
+            let changes = |column: usize| {
+                let off = (form.coefficient(column) - given.coefficient(column)).abs();
+                off > ROUNDING * size && self.places.binary_search(&(k, column)).is_err()
+            };
+            if columns.any(changes) {
+                return Err(Refused::Structure);
+            }
+        }
+        let coefficients = self.places.iter().map(|&(form, column)| all[form].coefficient(column));
+        Ok(parameters.iter().copied().chain(coefficients).collect())
+    }
+
+    /// The derivatives of the coefficients that follow by each parameter, at these values of theirs.
+    pub fn slopes(&self, parameters: &[f64]) -> Vec<Vec<f64>> {
+        let (places, mut tape) = (&self.slopes.0, self.slopes.1.clone());
+        let mut values = vec![0.0; places.len()];
+        tape.bind(parameters);
+        tape.evaluate(0.0, &[], &mut values);
+        let elements = self.elements(parameters).unwrap_or_else(|_| self.elements.clone());
+        let by = |parameter: usize| {
+            let of_numbers = places.iter().zip(&values).filter(|((_, by), _)| *by == parameter);
+            let direction =
+                Direction(of_numbers.map(|(&(place, _), &slope)| (self.quantities[place], slope)).collect());
+            let Ok(equations) = Equations::along(&elements, &self.tree, &self.columns, &direction) else {
+                return vec![f64::NAN; self.places.len()];
+            };
+            let all: Vec<&Form> = equations.forms().collect();
+            self.places.iter().map(|&(form, column)| all[form].with_slope(column).slope).collect()
+        };
+        (0..self.parameters).map(by).collect()
+    }
+
+    /// The number of coefficients that follow.
+    pub fn len(&self) -> usize {
+        self.places.len()
+    }
+
+    /// Whether no coefficient follows.
+    pub fn is_empty(&self) -> bool {
+        self.places.is_empty()
+    }
+}
+
+impl Equations {
+    /// All forms.
+    fn forms(&self) -> impl Iterator<Item = &Form> {
+        let Self { rates, inequality, voltages, currents, nodes } = self;
+        [rates, inequality, voltages, currents, nodes].into_iter().flatten()
+    }
+
+    fn forms_mut(&mut self) -> impl Iterator<Item = &mut Form> {
+        let Self { rates, inequality, voltages, currents, nodes } = self;
+        [rates, inequality, voltages, currents, nodes].into_iter().flatten()
+    }
+}

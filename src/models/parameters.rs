@@ -1,0 +1,333 @@
+//! The parameters of a problem. Programs keep them as inputs; what else depends on them - the
+//! states at the start, entries of the mass matrix, constant bounds, coefficients of contacts - is a short program of its own.
+//! Other values are bound without parsing, differentiation or compilation.
+//!
+//! What parameters decide about structure is decided by the values that the model was compiled with. Values that would
+//! decide otherwise are refused: there the problem has to be compiled anew.
+
+use super::DviModel;
+use super::circuit::{CircuitParameters, Refused};
+use super::filippov::Departures;
+use super::slopes::Slopes;
+use super::unbindable::Unbindable;
+use expression::{Assumption, Assumptions, Broken, ExpressionError, Graph, Node, Tape};
+use problem::{ConvexSet, Mass, MovingBound, Side};
+use std::sync::Arc;
+
+/// What of a problem depends on its parameters, as nodes of the graph of its rows.
+#[derive(Clone, Debug, Default)]
+pub struct ParametricTerms {
+    /// The parameters by name.
+    pub names: Vec<String>,
+    /// The values given.
+    pub values: Vec<f64>,
+    /// The states at the start.
+    pub initial: Vec<Node>,
+    /// The entries of the mass matrix that are terms in parameters.
+    pub mass: Vec<(usize, usize, Node)>,
+    /// The constant bounds that are such terms.
+    pub bounds: Vec<(MovingBound, Node)>,
+    /// `F`, `G` and the moving bounds.
+    pub rows: Vec<Node>,
+    /// The coefficients of contacts that are such terms.
+    pub contacts: Vec<Node>,
+    /// The coefficients of a circuit, which are inputs behind the parameters.
+    pub circuit: Option<CircuitParameters>,
+    /// What is to be added to rows: coefficients of unknowns that are terms in parameters, as `(row, column, node)`.
+    pub coefficients: Vec<(usize, usize, Node)>,
+}
+
+/// The parameters of a model, with what it takes to bind others.
+#[derive(Clone, Debug)]
+pub struct Parameters {
+    values: Vec<f64>,
+    /// The states at the start, then the entries of the mass matrix, the bounds, the coefficients of contacts.
+    constants: Tape,
+    assumptions: Assumptions,
+    departures: Option<Departures>,
+    source: Arc<Source>,
+}
+
+/// What all copies of a model share, with the terms that are differentiated when slopes are asked for.
+#[derive(Debug)]
+pub(super) struct Source {
+    pub(super) graph: Graph,
+    pub(super) terms: ParametricTerms,
+    /// The places of the parametric entries in the list of the mass matrix.
+    mass: Vec<usize>,
+}
+
+impl Parameters {
+    /// The parameters of rows that have been compiled: what was decided in that stands in `graph`. `mass` is the mass matrix
+    /// of the compiled rows, its entries sorted.
+    pub fn new(graph: &Graph, terms: ParametricTerms, mass: &Mass) -> Self {
+        let of_mass = terms.mass.iter().map(|&(.., node)| node);
+        let of_bounds = terms.bounds.iter().map(|&(_, node)| node);
+        let of_set = of_mass.chain(of_bounds);
+        let constants: Vec<Node> = terms.initial.iter().copied().chain(of_set).chain(terms.contacts.clone()).collect();
+        let places = |&(row, column, _): &(usize, usize, Node)| match mass {
+            Mass::Identity => None,
+            Mass::Constant(entries) => entries.binary_search_by_key(&(row, column), |&(i, j, _)| (i, j)).ok(),
+        };
+        let mass = terms.mass.iter().map(|entry| places(entry).unwrap_or(usize::MAX)).collect();
+        let source = Source::new(graph, terms, mass);
+        Self {
+            values: source.terms.values.clone(),
+            constants: Tape::compile(graph, &constants),
+            assumptions: Assumptions::new(graph),
+            departures: None,
+            source: Arc::new(source),
+        }
+    }
+
+    /// The same, where it was decided by these departures whether a border repels at the start.
+    #[must_use]
+    pub fn with_departures(self, departures: Option<Departures>) -> Self {
+        Self { departures, ..self }
+    }
+
+    /// Their names.
+    pub fn names(&self) -> &[String] {
+        &self.source.terms.names
+    }
+
+    /// Their values.
+    pub fn values(&self) -> &[f64] {
+        &self.values
+    }
+
+    /// Programs for the derivatives by them, at their values.
+    pub(super) fn slopes(&self) -> Result<Slopes, ExpressionError> {
+        let mut slopes = Slopes::new(&self.source)?;
+        slopes.bind(&self.extended(&self.values).unwrap_or_else(|_| self.values.clone()));
+        if let Some(circuit) = &self.source.terms.circuit {
+            slopes.follow(&circuit.slopes(&self.values));
+        }
+        Ok(slopes)
+    }
+
+    /// The values with what follows them.
+    fn extended(&self, values: &[f64]) -> Result<Vec<f64>, Unbindable> {
+        let terms = &self.source.terms;
+        let Some(circuit) = &terms.circuit else { return Ok(values.to_vec()) };
+        let parameters = || self.told(values);
+        circuit.extended(values).map_err(|refused| match refused {
+            Refused::Structure => {
+                let what = "a coefficient of the circuit appears that vanished".to_owned();
+                Unbindable::Structure { parameters: parameters(), what }
+            }
+            Refused::Number(element, value) => {
+                let what = format!("the value of component number {} is {value}", element + 1);
+                Unbindable::OutOfRange { parameters: parameters(), what }
+            }
+            Refused::Fault(_) => {
+                let what = "the equations of the circuit are singular".to_owned();
+                Unbindable::OutOfRange { parameters: parameters(), what }
+            }
+        })
+    }
+
+    /// All of them, with these values.
+    pub(super) fn told(&self, values: &[f64]) -> String {
+        let all: Vec<usize> = (0..values.len()).collect();
+        listed(&all, self.names(), values)
+    }
+
+    /// Remembers the values that are bound.
+    pub(super) fn keep(&mut self, values: &[f64]) {
+        self.values.copy_from_slice(values);
+    }
+
+    /// These values with what follows them, and the constants at them.
+    pub(super) fn checked(&self, values: &[f64]) -> Result<(Vec<f64>, Vec<f64>), Unbindable> {
+        let terms = &self.source.terms;
+        if values.len() != terms.names.len() {
+            return Err(Unbindable::Count { expected: terms.names.len(), found: values.len() });
+        }
+        let named = |parameters: &[usize]| listed(parameters, &terms.names, values);
+        if let Some(k) = values.iter().position(|value| !value.is_finite()) {
+            let what = "a parameter".to_owned();
+            return Err(Unbindable::NotFinite { parameters: named(&[k]), what, value: values[k] });
+        }
+        let all = self.extended(values)?;
+        self.assumptions.clone().check(&all).map_err(|broken| Unbindable::Structure {
+            parameters: named(&broken.parameters),
+            what: changed(&broken),
+        })?;
+        let mut constants = self.constants.clone();
+        constants.bind(&all);
+        let mut found = vec![0.0; self.count()];
+        constants.evaluate(0.0, &[], &mut found);
+        match found.iter().position(|value| !value.is_finite()) {
+            None => Ok((all, found)),
+            Some(k) => Err(Unbindable::NotFinite {
+                parameters: named(&self.source.graph.parameters(self.node(k))),
+                what: self.what(k),
+                value: found[k],
+            }),
+        }
+    }
+
+    fn count(&self) -> usize {
+        let terms = &self.source.terms;
+        terms.initial.len() + terms.mass.len() + terms.bounds.len() + terms.contacts.len()
+    }
+
+    /// The node of a constant.
+    fn node(&self, k: usize) -> Node {
+        let terms = &self.source.terms;
+        let mass = terms.mass.iter().map(|&(.., node)| node);
+        let bounds = terms.bounds.iter().map(|&(_, node)| node);
+        let mut nodes = terms.initial.iter().copied().chain(mass).chain(bounds).chain(terms.contacts.iter().copied());
+        nodes.nth(k).unwrap_or(terms.initial[0])
+    }
+
+    fn what(&self, k: usize) -> String {
+        let terms = &self.source.terms;
+        match (k.checked_sub(terms.initial.len()), k.checked_sub(terms.initial.len() + terms.mass.len())) {
+            (None, _) => format!("state number {} at the start", k + 1),
+            (Some(_), None) => "an entry of the mass matrix".to_owned(),
+            (_, Some(_)) => "a bound or a coefficient of a contact".to_owned(),
+        }
+    }
+}
+
+impl Source {
+    fn new(graph: &Graph, mut terms: ParametricTerms, mass: Vec<usize>) -> Self {
+        let ParametricTerms { initial, mass: entries, bounds, rows, coefficients, contacts, .. } = &mut terms;
+        let mut places: Vec<&mut Node> = initial.iter_mut().chain(rows.iter_mut()).chain(contacts.iter_mut()).collect();
+        places.extend(entries.iter_mut().chain(coefficients.iter_mut()).map(|(.., node)| node));
+        places.extend(bounds.iter_mut().map(|(_, node)| node));
+        let nodes: Vec<Node> = places.iter().map(|node| **node).collect();
+        let (graph, nodes) = graph.below(&nodes);
+        places.into_iter().zip(nodes).for_each(|(place, node)| *place = node);
+        Self { graph, terms, mass }
+    }
+}
+
+impl DviModel {
+    /// The same problem with other values of its parameters, in the order of [`Parameters::names`]: nothing is parsed,
+    /// differentiated or compiled, and the programs are shared.
+    ///
+    /// # Errors
+    /// Values that are none, and those that would change the structure, for which the problem is to be compiled anew.
+    pub fn with_parameters(&self, values: &[f64]) -> Result<Self, Unbindable> {
+        let mut bound = self.clone();
+        bound.bind(values)?;
+        Ok(bound)
+    }
+
+    /// The derivatives of the problem by its parameters; `None` where it has none.
+    ///
+    /// # Errors
+    /// A derivative that is too large.
+    pub fn slopes(&self) -> Result<Option<Slopes>, ExpressionError> {
+        self.parameters.as_ref().map(Parameters::slopes).transpose()
+    }
+
+    /// Binds other values; an error leaves those that were bound.
+    fn bind(&mut self, values: &[f64]) -> Result<(), Unbindable> {
+        let Some(parameters) = &mut self.parameters else { return Err(Unbindable::Folded) };
+        let (all, constants) = parameters.checked(values)?;
+        let source = parameters.source.clone();
+        let terms = &source.terms;
+        let (initial, rest) = constants.split_at(terms.initial.len());
+        let (mass, bounds) = rest.split_at(terms.mass.len());
+        let structure = self.equations.structure();
+        let mut set = structure.set.clone();
+        for (&(bound, _), &value) in terms.bounds.iter().zip(bounds) {
+            bound.place(value, &mut set);
+        }
+        for (&(bound, _), &value) in terms.bounds.iter().zip(bounds) {
+            let deciding = || {
+                let of_variable = terms.bounds.iter().filter(|(other, _)| other.variable == bound.variable);
+                let mut all: Vec<usize> = of_variable.flat_map(|&(_, node)| source.graph.parameters(node)).collect();
+                all.sort_unstable();
+                all.dedup();
+                listed(&all, &terms.names, values)
+            };
+            let name = &self.variable_names[bound.variable];
+            placed(bound, value, name, &structure.set, &set, deciding)?;
+        }
+        if let Some(departures) = &mut parameters.departures {
+            let repelled = departures.repel(&self.initial);
+            departures.bind(values);
+            let repels = departures.repel(initial);
+            if repels != repelled {
+                departures.bind(&parameters.values);
+                let what = "whether a border repels at the start".to_owned();
+                return Err(Unbindable::Structure { parameters: parameters.told(values), what });
+            }
+        }
+        parameters.keep(values);
+        self.initial.copy_from_slice(initial);
+        self.equations.bind(&all);
+        self.outputs.bind(&all);
+        let structure = self.equations.structure_mut();
+        structure.set = set;
+        if let Mass::Constant(entries) = &mut structure.mass {
+            for (&place, &value) in source.mass.iter().zip(mass) {
+                if let Some(entry) = entries.get_mut(place) {
+                    entry.2 = value;
+                }
+            }
+        }
+        // It was written with the parameters that were given.
+        self.kinks.as_set = None;
+        Ok(())
+    }
+}
+
+/// Whether a bound in a new set is one, and means what it did in the old one.
+fn placed(
+    bound: MovingBound,
+    value: f64,
+    name: &str,
+    old: &ConvexSet,
+    new: &ConvexSet,
+    deciding: impl Fn() -> String,
+) -> Result<(), Unbindable> {
+    let k = bound.variable;
+    if bound.side == Side::Radius {
+        return match value < 0.0 {
+            true => Err(Unbindable::EmptySet {
+                parameters: deciding(),
+                what: format!("the radius of the ball of `{name}` is {value}"),
+            }),
+            false => Ok(()),
+        };
+    }
+    if new.lower[k] > new.upper[k] {
+        let what = format!("`{name}` is to lie between {} and {}", new.lower[k], new.upper[k]);
+        return Err(Unbindable::EmptySet { parameters: deciding(), what });
+    }
+    if (new.lower[k] == new.upper[k]) != (old.lower[k] == old.upper[k]) {
+        let what = format!("whether the bounds of `{name}` are equal");
+        return Err(Unbindable::Structure { parameters: deciding(), what });
+    }
+    Ok(())
+}
+
+/// What an assumption that does not hold was about.
+fn changed(broken: &Broken) -> String {
+    let Broken { given, found, .. } = broken;
+    match broken.assumption {
+        Assumption::Vanishing if *given == 0.0 => format!("a coefficient that was zero is {found}"),
+        Assumption::Vanishing => format!("a coefficient that was {given} vanishes"),
+        Assumption::Finite => format!("a term that was {given} is {found}"),
+        Assumption::Value => format!("an exponent or another number that was taken for {given} is {found}"),
+    }
+}
+
+/// Parameters with their values; all of them, where it is something that follows them.
+fn listed(parameters: &[usize], names: &[String], values: &[f64]) -> String {
+    const SHOWN: usize = 4;
+    let every: Vec<usize> = (0..names.len()).collect();
+    let parameters = if parameters.iter().all(|&k| k < names.len()) { parameters } else { &every };
+    let shown = parameters.iter().take(SHOWN).map(|&k| format!("`{}` = {}", names[k], values[k]));
+    let mut list: Vec<String> = shown.collect();
+    if parameters.len() > SHOWN {
+        list.push("...".to_owned());
+    }
+    list.join(", ")
+}

@@ -1,0 +1,157 @@
+//! The derivatives of a differential variational inequality by its parameters: of `F`, `G` and moving bounds at `(t, y)`,
+//! and of the constants - the states at the start, the mass matrix, constant bounds. They are exact, by the same sweep in
+//! reverse that gives those by the unknowns.
+
+use super::parameters::Source;
+use expression::{ExpressionError, Graph, Node, Tape};
+use problem::MovingBound;
+
+/// Programs for the derivatives by parameters, with registers of their own.
+#[derive(Clone, Debug)]
+pub struct Slopes {
+    /// The places of those of the rows, as `(row, parameter)`.
+    pattern: Vec<(usize, usize)>,
+    rows: Tape,
+    /// Where coefficients follow parameters.
+    chain: Option<Chain>,
+    initial: Constants<usize>,
+    mass: Constants<(usize, usize)>,
+    bounds: Constants<MovingBound>,
+}
+
+/// The derivatives by inputs that follow parameters, to be passed on to these.
+#[derive(Clone, Debug)]
+struct Chain {
+    /// For each derivative by an input, the places in the pattern that it is passed on to, with their factors.
+    shares: Vec<Vec<(usize, f64)>>,
+    values: Vec<f64>,
+}
+
+/// The derivatives of constants, each with what it is a derivative of, and the parameter.
+#[derive(Clone, Debug)]
+struct Constants<P> {
+    places: Vec<(P, usize)>,
+    tape: Tape,
+    values: Vec<f64>,
+}
+
+impl Slopes {
+    pub(super) fn new(source: &Source) -> Result<Self, ExpressionError> {
+        let mut graph = source.graph.clone();
+        let terms = &source.terms;
+        let mut rows = terms.rows.clone();
+        for &(row, column, coefficient) in &terms.coefficients {
+            let unknown = graph.input(1 + column);
+            let term = graph.multiply(coefficient, unknown);
+            rows[row] = graph.add(rows[row], term);
+        }
+        let (pattern, nodes) = derivatives(&mut graph, rows.into_iter().enumerate())?;
+        let rows = Tape::compile(&graph, &nodes);
+        let initial = terms.initial.iter().copied().enumerate();
+        let mass = terms.mass.iter().map(|&(row, column, node)| ((row, column), node));
+        Ok(Self {
+            initial: Constants::new(&mut graph, initial)?,
+            mass: Constants::new(&mut graph, mass)?,
+            bounds: Constants::new(&mut graph, terms.bounds.iter().copied())?,
+            pattern,
+            rows,
+            chain: None,
+        })
+    }
+
+    /// Passes the derivatives by what follows the parameters on to these, whose derivatives of it are given.
+    pub(super) fn follow(&mut self, slopes: &[Vec<f64>]) {
+        let parameters = slopes.len();
+        let shares_of = |input: usize| -> Vec<(usize, f64)> {
+            match input.checked_sub(parameters) {
+                None => vec![(input, 1.0)],
+                Some(k) => (0..parameters).map(|by| (by, slopes[by][k])).filter(|share| share.1 != 0.0).collect(),
+            }
+        };
+        let all = self.pattern.iter().map(|&(row, input)| (row, shares_of(input)));
+        let shares: Vec<(usize, Vec<(usize, f64)>)> = all.collect();
+        let mut pattern: Vec<(usize, usize)> =
+            shares.iter().flat_map(|(row, shares)| shares.iter().map(|&(by, _)| (*row, by))).collect();
+        pattern.sort_unstable();
+        pattern.dedup();
+        let place = |row: usize, by: usize| pattern.partition_point(|&found| found < (row, by));
+        let placed = |(row, shares): (usize, Vec<(usize, f64)>)| {
+            shares.into_iter().map(|(by, factor)| (place(row, by), factor)).collect()
+        };
+        let shares: Vec<Vec<(usize, f64)>> = shares.into_iter().map(placed).collect();
+        self.chain = Some(Chain { values: vec![0.0; shares.len()], shares });
+        self.pattern = pattern;
+    }
+
+    pub(super) fn bind(&mut self, parameters: &[f64]) {
+        self.rows.bind(parameters);
+        self.initial.bind(parameters);
+        self.mass.bind(parameters);
+        self.bounds.bind(parameters);
+    }
+
+    /// The places of the derivatives that may be nonzero, as `(row, parameter)` sorted by row; rows are `F` (n), `G` (m),
+    /// moving bounds.
+    pub fn pattern(&self) -> &[(usize, usize)] {
+        &self.pattern
+    }
+
+    /// Writes the derivatives of the rows at `(t, y)`, one for each place of the pattern.
+    pub fn evaluate(&mut self, t: f64, y: &[f64], values: &mut [f64]) {
+        let Some(Chain { shares, values: raw }) = &mut self.chain else { return self.rows.evaluate(t, y, values) };
+        self.rows.evaluate(t, y, raw);
+        values.fill(0.0);
+        for (shares, &slope) in shares.iter().zip(raw.iter()) {
+            shares.iter().for_each(|&(place, factor)| values[place] += factor * slope);
+        }
+    }
+
+    /// Those of the states at the start, as `(state, parameter, value)`.
+    pub fn initial(&self) -> impl Iterator<Item = (usize, usize, f64)> {
+        self.initial.iter()
+    }
+
+    /// Those of the mass matrix, as `((row, column), parameter, value)`.
+    pub fn mass(&self) -> impl Iterator<Item = ((usize, usize), usize, f64)> {
+        self.mass.iter()
+    }
+
+    /// Those of the constant bounds, as `(bound, parameter, value)`.
+    pub fn bounds(&self) -> impl Iterator<Item = (MovingBound, usize, f64)> {
+        self.bounds.iter()
+    }
+}
+
+impl<P: Copy> Constants<P> {
+    fn new(graph: &mut Graph, terms: impl Iterator<Item = (P, Node)>) -> Result<Self, ExpressionError> {
+        let (places, nodes) = derivatives(graph, terms)?;
+        Ok(Self { values: vec![0.0; nodes.len()], tape: Tape::compile(graph, &nodes), places })
+    }
+
+    fn bind(&mut self, parameters: &[f64]) {
+        self.tape.bind(parameters);
+        self.tape.evaluate(0.0, &[], &mut self.values);
+    }
+
+    fn iter(&self) -> impl Iterator<Item = (P, usize, f64)> {
+        self.places.iter().zip(&self.values).map(|(&(place, parameter), &value)| (place, parameter, value))
+    }
+}
+
+/// What each of some derivatives is of, with the parameter; and the derivatives.
+type Derivatives<P> = (Vec<(P, usize)>, Vec<Node>);
+
+/// The derivatives of terms by parameters, with the place of each term.
+fn derivatives<P: Copy>(
+    graph: &mut Graph,
+    terms: impl Iterator<Item = (P, Node)>,
+) -> Result<Derivatives<P>, ExpressionError> {
+    let (mut places, mut nodes) = (Vec::new(), Vec::new());
+    for (place, node) in terms {
+        for (parameter, derivative) in graph.gradient_by_parameters(node)? {
+            places.push((place, parameter));
+            nodes.push(derivative);
+        }
+    }
+    Ok((places, nodes))
+}
