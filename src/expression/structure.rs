@@ -33,41 +33,49 @@ impl Graph {
         kinks
     }
 
-    /// A node as a sum of others with constant factors, as `(term, factor)`, each term once and none of them a sum or a multiple
-    /// itself; a constant is a multiple of the node 1.
-    pub fn terms_of_sum(&mut self, node: Node) -> Vec<(Node, f64)> {
+    /// A node as a sum of others with factors that are numbers or depend on parameters alone, as `(term, factor)`, each term
+    /// once and none of them a sum or a multiple itself; what has a value by itself is a multiple of the node 1.
+    pub fn terms_of_sum(&mut self, node: Node) -> Vec<(Node, Node)> {
         let one = self.constant(1.0);
-        let mut constant = 0.0;
+        let mut by_itself = self.constant(0.0);
         // Operands stand before the terms that use them: the last one has all that its users contribute.
-        let mut open = BTreeMap::from([(node, 1.0)]);
+        let mut open = BTreeMap::from([(node, one)]);
         let mut terms = Vec::new();
         while let Some((term, factor)) = open.pop_last() {
-            let mut add = |to: Node, factor: f64| *open.entry(to).or_insert(0.0) += factor;
-            match self.terms[term.place()] {
-                Term::Constant(bits) => constant += factor * f64::from_bits(bits),
-                Term::Apply(Operator::Negate, a, _) => add(a, -factor),
-                Term::Apply(Operator::Add, a, b) => {
-                    add(a, factor);
-                    add(b, factor);
+            let minus = self.negate(factor);
+            let parts = match self.terms[term.place()] {
+                _ if self.value(term).is_some() => {
+                    let value = self.multiply(factor, term);
+                    by_itself = self.add(by_itself, value);
+                    continue;
                 }
-                Term::Apply(Operator::Subtract, a, b) => {
-                    add(a, factor);
-                    add(b, -factor);
-                }
+                Term::Apply(Operator::Negate, a, _) => [Some((a, minus)), None],
+                Term::Apply(Operator::Add, a, b) => [Some((a, factor)), Some((b, factor))],
+                Term::Apply(Operator::Subtract, a, b) => [Some((a, factor)), Some((b, minus))],
                 Term::Apply(Operator::Multiply, a, b) if self.value(a).is_some() => {
-                    add(b, factor * self.value(a).unwrap_or(0.0));
+                    [Some((b, self.multiply(factor, a))), None]
                 }
                 Term::Apply(Operator::Multiply, a, b) if self.value(b).is_some() => {
-                    add(a, factor * self.value(b).unwrap_or(0.0));
+                    [Some((a, self.multiply(factor, b))), None]
                 }
                 Term::Apply(Operator::Divide, a, b) if self.value(b).is_some_and(|value| value != 0.0) => {
-                    add(a, factor / self.value(b).unwrap_or(1.0));
+                    [Some((a, self.divide(factor, b))), None]
                 }
-                _ => terms.push((term, factor)),
+                _ => {
+                    terms.push((term, factor));
+                    continue;
+                }
+            };
+            for (part, factor) in parts.into_iter().flatten() {
+                let sum = match open.get(&part) {
+                    Some(&other) => self.add(other, factor),
+                    None => factor,
+                };
+                open.insert(part, sum);
             }
         }
-        terms.push((one, constant));
-        terms.retain(|(_, factor)| *factor != 0.0);
+        terms.push((one, by_itself));
+        terms.retain(|(_, factor)| self.number(*factor) != Some(0.0));
         terms
     }
 

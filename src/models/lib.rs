@@ -11,6 +11,7 @@ mod dvi_model;
 pub mod elastic;
 pub mod filippov;
 pub mod finite_elements;
+mod forcing_slopes;
 mod linear;
 mod mechanical;
 mod mechanical_model;

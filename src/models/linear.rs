@@ -8,10 +8,10 @@
 //! moving bounds of `K`, if there are any, are expressions.
 
 use super::ParametricTerms;
+use super::forcing_slopes::Slopes;
 use expression::{Breaks, ExpressionError, Graph, IntervalWorkspace, Node, Tape};
 use numerics::Interval;
-use problem::{ConvexSet, Dvi, ForcingSlopes, Mass, MovingBound, Structure, Sums};
-use rustc_hash::FxHashMap;
+use problem::{ConvexSet, Dvi, ForcingSlopes, Mass, MovingBound, Structure};
 
 /// The parts of a linear system with `n` states and `m` variables.
 #[derive(Clone, Debug)]
@@ -65,38 +65,6 @@ pub struct Linear {
     boxes: [IntervalWorkspace; 3],
     /// The middle and the radius of each unknown over a box.
     balls: Vec<(f64, f64)>,
-}
-
-/// The slopes of a forcing in time as sums of terms, and the program of these.
-#[derive(Clone, Debug)]
-struct Slopes {
-    sums: ForcingSlopes,
-    terms: Tape,
-    over_box: IntervalWorkspace,
-}
-
-impl Slopes {
-    fn new(graph: &mut Graph, rates: &[Node], inequality: &[Node], curvature: &[Node]) -> Self {
-        let mut terms: Vec<Node> = Vec::new();
-        let mut places = FxHashMap::default();
-        let mut sums = |nodes: &[Node]| -> Sums {
-            let sum = |node: &Node| {
-                let found = graph.terms_of_sum(*node).into_iter();
-                let mut place = |term: Node| {
-                    *places.entry(term).or_insert_with(|| {
-                        terms.push(term);
-                        terms.len() - 1
-                    })
-                };
-                found.map(|(term, factor)| (place(term), factor)).collect()
-            };
-            nodes.iter().map(sum).collect()
-        };
-        let (rates, inequality, curvature) = (sums(rates), sums(inequality), sums(curvature));
-        let program = Tape::compile(graph, &terms);
-        let sums = ForcingSlopes { terms: terms.len(), rates, inequality, curvature };
-        Self { sums, over_box: IntervalWorkspace::new(&program), terms: program }
-    }
 }
 
 impl Linear {
@@ -193,6 +161,9 @@ impl Linear {
             tape.bind(parameters);
             range.bind(tape);
         }
+        if let Some(slopes) = &mut self.slopes {
+            slopes.bind(parameters);
+        }
         self.breaks.bind(parameters);
     }
 
@@ -261,9 +232,9 @@ impl Dvi for Linear {
         self.slopes.as_ref().map(|slopes| &slopes.sums)
     }
 
-    fn enclose_forcing_slopes(&mut self, t: Interval, values: &mut [Interval]) {
-        if let Some(Slopes { terms, over_box, .. }) = &mut self.slopes {
-            terms.enclose(t, &[], over_box, values);
+    fn enclose_forcing_slopes(&mut self, t: Interval, terms: &mut [Interval]) {
+        if let Some(slopes) = &mut self.slopes {
+            slopes.enclose(t, terms);
         }
     }
 

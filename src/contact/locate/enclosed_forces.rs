@@ -118,8 +118,7 @@ impl Flight {
         let ratio = |more: &Interval, all: &Interval| if size(*more) > 0.0 { size(*more) / size(*all) } else { 0.0 };
         let pairs = again_a.iter().zip(&all_a).chain(again_l.iter().zip(&all_l));
         let feedback = pairs.map(|(more, all)| ratio(more, all)).fold(0.0, f64::max);
-        // Also where it is not a number.
-        if !(feedback < FEEDBACK) {
+        if feedback.is_nan() || feedback >= FEEDBACK {
             return None;
         }
         let rest = |more: &Interval| ball(size(*more) / (1.0 - feedback));

@@ -1,0 +1,69 @@
+//! The slopes of a forcing in time as sums of terms: what two rows have in common is then one term, which falls out of a
+//! combination of them before it is enclosed.
+
+use expression::{Graph, IntervalWorkspace, Node, Tape};
+use numerics::Interval;
+use problem::{ForcingSlopes, Sums};
+use rustc_hash::FxHashMap;
+
+/// The sums, with the programs of their terms and factors.
+#[derive(Clone, Debug)]
+pub(super) struct Slopes {
+    pub sums: ForcingSlopes,
+    terms: Tape,
+    over_box: IntervalWorkspace,
+    /// The factors in the order of the sums, where parameters decide any of them, and room for their values.
+    factors: Option<(Tape, Vec<f64>)>,
+}
+
+/// Sums in which factors are nodes.
+type Symbolic = Vec<Vec<(usize, Node)>>;
+
+impl Slopes {
+    /// Takes `dF/dt`, `dG/dt` and `d^2G/dt^2`, which are functions of time and parameters.
+    pub fn new(graph: &mut Graph, rates: &[Node], inequality: &[Node], curvature: &[Node]) -> Self {
+        let mut terms: Vec<Node> = Vec::new();
+        let mut places = FxHashMap::default();
+        let mut symbolic = [rates, inequality, curvature].map(|nodes| -> Symbolic {
+            let sum = |node: &Node| {
+                let mut place = |term: Node| {
+                    *places.entry(term).or_insert_with(|| {
+                        terms.push(term);
+                        terms.len() - 1
+                    })
+                };
+                graph.terms_of_sum(*node).into_iter().map(|(term, factor)| (place(term), factor)).collect()
+            };
+            nodes.iter().map(sum).collect()
+        });
+        let value = |&(term, factor): &(usize, Node)| (term, graph.value(factor).unwrap_or(f64::NAN));
+        let values = |sums: &Symbolic| -> Sums { sums.iter().map(|sum| sum.iter().map(value).collect()).collect() };
+        let [rates, inequality, curvature] = symbolic.each_ref().map(values);
+        let factors: Vec<Node> = symbolic.iter_mut().flatten().flatten().map(|(_, factor)| *factor).collect();
+        let is_decided = factors.iter().any(|&factor| graph.number(factor).is_none());
+        let program = Tape::compile(graph, &terms);
+        Self {
+            sums: ForcingSlopes { terms: terms.len(), rates, inequality, curvature },
+            over_box: IntervalWorkspace::new(&program),
+            terms: program,
+            factors: is_decided.then(|| (Tape::compile(graph, &factors), vec![0.0; factors.len()])),
+        }
+    }
+
+    /// Takes over other parameters.
+    pub fn bind(&mut self, parameters: &[f64]) {
+        self.terms.bind(parameters);
+        self.over_box.bind(&self.terms);
+        let Some((tape, values)) = &mut self.factors else { return };
+        tape.bind(parameters);
+        tape.evaluate(0.0, &[], values);
+        let ForcingSlopes { rates, inequality, curvature, .. } = &mut self.sums;
+        let factors = rates.iter_mut().chain(inequality).chain(curvature).flatten().map(|(_, factor)| factor);
+        factors.zip(values).for_each(|(factor, value)| *factor = *value);
+    }
+
+    /// The terms wherever `t` is in an interval.
+    pub fn enclose(&mut self, t: Interval, terms: &mut [Interval]) {
+        self.terms.enclose(t, &[], &mut self.over_box, terms);
+    }
+}
