@@ -14,8 +14,10 @@ pub mod history;
 pub mod kernel;
 pub mod product_integration;
 pub mod quadrature;
+pub mod segments;
 pub mod stepper;
 pub mod weights;
 
 pub use kernel::{Function, Kernel, Term};
+pub use segments::{Place, SegmentSettings, Segments, Switch};
 pub use stepper::{Convolution, Settings, StepError};

@@ -121,7 +121,7 @@ pub struct Convolution<'p> {
 }
 
 /// `q` and the moving bounds, as functions of time.
-struct Forcing<'p> {
+pub(crate) struct Forcing<'p> {
     problem: &'p mut dyn Dvi,
     zeros: Vec<f64>,
     values: Vec<f64>,
@@ -156,11 +156,10 @@ impl<'p> Convolution<'p> {
         for (i, mut row) in matrix.row_iter_mut().enumerate() {
             row *= tableau.d[i / m];
         }
-        let values = vec![0.0; problem.structure().rows()];
         Ok(Self {
             tableau,
             set: problem.structure().set.power(s),
-            forcing: Forcing { problem, zeros: vec![0.0; m], values },
+            forcing: Forcing::new(problem),
             history: History::new(s, m, steps, parts),
             matrix,
             first,
@@ -312,9 +311,15 @@ fn first(s: usize, m: usize, parts: &[Part]) -> DMatrix<f64> {
     matrix
 }
 
-impl Forcing<'_> {
+impl<'p> Forcing<'p> {
+    /// That of a problem without states.
+    pub fn new(problem: &'p mut dyn Dvi) -> Self {
+        let (zeros, values) = (vec![0.0; problem.structure().variables], vec![0.0; problem.structure().rows()]);
+        Self { problem, zeros, values }
+    }
+
     /// Gives `q` at `t`, and sets the bounds that move for the variables from `offset` on in `set`.
-    fn at(&mut self, t: f64, offset: usize, set: &mut ConvexSet) -> Result<&[f64], StepError> {
+    pub fn at(&mut self, t: f64, offset: usize, set: &mut ConvexSet) -> Result<&[f64], StepError> {
         self.problem.evaluate(t, &self.zeros, &mut self.values);
         if let Some(row) = self.values.iter().position(|value| !value.is_finite()) {
             return Err(StepError::NotFinite { row, t });

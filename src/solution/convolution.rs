@@ -2,16 +2,18 @@
 //!
 //! The mesh is uniform, since the weights belong to one step. Where none is given the whole run is repeated with half the
 //! step until three runs agree, in the mean over time: where a bound is left `z` behaves like `(t - t_s)^(1-a)`, so that no
-//! uniform mesh is accurate at every moment. The run with the least estimated error is returned, which need not be the last:
+//! uniform mesh is accurate at every moment. Where the variables are in intervals switches are located instead, and each
+//! segment between them has a mesh of its own ([`segments`]). The run with the least estimated error is returned, which need not be the last:
 //! kernels of high order amplify rounding errors as the step falls.
 
 mod halving;
+mod segments;
 
 use super::run::{Plan, Run, Stepper, ending};
 use super::uniqueness::uniqueness_caveat;
 use super::{CheckCode, Diagnostics, Event, EventKind, Failure, Solution, Status, Steps, ViCounts, Warning};
 use analysis::Analysis;
-use convolution::{Convolution, Settings, StepError};
+use convolution::{Convolution, SegmentSettings, Settings, StepError};
 use halving::{Best, Coarse};
 use models::ConvolutionModel;
 use problem::{Control, ConvexSet, Dvi};
@@ -42,6 +44,8 @@ pub struct ConvolutionPlan {
     pub settings: Settings,
     /// The steps.
     pub mesh: Mesh,
+    /// How segments between located switches are made, if they are tried before a uniform mesh.
+    pub segments: Option<SegmentSettings>,
     /// The most steps that fit into memory.
     pub most: usize,
 }
@@ -58,6 +62,21 @@ pub fn integrate_convolution(
     let mut diagnostics = describe_convolution(model, convolution, analysis);
     if let Some(Warning { code, message }) = uniqueness_caveat(analysis) {
         diagnostics.checks.caveat(code, message);
+    }
+    if let Some(settings) = &convolution.segments {
+        match segments::integrate(model, plan, settings, &diagnostics, control) {
+            Ok(mut solution) => {
+                solution.diagnostics.wall_seconds = began.elapsed().as_secs_f64();
+                return solution;
+            }
+            Err(why) => {
+                let uniform = ConvolutionPlan { segments: None, ..convolution.clone() };
+                let described = describe_convolution(model, &uniform, analysis);
+                (diagnostics.built, diagnostics.left_out) = (described.built, described.left_out);
+                diagnostics.vi = described.vi;
+                diagnostics.left_out.push(format!("located switches: {why}"));
+            }
+        }
     }
     let mut problem = model.forcing.problem();
     let (first, most) = match convolution.mesh {
@@ -315,6 +334,9 @@ fn failure(error: &StepError, names: &[String], time: f64, state: &[f64]) -> Fai
 
 /// What is known before the run: what the theory says, what is built, what is left out and why.
 pub fn describe_convolution(model: &ConvolutionModel, plan: &ConvolutionPlan, analysis: &Analysis) -> Diagnostics {
+    if plan.segments.is_some() {
+        return segments::describe(model, analysis);
+    }
     let is_power = model.kernel.terms.iter().all(|term| term.function.factor.is_none());
     let quadrature = if is_power { "convolution quadrature" } else { "product integration" };
     let mut diagnostics = Diagnostics {

@@ -1,0 +1,80 @@
+//! Where a switch is: the length of the element at whose end the sign of the face is lost, as the unknown. Each guess is an
+//! element of its own, so that the time has the accuracy of the method; guesses are by false position (Illinois).
+
+use super::trial::{Trial, Violation};
+use super::{Place, Segments};
+use crate::stepper::StepError;
+
+/// Guesses, each of which halves a bracket at least every other time: more than the digits of a number.
+const GUESSES: usize = 120;
+/// By how much the first bracket shrinks towards the beginning of the element.
+const SHRINK: f64 = 1.0 / 16.0;
+
+/// An element up to a switch, none where it is at the beginning; and the variable with its new place, none where a shorter
+/// element shows no switch.
+type Located = (Option<Trial>, Option<(usize, Place)>);
+
+impl Segments<'_> {
+    /// Locates the first loss of a sign in an element.
+    pub(super) fn locate(&mut self, trial: Trial, violation: Violation) -> Result<Located, StepError> {
+        let mut high = violation.theta * trial.h;
+        let mut lost = violation;
+        // What the monitor is at the upper end, as far as it counts for the next guess.
+        let mut value = violation.value;
+        let mut low: Option<(Trial, f64)> = None;
+        let mut side = 0;
+        for _ in 0..GUESSES {
+            let resolution = self.resolution(high);
+            let guess = match &low {
+                None if high <= resolution || high <= super::TINY * self.usual.min(trial.h) => {
+                    return Ok((None, Some((lost.variable, lost.to))));
+                }
+                None => SHRINK * high,
+                Some((before, left)) => {
+                    let width = high - before.h;
+                    if width <= resolution {
+                        break;
+                    }
+                    let part = if *left > 0.0 { left / (left - value) } else { 0.0 };
+                    before.h + width * part.clamp(1e-3, 1.0 - 1e-3)
+                }
+            };
+            let made = self.trial(guess)?;
+            match made.violation {
+                None => {
+                    let monitor = made.ends[lost.variable];
+                    let left = monitor.towards(lost.to);
+                    let is_there = left <= monitor.noise;
+                    if side == -1 {
+                        value *= 0.5;
+                    }
+                    side = -1;
+                    low = Some((made, left));
+                    if is_there {
+                        break;
+                    }
+                }
+                Some(found) => {
+                    if found.variable != lost.variable || found.to != lost.to {
+                        if let Some((before, left)) = &mut low {
+                            *left = before.ends[found.variable].towards(found.to);
+                        }
+                        side = 0;
+                    } else if side == 1
+                        && let Some((_, left)) = &mut low
+                    {
+                        *left *= 0.5;
+                        side = 1;
+                    } else {
+                        side = 1;
+                    }
+                    (high, value, lost) = (found.theta * guess, found.value, found);
+                }
+            }
+        }
+        match low {
+            Some((trial, _)) => Ok((Some(trial), Some((lost.variable, lost.to)))),
+            None => Ok((None, Some((lost.variable, lost.to)))),
+        }
+    }
+}

@@ -1,0 +1,145 @@
+//! The past as a source: what the elements so far contribute to the convolution at a later time.
+//!
+//! Elements that are farther away than twice their length act through point charges at the nodes of Gauss rules, closer ones
+//! through integrals of the kernel against their functions.
+
+use super::lag::Lag;
+use super::shape::Shape;
+use crate::gauss_jacobi::gauss_jacobi;
+use crate::stepper::StepError;
+use nalgebra::DMatrix;
+
+/// An element this many of its lengths away, or more, acts through charges: their rules then converge by a factor of a
+/// hundred with each node.
+const FAR: f64 = 2.0;
+/// Nodes of a rule beyond the number of functions, so that it is exact to the last digits there.
+const NODES: usize = 6;
+
+/// A part of the time on which the variables are one combination of functions.
+pub struct Element {
+    /// Its beginning.
+    pub start: f64,
+    /// Its end.
+    pub end: f64,
+    /// Which of the shapes it has.
+    pub shape: usize,
+    /// Of the variables, and of their integrals as often as the kernel takes them: a row for each function, a column for each
+    /// variable.
+    pub coefficients: Vec<DMatrix<f64>>,
+    /// The integral of the variables up to its beginning.
+    pub integral: Vec<f64>,
+    /// The first of its charges.
+    charge: usize,
+}
+
+impl Element {
+    /// Its length.
+    pub fn length(&self) -> f64 {
+        self.end - self.start
+    }
+}
+
+/// The rules of a shape: places, weights and the functions there.
+struct Rule {
+    nodes: Vec<(f64, f64)>,
+    values: Vec<Vec<f64>>,
+}
+
+/// All elements so far.
+pub struct Past {
+    variables: usize,
+    /// The elements, one behind the other.
+    pub elements: Vec<Element>,
+    rules: Vec<Rule>,
+    times: Vec<f64>,
+    /// Of the variables and of their integrals.
+    charges: Vec<Vec<f64>>,
+    weights: Vec<f64>,
+}
+
+impl Past {
+    /// No elements yet, of these shapes, with variables that are integrated at most `integrations` times.
+    pub fn new(variables: usize, shapes: &[Shape], integrations: usize) -> Self {
+        Self {
+            variables,
+            elements: Vec::new(),
+            rules: shapes.iter().map(Rule::new).collect(),
+            times: Vec::new(),
+            charges: vec![Vec::new(); integrations + 1],
+            weights: Vec::new(),
+        }
+    }
+
+    /// Takes an element.
+    pub fn append(&mut self, start: f64, end: f64, shape: usize, coefficients: Vec<DMatrix<f64>>, integral: Vec<f64>) {
+        let charge = self.times.len();
+        let rule = &self.rules[shape];
+        for ((x, w), values) in rule.nodes.iter().zip(&rule.values) {
+            self.times.push(start + x * (end - start));
+            for (charges, coefficients) in self.charges.iter_mut().zip(&coefficients) {
+                let columns = coefficients.column_iter();
+                let values = columns.map(|column| column.iter().zip(values).map(|(c, f)| c * f).sum::<f64>());
+                charges.extend(values.map(|value| (end - start) * w * value));
+            }
+        }
+        self.elements.push(Element { start, end, shape, coefficients, integral, charge });
+    }
+
+    /// Adds the convolution of the variables, integrated `level` times, over the first `count` elements at `t` to `sum`, and
+    /// the sizes of its terms to `size`.
+    #[expect(clippy::too_many_arguments, reason = "what is convolved with what, when, and the two sums")]
+    pub fn convolve(
+        &mut self,
+        lag: &mut Lag,
+        shapes: &[Shape],
+        level: usize,
+        count: usize,
+        t: f64,
+        sum: &mut [f64],
+        size: &mut [f64],
+    ) -> Result<(), StepError> {
+        let m = self.variables;
+        let mut add = |k: usize, value: f64| {
+            sum[k] += value;
+            size[k] += value.abs();
+        };
+        for (place, element) in self.elements[..count].iter().enumerate() {
+            let from = t - element.end;
+            if from >= FAR * element.length() {
+                let last = self.elements.get(place + 1).map_or(self.times.len(), |next| next.charge);
+                for charge in element.charge..last {
+                    let kernel = lag.value(t - self.times[charge])?;
+                    let values = &self.charges[level][charge * m..][..m];
+                    values.iter().enumerate().for_each(|(k, value)| add(k, kernel * value));
+                }
+            } else {
+                let shape = &shapes[element.shape];
+                self.weights.resize(shape.len(), 0.0);
+                lag.behind(shape, element.length(), from.max(0.0), &mut self.weights)?;
+                for (k, column) in element.coefficients[level].column_iter().enumerate() {
+                    add(k, column.iter().zip(&self.weights).map(|(c, w)| c * w).sum());
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Rule {
+    fn new(shape: &Shape) -> Self {
+        let count = shape.len() + NODES;
+        let mut row = vec![0.0; shape.len()];
+        let mut rule = Self { nodes: Vec::new(), values: Vec::new() };
+        for is_singular in [false, true] {
+            if is_singular && !shape.is_singular() {
+                continue;
+            }
+            for (x, w) in gauss_jacobi(count, if is_singular { shape.beta } else { 0.0 }) {
+                shape.polynomials(is_singular, x, &mut row);
+                rule.nodes.push((x, w));
+                rule.values.push(row.clone());
+            }
+        }
+        rule
+    }
+}
