@@ -40,37 +40,36 @@ impl Segments<'_> {
                 }
             };
             let made = self.trial(guess)?;
-            match made.violation {
+            let monitor = made.ends[lost.variable];
+            let at_end = monitor.towards(lost.to);
+            if at_end.abs() <= monitor.noise && made.violation.is_none() {
+                return Ok((Some(made), Some((lost.variable, lost.to))));
+            }
+            let found = match made.violation {
+                // A sign that is lost by less than the tolerance has been lost all the same.
+                None if at_end < 0.0 => Violation { theta: 1.0, value: at_end, ..lost },
                 None => {
-                    let monitor = made.ends[lost.variable];
-                    let left = monitor.towards(lost.to);
-                    let is_there = left <= monitor.noise;
                     if side == -1 {
                         value *= 0.5;
                     }
                     side = -1;
-                    low = Some((made, left));
-                    if is_there {
-                        break;
-                    }
+                    low = Some((made, at_end));
+                    continue;
                 }
-                Some(found) => {
-                    if found.variable != lost.variable || found.to != lost.to {
-                        if let Some((before, left)) = &mut low {
-                            *left = before.ends[found.variable].towards(found.to);
-                        }
-                        side = 0;
-                    } else if side == 1
-                        && let Some((_, left)) = &mut low
-                    {
-                        *left *= 0.5;
-                        side = 1;
-                    } else {
-                        side = 1;
-                    }
-                    (high, value, lost) = (found.theta * guess, found.value, found);
+                Some(found) => found,
+            };
+            if found.variable != lost.variable || found.to != lost.to {
+                if let Some((before, left)) = &mut low {
+                    *left = before.ends[found.variable].towards(found.to);
                 }
+                side = 0;
+            } else {
+                if let Some((_, left)) = low.as_mut().filter(|_| side == 1) {
+                    *left *= 0.5;
+                }
+                side = 1;
             }
+            (high, value, lost) = (found.theta * guess, found.value, found);
         }
         match low {
             Some((trial, _)) => Ok((Some(trial), Some((lost.variable, lost.to)))),

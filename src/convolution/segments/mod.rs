@@ -138,14 +138,14 @@ impl<'p> Segments<'p> {
         let mut set = problem.structure().set.clone();
         let fraction = kernel.terms.iter().map(|term| term.function.exponent.fract()).find(|e| *e > 0.0);
         let beta = fraction.map_or(0.0, |fraction| 1.0 - fraction);
-        let shapes = [Shape::smooth(settings.stages), Shape::behind_switch(settings.stages, beta)];
+        let levels = kernel.terms.iter().map(|term| term.function.integrations).max().unwrap_or(0);
+        let shapes = [Shape::smooth(settings.stages), Shape::behind_switch(settings.stages, beta, levels)];
         let parts = kernel.terms.iter().map(|term| Part {
             lag: Lag::new(&term.function, beta),
             level: term.function.integrations,
             matrix: term.matrix.clone(),
         });
         let terms: Vec<Part> = parts.collect();
-        let levels = terms.iter().map(|term| term.level).max().unwrap_or(0);
         let past = Past::new(m, &shapes, levels);
         let mut forcing = Forcing::new(problem);
         let q = forcing.at(start, 0, &mut set)?.to_vec();
@@ -292,16 +292,16 @@ impl<'p> Segments<'p> {
         }
         self.told = Some(self.places.clone());
         self.flips = 0;
-        let inverse = shape.inverse(n);
         let integrals = shape.integrals.view((0, 0), (n, n)) * h;
         let mut coefficients = vec![trial.coefficients.clone()];
         for level in 0..self.integrals.len() {
-            let mut at_nodes = &integrals * &coefficients[level];
+            let mut integrated = shape.antiderivative(n) * &coefficients[level] * h;
             for k in 0..m {
-                at_nodes.column_mut(k).iter_mut().for_each(|value| *value += self.integrals[level][k]);
-                self.integrals[level][k] = at_nodes[(n - 1, k)];
+                // The first function is one.
+                integrated[(0, k)] += self.integrals[level][k];
+                self.integrals[level][k] = shape.values.row(n - 1).columns(0, n).transpose().dot(&integrated.column(k));
             }
-            coefficients.push(inverse * at_nodes);
+            coefficients.push(integrated);
         }
         let at_start = self.integral.clone();
         for k in 0..m {

@@ -29,6 +29,8 @@ pub struct Shape {
     pub integrals: DMatrix<f64>,
     /// From values at the nodes to coefficients, without the last function and node, and with them.
     inverses: [DMatrix<f64>; 2],
+    /// The coefficients of the integrals, interpolated at the nodes.
+    antiderivatives: [DMatrix<f64>; 2],
     plain: Vec<(f64, f64)>,
     weighted: Vec<(f64, f64)>,
 }
@@ -40,11 +42,14 @@ impl Shape {
     }
 
     /// The functions behind a switch, where polynomials of `s` coefficients serve elsewhere.
-    pub fn behind_switch(s: usize, beta: f64) -> Self {
+    ///
+    /// Kernels that are integrated amplify rounding errors, the more the closer to the beginning the first node is.
+    pub fn behind_switch(s: usize, beta: f64, integrations: usize) -> Self {
         if beta == 0.0 {
             return Self::smooth(s);
         }
-        let (smooth, singular) = (s.min(SMOOTH), s.min(SINGULAR));
+        let fewer = integrations.min(1);
+        let (smooth, singular) = (s.min(SMOOTH - fewer), s.min(SINGULAR - fewer));
         let mut functions: Vec<_> = (0..smooth).map(|degree| (degree, false)).collect();
         functions.extend((0..singular).map(|degree| (degree, true)));
         functions.push(if singular < smooth { (singular, true) } else { (smooth, false) });
@@ -64,6 +69,7 @@ impl Shape {
             values: DMatrix::zeros(count, count),
             integrals: DMatrix::zeros(count, count),
             inverses: [DMatrix::zeros(0, 0), DMatrix::zeros(0, 0)],
+            antiderivatives: [DMatrix::zeros(0, 0), DMatrix::zeros(0, 0)],
             plain: gauss_jacobi(NODES, 0.0),
             weighted: gauss_jacobi(NODES, beta),
         };
@@ -77,7 +83,15 @@ impl Shape {
         shape.inverses = [count - 1, count].map(|size| {
             let square = shape.values.view((0, 0), (size, size)).into_owned();
             // The functions are a Chebyshev system: there is one combination through any values.
-            square.try_inverse().unwrap_or_else(|| DMatrix::identity(size, size))
+            let inverse = square.clone().try_inverse().unwrap_or_else(|| DMatrix::identity(size, size));
+            // A step of Newton's method for what rounding left.
+            &inverse * 2.0 - &inverse * (square * &inverse)
+        });
+        shape.antiderivatives = [count - 1, count].map(|size| {
+            let (inverse, integrals) = (shape.inverse(size), shape.integrals.view((0, 0), (size, size)));
+            let first = inverse * integrals;
+            let left = integrals - shape.values.view((0, 0), (size, size)) * &first;
+            first + inverse * left
         });
         shape
     }
@@ -95,6 +109,11 @@ impl Shape {
     /// From values at the first `size` nodes to coefficients, with `size` the length or one more.
     pub fn inverse(&self, size: usize) -> &DMatrix<f64> {
         &self.inverses[size - self.len()]
+    }
+
+    /// From coefficients to those of the integral from zero, interpolated at the first `size` nodes.
+    pub fn antiderivative(&self, size: usize) -> &DMatrix<f64> {
+        &self.antiderivatives[size - self.len()]
     }
 
     /// Writes the functions at `theta`, as many as asked for.

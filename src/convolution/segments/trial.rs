@@ -98,7 +98,7 @@ impl Segments<'_> {
         let size: Vec<f64> = (0..m).map(|k| column_size(&at_nodes, k)).collect();
         let mut error = 0.0_f64;
         for k in 0..m {
-            let allowed = self.tolerance * (self.atol[k] + self.rtol * size[k].max(self.size[k]));
+            let allowed = self.allowed(k, size[k].max(self.size[k]));
             let apart = (at_nodes.column(k) - better.column(k)).amax();
             // Smaller elements do not help against rounding errors, which grow as they shrink.
             error = error.max(if apart <= narrow.noise[k] { 0.0 } else { apart / allowed });
@@ -112,10 +112,16 @@ impl Segments<'_> {
                 }
             }
         }
+        let coefficients = narrow.coefficients.clone();
         let mut trial =
-            Trial { h, shape: index, coefficients: narrow.coefficients, error, size, violation: None, ends: Vec::new() };
-        self.look_at_signs(&mut trial, &known, &at_nodes, &narrow.w, &narrow.noise)?;
+            Trial { h, shape: index, coefficients, error, size, violation: None, ends: Vec::new() };
+        self.look_at_signs(&mut trial, &known, &at_nodes, &narrow)?;
         Ok(trial)
+    }
+
+    /// The error that a variable of some size may have on an element.
+    fn allowed(&self, variable: usize, size: f64) -> f64 {
+        self.tolerance * (self.atol[variable] + self.rtol * size)
     }
 
     /// Bounds, forcing and past at the nodes.
@@ -167,7 +173,7 @@ impl Segments<'_> {
         let shape = &self.shapes[index];
         let (nodes, m) = (shape.nodes.len(), self.places.len());
         let inverse = shape.inverse(size);
-        let integral = inverse * shape.integrals.view((0, 0), (size, size)) * h;
+        let integral = shape.antiderivative(size) * h;
         let mut w = known.source.clone();
         let mut terms = known.size.clone();
         // What the kernel makes of the variables at the nodes, by row and column of its matrix.
@@ -256,18 +262,24 @@ impl Segments<'_> {
         for k in (0..m).filter(|&k| self.places[k] != Place::Inside) {
             noise[k] = noise_of(&terms, k);
         }
-        Some(Solved { coefficients, w, noise })
+        // The first function is one: its column holds the integrals of the kernel.
+        let slack = DMatrix::from_fn(nodes, m, |i, row| {
+            let blocks = (0..m).filter_map(|column| Some((column, blocks[row * m + column].as_ref()?)));
+            blocks.map(|(column, block)| block[(i, 0)].abs() * self.allowed(column, self.size[column])).sum()
+        });
+        Some(Solved { coefficients, w, noise, slack })
     }
 
-    /// Finds the first place where the face does not hold.
+    /// Finds the first place where the face does not hold: where a monitor is negative by more than the tolerance and rounding
+    /// explain, as it may be next to a switch.
     fn look_at_signs(
         &mut self,
         trial: &mut Trial,
         known: &Known,
         z: &DMatrix<f64>,
-        w: &DMatrix<f64>,
-        noise: &[f64],
+        solved: &Solved,
     ) -> Result<(), StepError> {
+        let Solved { w, noise, slack, .. } = solved;
         let shape = &self.shapes[trial.shape];
         let m = self.places.len();
         // Nodes with `w`, and points between them without.
@@ -305,7 +317,11 @@ impl Segments<'_> {
                     trial.ends.push(Monitor { values, noise: noise[k] });
                 }
                 for (value, to) in values.into_iter().zip([Place::Lower, Place::Inside, Place::Upper]) {
-                    if value < -noise[k] && trial.violation.is_none_or(|first| first.theta == theta && value < first.value) {
+                    let slack = match (to, node) {
+                        (Place::Inside, Some(i)) => slack[(i, k)],
+                        _ => self.allowed(k, self.size[k]),
+                    };
+                    if value < -noise[k] - slack && trial.violation.is_none_or(|first| first.theta == theta && value < first.value) {
                         trial.violation = Some(Violation { theta, variable: k, to, value });
                     }
                 }
@@ -315,9 +331,11 @@ impl Segments<'_> {
     }
 }
 
-/// The variables, `w` at all nodes, and of each variable the rounding error of its monitor.
+/// The variables, `w` at all nodes, of each variable the rounding error of its monitor.
 struct Solved {
     coefficients: DMatrix<f64>,
     w: DMatrix<f64>,
     noise: Vec<f64>,
+    /// At each node, what errors of the variables within the tolerance make of `w`.
+    slack: DMatrix<f64>,
 }
