@@ -91,6 +91,8 @@ pub struct Segments<'p> {
     told: Option<Vec<Place>>,
     /// Changes of the face since the last element.
     flips: usize,
+    /// Tiny elements one after the other.
+    kinks: u32,
     size: Vec<f64>,
     /// The integrals of the variables up to now, once, twice, .., by their polynomials.
     integrals: Vec<Vec<f64>>,
@@ -175,6 +177,7 @@ impl<'p> Segments<'p> {
             is_first: true,
             told: None,
             flips: 0,
+            kinks: 0,
             size: vec![0.0; m],
             integrals: vec![vec![0.0; m]; levels],
             integral: vec![0.0; m],
@@ -241,6 +244,10 @@ impl<'p> Segments<'p> {
                 }
                 self.h = h * (SAFETY * trial.error.powf(-1.0 / self.order as f64)).clamp(LEAST, 0.5);
                 continue;
+            }
+            if self.kinks > MOST_IN_A_ROW {
+                let outcome = "elements remain tiny";
+                return Err(StepError::Unsolved { t: self.t, outcome, residual: f64::NAN });
             }
             let Some(violation) = trial.violation else {
                 self.accept(&trial, h, is_tiny && trial.error > 1.0);
@@ -312,6 +319,7 @@ impl<'p> Segments<'p> {
         self.past.append(self.t, end, trial.shape, coefficients, at_start);
         self.t = end;
         self.is_first = is_kink;
+        self.kinks = if is_kink { self.kinks + 1 } else { 0 };
         let factor = (SAFETY * trial.error.max(1e-12).powf(-1.0 / self.order as f64)).clamp(LEAST, MOST);
         self.usual = (FORGET * self.usual).max(h);
         self.h = if is_kink { LEAST * self.usual } else { h * factor };
@@ -352,7 +360,7 @@ impl<'p> Segments<'p> {
                         lag.within(shape, h, theta, &mut row)?;
                         combine(&element.coefficients[term.level], &row, &mut sum);
                     }
-                    self.past.convolve(lag, &self.shapes, term.level, last, t, &mut sum, &mut size)?;
+                    self.past.convolve(lag, &self.shapes, term.level, last, (element.start, theta * h), &mut sum, &mut size)?;
                 }
             }
             for &(row, column, value) in &term.matrix {

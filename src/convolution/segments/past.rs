@@ -85,8 +85,9 @@ impl Past {
         self.elements.push(Element { start, end, shape, coefficients, integral, charge });
     }
 
-    /// Adds the convolution of the variables, integrated `level` times, over the first `count` elements at `t` to `sum`, and
-    /// the sizes of its terms to `size`.
+    /// Adds the convolution of the variables, integrated `level` times, over the first `count` elements to `sum`, and the
+    /// sizes of its terms to `size`, at the time `offset` after `t`: the sum of both is rounded, and next to a switch that
+    /// would be seen.
     #[expect(clippy::too_many_arguments, reason = "what is convolved with what, when, and the two sums")]
     pub fn convolve(
         &mut self,
@@ -94,7 +95,7 @@ impl Past {
         shapes: &[Shape],
         level: usize,
         count: usize,
-        t: f64,
+        (t, offset): (f64, f64),
         sum: &mut [f64],
         size: &mut [f64],
     ) -> Result<(), StepError> {
@@ -104,11 +105,11 @@ impl Past {
             size[k] += value.abs();
         };
         for (place, element) in self.elements[..count].iter().enumerate() {
-            let from = t - element.end;
+            let from = (t - element.end) + offset;
             if from >= FAR * element.length() {
                 let last = self.elements.get(place + 1).map_or(self.times.len(), |next| next.charge);
                 for charge in element.charge..last {
-                    let kernel = lag.value(t - self.times[charge])?;
+                    let kernel = lag.value((t - self.times[charge]) + offset)?;
                     let values = &self.charges[level][charge * m..][..m];
                     values.iter().enumerate().for_each(|(k, value)| add(k, kernel * value));
                 }

@@ -111,6 +111,12 @@ impl Shape {
         &self.inverses[size - self.len()]
     }
 
+    /// By how much rounding errors grow on the way from values at the first `size` nodes to coefficients and back.
+    pub fn mixing(&self, size: usize) -> f64 {
+        let product = self.values.view((0, 0), (size, size)).abs() * self.inverse(size).abs();
+        product.row_iter().map(|row| row.sum()).fold(0.0, f64::max)
+    }
+
     /// From coefficients to those of the integral from zero, interpolated at the first `size` nodes.
     pub fn antiderivative(&self, size: usize) -> &DMatrix<f64> {
         &self.antiderivatives[size - self.len()]

@@ -101,7 +101,7 @@ impl Segments<'_> {
             let allowed = self.allowed(k, size[k].max(self.size[k]));
             let apart = (at_nodes.column(k) - better.column(k)).amax();
             // Smaller elements do not help against rounding errors, which grow as they shrink.
-            error = error.max(if apart <= narrow.noise[k] { 0.0 } else { apart / allowed });
+            error = error.max(if apart <= wide.rounding[k].max(narrow.rounding[k]) { 0.0 } else { apart / allowed });
             if matches!(self.places[k], Place::Lower | Place::Upper) {
                 let foretold = shape.values.view((n, 0), (1, n)) * shape.inverse(n) * narrow.w.view((0, k), (n, 1));
                 let found = narrow.w[(n, k)];
@@ -143,7 +143,7 @@ impl Segments<'_> {
             for term in &mut self.terms {
                 let Some(lag) = &mut term.lag else { continue };
                 (sum.fill(0.0), size.fill(0.0));
-                self.past.convolve(lag, &self.shapes, term.level, count, t, &mut sum, &mut size)?;
+                self.past.convolve(lag, &self.shapes, term.level, count, (self.t, c * h), &mut sum, &mut size)?;
                 for &(row, column, value) in &term.matrix {
                     known.source[(i, row)] += value * sum[column];
                     known.size[(i, row)] += (value * size[column]).abs();
@@ -199,13 +199,19 @@ impl Segments<'_> {
             }
         }
         let mut coefficients = DMatrix::zeros(size, m);
+        let mut rounding = vec![0.0; m];
         for (k, place) in self.places.iter().enumerate() {
             let bound = match place {
                 Place::Inside => continue,
                 Place::Lower | Place::Fixed => &known.lower,
                 Place::Upper => &known.upper,
             };
-            coefficients.set_column(k, &(inverse * bound.view((0, k), (size, 1))).column(0));
+            // A bound that does not move is a multiple of the first function, which is one, without rounding errors.
+            let last = bound[(shape.len() - 1, k)];
+            let moved = bound.view((0, k), (size, 1)).add_scalar(-last);
+            coefficients.set_column(k, &(inverse * &moved).column(0));
+            coefficients[(0, k)] += last;
+            rounding[k] = ROUNDING * shape.mixing(size) * moved.amax();
         }
         let apply = |w: &mut DMatrix<f64>, terms: &mut DMatrix<f64>, coefficients: &DMatrix<f64>, inside: bool| {
             for (place, block) in blocks.iter().enumerate() {
@@ -257,6 +263,7 @@ impl Segments<'_> {
                     (0..total).map(|j| rows[(i, j)].abs() * noise_of(&terms, inside[j / size])).sum()
                 };
                 noise[column] = (0..size).map(of_row).fold(0.0, f64::max);
+                rounding[column] = noise[column];
             }
         }
         for k in (0..m).filter(|&k| self.places[k] != Place::Inside) {
@@ -267,7 +274,7 @@ impl Segments<'_> {
             let blocks = (0..m).filter_map(|column| Some((column, blocks[row * m + column].as_ref()?)));
             blocks.map(|(column, block)| block[(i, 0)].abs() * self.allowed(column, self.size[column])).sum()
         });
-        Some(Solved { coefficients, w, noise, slack })
+        Some(Solved { coefficients, w, rounding, noise, slack })
     }
 
     /// Finds the first place where the face does not hold: where a monitor is negative by more than the tolerance and rounding
@@ -331,10 +338,11 @@ impl Segments<'_> {
     }
 }
 
-/// The variables, `w` at all nodes, of each variable the rounding error of its monitor.
+/// The variables, `w` at all nodes, and of each variable the rounding error of itself and of its monitors.
 struct Solved {
     coefficients: DMatrix<f64>,
     w: DMatrix<f64>,
+    rounding: Vec<f64>,
     noise: Vec<f64>,
     /// At each node, what errors of the variables within the tolerance make of `w`.
     slack: DMatrix<f64>,
