@@ -93,6 +93,8 @@ pub struct Segments<'p> {
     flips: usize,
     /// Tiny elements one after the other.
     kinks: u32,
+    /// The length of an element on which no face was found to hold, zero where the last was none, and whether it is next.
+    unclear: (f64, bool),
     size: Vec<f64>,
     /// The integrals of the variables up to now, once, twice, .., by their polynomials.
     integrals: Vec<Vec<f64>>,
@@ -114,6 +116,8 @@ const FORGET: f64 = 0.9;
 const SAFETY: f64 = 0.9;
 const LEAST: f64 = 0.1;
 const MOST: f64 = 2.5;
+/// By how much an element on which no face holds is longer than the one before.
+const LONGER: f64 = 8.0;
 /// Elements that may be rejected one after the other: they shrink to at most half each time.
 const MOST_IN_A_ROW: u32 = 52;
 
@@ -178,6 +182,7 @@ impl<'p> Segments<'p> {
             told: None,
             flips: 0,
             kinks: 0,
+            unclear: (0.0, false),
             size: vec![0.0; m],
             integrals: vec![vec![0.0; m]; levels],
             integral: vec![0.0; m],
@@ -230,6 +235,12 @@ impl<'p> Segments<'p> {
                 return Err(StepError::Interrupted { t: self.t });
             }
             let left = self.end - self.t;
+            if std::mem::take(&mut self.unclear.1) {
+                let h = self.unclear.0.min(left);
+                let trial = self.trial(h)?;
+                self.accept(&trial, h, true);
+                return Ok(());
+            }
             let wanted = self.h.min(self.longest);
             // The last two elements share what is left.
             let h = if wanted >= left { left } else { wanted.min(0.5 * left).max(wanted.min(left - wanted)) };
@@ -273,14 +284,25 @@ impl<'p> Segments<'p> {
     }
 
     /// Moves a variable to another place, where a new segment begins.
+    ///
+    /// Where a force has a kink at the switch itself no face may hold for the time that rounding errors make: a tiny element,
+    /// longer each time, is then made as it is, with the variable at its bound.
     fn change(&mut self, variable: usize, to: Place) -> Result<(), StepError> {
-        self.places[variable] = to;
         self.is_first = true;
         self.flips += 1;
         if self.flips > 2 * self.places.len() + 2 {
-            let outcome = "no face holds behind a switch";
-            return Err(StepError::Unsolved { t: self.t, outcome, residual: f64::NAN });
+            self.flips = 0;
+            let length = if self.unclear.0 == 0.0 { self.resolution(0.0) } else { LONGER * self.unclear.0 };
+            self.unclear = (length, true);
+            if length > TINY * self.usual {
+                let outcome = "no face holds behind a switch";
+                return Err(StepError::Unsolved { t: self.t, outcome, residual: f64::NAN });
+            }
+            if to == Place::Inside {
+                return Ok(());
+            }
         }
+        self.places[variable] = to;
         Ok(())
     }
 
@@ -319,7 +341,11 @@ impl<'p> Segments<'p> {
         self.past.append(self.t, end, trial.shape, coefficients, at_start);
         self.t = end;
         self.is_first = is_kink;
-        self.kinks = if is_kink { self.kinks + 1 } else { 0 };
+        if is_kink {
+            self.kinks += 1;
+        } else {
+            (self.kinks, self.unclear) = (0, (0.0, false));
+        }
         let factor = (SAFETY * trial.error.max(1e-12).powf(-1.0 / self.order as f64)).clamp(LEAST, MOST);
         self.usual = (FORGET * self.usual).max(h);
         self.h = if is_kink { LEAST * self.usual } else { h * factor };
