@@ -23,9 +23,13 @@ impl Segments<'_> {
         let mut value = violation.value;
         let mut low: Option<(Trial, f64)> = None;
         let mut side = 0;
+        // Whether an element that ends at the upper end has lost its sign there: one that goes further, over a kink of a force,
+        // may be wrong before the kink as well.
+        let mut confirmed = violation.theta == 1.0;
         for _ in 0..GUESSES {
             let resolution = self.resolution(high);
             let guess = match &low {
+                _ if !confirmed && high > resolution => high,
                 None if high <= resolution || high <= super::TINY * self.usual.min(trial.h) => {
                     return Ok((None, Some((lost.variable, lost.to))));
                 }
@@ -42,12 +46,14 @@ impl Segments<'_> {
             let made = self.trial(guess)?;
             let monitor = made.ends[lost.variable];
             let at_end = monitor.towards(lost.to);
-            if at_end.abs() <= monitor.noise && made.violation.is_none() {
+            if at_end.abs() <= monitor.noise && made.violation.is_none() && confirmed {
                 return Ok((Some(made), Some((lost.variable, lost.to))));
             }
             let found = match made.violation {
                 // A sign that is lost by less than the tolerance has been lost all the same.
                 None if at_end < 0.0 => Violation { theta: 1.0, value: at_end, ..lost },
+                // What looked like a switch was none.
+                None if !confirmed && guess == high => return Ok((Some(made), None)),
                 None => {
                     if side == -1 {
                         value *= 0.5;
@@ -69,7 +75,7 @@ impl Segments<'_> {
                 }
                 side = 1;
             }
-            (high, value, lost) = (found.theta * guess, found.value, found);
+            (high, value, lost, confirmed) = (found.theta * guess, found.value, found, found.theta == 1.0);
         }
         match low {
             Some((trial, _)) => Ok((Some(trial), Some((lost.variable, lost.to)))),

@@ -246,37 +246,33 @@ impl<'p> Segments<'p> {
             let h = if wanted >= left { left } else { wanted.min(0.5 * left).max(wanted.min(left - wanted)) };
             let trial = self.trial(h)?;
             let is_tiny = h <= TINY * self.usual || h <= self.resolution(h);
-            if trial.error > 1.0 && !is_tiny {
-                self.rejected += 1;
-                in_a_row += 1;
-                if in_a_row > MOST_IN_A_ROW {
-                    let outcome = "no element is short enough";
-                    return Err(StepError::Unsolved { t: self.t, outcome, residual: f64::NAN });
-                }
-                self.h = h * (SAFETY * trial.error.powf(-1.0 / self.order as f64)).clamp(LEAST, 0.5);
-                continue;
-            }
-            if self.kinks > MOST_IN_A_ROW {
-                let outcome = "elements remain tiny";
+            if self.kinks > MOST_IN_A_ROW || in_a_row > MOST_IN_A_ROW {
+                let outcome = "no element is short enough";
                 return Err(StepError::Unsolved { t: self.t, outcome, residual: f64::NAN });
             }
-            let Some(violation) = trial.violation else {
-                self.accept(&trial, h, is_tiny && trial.error > 1.0);
-                return Ok(());
+            // Forces may have a kink at the switch: only the element up to it can be accurate.
+            let (trial, change) = match trial.violation {
+                Some(violation) => self.locate(trial, violation)?,
+                None => (Some(trial), None),
             };
-            self.rejected += 1;
-            let located = self.locate(trial, violation)?;
-            let (accepted, change) = located;
-            if let Some(trial) = accepted {
+            if let Some(trial) = trial {
                 let h = trial.h;
-                let usual = self.h;
-                self.accept(&trial, h, false);
-                self.h = usual;
+                if trial.error > 1.0 && !is_tiny {
+                    self.rejected += 1;
+                    in_a_row += 1;
+                    self.h = h * (SAFETY * trial.error.powf(-1.0 / self.order as f64)).clamp(LEAST, 0.5);
+                    continue;
+                }
+                let wanted = self.h;
+                self.accept(&trial, h, is_tiny && trial.error > 1.0);
                 if let Some((variable, to)) = change {
+                    self.rejected += 1;
+                    self.h = wanted;
                     self.change(variable, to)?;
                 }
                 return Ok(());
             }
+            self.rejected += 1;
             if let Some((variable, to)) = change {
                 self.change(variable, to)?;
             }
@@ -386,7 +382,15 @@ impl<'p> Segments<'p> {
                         lag.within(shape, h, theta, &mut row)?;
                         combine(&element.coefficients[term.level], &row, &mut sum);
                     }
-                    self.past.convolve(lag, &self.shapes, term.level, last, (element.start, theta * h), &mut sum, &mut size)?;
+                    self.past.convolve(
+                        lag,
+                        &self.shapes,
+                        term.level,
+                        last,
+                        (element.start, theta * h),
+                        &mut sum,
+                        &mut size,
+                    )?;
                 }
             }
             for &(row, column, value) in &term.matrix {

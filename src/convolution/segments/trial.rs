@@ -86,8 +86,11 @@ impl Segments<'_> {
         let index = usize::from(self.is_first);
         let known = self.known(index, h)?;
         let n = self.shapes[index].len();
-        let unsolved =
-            || StepError::Unsolved { t: self.t + h, outcome: "its equations on a face are singular", residual: f64::NAN };
+        let unsolved = || StepError::Unsolved {
+            t: self.t + h,
+            outcome: "its equations on a face are singular",
+            residual: f64::NAN,
+        };
         let narrow = self.solve(index, h, n, &known).ok_or_else(unsolved)?;
         let wide = self.solve(index, h, n + 1, &known).ok_or_else(unsolved)?;
         let shape = &self.shapes[index];
@@ -113,8 +116,7 @@ impl Segments<'_> {
             }
         }
         let coefficients = narrow.coefficients.clone();
-        let mut trial =
-            Trial { h, shape: index, coefficients, error, size, violation: None, ends: Vec::new() };
+        let mut trial = Trial { h, shape: index, coefficients, error, size, violation: None, ends: Vec::new() };
         self.look_at_signs(&mut trial, &known, &at_nodes, &narrow)?;
         Ok(trial)
     }
@@ -129,8 +131,7 @@ impl Segments<'_> {
         let shape = &self.shapes[index];
         let (nodes, m) = (shape.nodes.len(), self.places.len());
         let zeros = || DMatrix::zeros(nodes, m);
-        let mut known =
-            Known { lower: zeros(), upper: zeros(), source: zeros(), size: zeros(), weights: Vec::new() };
+        let mut known = Known { lower: zeros(), upper: zeros(), source: zeros(), size: zeros(), weights: Vec::new() };
         let (mut sum, mut size) = (vec![0.0; m], vec![0.0; m]);
         for (i, &c) in shape.nodes.iter().enumerate() {
             let t = self.t + c * h;
@@ -290,7 +291,8 @@ impl Segments<'_> {
         let shape = &self.shapes[trial.shape];
         let m = self.places.len();
         // Nodes with `w`, and points between them without.
-        let mut places: Vec<(f64, Option<usize>)> = shape.nodes.iter().enumerate().map(|(i, &c)| (c, Some(i))).collect();
+        let mut places: Vec<(f64, Option<usize>)> =
+            shape.nodes.iter().enumerate().map(|(i, &c)| (c, Some(i))).collect();
         let points = POINTS * shape.len();
         places.extend((1..points).map(|i| (i as f64 / points as f64, None)));
         places.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -328,7 +330,9 @@ impl Segments<'_> {
                         (Place::Inside, Some(i)) => slack[(i, k)],
                         _ => self.allowed(k, self.size[k]),
                     };
-                    if value < -noise[k] - slack && trial.violation.is_none_or(|first| first.theta == theta && value < first.value) {
+                    if value < -noise[k] - slack
+                        && trial.violation.is_none_or(|first| first.theta == theta && value < first.value)
+                    {
                         trial.violation = Some(Violation { theta, variable: k, to, value });
                     }
                 }

@@ -184,7 +184,6 @@ impl Stepper for Course<'_> {
 
     fn finish(&mut self, diagnostics: &mut Diagnostics) {
         diagnostics.stages = self.segments.stages();
-        diagnostics.steps =
-            Steps { accepted: self.told as u64, rejected: self.segments.rejected, ..Steps::default() };
+        diagnostics.steps = Steps { accepted: self.told as u64, rejected: self.segments.rejected, ..Steps::default() };
     }
 }
