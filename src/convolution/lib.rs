@@ -8,6 +8,9 @@
 //! values of `z` at the stages. The weights are those of convolution quadrature where the kernel is a power
 //! ([`quadrature`]), and of product integration where it is an expression ([`product_integration`]); what the past
 //! contributes is summed by blocks ([`history`]); each step is one variational inequality ([`stepper`]).
+//!
+//! Where no step is given and all variables are in intervals, switches are located instead, and the segments between them
+//! have elements of any length ([`segments`]).
 
 pub mod gauss_jacobi;
 pub mod history;

@@ -95,6 +95,8 @@ pub struct Segments<'p> {
     kinks: u32,
     /// The length of an element on which no face was found to hold, zero where the last was none, and whether it is next.
     unclear: (f64, bool),
+    /// Where the first of some brief elements began, the last of which is the last of all.
+    brief: Option<f64>,
     size: Vec<f64>,
     /// The integrals of the variables up to now, once, twice, .., by their polynomials.
     integrals: Vec<Vec<f64>>,
@@ -183,6 +185,7 @@ impl<'p> Segments<'p> {
             flips: 0,
             kinks: 0,
             unclear: (0.0, false),
+            brief: None,
             size: vec![0.0; m],
             integrals: vec![vec![0.0; m]; levels],
             integral: vec![0.0; m],
@@ -308,15 +311,21 @@ impl<'p> Segments<'p> {
         let shape = &self.shapes[trial.shape];
         let n = shape.len();
         let end = if h >= self.end - self.t { self.end } else { self.t + h };
-        if let Some(told) = &self.told {
-            for (variable, (last, now)) in told.iter().zip(&self.places).enumerate() {
+        // What rounding errors make of a face next to a switch is not told.
+        let is_brief = is_kink || h <= TINY * self.usual;
+        if !is_brief {
+            let t = self.brief.take().unwrap_or(self.t);
+            for (variable, (last, now)) in self.told.iter().flatten().zip(&self.places).enumerate() {
                 if last != now {
-                    self.switches.push(Switch { t: self.t, variable, to: *now });
+                    self.switches.push(Switch { t, variable, to: *now });
                 }
             }
+            self.told = Some(self.places.clone());
+            (self.flips, self.kinks, self.unclear) = (0, 0, (0.0, false));
+        } else {
+            self.kinks += 1;
+            self.brief.get_or_insert(self.t);
         }
-        self.told = Some(self.places.clone());
-        self.flips = 0;
         let integrals = shape.integrals.view((0, 0), (n, n)) * h;
         let mut coefficients = vec![trial.coefficients.clone()];
         for level in 0..self.integrals.len() {
@@ -337,13 +346,10 @@ impl<'p> Segments<'p> {
         self.past.append(self.t, end, trial.shape, coefficients, at_start);
         self.t = end;
         self.is_first = is_kink;
-        if is_kink {
-            self.kinks += 1;
-        } else {
-            (self.kinks, self.unclear) = (0, (0.0, false));
-        }
         let factor = (SAFETY * trial.error.max(1e-12).powf(-1.0 / self.order as f64)).clamp(LEAST, MOST);
-        self.usual = (FORGET * self.usual).max(h);
+        if !is_brief {
+            self.usual = (FORGET * self.usual).max(h);
+        }
         self.h = if is_kink { LEAST * self.usual } else { h * factor };
     }
 

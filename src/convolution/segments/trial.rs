@@ -229,7 +229,10 @@ impl Segments<'_> {
         };
         apply(&mut w, &mut terms, &coefficients, false);
         let inside: Vec<usize> = (0..m).filter(|&k| self.places[k] == Place::Inside).collect();
-        let noise_of = |terms: &DMatrix<f64>, k: usize| ROUNDING * terms.column(k).max();
+        // Times are rounded as well, and with them forces that vary.
+        let range = |k: usize| known.source.column(k).max() - known.source.column(k).min();
+        let of_time = |k: usize| (self.t.abs() + h) / h * range(k);
+        let noise_of = |terms: &DMatrix<f64>, k: usize| ROUNDING * (terms.column(k).max() + of_time(k));
         let mut noise: Vec<f64> = (0..m).map(|k| noise_of(&terms, k)).collect();
         if !inside.is_empty() {
             let total = inside.len() * size;
