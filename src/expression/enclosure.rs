@@ -35,19 +35,19 @@ impl Tape {
         workspace: &mut IntervalWorkspace,
         outputs: &mut [Interval],
     ) {
-        debug_assert_eq!(outputs.len(), self.outputs.len(), "as many outputs as were compiled");
+        debug_assert_eq!(outputs.len(), self.program.outputs.len(), "as many outputs as were compiled");
         debug_assert_eq!(workspace.registers.len(), self.registers.len(), "a workspace of this program");
         let registers = workspace.registers.as_mut_slice();
-        if let Some((input, inputs)) = registers[..self.inputs].split_first_mut() {
+        if let Some((input, inputs)) = registers[..self.program.inputs].split_first_mut() {
             *input = first;
             inputs.copy_from_slice(&rest[..inputs.len()]);
         }
-        let mut next = self.first;
+        let mut next = self.program.first;
         self.for_each_operation(|operator, a, b| {
             registers[next] = operator.enclose(registers[a], registers[b], a == b);
             next += 1;
         });
-        for (output, &register) in outputs.iter_mut().zip(&self.outputs) {
+        for (output, &register) in outputs.iter_mut().zip(&self.program.outputs) {
             *output = registers[register as usize];
         }
     }

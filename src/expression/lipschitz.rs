@@ -68,7 +68,7 @@ impl Irregularities {
     pub fn new(graph: &Graph, nodes: &[Node]) -> Self {
         let mut pairs = graph.irregularities(nodes);
         let mut all = Self::compiled(graph, &pairs);
-        let lines = vec![Interval::LINE; all.arguments.inputs];
+        let lines = vec![Interval::LINE; all.arguments.program.inputs];
         let met = all.met(Interval::LINE, lines.get(1..).unwrap_or_default());
         if met.contains(&false) {
             let mut met = met.into_iter();

@@ -8,6 +8,7 @@ use super::operator::Operator;
 use rustc_hash::{FxBuildHasher, FxHashMap};
 use std::hash::BuildHasher;
 use std::mem::take;
+use std::sync::Arc;
 
 /// From this number on, terms of one kind run as lanes; for fewer the staging of operands costs more than it saves.
 const FEWEST_LANES: usize = 24;
@@ -28,16 +29,23 @@ enum Block {
     Lanes(Lanes),
 }
 
-/// A compiled program of several outputs. It owns its registers: evaluation does not allocate. The default has none.
-#[derive(Clone, Debug, Default)]
-pub struct Tape {
+/// What a tape computes, and where: shared by all its copies.
+#[derive(Debug, Default)]
+pub(super) struct Program {
     blocks: Vec<Block>,
-    /// The inputs, the constants, then one for each instruction.
-    pub(super) registers: Vec<f64>,
     pub(super) inputs: usize,
     /// The register of the first instruction.
     pub(super) first: usize,
     pub(super) outputs: Vec<u32>,
+}
+
+/// A compiled program of several outputs, with registers of its own: evaluation does not allocate, and a copy shares the
+/// program. The default has no outputs.
+#[derive(Clone, Debug, Default)]
+pub struct Tape {
+    pub(super) program: Arc<Program>,
+    /// The inputs, the constants, then one for each instruction.
+    pub(super) registers: Vec<f64>,
 }
 
 impl Tape {
@@ -69,27 +77,28 @@ impl Tape {
             };
             register_of.insert(node, u32::try_from(register).expect("a graph has fewer than 2^32 terms"));
         }
-        Self {
+        let program = Program {
             blocks: blocks(&instructions),
             first: registers.len() - instructions.len(),
-            registers,
             inputs,
             outputs: outputs.iter().map(|node| register_of[node]).collect(),
-        }
+        };
+        Self { program: Arc::new(program), registers }
     }
 
     /// Writes the values of the outputs where the first input is `first`, mostly time, and the others are `rest`, which
     /// reach at least to the largest index that occurs. Equal inputs give equal bits. What is not defined comes out as
     /// NaN or an infinity.
     pub fn evaluate(&mut self, first: f64, rest: &[f64], outputs: &mut [f64]) {
-        debug_assert_eq!(outputs.len(), self.outputs.len(), "as many outputs as were compiled");
-        let registers = self.registers.as_mut_slice();
-        if let Some((input, inputs)) = registers[..self.inputs].split_first_mut() {
+        let Self { program, registers } = self;
+        debug_assert_eq!(outputs.len(), program.outputs.len(), "as many outputs as were compiled");
+        let registers = registers.as_mut_slice();
+        if let Some((input, inputs)) = registers[..program.inputs].split_first_mut() {
             *input = first;
             inputs.copy_from_slice(&rest[..inputs.len()]);
         }
-        let mut next = self.first;
-        for block in &self.blocks {
+        let mut next = program.first;
+        for block in &program.blocks {
             match block {
                 Block::Scalars(instructions) => {
                     for instruction in instructions {
@@ -105,14 +114,14 @@ impl Tape {
                 }
             }
         }
-        for (output, &register) in outputs.iter_mut().zip(&self.outputs) {
+        for (output, &register) in outputs.iter_mut().zip(&program.outputs) {
             *output = registers[register as usize];
         }
     }
 
     /// Visits the operations in order, each with the registers of its operands.
     pub(super) fn for_each_operation(&self, mut visit: impl FnMut(Operator, usize, usize)) {
-        for block in &self.blocks {
+        for block in &self.program.blocks {
             match block {
                 Block::Scalars(instructions) => {
                     for &Instruction { operator, a, b } in instructions {
@@ -126,7 +135,7 @@ impl Tape {
 
     /// The number of operations of one evaluation.
     pub fn instructions(&self) -> usize {
-        self.registers.len() - self.first
+        self.registers.len() - self.program.first
     }
 }
 

@@ -6,6 +6,7 @@
 //!
 //! with `F` affine in `z`. Values, Jacobian and time derivatives are one [`Tape`] each; derivatives are exact.
 
+use super::{Equations, Linear, LinearRows};
 use expression::{Breaks, ExpressionError, Graph, IntervalWorkspace, Irregularities, Kink, Kinks, Node, Tape};
 use numerics::Interval;
 use problem::{ConvexSet, Dvi, Mass, MovingBound, Structure};
@@ -60,22 +61,26 @@ pub struct Symbolic {
     irregularities: Irregularities,
 }
 
-impl Symbolic {
-    /// Differentiates and compiles the rows.
-    ///
-    /// # Errors
-    /// Every rate that is not affine in the variables, and every row whose derivative passes the bounds of `graph`.
-    pub fn new(graph: &mut Graph, rows: Rows) -> Result<Self, Vec<Refusal>> {
+/// The derivatives of rows.
+struct Gradients {
+    /// The rows, with the moving bounds behind them.
+    outputs: Vec<Node>,
+    /// The places of the derivatives by `y` that are not zero, and these.
+    pattern: Vec<(usize, usize)>,
+    by_unknowns: Vec<Node>,
+    /// Those of `G` by `t`.
+    by_time: Vec<Node>,
+    /// What is not differentiable in `y`.
+    kinks: Kinks,
+}
+
+impl Gradients {
+    fn new(graph: &mut Graph, rows: &Rows) -> Result<Self, Vec<Refusal>> {
         let (n, m) = (rows.rates.len(), rows.inequality.len());
-        let outputs: Vec<Node> = rows
-            .rates
-            .iter()
-            .chain(&rows.inequality)
-            .copied()
-            .chain(rows.moving.iter().map(|&(_, node)| node))
-            .collect();
+        let bounds = rows.moving.iter().map(|&(_, node)| node);
+        let outputs: Vec<Node> = rows.rates.iter().chain(&rows.inequality).copied().chain(bounds).collect();
         let mut refusals = Vec::new();
-        let (mut pattern, mut derivatives) = (Vec::new(), Vec::new());
+        let (mut pattern, mut by_unknowns) = (Vec::new(), Vec::new());
         let zero = graph.constant(0.0);
         let mut by_time = vec![zero; m];
         for (row, &output) in outputs.iter().enumerate() {
@@ -98,28 +103,82 @@ impl Symbolic {
                 }
                 if graph.value(derivative) != Some(0.0) {
                     pattern.push((row, column));
-                    derivatives.push(derivative);
+                    by_unknowns.push(derivative);
                 }
             }
         }
         if !refusals.is_empty() {
             return Err(refusals);
         }
+        let kinks = Kinks::new(graph, &outputs);
+        Ok(Self { outputs, pattern, by_unknowns, by_time, kinks })
+    }
+
+    /// The rows as matrices and a forcing; `None` where one is not affine in `y` with constant coefficients.
+    fn affine(&self, graph: &mut Graph, rows: &Rows) -> Option<LinearRows> {
+        let (n, count) = (rows.rates.len(), rows.rates.len() + rows.inequality.len());
+        let coefficients: Option<Vec<f64>> = self.by_unknowns.iter().map(|&node| graph.value(node)).collect();
+        let coefficients = coefficients.filter(|coefficients| coefficients.iter().all(|value| value.is_finite()))?;
+        // Functions with a jump have derivatives that are constant as well.
+        if !self.kinks.kinks().is_empty() {
+            return None;
+        }
+        let mut forcing = Vec::with_capacity(count);
+        for &row in &self.outputs[..count] {
+            let zeros: Vec<(usize, f64)> =
+                graph.inputs(row).into_iter().filter(|&input| input > 0).map(|input| (input, 0.0)).collect();
+            let of_time = graph.substitute(row, &zeros).ok()?;
+            if graph.value(of_time).is_some_and(|value| !value.is_finite()) {
+                return None;
+            }
+            forcing.push(of_time);
+        }
+        let matrix = self.pattern.iter().zip(coefficients).filter(|((row, _), _)| *row < count);
+        Some(LinearRows {
+            mass: rows.mass.clone(),
+            matrix: matrix.map(|(&(row, column), value)| (row, column, value)).collect(),
+            inequality_forcing: forcing.split_off(n),
+            state_forcing: forcing,
+            set: rows.set.clone(),
+            moving: rows.moving.clone(),
+        })
+    }
+}
+
+impl Equations {
+    /// Differentiates and compiles rows; those that are affine with constant coefficients become matrices.
+    ///
+    /// # Errors
+    /// Every rate that is not affine in the variables, and every row whose derivative passes the bounds of `graph`.
+    pub fn new(graph: &mut Graph, rows: Rows) -> Result<Self, Vec<Refusal>> {
+        let gradients = Gradients::new(graph, &rows)?;
+        if let Some(affine) = gradients.affine(graph, &rows)
+            && let Ok(linear) = Linear::new(graph, affine)
+        {
+            return Ok(Self::Linear(Box::new(linear)));
+        }
+        Ok(Self::Symbolic(Box::new(Symbolic::compile(graph, rows, gradients))))
+    }
+}
+
+impl Symbolic {
+    fn compile(graph: &mut Graph, rows: Rows, gradients: Gradients) -> Self {
+        let Gradients { outputs, pattern, by_unknowns, by_time, kinks } = gradients;
         let structure = Structure {
-            states: n,
-            variables: m,
+            states: rows.rates.len(),
+            variables: rows.inequality.len(),
             mass: rows.mass,
             set: rows.set,
             moving: rows.moving.into_iter().map(|(bound, _)| bound).collect(),
             pattern,
-            constant_jacobian: derivatives.iter().all(|&derivative| graph.value(derivative).is_some()),
+            constant_jacobian: by_unknowns.iter().all(|&derivative| graph.value(derivative).is_some()),
         };
-        let tapes = [&outputs, &derivatives, &by_time].map(|nodes| Tape::compile(graph, nodes));
+        let tapes = [&outputs, &by_unknowns, &by_time].map(|nodes| Tape::compile(graph, nodes));
         let boxes = std::array::from_fn(|i| IntervalWorkspace::new(&tapes[i]));
         let [values, derivatives, time_derivatives] = tapes;
-        let (breaks, kinks) = (Breaks::new(graph, &outputs), Kinks::new(graph, &outputs));
+        let breaks = Breaks::new(graph, &outputs);
         let irregularities = Irregularities::new(graph, &outputs);
-        Ok(Self { structure, values, derivatives, time_derivatives, boxes, breaks, kinks, irregularities })
+        Self { structure, values, derivatives, time_derivatives, boxes, breaks, kinks, irregularities }
     }
 
     /// What has a kink or a jump that depends on `y`, in the order of [`Dvi::kinks`].

@@ -17,8 +17,13 @@ pub fn range_of_rate(coefficients: &[f64]) -> Interval {
     let degree = coefficients.len().saturating_sub(1) as f64;
     let size = coefficients.iter().fold(0.0_f64, |size, c| size.max(c.abs()));
     let rate = of_ends(coefficients.windows(2).map(|pair| degree * (pair[1] - pair[0])));
-    let noise = ROUNDING * degree * size;
+    let noise = rounding_of_rate(coefficients.len(), size);
     Interval::new(rate.lo - noise, rate.hi + noise)
+}
+
+/// What rounding makes of the derivative of a polynomial with so many coefficients, which are sums of terms of this size.
+pub fn rounding_of_rate(count: usize, size: f64) -> f64 {
+    ROUNDING * count.saturating_sub(1) as f64 * size
 }
 
 /// Its value at `theta`.

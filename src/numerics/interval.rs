@@ -90,6 +90,17 @@ impl Interval {
         Self { lo, hi, ..self }
     }
 
+    /// Its middle and a radius about that which reaches to both ends; infinite where one is, or there is no number in it.
+    #[inline]
+    pub fn ball(self) -> (f64, f64) {
+        if self.lo == self.hi {
+            return (self.lo, 0.0);
+        }
+        let middle = 0.5 * self.lo + 0.5 * self.hi;
+        let radius = (self.hi - middle).max(middle - self.lo).next_up();
+        if radius >= 0.0 && middle.is_finite() { (middle, radius) } else { (0.0, f64::INFINITY) }
+    }
+
     /// The least and the largest size of a number in it.
     pub fn magnitudes(self) -> (f64, f64) {
         let near = if self.contains(0.0) { 0.0 } else { self.lo.abs().min(self.hi.abs()) };

@@ -40,7 +40,7 @@ pub(super) struct Constraints {
     /// What to add to each unknown for each row of `A`; empty where there is nothing to correct.
     correction: DMatrix<f64>,
     phi: Vec<f64>,
-    residual: Vec<f64>,
+    changes: Vec<f64>,
 }
 
 impl Constraints {
@@ -56,13 +56,19 @@ impl Constraints {
             if !system.phi(t, y, &mut self.phi) {
                 return false;
             }
-            self.residual.clear();
-            self.residual.extend(self.rows.iter().map(|&row| self.phi[row]));
+            self.changes.clear();
+            self.changes.resize(system.unknowns, 0.0);
+            for (column, &row) in
+                self.correction.column_iter().zip(&self.rows).filter(|(_, row)| self.phi[**row] != 0.0)
+            {
+                for (change, entry) in self.changes.iter_mut().zip(column.as_slice()) {
+                    *change += entry * self.phi[row];
+                }
+            }
             let mut size = 0.0_f64;
-            for (unknown, row) in self.correction.row_iter().enumerate() {
-                let change: f64 = row.iter().zip(&self.residual).map(|(entry, residual)| entry * residual).sum();
-                y[unknown] += change;
-                size = size.max((change * control.weight[unknown]).abs());
+            for ((y, change), weight) in y.iter_mut().zip(&self.changes).zip(&control.weight) {
+                *y += change;
+                size = size.max((change * weight).abs());
             }
             if size <= control.kappa {
                 return true;
@@ -88,9 +94,33 @@ impl Constraints {
         if self.correction.is_empty() {
             return;
         }
-        for (error, row) in out.iter_mut().zip(self.correction.row_iter()) {
-            let of_rows = row.iter().zip(&self.rows).filter(|(entry, _)| **entry != 0.0);
-            *error += of_rows.map(|(entry, &at)| entry.abs() * sizes[at]).sum::<f64>();
+        for (column, &row) in self.correction.column_iter().zip(&self.rows).filter(|(_, row)| sizes[**row] != 0.0) {
+            for (error, entry) in out.iter_mut().zip(column.as_slice()).filter(|(_, entry)| **entry != 0.0) {
+                *error += entry.abs() * sizes[row];
+            }
+        }
+    }
+
+    /// The combination of rows of `G` that answers to the correction of a function with this `gradient` by the unknowns, as
+    /// pairs of a variable and a weight, added to `out`: the function without it is, to first order, that at the corrected
+    /// unknowns.
+    pub fn add_weights(
+        &mut self,
+        system: &mut System<'_>,
+        control: &NewtonControl,
+        y: &[f64],
+        gradient: impl Iterator<Item = (usize, f64)> + Clone,
+        out: &mut Vec<(usize, f64)>,
+    ) {
+        self.follow(system, control, y);
+        if self.correction.is_empty() {
+            return;
+        }
+        for (column, &row) in self.correction.column_iter().zip(&self.rows).filter(|(_, row)| **row >= system.states) {
+            let weight: f64 = gradient.clone().map(|(unknown, slope)| slope * column[unknown]).sum();
+            if weight != 0.0 {
+                out.push((row - system.states, -weight));
+            }
         }
     }
 
@@ -102,7 +132,7 @@ impl Constraints {
         }
         self.jacobians = system.work.jacobians;
         self.face.get_or_insert_default().clone_from(&system.face);
-        if system.is_curved() {
+        if !system.face.blocks.is_empty() {
             system.linearise_blocks(y, Some(control));
         }
         self.correction = correction(system, control, &mut self.rows).unwrap_or_default();

@@ -62,4 +62,38 @@ impl Radau<'_> {
         });
         excess.max_by(|a, b| a.1.total_cmp(&b.1))
     }
+
+    /// Whether the stages at hand, of a step of size `h`, satisfy their equations for rates somewhere within the tolerances of
+    /// the states. Small increments do not tell where derivatives are those of the wrong side of a kink, or of an infinite
+    /// slope: they are small whatever is left. Only asked where the rows have kinks.
+    pub(super) fn are_stages_solved(&mut self, h: f64) -> bool {
+        if !self.system.has_kinks {
+            return true;
+        }
+        let (n, unknowns) = (self.system.states, self.system.unknowns);
+        let tableau = self.tableau();
+        let error = |j: usize| {
+            let atol = if j < n { self.settings.atol[j] } else { 0.0 };
+            ALLOWED * (atol + self.settings.rtol * self.largest[j])
+        };
+        let errors: Vec<f64> = (0..unknowns).map(error).collect();
+        let mut rates = vec![vec![Interval::LINE; self.system.values.len()]; tableau.stages()];
+        for (i, (c, values)) in tableau.c.iter().zip(&mut rates).enumerate() {
+            let y = self.stages.stage(&self.y, i);
+            let ranges: Vec<Interval> = y.iter().zip(&errors).map(|(y, e)| Interval::new(y - e, y + e)).collect();
+            if !self.system.problem().enclose(Interval::point(self.t + c * h), &ranges, values) {
+                return true;
+            }
+        }
+        let mut momentum = vec![0.0; unknowns];
+        (0..tableau.stages()).all(|i| {
+            self.system.multiply_by_mass(&self.stages.z[i * unknowns..(i + 1) * unknowns], &mut momentum);
+            (0..n).filter(|&row| self.system.mass_diagonal[row] != 0.0).all(|row| {
+                let of_stage = |j: usize| Interval::point(h * tableau.a[(i, j)]) * rates[j][row];
+                let sum = (0..tableau.stages()).map(of_stage).fold(Interval::point(0.0), |sum, term| sum + term);
+                let allowed = self.system.mass_diagonal[row].abs() * errors[row];
+                momentum[row] >= sum.lo - allowed && momentum[row] <= sum.hi + allowed
+            })
+        })
+    }
 }

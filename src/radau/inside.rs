@@ -13,6 +13,9 @@ use factorisation::DenseLu;
 /// several times a step, and up to here costs no more than evaluations of as many equations do.
 const MOST: usize = 64;
 
+/// A matrix with a larger condition is singular but for rounding.
+const MOST_CONDITION: f64 = 1e10;
+
 /// Their equations on one face, with one Jacobian.
 pub(super) struct Inside {
     jacobians: u64,
@@ -20,7 +23,7 @@ pub(super) struct Inside {
     /// Those of them whose equations have variables inside and in no block.
     variables: Vec<usize>,
     equations: Equations,
-    /// The sizes of the entries of the inverse of their matrix, column by column; empty until it is asked for.
+    /// The inverse of their matrix, column by column, where they enter each other's equations.
     inverse: Vec<f64>,
     change: Vec<f64>,
     /// The change of every variable.
@@ -97,25 +100,42 @@ impl Inside {
                 let told = self.variables.iter().zip(factors);
                 told.for_each(|(&k, factor)| out[k] = residuals[k] / factor.abs());
             }
-            Equations::Together(factors) => {
-                if self.inverse.is_empty() {
-                    // The columns of the inverse, of which only the sizes count.
-                    for column in 0..self.variables.len() {
-                        self.change.clear();
-                        self.change.resize(self.variables.len(), 0.0);
-                        self.change[column] = 1.0;
-                        let is_regular = factors.solve(&mut self.change);
-                        let sizes = self.change.iter().map(|entry| if is_regular { entry.abs() } else { 0.0 });
-                        self.inverse.extend(sizes);
-                    }
-                }
+            Equations::Together(_) => {
                 for (column, &l) in self.inverse.chunks_exact(self.variables.len()).zip(&self.variables) {
                     let residual = residuals[l];
                     let told = self.variables.iter().zip(column);
-                    told.filter(|(_, entry)| **entry > 0.0).for_each(|(&k, entry)| out[k] += entry * residual);
+                    told.filter(|(_, entry)| **entry != 0.0).for_each(|(&k, entry)| out[k] += entry.abs() * residual);
                 }
             }
         }
+    }
+
+    /// The combination of the equations that answers to a change of the variables as `gradient` does, as pairs of an equation
+    /// and its weight: `w dG_I/dz_I = gradient`. What is left of a function with this gradient without it does not depend on
+    /// the variables that the equations tell.
+    pub(super) fn weights(
+        &mut self,
+        system: &System<'_>,
+        gradient: impl Fn(usize) -> f64,
+        out: &mut Vec<(usize, f64)>,
+    ) {
+        self.follow(system);
+        out.clear();
+        match &self.equations {
+            Equations::None => {}
+            Equations::Apart(factors) => {
+                let told = self.variables.iter().zip(factors);
+                out.extend(told.map(|(&k, factor)| (k, gradient(k) / factor)));
+            }
+            Equations::Together(_) => {
+                let columns = self.inverse.chunks_exact(self.variables.len()).zip(&self.variables);
+                out.extend(columns.map(|(column, &l)| {
+                    let told = self.variables.iter().zip(column);
+                    (l, told.map(|(&k, entry)| gradient(k) * entry).sum())
+                }));
+            }
+        }
+        out.retain(|(_, weight)| *weight != 0.0);
     }
 
     /// Takes the equations of the face of `system`, with its last Jacobian.
@@ -151,15 +171,38 @@ impl Inside {
             variables.iter().map(factor).collect::<Option<_>>().map_or(Equations::None, Equations::Apart)
         } else if variables.len() <= MOST {
             let count = variables.len();
-            let mut factors = DenseLu::new(count);
-            factors.entries().fill(0.0);
+            let mut matrix = vec![0.0; count * count];
             for (row, &k) in variables.iter().enumerate() {
-                entries(k).for_each(|(column, value)| factors.entries()[column * count + row] = value);
+                entries(k).for_each(|(column, value)| matrix[column * count + row] = value);
             }
+            let mut factors = DenseLu::new(count);
+            factors.entries().copy_from_slice(&matrix);
             factors.factorise();
-            Equations::Together(factors)
+            if invert(&mut factors, &matrix, &mut self.inverse) {
+                Equations::Together(factors)
+            } else {
+                Equations::None
+            }
         } else {
             Equations::None
         };
     }
+}
+
+/// Writes the inverse of a matrix with these factors to `inverse`, both column by column; false where the matrix is singular
+/// but for rounding. The diagonal of `|A^-1| |A|` tells, whose size no unit of a row or a column changes.
+fn invert(factors: &mut DenseLu<f64>, matrix: &[f64], inverse: &mut Vec<f64>) -> bool {
+    let count = matrix.len().isqrt();
+    inverse.clear();
+    inverse.resize(matrix.len(), 0.0);
+    let mut conditions = vec![0.0; count];
+    for (l, column) in inverse.chunks_exact_mut(count).enumerate() {
+        column[l] = 1.0;
+        if !factors.solve(column) {
+            return false;
+        }
+        let products = column.iter().enumerate().map(|(k, entry)| (entry * matrix[k * count + l]).abs());
+        conditions.iter_mut().zip(products).for_each(|(condition, product)| *condition += product);
+    }
+    conditions.iter().all(|condition| *condition < MOST_CONDITION)
 }

@@ -9,6 +9,7 @@
 //!
 //! has none, and is the same in any units: below one, the law holds for values within the tolerances.
 
+use super::screening::ALLOWED;
 use super::stepper::Radau;
 
 /// The variable that is furthest from its law.
@@ -36,25 +37,33 @@ impl Radau<'_> {
             return Some(Excess { excess: f64::INFINITY, ..worst });
         }
         let n = self.system.states;
+        let mut by_time: Option<Vec<f64>> = None;
         let mut keep = |variable: usize, excess: f64| {
             let excess = if excess.is_nan() { f64::INFINITY } else { excess };
             if excess > worst.excess {
                 worst = Excess { variable, excess };
             }
         };
-        for k in (0..self.system.unknowns - n).filter(|&k| self.system.set.block_of(k).is_none()) {
+        for k in 0..self.system.unknowns - n {
+            if self.system.set.block_of(k).is_some() {
+                continue;
+            }
             let [of_z, of_g] = self.uncertainties(k, self.last.h);
-            let (z, gamma) = (y[n + k], self.system.values[n + k] / of_g);
-            let below = (z - self.system.set.lower[k]) / of_z;
-            let above = (self.system.set.upper[k] - z) / of_z;
-            let excess = if below <= gamma {
-                below
-            } else if above <= -gamma {
-                above
-            } else {
-                gamma
-            };
-            keep(k, excess.abs());
+            let (z, g) = (y[n + k], self.system.values[n + k]);
+            let (below, above) = (z - self.system.set.lower[k], self.system.set.upper[k] - z);
+            let excess = natural_map(below / of_z, above / of_z, g / of_g);
+            if excess <= ALLOWED {
+                keep(k, excess);
+                continue;
+            }
+            // A source that no state enters is known at a time that was rounded.
+            let by_time = by_time.get_or_insert_with(|| {
+                let mut slopes = vec![0.0; self.system.unknowns - n];
+                self.system.time_derivative(t, y, &mut slopes);
+                slopes
+            });
+            let of_g = of_g.max(by_time[k].abs() * self.rounding_of_time(self.last.h));
+            keep(k, natural_map(below / of_z, above / of_z, g / of_g));
         }
         for b in 0..self.system.set.blocks().len() {
             let members = &self.system.set.blocks()[b].members;
@@ -85,4 +94,16 @@ impl Radau<'_> {
         let of_z = (error(n + k) + system.terms_of_bounds(k, error)).max(without_effect).max(of_root);
         [of_z, of_g].map(|of| of.max(f64::MIN_POSITIVE))
     }
+}
+
+/// The size of the natural map of an interval, where the distances to its ends and `G` are these.
+fn natural_map(below: f64, above: f64, g: f64) -> f64 {
+    let excess = if below <= g {
+        below
+    } else if above <= -g {
+        above
+    } else {
+        g
+    };
+    excess.abs()
 }

@@ -16,6 +16,9 @@ pub struct NewtonControl {
     pub rounding: Vec<f64>,
     /// The size of each component of `y` at the beginning of the step, beside which rounding errors are measured.
     pub size: Vec<f64>,
+    /// How far each `G_i` is off at the beginning of the step since time is rounded there: sources that no state enters are known
+    /// no better.
+    pub by_time: Vec<f64>,
     /// The bound on `|G_i|` of bounded variables inside their interval, relative to the size of its terms.
     pub vi_tolerance: f64,
 }
@@ -25,11 +28,11 @@ pub struct NewtonControl {
 pub const UNDERFLOW: f64 = f64::MIN_POSITIVE;
 
 impl NewtonControl {
-    /// The size below which `G_k` at `y` is noise: the tolerance of the VI, or what an error of the states that Newton's
-    /// method lets pass makes of it.
+    /// The size below which `G_k` at `y` is noise: the tolerance of the VI, or what the rounding of time or an error of the
+    /// states that Newton's method lets pass makes of it.
     pub fn noise_of_g(&self, system: &System<'_>, k: usize, y: &[f64]) -> f64 {
         let [terms, passed] = system.terms(k, |j| [self.size[j].max(y[j].abs()), self.passed(system, j)]);
-        (self.vi_tolerance * terms).max(passed).max(UNDERFLOW)
+        (self.vi_tolerance * terms).max(passed).max(self.by_time[k]).max(UNDERFLOW)
     }
 
     /// An error of state `j` that Newton's method or rounding lets pass; none of variables.

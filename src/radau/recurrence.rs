@@ -55,9 +55,16 @@ impl Recurrence {
         self.left > 0
     }
 
-    /// Takes a switch into account; whether location is left off from here on.
-    pub(super) fn switched(&mut self, variable: usize) -> bool {
-        if !std::mem::take(&mut self.is_clear[variable]) {
+    /// Takes the switches of one instant into account; whether location is left off from here on. Those that are within noise
+    /// beside one that is clear come with it: diodes without voltage or current may change their places at every switch.
+    pub(super) fn switched(&mut self, variables: impl Iterator<Item = usize>) -> bool {
+        let (mut last, mut is_clear) = (None, false);
+        for variable in variables {
+            last = Some(variable);
+            is_clear |= std::mem::take(&mut self.is_clear[variable]);
+        }
+        let Some(variable) = last else { return false };
+        if !is_clear {
             self.variable = variable;
             return self.within_noise();
         }
@@ -78,6 +85,11 @@ impl Recurrence {
             self.pause = (2 * self.pause).min(LONGEST);
         }
         begins
+    }
+
+    /// Forgets what has led to where the states rest.
+    pub(super) fn passed(&mut self) {
+        (self.clear, self.within, self.pause, self.left) = (0, 0, 1, 0);
     }
 
     /// Takes a step that kept its face into account.

@@ -22,6 +22,8 @@ const MOST_PARTS: usize = 200;
 /// The same where variables are told by hidden constraints alone: over a part the residual of these shrinks no faster than
 /// the part, and costs more.
 const MOST_HIDDEN: usize = 24;
+/// Of a step that needs equal parts, however many, screening proves at least this part.
+const SHORTEST: f64 = 1.0 / MOST_PARTS as f64;
 /// The least part of a step that is worth a step of its own, where screening proves no more and hidden constraints tell
 /// variables.
 pub(super) const LEAST: f64 = 0.1;
@@ -109,8 +111,9 @@ impl Radau<'_> {
         whole.set_whole(self.tableau(), &self.y, &self.stages.z[..s * self.system.unknowns]);
         left.push(whole);
         let (mut parts, are_told) = (0, self.switching.inside.tells_all(&self.system));
-        // Of a step that needs equal parts, however many, screening proves at least the part that they are of these.
-        let (most, least) = if are_told { (MOST_PARTS, 1.0 / MOST_PARTS as f64) } else { (MOST_HIDDEN, LEAST) };
+        let (mut most, mut least) = if are_told { (MOST_PARTS, SHORTEST) } else { (MOST_HIDDEN, LEAST) };
+        // Whether monitors that hidden constraints enter were given up.
+        let mut gave_up = false;
         while !(watched.is_empty() && of_blocks.is_empty())
             && let Some(mut part) = left.pop()
         {
@@ -135,14 +138,23 @@ impl Radau<'_> {
                         continue;
                     }
                     Found::Unproven { .. } if part.begin >= least => return Between::ProvenUpTo(part.begin),
+                    // The others are still to be proven.
+                    Found::Unproven { .. } | Found::Hopeless if !are_told && !gave_up => {
+                        gave_up = true;
+                        let Self { system, switching, .. } = self;
+                        watched.retain(|monitor| Enclosure::is_told(system, &mut switching.inside, monitor));
+                        (most, least) = (parts + MOST_PARTS, SHORTEST);
+                        left.push(part);
+                        continue;
+                    }
                     // The box alone is too wide for the curved monitors of blocks.
-                    Found::Unproven { .. } if are_told && of_blocks.is_empty() => return Between::Open,
-                    Found::Unproven { .. } | Found::Unknown => return Between::Undecided,
+                    Found::Unproven { .. } if of_blocks.is_empty() => return Between::Open,
+                    Found::Unproven { .. } | Found::Hopeless | Found::Unknown => return Between::Undecided,
                 }
             }
             spare.push(part);
         }
-        Between::Proven
+        if gave_up { Between::Undecided } else { Between::Proven }
     }
 
     /// What counts as zero of variable `k` and of its `G` over a step of size `h`.
@@ -205,7 +217,8 @@ impl Radau<'_> {
                 let t = self.last.t + theta * self.last.h;
                 match self.excess_within(t).filter(|found| found.excess > ALLOWED) {
                     Some(excess) => Screened::Missed(t, excess),
-                    None => Screened::Undecided,
+                    // It is within what the tolerances leave uncertain, and what is behind it was not looked at.
+                    None => Screened::Open,
                 }
             }
         })

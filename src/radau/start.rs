@@ -6,8 +6,9 @@
 //! complementary to `G(x+)`), and the run starts after it; where all variables are free it is an error of the user.
 
 use super::consistent::inequality;
-use super::face::undecided;
+use super::face::{ActiveFace, Place, undecided};
 use super::factors::Factors;
+use super::screening::ALLOWED;
 use super::settings::{Settings, StepError};
 use super::stage_vi::StageVi;
 use super::stages::{Contraction, Newton, Stages};
@@ -17,6 +18,13 @@ use super::tableau::Tableau;
 
 /// How long the step that finds a face is, beside the steps of the run.
 const PROBE: f64 = 1e-4;
+/// The part of its distance from a switch over which an inequality may come nearer to it within that step, and so many times
+/// the step is made shorter for that.
+const HALF_WAY: f64 = 0.5;
+const SHORTER: f64 = 0.1;
+const MOST_SHORTER: usize = 8;
+/// The lengths, each four times the last, of the steps that look for where an accumulation ends.
+const LONGER_GAPS: usize = 16;
 /// The same where that is too short to tell.
 const LONGER: [f64; 4] = [1e-3, 1e-2, 1e-1, 1.0];
 /// How long the step is that shows whether a start is consistent, beside the steps of the run: the shortest of these whose
@@ -99,12 +107,21 @@ impl Radau<'_> {
         }
     }
 
-    /// The face and the variables at `(t, y)`, where steps are about `h` long; the states stay. False if no solution
-    /// was found, with nothing changed.
+    /// The face and the variables at `(t, y)`, where steps are about `h` long; the states stay, but for noise. False
+    /// if no solution was found, with nothing changed.
     pub(super) fn choose_face(&mut self, h: f64) -> bool {
         let n = self.system.states;
-        if !self.probe(PROBE * h, true) {
-            return false;
+        let mut length = PROBE * h;
+        for _ in 0..MOST_SHORTER {
+            let before = self.system.face.clone();
+            if !self.probe(length, true) {
+                return false;
+            }
+            if !self.was_too_long() || length <= self.rounding_of_time(0.0) {
+                break;
+            }
+            self.system.face = before;
+            length *= SHORTER;
         }
         let Self { system, switching, y, .. } = self;
         if let Probe { vi: Some(vi), stages, .. } = &mut switching.probe {
@@ -113,10 +130,105 @@ impl Radau<'_> {
         for (y, z) in self.y[n..].iter_mut().zip(&self.switching.probe.stages.z[n..]) {
             *y += z;
         }
-        if let Some(consistent) = &mut self.consistent {
-            consistent.solve(&mut self.system, &self.control, self.t, &mut self.y);
-        }
+        self.remove_noise();
+        self.make_consistent();
         true
+    }
+
+    /// Takes the variables that belong to the states for those of the step that found the face, where they stay within the
+    /// width of their interval beside it: near a point at which the states are no longer driven by them, they would be of any size.
+    fn make_consistent(&mut self) {
+        let n = self.system.states;
+        let Some(consistent) = &mut self.consistent else { return };
+        let before = self.y[n..].to_vec();
+        consistent.solve(&mut self.system, &self.control, self.t, &mut self.y);
+        let is_beyond = |k: usize| {
+            let (lower, upper, z) = (self.system.set.lower[k], self.system.set.upper[k], self.y[n + k]);
+            (lower - z).max(z - upper) > upper - lower
+        };
+        if self.system.intervals.iter().any(|&k| is_beyond(k)) {
+            self.y[n..].copy_from_slice(&before);
+        }
+    }
+
+    /// Whether the last probe was too long to show the face at `t`: over it an inequality that was off its switch, and has no
+    /// variables, came half way to it. Where switches accumulate they follow each other in less than any part of the steps
+    /// of the run.
+    fn was_too_long(&mut self) -> bool {
+        // Steps of one size resolve nothing shorter.
+        if self.settings.step.is_some() {
+            return false;
+        }
+        let n = self.system.states;
+        let Self { system, switching, control, y, t, .. } = self;
+        if !system.evaluate(*t, y) {
+            return false;
+        }
+        system.intervals.iter().filter(|&&k| !system.has_variables(k)).any(|&k| {
+            let (g, change) = (system.values[n + k], system.slope(k, |j| switching.probe.stages.z[j]));
+            g.abs() > control.noise_of_g(system, k, y) && change * g < 0.0 && change.abs() > HALF_WAY * g.abs()
+        })
+    }
+
+    /// Passes an accumulation of switches, of which the last followed each other after about `gap`, where that changes no
+    /// state by more than its tolerances allow: an implicit Euler step that holds more variables inside than the face at `t`
+    /// does, and holds the same, at the same states, where it is longer, ends where they rest. Whether there is such a step.
+    pub(super) fn pass_accumulation(&mut self, gap: f64) -> bool {
+        let n = self.system.states;
+        let count = |face: &ActiveFace| face.places.iter().filter(|place| **place == Place::Inside).count();
+        let before = self.system.face.clone();
+        let mut last: Option<(ActiveFace, Vec<f64>)> = None;
+        let mut length = gap;
+        for _ in 0..LONGER_GAPS {
+            self.system.face.clone_from(&before);
+            if !self.probe(length, false) {
+                break;
+            }
+            let found = self.switching.probe.stages.z.clone();
+            let allowed = |j: usize| ALLOWED * (self.settings.atol[j] + self.settings.rtol * self.largest[j]);
+            if !(0..n).all(|j| found[j].abs() <= allowed(j)) {
+                break;
+            }
+            let face = self.system.face.clone();
+            if let Some((same, end)) = &last
+                && *same == face
+                && (0..n).all(|j| (end[j] - found[j]).abs() <= 1e-3 * allowed(j))
+            {
+                let Self { system, switching, y, .. } = self;
+                if let Probe { vi: Some(vi), stages, .. } = &mut switching.probe {
+                    vi.regularise(system, stages, y);
+                }
+                self.y.iter_mut().zip(&self.switching.probe.stages.z).for_each(|(y, z)| *y += z);
+                self.remove_noise();
+                self.make_consistent();
+                return true;
+            }
+            last = Some((face, found)).filter(|(face, _)| count(face) > count(&before));
+            length *= 4.0;
+        }
+        self.system.face = before;
+        false
+    }
+
+    /// Brings the states onto the equations of the face where they are off them by noise. The first step would else do it,
+    /// by forces that grow as it is made shorter and pass for a switch, and by a change that its error test sees in states
+    /// whose own tolerance is finer than the noise of others.
+    fn remove_noise(&mut self) {
+        let n = self.system.states;
+        let Self { system, switching, control, y, t, .. } = self;
+        let is_inside = |system: &System<'_>, k: usize| system.face.places[k] == Place::Inside;
+        if !system.intervals.iter().any(|&k| is_inside(system, k)) || !system.evaluate(*t, y) {
+            return;
+        }
+        let mut residuals =
+            system.intervals.iter().filter(|&&k| is_inside(system, k)).map(|&k| (k, system.values[n + k]));
+        if !residuals.all(|(k, residual)| residual.abs() <= control.noise_of_g(system, k, y)) {
+            return;
+        }
+        switching.scratch.copy_from_slice(y);
+        if switching.constraints.correct(system, control, *t, &mut switching.scratch) {
+            y.copy_from_slice(&switching.scratch);
+        }
     }
 
     /// The face at `(t, y)` of variables that are at their switch, to within noise, and of which the first moment does not
@@ -129,7 +241,7 @@ impl Radau<'_> {
         let mut open = undecided(&mut self.system, &self.control, &self.y);
         let before = self.system.face.clone();
         for part in LONGER {
-            if !open.contains(&true) || !self.probe(part * h, true) {
+            if !open.contains(&true) || !self.probe(part * h, true) || self.was_too_long() {
                 break;
             }
             let end: Vec<f64> = self.y.iter().zip(&self.switching.probe.stages.z).map(|(y, z)| y + z).collect();

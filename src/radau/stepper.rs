@@ -149,6 +149,7 @@ impl<'p> Radau<'p> {
             weight: vec![0.0; unknowns],
             rounding: vec![0.0; unknowns],
             size: vec![0.0; unknowns],
+            by_time: vec![0.0; unknowns - system.states],
             kappa: 0.0,
             most: 0,
             vi_tolerance: settings.vi_tolerance,
@@ -407,7 +408,7 @@ impl<'p> Radau<'p> {
     /// Newton's method on the present face.
     pub(super) fn newton(&mut self, h: f64) -> Newton {
         let tableau = self.tableau();
-        self.stages.newton(
+        let newton = self.stages.newton(
             &mut self.system,
             tableau,
             &mut self.factors,
@@ -416,7 +417,11 @@ impl<'p> Radau<'p> {
             &self.y,
             &self.control,
             &mut self.contraction,
-        )
+        );
+        match newton {
+            Newton::Converged { .. } if !self.are_stages_solved(h) => Newton::Failed(Cause::Diverged),
+            newton => newton,
+        }
     }
 
     /// Solves the stages with the VI coupled over them, from their present increments; where a violation was seen between
@@ -427,6 +432,10 @@ impl<'p> Radau<'p> {
         self.contraction = Contraction::default();
         self.switching.remember(&self.system.face);
         match stage_vi.solve(&mut self.system, tableau, &mut self.stages, self.t, h, &self.y, &self.control) {
+            Ok(()) if !self.are_stages_solved(h) => {
+                self.system.face.clone_from(&self.switching.before);
+                Attempt::Failed(0.5, Cause::Diverged)
+            }
             Ok(()) => Attempt::Solved { h, iterations: self.control.most, coupled: true, between: missed },
             Err(cause) => Attempt::Failed(0.5, cause),
         }

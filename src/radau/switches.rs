@@ -116,17 +116,18 @@ impl Switching {
 
     /// Records what differs from the remembered face, and what turned round on it; whether anything did.
     pub(super) fn record(&mut self, t: f64, set: &ConvexSet, face: &ActiveFace, turned: &[usize]) -> bool {
-        let mut changed = false;
+        let mut changed = Vec::new();
         for (variable, (&from, &to)) in self.before.places.iter().zip(&face.places).enumerate() {
             if from != to || self.before.exchanges(face, set, variable) || turned.contains(&variable) {
                 self.switches.push(Switch { t, variable, from, to });
-                changed = true;
-                if self.locate && set.block_of(variable).is_none() && self.recurrence.switched(variable) {
-                    self.accumulations += 1;
-                }
+                changed.push(variable);
             }
         }
-        if changed && self.locate {
+        if !changed.is_empty() && self.locate {
+            let in_interval = changed.iter().copied().filter(|&variable| set.block_of(variable).is_none());
+            if self.recurrence.switched(in_interval) {
+                self.accumulations += 1;
+            }
             let gap = t - self.last;
             self.shrinking = if gap < 0.95 * self.gap { self.shrinking + 1 } else { 0 };
             if self.shrinking == ACCUMULATION {
@@ -134,7 +135,7 @@ impl Switching {
             }
             (self.last, self.gap) = (t, gap);
         }
-        changed
+        !changed.is_empty()
     }
 
     /// Whether switches are to be located.
@@ -275,8 +276,11 @@ impl Radau<'_> {
             let correction = value / slope;
             let rounding = self.rounding_of_time(size);
             let stalled = (size - before).abs() <= correction.abs() && *solves > 3 && correction.abs() < 1e-6 * size;
-            if value.abs() <= 0.1 * noise || correction.abs() <= rounding || stalled {
+            if correction.abs() <= rounding || stalled {
                 return Ok(Some(size));
+            }
+            if value.abs() <= 0.1 * noise {
+                return Ok(Some(self.extend(crossing, size, value, correction)));
             }
             trial = size - correction;
             if let Some((shortest, longest)) = &mut bracket {
@@ -288,6 +292,24 @@ impl Radau<'_> {
             }
         }
         Ok(None)
+    }
+
+    /// Takes the step at hand, of size `h`, along its collocation polynomial to where the monitor of `crossing` is zero, from
+    /// which it is off by a `value` within noise and thus by about `correction`; its size then. Other variables that switch at
+    /// the same instant are then off by what rounding leaves, and no longer by what the search was content with.
+    fn extend(&mut self, crossing: &Crossing, h: f64, value: f64, correction: f64) -> f64 {
+        let mut monitors = std::mem::take(&mut self.switching.monitors);
+        let theta = 1.0 - correction / h;
+        self.monitors_at(theta, h, &mut monitors);
+        let left = monitors.get(crossing.index).map_or(value, |monitor| monitor.value);
+        self.switching.monitors = monitors;
+        // The secant through both: the error of the polynomial behind its last stage is of second order.
+        let end = h - correction * value / (value - left);
+        if left.abs() >= value.abs() || !end.is_finite() {
+            return h;
+        }
+        self.stages.resample(self.tableau(), end / h);
+        end
     }
 
     /// Solves the stages of a step of size `h` on the present face by Newton's method; where it fails on a curved face,
@@ -335,13 +357,28 @@ impl Radau<'_> {
             if !changed && self.switching.recurrence.within_noise() {
                 self.switching.accumulations += 1;
             }
+            self.rest();
             self.restart();
         } else if coupled {
             self.switching.record(self.t, &self.system.set, &self.system.face, &[]);
+            self.rest();
             self.restart();
         } else if self.switching.is_accumulating() {
             self.switching.shrinking = 0;
             self.switching.recurrence.kept_face();
+        }
+    }
+
+    /// Ends an accumulation of switches where the states come to rest within their tolerances.
+    fn rest(&mut self) {
+        if !self.switching.is_accumulating() {
+            return;
+        }
+        self.switching.remember(&self.system.face);
+        if self.pass_accumulation(self.last.h) {
+            self.switching.record(self.t, &self.system.set, &self.system.face, &[]);
+            self.switching.shrinking = 0;
+            self.switching.recurrence.passed();
         }
     }
 

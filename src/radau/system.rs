@@ -73,6 +73,10 @@ pub struct System<'p> {
     pub bounded: Vec<usize>,
     /// Those of them in no block.
     pub intervals: Vec<usize>,
+    /// How far apart states are that their tolerances do not tell from each other; empty before these are known.
+    pub tolerances: Vec<f64>,
+    /// Whether derivatives may change within a step by more than a step makes them, at kinks of the rows in `y`.
+    pub has_kinks: bool,
     /// The active face.
     pub face: ActiveFace,
     /// The equations of each block where they were asked for last.
@@ -129,6 +133,7 @@ impl<'p> System<'p> {
         let face = ActiveFace { places, blocks: vec![Face::Interior; blocks] };
         let (rows, nonzeros) = (structure.rows(), structure.pattern.len());
         let row_starts = (0..=rows).map(|row| structure.pattern.partition_point(|&(i, _)| i < row)).collect();
+        let has_kinks = !problem.kinks(t, &vec![0.0; unknowns]).is_empty();
         let layout = Arc::new(Layout::new(&structure, &bounded, t, outside)?);
         Ok(Self {
             problem,
@@ -142,6 +147,8 @@ impl<'p> System<'p> {
             workspace: Workspace::default(),
             bounded,
             intervals,
+            tolerances: Vec::new(),
+            has_kinks,
             face,
             equations: vec![FaceEquations::default(); blocks],
             linearised: vec![FaceEquations::default(); blocks],
@@ -259,14 +266,24 @@ impl<'p> System<'p> {
         self.set.project_all(&mut y[self.states..], &mut self.workspace);
     }
 
-    /// Evaluates the derivatives at `(t, y)`; false if a number is not finite.
+    /// Evaluates the derivatives at `(t, y)`; false if a number is not finite. Where a slope is infinite at `y`, as that of a
+    /// root at zero, it is taken beside it, where the states differ by their tolerances.
     pub fn differentiate(&mut self, t: f64, y: &[f64]) -> bool {
         if self.structure.constant_jacobian && self.work.jacobians > 0 {
             return true;
         }
         self.work.jacobians += 1;
         self.problem.jacobian(t, y, &mut self.derivatives);
-        self.derivatives.iter().all(|value| value.is_finite())
+        self.derivatives.iter().all(|value| value.is_finite()) || self.differentiate_beside(t, y)
+    }
+
+    fn differentiate_beside(&mut self, t: f64, y: &[f64]) -> bool {
+        [1.0, -1.0].into_iter().any(|side| {
+            let mut beside = y.to_vec();
+            beside.iter_mut().zip(&self.tolerances).for_each(|(y, tolerance)| *y += side * tolerance);
+            self.problem.jacobian(t, &beside, &mut self.derivatives);
+            self.derivatives.iter().all(|value| value.is_finite())
+        })
     }
 
     /// The partial derivatives of `G` by `t` at `(t, y)`, into `values` (m).

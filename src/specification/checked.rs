@@ -88,7 +88,7 @@ impl Specification {
             }
             let study = study.and_then(|study| {
                 let of_problem = root.key("problem");
-                let parameters = (problem.parameters(), &of_problem.key(problem.name()));
+                let parameters = (problem.written().parameters(), &of_problem.key(problem.name()));
                 study.check((&*model, &method, time), parameters, &root.key("study"), &mut found)
             });
             let load = model.load(control);
@@ -200,34 +200,15 @@ impl Specification {
 /// The model, where the problem has one; its errors go to `errors`.
 fn lower(problem: &Problem, start: Start<'_>, errors: &mut Errors) -> Option<Arc<dyn Model>> {
     let place = Place::Root.key("problem");
-    let unknowns = match problem {
-        Problem::Dvi(problem) => problem.states.len() + problem.variables.len(),
-        Problem::Lcs(problem) => problem.initial.len() + problem.variables(),
-        Problem::Mechanical(problem) => 2 * problem.coordinates.len(),
-        Problem::RigidBodies(problem) => problem.bodies.len(),
-        Problem::Filippov(problem) => problem.states.len() + problem.variables(),
-        Problem::Obstacle(problem) => problem.nodes(),
-        Problem::Circuit(problem) => problem.components.as_ref().map_or(0, Vec::len),
-        Problem::Convolution(problem) => problem.variables.len(),
-        Problem::Elastic(problem) => problem.unknowns(),
-    };
-    let place = place.key(problem.name());
+    let problem = problem.written();
+    let unknowns = problem.unknowns();
+    let place = place.key(problem.key());
     if unknowns > MOST_UNKNOWNS {
         let error = SpecificationError::new(place.to_string(), "too_many_unknowns", format!("{unknowns} unknowns"));
         errors.push(error.expected(format!("at most {MOST_UNKNOWNS} states and variables")));
         return None;
     }
-    let (Lowering { errors: found, .. }, model) = match problem {
-        Problem::Dvi(problem) => problem.lower(&place, start),
-        Problem::Lcs(problem) => problem.lower(&place, start),
-        Problem::Mechanical(problem) => problem.lower(&place, start),
-        Problem::RigidBodies(problem) => problem.lower(&place, start),
-        Problem::Filippov(problem) => problem.lower(&place, start),
-        Problem::Circuit(problem) => problem.lower(&place, start),
-        Problem::Obstacle(problem) => problem.lower(&place, start),
-        Problem::Convolution(problem) => problem.lower(&place, start),
-        Problem::Elastic(problem) => problem.lower(&place, start),
-    };
+    let (Lowering { errors: found, .. }, model) = problem.lower(&place, start);
     errors.append(found);
     model
 }

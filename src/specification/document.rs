@@ -4,16 +4,15 @@ use super::circuit::CircuitProblem;
 use super::convolution::ConvolutionProblem;
 use super::dvi::DviProblem;
 use super::elastic::ElasticProblem;
-use super::expression::Expression;
 use super::filippov::FilippovProblem;
 use super::lcs::LcsProblem;
 use super::mechanical::MechanicalProblem;
 use super::method::Method;
 use super::obstacle::ObstacleProblem;
-use super::ordered::Ordered;
 use super::output::Output;
 use super::rigid_bodies::RigidBodiesProblem;
 use super::study::StudyRequest;
+use super::written::Written;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -70,16 +69,20 @@ pub enum Problem {
 impl Problem {
     /// The key of its type.
     pub fn name(&self) -> &'static str {
+        self.written().key()
+    }
+
+    pub(super) fn written(&self) -> &dyn Written {
         match self {
-            Self::Dvi(_) => "dvi",
-            Self::Lcs(_) => "lcs",
-            Self::Mechanical(_) => "mechanical",
-            Self::RigidBodies(_) => "rigid_bodies",
-            Self::Filippov(_) => "filippov",
-            Self::Obstacle(_) => "obstacle",
-            Self::Circuit(_) => "circuit",
-            Self::Convolution(_) => "convolution",
-            Self::Elastic(_) => "elastic",
+            Self::Dvi(problem) => problem,
+            Self::Lcs(problem) => &**problem,
+            Self::Mechanical(problem) => &**problem,
+            Self::RigidBodies(problem) => &**problem,
+            Self::Filippov(problem) => problem,
+            Self::Obstacle(problem) => &**problem,
+            Self::Circuit(problem) => problem,
+            Self::Convolution(problem) => problem,
+            Self::Elastic(problem) => &**problem,
         }
     }
 }
@@ -106,23 +109,4 @@ pub struct Limits {
     /// Accepted and rejected steps.
     #[schema(minimum = 1, maximum = 10_000_000)]
     pub steps: Option<u64>,
-}
-
-static NO_PARAMETERS: Ordered<Expression> = Ordered::new();
-
-impl Problem {
-    /// Its parameters, where it can have any.
-    pub(super) fn parameters(&self) -> &Ordered<Expression> {
-        match self {
-            Self::Dvi(problem) => &problem.parameters,
-            Self::Lcs(problem) => &problem.parameters,
-            Self::Mechanical(problem) => &problem.parameters,
-            Self::RigidBodies(_) => &NO_PARAMETERS,
-            Self::Filippov(problem) => &problem.parameters,
-            Self::Obstacle(problem) => &problem.parameters,
-            Self::Circuit(problem) => &problem.parameters,
-            Self::Convolution(problem) => &problem.parameters,
-            Self::Elastic(problem) => &problem.parameters,
-        }
-    }
 }

@@ -2,7 +2,7 @@
 //! others asks how long the check will take before it begins.
 
 use super::checked::Specification;
-use super::document::{Document, Problem};
+use super::document::Document;
 use super::error::{Errors, SpecificationError};
 use super::output::MOST_TIMES;
 use super::reading::{Reading, read};
@@ -14,11 +14,7 @@ use std::time::Duration;
 #[derive(Debug)]
 pub struct Draft(Reading);
 
-/// What the check takes for each thing that a document declares beside its text, in nanoseconds: of the size that was
-/// measured.
-const A_NODE: usize = 1_000;
-const A_DISPLACEMENT: usize = 20_000;
-const A_PAIR_OF_BODIES: usize = 5_000;
+/// What making an output time takes, in nanoseconds: measured.
 const A_TIME: usize = 5;
 
 impl Draft {
@@ -33,20 +29,7 @@ impl Draft {
     /// About how long the check takes beyond what the length of the text tells.
     pub fn check_time(&self) -> Duration {
         let document = &self.0.document;
-        let of_problem = match &document.problem {
-            Problem::Obstacle(problem) => problem.nodes().saturating_mul(A_NODE),
-            Problem::Elastic(problem) => problem.unknowns().saturating_mul(A_DISPLACEMENT),
-            Problem::RigidBodies(problem) => {
-                let bodies = problem.bodies.len();
-                bodies.saturating_mul(bodies).saturating_mul(A_PAIR_OF_BODIES)
-            }
-            Problem::Dvi(_)
-            | Problem::Lcs(_)
-            | Problem::Mechanical(_)
-            | Problem::Filippov(_)
-            | Problem::Circuit(_)
-            | Problem::Convolution(_) => 0,
-        };
+        let of_problem = document.problem.written().time_to_check();
         let nanoseconds = of_problem.saturating_add(declared_times(document).saturating_mul(A_TIME));
         Duration::from_nanos(nanoseconds as u64)
     }

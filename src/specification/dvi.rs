@@ -14,14 +14,14 @@ use super::kinks;
 use super::lowering::{Lowering, Start};
 use super::mass;
 use super::matrix::Matrix;
-use super::model::Model;
 use super::ordered::Ordered;
 use super::place::Place;
 use super::set::{self, Block, LoweredSet};
 use super::start;
 use super::wording::abridged;
+use super::written::{Lowered, Written};
 use expression::Node;
-use models::{DviModel, Equations, Outputs, Refusal, Rows, Symbolic};
+use models::{DviModel, Equations, Outputs, Refusal, Rows};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use utoipa::ToSchema;
@@ -69,9 +69,20 @@ pub struct Variable {
     pub inequality: Expression,
 }
 
-impl DviProblem {
-    /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Arc<dyn Model>>) {
+impl Written for DviProblem {
+    fn key(&self) -> &'static str {
+        "dvi"
+    }
+
+    fn parameters(&self) -> &Ordered<Expression> {
+        &self.parameters
+    }
+
+    fn unknowns(&self) -> usize {
+        self.states.len() + self.variables.len()
+    }
+
+    fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let (n, m) = (self.states.len(), self.variables.len());
         if n == 0 {
@@ -106,8 +117,8 @@ impl DviProblem {
             (Some(i), None) => place.key("variables").key(self.variables.name(i)).key("inequality").to_string(),
             (None, None) => place.key("states").key(self.states.name(row)).key("rate").to_string(),
         };
-        let equations = match Symbolic::new(&mut lowering.graph, rows) {
-            Ok(equations) => Equations::Symbolic(Box::new(equations)),
+        let equations = match Equations::new(&mut lowering.graph, rows) {
+            Ok(equations) => equations,
             Err(refusals) => {
                 for refusal in refusals {
                     lowering.errors.push(refused(refusal, &state_names, &variable_names, row_pointer));
@@ -123,7 +134,9 @@ impl DviProblem {
         }
         (lowering, Some(Arc::new(model)))
     }
+}
 
+impl DviProblem {
     /// The problem with its kinks written as a set, as JSON, if it can be.
     fn as_set(&self, start: Start<'_>) -> Option<String> {
         let problem = as_set::rewritten(self)?;

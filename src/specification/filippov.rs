@@ -6,14 +6,14 @@ use super::error::SpecificationError;
 use super::expression::Expression;
 use super::kinks;
 use super::lowering::{Lowering, Start};
-use super::model::Model;
 use super::ordered::Ordered;
 use super::place::Place;
 use super::start;
 use super::wording::{abridged, listed};
+use super::written::{Lowered, Written};
 use expression::{Node, nearest};
 use models::filippov::{Region, departures, many_regions, two_regions};
-use models::{DviModel, Equations, Outputs, Symbolic};
+use models::{DviModel, Equations, Outputs};
 use serde::Deserialize;
 use solution::Warning;
 use std::sync::Arc;
@@ -65,9 +65,22 @@ impl FilippovProblem {
     pub(super) fn variables(&self) -> usize {
         self.regions.as_ref().map_or(1, Vec::len)
     }
+}
 
-    /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Arc<dyn Model>>) {
+impl Written for FilippovProblem {
+    fn key(&self) -> &'static str {
+        "filippov"
+    }
+
+    fn parameters(&self) -> &Ordered<Expression> {
+        &self.parameters
+    }
+
+    fn unknowns(&self) -> usize {
+        self.states.len() + self.variables()
+    }
+
+    fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let n = self.states.len();
         let states = place.key("states");
@@ -114,8 +127,8 @@ impl FilippovProblem {
                 _ => {}
             }
         }
-        let equations = match Symbolic::new(&mut lowering.graph, rows) {
-            Ok(equations) => Equations::Symbolic(Box::new(equations)),
+        let equations = match Equations::new(&mut lowering.graph, rows) {
+            Ok(equations) => equations,
             Err(refusals) => {
                 for refusal in refusals {
                     lowering.errors.push(refused(refusal, &state_names, &variable_names, row_pointer));
@@ -131,7 +144,9 @@ impl FilippovProblem {
         }
         (lowering, Some(Arc::new(model)))
     }
+}
 
+impl FilippovProblem {
     /// The two regions of a surface, that of `plus` first.
     fn sides(&self, surface: &Expression, place: &Place<'_>, lowering: &mut Lowering) -> Vec<Region> {
         let zero = lowering.graph.constant(0.0);

@@ -9,11 +9,11 @@ use super::expression::Expression;
 use super::lowering::{Lowering, Start};
 use super::mass;
 use super::matrix::Matrix;
-use super::model::Model;
 use super::ordered::Ordered;
 use super::place::Place;
 use super::set::{self, Block};
 use super::start;
+use super::written::{Lowered, Written};
 use expression::Node;
 use models::{DviModel, Equations, KinkAdvice, Linear, LinearRows, Outputs};
 use serde::Deserialize;
@@ -65,9 +65,22 @@ impl LcsProblem {
             .or_else(|| self.B.as_ref().map(Matrix::columns))
             .unwrap_or(0)
     }
+}
 
-    /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Arc<dyn Model>>) {
+impl Written for LcsProblem {
+    fn key(&self) -> &'static str {
+        "lcs"
+    }
+
+    fn parameters(&self) -> &Ordered<Expression> {
+        &self.parameters
+    }
+
+    fn unknowns(&self) -> usize {
+        self.initial.len() + self.variables()
+    }
+
+    fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let (n, m) = (self.initial.len(), self.variables());
         if n == 0 {
@@ -124,7 +137,9 @@ impl LcsProblem {
         }
         (lowering, Some(Arc::new(model)))
     }
+}
 
+impl LcsProblem {
     /// `[A B; C D]` by its nonzeros.
     fn matrix(&self, n: usize, m: usize, place: &Place<'_>, lowering: &mut Lowering) -> Vec<(usize, usize, f64)> {
         let blocks = [

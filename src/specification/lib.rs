@@ -53,6 +53,7 @@ mod summary;
 mod times;
 mod tolerance;
 mod wording;
+mod written;
 
 pub use crate::expression::Expression;
 pub use catalogue::{Catalogue, Choice, Coefficients, Limit, catalogue};

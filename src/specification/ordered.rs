@@ -16,11 +16,6 @@ impl<T> Default for Ordered<T> {
 }
 
 impl<T> Ordered<T> {
-    /// No members.
-    pub(super) const fn new() -> Self {
-        Self(Vec::new())
-    }
-
     /// The number of members.
     pub fn len(&self) -> usize {
         self.0.len()

@@ -93,7 +93,10 @@ fn the_result_is_saved_as_a_table() {
     let saved = || {
         fs::read_dir(&folder)
             .unwrap()
-            .find_map(|file| file.ok().filter(|file| file.path().extension().is_some_and(|end| end == "csv")))
+            .filter_map(Result::ok)
+            .filter(|file| file.path().extension().is_some_and(|end| end == "csv"))
+            // It is there before it is filled.
+            .find(|file| file.metadata().is_ok_and(|file| file.len() > 0))
     };
     for _ in 0..500 {
         if saved().is_some() {

@@ -33,3 +33,119 @@ fn the_sliding_mode_is_reached_and_kept() {
     let hit = solution.trajectory.events[0].t;
     assert!((hit - digits(&reference["t_hit"])).abs() < 1e-9, "hit at {hit}");
 }
+
+/// The twisting of a double integrator, `x'' = -a sgn x - b sgn x'` with `a > b`, from `x = 0` and `x' = v` at `t = 0`.
+struct Twisting {
+    a: f64,
+    b: f64,
+    v: f64,
+}
+
+impl Twisting {
+    /// By which `|x'|` shrinks from one zero of `x` to the next.
+    fn ratio(&self) -> f64 {
+        ((self.a - self.b) / (self.a + self.b)).sqrt()
+    }
+
+    /// From there to the next at the speed `v`.
+    fn swing(&self, v: f64) -> f64 {
+        v / (self.a + self.b) + self.ratio() * v / (self.a - self.b)
+    }
+
+    /// When infinitely many switches have brought it to rest.
+    fn rest(&self) -> f64 {
+        self.swing(self.v) / (1.0 - self.ratio())
+    }
+
+    /// `x'` at `t`, swing by swing.
+    fn velocity(&self, t: f64) -> f64 {
+        let (mut begin, mut v, mut sign) = (0.0, self.v, 1.0);
+        while begin + self.swing(v) <= t && v > 1e-300 {
+            (begin, v, sign) = (begin + self.swing(v), v * self.ratio(), -sign);
+        }
+        let s = t - begin;
+        let turns = v / (self.a + self.b);
+        sign * if s < turns { v - (self.a + self.b) * s } else { -(self.a - self.b) * (s - turns) }
+    }
+
+    fn specification(&self, end: f64, times: &[f64], rtol: f64) -> serde_json::Value {
+        let atol = 1e-3 * rtol * self.v;
+        json!({
+            "problem": {"dvi": {
+                "states": {
+                    "x": {"initial": 0, "rate": "v"},
+                    "v": {"initial": self.v, "rate": format!("-{:?}*p - {:?}*q", self.a, self.b)}
+                },
+                "variables": {"p": {"inequality": "-x"}, "q": {"inequality": "-v"}},
+                "set": [{"box": {"of": ["p", "q"], "lower": -1, "upper": 1}}]
+            }},
+            "time": {"end": end},
+            "method": {"rtol": rtol, "atol": atol},
+            "output": {"times": times}
+        })
+    }
+}
+
+#[test]
+fn twisting_comes_to_rest_where_its_switches_accumulate() {
+    for (a, b, v) in [(2.3, 0.9, 0.7), (5e6, 4e6, 2e6), (1e-6, 1e-7, 1e-6)] {
+        let twisting = Twisting { a, b, v };
+        let (rest, rtol) = (twisting.rest(), 1e-9);
+        for end in [1.5, 40.0] {
+            let times = [0.5, 0.97, 0.999, 1.0, 1.2].map(|part| part * rest);
+            let solution = solve(&twisting.specification(end * rest, &times, rtol));
+            for (&t, &found) in solution.trajectory.t.iter().zip(column(&solution, "v")) {
+                let exact = if t < rest { twisting.velocity(t) } else { 0.0 };
+                assert!((found - exact).abs() < 1e-7 * v, "a = {a}: x' = {found:e} at {t}, not {exact:e}");
+            }
+            let last = solution.trajectory.events.last().expect("switches").t;
+            assert!((last - rest).abs() < 1e-6 * rest, "a = {a}: at rest from {last}, not {rest}");
+            let (p, q) = (column(&solution, "p"), column(&solution, "q"));
+            let force = a * p[p.len() - 1] + b * q[q.len() - 1];
+            assert!(force.abs() < 1e-9 * a, "a = {a}: a force {force:e} at rest");
+            assert!(solution.verdict.trusted, "a = {a}: {:?}", solution.verdict);
+        }
+    }
+}
+
+#[test]
+fn super_twisting_comes_to_rest_at_a_root() {
+    // At rest B(x) = -k sqrt|x| vanishes, and with it what the multiplier does to x: x = 0, w = 0 and u = 0 are of codimension three.
+    for (k, l, start) in [(2.1, 1.7, 0.4), (1.5, 1.1, 1.0), (3.0, 4.0, 2.0)] {
+        let solution = solve(&json!({
+            "problem": {"dvi": {
+                "states": {
+                    "x": {"initial": start, "rate": format!("-{k}*sqrt(abs(x))*u + w")},
+                    "w": {"initial": 0, "rate": format!("-{l}*u")}
+                },
+                "variables": {"u": {"inequality": "-x"}},
+                "set": [{"box": {"of": ["u"], "lower": -1, "upper": 1}}]
+            }},
+            "time": {"end": 20},
+            "method": {"rtol": 1e-6},
+            "output": {"times": [12, 20]}
+        }));
+        for field in ["x", "w"] {
+            let worst = column(&solution, field).iter().fold(0.0_f64, |worst, value| worst.max(value.abs()));
+            assert!(worst < 1e-8, "k = {k}: `{field}` is {worst:e} at rest");
+        }
+    }
+}
+
+#[test]
+fn terminal_sliding_ends_at_the_root() {
+    let (k, start) = (3.0, 2.0_f64);
+    for end in [2.0, 200.0] {
+        let solution = solve(&json!({
+            "problem": {"dvi": {
+                "states": {"x": {"initial": start, "rate": format!("-{k}*sqrt(abs(x))*u")}},
+                "variables": {"u": {"inequality": "-x"}},
+                "set": [{"box": {"of": ["u"], "lower": -1, "upper": 1}}]
+            }},
+            "time": {"end": end},
+            "method": {"rtol": 1e-8}
+        }));
+        let error = distance(&solution, "x", |t| (start.sqrt() - 0.5 * k * t).max(0.0).powi(2));
+        assert!(error < 1e-6, "to {end}: off by {error:e}");
+    }
+}

@@ -50,10 +50,12 @@ impl Dense {
             self.response = self.response_of(system, inside);
         }
         let Some(response) = &self.response else { return false };
-        for (a, &k) in inside.iter().enumerate() {
-            let rows = inside.iter().enumerate();
-            out[k] =
-                rows.map(|(b, &l)| response.to_g[(a, b)] * sizes[l] + response.to_hidden[(a, b)] * hidden[l]).sum();
+        inside.iter().for_each(|&k| out[k] = 0.0);
+        let columns = response.to_g.column_iter().zip(response.to_hidden.column_iter());
+        for (&l, (to_g, to_hidden)) in inside.iter().zip(columns) {
+            for ((&k, to_g), to_hidden) in inside.iter().zip(to_g.as_slice()).zip(to_hidden.as_slice()) {
+                out[k] += to_g * sizes[l] + to_hidden * hidden[l];
+            }
         }
         true
     }

@@ -8,8 +8,15 @@
 //! ```
 //!
 //! or the value at one end where `m'` has one sign. The variables inside their intervals are the roots of `G_I = 0` and not
-//! their polynomials, from which they differ by `|dG_I/dz_I|^-1 |G_I|`, to first order, and so do states that are bound by
-//! constraints: monitors are lowered by it. Those of blocks are taken from the box alone.
+//! their polynomials, from which they differ by `e = |dG_I/dz_I|^-1 |G_I|`, to first order, and so do states that are bound by
+//! constraints. Over the box monitors are lowered by what that makes of them; in the other form `m` stands for
+//!
+//! ```text
+//! m - w G_I,    w dG_I/dz_I = dm/dz_I,
+//! ```
+//!
+//! with the constraints taken out likewise, which is the monitor at the roots but for `|dm/dz_I - w dG_I/dz_I| e` over the box: of second order, and nothing where `G`
+//! is linear. Monitors of blocks are taken from the box alone.
 
 use super::MOST_PARTS;
 use super::part::Part;
@@ -81,6 +88,44 @@ pub(super) struct Enclosure {
     is_hopeless: bool,
 }
 
+/// A monitor without what the equations of the variables inside tell: `m - w G_I`.
+#[derive(Debug)]
+struct Reduced {
+    /// `w`, by variable.
+    weights: Vec<(usize, f64)>,
+    /// Its derivatives by the unknowns over the box.
+    gradient: Vec<(usize, Interval)>,
+    /// That by time.
+    by_time: Interval,
+}
+
+impl Reduced {
+    /// Its value where the monitor is `value`, and what rounding leaves uncertain of it, at a point at which `system` was
+    /// evaluated last.
+    fn value(&self, system: &System<'_>, value: f64, y: &[f64]) -> (f64, f64) {
+        let n = system.states;
+        let mut of = (value, 0.0);
+        for &(l, weight) in &self.weights {
+            of.0 -= weight * system.values[n + l];
+            of.1 += f64::EPSILON * weight.abs() * system.terms(l, |j| [y[j].abs()])[0];
+        }
+        of
+    }
+
+    /// What errors of the unknowns make of it.
+    fn error(&self, errors: &[f64]) -> f64 {
+        self.gradient.iter().filter(|(j, _)| errors[*j] != 0.0).map(|&(j, slope)| size(slope) * errors[j]).sum()
+    }
+
+    /// Its slope over a part that takes `h`, in units of the part.
+    fn slope(&self, part: &Part, h: f64) -> Interval {
+        let slope = part.rate_of_sum(&self.gradient) + self.by_time * Interval::point(h);
+        if slope.defined { slope } else { Interval::LINE }
+    }
+}
+
+/// Below this part of its terms a derivative is what rounding leaves of zero.
+const TOLD: f64 = 1e-10;
 /// By how much errors to first order may be short of what they are.
 const CURVATURE: f64 = 2.0;
 
@@ -92,7 +137,9 @@ pub(super) enum Found {
     Unproven {
         may_fail: bool,
     },
-    /// The problem has no enclosure, or none that is narrow enough.
+    /// No number of parts that is worth its while would prove a monitor.
+    Hopeless,
+    /// The problem has no enclosure.
     Unknown,
 }
 
@@ -152,7 +199,7 @@ impl Enclosure {
         let may_fail = !left.is_empty() && self.may_fail(on, part, (t, h), times, &mut left);
         let found = match are_blocks_proven && left.is_empty() {
             true => Found::Proven,
-            false if self.is_hopeless => Found::Unknown,
+            false if self.is_hopeless => Found::Hopeless,
             false => Found::Unproven { may_fail: may_fail || !are_blocks_proven },
         };
         self.left = left;
@@ -185,7 +232,12 @@ impl Enclosure {
             let sharper = system.values[n + k].abs() + 0.5 * slope + on.control.noise_of_g(system, k, &self.middle);
             self.residuals[n + k] = self.residuals[n + k].min(sharper);
         }
-        let middles: Vec<f64> = left.iter().map(|monitor| value(system, monitor, &self.middle)).collect();
+        let forms: Vec<Reduced> = left.iter().map(|monitor| self.reduced(on, monitor)).collect();
+        let system = &mut *on.system;
+        let at_middle = |(monitor, form): (&Watched, &Reduced)| {
+            form.value(system, value(system, monitor, &self.middle), &self.middle)
+        };
+        let middles: Vec<(f64, f64)> = left.iter().zip(&forms).map(at_middle).collect();
         // What is wrong in the middle itself says whether a monitor may be negative there.
         let over_part = std::mem::replace(
             &mut self.residuals,
@@ -195,14 +247,11 @@ impl Enclosure {
             self.find_hidden_in_middle(on, t + 0.5 * h);
         }
         self.find_errors(on, !are_told);
-        let is_suspect: Vec<bool> = left
-            .iter()
-            .zip(&middles)
-            .map(|(monitor, middle)| {
-                let error = self.error_of(on.system, monitor);
-                *middle < CURVATURE * error || middle.is_nan() || error.is_nan()
-            })
-            .collect();
+        let is_suspect = |(form, (middle, _)): (&Reduced, &(f64, f64))| {
+            let error = form.error(&self.errors);
+            *middle < CURVATURE * error || middle.is_nan() || error.is_nan()
+        };
+        let is_suspect: Vec<bool> = forms.iter().zip(&middles).map(is_suspect).collect();
         self.residuals = over_part;
         if !are_told {
             self.find_hidden(on);
@@ -212,10 +261,10 @@ impl Enclosure {
         let mut ends = [None, None];
         let (mut index, mut may_fail) = (0, false);
         left.retain(|monitor| {
-            let (middle, suspect) = (middles[index], is_suspect[index]);
+            let (form, (middle, rounding), suspect) = (&forms[index], middles[index], is_suspect[index]);
             index += 1;
-            let (slope, error) = (self.slope(system, part, h, monitor), self.error_of(system, monitor));
-            let allowed = error - monitor.limit;
+            let (slope, error) = (form.slope(part, h), form.error(&self.errors));
+            let allowed = error + rounding - monitor.limit;
             let mut is_proven = middle - 0.5 * size(slope) >= allowed;
             // Where the slope has one sign the least value is at an end.
             let end = if slope.lo >= 0.0 { 0 } else { 1 };
@@ -229,7 +278,9 @@ impl Enclosure {
                 if let Some((y, values, lower, upper)) = values {
                     let k = monitor.variable;
                     let row = system.states + k;
-                    is_proven = monitor.of(values[row], y[row], lower[k], upper[k]) >= allowed;
+                    let value = monitor.of(values[row], y[row], lower[k], upper[k]);
+                    let of_equations: f64 = form.weights.iter().map(|(l, w)| w * values[system.states + l]).sum();
+                    is_proven = value - of_equations >= allowed;
                 }
             }
             may_fail |= !is_proven && suspect;
@@ -239,6 +290,74 @@ impl Enclosure {
             !is_proven
         });
         may_fail
+    }
+
+    /// Whether no variable that hidden constraints alone tell enters a monitor, but for rounding, by the derivatives as they are.
+    pub fn is_told(system: &System<'_>, inside: &mut Inside, monitor: &Watched) -> bool {
+        let n = system.states;
+        let mut own = vec![0.0; system.unknowns - n];
+        if monitor.place == Place::Inside {
+            own[monitor.variable] = 1.0;
+        } else {
+            system.entries_of_variable(monitor.variable).filter(|(j, _)| *j >= n).for_each(|(j, x)| own[j - n] += x);
+        }
+        let mut weights = Vec::new();
+        inside.weights(system, |l| own[l], &mut weights);
+        let mut terms: Vec<f64> = own.iter().map(|x| x.abs()).collect();
+        for (l, weight) in weights {
+            for (j, x) in system.entries_of_variable(l).filter(|(j, _)| *j >= n) {
+                own[j - n] -= weight * x;
+                terms[j - n] += (weight * x).abs();
+            }
+        }
+        (0..own.len()).all(|l| system.face.places[l] != Place::Inside || own[l].abs() <= TOLD * terms[l])
+    }
+
+    /// A monitor without what the equations of the variables inside and the constraints of the states tell, with the
+    /// derivatives over the box; of a variable inside whose bound moves they are not known.
+    fn reduced(&self, on: &mut OnFace<'_, '_>, monitor: &Watched) -> Reduced {
+        let OnFace { system, control, inside, constraints, .. } = on;
+        let (n, k) = (system.states, monitor.variable);
+        let is_inside = monitor.place == Place::Inside;
+        let sign = if monitor.place == Place::Upper || is_inside && monitor.upper { -1.0 } else { 1.0 };
+        let mut own = vec![0.0; system.unknowns - n];
+        let mut gradient = vec![Interval::point(0.0); system.unknowns];
+        let mut by_time = Interval::point(0.0);
+        if is_inside {
+            own[k] = sign;
+            gradient[n + k] = Interval::point(sign);
+            if system.moves(k) {
+                by_time = Interval::LINE;
+            }
+        } else {
+            for (j, value) in system.entries_of_variable(k).filter(|(j, _)| *j >= n) {
+                own[j - n] += sign * value;
+            }
+            self.add_row(system, k, sign, &mut gradient, &mut by_time);
+        }
+        let mut weights = Vec::new();
+        inside.weights(system, |l| own[l], &mut weights);
+        for &(l, weight) in &weights {
+            self.add_row(system, l, -weight, &mut gradient, &mut by_time);
+        }
+        let told = weights.len();
+        let slopes = gradient.iter().enumerate().filter(|(_, slope)| **slope != Interval::point(0.0));
+        let slopes = slopes.map(|(j, slope)| (j, slope.ball().0));
+        constraints.add_weights(system, control, &self.middle, slopes, &mut weights);
+        for &(l, weight) in &weights[told..] {
+            self.add_row(system, l, -weight, &mut gradient, &mut by_time);
+        }
+        let gradient = gradient.into_iter().enumerate().filter(|(_, slope)| *slope != Interval::point(0.0)).collect();
+        Reduced { weights, gradient, by_time }
+    }
+
+    /// Adds `factor` times the derivatives of `G` of variable `k` over the box.
+    fn add_row(&self, system: &System<'_>, k: usize, factor: f64, gradient: &mut [Interval], by_time: &mut Interval) {
+        let factor = Interval::point(factor);
+        for (at, j) in system.places_of_row(system.states + k) {
+            gradient[j] = gradient[j] + factor * self.jacobian[at];
+        }
+        *by_time = *by_time + factor * self.by_time[k];
     }
 
     /// How far the unknowns may be from their polynomials, by the residuals of the equations of the face, and those of hidden
@@ -330,27 +449,13 @@ impl Enclosure {
         if value.defined { value.lo + monitor.limit } else { f64::NAN }
     }
 
-    /// What the errors of the variables inside make of a monitor.
+    /// What the errors of the unknowns make of a monitor over the box.
     fn error_of(&self, system: &System<'_>, monitor: &Watched) -> f64 {
         let (n, k) = (system.states, monitor.variable);
         match monitor.place {
             Place::Inside => self.errors[n + k],
             _ => system.terms(k, |j| [self.errors[j]])[0],
         }
-    }
-
-    /// The slope of a monitor over the part, in its own unit of time; that of a variable inside whose bound moves is the
-    /// line.
-    fn slope(&self, system: &System<'_>, part: &Part, h: f64, monitor: &Watched) -> Interval {
-        let row = system.states + monitor.variable;
-        let slope = match monitor.place {
-            Place::Inside if system.moves(monitor.variable) => Interval::LINE,
-            Place::Inside if monitor.upper => -part.rate(row),
-            Place::Inside => part.rate(row),
-            Place::Upper => -self.slope_of_row(system, part, h, row),
-            _ => self.slope_of_row(system, part, h, row),
-        };
-        if slope.defined { slope } else { Interval::LINE }
     }
 
     /// The slope of `G` in one row over the part.

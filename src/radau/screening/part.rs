@@ -55,6 +55,29 @@ impl Part {
         bernstein::range_of_rate(&self.coefficients[first..first + self.count])
     }
 
+    /// The range of the slope of `sum_j c_j y_j`, in units of the part, where the terms `(j, c_j)` are intervals: the polynomial
+    /// of their middles is formed before its range is taken, so that unknowns that move together widen nothing.
+    pub fn rate_of_sum(&self, terms: &[(usize, Interval)]) -> Interval {
+        let mut sum = vec![0.0; self.count];
+        let (mut beside, mut size) = (0.0, 0.0);
+        for &(unknown, factor) in terms {
+            let of_unknown = &self.coefficients[unknown * self.count..(unknown + 1) * self.count];
+            let middle = 0.5 * (factor.lo + factor.hi);
+            if !(factor.defined && middle.is_finite()) {
+                return Interval::LINE;
+            }
+            let largest = of_unknown.iter().fold(0.0_f64, |largest, c| largest.max(c.abs()));
+            size += middle.abs() * largest;
+            sum.iter_mut().zip(of_unknown).for_each(|(sum, c)| *sum += middle * c);
+            if factor.lo < factor.hi {
+                beside += (factor.hi - middle).max(middle - factor.lo) * self.rate(unknown).magnitudes().1;
+            }
+        }
+        let rate = bernstein::range_of_rate(&sum);
+        let beside = beside + bernstein::rounding_of_rate(self.count, size) * terms.len() as f64;
+        rate + Interval::new(-beside, beside)
+    }
+
     /// The unknowns at `u` in `[0, 1]` of the part.
     pub fn values(&self, u: f64, out: &mut [f64]) {
         let unknowns = self.coefficients.chunks_exact(self.count);

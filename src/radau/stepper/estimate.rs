@@ -13,8 +13,9 @@
 //! stages: it is held to the tolerance that is not rescaled, but for a factor, since stiff errors do not add up. And `e`
 //! vanishes as `1/z` though between the ends of the step the collocation polynomial may miss a solution that varies over
 //! it: its slope then jumps from the last step to this one. The jump, which is `gamma e` where the problem is not stiff,
-//! is held to what `gamma e` is held to. Both are for explicit equations: where there are equations without rates, what
-//! Newton's method leaves of these does not shrink with the step, and would hold up the run.
+//! is held to what `gamma e` is held to. Both are for explicit equations, and for linear ones whose variables the states
+//! tell on the face: where there are other equations without rates, what Newton's method or rounding leaves of these does not
+//! shrink with the step, and would hold up the run.
 
 use super::{Method, Radau};
 use crate::newton_control::mean_square_root;
@@ -39,6 +40,7 @@ impl Radau<'_> {
     fn filtered_error(&mut self, h: f64, coupled: bool) -> f64 {
         let n = self.system.unknowns;
         let states = self.system.states;
+        let leaves_no_rest = !coupled && self.leaves_no_rest();
         let factors = match &mut self.stage_vi {
             Some(vi) if coupled => vi.factors(),
             _ => &mut self.factors,
@@ -51,7 +53,7 @@ impl Radau<'_> {
                 *sum += weight * z;
             }
         }
-        if self.settings.interpolated && self.system.is_explicit_ode() {
+        if self.settings.interpolated && leaves_no_rest {
             self.last.jump(h, &self.shifted[..states], &mut self.jump);
         }
         self.system.multiply_by_mass(&self.shifted, &mut self.embedded);
@@ -80,7 +82,7 @@ impl Radau<'_> {
         if error.is_nan() {
             return f64::INFINITY;
         }
-        if !self.system.is_explicit_ode() {
+        if !leaves_no_rest {
             return error;
         }
         if let Some(gamma) = self.tableau().gamma
@@ -89,6 +91,16 @@ impl Radau<'_> {
             error = error.max(rms(&self.jump, &self.control.weight) / gamma);
         }
         error.max(self.stiff_error(h, error))
+    }
+
+    /// Whether the equations are explicit, or would be with the variables eliminated, and Newton's method leaves nothing of what
+    /// tells these: it is linear, and no hidden constraint is among it.
+    fn leaves_no_rest(&mut self) -> bool {
+        self.system.is_explicit_ode()
+            || self.system.constant_jacobian()
+                && self.consistent.is_some()
+                && !self.system.set.has_blocks()
+                && self.switching.inside.tells_all(&self.system)
     }
 
     /// The norm of `(I - P)^(s-1) e` for the estimate `e` at hand, in units of the tolerance that is not rescaled, to the

@@ -54,12 +54,20 @@ impl Radau<'_> {
             let scale = tolerance.factor * self.settings.atol[j] + tolerance.rtol * self.y[j].abs();
             self.control.weight[j] = 1.0 / scale.max(f64::MIN_POSITIVE);
         }
+        let weights = self.control.weight[..n].iter();
+        self.system.tolerances.clear();
+        self.system.tolerances.extend(weights.map(|weight| weight.recip()));
         for (size, y) in self.control.size.iter_mut().zip(&self.y) {
             *size = y.abs();
         }
         self.control.kappa = tolerance.kappa;
         self.control.most = tolerance.most;
         if self.system.unknowns > n {
+            let rounding = self.rounding_of_time(0.0);
+            self.system.time_derivative(self.t, &self.y, &mut self.control.by_time);
+            for slope in &mut self.control.by_time {
+                *slope = if slope.is_finite() { slope.abs() * rounding } else { 0.0 };
+            }
             let (states, effects) = self.control.weight.split_at_mut(n);
             effects.fill(0.0);
             for (i, j, value) in self.system.entries() {

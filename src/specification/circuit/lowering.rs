@@ -7,8 +7,10 @@ use crate::error::SpecificationError;
 use crate::expression::Expression;
 use crate::lowering::{Lowering, Start};
 use crate::model::Model;
+use crate::ordered::Ordered;
 use crate::place::Place;
 use crate::wording::abridged;
+use crate::written::{Lowered, Written};
 use models::circuit::{Element, Law};
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -16,9 +18,20 @@ use std::sync::Arc;
 /// The name of ground.
 pub(super) const GROUND: &str = "0";
 
-impl CircuitProblem {
-    /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(crate) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Arc<dyn Model>>) {
+impl Written for CircuitProblem {
+    fn key(&self) -> &'static str {
+        "circuit"
+    }
+
+    fn parameters(&self) -> &Ordered<Expression> {
+        &self.parameters
+    }
+
+    fn unknowns(&self) -> usize {
+        self.components.as_ref().map_or(0, Vec::len)
+    }
+
+    fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let model = match (&self.components, &self.netlist) {
             (Some(components), None) => {

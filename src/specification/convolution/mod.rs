@@ -16,7 +16,8 @@ use super::ordered::Ordered;
 use super::place::Place;
 use super::set::{self, Block, LoweredSet};
 use super::start;
-use models::{ConvolutionModel, DviModel, Equations, KinkAdvice, Outputs, Rows, Symbolic};
+use super::written::{Lowered, Written};
+use models::{ConvolutionModel, DviModel, Equations, KinkAdvice, Outputs, Rows};
 use problem::{Mass, Workspace};
 use serde::Deserialize;
 use solution::Warning;
@@ -71,9 +72,20 @@ pub struct FractionalKernel {
     pub matrix: Option<Matrix>,
 }
 
-impl ConvolutionProblem {
-    /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Arc<dyn Model>>) {
+impl Written for ConvolutionProblem {
+    fn key(&self) -> &'static str {
+        "convolution"
+    }
+
+    fn parameters(&self) -> &Ordered<Expression> {
+        &self.parameters
+    }
+
+    fn unknowns(&self) -> usize {
+        self.variables.len()
+    }
+
+    fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let m = self.variables.len();
         let variables = place.key("variables");
@@ -100,8 +112,8 @@ impl ConvolutionProblem {
             Some(bound) => moving_pointers[bound].clone(),
             None => variables.key(self.variables.name(row)).key("q").to_string(),
         };
-        let equations = match Symbolic::new(&mut lowering.graph, rows) {
-            Ok(equations) => Equations::Symbolic(Box::new(equations)),
+        let equations = match Equations::new(&mut lowering.graph, rows) {
+            Ok(equations) => equations,
             Err(refusals) => {
                 for refusal in refusals {
                     lowering.errors.push(refused(refusal, &[], &variable_names, row_pointer));

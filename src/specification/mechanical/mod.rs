@@ -16,9 +16,9 @@ use super::expression::Expression;
 use super::kinks;
 use super::lowering::{Lowering, Start};
 use super::matrix::Matrix;
-use super::model::Model;
 use super::ordered::Ordered;
 use super::place::Place;
+use super::written::{Lowered, Written};
 use contact::LoweredContacts;
 use expression::Node;
 use models::{MechanicalModel, MechanicalRows, SymbolicMechanics, Underivable};
@@ -81,9 +81,20 @@ pub enum Interpenetration {
 const MOST_COORDINATES: usize = 200;
 const MOST_CONSTRAINTS: usize = 400;
 
-impl MechanicalProblem {
-    /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(crate) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Arc<dyn Model>>) {
+impl Written for MechanicalProblem {
+    fn key(&self) -> &'static str {
+        "mechanical"
+    }
+
+    fn parameters(&self) -> &Ordered<Expression> {
+        &self.parameters
+    }
+
+    fn unknowns(&self) -> usize {
+        2 * self.coordinates.len()
+    }
+
+    fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let n = self.coordinates.len();
         if n == 0 {
@@ -158,7 +169,9 @@ impl MechanicalProblem {
         }
         (lowering, Some(Arc::new(model)))
     }
+}
 
+impl MechanicalProblem {
     fn initial(&self, place: &Place<'_>, lowering: &mut Lowering) -> Vec<f64> {
         let place = place.key("coordinates");
         let mut values = Vec::with_capacity(2 * self.coordinates.len());

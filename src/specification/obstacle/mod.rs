@@ -15,9 +15,9 @@ use super::elements::Elements;
 use super::error::SpecificationError;
 use super::expression::Expression;
 use super::lowering::{Lowering, Start};
-use super::model::Model;
 use super::ordered::Ordered;
 use super::place::Place;
+use super::written::{Lowered, Written};
 use models::finite_elements::{Grid, Quadrature};
 use models::obstacle::{Cause, Field, Obstacle, Probe, largest_peclet};
 use serde::Deserialize;
@@ -79,9 +79,29 @@ impl ObstacleProblem {
     pub(super) fn nodes(&self) -> usize {
         self.elements.nodes(self.domain.dimension())
     }
+}
 
-    /// Lowers the problem as far as it can be; the model is of use only if no error was found.
-    pub(super) fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> (Lowering<'c>, Option<Arc<dyn Model>>) {
+/// What checking a node takes, in nanoseconds: measured.
+const A_NODE: usize = 1_000;
+
+impl Written for ObstacleProblem {
+    fn key(&self) -> &'static str {
+        "obstacle"
+    }
+
+    fn parameters(&self) -> &Ordered<Expression> {
+        &self.parameters
+    }
+
+    fn unknowns(&self) -> usize {
+        self.nodes()
+    }
+
+    fn time_to_check(&self) -> usize {
+        self.nodes().saturating_mul(A_NODE)
+    }
+
+    fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let dimension = self.domain.dimension();
         let place_of_domain = place.key("domain");
@@ -136,7 +156,9 @@ impl ObstacleProblem {
         }
         (lowering, Some(Arc::new(problem)))
     }
+}
 
+impl ObstacleProblem {
     fn probes(&self, grid: Option<&Grid>, place: &Place<'_>, lowering: &mut Lowering) -> Vec<Probe> {
         let dimension = self.domain.dimension();
         let mut probes = Vec::with_capacity(self.probes.len());

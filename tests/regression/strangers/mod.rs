@@ -21,13 +21,7 @@ const PATIENCE: u32 = if cfg!(debug_assertions) { 4 } else { 2 };
 
 /// What is not right.
 const KNOWN: Known = &[
-    ("a3_super_twisting", "failed"),
-    ("a7_twisting_accumulates", "wrong"),
     ("a9_steep_saturation", "failed"),
-    ("b2_twisting_1_stage_hang", "failed"),
-    ("c2_cockcroft_walton_6", "stopped"),
-    ("c2_cockcroft_walton_8", "stopped"),
-    ("c6_terminal_sliding", "failed"),
     ("chain20_ball_joints_explodes", "wrong"),
     ("chain_with_heavy_ball_explodes", "wrong"),
     ("elastic_2d_hertz_slow", "stopped"),
@@ -37,11 +31,7 @@ const KNOWN: Known = &[
 const SILENT: Known = &[];
 
 /// Right answers that the verdict does not trust.
-const DOUBTED: Known = &[
-    ("a4_bridge_filter_between_steps", "doubted"),
-    ("c2_cockcroft_walton_4", "doubted"),
-    ("memory_order_1_9", "doubted"),
-];
+const DOUBTED: Known = &[("memory_order_1_9", "doubted")];
 
 /// What came of a problem.
 struct Outcome {
