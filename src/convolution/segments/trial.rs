@@ -9,9 +9,9 @@ use nalgebra::DMatrix;
 const POINTS: usize = 2;
 /// How much larger rounding errors of a sum may be than those of its largest terms.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
-/// The value of `w` between its nodes differs from what they foretell by no more than this part of it, so that its sign is
-/// known there.
-const FORETOLD: f64 = 0.3;
+/// The value of `w` between its nodes differs from what they foretell by no more than this part of it, times the tolerance, so
+/// that its sign is known there, and a force that varies faster than the nodes is not taken for a slow one twice.
+const FORETOLD: f64 = 0.1;
 
 /// What the equations need to know at the nodes: rows for the nodes, columns for the variables.
 struct Known {
@@ -109,7 +109,8 @@ impl Segments<'_> {
                 let foretold = shape.values.view((n, 0), (1, n)) * shape.inverse(n) * narrow.w.view((0, k), (n, 1));
                 let found = narrow.w[(n, k)];
                 let off = (foretold[(0, 0)] - found).abs();
-                let allowed = (FORETOLD * found.abs()).max(known.size.column(k).max() * self.rtol * self.tolerance);
+                let allowed = (FORETOLD * self.tolerance * found.abs())
+                    .max(known.size.column(k).max() * self.rtol * self.tolerance);
                 if off > allowed {
                     error = error.max(off / allowed);
                 }
