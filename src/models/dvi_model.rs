@@ -30,7 +30,7 @@ pub struct DviModel {
     pub state_names: Vec<String>,
     /// The names of the `m` variables.
     pub variable_names: Vec<String>,
-    /// What is told beside them.
+    /// The further outputs.
     pub outputs: Outputs,
     /// The states at the start, `n` finite values.
     pub initial: Vec<f64>,
@@ -51,12 +51,12 @@ impl DviModel {
         }
     }
 
-    /// Whether a rate has a kink of a state, of which its reader warned.
+    /// Whether a rate has a kink of a state; the user was warned of it.
     pub fn has_kinks(&self) -> bool {
         self.warnings.iter().any(|warning| warning.code == "kink_in_rate")
     }
 
-    /// The names of all that is told: states, variables, outputs.
+    /// The names of all columns: states, variables, outputs.
     pub fn names(&self) -> impl Iterator<Item = &String> {
         self.state_names.iter().chain(&self.variable_names).chain(&self.outputs.names)
     }

@@ -101,29 +101,6 @@ impl Constraints {
         }
     }
 
-    /// The combination of rows of `G` that answers to the correction of a function with this `gradient` by the unknowns, as
-    /// pairs of a variable and a weight, added to `out`: the function without it is, to first order, that at the corrected
-    /// unknowns.
-    pub fn add_weights(
-        &mut self,
-        system: &mut System<'_>,
-        control: &NewtonControl,
-        y: &[f64],
-        gradient: impl Iterator<Item = (usize, f64)> + Clone,
-        out: &mut Vec<(usize, f64)>,
-    ) {
-        self.follow(system, control, y);
-        if self.correction.is_empty() {
-            return;
-        }
-        for (column, &row) in self.correction.column_iter().zip(&self.rows).filter(|(_, row)| **row >= system.states) {
-            let weight: f64 = gradient.clone().map(|(unknown, slope)| slope * column[unknown]).sum();
-            if weight != 0.0 {
-                out.push((row - system.states, -weight));
-            }
-        }
-    }
-
     /// Takes the constraints of the face of `system`, with its last Jacobian.
     fn follow(&mut self, system: &mut System<'_>, control: &NewtonControl, y: &[f64]) {
         let is_same = self.jacobians == system.work.jacobians && self.face.as_ref() == Some(&system.face);

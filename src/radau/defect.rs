@@ -26,11 +26,7 @@ impl Radau<'_> {
     /// problem cannot be enclosed.
     pub fn defect(&mut self) -> Option<(usize, f64)> {
         let (n, h) = (self.system.states, self.last.h);
-        let error = |j: usize| {
-            let atol = if j < n { self.settings.atol[j] } else { 0.0 };
-            ALLOWED * (atol + self.settings.rtol * self.largest[j])
-        };
-        let errors: Vec<f64> = (0..self.system.unknowns).map(error).collect();
+        let errors = self.allowed_errors();
         let tableau = self.methods[self.last_method].tableau;
         let mut y = vec![0.0; self.system.unknowns];
         let mut values = vec![Interval::LINE; self.system.values.len()];
@@ -38,8 +34,7 @@ impl Radau<'_> {
         for (point, weight) in GAUSS {
             let t = self.last.t + point * h;
             self.last.at(tableau, t, &mut y);
-            let ranges: Vec<Interval> = y.iter().zip(&errors).map(|(y, e)| Interval::new(y - e, y + e)).collect();
-            if !self.system.problem().enclose(Interval::point(t), &ranges, &mut values) {
+            if !self.enclose_near(t, &y, &errors, &mut values) {
                 return None;
             }
             for (sum, value) in integral.iter_mut().zip(&values) {
@@ -63,8 +58,19 @@ impl Radau<'_> {
         excess.max_by(|a, b| a.1.total_cmp(&b.1))
     }
 
-    /// Whether the stages at hand, of a step of size `h`, satisfy their equations for rates somewhere within the tolerances of
-    /// the states. Small increments do not tell where derivatives are those of the wrong side of a kink, or of an infinite
+    /// How far each unknown may be off.
+    fn allowed_errors(&self) -> Vec<f64> {
+        (0..self.system.unknowns).map(|j| ALLOWED * self.uncertainty(j)).collect()
+    }
+
+    /// Encloses the rows at `t` for unknowns within `errors` of `y`; false where the problem cannot be enclosed.
+    fn enclose_near(&mut self, t: f64, y: &[f64], errors: &[f64], values: &mut [Interval]) -> bool {
+        let ranges: Vec<Interval> = y.iter().zip(errors).map(|(y, e)| Interval::new(y - e, y + e)).collect();
+        self.system.problem().enclose(Interval::point(t), &ranges, values)
+    }
+
+    /// Whether the stages that were solved for a step of size `h` satisfy their equations for rates somewhere within the
+    /// tolerances of the states. Small increments do not tell where derivatives are those of the wrong side of a kink, or of an infinite
     /// slope: they are small whatever is left. Only asked where the rows have kinks.
     pub(super) fn are_stages_solved(&mut self, h: f64) -> bool {
         if !self.system.has_kinks {
@@ -72,16 +78,11 @@ impl Radau<'_> {
         }
         let (n, unknowns) = (self.system.states, self.system.unknowns);
         let tableau = self.tableau();
-        let error = |j: usize| {
-            let atol = if j < n { self.settings.atol[j] } else { 0.0 };
-            ALLOWED * (atol + self.settings.rtol * self.largest[j])
-        };
-        let errors: Vec<f64> = (0..unknowns).map(error).collect();
+        let errors = self.allowed_errors();
         let mut rates = vec![vec![Interval::LINE; self.system.values.len()]; tableau.stages()];
         for (i, (c, values)) in tableau.c.iter().zip(&mut rates).enumerate() {
-            let y = self.stages.stage(&self.y, i);
-            let ranges: Vec<Interval> = y.iter().zip(&errors).map(|(y, e)| Interval::new(y - e, y + e)).collect();
-            if !self.system.problem().enclose(Interval::point(self.t + c * h), &ranges, values) {
+            let y = self.stages.stage(&self.y, i).to_vec();
+            if !self.enclose_near(self.t + c * h, &y, &errors, values) {
                 return true;
             }
         }

@@ -22,13 +22,11 @@ impl Radau<'_> {
             return 0.0;
         }
         let rows: Vec<usize> = (0..self.system.unknowns).filter(|&row| self.is_constraint(row)).collect();
-        let (mut worst, mut left) = (0.0_f64, 0.0);
+        let mut worst = 0.0_f64;
         if rows.is_empty() {
             return worst;
         }
-        for &node in &self.tableau().c {
-            let theta = 0.5 * (left + node);
-            left = node;
+        for theta in self.tableau().middles() {
             self.polynomial_at(theta);
             self.system.evaluate(self.t + theta * h, &self.switching.scratch);
             for &row in &rows {

@@ -76,14 +76,20 @@ impl Radau<'_> {
         Some(worst)
     }
 
+    /// What the tolerances leave uncertain of unknown `j`; of a variable, which has no absolute tolerance, relative to its
+    /// largest value.
+    pub(super) fn uncertainty(&self, j: usize) -> f64 {
+        let atol = if j < self.system.states { self.settings.atol[j] } else { 0.0 };
+        atol + self.settings.rtol * self.largest[j]
+    }
+
     /// What the tolerances leave uncertain of variable `k` and of its `G`: errors of the states, the tolerance of the VI, and
     /// of a variable also what changes no state over the longest step so far, where the weights are those of a step of size
     /// `h`, or of a shorter one that finds a face behind it.
     pub(super) fn uncertainties(&self, k: usize, h: f64) -> [f64; 2] {
         let Self { system, settings, largest, .. } = self;
         let n = system.states;
-        let state = |j: usize| settings.atol[j] + settings.rtol * largest[j];
-        let error = |j: usize| if j < n { state(j) } else { settings.rtol * largest[j] };
+        let error = |j: usize| self.uncertainty(j);
         let [terms, by_errors] = system.terms(k, |j| [largest[j], error(j)]);
         let of_g = (settings.vi_tolerance * terms).max(by_errors);
         let effect = self.control.weight[n + k] * self.methods[self.last_method].tolerance.factor;

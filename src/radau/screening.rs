@@ -16,6 +16,10 @@ use super::switches::Switching;
 use monitors::{Enclosure, Found, OnFace, Watched, watch};
 use part::Part;
 
+/// The part of its change over a step by which a source may be off the polynomial through its values at the stages: events
+/// between them then have the size of the change.
+const RESOLVED: f64 = 1e-2;
+
 /// The parts of one step that are enclosed at most. Halving a part where a monitor starts at its zero gains a binary
 /// digit each time, so that this settles monitors down to `2^-50` of their range at both ends of a step.
 const MOST_PARTS: usize = 200;
@@ -112,8 +116,8 @@ impl Radau<'_> {
         left.push(whole);
         let (mut parts, are_told) = (0, self.switching.inside.tells_all(&self.system));
         let (mut most, mut least) = if are_told { (MOST_PARTS, SHORTEST) } else { (MOST_HIDDEN, LEAST) };
-        // Whether monitors that hidden constraints enter were given up.
-        let mut gave_up = false;
+        // What became of monitors that hidden constraints enter, where they were given up.
+        let mut given_up = None;
         while !(watched.is_empty() && of_blocks.is_empty())
             && let Some(mut part) = left.pop()
         {
@@ -139,8 +143,11 @@ impl Radau<'_> {
                     }
                     Found::Unproven { .. } if part.begin >= least => return Between::ProvenUpTo(part.begin),
                     // The others are still to be proven.
-                    Found::Unproven { .. } | Found::Hopeless if !are_told && !gave_up => {
-                        gave_up = true;
+                    found @ (Found::Unproven { .. } | Found::Hopeless) if !are_told && given_up.is_none() => {
+                        // States are resolved by their error tests, and monitors with them; what time alone moves is not, and
+                        // smaller parts would have settled what is not hopeless.
+                        let is_open = found != Found::Hopeless && self.is_unresolved_in_time(h);
+                        given_up = Some(if is_open { Between::Open } else { Between::Undecided });
                         let Self { system, switching, .. } = self;
                         watched.retain(|monitor| Enclosure::is_told(system, &mut switching.inside, monitor));
                         (most, least) = (parts + MOST_PARTS, SHORTEST);
@@ -154,7 +161,35 @@ impl Radau<'_> {
             }
             spare.push(part);
         }
-        if gave_up { Between::Undecided } else { Between::Proven }
+        given_up.unwrap_or(Between::Proven)
+    }
+
+    /// Whether rates, inequalities or bounds, at the states where a step of size `h` begins, vary with time by more than
+    /// its stages tell: in the middles between these they are off the polynomial through the values at them.
+    fn is_unresolved_in_time(&mut self, h: f64) -> bool {
+        let tableau = self.tableau();
+        let (t, y, evaluations) = (self.t, self.y.clone(), self.system.work.rates);
+        let mut at = |theta: f64| {
+            self.system.evaluate(t + theta * h, &y);
+            self.system.values.clone()
+        };
+        let begin = at(0.0);
+        let at_nodes: Vec<Vec<f64>> = tableau.c.iter().map(|&node| at(node)).collect();
+        let mut weights = vec![0.0; tableau.stages()];
+        let is_unresolved = tableau.middles().any(|theta| {
+            tableau.increments_at(theta, &mut weights);
+            at(theta).iter().zip(&begin).enumerate().any(|(row, (value, begin))| {
+                let of_nodes = || at_nodes.iter().map(|values| values[row]);
+                let change: f64 = of_nodes().zip(&weights).map(|(node, weight)| (node - begin) * weight).sum();
+                let ends = (begin.min(*value), begin.max(*value));
+                let (least, most) = of_nodes().fold(ends, |(a, b), node| (a.min(node), b.max(node)));
+                let off = (value - begin - change).abs();
+                off > RESOLVED * (most - least) && off > f64::EPSILON.sqrt() * most.abs().max(least.abs())
+            })
+        });
+        // Evidence is no part of the method.
+        self.system.work.rates = evaluations;
+        is_unresolved
     }
 
     /// What counts as zero of variable `k` and of its `G` over a step of size `h`.
@@ -190,12 +225,7 @@ impl Radau<'_> {
 
     /// The first of the middles between the stages at which a monitor is violated.
     fn violated_in_middles(&mut self, h: f64) -> Option<f64> {
-        let mut left = 0.0;
-        let nodes = &self.tableau().c;
-        nodes
-            .iter()
-            .map(|&node| 0.5 * (std::mem::replace(&mut left, node) + node))
-            .find(|&theta| self.is_violated_at(theta, h))
+        self.tableau().middles().find(|&theta| self.is_violated_at(theta, h))
     }
 
     /// What screening found of the last step; `None` where the step has no variables with bounds.
@@ -217,7 +247,9 @@ impl Radau<'_> {
                 let t = self.last.t + theta * self.last.h;
                 match self.excess_within(t).filter(|found| found.excess > ALLOWED) {
                     Some(excess) => Screened::Missed(t, excess),
-                    // It is within what the tolerances leave uncertain, and what is behind it was not looked at.
+                    // It is within what the tolerances leave uncertain, and what is behind it was not looked at; monitors of
+                    // blocks are often so.
+                    None if self.system.set.has_blocks() => Screened::Undecided,
                     None => Screened::Open,
                 }
             }

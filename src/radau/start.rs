@@ -18,15 +18,20 @@ use super::tableau::Tableau;
 
 /// How long the step that finds a face is, beside the steps of the run.
 const PROBE: f64 = 1e-4;
-/// The part of its distance from a switch over which an inequality may come nearer to it within that step, and so many times
-/// the step is made shorter for that.
-const HALF_WAY: f64 = 0.5;
-const SHORTER: f64 = 0.1;
-const MOST_SHORTER: usize = 8;
-/// The lengths, each four times the last, of the steps that look for where an accumulation ends.
-const LONGER_GAPS: usize = 16;
 /// The same where that is too short to tell.
 const LONGER: [f64; 4] = [1e-3, 1e-2, 1e-1, 1.0];
+/// The part of its distance from a switch by which an inequality may come nearer within that step: one that came further might
+/// have passed the switch within a step only twice as long.
+const HALF_WAY: f64 = 0.5;
+/// The factor by which the step is shortened for that, and the most times.
+const SHORTER: f64 = 0.1;
+const MOST_SHORTER: usize = 8;
+/// The factor between the steps that look for the end of an accumulation, and the most of them: together they span gaps of
+/// switches from the last to `1e9` times as long.
+const LONGER_GAP: f64 = 4.0;
+const MOST_GAPS: usize = 16;
+/// The part of what is allowed by which states at rest may differ between two of these steps.
+const AT_REST: f64 = 1e-3;
 /// How long the step is that shows whether a start is consistent, beside the steps of the run: the shortest of these whose
 /// equations are solved. Constraints hidden in combinations of the rows of `M x' = F` are lost to rounding beside `M/h`.
 const INSTANTS: [f64; 5] = [1e-12, 1e-10, 1e-8, 1e-6, 1e-4];
@@ -123,16 +128,21 @@ impl Radau<'_> {
             self.system.face = before;
             length *= SHORTER;
         }
+        self.take_probe(n);
+        true
+    }
+
+    /// Takes the face of the last probe, and of its unknowns those from number `first` on.
+    fn take_probe(&mut self, first: usize) {
         let Self { system, switching, y, .. } = self;
         if let Probe { vi: Some(vi), stages, .. } = &mut switching.probe {
             vi.regularise(system, stages, y);
         }
-        for (y, z) in self.y[n..].iter_mut().zip(&self.switching.probe.stages.z[n..]) {
+        for (y, z) in self.y[first..].iter_mut().zip(&self.switching.probe.stages.z[first..]) {
             *y += z;
         }
         self.remove_noise();
         self.make_consistent();
-        true
     }
 
     /// Takes the variables that belong to the states for those of the step that found the face, where they stay within the
@@ -170,8 +180,8 @@ impl Radau<'_> {
         })
     }
 
-    /// Passes an accumulation of switches, of which the last followed each other after about `gap`, where that changes no
-    /// state by more than its tolerances allow: an implicit Euler step that holds more variables inside than the face at `t`
+    /// Passes an accumulation of switches, the last of them about `gap` apart, where that changes no state by more than its
+    /// tolerances allow: an implicit Euler step that holds more variables inside than the face at `t`
     /// does, and holds the same, at the same states, where it is longer, ends where they rest. Whether there is such a step.
     pub(super) fn pass_accumulation(&mut self, gap: f64) -> bool {
         let n = self.system.states;
@@ -179,32 +189,26 @@ impl Radau<'_> {
         let before = self.system.face.clone();
         let mut last: Option<(ActiveFace, Vec<f64>)> = None;
         let mut length = gap;
-        for _ in 0..LONGER_GAPS {
+        for _ in 0..MOST_GAPS {
             self.system.face.clone_from(&before);
             if !self.probe(length, false) {
                 break;
             }
             let found = self.switching.probe.stages.z.clone();
-            let allowed = |j: usize| ALLOWED * (self.settings.atol[j] + self.settings.rtol * self.largest[j]);
+            let allowed = |j: usize| ALLOWED * self.uncertainty(j);
             if !(0..n).all(|j| found[j].abs() <= allowed(j)) {
                 break;
             }
             let face = self.system.face.clone();
             if let Some((same, end)) = &last
                 && *same == face
-                && (0..n).all(|j| (end[j] - found[j]).abs() <= 1e-3 * allowed(j))
+                && (0..n).all(|j| (end[j] - found[j]).abs() <= AT_REST * allowed(j))
             {
-                let Self { system, switching, y, .. } = self;
-                if let Probe { vi: Some(vi), stages, .. } = &mut switching.probe {
-                    vi.regularise(system, stages, y);
-                }
-                self.y.iter_mut().zip(&self.switching.probe.stages.z).for_each(|(y, z)| *y += z);
-                self.remove_noise();
-                self.make_consistent();
+                self.take_probe(0);
                 return true;
             }
             last = Some((face, found)).filter(|(face, _)| count(face) > count(&before));
-            length *= 4.0;
+            length *= LONGER_GAP;
         }
         self.system.face = before;
         false

@@ -161,6 +161,12 @@ impl Tableau {
         self.c.len()
     }
 
+    /// The middles between the nodes `0, c_1, .., c_s`.
+    pub fn middles(&self) -> impl Iterator<Item = f64> {
+        let left = std::iter::once(0.0).chain(self.c.iter().copied());
+        left.zip(&self.c).map(|(left, right)| 0.5 * (left + right))
+    }
+
     /// The values at `theta` of the Lagrange polynomials of the nodes `c_1, .., c_s` (those of `0, c_1, .., c_s`
     /// without the first), into `values` of length `s`: the collocation polynomial of increments that vanish at
     /// `theta = 0`.

@@ -15,7 +15,7 @@
 //! m - w G_I,    w dG_I/dz_I = dm/dz_I,
 //! ```
 //!
-//! with the constraints taken out likewise, which is the monitor at the roots but for `|dm/dz_I - w dG_I/dz_I| e` over the box: of second order, and nothing where `G`
+//! which is the monitor at the roots but for `|dm/dz_I - w dG_I/dz_I| e` over the box: of second order, and nothing where `G`
 //! is linear. Monitors of blocks are taken from the box alone.
 
 use super::MOST_PARTS;
@@ -50,6 +50,25 @@ impl Watched {
             _ if self.upper => upper - z,
             _ => z - lower,
         }
+    }
+
+    /// The sign with which `G`, or `z` where the variable is inside, enters it.
+    fn sign(&self) -> f64 {
+        let is_negative = self.place == Place::Upper || self.place == Place::Inside && self.upper;
+        if is_negative { -1.0 } else { 1.0 }
+    }
+
+    /// Its derivatives by the variables, from those of `G` as they are.
+    fn by_variables(&self, system: &System<'_>) -> Vec<f64> {
+        let n = system.states;
+        let mut slopes = vec![0.0; system.unknowns - n];
+        if self.place == Place::Inside {
+            slopes[self.variable] = self.sign();
+        } else {
+            let of_variables = system.entries_of_variable(self.variable).filter(|(j, _)| *j >= n);
+            of_variables.for_each(|(j, value)| slopes[j - n] += self.sign() * value);
+        }
+        slopes
     }
 }
 
@@ -232,8 +251,7 @@ impl Enclosure {
             let sharper = system.values[n + k].abs() + 0.5 * slope + on.control.noise_of_g(system, k, &self.middle);
             self.residuals[n + k] = self.residuals[n + k].min(sharper);
         }
-        let forms: Vec<Reduced> = left.iter().map(|monitor| self.reduced(on, monitor)).collect();
-        let system = &mut *on.system;
+        let forms: Vec<Reduced> = left.iter().map(|monitor| self.reduced(system, on.inside, monitor)).collect();
         let at_middle = |(monitor, form): (&Watched, &Reduced)| {
             form.value(system, value(system, monitor, &self.middle), &self.middle)
         };
@@ -295,12 +313,7 @@ impl Enclosure {
     /// Whether no variable that hidden constraints alone tell enters a monitor, but for rounding, by the derivatives as they are.
     pub fn is_told(system: &System<'_>, inside: &mut Inside, monitor: &Watched) -> bool {
         let n = system.states;
-        let mut own = vec![0.0; system.unknowns - n];
-        if monitor.place == Place::Inside {
-            own[monitor.variable] = 1.0;
-        } else {
-            system.entries_of_variable(monitor.variable).filter(|(j, _)| *j >= n).for_each(|(j, x)| own[j - n] += x);
-        }
+        let mut own = monitor.by_variables(system);
         let mut weights = Vec::new();
         inside.weights(system, |l| own[l], &mut weights);
         let mut terms: Vec<f64> = own.iter().map(|x| x.abs()).collect();
@@ -313,38 +326,24 @@ impl Enclosure {
         (0..own.len()).all(|l| system.face.places[l] != Place::Inside || own[l].abs() <= TOLD * terms[l])
     }
 
-    /// A monitor without what the equations of the variables inside and the constraints of the states tell, with the
-    /// derivatives over the box; of a variable inside whose bound moves they are not known.
-    fn reduced(&self, on: &mut OnFace<'_, '_>, monitor: &Watched) -> Reduced {
-        let OnFace { system, control, inside, constraints, .. } = on;
+    /// A monitor without what the equations of the variables inside tell, with the derivatives over the box; of a variable
+    /// inside whose bound moves they are not known.
+    fn reduced(&self, system: &System<'_>, inside: &mut Inside, monitor: &Watched) -> Reduced {
         let (n, k) = (system.states, monitor.variable);
-        let is_inside = monitor.place == Place::Inside;
-        let sign = if monitor.place == Place::Upper || is_inside && monitor.upper { -1.0 } else { 1.0 };
-        let mut own = vec![0.0; system.unknowns - n];
+        let own = monitor.by_variables(system);
         let mut gradient = vec![Interval::point(0.0); system.unknowns];
         let mut by_time = Interval::point(0.0);
-        if is_inside {
-            own[k] = sign;
-            gradient[n + k] = Interval::point(sign);
+        if monitor.place == Place::Inside {
+            gradient[n + k] = Interval::point(own[k]);
             if system.moves(k) {
                 by_time = Interval::LINE;
             }
         } else {
-            for (j, value) in system.entries_of_variable(k).filter(|(j, _)| *j >= n) {
-                own[j - n] += sign * value;
-            }
-            self.add_row(system, k, sign, &mut gradient, &mut by_time);
+            self.add_row(system, k, monitor.sign(), &mut gradient, &mut by_time);
         }
         let mut weights = Vec::new();
         inside.weights(system, |l| own[l], &mut weights);
         for &(l, weight) in &weights {
-            self.add_row(system, l, -weight, &mut gradient, &mut by_time);
-        }
-        let told = weights.len();
-        let slopes = gradient.iter().enumerate().filter(|(_, slope)| **slope != Interval::point(0.0));
-        let slopes = slopes.map(|(j, slope)| (j, slope.ball().0));
-        constraints.add_weights(system, control, &self.middle, slopes, &mut weights);
-        for &(l, weight) in &weights[told..] {
             self.add_row(system, l, -weight, &mut gradient, &mut by_time);
         }
         let gradient = gradient.into_iter().enumerate().filter(|(_, slope)| *slope != Interval::point(0.0)).collect();

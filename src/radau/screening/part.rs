@@ -62,15 +62,15 @@ impl Part {
         let (mut beside, mut size) = (0.0, 0.0);
         for &(unknown, factor) in terms {
             let of_unknown = &self.coefficients[unknown * self.count..(unknown + 1) * self.count];
-            let middle = 0.5 * (factor.lo + factor.hi);
-            if !(factor.defined && middle.is_finite()) {
+            let (middle, radius) = factor.ball();
+            if !(factor.defined && radius.is_finite()) {
                 return Interval::LINE;
             }
             let largest = of_unknown.iter().fold(0.0_f64, |largest, c| largest.max(c.abs()));
             size += middle.abs() * largest;
             sum.iter_mut().zip(of_unknown).for_each(|(sum, c)| *sum += middle * c);
-            if factor.lo < factor.hi {
-                beside += (factor.hi - middle).max(middle - factor.lo) * self.rate(unknown).magnitudes().1;
+            if radius > 0.0 {
+                beside += radius * self.rate(unknown).magnitudes().1;
             }
         }
         let rate = bernstein::range_of_rate(&sum);
