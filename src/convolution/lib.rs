@@ -12,6 +12,7 @@
 //! Where no step is given and all variables are in intervals, switches are located instead, and the segments between them
 //! have elements of any length ([`segments`]).
 
+mod forcing;
 pub mod gauss_jacobi;
 pub mod history;
 pub mod kernel;

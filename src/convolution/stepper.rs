@@ -7,11 +7,12 @@
 //! where the factors `d_i = b_i / c_i > 0` change no solution, and make the matrix positive definite for a kernel of index
 //! at most one with a positive definite matrix.
 
+use super::forcing::Forcing;
 use super::history::{History, Part};
 use super::kernel::{Kernel, NoWeights};
 use super::weights::Weights;
 use nalgebra::DMatrix;
-use problem::{Control, ConvexSet, Dvi, MovingBound, Side, Workspace};
+use problem::{Control, ConvexSet, Dvi, Side, Workspace};
 use radau::Tableau;
 use vi::{AffineVi, Outcome, SolverKind, ViSolver};
 
@@ -118,13 +119,6 @@ pub struct Convolution<'p> {
     lagrange: Vec<f64>,
     increments: Vec<f64>,
     work: Workspace,
-}
-
-/// `q` and the moving bounds, as functions of time.
-pub(crate) struct Forcing<'p> {
-    problem: &'p mut dyn Dvi,
-    zeros: Vec<f64>,
-    values: Vec<f64>,
 }
 
 impl<'p> Convolution<'p> {
@@ -309,30 +303,4 @@ fn first(s: usize, m: usize, parts: &[Part]) -> DMatrix<f64> {
         }
     }
     matrix
-}
-
-impl<'p> Forcing<'p> {
-    /// That of a problem without states.
-    pub fn new(problem: &'p mut dyn Dvi) -> Self {
-        let (zeros, values) = (vec![0.0; problem.structure().variables], vec![0.0; problem.structure().rows()]);
-        Self { problem, zeros, values }
-    }
-
-    /// Gives `q` at `t`, and sets the bounds that move for the variables from `offset` on in `set`.
-    pub fn at(&mut self, t: f64, offset: usize, set: &mut ConvexSet) -> Result<&[f64], StepError> {
-        self.problem.evaluate(t, &self.zeros, &mut self.values);
-        if let Some(row) = self.values.iter().position(|value| !value.is_finite()) {
-            return Err(StepError::NotFinite { row, t });
-        }
-        let (q, bounds) = self.values.split_at(self.zeros.len());
-        for (moving, &value) in self.problem.structure().moving.iter().zip(bounds) {
-            let MovingBound { variable, side } = *moving;
-            let place = offset + variable;
-            MovingBound { variable: place, side }.place(value, set);
-            if set.lower[place] > set.upper[place] || (side == Side::Radius && value < 0.0) {
-                return Err(StepError::EmptySet { variable, side, t });
-            }
-        }
-        Ok(q)
-    }
 }

@@ -5,7 +5,8 @@ use super::shape::Shape;
 use crate::gauss_jacobi::gauss_jacobi;
 use crate::kernel::Function;
 use crate::stepper::StepError;
-use expression::Tape;
+use expression::{IntervalWorkspace, Tape};
+use numerics::Interval;
 
 /// Nodes of each rule.
 const NODES: usize = 24;
@@ -17,6 +18,7 @@ const ADJACENT: f64 = 0.25;
 pub struct Lag {
     exponent: f64,
     factor: Option<Tape>,
+    slope: Option<Tape>,
     /// `g` where there is no factor: `1 / Gamma(e)`.
     constant: f64,
     at_zero: Vec<(f64, f64)>,
@@ -34,6 +36,7 @@ impl Lag {
         Some(Self {
             exponent,
             factor: function.factor.clone(),
+            slope: function.slope.clone(),
             constant: 1.0 / gamma(exponent),
             at_zero: gauss_jacobi(NODES, exponent - 1.0),
             plain: gauss_jacobi(NODES, 0.0),
@@ -53,6 +56,25 @@ impl Lag {
     pub fn value(&mut self, lag: f64) -> Result<f64, StepError> {
         let smooth = self.smooth(lag)?;
         Ok(if self.exponent == 1.0 { smooth } else { smooth * lag.powf(self.exponent - 1.0) })
+    }
+
+    /// Bounds of `g` and of its derivative over the lags up to `length`.
+    pub fn bounds(&self, length: f64) -> [f64; 2] {
+        let lags = Interval::new(0.0, length);
+        let bound = |tape: &Tape| {
+            let mut range = [Interval::LINE];
+            tape.enclose(lags, &[], &mut IntervalWorkspace::new(tape), &mut range);
+            if range[0].is_empty() { f64::INFINITY } else { range[0].magnitudes().1 }
+        };
+        match &self.factor {
+            None => [self.constant, 0.0],
+            Some(factor) => [bound(factor), self.slope.as_ref().map_or(f64::INFINITY, bound)],
+        }
+    }
+
+    /// The integral of `t^(e-1)` from zero.
+    pub fn integral_of_power(&self, length: f64) -> f64 {
+        length.powf(self.exponent) / self.exponent
     }
 
     /// Writes the integrals of the functions of an element of length `h` that the time `theta h` is within.

@@ -30,7 +30,7 @@ impl Segments<'_> {
             let resolution = self.resolution(high);
             let guess = match &low {
                 _ if !confirmed && high > resolution => high,
-                None if high <= resolution || high <= super::TINY * self.usual.min(trial.h) => {
+                None if high <= resolution || high <= super::advance::TINY * self.usual.min(trial.h) => {
                     return Ok((None, Some((lost.variable, lost.to))));
                 }
                 None => SHRINK * high,

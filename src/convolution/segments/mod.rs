@@ -4,20 +4,27 @@
 //! element is shortened to end there ([`location`]), the face changes, and the next segment begins with the functions that
 //! are singular like the solution is there ([`shape`]); all segments before are a source ([`past`]).
 
+mod advance;
+mod breaks;
 mod lag;
 mod location;
+mod outputs;
+mod panel;
 mod past;
+mod screening;
 mod shape;
 mod trial;
+mod watched;
 
 use super::kernel::Kernel;
-use super::stepper::{Forcing, StepError};
+use super::forcing::Forcing;
+use super::stepper::StepError;
+use breaks::Breaks;
 use lag::Lag;
-use nalgebra::DMatrix;
+use panel::Interpolation;
 use past::Past;
 use problem::{Control, ConvexSet, Dvi, Structure, Workspace};
 use shape::Shape;
-use trial::Trial;
 
 /// Where a variable is held.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,7 +77,6 @@ struct Part {
 /// A run.
 pub struct Segments<'p> {
     forcing: Forcing<'p>,
-    moves: bool,
     set: ConvexSet,
     shapes: [Shape; 2],
     terms: Vec<Part>,
@@ -105,23 +111,16 @@ pub struct Segments<'p> {
     switches: Vec<Switch>,
     /// Elements that were made again, shorter.
     pub rejected: u64,
+    breaks: Breaks,
+    interpolation: Interpolation,
+    /// Elements that are proven free of switches.
+    pub proven: u64,
+    /// Elements that are not.
+    pub open: u64,
     order: usize,
     control: &'p Control,
     work: Workspace,
 }
-
-/// An element that had to be this much shorter than usual adds nothing to a mean over time.
-const TINY: f64 = 1.5e-8;
-/// How fast the usual size follows elements that are shorter.
-const FORGET: f64 = 0.9;
-/// The part of the step that the error allows, and by how much an element may differ from the last.
-const SAFETY: f64 = 0.9;
-const LEAST: f64 = 0.1;
-const MOST: f64 = 2.5;
-/// By how much an element on which no face holds is longer than the one before.
-const LONGER: f64 = 8.0;
-/// Elements that may be rejected one after the other: they shrink to at most half each time.
-const MOST_IN_A_ROW: u32 = 52;
 
 impl<'p> Segments<'p> {
     /// Whether a problem can be solved so: variables in intervals, and few enough for full matrices.
@@ -166,7 +165,6 @@ impl<'p> Segments<'p> {
         Ok(Self {
             places: (0..m).map(place).collect(),
             forcing,
-            moves,
             set,
             shapes,
             terms,
@@ -191,6 +189,10 @@ impl<'p> Segments<'p> {
             integral: vec![0.0; m],
             switches: Vec::new(),
             rejected: 0,
+            breaks: Breaks::new(start),
+            interpolation: Interpolation::new(),
+            proven: 0,
+            open: 0,
             order: settings.stages,
             control,
             work: Workspace::default(),
@@ -225,237 +227,5 @@ impl<'p> Segments<'p> {
     /// The smallest element that the time can be told by.
     fn resolution(&self, h: f64) -> f64 {
         8.0 * f64::EPSILON * self.t.abs().max(self.start.abs()).max((self.t + h).abs())
-    }
-
-    /// Makes the next element; there is one.
-    ///
-    /// # Errors
-    /// Values that are not finite, an empty set, no solution, an interruption.
-    pub fn step(&mut self) -> Result<(), StepError> {
-        let mut in_a_row = 0;
-        loop {
-            if self.control.poll().is_some() {
-                return Err(StepError::Interrupted { t: self.t });
-            }
-            let left = self.end - self.t;
-            if std::mem::take(&mut self.unclear.1) {
-                let h = self.unclear.0.min(left);
-                let trial = self.trial(h)?;
-                self.accept(&trial, h, true);
-                return Ok(());
-            }
-            let wanted = self.h.min(self.longest);
-            // The last two elements share what is left.
-            let h = if wanted >= left { left } else { wanted.min(0.5 * left).max(wanted.min(left - wanted)) };
-            let trial = self.trial(h)?;
-            let is_tiny = h <= TINY * self.usual || h <= self.resolution(h);
-            if self.kinks > MOST_IN_A_ROW || in_a_row > MOST_IN_A_ROW {
-                let outcome = "no element is short enough";
-                return Err(StepError::Unsolved { t: self.t, outcome, residual: f64::NAN });
-            }
-            // Forces may have a kink at the switch: only the element up to it can be accurate.
-            let (trial, change) = match trial.violation {
-                Some(violation) => self.locate(trial, violation)?,
-                None => (Some(trial), None),
-            };
-            if let Some(trial) = trial {
-                let h = trial.h;
-                if trial.error > 1.0 && !is_tiny {
-                    self.rejected += 1;
-                    in_a_row += 1;
-                    self.h = h * (SAFETY * trial.error.powf(-1.0 / self.order as f64)).clamp(LEAST, 0.5);
-                    continue;
-                }
-                let wanted = self.h;
-                self.accept(&trial, h, is_tiny && trial.error > 1.0);
-                if let Some((variable, to)) = change {
-                    self.rejected += 1;
-                    self.h = wanted;
-                    self.change(variable, to)?;
-                }
-                return Ok(());
-            }
-            self.rejected += 1;
-            if let Some((variable, to)) = change {
-                self.change(variable, to)?;
-            }
-        }
-    }
-
-    /// Moves a variable to another place, where a new segment begins.
-    ///
-    /// Where a force has a kink at the switch itself no face may hold for the time that rounding errors make: a tiny element,
-    /// longer each time, is then made as it is, with the variable at its bound.
-    fn change(&mut self, variable: usize, to: Place) -> Result<(), StepError> {
-        self.is_first = true;
-        self.flips += 1;
-        if self.flips > 2 * self.places.len() + 2 {
-            self.flips = 0;
-            let length = if self.unclear.0 == 0.0 { self.resolution(0.0) } else { LONGER * self.unclear.0 };
-            self.unclear = (length, true);
-            if length > TINY * self.usual {
-                let outcome = "no face holds behind a switch";
-                return Err(StepError::Unsolved { t: self.t, outcome, residual: f64::NAN });
-            }
-            if to == Place::Inside {
-                return Ok(());
-            }
-        }
-        self.places[variable] = to;
-        Ok(())
-    }
-
-    /// Takes an element into the past.
-    fn accept(&mut self, trial: &Trial, h: f64, is_kink: bool) {
-        let m = self.places.len();
-        let shape = &self.shapes[trial.shape];
-        let n = shape.len();
-        let end = if h >= self.end - self.t { self.end } else { self.t + h };
-        // What rounding errors make of a face next to a switch is not told.
-        let is_brief = is_kink || h <= TINY * self.usual;
-        if !is_brief {
-            let t = self.brief.take().unwrap_or(self.t);
-            for (variable, (last, now)) in self.told.iter().flatten().zip(&self.places).enumerate() {
-                if last != now {
-                    self.switches.push(Switch { t, variable, to: *now });
-                }
-            }
-            self.told = Some(self.places.clone());
-            (self.flips, self.kinks, self.unclear) = (0, 0, (0.0, false));
-        } else {
-            self.kinks += 1;
-            self.brief.get_or_insert(self.t);
-        }
-        let integrals = shape.integrals.view((0, 0), (n, n)) * h;
-        let mut coefficients = vec![trial.coefficients.clone()];
-        for level in 0..self.integrals.len() {
-            let mut integrated = shape.antiderivative(n) * &coefficients[level] * h;
-            for k in 0..m {
-                // The first function is one.
-                integrated[(0, k)] += self.integrals[level][k];
-                self.integrals[level][k] = shape.values.row(n - 1).columns(0, n).transpose().dot(&integrated.column(k));
-            }
-            coefficients.push(integrated);
-        }
-        let at_start = self.integral.clone();
-        for k in 0..m {
-            let column = trial.coefficients.column(k);
-            self.integral[k] += (0..n).map(|j| integrals[(n - 1, j)] * column[j]).sum::<f64>();
-            self.size[k] = self.size[k].max(trial.size[k]);
-        }
-        self.past.append(self.t, end, trial.shape, coefficients, at_start);
-        self.t = end;
-        self.is_first = is_kink;
-        let factor = (SAFETY * trial.error.max(1e-12).powf(-1.0 / self.order as f64)).clamp(LEAST, MOST);
-        if !is_brief {
-            self.usual = (FORGET * self.usual).max(h);
-        }
-        self.h = if is_kink { LEAST * self.usual } else { h * factor };
-    }
-
-    /// Writes `z`, its integral and `w` at a time within the elements so far. `z` is the point of `K` nearest to the
-    /// polynomial.
-    ///
-    /// # Errors
-    /// Values that are not finite.
-    pub fn outputs(&mut self, t: f64, out: &mut [f64]) -> Result<(), StepError> {
-        let m = self.places.len();
-        let q = self.forcing.at(t, 0, &mut self.set)?;
-        let (z, rest) = out.split_at_mut(m);
-        let (integral, w) = rest.split_at_mut(m);
-        w.copy_from_slice(q);
-        let last = self.past.elements.partition_point(|element| element.start < t).saturating_sub(1);
-        let (mut sum, mut size) = (vec![0.0; m], vec![0.0; m]);
-        let Some(element) = self.past.elements.get(last) else { return Ok(()) };
-        let (shape, h) = (&self.shapes[element.shape], element.length());
-        let theta = ((t - element.start) / h).clamp(0.0, 1.0);
-        let mut row = vec![0.0; shape.len()];
-        shape.evaluate(theta, &mut row);
-        combine(&element.coefficients[0], &row, z);
-        shape.integrate(theta, &mut row);
-        combine(&element.coefficients[0], &row, integral);
-        integral.iter_mut().zip(&element.integral).for_each(|(value, start)| *value = start + h * *value);
-        for term in &mut self.terms {
-            let element = &self.past.elements[last];
-            sum.fill(0.0);
-            match &mut term.lag {
-                None => {
-                    shape.evaluate(theta, &mut row);
-                    combine(&element.coefficients[term.level], &row, &mut sum);
-                }
-                Some(lag) => {
-                    if theta > 0.0 {
-                        lag.within(shape, h, theta, &mut row)?;
-                        combine(&element.coefficients[term.level], &row, &mut sum);
-                    }
-                    self.past.convolve(
-                        lag,
-                        &self.shapes,
-                        term.level,
-                        last,
-                        (element.start, theta * h),
-                        &mut sum,
-                        &mut size,
-                    )?;
-                }
-            }
-            for &(row, column, value) in &term.matrix {
-                w[row] += value * sum[column];
-            }
-        }
-        self.set.project_all(z, &mut self.work);
-        Ok(())
-    }
-
-    /// Writes the variables at a time within the elements so far, as they are.
-    pub fn variables_at(&self, t: f64, z: &mut [f64]) {
-        let last = self.past.elements.partition_point(|element| element.start < t).saturating_sub(1);
-        let Some(element) = self.past.elements.get(last) else { return };
-        let shape = &self.shapes[element.shape];
-        let mut row = vec![0.0; shape.len()];
-        shape.evaluate(((t - element.start) / element.length()).clamp(0.0, 1.0), &mut row);
-        combine(&element.coefficients[0], &row, z);
-    }
-
-    /// The mean over time of the distance of each variable from what another run found.
-    pub fn mean_distance(&self, other: &Self) -> Vec<f64> {
-        let m = self.places.len();
-        let (mut own, mut others, mut sums) = (vec![0.0; m], vec![0.0; m], vec![0.0; m]);
-        let rule = crate::gauss_jacobi::gauss_jacobi(self.order, 0.0);
-        for element in &self.past.elements {
-            for &(x, weight) in &rule {
-                let t = element.start + x * element.length();
-                self.variables_at(t, &mut own);
-                other.variables_at(t, &mut others);
-                for (sum, (a, b)) in sums.iter_mut().zip(own.iter().zip(&others)) {
-                    *sum += weight * element.length() * (a - b).abs();
-                }
-            }
-        }
-        sums.iter().map(|sum| sum / (self.t - self.start)).collect()
-    }
-
-    /// The largest absolute value of each variable.
-    pub fn sizes(&self) -> &[f64] {
-        &self.size
-    }
-
-    /// `K` where outputs were last asked for.
-    pub fn set(&self) -> &ConvexSet {
-        &self.set
-    }
-
-    /// The variables at the time reached.
-    pub fn ends(&self) -> Vec<f64> {
-        let mut z = vec![0.0; self.places.len()];
-        self.variables_at(self.t, &mut z);
-        z
-    }
-}
-
-/// The combination of functions by coefficients.
-fn combine(coefficients: &DMatrix<f64>, functions: &[f64], out: &mut [f64]) {
-    for (value, column) in out.iter_mut().zip(coefficients.column_iter()) {
-        *value = column.iter().zip(functions).map(|(c, f)| c * f).sum();
     }
 }

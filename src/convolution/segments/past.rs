@@ -54,7 +54,8 @@ pub struct Past {
     times: Vec<f64>,
     /// Of the variables and of their integrals.
     charges: Vec<Vec<f64>>,
-    weights: Vec<f64>,
+    /// Of the variables and of their integrals, the largest that each has been.
+    pub largest: Vec<Vec<f64>>,
 }
 
 impl Past {
@@ -66,8 +67,13 @@ impl Past {
             rules: shapes.iter().map(Rule::new).collect(),
             times: Vec::new(),
             charges: vec![Vec::new(); integrations + 1],
-            weights: Vec::new(),
+            largest: vec![vec![0.0; variables]; integrations + 1],
         }
+    }
+
+    /// The place of the element that a time is in.
+    pub fn place_of(&self, t: f64) -> usize {
+        self.elements.partition_point(|element| element.start < t).saturating_sub(1)
     }
 
     /// Takes an element.
@@ -82,6 +88,12 @@ impl Past {
                 charges.extend(values.map(|value| (end - start) * w * value));
             }
         }
+        for (largest, coefficients) in self.largest.iter_mut().zip(&coefficients) {
+            for (largest, column) in largest.iter_mut().zip(coefficients.column_iter()) {
+                // No function is larger than one.
+                *largest = largest.max(column.iter().map(|c| c.abs()).sum());
+            }
+        }
         self.elements.push(Element { start, end, shape, coefficients, integral, charge });
     }
 
@@ -90,7 +102,7 @@ impl Past {
     /// would be seen.
     #[expect(clippy::too_many_arguments, reason = "what is convolved with what, when, and the two sums")]
     pub fn convolve(
-        &mut self,
+        &self,
         lag: &mut Lag,
         shapes: &[Shape],
         level: usize,
@@ -104,6 +116,7 @@ impl Past {
             sum[k] += value;
             size[k] += value.abs();
         };
+        let mut weights = Vec::new();
         for (place, element) in self.elements[..count].iter().enumerate() {
             let from = (t - element.end) + offset;
             if from >= FAR * element.length() {
@@ -115,14 +128,21 @@ impl Past {
                 }
             } else {
                 let shape = &shapes[element.shape];
-                self.weights.resize(shape.len(), 0.0);
-                lag.behind(shape, element.length(), from.max(0.0), &mut self.weights)?;
+                weights.resize(shape.len(), 0.0);
+                lag.behind(shape, element.length(), from.max(0.0), &mut weights)?;
                 for (k, column) in element.coefficients[level].column_iter().enumerate() {
-                    add(k, column.iter().zip(&self.weights).map(|(c, w)| c * w).sum());
+                    add(k, column.iter().zip(&weights).map(|(c, w)| c * w).sum());
                 }
             }
         }
         Ok(())
+    }
+}
+
+/// The combination of functions by coefficients.
+pub fn combine(coefficients: &DMatrix<f64>, functions: &[f64], out: &mut [f64]) {
+    for (value, column) in out.iter_mut().zip(coefficients.column_iter()) {
+        *value = column.iter().zip(functions).map(|(c, f)| c * f).sum();
     }
 }
 

@@ -137,6 +137,24 @@ impl Shape {
         }
     }
 
+    /// A bound of the size of a combination at complex points: Legendre polynomials grow with their degree no faster than
+    /// powers of `growth`, and no point is farther from zero than `reach`.
+    pub fn bound(&self, coefficients: impl Iterator<Item = f64>, growth: f64, reach: f64) -> f64 {
+        let power = reach.powf(self.beta);
+        let functions = coefficients.zip(&self.functions);
+        functions.map(|(c, f)| c.abs() * growth.powi(f.0 as i32) * if f.1 { power } else { 1.0 }).sum()
+    }
+
+    /// A bound of the change of a combination from zero to any point up to `theta`.
+    pub fn change(&self, coefficients: impl Iterator<Item = f64>, theta: f64) -> f64 {
+        let power = theta.powf(self.beta);
+        // Legendre polynomials on `[0, 1]` are at most 1, and their slopes at most `k (k + 1)`.
+        let of = |(degree, is_singular): (usize, bool)| {
+            if is_singular { power } else { (theta * (degree * (degree + 1)) as f64).min(2.0) }
+        };
+        coefficients.zip(&self.functions).map(|(c, f)| c.abs() * of(*f)).sum()
+    }
+
     /// Writes the integrals from zero to `theta`.
     pub fn integrate(&self, theta: f64, out: &mut [f64]) {
         for (value, &(degree, is_singular)) in out.iter_mut().zip(&self.functions) {

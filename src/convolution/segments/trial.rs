@@ -1,18 +1,13 @@
 //! One element on a fixed face: the variables inside solve `w = 0` at the nodes, the others are at their bounds. The element
 //! is solved for twice, the second time with one function and one node more, which shows how far off the first is.
 
+use super::shape::Shape;
 use super::{Place, Segments};
 use crate::stepper::StepError;
 use nalgebra::DMatrix;
 
-/// Points between the nodes where bounds are looked at, for each function.
-const POINTS: usize = 2;
 /// How much larger rounding errors of a sum may be than those of its largest terms.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
-/// The value of `w` between its nodes differs from what they foretell by no more than this part of it, times the tolerance, so
-/// that its sign is known there, and a force that varies faster than the nodes is not taken for a slow one twice.
-const FORETOLD: f64 = 0.1;
-
 /// What the equations need to know at the nodes: rows for the nodes, columns for the variables.
 struct Known {
     lower: DMatrix<f64>,
@@ -20,6 +15,8 @@ struct Known {
     /// `q` and what the past contributes, and the sizes of the terms.
     source: DMatrix<f64>,
     size: DMatrix<f64>,
+    /// `q` alone.
+    forcing: DMatrix<f64>,
     /// Of each term of the kernel, its integrals against the functions of the element.
     weights: Vec<DMatrix<f64>>,
 }
@@ -30,8 +27,15 @@ pub struct Trial {
     pub h: f64,
     /// Which of the shapes it has.
     pub shape: usize,
-    /// The variables: a row for each function, a column for each variable.
-    pub coefficients: DMatrix<f64>,
+    /// Of the variables, and of their integrals as often as the kernel takes them: a row for each function, a column for each
+    /// variable.
+    pub levels: Vec<DMatrix<f64>>,
+    /// `q` at the nodes, and what of it may be rounding.
+    pub sources: DMatrix<f64>,
+    pub source_noise: Vec<f64>,
+    /// What may be rounding of the monitors of each variable, and what errors within the tolerance make of its `w` at the end.
+    pub noise: Vec<f64>,
+    pub slack: Vec<f64>,
     /// The error of the variables, estimated, in units of the tolerance.
     pub error: f64,
     /// The largest absolute value of each variable.
@@ -105,25 +109,46 @@ impl Segments<'_> {
             let apart = (at_nodes.column(k) - better.column(k)).amax();
             // Smaller elements do not help against rounding errors, which grow as they shrink.
             error = error.max(if apart <= wide.rounding[k].max(narrow.rounding[k]) { 0.0 } else { apart / allowed });
-            if matches!(self.places[k], Place::Lower | Place::Upper) {
-                let foretold = shape.values.view((n, 0), (1, n)) * shape.inverse(n) * narrow.w.view((0, k), (n, 1));
-                let found = narrow.w[(n, k)];
-                let off = (foretold[(0, 0)] - found).abs();
-                let allowed = (FORETOLD * self.tolerance * found.abs())
-                    .max(known.size.column(k).max() * self.rtol * self.tolerance);
-                if off > allowed {
-                    error = error.max(off / allowed);
-                }
-            }
         }
-        let coefficients = narrow.coefficients.clone();
-        let mut trial = Trial { h, shape: index, coefficients, error, size, violation: None, ends: Vec::new() };
-        self.look_at_signs(&mut trial, &known, &at_nodes, &narrow)?;
+        let range = |k: usize| known.forcing.column(k).max() - known.forcing.column(k).min();
+        let source_noise = |k: usize| ROUNDING * (known.forcing.column(k).amax() + self.rounding_of_time(h) * range(k));
+        let mut trial = Trial {
+            h,
+            shape: index,
+            levels: self.integrated(index, h, narrow.coefficients.clone()),
+            source_noise: (0..m).map(source_noise).collect(),
+            sources: known.forcing.clone(),
+            noise: narrow.noise.clone(),
+            slack: (0..m).map(|k| narrow.slack[(n - 1, k)]).collect(),
+            error,
+            size,
+            violation: None,
+            ends: Vec::new(),
+        };
+        self.look_at_signs(&mut trial, &known, &at_nodes, &narrow);
         Ok(trial)
     }
 
+    /// The variables on an element, and their integrals as often as the kernel takes them.
+    fn integrated(&self, index: usize, h: f64, coefficients: DMatrix<f64>) -> Vec<DMatrix<f64>> {
+        let integral = self.shapes[index].antiderivative(coefficients.nrows()) * h;
+        let mut levels = vec![coefficients];
+        for before in &self.integrals {
+            let mut integrated = &integral * &levels[levels.len() - 1];
+            // The first function is one.
+            before.iter().enumerate().for_each(|(k, value)| integrated[(0, k)] += value);
+            levels.push(integrated);
+        }
+        levels
+    }
+
+    /// By how many of its own rounding errors the rounding of time changes a force that varies by its size on an element.
+    fn rounding_of_time(&self, h: f64) -> f64 {
+        (self.t.abs() + h) / h
+    }
+
     /// The error that a variable of some size may have on an element.
-    fn allowed(&self, variable: usize, size: f64) -> f64 {
+    pub(super) fn allowed(&self, variable: usize, size: f64) -> f64 {
         self.tolerance * (self.atol[variable] + self.rtol * size)
     }
 
@@ -132,13 +157,15 @@ impl Segments<'_> {
         let shape = &self.shapes[index];
         let (nodes, m) = (shape.nodes.len(), self.places.len());
         let zeros = || DMatrix::zeros(nodes, m);
-        let mut known = Known { lower: zeros(), upper: zeros(), source: zeros(), size: zeros(), weights: Vec::new() };
+        let (lower, upper, source, size, forcing) = (zeros(), zeros(), zeros(), zeros(), zeros());
+        let mut known = Known { lower, upper, source, size, forcing, weights: Vec::new() };
         let (mut sum, mut size) = (vec![0.0; m], vec![0.0; m]);
         for (i, &c) in shape.nodes.iter().enumerate() {
             let t = self.t + c * h;
             let q = self.forcing.at(t, 0, &mut self.set)?;
             for k in 0..m {
                 (known.source[(i, k)], known.size[(i, k)]) = (q[k], q[k].abs());
+                known.forcing[(i, k)] = q[k];
                 (known.lower[(i, k)], known.upper[(i, k)]) = (self.set.lower[k], self.set.upper[k]);
             }
             let count = self.past.elements.len();
@@ -232,7 +259,7 @@ impl Segments<'_> {
         let inside: Vec<usize> = (0..m).filter(|&k| self.places[k] == Place::Inside).collect();
         // Times are rounded as well, and with them forces that vary.
         let range = |k: usize| known.source.column(k).max() - known.source.column(k).min();
-        let of_time = |k: usize| (self.t.abs() + h) / h * range(k);
+        let of_time = |k: usize| self.rounding_of_time(h) * range(k);
         let noise_of = |terms: &DMatrix<f64>, k: usize| ROUNDING * (terms.column(k).max() + of_time(k));
         let mut noise: Vec<f64> = (0..m).map(|k| noise_of(&terms, k)).collect();
         if !inside.is_empty() {
@@ -282,58 +309,30 @@ impl Segments<'_> {
         Some(Solved { coefficients, w, rounding, noise, slack })
     }
 
-    /// Finds the first place where the face does not hold: where a monitor is negative by more than the tolerance and rounding
+    /// Finds the first node where the face does not hold: where a monitor is negative by more than the tolerance and rounding
     /// explain, as it may be next to a switch.
-    fn look_at_signs(
-        &mut self,
-        trial: &mut Trial,
-        known: &Known,
-        z: &DMatrix<f64>,
-        solved: &Solved,
-    ) -> Result<(), StepError> {
-        let Solved { w, noise, slack, .. } = solved;
+    fn look_at_signs(&self, trial: &mut Trial, known: &Known, z: &DMatrix<f64>, solved: &Solved) {
+        let Solved { coefficients, w, noise, slack, .. } = solved;
         let shape = &self.shapes[trial.shape];
-        let m = self.places.len();
-        // Nodes with `w`, and points between them without.
-        let mut places: Vec<(f64, Option<usize>)> =
-            shape.nodes.iter().enumerate().map(|(i, &c)| (c, Some(i))).collect();
-        let points = POINTS * shape.len();
-        places.extend((1..points).map(|i| (i as f64 / points as f64, None)));
-        places.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let mut row = vec![0.0; shape.len()];
-        for (theta, node) in places {
-            if node.is_none() {
-                shape.evaluate(theta, &mut row);
-                if self.moves {
-                    self.forcing.at(self.t + theta * trial.h, 0, &mut self.set)?;
-                }
-            }
-            for k in 0..m {
-                let (lower, upper) = match node {
-                    Some(i) => (known.lower[(i, k)], known.upper[(i, k)]),
-                    None => (self.set.lower[k], self.set.upper[k]),
-                };
+        let mut nodes: Vec<(usize, f64)> = shape.nodes.iter().copied().enumerate().collect();
+        nodes.sort_by(|a, b| a.1.total_cmp(&b.1));
+        for (i, theta) in nodes {
+            for k in 0..self.places.len() {
                 let mut values = [f64::INFINITY; 3];
-                match (self.places[k], node) {
-                    (Place::Inside, _) => {
-                        let value = match node {
-                            Some(i) => z[(i, k)],
-                            None => trial.coefficients.column(k).iter().zip(&row).map(|(c, f)| c * f).sum(),
-                        };
-                        (values[0], values[2]) = (value - lower, upper - value);
+                match self.places[k] {
+                    Place::Inside => {
+                        let value = if i < shape.len() { z[(i, k)] } else { at_node(shape, i, coefficients, k) };
+                        (values[0], values[2]) = (value - known.lower[(i, k)], known.upper[(i, k)] - value);
                     }
-                    (Place::Lower, Some(i)) => values[1] = w[(i, k)],
-                    (Place::Upper, Some(i)) => values[1] = -w[(i, k)],
-                    _ => {}
+                    Place::Lower => values[1] = w[(i, k)],
+                    Place::Upper => values[1] = -w[(i, k)],
+                    Place::Fixed => {}
                 }
-                if theta == 1.0 && node.is_some() {
+                if theta == 1.0 {
                     trial.ends.push(Monitor { values, noise: noise[k] });
                 }
                 for (value, to) in values.into_iter().zip([Place::Lower, Place::Inside, Place::Upper]) {
-                    let slack = match (to, node) {
-                        (Place::Inside, Some(i)) => slack[(i, k)],
-                        _ => self.allowed(k, self.size[k]),
-                    };
+                    let slack = if to == Place::Inside { slack[(i, k)] } else { self.allowed(k, self.size[k]) };
                     if value < -noise[k] - slack
                         && trial.violation.is_none_or(|first| first.theta == theta && value < first.value)
                     {
@@ -342,8 +341,13 @@ impl Segments<'_> {
                 }
             }
         }
-        Ok(())
     }
+}
+
+/// A variable at a node.
+fn at_node(shape: &Shape, node: usize, coefficients: &DMatrix<f64>, variable: usize) -> f64 {
+    let n = coefficients.nrows();
+    shape.values.row(node).columns(0, n).iter().zip(&coefficients.column(variable)).map(|(f, c)| f * c).sum()
 }
 
 /// The variables, `w` at all nodes, and of each variable the rounding error of itself and of its monitors.

@@ -3,7 +3,7 @@
 
 use super::failure;
 use crate::run::{Plan, Run, Stepper, ending};
-use crate::{CheckCode, Diagnostics, Event, EventKind, Failure, Refinement, Solution, Status, Steps};
+use crate::{CheckCode, Diagnostics, Event, EventKind, Failure, Refinement, Screening, Solution, Status, Steps};
 use analysis::Analysis;
 use convolution::{Place, SegmentSettings, Segments};
 use models::ConvolutionModel;
@@ -184,6 +184,14 @@ impl Stepper for Course<'_> {
 
     fn finish(&mut self, diagnostics: &mut Diagnostics) {
         diagnostics.stages = self.segments.stages();
-        diagnostics.steps = Steps { accepted: self.told as u64, rejected: self.segments.rejected, ..Steps::default() };
+        let Segments { rejected, proven, open, .. } = self.segments;
+        diagnostics.steps = Steps { accepted: self.told as u64, rejected, ..Steps::default() };
+        diagnostics.screening = Some(Screening { proven, undecided: open, missed: 0 });
+        diagnostics.checks.record(CheckCode::EventsUnproven, open as f64, 0.0, || {
+            format!(
+                "{open} steps are not proven free of switches, and one that comes and goes within a step would not be seen; a \
+                 smaller `max_step` may help"
+            )
+        });
     }
 }
