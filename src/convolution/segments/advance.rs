@@ -68,6 +68,7 @@ impl Segments<'_> {
                     self.h = trial.h * (SAFETY * error.powf(-1.0 / self.order as f64)).clamp(LEAST, 0.5);
                     continue;
                 }
+                if std::env::var("DBG").is_ok() { eprintln!("{:?} t={:e} h={:e} err={:e} scr={screened:?} ch={change:?} places={:?} first={}", self.t, self.t, trial.h, trial.error, self.places, self.is_first); }
                 match screened {
                     Screened::Proven => self.proven += 1,
                     _ => self.open += u64::from(!is_tiny),

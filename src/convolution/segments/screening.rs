@@ -36,6 +36,13 @@ struct Stretch {
     left: Vec<(usize, Vec<f64>)>,
 }
 
+/// What a polynomial is off by: what a shorter panel lessens, and what it does not, which counts as zero.
+#[derive(Clone, Copy, Debug, Default)]
+struct Remainder {
+    of_interpolation: f64,
+    of_rounding: f64,
+}
+
 /// What became of a panel.
 #[derive(Default)]
 struct Outcome {
@@ -149,6 +156,7 @@ impl Segments<'_> {
             }
             if parts >= MOST_PARTS {
                 outcome.is_open |= !left.is_empty();
+                if std::env::var("DBG").is_ok() { for (i,_) in &left { eprintln!("OPEN {panel:?} {:?} rem {:?}", watched[*i], remainders[*i]); } }
                 return Ok(());
             }
             let halves = panel.halves();
@@ -176,9 +184,9 @@ impl Segments<'_> {
         watched: &[Watched],
         left: &[usize],
         panel: Panel,
-    ) -> Result<(Stretch, Vec<f64>), StepError> {
+    ) -> Result<(Stretch, Vec<Remainder>), StepError> {
         let m = self.places.len();
-        let mut remainders = vec![0.0; watched.len()];
+        let mut remainders = vec![Remainder::default(); watched.len()];
         if left.is_empty() {
             return Ok((Stretch { panel, left: Vec::new() }, remainders));
         }
@@ -194,9 +202,9 @@ impl Segments<'_> {
         }
         for (values, &i) in values.iter().zip(left) {
             let largest = values.iter().fold(0.0_f64, |largest, value| largest.max(value.abs()));
-            remainders[i] = self.interpolation.growth * f64::EPSILON * largest;
+            remainders[i].of_rounding = self.interpolation.growth * f64::EPSILON * largest;
             if !self.is_polynomial(functions.trial, &watched[i]) {
-                remainders[i] += panel.remainder() * self.bound_on(functions, &watched[i], panel);
+                remainders[i].of_interpolation = panel.remainder() * self.bound_on(functions, &watched[i], panel);
             }
         }
         let polynomials = left.iter().zip(&values).map(|(&i, values)| (i, self.interpolation.coefficients(values)));
@@ -209,7 +217,7 @@ impl Segments<'_> {
         &mut self,
         functions: &Functions<'_>,
         watched: &[Watched],
-        (panel, left, remainders): (Panel, &mut Vec<(usize, Vec<f64>)>, &[f64]),
+        (panel, left, remainders): (Panel, &mut Vec<(usize, Vec<f64>)>, &[Remainder]),
     ) -> Option<(Option<Violation>, bool, bool)> {
         let h = functions.trial.h;
         let times = self.times(panel, h);
@@ -223,8 +231,10 @@ impl Segments<'_> {
             let (watched, (range, slope)) = (&watched[*i], ranges[place]);
             place += 1;
             let sign = Interval::point(watched.sign);
+            let Remainder { of_interpolation, of_rounding } = remainders[*i];
             // Above the first it is proven, below the second it is lost.
-            let (proven, lost) = (remainders[*i] - watched.limit, -remainders[*i] - watched.limit);
+            let zero = -watched.limit - of_rounding;
+            let (proven, lost) = (zero + of_interpolation, zero - of_interpolation);
             let whole = sign * (bernstein::range(coefficients) + range);
             if range.defined && whole.lo >= proven {
                 return false;

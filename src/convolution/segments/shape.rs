@@ -25,6 +25,9 @@ pub struct Shape {
     pub nodes: Vec<f64>,
     /// The functions at the nodes, a row for each node.
     pub values: DMatrix<f64>,
+    /// The functions at the beginning, at the nodes and in the middles between them, where errors are largest: collocation is
+    /// more accurate at its nodes.
+    pub samples: DMatrix<f64>,
     /// Their integrals from zero to the nodes.
     pub integrals: DMatrix<f64>,
     /// From values at the nodes to coefficients, without the last function and node, and with them.
@@ -67,6 +70,7 @@ impl Shape {
             beta,
             nodes,
             values: DMatrix::zeros(count, count),
+            samples: DMatrix::zeros(2 * count, count),
             integrals: DMatrix::zeros(count, count),
             inverses: [DMatrix::zeros(0, 0), DMatrix::zeros(0, 0)],
             antiderivatives: [DMatrix::zeros(0, 0), DMatrix::zeros(0, 0)],
@@ -79,6 +83,15 @@ impl Shape {
             row.iter().enumerate().for_each(|(j, value)| shape.values[(i, j)] = *value);
             shape.integrate(shape.nodes[i], &mut row);
             row.iter().enumerate().for_each(|(j, value)| shape.integrals[(i, j)] = *value);
+        }
+        let mut sorted = shape.nodes.clone();
+        sorted.sort_by(f64::total_cmp);
+        sorted.insert(0, 0.0);
+        let middles = sorted.windows(2).map(|pair| 0.5 * (pair[0] + pair[1]));
+        let points: Vec<f64> = middles.chain(sorted[..count].iter().copied()).collect();
+        for (i, theta) in points.into_iter().enumerate() {
+            shape.evaluate(theta, &mut row);
+            row.iter().enumerate().for_each(|(j, value)| shape.samples[(i, j)] = *value);
         }
         shape.inverses = [count - 1, count].map(|size| {
             let square = shape.values.view((0, 0), (size, size)).into_owned();

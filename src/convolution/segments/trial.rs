@@ -100,13 +100,14 @@ impl Segments<'_> {
         let shape = &self.shapes[index];
         let m = self.places.len();
         let at_nodes = shape.values.columns(0, n) * &narrow.coefficients;
-        let better = &shape.values * &wide.coefficients;
+        let found = shape.samples.columns(0, n) * &narrow.coefficients;
+        let better = &shape.samples * &wide.coefficients;
         let column_size = |matrix: &DMatrix<f64>, k: usize| matrix.column(k).amax();
         let size: Vec<f64> = (0..m).map(|k| column_size(&at_nodes, k)).collect();
         let mut error = 0.0_f64;
         for k in 0..m {
             let allowed = self.allowed(k, size[k].max(self.size[k]));
-            let apart = (at_nodes.column(k) - better.column(k)).amax();
+            let apart = (found.column(k) - better.column(k)).amax();
             // Smaller elements do not help against rounding errors, which grow as they shrink.
             error = error.max(if apart <= wide.rounding[k].max(narrow.rounding[k]) { 0.0 } else { apart / allowed });
         }
