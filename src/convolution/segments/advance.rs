@@ -42,7 +42,7 @@ impl Segments<'_> {
                 self.accept(&trial, h, true);
                 return Ok(());
             }
-            let wanted = self.h.min(self.longest);
+            let wanted = self.h.min(self.longest());
             // The last two elements share what is left.
             let h = if wanted >= left { left } else { wanted.min(0.5 * left).max(wanted.min(left - wanted)) };
             let (h, broken) = self.up_to_break(h);

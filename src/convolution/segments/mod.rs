@@ -54,6 +54,9 @@ pub struct SegmentSettings {
     pub first: f64,
     /// The longest element.
     pub longest: f64,
+    /// The ends of the elements of a run before: elements are at most half as long as those were, so that the two runs share
+    /// no mesh.
+    pub before: Vec<f64>,
 }
 
 /// A switch of a variable.
@@ -86,6 +89,7 @@ pub struct Segments<'p> {
     end: f64,
     h: f64,
     longest: f64,
+    before: Vec<f64>,
     /// The size of recent elements, against which one is tiny.
     usual: f64,
     rtol: f64,
@@ -174,6 +178,7 @@ impl<'p> Segments<'p> {
             end,
             h: settings.first.min(settings.longest),
             longest: settings.longest,
+            before: settings.before.clone(),
             usual: 0.0,
             rtol: settings.rtol,
             atol: settings.atol.clone(),
@@ -212,6 +217,21 @@ impl<'p> Segments<'p> {
     /// The elements made.
     pub fn elements(&self) -> usize {
         self.past.elements.len()
+    }
+
+    /// The ends of the elements.
+    pub fn mesh(&self) -> Vec<f64> {
+        self.past.elements.iter().map(|element| element.end).collect()
+    }
+
+    /// The longest element that may begin now.
+    fn longest(&self) -> f64 {
+        let next = self.before.partition_point(|end| *end <= self.t);
+        // Switches of two runs differ, and with them the short elements next to them.
+        let ends = [next.checked_sub(1), Some(next), Some(next + 1)];
+        let ends = ends.map(|place| place.map_or(self.start, |place| *self.before.get(place).unwrap_or(&f64::INFINITY)));
+        let length = (ends[1] - ends[0]).max(if ends[2].is_finite() { ends[2] - ends[1] } else { 0.0 });
+        self.longest.min(0.5 * length)
     }
 
     /// The polynomials on an element.

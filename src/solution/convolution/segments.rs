@@ -28,7 +28,8 @@ pub(super) fn integrate(
     let mut before: Option<(Segments<'_>, usize)> = None;
     for (number, problem) in problems.iter_mut().enumerate() {
         let tolerance = FIRST * NEXT.powi(number as i32);
-        let settings = SegmentSettings { tolerance, ..settings.clone() };
+        let mesh = before.as_ref().map_or_else(Vec::new, |(last, _)| last.mesh());
+        let settings = SegmentSettings { tolerance, before: mesh, ..settings.clone() };
         let mut run = Run::new(plan, control, diagnostics.clone());
         let started = (number as f64) / (RUNS as f64);
         let made = control.part(started..started + 1.0 / RUNS as f64, || {

@@ -62,6 +62,7 @@ fn segments_of(model: &ConvolutionModel, specification: &Specification) -> Optio
         tolerance: 1.0,
         first: method.first_step.unwrap_or((time.end - time.start) / FIRST_MESH as f64),
         longest: method.max_step.unwrap_or(f64::INFINITY),
+        before: Vec::new(),
     })
 }
 
