@@ -44,7 +44,8 @@ impl Segments<'_> {
             }
             let wanted = self.h.min(self.longest());
             // The last two elements share what is left.
-            let h = if wanted >= left { left } else { wanted.min(0.5 * left).max(wanted.min(left - wanted)) };
+            let is_last = wanted >= left || left <= 2.0 * self.resolution(left);
+            let h = if is_last { left } else { wanted.min(0.5 * left).max(wanted.min(left - wanted)) };
             let (h, broken) = self.up_to_break(h);
             let trial = self.trial(h)?;
             let is_tiny = h <= TINY * self.usual || h <= self.resolution(h);
@@ -81,6 +82,9 @@ impl Segments<'_> {
                 }
                 if let Some(after) = broken.filter(|_| trial.h == h) {
                     self.pass_break(after);
+                    if change.is_none() {
+                        self.change_at_break(&trial)?;
+                    }
                 }
                 return Ok(());
             }
@@ -89,6 +93,20 @@ impl Segments<'_> {
                 self.change(variable, to)?;
             }
         }
+    }
+
+    /// Changes the face at a break where a sign is lost there as far as tolerances tell: behind the break it may be lost too
+    /// slowly to tell when.
+    fn change_at_break(&mut self, trial: &Trial) -> Result<(), StepError> {
+        for (variable, end) in trial.ends.iter().enumerate() {
+            for to in [Place::Lower, Place::Inside, Place::Upper] {
+                let slack = if to == Place::Inside { trial.slack[variable] } else { self.allowed(variable, self.size[variable]) };
+                if end.towards(to).abs() <= end.noise + slack {
+                    return self.change(variable, to);
+                }
+            }
+        }
+        Ok(())
     }
 
     /// The element up to its first switch, none where that is at its beginning; the change there; and what screening finds

@@ -36,13 +36,15 @@ impl Segments<'_> {
             return (h, None);
         }
         let h = h.min(2.0 * self.breaks.gap.max(self.t - self.breaks.last));
+        // A break right behind the element is one at its end.
+        let beyond = self.resolution(h);
         let mut has_broken = |t: f64| {
             let values = self.forcing.breaks(t).iter();
             values.zip(&signs).any(|(value, sign)| (*value >= 0.0) != *sign)
         };
         let mut before = first;
         for sample in 1..=SAMPLES {
-            let mut after = self.t + h * f64::from(sample) / f64::from(SAMPLES);
+            let mut after = self.t + (h + beyond) * f64::from(sample) / f64::from(SAMPLES);
             if after > before && has_broken(after) {
                 loop {
                     let middle = before + 0.5 * (after - before);

@@ -10,6 +10,9 @@ const GUESSES: usize = 120;
 /// By how much the first bracket shrinks towards the beginning of the element.
 const SHRINK: f64 = 1.0 / 16.0;
 
+/// The part of what rounding errors may be that they mostly are: a monitor below it is zero.
+const SURE: f64 = 1.0 / 16.0;
+
 /// An element up to a switch, none where it is at the beginning; and the variable with its new place, none where a shorter
 /// element shows no switch.
 type Located = (Option<Trial>, Option<(usize, Place)>);
@@ -46,7 +49,7 @@ impl Segments<'_> {
             let made = self.trial(guess)?;
             let monitor = made.ends[lost.variable];
             let at_end = monitor.towards(lost.to);
-            if at_end.abs() <= monitor.noise && made.violation.is_none() && confirmed {
+            if at_end.abs() <= SURE * monitor.noise && made.violation.is_none() && confirmed {
                 return Ok((Some(made), Some((lost.variable, lost.to))));
             }
             let found = match made.violation {
