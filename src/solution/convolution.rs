@@ -1,10 +1,12 @@
 //! A problem with memory from start to end: its outputs, switches and failures by name, and the choice of its step.
 //!
-//! The mesh is uniform, since the weights belong to one step. Where none is given the whole run is repeated with half the
-//! step until three runs agree, in the mean over time: where a bound is left `z` behaves like `(t - t_s)^(1-a)`, so that no
-//! uniform mesh is accurate at every moment. Where the variables are in intervals switches are located instead, and each
-//! segment between them has a mesh of its own ([`segments`]). The run with the least estimated error is returned, which need not be the last:
-//! kernels of high order amplify rounding errors as the step falls.
+//! Where no step is given and the variables are in intervals, switches are located, and each segment between them has a mesh
+//! of its own ([`segments`]). Everything else has a uniform mesh, since the weights of convolution quadrature belong to one
+//! step: a `step` or a `min_step` that is asked for, variables in balls, cones and other blocks, more variables than full
+//! matrices are fit for, a start that needs an impulse, and problems for which no two runs by segments agree. Where no step is
+//! given the whole run is repeated with half the step until three runs agree, in the mean over time: where a bound is left `z`
+//! behaves like `(t - t_s)^(1-a)`, so that no uniform mesh is accurate at every moment. The run with the least estimated error
+//! is returned, which need not be the last: kernels of high order amplify rounding errors as the step falls.
 
 mod halving;
 mod segments;
@@ -63,13 +65,15 @@ pub fn integrate_convolution(
     if let Some(Warning { code, message }) = uniqueness_caveat(analysis) {
         diagnostics.checks.caveat(code, message);
     }
+    let mut by_segments = None;
     if let Some(settings) = &convolution.segments {
         match segments::integrate(model, plan, settings, &diagnostics, control) {
             Ok(mut solution) => {
                 solution.diagnostics.wall_seconds = began.elapsed().as_secs_f64();
                 return solution;
             }
-            Err(why) => {
+            Err(segments::Unsettled { why, best }) => {
+                by_segments = best;
                 let uniform = ConvolutionPlan { segments: None, ..convolution.clone() };
                 let described = describe_convolution(model, &uniform, analysis);
                 (diagnostics.built, diagnostics.left_out) = (described.built, described.left_out);
@@ -144,6 +148,13 @@ pub fn integrate_convolution(
             }
         };
         let mut solution = run.end(ended).solution;
+        let error =
+            |solution: &Solution| solution.diagnostics.refinement.as_ref().map_or(f64::INFINITY, |found| found.scaled);
+        if !solution.verdict.trusted
+            && let Some(other) = by_segments.filter(|other| error(other) < error(&solution))
+        {
+            solution = other;
+        }
         solution.diagnostics.wall_seconds = began.elapsed().as_secs_f64();
         return solution;
     }

@@ -69,7 +69,6 @@ impl Segments<'_> {
                     self.h = trial.h * (SAFETY * error.powf(-1.0 / self.order as f64)).clamp(LEAST, 0.5);
                     continue;
                 }
-                if std::env::var("DBG").is_ok() { eprintln!("{:?} t={:e} h={:e} err={:e} scr={screened:?} ch={change:?} places={:?} first={}", self.t, self.t, trial.h, trial.error, self.places, self.is_first); }
                 match screened {
                     Screened::Proven => self.proven += 1,
                     _ => self.open += u64::from(!is_tiny),
@@ -100,7 +99,10 @@ impl Segments<'_> {
     fn change_at_break(&mut self, trial: &Trial) -> Result<(), StepError> {
         for (variable, end) in trial.ends.iter().enumerate() {
             for to in [Place::Lower, Place::Inside, Place::Upper] {
-                let slack = if to == Place::Inside { trial.slack[variable] } else { self.allowed(variable, self.size[variable]) };
+                let slack = match to {
+                    Place::Inside => self.uncertainty(variable),
+                    _ => self.allowed(variable, self.size[variable]),
+                };
                 if end.towards(to).abs() <= end.noise + slack {
                     return self.change(variable, to);
                 }

@@ -16,8 +16,8 @@ mod shape;
 mod trial;
 mod watched;
 
-use super::kernel::Kernel;
 use super::forcing::Forcing;
+use super::kernel::Kernel;
 use super::stepper::StepError;
 use breaks::Breaks;
 use lag::Lag;
@@ -229,7 +229,8 @@ impl<'p> Segments<'p> {
         let next = self.before.partition_point(|end| *end <= self.t);
         // Switches of two runs differ, and with them the short elements next to them.
         let ends = [next.checked_sub(1), Some(next), Some(next + 1)];
-        let ends = ends.map(|place| place.map_or(self.start, |place| *self.before.get(place).unwrap_or(&f64::INFINITY)));
+        let ends =
+            ends.map(|place| place.map_or(self.start, |place| *self.before.get(place).unwrap_or(&f64::INFINITY)));
         let length = (ends[1] - ends[0]).max(if ends[2].is_finite() { ends[2] - ends[1] } else { 0.0 });
         self.longest.min(0.5 * length)
     }

@@ -6,11 +6,11 @@
 //! zero, functions change no more than their moduli of continuity; panels are halved until that is enough, or they are too
 //! short for a switch in them to count.
 
+use super::Segments;
 use super::advance::TINY;
 use super::panel::{DEGREE, Panel};
 use super::trial::{Trial, Violation};
 use super::watched::{Function, Functions, Watched};
-use super::Segments;
 use crate::stepper::StepError;
 use numerics::{Interval, bernstein};
 
@@ -156,7 +156,6 @@ impl Segments<'_> {
             }
             if parts >= MOST_PARTS {
                 outcome.is_open |= !left.is_empty();
-                if std::env::var("DBG").is_ok() { for (i,_) in &left { eprintln!("OPEN {panel:?} {:?} rem {:?}", watched[*i], remainders[*i]); } }
                 return Ok(());
             }
             let halves = panel.halves();
@@ -243,7 +242,8 @@ impl Segments<'_> {
             if middle < lost {
                 match watched.to {
                     Some(to) if violation.is_none_or(|first| middle < first.value) => {
-                        violation = Some(Violation { theta: panel.middle(), variable: watched.variable, to, value: middle });
+                        violation =
+                            Some(Violation { theta: panel.middle(), variable: watched.variable, to, value: middle });
                     }
                     Some(_) => {}
                     None => is_unresolved = true,
@@ -255,7 +255,8 @@ impl Segments<'_> {
             if lower < proven && (slope.lo >= 0.0 || slope.hi <= 0.0) {
                 // The least value is at an end.
                 let end = usize::from(slope.lo < 0.0);
-                let rows = at_ends[end].get_or_insert_with(|| rows_at(if end == 0 { panel.begin } else { panel.end() }));
+                let rows =
+                    at_ends[end].get_or_insert_with(|| rows_at(if end == 0 { panel.begin } else { panel.end() }));
                 lower = watched.sign * (bernstein::value(coefficients, end as f64) + watched.beside_at(rows));
             }
             needs_more |= lower < proven && lower >= lost;

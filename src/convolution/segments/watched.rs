@@ -167,7 +167,8 @@ impl Segments<'_> {
                 let here = of(&trial.levels[term.level], column);
                 let Some(lag) = &term.lag else { return here };
                 let before = self.past.largest[term.level][column];
-                let ends = [reach * trial.h, self.t - self.start + reach * trial.h].map(|end| lag.integral_of_power(end));
+                let ends =
+                    [reach * trial.h, self.t - self.start + reach * trial.h].map(|end| lag.integral_of_power(end));
                 functions.factors[place][0] * (here * ends[0] + before * ends[1])
             }),
         }
@@ -200,6 +201,16 @@ impl Segments<'_> {
                 here * factor * next + anywhere * (factor * next + slope * length * all)
             }),
         }
+    }
+
+    /// What errors of the variables within the tolerance, from the beginning on, make of `w`.
+    pub(super) fn uncertainty(&self, variable: usize) -> f64 {
+        let length = self.t - self.start;
+        self.over_entries(variable, |place, column| {
+            let term = &self.terms[place];
+            let allowed = self.allowed(column, self.size[column]) * length.powi(term.level as i32);
+            term.lag.as_ref().map_or(allowed, |lag| allowed * lag.bounds(length)[0] * lag.integral_of_power(length))
+        })
     }
 
     /// The sum over the entries of a row of the kernel of what each term and column make, times the size of the entry.

@@ -1,9 +1,12 @@
-//! Runs by segments between located switches: each with a tenth of the tolerance of the one before, until two agree in the mean
-//! over time and in their switches. The last is the answer.
+//! Runs by segments between located switches: each with a tenth of the tolerance of the one before and elements at most half
+//! as long, until two agree in the mean over time and in the number of their switches. The last is the answer then; where no two
+//! agree it is the one that differs least from the run before it, unless a uniform mesh does better.
 
 use super::failure;
 use crate::run::{Plan, Run, Stepper, ending};
-use crate::{CheckCode, Diagnostics, Event, EventKind, Failure, Refinement, Screening, Solution, Status, Steps};
+use crate::{
+    CheckCode, Diagnostics, Event, EventKind, Failure, Refinement, Screening, Solution, Status, Steps, Warning,
+};
 use analysis::Analysis;
 use convolution::{Place, SegmentSettings, Segments};
 use models::ConvolutionModel;
@@ -15,17 +18,26 @@ const RUNS: usize = 4;
 const FIRST: f64 = 0.1;
 const NEXT: f64 = 0.1;
 
-/// The answer, or why another method is needed.
+/// Why another method is needed, and the best of the runs, if two were made.
+pub(super) struct Unsettled {
+    pub why: String,
+    pub best: Option<Solution>,
+}
+
+/// The answer, unless no two runs agree.
 pub(super) fn integrate(
     model: &ConvolutionModel,
     plan: &Plan,
     settings: &SegmentSettings,
     diagnostics: &Diagnostics,
     control: &Control,
-) -> Result<Solution, String> {
+) -> Result<Solution, Unsettled> {
     let mut problems: Vec<Box<dyn Dvi>> = (0..RUNS).map(|_| model.forcing.problem()).collect();
     let m = model.variables();
     let mut before: Option<(Segments<'_>, usize)> = None;
+    let mut best: Option<(f64, Solution)> = None;
+    let unsettled =
+        |why: String, best: Option<(f64, Solution)>| Unsettled { why, best: best.map(|(_, solution)| solution) };
     for (number, problem) in problems.iter_mut().enumerate() {
         let tolerance = FIRST * NEXT.powi(number as i32);
         let mesh = before.as_ref().map_or_else(Vec::new, |(last, _)| last.mesh());
@@ -46,24 +58,32 @@ pub(super) fn integrate(
             Err((Status::Stopped, failure)) if failure.code != "steps" => {
                 return Ok(run.end(Err((Status::Stopped, failure))).solution);
             }
-            Err((_, failure)) => return Err(failure.message),
+            Err((_, failure)) => return Err(unsettled(failure.message, best)),
         };
         if let Some((last, last_switches)) = &before {
             let distances = segments.mean_distance(last);
             let allowed = |k: usize| settings.atol[k] + settings.rtol * segments.sizes()[k];
             let scaled = distances.iter().enumerate().map(|(k, distance)| distance / allowed(k)).fold(0.0, f64::max);
-            if scaled <= 1.0 && switches == *last_switches {
-                let message = || format!("two runs differ by {scaled:.1e} tolerances in the mean over time");
-                run.diagnostics.checks.record(CheckCode::LocalError, scaled, 1.0, message);
-                let mean_distance = plan.names.iter().cloned().zip(distances).collect();
-                run.diagnostics.refinement =
-                    Some(Refinement { halvings: number as u32, mean_distance, scaled, order: None });
-                return Ok(run.end(Ok(())).solution);
+            let agrees = scaled <= 1.0 && switches == *last_switches;
+            let message = || format!("two runs differ by {scaled:.1e} tolerances in the mean over time");
+            run.diagnostics.checks.record(CheckCode::LocalError, scaled, 1.0, message);
+            if !agrees {
+                run.diagnostics.warnings.push(Warning { code: "tolerance_not_reached", message: message() });
+            }
+            let mean_distance = plan.names.iter().cloned().zip(distances).collect();
+            run.diagnostics.refinement =
+                Some(Refinement { halvings: number as u32, mean_distance, scaled, order: None });
+            if agrees || best.as_ref().is_none_or(|(least, _)| scaled < *least) {
+                let solution = run.end(Ok(())).solution;
+                if agrees {
+                    return Ok(solution);
+                }
+                best = Some((scaled, solution));
             }
         }
         before = Some((segments, switches));
     }
-    Err(format!("{RUNS} runs, each with a tenth of the tolerance of the last, did not agree"))
+    Err(unsettled(format!("{RUNS} runs, each with a tenth of the tolerance of the last, did not agree"), best))
 }
 
 /// What is known before the run.
