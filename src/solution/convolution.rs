@@ -78,6 +78,9 @@ pub fn integrate_convolution(
                 let described = describe_convolution(model, &uniform, analysis);
                 (diagnostics.built, diagnostics.left_out) = (described.built, described.left_out);
                 diagnostics.vi = described.vi;
+                diagnostics.checks.record(CheckCode::EventsUnproven, 1.0, 0.0, || {
+                    format!("switches could not be located, and a uniform mesh may miss some: {why}")
+                });
                 diagnostics.left_out.push(format!("located switches: {why}"));
             }
         }

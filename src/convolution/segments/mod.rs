@@ -127,10 +127,11 @@ pub struct Segments<'p> {
 }
 
 impl<'p> Segments<'p> {
-    /// Whether a problem can be solved so: variables in intervals, and few enough for full matrices.
+    /// Whether a problem can be solved so: variables in intervals, few enough for full matrices, and elements that converge faster
+    /// than steps.
     pub fn suit(structure: &Structure, stages: usize) -> bool {
         const UNKNOWNS: usize = 100;
-        !structure.set.has_blocks() && structure.variables * stages <= UNKNOWNS
+        stages > 1 && !structure.set.has_blocks() && structure.variables * stages <= UNKNOWNS
     }
 
     /// A run over `[start, end]`; `problem` has no states, its inequality is `q`.
