@@ -285,8 +285,8 @@ fn the_order_holds_over_switches() {
         };
         let ((coarse, few), (fine, many)) = (run(1e-6), run(1e-9));
         let order = (coarse / fine).ln() / (many / few).ln();
-        // Segments that need one element have no more than rounding errors.
-        assert!(order >= 3.0 || coarse < 1e-11, "order {order}: {coarse:e} in {few}, {fine:e} in {many}");
+        // Of order 0.8 each segment is one element from the coarsest tolerance on, and what is left are rounding errors.
+        assert!(order >= 3.0 || coarse < 1e-10, "order {order}: {coarse:e} in {few}, {fine:e} in {many}");
     }
 }
 
