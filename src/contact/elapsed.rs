@@ -4,7 +4,7 @@
 
 use nalgebra::DMatrix;
 use numerics::Interval;
-use problem::{Constraints, Energies, Mechanical, MechanicalStructure, Sensitivity};
+use problem::{Constraints, DynamicsRange, Energies, Mechanical, MechanicalStructure, Sensitivity};
 
 /// A system whose time is zero at its start.
 pub struct Elapsed {
@@ -54,6 +54,10 @@ impl Mechanical for Elapsed {
 
     fn enclose_in_time(&mut self, t: Interval, q: &[f64], v: &[f64], values: &mut [Interval]) {
         self.problem.enclose_in_time(Interval::point(self.start) + t, q, v, values);
+    }
+
+    fn enclose_dynamics(&mut self, t: Interval, q: &[Interval], v: &[Interval], range: &mut DynamicsRange) {
+        self.problem.enclose_dynamics(Interval::point(self.start) + t, q, v, range);
     }
 
     fn breaks(&mut self, t: f64) -> &[f64] {

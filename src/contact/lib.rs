@@ -24,7 +24,7 @@ mod violations;
 
 pub use elapsed::Elapsed;
 pub use happening::Happening;
-pub use locate::{Flights, Leg, Located, Passed, Screening};
+pub use locate::{Flights, Grazed, Leg, Located, Passed, Screening};
 pub use settings::{ContactError, ImpactLaw, Settings};
 pub use time_stepping::TimeStepping;
 pub use velocity_step::{Contacted, Forces, State, VelocityStep, Work};

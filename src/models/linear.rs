@@ -42,11 +42,15 @@ pub struct Linear {
     forcing: Tape,
     bound_derivatives: Tape,
     time_derivatives: Tape,
+    /// The derivatives of `a` and the second ones of `g` by `t`; none where one passes the bounds of the graph.
+    time_slopes: Option<Tape>,
     breaks: Breaks,
-    /// Those of the three tapes over boxes.
-    boxes: [IntervalWorkspace; 3],
+    /// Those of the tapes over boxes.
+    boxes: [IntervalWorkspace; 4],
     /// The middle and the radius of each unknown over a box.
     balls: Vec<(f64, f64)>,
+    /// What `time_slopes` gives over an interval.
+    slopes: Vec<Interval>,
 }
 
 impl Linear {
@@ -73,11 +77,16 @@ impl Linear {
             }
         }
         let zero = graph.constant(0.0);
+        let mut by_time_of = |node: Node| -> Result<Node, ExpressionError> {
+            let gradient = graph.gradient(node)?;
+            Ok(gradient.first().map_or(zero, |&(_, derivative)| derivative))
+        };
         let mut by_time = Vec::with_capacity(m);
         for (k, &g) in rows.inequality_forcing.iter().enumerate() {
-            let gradient = graph.gradient(g).map_err(|error| (rows.moving.len() + k, error))?;
-            by_time.push(gradient.first().map_or(zero, |&(_, derivative)| derivative));
+            by_time.push(by_time_of(g).map_err(|error| (rows.moving.len() + k, error))?);
         }
+        let twice = rows.state_forcing.iter().chain(&by_time).map(|&node| by_time_of(node));
+        let twice: Option<Vec<Node>> = twice.collect::<Result<_, _>>().ok();
         let outputs: Vec<Node> = rows
             .state_forcing
             .into_iter()
@@ -93,9 +102,11 @@ impl Linear {
             pattern,
             constant_jacobian: derivatives.iter().all(|&derivative| graph.value(derivative).is_some()),
         };
-        let tapes = [&outputs, &derivatives, &by_time].map(|nodes| Tape::compile(graph, nodes));
+        let has_slopes = twice.is_some();
+        let tapes =
+            [&outputs, &derivatives, &by_time, &twice.unwrap_or_default()].map(|nodes| Tape::compile(graph, nodes));
         let boxes = std::array::from_fn(|i| IntervalWorkspace::new(&tapes[i]));
-        let [forcing, bound_derivatives, time_derivatives] = tapes;
+        let [forcing, bound_derivatives, time_derivatives, time_slopes] = tapes;
         Ok(Self {
             structure,
             coefficients,
@@ -104,8 +115,10 @@ impl Linear {
             forcing,
             bound_derivatives,
             time_derivatives,
+            time_slopes: has_slopes.then_some(time_slopes),
             boxes,
             balls: Vec::new(),
+            slopes: Vec::new(),
             breaks: Breaks::new(graph, &outputs),
         })
     }
@@ -164,6 +177,15 @@ impl Dvi for Linear {
             self.bound_derivatives.enclose(t, y, &mut self.boxes[1], varying);
         }
         self.time_derivatives.enclose(t, y, &mut self.boxes[2], by_time);
+        true
+    }
+
+    fn enclose_time_slopes(&mut self, t: Interval, rates: &mut [Interval], inequality: &mut [Interval]) -> bool {
+        let Some(slopes) = &self.time_slopes else { return false };
+        self.slopes.resize(rates.len() + inequality.len(), Interval::LINE);
+        slopes.enclose(t, &[], &mut self.boxes[3], &mut self.slopes);
+        rates.copy_from_slice(&self.slopes[..rates.len()]);
+        inequality.copy_from_slice(&self.slopes[rates.len()..]);
         true
     }
 

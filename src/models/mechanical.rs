@@ -11,7 +11,7 @@
 use expression::{Breaks, ExpressionError, Graph, IntervalWorkspace, Node, Tape};
 use nalgebra::DMatrix;
 use numerics::Interval;
-use problem::{Constraints, ContactData, Energies, Mechanical, MechanicalStructure, Sensitivity};
+use problem::{Constraints, ContactData, DynamicsRange, Energies, Mechanical, MechanicalStructure, Sensitivity};
 
 /// The parts of a system with `n` coordinates as nodes of a [`Graph`] whose inputs are `t`, then `q` (n), then `v` (n).
 #[derive(Clone, Debug)]
@@ -74,6 +74,7 @@ struct Enclosures {
     rows: IntervalWorkspace,
     forces: IntervalWorkspace,
     bias: IntervalWorkspace,
+    mass: IntervalWorkspace,
     /// Those after `t`.
     inputs: Vec<Interval>,
     jacobian: Vec<Interval>,
@@ -247,6 +248,7 @@ impl SymbolicMechanics {
         let values = Tape::compile(graph, &holonomic);
         let all: Vec<Node> = [&rows.mass, &forces, &holonomic, &drift, &bias].into_iter().flatten().copied().collect();
         let breaks = Breaks::new(graph, &all);
+        let mass = Tape::compile(graph, &rows.mass);
         let (drift, bias) = (Tape::compile(graph, &drift), Tape::compile(graph, &bias));
         let (forces, jacobian) = (Tape::compile(graph, &forces), Sparse::compile(graph, jacobian));
         let enclosures = Enclosures {
@@ -255,11 +257,12 @@ impl SymbolicMechanics {
             rows: IntervalWorkspace::new(&jacobian.tape),
             forces: IntervalWorkspace::new(&forces),
             bias: IntervalWorkspace::new(&bias),
+            mass: IntervalWorkspace::new(&mass),
             inputs: Vec::new(),
             jacobian: Vec::new(),
         };
         Ok(Self {
-            mass: Tape::compile(graph, &rows.mass),
+            mass,
             forces,
             stiffness,
             enclosures,
@@ -411,6 +414,22 @@ impl Mechanical for SymbolicMechanics {
         self.forces.enclose(t, inputs, forces, of_forces);
         self.drift.enclose(t, inputs, drift, of_drift);
         self.bias.enclose(t, inputs, bias, of_bias);
+    }
+
+    fn enclose_dynamics(&mut self, t: Interval, q: &[Interval], v: &[Interval], range: &mut DynamicsRange) {
+        let Enclosures { drift, rows, forces, bias, mass, inputs, jacobian, .. } = &mut self.enclosures;
+        inputs.clear();
+        inputs.extend(q.iter().chain(v).copied());
+        self.mass.enclose(t, inputs, mass, &mut range.mass);
+        self.forces.enclose(t, inputs, forces, &mut range.forces);
+        self.drift.enclose(t, inputs, drift, &mut range.drift);
+        self.bias.enclose(t, inputs, bias, &mut range.bias);
+        jacobian.resize(self.rows.places.len(), Interval::LINE);
+        self.rows.tape.enclose(t, inputs, rows, jacobian);
+        range.rows.fill(Interval::point(0.0));
+        for (&(j, row), &by) in self.rows.places.iter().zip(&*jacobian) {
+            range.rows[row * q.len() + j] = by;
+        }
     }
 
     fn breaks(&mut self, t: f64) -> &[f64] {

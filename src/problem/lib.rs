@@ -21,7 +21,7 @@ pub use convex_set::{
     Workspace,
 };
 pub use event::{Event, EventKind};
-pub use mechanical::{Constraints, ContactData, Energies, Mechanical, MechanicalStructure, Sensitivity};
+pub use mechanical::{Constraints, ContactData, DynamicsRange, Energies, Mechanical, MechanicalStructure, Sensitivity};
 pub use warning::Warning;
 
 /// What a moving bound is.
@@ -157,6 +157,12 @@ pub trait Dvi: Send {
         _jacobian: &mut [Interval],
         _by_time: &mut [Interval],
     ) -> bool {
+        false
+    }
+
+    /// Writes intervals that hold the derivatives of `F` (n) by `t` and the second ones of `G` (m) wherever `t` is in an
+    /// interval; false where these are not known, or depend on `y`.
+    fn enclose_time_slopes(&mut self, _t: Interval, _rates: &mut [Interval], _inequality: &mut [Interval]) -> bool {
         false
     }
 

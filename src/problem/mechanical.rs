@@ -123,6 +123,36 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
+/// Intervals that hold what motion depends on, over a box of times, coordinates and velocities.
+#[derive(Clone, Debug, Default)]
+pub struct DynamicsRange {
+    /// `M`, row by row.
+    pub mass: Vec<Interval>,
+    /// `f`.
+    pub forces: Vec<Interval>,
+    /// `gamma`, a number for each row of `J`.
+    pub bias: Vec<Interval>,
+    /// `b`, likewise.
+    pub drift: Vec<Interval>,
+    /// `J`, row by row.
+    pub rows: Vec<Interval>,
+}
+
+impl DynamicsRange {
+    /// Room for those of a system.
+    pub fn new(structure: &MechanicalStructure) -> Self {
+        let (n, rows) = (structure.coordinates, structure.rows());
+        let room = |count: usize| vec![Interval::LINE; count];
+        Self { mass: room(n * n), forces: room(n), bias: room(rows), drift: room(rows), rows: room(rows * n) }
+    }
+
+    /// Row `i` of `J`.
+    pub fn row(&self, row: usize) -> &[Interval] {
+        let n = self.forces.len();
+        &self.rows[row * n..(row + 1) * n]
+    }
+}
+
 /// Energies, and the powers that change them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Energies {
@@ -175,6 +205,9 @@ pub trait Mechanical: Send {
 
     /// Writes intervals that hold `f`, then `b`, then `gamma`, at one place wherever `t` is in its own.
     fn enclose_in_time(&mut self, t: Interval, q: &[f64], v: &[f64], values: &mut [Interval]);
+
+    /// Writes intervals that hold masses, forces, bias, drift and `J` wherever `t`, `q` and `v` are in theirs.
+    fn enclose_dynamics(&mut self, t: Interval, q: &[Interval], v: &[Interval], range: &mut DynamicsRange);
 
     /// What changes its sign where something has a kink or a jump at a time, whatever `q` and `v` are.
     fn breaks(&mut self, _t: f64) -> &[f64] {

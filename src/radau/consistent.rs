@@ -20,6 +20,7 @@ use super::layout::Storage;
 use super::newton_control::NewtonControl;
 use super::system::System;
 use dense::Dense;
+pub use dense::Response;
 use nalgebra::DMatrix;
 use sparse::Sparse;
 
@@ -80,17 +81,29 @@ impl Consistent {
     /// as large as `sizes` says and `dG/dt` as `hidden`; infinite where the equations are singular, nothing where `K` has
     /// blocks or the system is sparse.
     pub fn find_errors(&mut self, system: &System<'_>, sizes: &[f64], hidden: &[f64], out: &mut [f64]) {
-        let Equations::Dense(equations) = &mut self.equations else { return };
         if system.set.has_blocks() {
             return;
         }
         self.inside.clear();
         self.inside.extend((0..out.len()).filter(|&k| system.face.places[k] == Place::Inside));
+        let Equations::Dense(equations) = &mut self.equations else { return };
         if equations.errors(system, &self.inside, sizes, hidden, &mut self.step) {
             self.inside.iter().for_each(|&k| out[k] = self.step[k]);
         } else {
             self.inside.iter().for_each(|&k| out[k] = f64::INFINITY);
         }
+    }
+
+    /// How the variables inside answer to their equations; `None` where these are singular, `K` has blocks, or the system is
+    /// sparse.
+    pub fn response(&mut self, system: &System<'_>) -> Option<&Response> {
+        let Equations::Dense(equations) = &mut self.equations else { return None };
+        if system.set.has_blocks() {
+            return None;
+        }
+        self.inside.clear();
+        self.inside.extend((0..self.drift.len()).filter(|&k| system.face.places[k] == Place::Inside));
+        equations.response(system, &self.inside)
     }
 
     /// `M^-1`; `None` where the system is sparse.

@@ -101,6 +101,31 @@ impl Constraints {
         }
     }
 
+    /// Takes out of a difference of states what would leave the constraints, which is what rounding and Newton's method leave
+    /// there; false where nothing is known to be bound.
+    pub fn project(
+        &mut self,
+        system: &mut System<'_>,
+        control: &NewtonControl,
+        y: &[f64],
+        difference: &mut [f64],
+    ) -> bool {
+        self.follow(system, control, y);
+        if self.correction.is_empty() {
+            return false;
+        }
+        let n = system.states;
+        self.changes.clear();
+        self.changes.resize(system.unknowns, 0.0);
+        for (column, &row) in self.correction.column_iter().zip(&self.rows) {
+            let along: f64 =
+                system.entries_of_row(row).filter(|(j, _)| *j < n).map(|(j, value)| value * difference[j]).sum();
+            self.changes.iter_mut().zip(column.as_slice()).for_each(|(change, entry)| *change += entry * along);
+        }
+        difference[..n].iter_mut().zip(&self.changes).for_each(|(difference, change)| *difference += change);
+        true
+    }
+
     /// Takes the constraints of the face of `system`, with its last Jacobian.
     fn follow(&mut self, system: &mut System<'_>, control: &NewtonControl, y: &[f64]) {
         let is_same = self.jacobians == system.work.jacobians && self.face.as_ref() == Some(&system.face);

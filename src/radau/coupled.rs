@@ -44,16 +44,23 @@ impl Shortened {
 impl Radau<'_> {
     /// The largest `h max_ij |B (z_i - z_j)| / M` of a state over the stages `i, j` of a step of size `h` whose stages are
     /// solved with the VI, in units of its tolerance; `None` where switches are not to be located, or the step has none.
-    pub(super) fn unlocated(&self, h: f64) -> Option<f64> {
+    pub(super) fn unlocated(&mut self, h: f64) -> Option<f64> {
         if !self.switching.is_to_locate() || self.switching.before.is_same(&self.system.face) {
             return None;
         }
         let (n, unknowns) = (self.system.states, self.system.unknowns);
+        // The variables at the beginning that belong to the states on the face that was left.
+        let mut begin = self.y.clone();
+        std::mem::swap(&mut self.system.face, &mut self.switching.before);
+        if let Some(consistent) = &mut self.consistent {
+            consistent.solve(&mut self.system, &self.control, self.t, &mut begin);
+        }
+        std::mem::swap(&mut self.system.face, &mut self.switching.before);
         let mut worst = 0.0_f64;
         for state in (0..n).filter(|&state| self.system.mass_diagonal[state] != 0.0) {
             let rate = |increments: Option<&[f64]>| -> f64 {
                 let along = self.system.entries_of_row(state).filter(|&(j, _)| j >= n);
-                along.map(|(j, value)| value * (self.y[j] + increments.map_or(0.0, |z| z[j]))).sum()
+                along.map(|(j, value)| value * increments.map_or(begin[j], |z| self.y[j] + z[j])).sum()
             };
             let rates =
                 (0..self.tableau().stages()).map(|i| rate(Some(&self.stages.z[i * unknowns..(i + 1) * unknowns])));

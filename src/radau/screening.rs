@@ -8,12 +8,13 @@
 
 mod monitors;
 mod part;
+mod reduced;
 
 use super::face::Monitor;
 use super::law::Excess;
 use super::stepper::Radau;
 use super::switches::Switching;
-use monitors::{Enclosure, Found, OnFace, Watched, watch};
+use monitors::{Enclosure, Found, OnFace, Told, Watched, watch};
 use part::Part;
 
 /// The part of its change over a step by which a source may be off the polynomial through its values at the stages: events
@@ -114,7 +115,10 @@ impl Radau<'_> {
         let s = self.tableau().stages();
         whole.set_whole(self.tableau(), &self.y, &self.stages.z[..s * self.system.unknowns]);
         left.push(whole);
-        let (mut parts, are_told) = (0, self.switching.inside.tells_all(&self.system));
+        let Self { system, control, switching, consistent, .. } = self;
+        let Switching { inside, constraints, .. } = switching;
+        let told = OnFace { system, control, inside, constraints, consistent: consistent.as_mut() }.told();
+        let (mut parts, are_told) = (0, told != Told::InPart);
         let (mut most, mut least) = if are_told { (MOST_PARTS, SHORTEST) } else { (MOST_HIDDEN, LEAST) };
         // What became of monitors that hidden constraints enter, where they were given up.
         let mut given_up = None;

@@ -320,6 +320,7 @@ impl<'p> Radau<'p> {
             self.predict(size);
             let (located, iterations) = match self.newton(size) {
                 Newton::Converged { iterations, violated } => {
+                    let violated = violated && self.is_violated_within(size, None);
                     let between = if violated || self.stage_vi.is_none() { None } else { Some(self.screen(size)) };
                     let violation = between.and_then(Between::violation).filter(|_| self.switching.locates());
                     if let Some(Between::ProvenUpTo(theta)) = between

@@ -202,7 +202,7 @@ impl Radau<'_> {
             if dip.is_some() {
                 solves = solves.min(1);
             }
-            if !is_end && self.is_violated_within(size, &crossing) {
+            if !is_end && self.is_violated_within(size, Some(&crossing)) {
                 continue;
             }
             // The stages of a curved face may be those of the VI, which looks at no monitors.
@@ -412,16 +412,26 @@ impl Radau<'_> {
         residuals.fold(0.0, f64::max)
     }
 
-    /// Whether a monitor, other than the one that ends it, is violated at a stage of the step at hand.
-    fn is_violated_within(&mut self, h: f64, end: &Crossing) -> bool {
+    /// Whether a monitor, other than the one that ends it, is violated at a stage of the step at hand, of size `h`. Variables
+    /// that hidden constraints tell are those that belong to the states: at the stages themselves they are right to order `s`
+    /// only, and may leave their bounds while the others do not.
+    pub(super) fn is_violated_within(&mut self, h: f64, end: Option<&Crossing>) -> bool {
         let tableau = self.tableau();
         (0..tableau.stages()).any(|i| {
-            let y = self.stages.stage(&self.y, i);
-            if !self.system.evaluate(self.t + tableau.c[i] * h, y) {
+            let t = self.t + tableau.c[i] * h;
+            self.switching.scratch.copy_from_slice(self.stages.stage(&self.y, i));
+            let Switching { inside, scratch, monitors: values, .. } = &mut self.switching;
+            if let Some(consistent) = &mut self.consistent
+                && consistent.is_cheap()
+                && !inside.tells_all(&self.system)
+            {
+                consistent.solve(&mut self.system, &self.control, t, scratch);
+            }
+            if !self.system.evaluate(t, scratch) {
                 return true;
             }
-            monitors(&mut self.system, &self.control, y, &mut self.switching.monitors);
-            let mut others = self.switching.monitors.iter().enumerate().filter(|(index, _)| *index != end.index);
+            monitors(&mut self.system, &self.control, scratch, values);
+            let mut others = values.iter().enumerate().filter(|(index, _)| end.is_none_or(|end| *index != end.index));
             others.any(|(_, monitor)| monitor.is_violated())
         })
     }

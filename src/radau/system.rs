@@ -77,6 +77,8 @@ pub struct System<'p> {
     pub tolerances: Vec<f64>,
     /// Whether derivatives may change within a step by more than a step makes them, at kinks of the rows in `y`.
     pub has_kinks: bool,
+    /// Whether the slopes of its rows in time can be enclosed.
+    pub has_time_slopes: bool,
     /// The active face.
     pub face: ActiveFace,
     /// The equations of each block where they were asked for last.
@@ -134,6 +136,8 @@ impl<'p> System<'p> {
         let (rows, nonzeros) = (structure.rows(), structure.pattern.len());
         let row_starts = (0..=rows).map(|row| structure.pattern.partition_point(|&(i, _)| i < row)).collect();
         let has_kinks = !problem.kinks(t, &vec![0.0; unknowns]).is_empty();
+        let (mut of_rates, mut of_g) = (vec![Interval::LINE; n], vec![Interval::LINE; unknowns - n]);
+        let has_time_slopes = problem.enclose_time_slopes(Interval::point(t), &mut of_rates, &mut of_g);
         let layout = Arc::new(Layout::new(&structure, &bounded, t, outside)?);
         Ok(Self {
             problem,
@@ -149,6 +153,7 @@ impl<'p> System<'p> {
             intervals,
             tolerances: Vec::new(),
             has_kinks,
+            has_time_slopes,
             face,
             equations: vec![FaceEquations::default(); blocks],
             linearised: vec![FaceEquations::default(); blocks],
@@ -330,7 +335,7 @@ impl<'p> System<'p> {
         bounds.map(|(p, _)| self.terms_of_row(self.unknowns + p, |j| [size(j)])[0]).sum()
     }
 
-    fn terms_of_row<const N: usize>(&self, row: usize, sizes: impl Fn(usize) -> [f64; N]) -> [f64; N] {
+    pub fn terms_of_row<const N: usize>(&self, row: usize, sizes: impl Fn(usize) -> [f64; N]) -> [f64; N] {
         let mut sums = [0.0; N];
         for (j, value) in self.entries_of_row(row) {
             for (sum, size) in sums.iter_mut().zip(sizes(j)) {

@@ -1,6 +1,6 @@
 //! A mechanical system from start to end: its contacts, energies and failures by name.
 
-use super::mechanical_checks::{Accuracy, check_energy, check_passed, check_screening, check_violations};
+use super::mechanical_checks::{Accuracy, check_energy, check_grazed, check_passed, check_screening, check_violations};
 use super::run::{Plan, Run, Stepper, run};
 use super::{
     CheckCode, Diagnostics, Evaluations, Event, EventKind, Failure, Screening, Solution, Status, Steps, ViCounts,
@@ -10,7 +10,8 @@ use analysis::Analysis;
 use contact::energy::Energy;
 use contact::law::UNSOLVED;
 use contact::{
-    ContactError, Elapsed, Flights, Happening, Leg, Located, Passed, Settings, State, TimeStepping, VelocityStep,
+    ContactError, Elapsed, Flights, Grazed, Happening, Leg, Located, Passed, Settings, State, TimeStepping,
+    VelocityStep,
 };
 use models::{ENERGIES, MechanicalModel};
 use nalgebra::Vector3;
@@ -107,6 +108,9 @@ fn judge_located(
     let screening = Screening { proven, undecided, missed };
     diagnostics.screening = (proven + undecided + missed > 0).then_some(screening);
     let checks = &mut diagnostics.checks;
+    if let Some(grazed) = located.grazed.map(|grazed| Grazed { t: start + grazed.t, ..grazed }) {
+        check_grazed(&grazed, &model.contacts[grazed.contact], checks);
+    }
     if let Some(passed) = located.passed.map(|passed| Passed { t: start + passed.t, ..passed }) {
         check_passed(&passed, &model.contacts[passed.contact], &located.energy, radau.rtol, checks);
     }

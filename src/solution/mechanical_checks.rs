@@ -7,7 +7,8 @@
 
 use super::{CheckCode, Checks};
 use contact::energy::Energy;
-use contact::{Passed, Screening, Violation, Violations};
+use contact::{Grazed, Passed, Screening, Violation, Violations};
+use radau::ALLOWED;
 
 /// The part of the largest energy and length met that a run may be off by, whatever its tolerances.
 pub(super) const LARGEST_PART: f64 = 1e-3;
@@ -129,12 +130,25 @@ pub(super) fn check_violations(violations: &Violations, names: &[String], accura
     }
 }
 
+/// Tells of a contact of which tolerances do not say whether it was met.
+pub(super) fn check_grazed(grazed: &Grazed, name: &str, checks: &mut Checks) {
+    checks.record(CheckCode::EventsUnproven, grazed.change, ALLOWED, || {
+        format!(
+            "at t = {:?} `{name}` grazes: its gap comes to zero, within what the tolerances leave open of it, with hardly any \
+             speed, so that a contact may be missed or met; that may change a velocity by {:.1e} times its tolerance, and what \
+             follows is right to the root of `rtol` only",
+            grazed.t, grazed.change
+        )
+    });
+}
+
 /// Tells of steps in which an event was missed, or may have been.
 pub(super) fn check_screening(screening: Screening, checks: &mut Checks) {
     let Screening { proven, undecided, missed } = screening;
     checks.record(CheckCode::EventsUnproven, missed as f64, 0.0, || {
         format!(
-            "in {missed} steps a gap closes, or a contact that is held parts, between the points that were looked at, and the              time could not be located; a smaller `max_step` may help"
+            "in {missed} steps a gap closes, or a contact that is held parts, between the points that were looked at, and the \
+             time could not be located; a smaller `max_step` may help"
         )
     });
     if undecided > 0 {

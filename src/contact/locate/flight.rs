@@ -61,16 +61,16 @@ pub struct Flight {
 }
 
 /// `M^-1` and `(C M^-1 G)^-1`, with what they were computed from.
-struct Solved {
-    matrix: DMatrix<f64>,
-    mass: Cholesky<f64, Dyn>,
-    c: DMatrix<f64>,
-    g: DMatrix<f64>,
+pub(super) struct Solved {
+    pub matrix: DMatrix<f64>,
+    pub mass: Cholesky<f64, Dyn>,
+    pub c: DMatrix<f64>,
+    pub g: DMatrix<f64>,
     /// `M^-1 G`.
-    y: DMatrix<f64>,
-    inverse: DMatrix<f64>,
+    pub y: DMatrix<f64>,
+    pub inverse: DMatrix<f64>,
     /// What the loads add where multipliers are not unique, to `a` and to `lambda`.
-    shift: Option<(DVector<f64>, DVector<f64>)>,
+    pub shift: Option<(DVector<f64>, DVector<f64>)>,
 }
 
 impl Solved {
@@ -179,6 +179,31 @@ impl Flight {
         (self.rank, self.last) = (None, None);
     }
 
+    /// Sizes and contacts.
+    pub fn shape(&self) -> &MechanicalStructure {
+        &self.shape
+    }
+
+    /// What each contact does.
+    pub fn mode(&self) -> &[Status] {
+        &self.mode
+    }
+
+    /// The rows of `J` that are held.
+    pub fn rows(&self) -> &[usize] {
+        &self.rows
+    }
+
+    /// The slip of a contact below which its direction is that of the mode.
+    pub(super) fn least_slip(&self, k: usize) -> f64 {
+        self.least[k]
+    }
+
+    /// The factors of the last place.
+    pub(super) fn solved_last(&self) -> Option<&Solved> {
+        self.last.as_ref()
+    }
+
     /// The constraints at the last evaluation.
     pub fn constraints(&self) -> &Constraints {
         &self.constraints
@@ -214,9 +239,14 @@ impl Flight {
     pub fn slip_rate(&self, k: usize) -> Vector2<f64> {
         let mut rate = Vector2::zeros();
         for (rate, row) in rate.iter_mut().zip(self.shape.tangents(k)) {
-            *rate = self.gamma[row] + dot(self.constraints.row(row), &self.a);
+            *rate = self.rate_of_row(row);
         }
         rate
+    }
+
+    /// The rate of `u` in one row of `J` at the last evaluation.
+    pub fn rate_of_row(&self, row: usize) -> f64 {
+        self.gamma[row] + dot(self.constraints.row(row), &self.a)
     }
 
     /// Whether the slip of contact `k`, at the last evaluation, is held by others: what else is held moves with its point,
@@ -257,9 +287,7 @@ impl Flight {
         self.problem.mass(t, q, &mut self.mass);
         self.problem.forces(t, q, v, &mut self.f);
         self.problem.constraints(t, q, &mut self.constraints);
-        if !self.rows.is_empty() {
-            self.problem.bias(t, q, v, &mut self.gamma);
-        }
+        self.problem.bias(t, q, v, &mut self.gamma);
         let transposed = &self.constraints.transposed;
         let mut g = DMatrix::zeros(n, self.rows.len());
         for (column, &row) in self.rows.iter().enumerate() {

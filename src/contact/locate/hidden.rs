@@ -10,9 +10,13 @@
 //! gap(middle) - |gap'| length/2
 //! ```
 //!
-//! or its value at one end where `gap'`, enclosed as well, has one sign.
+//! or its value at one end where `gap'`, enclosed as well, has one sign. Slips are told likewise, and forces of closed contacts
+//! by their enclosure (see [`enclosed_forces`](super::enclosed_forces)).
 
 use super::leg::Leg;
+use super::mode::Status;
+use super::monitors::Ending;
+use super::search::{NOISE, ROUNDING_OF_TIME, SMALLEST};
 use numerics::Interval;
 
 /// Parts of one step that are enclosed for what is held: it is held by the equations, and seldom proven to be.
@@ -58,15 +62,22 @@ impl Leg<'_, '_> {
             return Enclosed::Proven;
         }
         let tolerances = self.tolerances_of_rows(begin, 1.0);
+        let levels = self.levels(begin);
+        // What a force does in a moment before the step ends is the event that ends it, or none that times tell apart.
+        let smallest = (SMALLEST * (end - begin)).max(ROUNDING_OF_TIME * end.abs());
         let mut parts = vec![(begin, end)];
         let (mut enclosed, mut is_proven) = (0, true);
         while let Some((a, b)) = parts.pop() {
             enclosed += 1;
             let (open, held) = self.undecided(a, b, &tolerances);
-            if !open && !held {
+            let loaded = b - a > smallest && !self.are_forces_proven(a, b, &levels);
+            if !open && !held && !loaded {
                 continue;
             }
             let middle = 0.5 * (a + b);
+            if loaded && self.is_mode_violated(middle, &levels) {
+                return Enclosed::Violated(Hidden { until: middle, next: NEXT * (middle - begin) });
+            }
             if let Some(row) = self.violated(middle, &tolerances) {
                 let faint = self.tolerances_of_rows(begin, FAINT);
                 let found = self
@@ -74,6 +85,7 @@ impl Leg<'_, '_> {
                     .or_else(|| self.beginning(begin, middle, row, &tolerances));
                 return found.map_or(Enclosed::Missed, Enclosed::Violated);
             }
+            let open = open || loaded;
             let most = if open { MOST_PARTS } else { MOST_HELD };
             if enclosed + parts.len() < most && a < middle && middle < b {
                 // The widest first: those of one size are looked at in the order of time.
@@ -85,6 +97,58 @@ impl Leg<'_, '_> {
             }
         }
         if is_proven { Enclosed::Proven } else { Enclosed::Undecided }
+    }
+
+    /// To where the monitors of closed contacts may fall: to their noise, or to where the step begins if that is below.
+    fn levels(&mut self, begin: f64) -> Vec<f64> {
+        let mut monitors = Vec::new();
+        self.monitors_at(begin, &mut monitors);
+        monitors.iter().map(|monitor| monitor.value.min(0.0) - NOISE * monitor.noise).collect()
+    }
+
+    /// Whether a monitor of a closed contact is violated at a time.
+    fn is_mode_violated(&mut self, t: f64, levels: &[f64]) -> bool {
+        let mut monitors = Vec::new();
+        self.monitors_at(t, &mut monitors);
+        let closed = monitors.iter().zip(levels).filter(|(monitor, _)| !matches!(monitor.ending, Ending::Closes(_)));
+        closed.into_iter().any(|(monitor, level)| monitor.value < *level)
+    }
+
+    /// Whether no monitor of a closed contact falls to its level between two times.
+    fn are_forces_proven(&mut self, a: f64, b: f64, levels: &[f64]) -> bool {
+        if !self.mode.iter().any(|status| status.is_closed()) {
+            return true;
+        }
+        let [mut first, mut middle, mut last] = [const { Vec::new() }; 3];
+        self.monitors_at(a, &mut first);
+        self.monitors_at(b, &mut last);
+        // Settled there last, about which the equations are enclosed.
+        self.monitors_at(0.5 * (a + b), &mut middle);
+        let x = self.ranges(a, b);
+        let Some(forces) = self.watch.enclose(Interval::new(a, b), &x) else { return false };
+        let structure = &self.located.structure;
+        let v = &x[structure.coordinates..];
+        let lowest = |index: usize| match (middle[index].ending, middle[index].value) {
+            (Ending::Closes(_), _) | (_, f64::INFINITY) => f64::INFINITY,
+            (Ending::LetsGo(k), _) => least(forces.lambda[structure.normal(k)]),
+            (Ending::Breaks(k, _), _) => {
+                let squares = structure.tangents(k).map(|row| forces.lambda[row].square());
+                let friction = squares.fold(Interval::point(0.0), |sum, square| sum + square).sqrt();
+                least(Interval::point(structure.contacts[k].mu) * forces.lambda[structure.normal(k)] - friction)
+            }
+            (Ending::Stops(k), value) => {
+                let Status::Slip(d) = self.mode[k] else { return f64::NEG_INFINITY };
+                let rate = forces.slip_rate(self.watch, k, |i| d[i]);
+                let along = match () {
+                    () if !rate.defined => f64::NEG_INFINITY,
+                    () if rate.lo >= 0.0 => first[index].value,
+                    () if rate.hi <= 0.0 => last[index].value,
+                    () => value - 0.5 * (b - a) * rate.magnitudes().1,
+                };
+                along.max(least(forces.slip(self.watch, k, v, |i| d[i])))
+            }
+        };
+        (0..middle.len()).all(|index| lowest(index) >= levels[index])
     }
 
     /// Whether a joint or a gap is held at zero.
@@ -174,4 +238,9 @@ impl Leg<'_, '_> {
         let next = NEXT * (t - clear);
         (until > begin).then_some(Hidden { until, next })
     }
+}
+
+/// The lower end of an interval; none where it is not defined all over the box.
+fn least(interval: Interval) -> f64 {
+    if interval.defined { interval.lo } else { f64::NEG_INFINITY }
 }

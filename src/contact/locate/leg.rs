@@ -179,6 +179,7 @@ impl<'l, 'p> Leg<'l, 'p> {
             }
         };
         if t > begin {
+            self.note_grazing(begin, t, ending);
             self.travel(begin, t);
         }
         self.acted = (begin, Integrals::none(self.mode.len()));
@@ -244,12 +245,12 @@ impl<'l, 'p> Leg<'l, 'p> {
         radau.map_or_else(Vec::new, |radau| radau.slopes_at(t))
     }
 
-    /// Counts a step whose mode goes on: proven where no contact is closed, whose forces are looked at in points alone.
+    /// Counts a step whose mode goes on.
     fn note_screened(&mut self, enclosed: &Enclosed) {
         if self.mode.is_empty() {
             return;
         }
-        let is_proven = self.parts.are_decided && !self.mode.iter().any(|status| status.is_closed());
+        let is_proven = self.parts.are_decided;
         let screening = &mut self.located.screening;
         match enclosed {
             Enclosed::Proven if is_proven => screening.proven += 1,

@@ -9,7 +9,9 @@
 //! - Where no mode goes on, steps of time stepping do, until one does again.
 
 mod bursts;
+mod enclosed_forces;
 mod flight;
+mod grazing;
 mod hidden;
 mod integrals;
 mod leg;
@@ -17,6 +19,7 @@ mod mode;
 mod monitors;
 mod search;
 
+pub use grazing::Grazed;
 pub use leg::{Flights, Leg};
 pub use mode::Status;
 
@@ -90,6 +93,10 @@ pub struct Located<'p> {
     pub passed: Option<Passed>,
     /// What the enclosures of steps told of events within.
     pub screening: Screening,
+    /// The contact that grazed with the largest consequence.
+    pub grazed: Option<Grazed>,
+    /// How far each gap was open since its last contact.
+    highest: Vec<f64>,
     /// What each contact does; `None` where time stepping is to go on.
     mode: Option<Vec<Status>>,
     /// The force on each contact from which those of the mode are the nearest, where they are not unique: the normal force
@@ -156,6 +163,8 @@ impl<'p> Located<'p> {
             violations,
             passed: None,
             screening: Screening::default(),
+            grazed: None,
+            highest: vec![0.0; contacts],
             step: VelocityStep::new(problem, settings.impact_law, settings.tolerance),
             last: state.clone(),
             state,

@@ -24,14 +24,14 @@ const DOUBT: f64 = 0.5;
 const BENT: f64 = 0.1;
 
 /// The multiple of its noise by which it may.
-const NOISE: f64 = 16.0;
+pub(super) const NOISE: f64 = 16.0;
 
 /// A slip in space that stops is this small beside what it was.
 const STOPPED: f64 = 1e-6;
 
 /// The smallest part of a step that is halved, which times tell apart.
-const SMALLEST: f64 = 1e-6;
-const ROUNDING_OF_TIME: f64 = 32.0 * f64::EPSILON;
+pub(super) const SMALLEST: f64 = 1e-6;
+pub(super) const ROUNDING_OF_TIME: f64 = 32.0 * f64::EPSILON;
 
 /// A monitor that falls by this part of its change between two points, at a time that is known to rounding, jumps there.
 const JUMP: f64 = 1e-3;

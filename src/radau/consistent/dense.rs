@@ -45,19 +45,25 @@ impl Dense {
         hidden: &[f64],
         out: &mut [f64],
     ) -> bool {
-        let is_known = |known: &Response| known.jacobians == system.work.jacobians && known.inside == inside;
-        if !self.response.as_ref().is_some_and(is_known) {
-            self.response = self.response_of(system, inside);
-        }
-        let Some(response) = &self.response else { return false };
+        let Some(response) = self.response(system, inside) else { return false };
         inside.iter().for_each(|&k| out[k] = 0.0);
         let columns = response.to_g.column_iter().zip(response.to_hidden.column_iter());
         for (&l, (to_g, to_hidden)) in inside.iter().zip(columns) {
             for ((&k, to_g), to_hidden) in inside.iter().zip(to_g.as_slice()).zip(to_hidden.as_slice()) {
-                out[k] += to_g * sizes[l] + to_hidden * hidden[l];
+                out[k] += to_g.abs() * sizes[l] + to_hidden.abs() * hidden[l];
             }
         }
         true
+    }
+
+    /// How the variables inside answer to `G` and to the hidden constraints, with the derivatives of `system` as they are;
+    /// `None` if the equations are singular.
+    pub fn response(&mut self, system: &System<'_>, inside: &[usize]) -> Option<&Response> {
+        let is_known = |known: &Response| known.jacobians == system.work.jacobians && known.inside == inside;
+        if !self.response.as_ref().is_some_and(is_known) {
+            self.response = self.response_of(system, inside);
+        }
+        self.response.as_ref()
     }
 
     fn response_of(&mut self, system: &System<'_>, inside: &[usize]) -> Option<Response> {
@@ -73,7 +79,7 @@ impl Dense {
             of.set_row(row, &left.transpose());
         }
         let inverse = matrix.try_inverse().filter(|inverse| inverse.iter().all(|entry| entry.is_finite()))?;
-        let (to_g, to_hidden) = ((&inverse * of_g).abs(), (inverse * of_hidden).abs());
+        let (to_g, to_hidden) = (&inverse * of_g, inverse * of_hidden);
         Some(Response { jacobians: system.work.jacobians, inside: inside.to_vec(), to_g, to_hidden })
     }
 
@@ -156,12 +162,12 @@ struct Blocks {
     derivative: DMatrix<f64>,
 }
 
-/// How the variables inside answer to `G` and to the hidden constraints, in size.
-struct Response {
+/// How the variables inside answer to `G` and to the hidden constraints: they are off by `to_g G + to_hidden dG/dt`.
+pub struct Response {
     jacobians: u64,
-    inside: Vec<usize>,
-    to_g: DMatrix<f64>,
-    to_hidden: DMatrix<f64>,
+    pub inside: Vec<usize>,
+    pub to_g: DMatrix<f64>,
+    pub to_hidden: DMatrix<f64>,
 }
 
 /// Singular values below this part of the largest are rounding.

@@ -16,13 +16,21 @@
 //! ```
 //!
 //! which is the monitor at the roots but for `|dm/dz_I - w dG_I/dz_I| e` over the box: of second order, and nothing where `G`
-//! is linear. Monitors of blocks are taken from the box alone.
+//! is linear. Where hidden constraints tell variables and the Jacobian is constant they are among the equations,
+//!
+//! ```text
+//! m - w G_I - v dG_I/dt,    dG/dt = G_t + G_x M^-1 F,
+//! ```
+//!
+//! which depends on states and time alone, as exactly. Of other hidden constraints the residual is enclosed like that of `G`.
+//! Monitors of blocks are taken from the box alone.
 
 use super::MOST_PARTS;
 use super::part::Part;
+use super::reduced::{Reduced, Rows};
 use crate::consistent::{Consistent, InverseMass};
 use crate::constraints::Constraints;
-use crate::face::Place;
+use crate::face::{ActiveFace, Place};
 use crate::inside::Inside;
 use crate::newton_control::NewtonControl;
 use crate::system::System;
@@ -52,14 +60,19 @@ impl Watched {
         }
     }
 
+    /// Where its variable is.
+    pub fn place(&self) -> Place {
+        self.place
+    }
+
     /// The sign with which `G`, or `z` where the variable is inside, enters it.
-    fn sign(&self) -> f64 {
+    pub fn sign(&self) -> f64 {
         let is_negative = self.place == Place::Upper || self.place == Place::Inside && self.upper;
         if is_negative { -1.0 } else { 1.0 }
     }
 
     /// Its derivatives by the variables, from those of `G` as they are.
-    fn by_variables(&self, system: &System<'_>) -> Vec<f64> {
+    pub fn by_variables(&self, system: &System<'_>) -> Vec<f64> {
         let n = system.states;
         let mut slopes = vec![0.0; system.unknowns - n];
         if self.place == Place::Inside {
@@ -72,6 +85,17 @@ impl Watched {
     }
 }
 
+/// What tells the variables inside on a face.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Told {
+    /// Their equations.
+    ByEquations,
+    /// Their equations and hidden constraints, both with constant coefficients.
+    ByHiddenConstraints,
+    /// Not so.
+    InPart,
+}
+
 /// The equations of a face, with what brings the unknowns from their polynomials onto them.
 pub(super) struct OnFace<'a, 'p> {
     pub system: &'a mut System<'p>,
@@ -81,15 +105,30 @@ pub(super) struct OnFace<'a, 'p> {
     pub consistent: Option<&'a mut Consistent>,
 }
 
+impl OnFace<'_, '_> {
+    /// What tells the variables inside.
+    pub fn told(&mut self) -> Told {
+        if self.inside.tells_all(self.system) {
+            return Told::ByEquations;
+        }
+        let Some(consistent) = &mut self.consistent else { return Told::InPart };
+        let is_affine = self.system.constant_jacobian() && self.system.has_time_slopes;
+        if is_affine && consistent.response(self.system).is_some() { Told::ByHiddenConstraints } else { Told::InPart }
+    }
+}
+
 /// Room for the enclosures over one part.
 #[derive(Debug, Default)]
 pub(super) struct Enclosure {
     ranges: Vec<Interval>,
     values: Vec<Interval>,
-    jacobian: Vec<Interval>,
-    by_time: Vec<Interval>,
-    /// The unknowns in the middle.
-    middle: Vec<f64>,
+    rows: Rows,
+    middle: Point,
+    ends: [Point; 2],
+    /// The monitors without what equations tell, in the order of those that are watched.
+    forms: Vec<Reduced>,
+    /// The face that they are of, where they are the same all over it.
+    face: Option<ActiveFace>,
     /// How large the rows of `Phi` are that are no rates.
     residuals: Vec<f64>,
     /// How far the unknowns are from their polynomials.
@@ -101,46 +140,10 @@ pub(super) struct Enclosure {
     /// `z` and `G` of one block, and its monitors.
     members: [Vec<Interval>; 2],
     of_block: Vec<MonitorRange>,
-    /// The monitors that the box does not prove.
-    left: Vec<Watched>,
+    /// The monitors that the box does not prove, by their places among those that are watched.
+    left: Vec<usize>,
     /// Whether no number of parts that is worth its while would prove them.
     is_hopeless: bool,
-}
-
-/// A monitor without what the equations of the variables inside tell: `m - w G_I`.
-#[derive(Debug)]
-struct Reduced {
-    /// `w`, by variable.
-    weights: Vec<(usize, f64)>,
-    /// Its derivatives by the unknowns over the box.
-    gradient: Vec<(usize, Interval)>,
-    /// That by time.
-    by_time: Interval,
-}
-
-impl Reduced {
-    /// Its value where the monitor is `value`, and what rounding leaves uncertain of it, at a point at which `system` was
-    /// evaluated last.
-    fn value(&self, system: &System<'_>, value: f64, y: &[f64]) -> (f64, f64) {
-        let n = system.states;
-        let mut of = (value, 0.0);
-        for &(l, weight) in &self.weights {
-            of.0 -= weight * system.values[n + l];
-            of.1 += f64::EPSILON * weight.abs() * system.terms(l, |j| [y[j].abs()])[0];
-        }
-        of
-    }
-
-    /// What errors of the unknowns make of it.
-    fn error(&self, errors: &[f64]) -> f64 {
-        self.gradient.iter().filter(|(j, _)| errors[*j] != 0.0).map(|&(j, slope)| size(slope) * errors[j]).sum()
-    }
-
-    /// Its slope over a part that takes `h`, in units of the part.
-    fn slope(&self, part: &Part, h: f64) -> Interval {
-        let slope = part.rate_of_sum(&self.gradient) + self.by_time * Interval::point(h);
-        if slope.defined { slope } else { Interval::LINE }
-    }
 }
 
 /// Below this part of its terms a derivative is what rounding leaves of zero.
@@ -192,7 +195,7 @@ impl Enclosure {
         limits: &[[f64; 2]],
     ) -> Found {
         let times = Interval::new(t.next_down(), (t + h).next_up());
-        let are_told = on.inside.tells_all(on.system);
+        let told = on.told();
         let system = &mut *on.system;
         self.ranges.resize(system.unknowns, Interval::LINE);
         self.values.resize(system.values.len(), Interval::LINE);
@@ -202,20 +205,20 @@ impl Enclosure {
         }
         self.residuals.clear();
         self.residuals.extend(self.values[..system.unknowns].iter().copied().map(size));
-        self.middle.resize(system.unknowns, 0.0);
-        part.values(0.5, &mut self.middle);
+        self.middle.y.resize(system.unknowns, 0.0);
+        part.values(0.5, &mut self.middle.y);
         self.find_errors(on, false);
         let system = &*on.system;
         let are_blocks_proven = self.are_blocks_proven(system, limits);
         let mut left = std::mem::take(&mut self.left);
         left.clear();
-        left.extend(watched.iter().copied().filter(|monitor| {
-            let lower = self.lower_end(system, monitor) - self.error_of(system, monitor);
+        left.extend((0..watched.len()).filter(|&at| {
+            let lower = self.lower_end(system, &watched[at]) - self.error_of(system, &watched[at]);
             // Variables that only hidden constraints tell are known with the slopes.
-            !are_told || lower < 0.0 || lower.is_nan()
+            told != Told::ByEquations || lower < 0.0 || lower.is_nan()
         }));
         self.is_hopeless = false;
-        let may_fail = !left.is_empty() && self.may_fail(on, part, (t, h), times, &mut left);
+        let may_fail = !left.is_empty() && self.may_fail(on, told, part, (t, h), watched, &mut left);
         let found = match are_blocks_proven && left.is_empty() {
             true => Found::Proven,
             false if self.is_hopeless => Found::Hopeless,
@@ -225,86 +228,102 @@ impl Enclosure {
         found
     }
 
+    /// The derivatives of the rows over the box; whether they are known.
+    fn enclose_rows(&mut self, system: &mut System<'_>, told: Told, times: Interval) -> bool {
+        let (n, m) = (system.states, system.unknowns - system.states);
+        let Rows { jacobian, by_time, time_slopes: (of_rates, of_g) } = &mut self.rows;
+        jacobian.resize(system.derivatives.len(), Interval::LINE);
+        by_time.resize(m, Interval::LINE);
+        of_rates.resize(n, Interval::LINE);
+        of_g.resize(m, Interval::LINE);
+        system.problem().enclose_derivatives(times, &self.ranges, jacobian, by_time)
+            && (told != Told::ByHiddenConstraints || system.problem().enclose_time_slopes(times, of_rates, of_g))
+    }
+
+    /// Takes the monitors of `left` without what equations tell.
+    fn follow(&mut self, on: &mut OnFace<'_, '_>, told: Told, watched: &[Watched], left: &[usize]) {
+        self.forms.resize_with(watched.len().max(self.forms.len()), Reduced::default);
+        if !on.system.constant_jacobian() {
+            self.face = None;
+            left.iter().for_each(|&at| self.forms[at].set(on, told, &self.rows, &watched[at]));
+        } else if self.face.as_ref() != Some(&on.system.face) {
+            self.face.get_or_insert_default().clone_from(&on.system.face);
+            self.forms.iter_mut().zip(watched).for_each(|(form, monitor)| form.set(on, told, &self.rows, monitor));
+        }
+    }
+
     /// Takes out of `left` the monitors that their slopes prove; whether one that stays may be negative in the middle.
     fn may_fail(
         &mut self,
         on: &mut OnFace<'_, '_>,
+        told: Told,
         part: &Part,
         (t, h): (f64, f64),
-        times: Interval,
-        left: &mut Vec<Watched>,
+        watched: &[Watched],
+        left: &mut Vec<usize>,
     ) -> bool {
-        let are_told = on.inside.tells_all(on.system);
+        let times = Interval::new(t.next_down(), (t + h).next_up());
         let (n, system) = (on.system.states, &mut *on.system);
-        self.jacobian.resize(system.derivatives.len(), Interval::LINE);
-        self.by_time.resize(system.unknowns - n, Interval::LINE);
-        if !system.problem().enclose_derivatives(times, &self.ranges, &mut self.jacobian, &mut self.by_time) {
+        if !self.enclose_rows(system, told, times) {
             return true;
         }
-        if !system.evaluate(t + 0.5 * h, &self.middle) {
+        self.middle.set(system, part, (t, h), 0.5);
+        if !self.middle.is_finite {
             return true;
         }
         // The equations of the variables inside in the same form: their values over the box are too wide for long steps.
         let equations = (0..system.unknowns - n).filter(|&k| system.face.places[k] == Place::Inside);
         for k in equations.filter(|&k| system.set.block_of(k).is_none()) {
             let slope = size(self.slope_of_row(system, part, h, n + k));
-            let sharper = system.values[n + k].abs() + 0.5 * slope + on.control.noise_of_g(system, k, &self.middle);
+            let sharper =
+                self.middle.values[n + k].abs() + 0.5 * slope + on.control.noise_of_g(system, k, &self.middle.y);
             self.residuals[n + k] = self.residuals[n + k].min(sharper);
         }
-        let forms: Vec<Reduced> = left.iter().map(|monitor| self.reduced(system, on.inside, monitor)).collect();
-        let at_middle = |(monitor, form): (&Watched, &Reduced)| {
-            form.value(system, value(system, monitor, &self.middle), &self.middle)
-        };
-        let middles: Vec<(f64, f64)> = left.iter().zip(&forms).map(at_middle).collect();
+        self.follow(on, told, watched, left);
+        let system = &*on.system;
+        let at_middle =
+            |&at: &usize| self.forms[at].value(system, self.middle.value(system, &watched[at]), &self.middle);
+        let middles: Vec<(f64, f64)> = left.iter().map(at_middle).collect();
         // What is wrong in the middle itself says whether a monitor may be negative there.
-        let over_part = std::mem::replace(
-            &mut self.residuals,
-            system.values[..system.unknowns].iter().map(|value| value.abs()).collect(),
-        );
-        if !are_told {
-            self.find_hidden_in_middle(on, t + 0.5 * h);
+        let in_middle = self.middle.values[..system.unknowns].iter().map(|value| value.abs()).collect();
+        let over_part = std::mem::replace(&mut self.residuals, in_middle);
+        let with_hidden = told == Told::InPart;
+        if with_hidden {
+            self.find_hidden_in_middle(on);
         }
-        self.find_errors(on, !are_told);
-        let is_suspect = |(form, (middle, _)): (&Reduced, &(f64, f64))| {
-            let error = form.error(&self.errors);
+        self.find_errors(on, with_hidden);
+        let is_suspect = |(&at, (middle, _)): (&usize, &(f64, f64))| {
+            let error = self.forms[at].error(&self.errors);
             *middle < CURVATURE * error || middle.is_nan() || error.is_nan()
         };
-        let is_suspect: Vec<bool> = forms.iter().zip(&middles).map(is_suspect).collect();
+        let is_suspect: Vec<bool> = left.iter().zip(&middles).map(is_suspect).collect();
         self.residuals = over_part;
-        if !are_told {
+        if with_hidden {
             self.find_hidden(on);
         }
-        self.find_errors(on, !are_told);
+        self.find_errors(on, with_hidden);
         let system = &mut *on.system;
-        let mut ends = [None, None];
-        let (mut index, mut may_fail) = (0, false);
-        left.retain(|monitor| {
-            let (form, (middle, rounding), suspect) = (&forms[index], middles[index], is_suspect[index]);
+        let (mut index, mut may_fail, mut is_known) = (0, false, [false; 2]);
+        left.retain(|&at| {
+            let (form, monitor) = (&self.forms[at], &watched[at]);
+            let ((middle, rounding), suspect) = (middles[index], is_suspect[index]);
             index += 1;
-            let (slope, error) = (form.slope(part, h), form.error(&self.errors));
+            let (slope, error) = (form.slope(&self.rows, part, h), form.error(&self.errors));
             let allowed = error + rounding - monitor.limit;
             let mut is_proven = middle - 0.5 * size(slope) >= allowed;
             // Where the slope has one sign the least value is at an end.
             let end = if slope.lo >= 0.0 { 0 } else { 1 };
             if !is_proven && middle >= allowed && (slope.lo >= 0.0 || slope.hi <= 0.0) {
-                let values = ends[end].get_or_insert_with(|| {
-                    let mut y = vec![0.0; system.unknowns];
-                    part.values(end as f64, &mut y);
-                    let is_finite = system.evaluate(t + end as f64 * h, &y);
-                    is_finite.then(|| (y, system.values.clone(), system.set.lower.clone(), system.set.upper.clone()))
-                });
-                if let Some((y, values, lower, upper)) = values {
-                    let k = monitor.variable;
-                    let row = system.states + k;
-                    let value = monitor.of(values[row], y[row], lower[k], upper[k]);
-                    let of_equations: f64 = form.weights.iter().map(|(l, w)| w * values[system.states + l]).sum();
-                    is_proven = value - of_equations >= allowed;
+                let there = &mut self.ends[end];
+                if !std::mem::replace(&mut is_known[end], true) {
+                    there.set(system, part, (t, h), end as f64);
                 }
+                is_proven = there.is_finite && form.value(system, there.value(system, monitor), there).0 >= allowed;
             }
             may_fail |= !is_proven && suspect;
             // The residual of a hidden constraint over a box shrinks with the box and no faster.
             self.is_hopeless |=
-                !are_told && part.length == 1.0 && error > MOST_PARTS as f64 * (middle + monitor.limit).abs();
+                with_hidden && part.length == 1.0 && error > MOST_PARTS as f64 * (middle + monitor.limit).abs();
             !is_proven
         });
         may_fail
@@ -326,39 +345,6 @@ impl Enclosure {
         (0..own.len()).all(|l| system.face.places[l] != Place::Inside || own[l].abs() <= TOLD * terms[l])
     }
 
-    /// A monitor without what the equations of the variables inside tell, with the derivatives over the box; of a variable
-    /// inside whose bound moves they are not known.
-    fn reduced(&self, system: &System<'_>, inside: &mut Inside, monitor: &Watched) -> Reduced {
-        let (n, k) = (system.states, monitor.variable);
-        let own = monitor.by_variables(system);
-        let mut gradient = vec![Interval::point(0.0); system.unknowns];
-        let mut by_time = Interval::point(0.0);
-        if monitor.place == Place::Inside {
-            gradient[n + k] = Interval::point(own[k]);
-            if system.moves(k) {
-                by_time = Interval::LINE;
-            }
-        } else {
-            self.add_row(system, k, monitor.sign(), &mut gradient, &mut by_time);
-        }
-        let mut weights = Vec::new();
-        inside.weights(system, |l| own[l], &mut weights);
-        for &(l, weight) in &weights {
-            self.add_row(system, l, -weight, &mut gradient, &mut by_time);
-        }
-        let gradient = gradient.into_iter().enumerate().filter(|(_, slope)| *slope != Interval::point(0.0)).collect();
-        Reduced { weights, gradient, by_time }
-    }
-
-    /// Adds `factor` times the derivatives of `G` of variable `k` over the box.
-    fn add_row(&self, system: &System<'_>, k: usize, factor: f64, gradient: &mut [Interval], by_time: &mut Interval) {
-        let factor = Interval::point(factor);
-        for (at, j) in system.places_of_row(system.states + k) {
-            gradient[j] = gradient[j] + factor * self.jacobian[at];
-        }
-        *by_time = *by_time + factor * self.by_time[k];
-    }
-
     /// How far the unknowns may be from their polynomials, by the residuals of the equations of the face, and those of hidden
     /// constraints.
     fn find_errors(&mut self, on: &mut OnFace<'_, '_>, with_hidden: bool) {
@@ -372,19 +358,17 @@ impl Enclosure {
         for k in (0..system.unknowns - n).filter(|&k| system.face.places[k] != Place::Inside) {
             self.residuals[n + k] = 0.0;
         }
-        constraints.add_errors(system, control, &self.middle, &self.residuals, &mut self.errors);
+        constraints.add_errors(system, control, &self.middle.y, &self.residuals, &mut self.errors);
     }
 
     /// The rows of variables inside of `dG/dt = G_t + G_x M^-1 F` in the middle of the part, where `system` was evaluated last.
-    fn find_hidden_in_middle(&mut self, on: &mut OnFace<'_, '_>, t: f64) {
+    fn find_hidden_in_middle(&mut self, on: &mut OnFace<'_, '_>) {
         let OnFace { system, consistent, .. } = on;
         let n = system.states;
-        self.hidden.clear();
-        self.hidden.resize(system.unknowns - n, 0.0);
-        system.time_derivative(t, &self.middle, &mut self.hidden);
+        self.hidden.clone_from(&self.middle.drift);
         let rates = match consistent.as_ref().and_then(|consistent| consistent.inverse_mass()) {
-            Some(InverseMass::Identity) => DVector::from_column_slice(&system.values[..n]),
-            Some(InverseMass::Entries(inverse)) => inverse * DVector::from_column_slice(&system.values[..n]),
+            Some(InverseMass::Identity) => DVector::from_column_slice(&self.middle.values[..n]),
+            Some(InverseMass::Entries(inverse)) => inverse * DVector::from_column_slice(&self.middle.values[..n]),
             None => DVector::from_element(n, f64::INFINITY),
         };
         for k in 0..self.hidden.len() {
@@ -409,9 +393,11 @@ impl Enclosure {
         self.hidden.clear();
         self.hidden.resize(system.unknowns - n, 0.0);
         for k in (0..system.unknowns - n).filter(|&k| system.face.places[k] == Place::Inside) {
-            let along =
-                system.places_of_row(n + k).filter(|&(_, j)| j < n).map(|(at, j)| self.jacobian[at] * self.rates[j]);
-            self.hidden[k] = size(along.fold(self.by_time[k], |sum, term| sum + term));
+            let along = system
+                .places_of_row(n + k)
+                .filter(|&(_, j)| j < n)
+                .map(|(at, j)| self.rows.jacobian[at] * self.rates[j]);
+            self.hidden[k] = size(along.fold(self.rows.by_time[k], |sum, term| sum + term));
         }
     }
 
@@ -459,19 +445,46 @@ impl Enclosure {
 
     /// The slope of `G` in one row over the part.
     fn slope_of_row(&self, system: &System<'_>, part: &Part, h: f64, row: usize) -> Interval {
-        let explicit = self.by_time[row - system.states] * Interval::point(h);
-        let along = system.places_of_row(row).map(|(at, j)| self.jacobian[at] * part.rate(j));
+        let explicit = self.rows.by_time[row - system.states] * Interval::point(h);
+        let along = system.places_of_row(row).map(|(at, j)| self.rows.jacobian[at] * part.rate(j));
         along.fold(explicit, |sum, term| sum + term)
     }
 }
 
-/// The largest size of a value in the interval; infinite where it is not defined all over the box.
-fn size(interval: Interval) -> f64 {
-    if interval.defined { interval.magnitudes().1 } else { f64::INFINITY }
+/// A point of the step: the unknowns, the rows, `G_t`, and the bounds.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Point {
+    pub y: Vec<f64>,
+    pub values: Vec<f64>,
+    pub drift: Vec<f64>,
+    lower: Vec<f64>,
+    upper: Vec<f64>,
+    /// Whether all of it is finite.
+    is_finite: bool,
 }
 
-/// A monitor at a point at which `system` was evaluated last.
-fn value(system: &System<'_>, monitor: &Watched, y: &[f64]) -> f64 {
-    let (row, k) = (system.states + monitor.variable, monitor.variable);
-    monitor.of(system.values[row], y[row], system.set.lower[k], system.set.upper[k])
+impl Point {
+    /// Takes `u` in `[0, 1]` of a part that begins at `t` and takes `h`.
+    fn set(&mut self, system: &mut System<'_>, part: &Part, (t, h): (f64, f64), u: f64) {
+        let t = t + u * h;
+        self.y.resize(system.unknowns, 0.0);
+        part.values(u, &mut self.y);
+        self.is_finite = system.evaluate(t, &self.y);
+        self.values.clone_from(&system.values);
+        self.lower.clone_from(&system.set.lower);
+        self.upper.clone_from(&system.set.upper);
+        self.drift.resize(system.unknowns - system.states, 0.0);
+        system.time_derivative(t, &self.y, &mut self.drift);
+    }
+
+    /// The monitor there.
+    fn value(&self, system: &System<'_>, monitor: &Watched) -> f64 {
+        let (row, k) = (system.states + monitor.variable, monitor.variable);
+        monitor.of(self.values[row], self.y[row], self.lower[k], self.upper[k])
+    }
+}
+
+/// The largest size of a value in the interval; infinite where it is not defined all over the box.
+pub(super) fn size(interval: Interval) -> f64 {
+    if interval.defined { interval.magnitudes().1 } else { f64::INFINITY }
 }

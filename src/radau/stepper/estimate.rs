@@ -13,11 +13,12 @@
 //! stages: it is held to the tolerance that is not rescaled, but for a factor, since stiff errors do not add up. And `e`
 //! vanishes as `1/z` though between the ends of the step the collocation polynomial may miss a solution that varies over
 //! it: its slope then jumps from the last step to this one. The jump, which is `gamma e` where the problem is not stiff,
-//! is held to what `gamma e` is held to. Both are for explicit equations, and for linear ones whose variables the states
-//! tell on the face: where there are other equations without rates, what Newton's method or rounding leaves of these does not
-//! shrink with the step, and would hold up the run.
+//! is held to what `gamma e` is held to. Both are for explicit equations, and for linear ones, in the directions that constraints
+//! leave free: what Newton's method or rounding leaves of other equations does not shrink with the step, and would hold up the
+//! run.
 
 use super::{Method, Radau};
+use crate::layout::Storage;
 use crate::newton_control::mean_square_root;
 
 /// The tolerances that one step may err by where its order is reduced.
@@ -41,6 +42,7 @@ impl Radau<'_> {
         let n = self.system.unknowns;
         let states = self.system.states;
         let leaves_no_rest = !coupled && self.leaves_no_rest();
+        let is_bound = leaves_no_rest && self.consistent.is_some() && !self.switching.inside.tells_all(&self.system);
         let factors = match &mut self.stage_vi {
             Some(vi) if coupled => vi.factors(),
             _ => &mut self.factors,
@@ -55,6 +57,10 @@ impl Radau<'_> {
         }
         if self.settings.interpolated && leaves_no_rest {
             self.last.jump(h, &self.shifted[..states], &mut self.jump);
+            let Self { system, control, switching, y, jump, .. } = self;
+            if is_bound && !jump.is_empty() && !switching.constraints.project(system, control, y, jump) {
+                jump.clear();
+            }
         }
         self.system.multiply_by_mass(&self.shifted, &mut self.embedded);
         let mut error = f64::INFINITY;
@@ -90,22 +96,24 @@ impl Radau<'_> {
         {
             error = error.max(rms(&self.jump, &self.control.weight) / gamma);
         }
-        error.max(self.stiff_error(h, error))
+        error.max(self.stiff_error(h, error, is_bound))
     }
 
     /// Whether the equations are explicit, or would be with the variables eliminated, and Newton's method leaves nothing of what
-    /// tells these: it is linear, and no hidden constraint is among it.
+    /// tells these: it is linear, and no hidden constraint of a large system is among it.
     fn leaves_no_rest(&mut self) -> bool {
         self.system.is_explicit_ode()
             || self.system.constant_jacobian()
                 && self.consistent.is_some()
                 && !self.system.set.has_blocks()
-                && self.switching.inside.tells_all(&self.system)
+                && (matches!(self.system.layout.storage, Storage::Dense)
+                    || self.switching.inside.tells_all(&self.system))
     }
 
     /// The norm of `(I - P)^(s-1) e` for the estimate `e` at hand, in units of the tolerance that is not rescaled, to the
-    /// power by which the tolerance is rescaled; nothing where a lower power of `I - P` is below `enough` already.
-    fn stiff_error(&mut self, h: f64, enough: f64) -> f64 {
+    /// power by which the tolerance is rescaled; nothing where a lower power of `I - P` is below `enough` already. Where states
+    /// are bound by constraints, in the directions that these leave free.
+    fn stiff_error(&mut self, h: f64, enough: f64, is_bound: bool) -> f64 {
         let Method { tableau, tolerance } = &self.methods[self.current];
         let Some(gamma) = tableau.gamma else { return 0.0 };
         let states = self.system.states;
@@ -121,6 +129,10 @@ impl Radau<'_> {
                     return f64::INFINITY;
                 }
                 self.shifted.iter_mut().zip(&self.embedded).for_each(|(e, smooth)| *e -= smooth);
+            }
+            let Self { system, control, switching, y, shifted, .. } = self;
+            if is_bound && !switching.constraints.project(system, control, y, shifted) {
+                return 0.0;
             }
             left = left.min(tolerance.factor / STIFF * rms(&self.shifted[..states], &self.control.weight));
             if left <= enough {

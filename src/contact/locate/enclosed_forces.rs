@@ -1,0 +1,199 @@
+//! Forces of closed contacts and accelerations between the points of a step, enclosed. With `a` and `lambda` those of a point
+//! `m` in the box, elsewhere in it
+//!
+//! ```text
+//! M da - G dlambda = r = f + G lambda - M a,    C da = w = -gamma - C a,
+//! ```
+//!
+//! so that `(da, dlambda)` is `K_m^-1 (r, w)`, linear in what intervals hold, but for `K_m^-1 (K - K_m) (da, dlambda)`: of second
+//! order where the box is narrow, and nothing where masses and directions are the same all over it.
+
+use super::flight::{Flight, Solved};
+use super::mode::Status;
+use nalgebra::DMatrix;
+use numerics::Interval;
+use problem::DynamicsRange;
+
+/// By this factor at most changes of the matrix may feed back on what they multiply.
+const FEEDBACK: f64 = 0.5;
+
+/// What is known over a box.
+pub(super) struct Forces {
+    /// Accelerations.
+    pub a: Vec<Interval>,
+    /// Multipliers of all rows of `J`; those of sliding friction are left out.
+    pub lambda: Vec<Interval>,
+    /// Masses, forces, bias, drift and directions.
+    pub dynamics: DynamicsRange,
+}
+
+impl Forces {
+    /// The slip of contact `k` in a direction.
+    pub fn slip(&self, flight: &Flight, k: usize, v: &[Interval], direction: impl Fn(usize) -> f64) -> Interval {
+        let rows = flight.shape().tangents(k).enumerate();
+        sum(rows.map(|(i, row)| {
+            Interval::point(direction(i)) * (self.dynamics.drift[row] + product(self.dynamics.row(row), v))
+        }))
+    }
+
+    /// Its rate.
+    pub fn slip_rate(&self, flight: &Flight, k: usize, direction: impl Fn(usize) -> f64) -> Interval {
+        let rows = flight.shape().tangents(k).enumerate();
+        sum(rows.map(|(i, row)| {
+            Interval::point(direction(i)) * (self.dynamics.bias[row] + product(self.dynamics.row(row), &self.a))
+        }))
+    }
+}
+
+/// `K_m^-1`, by its blocks: accelerations and multipliers by forces and by biases.
+struct Inverse {
+    a_by_r: DMatrix<f64>,
+    a_by_w: DMatrix<f64>,
+    l_by_r: DMatrix<f64>,
+    l_by_w: DMatrix<f64>,
+}
+
+impl Inverse {
+    fn new(solved: &Solved) -> Self {
+        let n = solved.matrix.nrows();
+        let inverse_mass = solved.mass.solve(&DMatrix::identity(n, n));
+        let l_by_r = -(&solved.inverse * (&solved.c * &inverse_mass));
+        let a_by_r = &inverse_mass + &solved.y * &l_by_r;
+        Self { a_by_r, a_by_w: &solved.y * &solved.inverse, l_by_r, l_by_w: solved.inverse.clone() }
+    }
+
+    /// `(da, dlambda)` for right sides in intervals.
+    fn apply(&self, r: &[Interval], w: &[Interval]) -> (Vec<Interval>, Vec<Interval>) {
+        let of = |by_r: &DMatrix<f64>, by_w: &DMatrix<f64>, i: usize| {
+            let along_r = sum(r.iter().enumerate().map(|(j, r)| Interval::point(by_r[(i, j)]) * *r));
+            along_r + sum(w.iter().enumerate().map(|(j, w)| Interval::point(by_w[(i, j)]) * *w))
+        };
+        let a = (0..r.len()).map(|i| of(&self.a_by_r, &self.a_by_w, i)).collect();
+        (a, (0..w.len()).map(|i| of(&self.l_by_r, &self.l_by_w, i)).collect())
+    }
+}
+
+impl Flight {
+    /// Accelerations and multipliers over a box in which the equations of the mode were settled last; `None` where they are
+    /// not known there, or multipliers are not unique.
+    pub(super) fn enclose(&mut self, t: Interval, x: &[Interval]) -> Option<Forces> {
+        let n = self.shape().coordinates;
+        let (q, v) = x.split_at(n);
+        let mut dynamics = DynamicsRange::new(self.shape());
+        self.problem().enclose_dynamics(t, q, v, &mut dynamics);
+        let solved = self.solved_last().filter(|solved| solved.shift.is_none())?;
+        let directions = self.directions_over(&dynamics, v)?;
+        let rows = self.rows();
+        // `G`, column by column.
+        let columns: Vec<Vec<Interval>> = rows.iter().map(|&row| self.push_of(row, &dynamics, &directions)).collect();
+        let own = |row: usize| self.lambda[row];
+        let r: Vec<Interval> = (0..n)
+            .map(|i| {
+                let pushes = sum(rows.iter().zip(&columns).map(|(&row, column)| column[i] * Interval::point(own(row))));
+                let inertia = sum((0..n).map(|j| dynamics.mass[i * n + j] * Interval::point(self.a[j])));
+                dynamics.forces[i] + pushes - inertia
+            })
+            .collect();
+        let w: Vec<Interval> = rows
+            .iter()
+            .map(|&row| {
+                let along = dynamics.row(row).iter().zip(&self.a).map(|(j, a)| *j * Interval::point(*a));
+                -(dynamics.bias[row] + sum(along))
+            })
+            .collect();
+        let inverse = Inverse::new(solved);
+        let (mut da, mut dl) = inverse.apply(&r, &w);
+        // What the changes of the matrix make of these, and of what they make of them.
+        let feed = |da: &[Interval], dl: &[Interval]| {
+            let of_mass = |i: usize, j: usize| dynamics.mass[i * n + j] - Interval::point(solved.matrix[(i, j)]);
+            let r: Vec<Interval> = (0..n)
+                .map(|i| {
+                    let pushes = columns.iter().enumerate();
+                    let pushes = sum(pushes.map(|(l, column)| (column[i] - Interval::point(solved.g[(i, l)])) * dl[l]));
+                    pushes - sum((0..n).map(|j| of_mass(i, j) * da[j]))
+                })
+                .collect();
+            let w: Vec<Interval> = rows
+                .iter()
+                .enumerate()
+                .map(|(l, &row)| {
+                    let entries = dynamics.row(row).iter().enumerate();
+                    -sum(entries.map(|(j, entry)| (*entry - Interval::point(solved.c[(l, j)])) * da[j]))
+                })
+                .collect();
+            inverse.apply(&r, &w)
+        };
+        let (more_a, more_l) = feed(&da, &dl);
+        let grown = |of: &[Interval], more: &[Interval]| -> Vec<Interval> {
+            of.iter().zip(more).map(|(of, more)| ball(size(*of) + size(*more))).collect()
+        };
+        let (all_a, all_l) = (grown(&da, &more_a), grown(&dl, &more_l));
+        let (again_a, again_l) = feed(&all_a, &all_l);
+        let ratio = |more: &Interval, all: &Interval| if size(*more) > 0.0 { size(*more) / size(*all) } else { 0.0 };
+        let pairs = again_a.iter().zip(&all_a).chain(again_l.iter().zip(&all_l));
+        let feedback = pairs.map(|(more, all)| ratio(more, all)).fold(0.0, f64::max);
+        // Also where it is not a number.
+        if !(feedback < FEEDBACK) {
+            return None;
+        }
+        let rest = |more: &Interval| ball(size(*more) / (1.0 - feedback));
+        da.iter_mut().zip(&again_a).for_each(|(da, more)| *da = *da + rest(more));
+        dl.iter_mut().zip(&again_l).for_each(|(dl, more)| *dl = *dl + rest(more));
+        let a = self.a.iter().zip(&da).map(|(a, da)| Interval::point(*a) + *da).collect();
+        let mut lambda: Vec<Interval> = self.lambda.iter().map(|lambda| Interval::point(*lambda)).collect();
+        rows.iter().zip(&dl).for_each(|(&row, dl)| lambda[row] = lambda[row] + *dl);
+        Some(Forces { a, lambda, dynamics })
+    }
+
+    /// What the multiplier of a held row pushes: the row, and with the normal of a contact that slides its friction.
+    fn push_of(&self, row: usize, dynamics: &DynamicsRange, directions: &[Vec<Interval>]) -> Vec<Interval> {
+        let shape = self.shape();
+        let mut push = dynamics.row(row).to_vec();
+        let contact = row.checked_sub(shape.joints).filter(|k| *k < directions.len());
+        for (k, direction) in contact.into_iter().map(|k| (k, &directions[k])) {
+            for (tangent, d) in shape.tangents(k).zip(direction) {
+                let factor = Interval::point(shape.contacts[k].mu) * *d;
+                push.iter_mut().zip(dynamics.row(tangent)).for_each(|(push, entry)| *push = *push - factor * *entry);
+            }
+        }
+        push
+    }
+
+    /// The directions of the contacts that slide over the box, empty of the others; `None` where one may turn by any angle.
+    fn directions_over(&self, dynamics: &DynamicsRange, v: &[Interval]) -> Option<Vec<Vec<Interval>>> {
+        let shape = self.shape();
+        let of_contact = |k: usize| {
+            let Status::Slip(direction) = self.mode()[k] else { return Some(Vec::new()) };
+            if shape.contacts[k].slips < 2 {
+                return Some(vec![Interval::point(direction.x)]);
+            }
+            let way: Vec<Interval> = shape
+                .tangents(k)
+                .zip(direction.iter())
+                .map(|(row, d)| {
+                    dynamics.drift[row] + product(dynamics.row(row), v) + Interval::point(d * self.least_slip(k))
+                })
+                .collect();
+            let length = sum(way.iter().map(|way| way.square())).sqrt();
+            (length.defined && length.lo > 0.0).then(|| way.iter().map(|way| *way / length).collect())
+        };
+        (0..shape.contacts.len()).map(of_contact).collect()
+    }
+}
+
+fn sum(terms: impl Iterator<Item = Interval>) -> Interval {
+    terms.fold(Interval::point(0.0), |sum, term| sum + term)
+}
+
+fn product(row: &[Interval], of: &[Interval]) -> Interval {
+    sum(row.iter().zip(of).map(|(row, of)| *row * *of))
+}
+
+fn ball(radius: f64) -> Interval {
+    Interval::new(-radius, radius)
+}
+
+/// The largest size of a value; infinite where it is not defined all over the box.
+fn size(interval: Interval) -> f64 {
+    if interval.defined { interval.magnitudes().1 } else { f64::INFINITY }
+}

@@ -1,0 +1,98 @@
+//! Contacts that graze: a gap that comes down to zero with hardly any speed.
+//!
+//! A gap is known to a part `eps` of how far it was open since its last contact. Where it turns back, or closes, within that
+//! of zero, its contact may as well have been missed, or met, with a speed of up to `sqrt(2 a eps)`, with the acceleration `a`
+//! of the gap; what follows is right to the root of the tolerance alone, and a switch of impacts may be on either side
+//! (Nordmark 1991, *Non-periodic motion caused by grazing incidence in an impact oscillator*).
+
+use super::leg::Leg;
+use super::mode::Status;
+use super::monitors::Ending;
+
+/// The tolerances by which the height of a gap may be off at the end of a flight.
+const TOLERANCES: f64 = 10.0;
+
+/// Halvings of the time at which a gap turns back.
+const HALVINGS: usize = 40;
+
+/// A contact that grazed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Grazed {
+    /// When.
+    pub t: f64,
+    /// Which.
+    pub contact: usize,
+    /// What its normal velocity may be off by, in units of its tolerance.
+    pub change: f64,
+}
+
+impl Leg<'_, '_> {
+    /// Looks for contacts that graze between two times of the last step, at the second of which the mode may end.
+    pub(super) fn note_grazing(&mut self, begin: f64, end: f64, ending: Option<Ending>) {
+        let open: Vec<usize> = (0..self.mode.len()).filter(|&k| self.mode[k] == Status::Open).collect();
+        for k in open {
+            let (first, last) = (self.gap_at(k, begin), self.gap_at(k, end));
+            // From where it comes down.
+            let mut highest = self.located.highest[k].max(first.gap);
+            let closes = ending == Some(Ending::Closes(k));
+            let (t, nearest) = if closes {
+                highest = highest.max(self.gap_at(k, 0.5 * (begin + end)).gap);
+                (end, Gap { gap: 0.0, ..last })
+            } else if first.speed < 0.0 && last.speed > 0.0 {
+                self.nearest(k, begin, end)
+            } else {
+                self.located.highest[k] = highest.max(last.gap);
+                continue;
+            };
+            self.located.highest[k] = if closes { 0.0 } else { highest.max(last.gap) };
+            let known = TOLERANCES * self.located.radau.rtol * highest;
+            let Gap { gap, speed, acceleration, tolerance } = nearest;
+            let possible = (2.0 * acceleration.abs() * known).sqrt();
+            if gap <= known && speed.abs() <= possible {
+                let restitution = self.located.structure.contacts[k].restitution;
+                let change = (1.0 + restitution) * possible / tolerance;
+                if self.located.grazed.is_none_or(|worst| change > worst.change) {
+                    self.located.grazed = Some(Grazed { t, contact: k, change });
+                }
+            }
+        }
+    }
+
+    /// Where the gap of contact `k` turns back.
+    fn nearest(&mut self, k: usize, begin: f64, end: f64) -> (f64, Gap) {
+        let (mut falls, mut rises) = (begin, end);
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (falls + rises);
+            let side = if self.gap_at(k, middle).speed < 0.0 { &mut falls } else { &mut rises };
+            *side = middle;
+        }
+        (rises, self.gap_at(k, rises))
+    }
+
+    fn gap_at(&mut self, k: usize, t: f64) -> Gap {
+        let n = self.located.structure.coordinates;
+        let mut x = vec![0.0; 2 * n];
+        self.at(t, &mut x);
+        self.watch.settle(t, &x);
+        let v = &x[n..];
+        let (structure, radau) = (&self.located.structure, &self.located.radau);
+        let tolerances: Vec<f64> =
+            v.iter().zip(&radau.atol[n..]).map(|(v, atol)| atol + radau.rtol * v.abs()).collect();
+        let (row, constraints) = (structure.normal(k), self.watch.constraints());
+        Gap {
+            gap: constraints.values[structure.joints + k],
+            speed: constraints.velocity(row, v),
+            tolerance: constraints.size(row, &tolerances).max(f64::MIN_POSITIVE),
+            acceleration: self.watch.rate_of_row(row),
+        }
+    }
+}
+
+/// A gap at a time, with its first two derivatives and the tolerance on the first.
+#[derive(Clone, Copy, Debug)]
+struct Gap {
+    gap: f64,
+    speed: f64,
+    acceleration: f64,
+    tolerance: f64,
+}
