@@ -81,10 +81,10 @@ impl Lag {
     pub fn within(&mut self, shape: &Shape, h: f64, theta: f64, out: &mut [f64]) -> Result<(), StepError> {
         out.fill(0.0);
         let whole = if shape.is_singular() { 0.5 * theta } else { theta };
-        self.from_singularity(shape, h, theta, whole * h, 1.0, out)?;
+        self.add_from_singularity(shape, h, theta, whole * h, 1.0, out)?;
         if shape.is_singular() {
             // The regular functions have no need of a division, but for one rule that serves both.
-            self.beginning(shape, h, 0.5 * theta, theta, out)?;
+            self.add_beginning(shape, h, 0.5 * theta, theta, out)?;
         }
         Ok(())
     }
@@ -95,8 +95,8 @@ impl Lag {
         let theta = 1.0 + from / h;
         let length = if shape.is_singular() { 0.5 * h } else { h };
         if from < ADJACENT * length {
-            self.from_singularity(shape, h, theta, from + length, 1.0, out)?;
-            self.from_singularity(shape, h, theta, from, -1.0, out)?;
+            self.add_from_singularity(shape, h, theta, from + length, 1.0, out)?;
+            self.add_from_singularity(shape, h, theta, from, -1.0, out)?;
         } else {
             let mut values = vec![0.0; out.len()];
             let (first, ratio) = (from.ln(), ((from + length) / from).ln());
@@ -109,13 +109,13 @@ impl Lag {
             }
         }
         if shape.is_singular() {
-            self.beginning(shape, h, 0.5, theta, out)?;
+            self.add_beginning(shape, h, 0.5, theta, out)?;
         }
         Ok(())
     }
 
     /// Adds `sign` times the integrals over the lags from zero to `length`, at the time `theta h`.
-    fn from_singularity(
+    fn add_from_singularity(
         &mut self,
         shape: &Shape,
         h: f64,
@@ -139,7 +139,7 @@ impl Lag {
     }
 
     /// Adds the integrals over the first part, up to `end`, of an element, at the time `theta h` behind that part.
-    fn beginning(&mut self, shape: &Shape, h: f64, end: f64, theta: f64, out: &mut [f64]) -> Result<(), StepError> {
+    fn add_beginning(&mut self, shape: &Shape, h: f64, end: f64, theta: f64, out: &mut [f64]) -> Result<(), StepError> {
         let mut values = vec![0.0; out.len()];
         for place in 0..self.plain.len() {
             let (x, w) = self.plain[place];

@@ -30,10 +30,29 @@ pub enum Screened {
     Open,
 }
 
-/// A part of a panel: the coefficients of each quantity that is still to be proven there, without what stands beside it.
+/// A quantity that is still to be proven on a part of a panel: its place, its coefficients without what stands beside it,
+/// and what these are off by.
+#[derive(Clone)]
+struct Unproven {
+    place: usize,
+    coefficients: Vec<f64>,
+    remainder: Remainder,
+}
+
+/// A part of a panel.
 struct Stretch {
     panel: Panel,
-    left: Vec<(usize, Vec<f64>)>,
+    left: Vec<Unproven>,
+}
+
+/// What is seen of a part on which something is not proven.
+#[derive(Default)]
+struct Seen {
+    violation: Option<Violation>,
+    /// In the middle `q` is not what the nodes tell.
+    is_unresolved: bool,
+    /// Remainders are in the way: shorter polynomials would do.
+    needs_more: bool,
 }
 
 /// What a polynomial is off by: what a shorter panel lessens, and what it does not, which counts as zero.
@@ -128,112 +147,104 @@ impl Segments<'_> {
         outcome: &mut Outcome,
     ) -> Result<(), StepError> {
         let mut stack = vec![self.interpolate(functions, watched, &left, panel)?];
-        let mut parts = 0;
-        while let Some((stretch, remainders)) = stack.pop() {
-            let Stretch { panel, mut left } = stretch;
-            if left.is_empty() || outcome.violation.is_some_and(|found| found.theta <= panel.begin) {
+        let (mut parts, h) = (0, functions.trial.h);
+        while let Some(mut stretch) = stack.pop() {
+            let panel = stretch.panel;
+            let is_behind = outcome.violation.is_some_and(|found| found.theta <= panel.begin);
+            if stretch.left.is_empty() || is_behind || panel.length * h <= self.resolution(h) {
                 continue;
             }
             parts += 1;
-            let h = functions.trial.h;
-            if panel.length * h <= self.resolution(h) {
-                continue;
-            }
-            let Some(found) = self.prove(functions, watched, (panel, &mut left, &remainders)) else {
+            let Some(seen) = self.prove(functions, watched, &mut stretch) else {
                 outcome.is_open = true;
                 return Ok(());
             };
-            let (violation, is_unresolved, needs_more) = found;
-            outcome.is_unresolved |= is_unresolved;
-            if let Some(violation) = violation {
+            if let Some(violation) = seen.violation {
                 if outcome.violation.is_none_or(|first| violation.theta < first.theta) {
                     outcome.violation = Some(violation);
                 }
                 continue;
             }
-            if is_unresolved {
-                left.retain(|(i, _)| watched[*i].to.is_some());
+            if seen.is_unresolved {
+                outcome.is_unresolved = true;
+                stretch.left.retain(|unproven| watched[unproven.place].to.is_some());
             }
             if parts >= MOST_PARTS {
-                outcome.is_open |= !left.is_empty();
+                outcome.is_open |= !stretch.left.is_empty();
                 return Ok(());
             }
-            let halves = panel.halves();
-            if needs_more {
-                let indices: Vec<usize> = left.iter().map(|(i, _)| *i).collect();
-                for half in halves.into_iter().rev() {
-                    stack.push(self.interpolate(functions, watched, &indices, half)?);
+            let [first, second] = panel.halves();
+            if seen.needs_more {
+                let places: Vec<usize> = stretch.left.iter().map(|unproven| unproven.place).collect();
+                for half in [second, first] {
+                    stack.push(self.interpolate(functions, watched, &places, half)?);
                 }
             } else {
-                let mut second = left.clone();
-                for ((_, first), (_, second)) in left.iter_mut().zip(&mut second) {
-                    bernstein::halve(first, second);
+                let mut behind = stretch.left.clone();
+                for (before, behind) in stretch.left.iter_mut().zip(&mut behind) {
+                    bernstein::halve(&mut before.coefficients, &mut behind.coefficients);
                 }
-                stack.push((Stretch { panel: halves[1], left: second }, remainders.clone()));
-                stack.push((Stretch { panel: halves[0], left }, remainders));
+                stack.push(Stretch { panel: second, left: behind });
+                stack.push(Stretch { panel: first, left: stretch.left });
             }
         }
         Ok(())
     }
 
-    /// The polynomials of quantities on a panel, and what each may be off by.
+    /// The polynomials of quantities on a panel, with what each may be off by.
     fn interpolate(
         &mut self,
         functions: &Functions<'_>,
         watched: &[Watched],
-        left: &[usize],
+        places: &[usize],
         panel: Panel,
-    ) -> Result<(Stretch, Vec<Remainder>), StepError> {
+    ) -> Result<Stretch, StepError> {
+        if places.is_empty() {
+            return Ok(Stretch { panel, left: Vec::new() });
+        }
         let m = self.places.len();
-        let mut remainders = vec![Remainder::default(); watched.len()];
-        if left.is_empty() {
-            return Ok((Stretch { panel, left: Vec::new() }, remainders));
-        }
-        let with_memory = left.iter().any(|&i| watched[i].function == Function::Memory);
-        let mut values = vec![Vec::with_capacity(DEGREE + 1); left.len()];
+        let with_memory = places.iter().any(|&place| watched[place].function == Function::Memory);
+        let mut values = vec![Vec::with_capacity(DEGREE + 1); places.len()];
         let mut at = [vec![0.0; m], vec![0.0; m], vec![0.0; m]];
-        for place in 0..=DEGREE {
-            let theta = panel.begin + self.interpolation.points[place] * panel.length;
+        for point in 0..=DEGREE {
+            let theta = panel.begin + self.interpolation.points[point] * panel.length;
             self.evaluate_functions(functions, theta, with_memory, &mut at)?;
-            for (values, &i) in values.iter_mut().zip(left) {
-                values.push(at[watched[i].function as usize][watched[i].variable]);
+            for (values, &place) in values.iter_mut().zip(places) {
+                values.push(at[watched[place].function as usize][watched[place].variable]);
             }
         }
-        for (values, &i) in values.iter().zip(left) {
+        let polynomial = |(&place, values): (&usize, &Vec<f64>)| {
             let largest = values.iter().fold(0.0_f64, |largest, value| largest.max(value.abs()));
-            remainders[i].of_rounding = self.interpolation.growth * f64::EPSILON * largest;
-            if !self.is_polynomial(functions.trial, &watched[i]) {
-                remainders[i].of_interpolation = panel.remainder() * self.bound_on(functions, &watched[i], panel);
-            }
-        }
-        let polynomials = left.iter().zip(&values).map(|(&i, values)| (i, self.interpolation.coefficients(values)));
-        Ok((Stretch { panel, left: polynomials.collect() }, remainders))
+            let of_rounding = self.interpolation.growth * f64::EPSILON * largest;
+            let of_interpolation = match self.is_polynomial(functions.trial, &watched[place]) {
+                true => 0.0,
+                false => panel.remainder() * self.bound_on(functions, &watched[place], panel),
+            };
+            let remainder = Remainder { of_interpolation, of_rounding };
+            Unproven { place, coefficients: self.interpolation.coefficients(values), remainder }
+        };
+        Ok(Stretch { panel, left: places.iter().zip(&values).map(polynomial).collect() })
     }
 
-    /// Takes out of `left` what is proven on a panel. Of the others: a loss of a sign in the middle, whether `q` is seen not to
-    /// be resolved there, and whether the remainders are what is in the way. Nothing where the problem has no enclosure.
-    fn prove(
-        &mut self,
-        functions: &Functions<'_>,
-        watched: &[Watched],
-        (panel, left, remainders): (Panel, &mut Vec<(usize, Vec<f64>)>, &[Remainder]),
-    ) -> Option<(Option<Violation>, bool, bool)> {
-        let h = functions.trial.h;
+    /// Takes out of a part what is proven on it, and looks at the rest in the middle; nothing where the problem has no
+    /// enclosure.
+    fn prove(&mut self, functions: &Functions<'_>, watched: &[Watched], stretch: &mut Stretch) -> Option<Seen> {
+        let (panel, h) = (stretch.panel, functions.trial.h);
         let times = self.times(panel, h);
         let over = self.forcing.enclose(times)?;
-        let ranges: Vec<_> = left.iter().map(|(i, _)| watched[*i].beside_over(over)).collect();
+        let ranges: Vec<_> = stretch.left.iter().map(|unproven| watched[unproven.place].beside_over(over)).collect();
         let mut rows_at = |theta: f64| self.forcing.rows_at(self.t + theta * h).to_vec();
         let in_middle = rows_at(panel.middle());
         let mut at_ends = [None, None];
-        let (mut place, mut violation, mut is_unresolved, mut needs_more) = (0, None::<Violation>, false, false);
-        left.retain(|(i, coefficients)| {
-            let (watched, (range, slope)) = (&watched[*i], ranges[place]);
-            place += 1;
+        let mut seen = Seen::default();
+        let mut ranges = ranges.into_iter();
+        stretch.left.retain(|Unproven { place, coefficients, remainder }| {
+            let Some((range, slope)) = ranges.next() else { return true };
+            let watched = &watched[*place];
             let sign = Interval::point(watched.sign);
-            let Remainder { of_interpolation, of_rounding } = remainders[*i];
             // Above the first it is proven, below the second it is lost.
-            let zero = -watched.limit - of_rounding;
-            let (proven, lost) = (zero + of_interpolation, zero - of_interpolation);
+            let zero = -watched.limit - remainder.of_rounding;
+            let (proven, lost) = (zero + remainder.of_interpolation, zero - remainder.of_interpolation);
             let whole = sign * (bernstein::range(coefficients) + range);
             if range.defined && whole.lo >= proven {
                 return false;
@@ -241,12 +252,12 @@ impl Segments<'_> {
             let middle = watched.sign * (bernstein::value(coefficients, 0.5) + watched.beside_at(&in_middle));
             if middle < lost {
                 match watched.to {
-                    Some(to) if violation.is_none_or(|first| middle < first.value) => {
-                        violation =
-                            Some(Violation { theta: panel.middle(), variable: watched.variable, to, value: middle });
+                    None => seen.is_unresolved = true,
+                    Some(to) if seen.violation.is_none_or(|first| middle < first.value) => {
+                        let (theta, variable) = (panel.middle(), watched.variable);
+                        seen.violation = Some(Violation { theta, variable, to, value: middle });
                     }
                     Some(_) => {}
-                    None => is_unresolved = true,
                 }
                 return true;
             }
@@ -255,13 +266,12 @@ impl Segments<'_> {
             if lower < proven && (slope.lo >= 0.0 || slope.hi <= 0.0) {
                 // The least value is at an end.
                 let end = usize::from(slope.lo < 0.0);
-                let rows =
-                    at_ends[end].get_or_insert_with(|| rows_at(if end == 0 { panel.begin } else { panel.end() }));
+                let rows = at_ends[end].get_or_insert_with(|| rows_at([panel.begin, panel.end()][end]));
                 lower = watched.sign * (bernstein::value(coefficients, end as f64) + watched.beside_at(rows));
             }
-            needs_more |= lower < proven && lower >= lost;
+            seen.needs_more |= lower < proven && lower >= lost;
             lower < proven || lower.is_nan()
         });
-        Some((violation, is_unresolved, needs_more))
+        Some(seen)
     }
 }

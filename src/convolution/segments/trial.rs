@@ -105,8 +105,8 @@ impl Segments<'_> {
         let column_size = |matrix: &DMatrix<f64>, k: usize| matrix.column(k).amax();
         let size: Vec<f64> = (0..m).map(|k| column_size(&at_nodes, k)).collect();
         let mut error = 0.0_f64;
-        for k in 0..m {
-            let allowed = self.allowed(k, size[k].max(self.size[k]));
+        for (k, size) in size.iter().enumerate() {
+            let allowed = self.allowed(k, size.max(self.size[k]));
             let apart = (found.column(k) - better.column(k)).amax();
             // Smaller elements do not help against rounding errors, which grow as they shrink.
             error = error.max(if apart <= wide.rounding[k].max(narrow.rounding[k]) { 0.0 } else { apart / allowed });
@@ -164,15 +164,15 @@ impl Segments<'_> {
         for (i, &c) in shape.nodes.iter().enumerate() {
             let t = self.t + c * h;
             let q = self.forcing.at(t, 0, &mut self.set)?;
-            for k in 0..m {
-                (known.source[(i, k)], known.size[(i, k)]) = (q[k], q[k].abs());
-                known.forcing[(i, k)] = q[k];
+            for (k, &q) in q.iter().enumerate() {
+                (known.source[(i, k)], known.size[(i, k)], known.forcing[(i, k)]) = (q, q.abs(), q);
                 (known.lower[(i, k)], known.upper[(i, k)]) = (self.set.lower[k], self.set.upper[k]);
             }
             let count = self.past.elements.len();
             for term in &mut self.terms {
                 let Some(lag) = &mut term.lag else { continue };
-                (sum.fill(0.0), size.fill(0.0));
+                sum.fill(0.0);
+                size.fill(0.0);
                 self.past.convolve(lag, &self.shapes, term.level, count, (self.t, c * h), &mut sum, &mut size)?;
                 for &(row, column, value) in &term.matrix {
                     known.source[(i, row)] += value * sum[column];
