@@ -49,7 +49,7 @@ const FORCE: Dimension = [1.0, 1.0, -2.0];
 const VALUE: Dimension = [1.0, 0.0, 0.0];
 
 /// Every scene.
-pub const SCENES: [Scene; 19] = [
+pub const SCENES: [Scene; 20] = [
     Scene {
         name: "dvi: friction on a belt",
         axes: MECHANICS,
