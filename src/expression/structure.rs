@@ -3,6 +3,7 @@
 use super::graph::{Graph, Node, Term};
 use super::operator::Operator;
 use rustc_hash::FxHashSet;
+use std::collections::BTreeMap;
 
 impl Graph {
     /// The inputs that `node` depends on, sorted.
@@ -30,6 +31,44 @@ impl Graph {
         kinks.sort_unstable();
         kinks.dedup();
         kinks
+    }
+
+    /// A node as a sum of others with constant factors, as `(term, factor)`, each term once and none of them a sum or a multiple
+    /// itself; a constant is a multiple of the node 1.
+    pub fn terms_of_sum(&mut self, node: Node) -> Vec<(Node, f64)> {
+        let one = self.constant(1.0);
+        let mut constant = 0.0;
+        // Operands stand before the terms that use them: the last one has all that its users contribute.
+        let mut open = BTreeMap::from([(node, 1.0)]);
+        let mut terms = Vec::new();
+        while let Some((term, factor)) = open.pop_last() {
+            let mut add = |to: Node, factor: f64| *open.entry(to).or_insert(0.0) += factor;
+            match self.terms[term.place()] {
+                Term::Constant(bits) => constant += factor * f64::from_bits(bits),
+                Term::Apply(Operator::Negate, a, _) => add(a, -factor),
+                Term::Apply(Operator::Add, a, b) => {
+                    add(a, factor);
+                    add(b, factor);
+                }
+                Term::Apply(Operator::Subtract, a, b) => {
+                    add(a, factor);
+                    add(b, -factor);
+                }
+                Term::Apply(Operator::Multiply, a, b) if self.value(a).is_some() => {
+                    add(b, factor * self.value(a).unwrap_or(0.0));
+                }
+                Term::Apply(Operator::Multiply, a, b) if self.value(b).is_some() => {
+                    add(a, factor * self.value(b).unwrap_or(0.0));
+                }
+                Term::Apply(Operator::Divide, a, b) if self.value(b).is_some_and(|value| value != 0.0) => {
+                    add(a, factor / self.value(b).unwrap_or(1.0));
+                }
+                _ => terms.push((term, factor)),
+            }
+        }
+        terms.push((one, constant));
+        terms.retain(|(_, factor)| *factor != 0.0);
+        terms
     }
 
     fn is_apply(&self, operator: Operator, node: Node) -> bool {

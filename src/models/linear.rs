@@ -9,7 +9,8 @@
 
 use expression::{Breaks, ExpressionError, Graph, IntervalWorkspace, Node, Tape};
 use numerics::Interval;
-use problem::{ConvexSet, Dvi, Mass, MovingBound, Structure};
+use problem::{ConvexSet, Dvi, ForcingSlopes, Mass, MovingBound, Structure, Sums};
+use rustc_hash::FxHashMap;
 
 /// The parts of a linear system with `n` states and `m` variables.
 #[derive(Clone, Debug)]
@@ -42,15 +43,45 @@ pub struct Linear {
     forcing: Tape,
     bound_derivatives: Tape,
     time_derivatives: Tape,
-    /// The derivatives of `a` and the second ones of `g` by `t`; none where one passes the bounds of the graph.
-    time_slopes: Option<Tape>,
+    /// Those of `a` and `g` by `t`, and the second ones of `g`; none where one passes the bounds of the graph.
+    slopes: Option<Slopes>,
     breaks: Breaks,
-    /// Those of the tapes over boxes.
-    boxes: [IntervalWorkspace; 4],
+    /// Those of the three tapes over boxes.
+    boxes: [IntervalWorkspace; 3],
     /// The middle and the radius of each unknown over a box.
     balls: Vec<(f64, f64)>,
-    /// What `time_slopes` gives over an interval.
-    slopes: Vec<Interval>,
+}
+
+/// The slopes of a forcing in time as sums of terms, and the program of these.
+#[derive(Clone, Debug)]
+struct Slopes {
+    sums: ForcingSlopes,
+    terms: Tape,
+    over_box: IntervalWorkspace,
+}
+
+impl Slopes {
+    fn new(graph: &mut Graph, rates: &[Node], inequality: &[Node], curvature: &[Node]) -> Self {
+        let mut terms: Vec<Node> = Vec::new();
+        let mut places = FxHashMap::default();
+        let mut sums = |nodes: &[Node]| -> Sums {
+            let sum = |node: &Node| {
+                let found = graph.terms_of_sum(*node).into_iter();
+                let mut place = |term: Node| {
+                    *places.entry(term).or_insert_with(|| {
+                        terms.push(term);
+                        terms.len() - 1
+                    })
+                };
+                found.map(|(term, factor)| (place(term), factor)).collect()
+            };
+            nodes.iter().map(sum).collect()
+        };
+        let (rates, inequality, curvature) = (sums(rates), sums(inequality), sums(curvature));
+        let program = Tape::compile(graph, &terms);
+        let sums = ForcingSlopes { terms: terms.len(), rates, inequality, curvature };
+        Self { sums, over_box: IntervalWorkspace::new(&program), terms: program }
+    }
 }
 
 impl Linear {
@@ -85,8 +116,9 @@ impl Linear {
         for (k, &g) in rows.inequality_forcing.iter().enumerate() {
             by_time.push(by_time_of(g).map_err(|error| (rows.moving.len() + k, error))?);
         }
-        let twice = rows.state_forcing.iter().chain(&by_time).map(|&node| by_time_of(node));
-        let twice: Option<Vec<Node>> = twice.collect::<Result<_, _>>().ok();
+        let slopes = rows.state_forcing.iter().chain(&by_time).map(|&node| by_time_of(node));
+        let slopes: Option<Vec<Node>> = slopes.collect::<Result<_, _>>().ok();
+        let slopes = slopes.map(|slopes| Slopes::new(graph, &slopes[..n], &by_time, &slopes[n..]));
         let outputs: Vec<Node> = rows
             .state_forcing
             .into_iter()
@@ -102,11 +134,9 @@ impl Linear {
             pattern,
             constant_jacobian: derivatives.iter().all(|&derivative| graph.value(derivative).is_some()),
         };
-        let has_slopes = twice.is_some();
-        let tapes =
-            [&outputs, &derivatives, &by_time, &twice.unwrap_or_default()].map(|nodes| Tape::compile(graph, nodes));
+        let tapes = [&outputs, &derivatives, &by_time].map(|nodes| Tape::compile(graph, nodes));
         let boxes = std::array::from_fn(|i| IntervalWorkspace::new(&tapes[i]));
-        let [forcing, bound_derivatives, time_derivatives, time_slopes] = tapes;
+        let [forcing, bound_derivatives, time_derivatives] = tapes;
         Ok(Self {
             structure,
             coefficients,
@@ -115,10 +145,9 @@ impl Linear {
             forcing,
             bound_derivatives,
             time_derivatives,
-            time_slopes: has_slopes.then_some(time_slopes),
+            slopes,
             boxes,
             balls: Vec::new(),
-            slopes: Vec::new(),
             breaks: Breaks::new(graph, &outputs),
         })
     }
@@ -180,13 +209,14 @@ impl Dvi for Linear {
         true
     }
 
-    fn enclose_time_slopes(&mut self, t: Interval, rates: &mut [Interval], inequality: &mut [Interval]) -> bool {
-        let Some(slopes) = &self.time_slopes else { return false };
-        self.slopes.resize(rates.len() + inequality.len(), Interval::LINE);
-        slopes.enclose(t, &[], &mut self.boxes[3], &mut self.slopes);
-        rates.copy_from_slice(&self.slopes[..rates.len()]);
-        inequality.copy_from_slice(&self.slopes[rates.len()..]);
-        true
+    fn forcing_slopes(&self) -> Option<&ForcingSlopes> {
+        self.slopes.as_ref().map(|slopes| &slopes.sums)
+    }
+
+    fn enclose_forcing_slopes(&mut self, t: Interval, values: &mut [Interval]) {
+        if let Some(Slopes { terms, over_box, .. }) = &mut self.slopes {
+            terms.enclose(t, &[], over_box, values);
+        }
     }
 
     fn breaks(&mut self, t: f64) -> &[f64] {

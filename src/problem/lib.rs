@@ -128,6 +128,23 @@ impl Structure {
     }
 }
 
+/// Sums of terms, one a row, as `(term, factor)`.
+pub type Sums = Vec<Vec<(usize, f64)>>;
+
+/// The slopes of rows in time, as sums of terms that are functions of time alone: in a combination of rows what they have in
+/// common falls out before it is enclosed.
+#[derive(Clone, Debug, Default)]
+pub struct ForcingSlopes {
+    /// The number of terms.
+    pub terms: usize,
+    /// `dF/dt` (n).
+    pub rates: Sums,
+    /// `dG/dt` (m).
+    pub inequality: Sums,
+    /// `d^2G/dt^2` (m).
+    pub curvature: Sums,
+}
+
 /// A differential variational inequality, ready to be evaluated without allocation.
 pub trait Dvi: Send {
     /// Sizes, set and sparsity.
@@ -160,11 +177,13 @@ pub trait Dvi: Send {
         false
     }
 
-    /// Writes intervals that hold the derivatives of `F` (n) by `t` and the second ones of `G` (m) wherever `t` is in an
-    /// interval; false where these are not known, or depend on `y`.
-    fn enclose_time_slopes(&mut self, _t: Interval, _rates: &mut [Interval], _inequality: &mut [Interval]) -> bool {
-        false
+    /// How the slopes of the rows in time are sums of terms; `None` where these are not known, or depend on `y`.
+    fn forcing_slopes(&self) -> Option<&ForcingSlopes> {
+        None
     }
+
+    /// Writes intervals that hold the terms of [`Dvi::forcing_slopes`] wherever `t` is in an interval.
+    fn enclose_forcing_slopes(&mut self, _t: Interval, _terms: &mut [Interval]) {}
 
     /// The quantities, at `t`, at whose changes of sign a row has a kink or a jump whatever `y` is; as many at any time.
     fn breaks(&mut self, _t: f64) -> &[f64] {

@@ -137,6 +137,8 @@ impl Consistent {
         }
         self.start.copy_from_slice(&y[n..]);
         let mut last = f64::INFINITY;
+        // The largest that the variables were on the way: one that passes through zero has no size of its own there.
+        let mut scale = self.inside.iter().fold(0.0_f64, |scale, &k| scale.max(y[n + k].abs()));
         for _ in 0..ITERATIONS {
             if !self.newton_step(system, control, t, y) {
                 break;
@@ -149,14 +151,13 @@ impl Consistent {
                 y[n + k] -= self.step[a];
             }
             last = size;
-            let scale = self.inside.iter().fold(0.0_f64, |scale, &k| scale.max(y[n + k].abs()));
+            scale = self.inside.iter().fold(scale.max(size), |scale, &k| scale.max(y[n + k].abs()));
             // Of affine equations the next step would be the rounding of this one.
             let enough = if system.constant_jacobian() { f64::EPSILON.sqrt() } else { ENOUGH };
             if size <= enough * scale {
                 return true;
             }
         }
-        let scale = self.inside.iter().fold(0.0_f64, |scale, &k| scale.max(y[n + k].abs()));
         if last <= 1e-8 * scale {
             return true;
         }

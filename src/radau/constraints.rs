@@ -101,6 +101,25 @@ impl Constraints {
         }
     }
 
+    /// What a linear function of the states with this gradient changes by where they are brought onto the constraints, as factors
+    /// of the rows of `Phi`, into `out`.
+    pub fn change_of(
+        &mut self,
+        system: &mut System<'_>,
+        control: &NewtonControl,
+        y: &[f64],
+        gradient: impl Fn(usize) -> f64,
+        out: &mut Vec<(usize, f64)>,
+    ) {
+        self.follow(system, control, y);
+        out.clear();
+        let gradient: Vec<f64> = (0..system.states).map(gradient).collect();
+        out.extend(self.correction.column_iter().zip(&self.rows).map(|(column, &row)| {
+            (row, column.as_slice().iter().zip(&gradient).map(|(entry, slope)| entry * slope).sum())
+        }));
+        out.retain(|(_, factor)| *factor != 0.0);
+    }
+
     /// Takes out of a difference of states what would leave the constraints, which is what rounding and Newton's method leave
     /// there; false where nothing is known to be bound.
     pub fn project(

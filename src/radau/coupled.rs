@@ -55,6 +55,8 @@ impl Radau<'_> {
         if let Some(consistent) = &mut self.consistent {
             consistent.solve(&mut self.system, &self.control, self.t, &mut begin);
         }
+        // On a face that has ended they may have left `K`, which the solution does not.
+        self.system.project(&mut begin);
         std::mem::swap(&mut self.system.face, &mut self.switching.before);
         let mut worst = 0.0_f64;
         for state in (0..n).filter(|&state| self.system.mass_diagonal[state] != 0.0) {

@@ -10,7 +10,7 @@ use super::face::{ActiveFace, Place};
 use super::layout::Layout;
 use super::settings::StepError;
 use numerics::Interval;
-use problem::{Control, ConvexSet, Dvi, Face, FaceEquations, Mass, Shape, Side, Structure, Workspace};
+use problem::{Control, ConvexSet, Dvi, Face, FaceEquations, ForcingSlopes, Mass, Shape, Side, Structure, Workspace};
 use std::sync::Arc;
 
 /// What was evaluated, and how often.
@@ -77,8 +77,6 @@ pub struct System<'p> {
     pub tolerances: Vec<f64>,
     /// Whether derivatives may change within a step by more than a step makes them, at kinks of the rows in `y`.
     pub has_kinks: bool,
-    /// Whether the slopes of its rows in time can be enclosed.
-    pub has_time_slopes: bool,
     /// The active face.
     pub face: ActiveFace,
     /// The equations of each block where they were asked for last.
@@ -136,8 +134,6 @@ impl<'p> System<'p> {
         let (rows, nonzeros) = (structure.rows(), structure.pattern.len());
         let row_starts = (0..=rows).map(|row| structure.pattern.partition_point(|&(i, _)| i < row)).collect();
         let has_kinks = !problem.kinks(t, &vec![0.0; unknowns]).is_empty();
-        let (mut of_rates, mut of_g) = (vec![Interval::LINE; n], vec![Interval::LINE; unknowns - n]);
-        let has_time_slopes = problem.enclose_time_slopes(Interval::point(t), &mut of_rates, &mut of_g);
         let layout = Arc::new(Layout::new(&structure, &bounded, t, outside)?);
         Ok(Self {
             problem,
@@ -153,7 +149,6 @@ impl<'p> System<'p> {
             intervals,
             tolerances: Vec::new(),
             has_kinks,
-            has_time_slopes,
             face,
             equations: vec![FaceEquations::default(); blocks],
             linearised: vec![FaceEquations::default(); blocks],
@@ -181,6 +176,11 @@ impl<'p> System<'p> {
     /// The problem itself.
     pub fn problem(&mut self) -> &mut dyn Dvi {
         self.problem
+    }
+
+    /// How the slopes of its rows in time are sums of terms, where these are known.
+    pub fn forcing_slopes(&self) -> Option<&ForcingSlopes> {
+        self.problem.forcing_slopes()
     }
 
     /// `M`.

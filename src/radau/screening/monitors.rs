@@ -112,7 +112,7 @@ impl OnFace<'_, '_> {
             return Told::ByEquations;
         }
         let Some(consistent) = &mut self.consistent else { return Told::InPart };
-        let is_affine = self.system.constant_jacobian() && self.system.has_time_slopes;
+        let is_affine = self.system.constant_jacobian() && self.system.forcing_slopes().is_some();
         if is_affine && consistent.response(self.system).is_some() { Told::ByHiddenConstraints } else { Told::InPart }
     }
 }
@@ -229,15 +229,13 @@ impl Enclosure {
     }
 
     /// The derivatives of the rows over the box; whether they are known.
-    fn enclose_rows(&mut self, system: &mut System<'_>, told: Told, times: Interval) -> bool {
-        let (n, m) = (system.states, system.unknowns - system.states);
-        let Rows { jacobian, by_time, time_slopes: (of_rates, of_g) } = &mut self.rows;
+    fn enclose_rows(&mut self, system: &mut System<'_>, times: Interval) -> bool {
+        let Rows { jacobian, by_time, terms } = &mut self.rows;
         jacobian.resize(system.derivatives.len(), Interval::LINE);
-        by_time.resize(m, Interval::LINE);
-        of_rates.resize(n, Interval::LINE);
-        of_g.resize(m, Interval::LINE);
+        by_time.resize(system.unknowns - system.states, Interval::LINE);
+        terms.resize(system.forcing_slopes().map_or(0, |slopes| slopes.terms), Interval::LINE);
+        system.problem().enclose_forcing_slopes(times, terms);
         system.problem().enclose_derivatives(times, &self.ranges, jacobian, by_time)
-            && (told != Told::ByHiddenConstraints || system.problem().enclose_time_slopes(times, of_rates, of_g))
     }
 
     /// Takes the monitors of `left` without what equations tell.
@@ -245,10 +243,13 @@ impl Enclosure {
         self.forms.resize_with(watched.len().max(self.forms.len()), Reduced::default);
         if !on.system.constant_jacobian() {
             self.face = None;
-            left.iter().for_each(|&at| self.forms[at].set(on, told, &self.rows, &watched[at]));
+            left.iter().for_each(|&at| self.forms[at].set(on, told, &self.rows, &self.middle.y, &watched[at]));
         } else if self.face.as_ref() != Some(&on.system.face) {
             self.face.get_or_insert_default().clone_from(&on.system.face);
-            self.forms.iter_mut().zip(watched).for_each(|(form, monitor)| form.set(on, told, &self.rows, monitor));
+            self.forms
+                .iter_mut()
+                .zip(watched)
+                .for_each(|(form, monitor)| form.set(on, told, &self.rows, &self.middle.y, monitor));
         }
     }
 
@@ -264,7 +265,7 @@ impl Enclosure {
     ) -> bool {
         let times = Interval::new(t.next_down(), (t + h).next_up());
         let (n, system) = (on.system.states, &mut *on.system);
-        if !self.enclose_rows(system, told, times) {
+        if !self.enclose_rows(system, times) {
             return true;
         }
         self.middle.set(system, part, (t, h), 0.5);
@@ -292,8 +293,11 @@ impl Enclosure {
             self.find_hidden_in_middle(on);
         }
         self.find_errors(on, with_hidden);
+        // Monitors of states on their constraints have no error of these.
+        let error_of =
+            |form: &Reduced, errors: &[f64]| if told == Told::ByHiddenConstraints { 0.0 } else { form.error(errors) };
         let is_suspect = |(&at, (middle, _)): (&usize, &(f64, f64))| {
-            let error = self.forms[at].error(&self.errors);
+            let error = error_of(&self.forms[at], &self.errors);
             *middle < CURVATURE * error || middle.is_nan() || error.is_nan()
         };
         let is_suspect: Vec<bool> = left.iter().zip(&middles).map(is_suspect).collect();
@@ -308,8 +312,9 @@ impl Enclosure {
             let (form, monitor) = (&self.forms[at], &watched[at]);
             let ((middle, rounding), suspect) = (middles[index], is_suspect[index]);
             index += 1;
-            let (slope, error) = (form.slope(&self.rows, part, h), form.error(&self.errors));
-            let allowed = error + rounding - monitor.limit;
+            let (slope, error) = (form.slope(&self.rows, part, h), error_of(form, &self.errors));
+            // What rounding leaves uncertain of a monitor is no event.
+            let allowed = error + rounding - monitor.limit.max(2.0 * rounding);
             let mut is_proven = middle - 0.5 * size(slope) >= allowed;
             // Where the slope has one sign the least value is at an end.
             let end = if slope.lo >= 0.0 { 0 } else { 1 };

@@ -3,6 +3,8 @@
 //! ```text
 //! m - w G_I - v dG_I/dt,    dG/dt = G_t + G_x M^-1 F,    (w, v) d(G_I, dG_I/dt)/dz_I = dm/dz_I.
 //! ```
+//!
+//! Where these bind states as well, `w` is such that the monitor does not change where the states are brought onto them.
 
 use super::monitors::{OnFace, Point, Told, Watched, size};
 use super::part::Part;
@@ -11,6 +13,7 @@ use crate::face::Place;
 use crate::system::System;
 use nalgebra::{DMatrix, RowDVector};
 use numerics::Interval;
+use problem::{ForcingSlopes, Sums};
 
 /// The slopes of the rows of a problem over a part of a step.
 #[derive(Debug, Default)]
@@ -19,8 +22,8 @@ pub(super) struct Rows {
     pub jacobian: Vec<Interval>,
     /// Those of `G` by time.
     pub by_time: Vec<Interval>,
-    /// Those of `F` by time, and the second ones of `G`, where hidden constraints need them.
-    pub time_slopes: (Vec<Interval>, Vec<Interval>),
+    /// The terms of the slopes of all rows in time, where they are sums of such.
+    pub terms: Vec<Interval>,
 }
 
 /// One monitor, reduced.
@@ -36,32 +39,40 @@ pub(super) struct Reduced {
     rates: Vec<(usize, f64)>,
     /// The derivatives by the unknowns over the box.
     gradient: Vec<(usize, Interval)>,
+    /// Its slope in time as a sum of terms, where the rows are such.
+    by_terms: Option<Vec<(usize, Interval)>>,
     /// Whether a bound of its variable moves in a way that is not known.
     is_moved: bool,
 }
 
 impl Reduced {
-    /// The monitor with the derivatives over the box of `rows`, by what tells the variables inside.
-    pub fn set(&mut self, on: &mut OnFace<'_, '_>, told: Told, rows: &Rows, monitor: &Watched) {
-        let (n, k) = (on.system.states, monitor.variable);
+    /// The monitor with the derivatives over the box of `rows`, by what tells the variables inside, near the unknowns `y`.
+    pub fn set(&mut self, on: &mut OnFace<'_, '_>, told: Told, rows: &Rows, y: &[f64], monitor: &Watched) {
         let is_inside = monitor.place() == Place::Inside;
         let by_variables = monitor.by_variables(on.system);
-        self.own = (!is_inside).then_some((k, monitor.sign()));
-        self.is_moved = is_inside && on.system.moves(k);
+        self.own = (!is_inside).then_some((monitor.variable, monitor.sign()));
+        self.is_moved = is_inside && on.system.moves(monitor.variable);
         self.hidden.clear();
         self.rates.clear();
         if told == Told::ByHiddenConstraints {
             self.follow_hidden(on, &by_variables);
+            self.follow_constraints(on, rows, y);
         } else {
             on.inside.weights(on.system, |l| by_variables[l], &mut self.equations);
             self.equations.iter_mut().for_each(|(_, factor)| *factor = -*factor);
         }
-        let system = &*on.system;
+        let n = on.system.states;
+        let of_variable = is_inside.then(|| (n + monitor.variable, by_variables[monitor.variable]));
+        self.set_gradient(on.system, told, rows, of_variable);
+        self.by_terms = on.system.forcing_slopes().map(|slopes| self.sum_of_terms(slopes));
+    }
+
+    /// The derivatives by the unknowns, of which the variable of the monitor may enter itself.
+    fn set_gradient(&mut self, system: &System<'_>, told: Told, rows: &Rows, of_variable: Option<(usize, f64)>) {
+        let n = system.states;
         let mut gradient = vec![Interval::point(0.0); system.unknowns];
         let mut sizes = vec![0.0; system.unknowns];
-        if is_inside {
-            gradient[n + k] = Interval::point(by_variables[k]);
-        }
+        of_variable.into_iter().for_each(|(j, slope)| gradient[j] = Interval::point(slope));
         let of_g = self.own.iter().chain(&self.equations).map(|&(l, factor)| (n + l, factor));
         for (row, factor) in of_g.chain(self.rates.iter().copied()) {
             for (at, j) in system.places_of_row(row) {
@@ -81,6 +92,47 @@ impl Reduced {
         }
         self.gradient.clear();
         self.gradient.extend(gradient.into_iter().enumerate().filter(|(_, slope)| *slope != Interval::point(0.0)));
+    }
+
+    /// The factors of equations that answer to bringing the states onto what these bind of them: the monitor is then that of
+    /// the states on their constraints.
+    fn follow_constraints(&mut self, on: &mut OnFace<'_, '_>, rows: &Rows, y: &[f64]) {
+        self.set_gradient(on.system, Told::ByHiddenConstraints, rows, None);
+        let n = on.system.states;
+        let mut of_states = vec![0.0; n];
+        for &(j, slope) in self.gradient.iter().filter(|(j, _)| *j < n) {
+            of_states[j] = 0.5 * (slope.lo + slope.hi);
+        }
+        let mut factors = Vec::new();
+        on.constraints.change_of(on.system, on.control, y, |j| of_states[j], &mut factors);
+        let is_equation = |row: usize| row >= n && on.system.face.places[row - n] == Place::Inside;
+        let equations = factors.into_iter().filter(|(row, _)| is_equation(*row));
+        for (l, factor) in equations.map(|(row, factor)| (row - n, factor)) {
+            match self.equations.iter_mut().find(|(other, _)| *other == l) {
+                Some((_, sum)) => *sum += factor,
+                None => self.equations.push((l, factor)),
+            }
+        }
+    }
+
+    /// Its slope in time, with what rounding makes of factors that cancel.
+    fn sum_of_terms(&self, slopes: &ForcingSlopes) -> Vec<(usize, Interval)> {
+        let mut factors = vec![(0.0, 0.0_f64); slopes.terms];
+        let mut add = |rows: &[(usize, f64)], sums: &Sums| {
+            for &(row, factor) in rows {
+                for &(term, of_row) in &sums[row] {
+                    factors[term].0 += factor * of_row;
+                    factors[term].1 += (factor * of_row).abs();
+                }
+            }
+        };
+        add(self.own.as_slice(), &slopes.inequality);
+        add(&self.equations, &slopes.inequality);
+        add(&self.hidden, &slopes.curvature);
+        add(&self.rates, &slopes.rates);
+        let noise = |size: f64| f64::EPSILON * size;
+        let intervals = factors.into_iter().enumerate().filter(|(_, (_, size))| *size > 0.0);
+        intervals.map(|(term, (sum, size))| (term, Interval::new(sum - noise(size), sum + noise(size)))).collect()
     }
 
     /// The factors of equations and hidden constraints that answer to a change of the variables inside as the monitor does.
@@ -133,12 +185,16 @@ impl Reduced {
         if self.is_moved {
             return Interval::LINE;
         }
-        let (of_rates, of_g) = &rows.time_slopes;
-        let of = |factors: &[(usize, f64)], slopes: &[Interval]| {
-            factors.iter().fold(Interval::point(0.0), |sum, &(row, factor)| sum + Interval::point(factor) * slopes[row])
+        let sum = |sum: Interval, (factor, slope): (Interval, Interval)| sum + factor * slope;
+        let by_time = match &self.by_terms {
+            Some(terms) => {
+                terms.iter().map(|&(term, factor)| (factor, rows.terms[term])).fold(Interval::point(0.0), sum)
+            }
+            None => {
+                let of_g = self.own.iter().chain(&self.equations);
+                of_g.map(|&(l, factor)| (Interval::point(factor), rows.by_time[l])).fold(Interval::point(0.0), sum)
+            }
         };
-        let own = of(self.own.as_slice(), &rows.by_time);
-        let by_time = own + of(&self.equations, &rows.by_time) + of(&self.hidden, of_g) + of(&self.rates, of_rates);
         let slope = part.rate_of_sum(&self.gradient) + by_time * Interval::point(h);
         if slope.defined { slope } else { Interval::LINE }
     }

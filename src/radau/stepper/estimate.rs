@@ -106,8 +106,8 @@ impl Radau<'_> {
             || self.system.constant_jacobian()
                 && self.consistent.is_some()
                 && !self.system.set.has_blocks()
-                && (matches!(self.system.layout.storage, Storage::Dense)
-                    || self.switching.inside.tells_all(&self.system))
+                && (self.switching.inside.tells_all(&self.system)
+                    || self.switching.is_to_locate() && matches!(self.system.layout.storage, Storage::Dense))
     }
 
     /// The norm of `(I - P)^(s-1) e` for the estimate `e` at hand, in units of the tolerance that is not rescaled, to the
