@@ -72,7 +72,8 @@ pub fn integrate_convolution(
                 solution.diagnostics.wall_seconds = began.elapsed().as_secs_f64();
                 return solution;
             }
-            Err(segments::Unsettled { why, best }) => {
+            Err(unsettled) => {
+                let segments::Unsettled { why, best } = *unsettled;
                 by_segments = best;
                 let uniform = ConvolutionPlan { segments: None, ..convolution.clone() };
                 let described = describe_convolution(model, &uniform, analysis);

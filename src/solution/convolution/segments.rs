@@ -31,13 +31,14 @@ pub(super) fn integrate(
     settings: &SegmentSettings,
     diagnostics: &Diagnostics,
     control: &Control,
-) -> Result<Solution, Unsettled> {
+) -> Result<Solution, Box<Unsettled>> {
     let mut problems: Vec<Box<dyn Dvi>> = (0..RUNS).map(|_| model.forcing.problem()).collect();
     let m = model.variables();
     let mut before: Option<(Segments<'_>, usize)> = None;
     let mut best: Option<(f64, Solution)> = None;
-    let unsettled =
-        |why: String, best: Option<(f64, Solution)>| Unsettled { why, best: best.map(|(_, solution)| solution) };
+    let unsettled = |why: String, best: Option<(f64, Solution)>| {
+        Box::new(Unsettled { why, best: best.map(|(_, solution)| solution) })
+    };
     for (number, problem) in problems.iter_mut().enumerate() {
         let tolerance = FIRST * NEXT.powi(number as i32);
         let mesh = before.as_ref().map_or_else(Vec::new, |(last, _)| last.mesh());
