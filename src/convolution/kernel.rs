@@ -15,6 +15,8 @@ pub struct Function {
     pub exponent: f64,
     /// `g`, a program of the one input `t`.
     pub factor: Option<Tape>,
+    /// `g'`, if there is a factor.
+    pub slope: Option<Tape>,
     /// How often it is integrated from zero.
     pub integrations: usize,
 }
@@ -47,7 +49,7 @@ pub enum NoWeights {
 impl Function {
     /// The kernel `t^(alpha-1) / Gamma(alpha)` of the integral of order `alpha > 0`.
     pub fn power(alpha: f64) -> Self {
-        Self { exponent: alpha.fract(), factor: None, integrations: alpha.trunc() as usize }
+        Self { exponent: alpha.fract(), factor: None, slope: None, integrations: alpha.trunc() as usize }
     }
 
     /// The exponent of the integrated function, where the factor is not zero at zero.

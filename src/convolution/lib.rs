@@ -8,14 +8,20 @@
 //! values of `z` at the stages. The weights are those of convolution quadrature where the kernel is a power
 //! ([`quadrature`]), and of product integration where it is an expression ([`product_integration`]); what the past
 //! contributes is summed by blocks ([`history`]); each step is one variational inequality ([`stepper`]).
+//!
+//! Where no step is given and all variables are in intervals, switches are located instead, and the segments between them
+//! have elements of any length ([`segments`]).
 
+mod forcing;
 pub mod gauss_jacobi;
 pub mod history;
 pub mod kernel;
 pub mod product_integration;
 pub mod quadrature;
+pub mod segments;
 pub mod stepper;
 pub mod weights;
 
 pub use kernel::{Function, Kernel, Term};
+pub use segments::{Place, SegmentSettings, Segments, Switch};
 pub use stepper::{Convolution, Settings, StepError};

@@ -7,11 +7,12 @@
 //! where the factors `d_i = b_i / c_i > 0` change no solution, and make the matrix positive definite for a kernel of index
 //! at most one with a positive definite matrix.
 
+use super::forcing::Forcing;
 use super::history::{History, Part};
 use super::kernel::{Kernel, NoWeights};
 use super::weights::Weights;
 use nalgebra::DMatrix;
-use problem::{Control, ConvexSet, Dvi, MovingBound, Side, Workspace};
+use problem::{Control, ConvexSet, Dvi, Side, Workspace};
 use radau::Tableau;
 use vi::{AffineVi, Outcome, SolverKind, ViSolver};
 
@@ -120,13 +121,6 @@ pub struct Convolution<'p> {
     work: Workspace,
 }
 
-/// `q` and the moving bounds, as functions of time.
-struct Forcing<'p> {
-    problem: &'p mut dyn Dvi,
-    zeros: Vec<f64>,
-    values: Vec<f64>,
-}
-
 impl<'p> Convolution<'p> {
     /// A run of `steps` steps over `[start, end]`; `problem` has no states, its inequality is `q`.
     ///
@@ -156,11 +150,10 @@ impl<'p> Convolution<'p> {
         for (i, mut row) in matrix.row_iter_mut().enumerate() {
             row *= tableau.d[i / m];
         }
-        let values = vec![0.0; problem.structure().rows()];
         Ok(Self {
             tableau,
             set: problem.structure().set.power(s),
-            forcing: Forcing { problem, zeros: vec![0.0; m], values },
+            forcing: Forcing::new(problem),
             history: History::new(s, m, steps, parts),
             matrix,
             first,
@@ -310,24 +303,4 @@ fn first(s: usize, m: usize, parts: &[Part]) -> DMatrix<f64> {
         }
     }
     matrix
-}
-
-impl Forcing<'_> {
-    /// Gives `q` at `t`, and sets the bounds that move for the variables from `offset` on in `set`.
-    fn at(&mut self, t: f64, offset: usize, set: &mut ConvexSet) -> Result<&[f64], StepError> {
-        self.problem.evaluate(t, &self.zeros, &mut self.values);
-        if let Some(row) = self.values.iter().position(|value| !value.is_finite()) {
-            return Err(StepError::NotFinite { row, t });
-        }
-        let (q, bounds) = self.values.split_at(self.zeros.len());
-        for (moving, &value) in self.problem.structure().moving.iter().zip(bounds) {
-            let MovingBound { variable, side } = *moving;
-            let place = offset + variable;
-            MovingBound { variable: place, side }.place(value, set);
-            if set.lower[place] > set.upper[place] || (side == Side::Radius && value < 0.0) {
-                return Err(StepError::EmptySet { variable, side, t });
-            }
-        }
-        Ok(q)
-    }
 }

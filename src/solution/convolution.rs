@@ -1,17 +1,21 @@
 //! A problem with memory from start to end: its outputs, switches and failures by name, and the choice of its step.
 //!
-//! The mesh is uniform, since the weights belong to one step. Where none is given the whole run is repeated with half the
-//! step until three runs agree, in the mean over time: where a bound is left `z` behaves like `(t - t_s)^(1-a)`, so that no
-//! uniform mesh is accurate at every moment. The run with the least estimated error is returned, which need not be the last:
-//! kernels of high order amplify rounding errors as the step falls.
+//! Where no step is given and the variables are in intervals, switches are located, and each segment between them has a mesh
+//! of its own ([`segments`]). Everything else has a uniform mesh, since the weights of convolution quadrature belong to one
+//! step: a `step` or a `min_step` that is asked for, variables in balls, cones and other blocks, more variables than full
+//! matrices are fit for, a start that needs an impulse, and problems for which no two runs by segments agree. Where no step is
+//! given the whole run is repeated with half the step until three runs agree, in the mean over time: where a bound is left `z`
+//! behaves like `(t - t_s)^(1-a)`, so that no uniform mesh is accurate at every moment. The run with the least estimated error
+//! is returned, which need not be the last: kernels of high order amplify rounding errors as the step falls.
 
 mod halving;
+mod segments;
 
 use super::run::{Plan, Run, Stepper, ending};
 use super::uniqueness::uniqueness_caveat;
 use super::{CheckCode, Diagnostics, Event, EventKind, Failure, Solution, Status, Steps, ViCounts, Warning};
 use analysis::Analysis;
-use convolution::{Convolution, Settings, StepError};
+use convolution::{Convolution, SegmentSettings, Settings, StepError};
 use halving::{Best, Coarse};
 use models::ConvolutionModel;
 use problem::{Control, ConvexSet, Dvi};
@@ -42,6 +46,8 @@ pub struct ConvolutionPlan {
     pub settings: Settings,
     /// The steps.
     pub mesh: Mesh,
+    /// How segments between located switches are made, if they are tried before a uniform mesh.
+    pub segments: Option<SegmentSettings>,
     /// The most steps that fit into memory.
     pub most: usize,
 }
@@ -58,6 +64,27 @@ pub fn integrate_convolution(
     let mut diagnostics = describe_convolution(model, convolution, analysis);
     if let Some(Warning { code, message }) = uniqueness_caveat(analysis) {
         diagnostics.checks.caveat(code, message);
+    }
+    let mut by_segments = None;
+    if let Some(settings) = &convolution.segments {
+        match segments::integrate(model, plan, settings, &diagnostics, control) {
+            Ok(mut solution) => {
+                solution.diagnostics.wall_seconds = began.elapsed().as_secs_f64();
+                return solution;
+            }
+            Err(unsettled) => {
+                let segments::Unsettled { why, best } = *unsettled;
+                by_segments = best;
+                let uniform = ConvolutionPlan { segments: None, ..convolution.clone() };
+                let described = describe_convolution(model, &uniform, analysis);
+                (diagnostics.built, diagnostics.left_out) = (described.built, described.left_out);
+                diagnostics.vi = described.vi;
+                diagnostics.checks.record(CheckCode::EventsUnproven, 1.0, 0.0, || {
+                    format!("switches could not be located, and a uniform mesh may miss some: {why}")
+                });
+                diagnostics.left_out.push(format!("located switches: {why}"));
+            }
+        }
     }
     let mut problem = model.forcing.problem();
     let (first, most) = match convolution.mesh {
@@ -125,6 +152,13 @@ pub fn integrate_convolution(
             }
         };
         let mut solution = run.end(ended).solution;
+        let error =
+            |solution: &Solution| solution.diagnostics.refinement.as_ref().map_or(f64::INFINITY, |found| found.scaled);
+        if !solution.verdict.trusted
+            && let Some(other) = by_segments.filter(|other| error(other) < error(&solution))
+        {
+            solution = other;
+        }
         solution.diagnostics.wall_seconds = began.elapsed().as_secs_f64();
         return solution;
     }
@@ -315,6 +349,9 @@ fn failure(error: &StepError, names: &[String], time: f64, state: &[f64]) -> Fai
 
 /// What is known before the run: what the theory says, what is built, what is left out and why.
 pub fn describe_convolution(model: &ConvolutionModel, plan: &ConvolutionPlan, analysis: &Analysis) -> Diagnostics {
+    if plan.segments.is_some() {
+        return segments::describe(model, analysis);
+    }
     let is_power = model.kernel.terms.iter().all(|term| term.function.factor.is_none());
     let quadrature = if is_power { "convolution quadrature" } else { "product integration" };
     let mut diagnostics = Diagnostics {

@@ -58,10 +58,11 @@ pub struct GlobalError {
     pub reference_steps: u64,
 }
 
-/// How the uniform mesh of a problem with memory was found: its steps were halved until two runs agreed.
+/// How the mesh of a problem with memory was found: steps of one length were halved, or the tolerance of elements between
+/// located switches divided by ten, until two runs agreed.
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 pub struct Refinement {
-    /// How often the step was halved.
+    /// How often the step was halved, or the tolerance divided.
     pub halvings: u32,
     /// Of each variable, the mean over time of the distance between the last run and the one before, at its steps, or
     /// half of the distance before that where it is larger: what the last but one is off by, so that the last is off by

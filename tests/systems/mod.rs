@@ -10,6 +10,7 @@ mod friction;
 mod global_error;
 pub mod harness;
 pub mod memory;
+mod memory_switches;
 mod netlists;
 mod nonunique;
 mod obstacle;

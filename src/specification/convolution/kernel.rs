@@ -161,23 +161,34 @@ fn function(node: Node, exponent: f64, lowering: &mut Lowering) -> Result<(Funct
                 .expected("an entry that is smooth from zero on; `exponent`: a puts a power t^(a-1) in front of all"));
         }
         if a < 1.0 || integrations == 1 || (a == 1.0 && at_zero != 0.0) {
-            return Ok((Function { exponent: a, factor: Some(factor), integrations }, at_zero));
+            let slope = slope(g, lowering).map_err(underivable)?;
+            let slope = Some(Tape::compile(&lowering.graph, &[slope]));
+            return Ok((Function { exponent: a, factor: Some(factor), slope, integrations }, at_zero));
         }
-        g = derivative(g, a, lowering)
-            .map_err(|error| SpecificationError::new(String::new(), error.code, error.message))?;
+        g = derivative(g, a, lowering).map_err(underivable)?;
         a = if a > 1.0 { a - 1.0 } else { a };
         integrations += 1;
     }
 }
 
-/// `(a - 1) g + t g'` for `a > 1`, and `g'` for `a = 1`.
-fn derivative(node: Node, a: f64, lowering: &mut Lowering) -> Result<Node, ExpressionError> {
+fn underivable(error: ExpressionError) -> SpecificationError {
+    SpecificationError::new(String::new(), error.code, error.message)
+}
+
+/// `g'`
+fn slope(node: Node, lowering: &mut Lowering) -> Result<Node, ExpressionError> {
     let graph = &mut lowering.graph;
     let slope = graph.gradient(node)?.into_iter().find(|&(input, _)| input == 0).map(|(_, slope)| slope);
-    let slope = slope.unwrap_or_else(|| graph.constant(0.0));
+    Ok(slope.unwrap_or_else(|| graph.constant(0.0)))
+}
+
+/// `(a - 1) g + t g'` for `a > 1`, and `g'` for `a = 1`.
+fn derivative(node: Node, a: f64, lowering: &mut Lowering) -> Result<Node, ExpressionError> {
+    let slope = slope(node, lowering)?;
     if a == 1.0 {
         return Ok(slope);
     }
+    let graph = &mut lowering.graph;
     let (t, factor) = (graph.input(0), graph.constant(a - 1.0));
     let (scaled, moved) = (graph.multiply(factor, node), graph.multiply(t, slope));
     Ok(graph.add(scaled, moved))

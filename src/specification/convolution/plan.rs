@@ -6,7 +6,7 @@ use crate::error::{Errors, SpecificationError};
 use crate::method::Method;
 use crate::plan::{VI_TOLERANCE, solver};
 use crate::stages::Stages;
-use convolution::Settings;
+use convolution::{SegmentSettings, Segments, Settings};
 use models::ConvolutionModel;
 use solution::{ConvolutionPlan, Mesh};
 
@@ -17,6 +17,8 @@ const MOST_UNKNOWNS: usize = 2_000;
 /// Steps of the first run, and the most of the last, where none are given.
 const FIRST_MESH: usize = 64;
 const LAST_MESH: usize = 1 << 17;
+/// Polynomials on an element where none are asked for.
+const POLYNOMIALS: usize = 5;
 
 /// The choices for a problem with memory.
 pub fn plan_of(model: &ConvolutionModel, specification: &Specification) -> ConvolutionPlan {
@@ -37,7 +39,31 @@ pub fn plan_of(model: &ConvolutionModel, specification: &Specification) -> Convo
         vi_solver: solver(method.vi_solver),
         vi_tolerance: method.vi_tolerance.unwrap_or(VI_TOLERANCE),
     };
-    ConvolutionPlan { settings, mesh, most }
+    let segments = segments_of(model, specification);
+    ConvolutionPlan { settings, mesh, segments, most }
+}
+
+/// How segments between located switches are made: where no step is given, neither one that a uniform mesh may have, and
+/// nothing infinite is foreseen.
+fn segments_of(model: &ConvolutionModel, specification: &Specification) -> Option<SegmentSettings> {
+    let (method, time) = (specification.method(), specification.time());
+    let stages = match method.stages {
+        Stages::Fixed(s) => s as usize,
+        Stages::Auto => POLYNOMIALS,
+    };
+    let is_fit = method.step.is_none()
+        && method.min_step.is_none()
+        && Segments::suit(model.forcing.structure(), stages)
+        && model.forcing.warnings.iter().all(|warning| warning.code != "impulse_at_start");
+    is_fit.then(|| SegmentSettings {
+        stages,
+        rtol: method.rtol,
+        atol: specification.absolute_tolerances().to_vec(),
+        tolerance: 1.0,
+        first: method.first_step.unwrap_or((time.end - time.start) / FIRST_MESH as f64),
+        longest: method.max_step.unwrap_or(f64::INFINITY),
+        before: Vec::new(),
+    })
 }
 
 /// The numbers that the first run keeps.

@@ -49,7 +49,7 @@ const FORCE: Dimension = [1.0, 1.0, -2.0];
 const VALUE: Dimension = [1.0, 0.0, 0.0];
 
 /// Every scene.
-pub const SCENES: [Scene; 19] = [
+pub const SCENES: [Scene; 20] = [
     Scene {
         name: "dvi: friction on a belt",
         axes: MECHANICS,
@@ -208,6 +208,14 @@ pub const SCENES: [Scene; 19] = [
         fields: &[("u", [1.0, 0.0, -0.5])],
         tolerances: Tolerances::Fields(1),
         within: 1e-2,
+    },
+    Scene {
+        name: "convolution: a relaxation between bounds",
+        axes: FIELDS,
+        write: relaxation_with_memory,
+        fields: &[("u", [1.0, 0.0, -0.5])],
+        tolerances: Tolerances::Fields(1),
+        within: 1e-5,
     },
 ];
 
@@ -387,6 +395,15 @@ fn membrane([v, l, t]: Units) -> (Value, f64, Value) {
         "boundary": {"x_min": {"dirichlet": "v"}, "x_max": {"dirichlet": "v"}},
         "probes": {"middle": ["0.5*l"], "beside": ["0.3*l"]}}});
     (problem, t, json!({"rtol": 1e-6}))
+}
+
+fn relaxation_with_memory([v, _, t]: Units) -> (Value, f64, Value) {
+    let problem = json!({"convolution": {
+        "parameters": {"v": v, "tau": t},
+        "variables": {"u": {"q": "v*(1.2 - cos(3*t/tau) - 1.4*sin(t/tau)^2)"}},
+        "kernel": {"fractional": {"exponent": 0.5}},
+        "set": [{"box": {"of": ["u"], "lower": 0, "upper": "v/sqrt(tau)"}}]}});
+    (problem, 5.0 * t, json!({"rtol": 1e-6}))
 }
 
 fn abel([v, _, t]: Units) -> (Value, f64, Value) {

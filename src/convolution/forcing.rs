@@ -1,0 +1,84 @@
+//! What drives a problem with memory: `q` and the bounds that move, at a time and over a part of time.
+
+use super::stepper::StepError;
+use numerics::Interval;
+use problem::{ConvexSet, Dvi, MovingBound, Side};
+
+/// `q` and the bounds of a problem without states, whose inequality is `q`.
+pub(crate) struct Forcing<'p> {
+    problem: &'p mut dyn Dvi,
+    zeros: Vec<f64>,
+    values: Vec<f64>,
+    over: Over,
+}
+
+/// Intervals over a part of time.
+#[derive(Default)]
+pub(crate) struct Over {
+    /// `q` and the bounds that move, in their order.
+    pub values: Vec<Interval>,
+    /// The derivatives of `q`.
+    pub slopes: Vec<Interval>,
+    zeros: Vec<Interval>,
+    jacobian: Vec<Interval>,
+}
+
+impl<'p> Forcing<'p> {
+    /// That of a problem without states.
+    pub fn new(problem: &'p mut dyn Dvi) -> Self {
+        let structure = problem.structure();
+        let (zeros, values) = (vec![0.0; structure.variables], vec![0.0; structure.rows()]);
+        let over = Over {
+            values: vec![Interval::LINE; structure.rows()],
+            slopes: vec![Interval::LINE; structure.variables],
+            zeros: vec![Interval::point(0.0); structure.variables],
+            jacobian: vec![Interval::LINE; structure.pattern.len()],
+        };
+        Self { problem, zeros, values, over }
+    }
+
+    /// Gives `q` at `t`, and sets the bounds that move for the variables from `offset` on in `set`.
+    pub fn at(&mut self, t: f64, offset: usize, set: &mut ConvexSet) -> Result<&[f64], StepError> {
+        self.problem.evaluate(t, &self.zeros, &mut self.values);
+        if let Some(row) = self.values.iter().position(|value| !value.is_finite()) {
+            return Err(StepError::NotFinite { row, t });
+        }
+        let (q, bounds) = self.values.split_at(self.zeros.len());
+        for (moving, &value) in self.problem.structure().moving.iter().zip(bounds) {
+            let MovingBound { variable, side } = *moving;
+            let place = offset + variable;
+            MovingBound { variable: place, side }.place(value, set);
+            if set.lower[place] > set.upper[place] || (side == Side::Radius && value < 0.0) {
+                return Err(StepError::EmptySet { variable, side, t });
+            }
+        }
+        Ok(q)
+    }
+
+    /// `q` and the bounds that move at `t`, as they are.
+    pub fn rows_at(&mut self, t: f64) -> &[f64] {
+        self.problem.evaluate(t, &self.zeros, &mut self.values);
+        &self.values
+    }
+
+    /// Intervals that hold `q`, the bounds that move and the derivatives of `q` over a part of time; nothing where the problem
+    /// has none.
+    pub fn enclose(&mut self, times: Interval) -> Option<&Over> {
+        let Over { values, slopes, zeros, jacobian } = &mut self.over;
+        let is_enclosed = self.problem.enclose(times, zeros, values)
+            && self.problem.enclose_derivatives(times, zeros, jacobian, slopes);
+        is_enclosed.then_some(&self.over)
+    }
+
+    /// The row of a bound that moves.
+    pub fn row_of_bound(&self, variable: usize, side: Side) -> Option<usize> {
+        let bound = MovingBound { variable, side };
+        let structure = self.problem.structure();
+        structure.moving.iter().position(|moving| *moving == bound).map(|place| self.zeros.len() + place)
+    }
+
+    /// The quantities at whose changes of sign `q` or a bound has a kink or a jump.
+    pub fn breaks(&mut self, t: f64) -> &[f64] {
+        self.problem.breaks(t)
+    }
+}

@@ -1,0 +1,173 @@
+//! A scalar kernel `t^(e-1) g(t)` and its integrals against the functions of an element: exact in the singularities, those of
+//! the kernel at zero and those of the functions at the beginning of the element, and to the last digits in the rest.
+
+use super::shape::Shape;
+use crate::gauss_jacobi::gauss_jacobi;
+use crate::kernel::Function;
+use crate::stepper::StepError;
+use expression::{IntervalWorkspace, Tape};
+use numerics::Interval;
+
+/// Nodes of each rule.
+const NODES: usize = 24;
+/// Where the time since the end of an element is below this part of its length, its integral is the difference of two that
+/// begin at the singularity: its functions are continued so far at most.
+const ADJACENT: f64 = 0.25;
+
+/// A kernel that is not a multiple of the identity.
+pub struct Lag {
+    exponent: f64,
+    factor: Option<Tape>,
+    slope: Option<Tape>,
+    /// `g` where there is no factor: `1 / Gamma(e)`.
+    constant: f64,
+    at_zero: Vec<(f64, f64)>,
+    plain: Vec<(f64, f64)>,
+    at_switch: Vec<(f64, f64)>,
+}
+
+impl Lag {
+    /// The kernel of a function before it is integrated, none for the identity; `beta` is the exponent behind switches.
+    pub fn new(function: &Function, beta: f64) -> Option<Self> {
+        if function.factor.is_none() && function.exponent == 0.0 {
+            return None;
+        }
+        let exponent = function.exponent;
+        Some(Self {
+            exponent,
+            factor: function.factor.clone(),
+            slope: function.slope.clone(),
+            constant: 1.0 / gamma(exponent),
+            at_zero: gauss_jacobi(NODES, exponent - 1.0),
+            plain: gauss_jacobi(NODES, 0.0),
+            at_switch: gauss_jacobi(NODES, beta),
+        })
+    }
+
+    /// `g`.
+    fn smooth(&mut self, lag: f64) -> Result<f64, StepError> {
+        let Some(factor) = &mut self.factor else { return Ok(self.constant) };
+        let mut value = [0.0];
+        factor.evaluate(lag, &[], &mut value);
+        if value[0].is_finite() { Ok(value[0]) } else { Err(StepError::Kernel { lag }) }
+    }
+
+    /// The kernel.
+    pub fn value(&mut self, lag: f64) -> Result<f64, StepError> {
+        let smooth = self.smooth(lag)?;
+        Ok(if self.exponent == 1.0 { smooth } else { smooth * lag.powf(self.exponent - 1.0) })
+    }
+
+    /// Bounds of `g` and of its derivative over the lags up to `length`.
+    pub fn bounds(&self, length: f64) -> [f64; 2] {
+        let lags = Interval::new(0.0, length);
+        let bound = |tape: &Tape| {
+            let mut range = [Interval::LINE];
+            tape.enclose(lags, &[], &mut IntervalWorkspace::new(tape), &mut range);
+            if range[0].is_empty() { f64::INFINITY } else { range[0].magnitudes().1 }
+        };
+        match &self.factor {
+            None => [self.constant, 0.0],
+            Some(factor) => [bound(factor), self.slope.as_ref().map_or(f64::INFINITY, bound)],
+        }
+    }
+
+    /// The integral of `t^(e-1)` from zero.
+    pub fn integral_of_power(&self, length: f64) -> f64 {
+        length.powf(self.exponent) / self.exponent
+    }
+
+    /// Writes the integrals of the functions of an element of length `h` that the time `theta h` is within.
+    pub fn within(&mut self, shape: &Shape, h: f64, theta: f64, out: &mut [f64]) -> Result<(), StepError> {
+        out.fill(0.0);
+        let whole = if shape.is_singular() { 0.5 * theta } else { theta };
+        self.add_from_singularity(shape, h, theta, whole * h, 1.0, out)?;
+        if shape.is_singular() {
+            // The regular functions have no need of a division, but for one rule that serves both.
+            self.add_beginning(shape, h, 0.5 * theta, theta, out)?;
+        }
+        Ok(())
+    }
+
+    /// Writes the integrals of the functions of an element of length `h`, the time `from` after its end.
+    pub fn behind(&mut self, shape: &Shape, h: f64, from: f64, out: &mut [f64]) -> Result<(), StepError> {
+        out.fill(0.0);
+        let theta = 1.0 + from / h;
+        let length = if shape.is_singular() { 0.5 * h } else { h };
+        if from < ADJACENT * length {
+            self.add_from_singularity(shape, h, theta, from + length, 1.0, out)?;
+            self.add_from_singularity(shape, h, theta, from, -1.0, out)?;
+        } else {
+            let mut values = vec![0.0; out.len()];
+            let (first, ratio) = (from.ln(), ((from + length) / from).ln());
+            for place in 0..self.plain.len() {
+                let (x, w) = self.plain[place];
+                let lag = (first + ratio * x).exp();
+                let weight = w * ratio * lag * self.value(lag)?;
+                shape.evaluate(theta - lag / h, &mut values);
+                add(out, &values, weight);
+            }
+        }
+        if shape.is_singular() {
+            self.add_beginning(shape, h, 0.5, theta, out)?;
+        }
+        Ok(())
+    }
+
+    /// Adds `sign` times the integrals over the lags from zero to `length`, at the time `theta h`.
+    fn add_from_singularity(
+        &mut self,
+        shape: &Shape,
+        h: f64,
+        theta: f64,
+        length: f64,
+        sign: f64,
+        out: &mut [f64],
+    ) -> Result<(), StepError> {
+        if length == 0.0 {
+            return Ok(());
+        }
+        let mut values = vec![0.0; out.len()];
+        let scale = sign * length.powf(self.exponent);
+        for place in 0..self.at_zero.len() {
+            let (x, w) = self.at_zero[place];
+            let weight = scale * w * self.smooth(length * x)?;
+            shape.evaluate(theta - length * x / h, &mut values);
+            add(out, &values, weight);
+        }
+        Ok(())
+    }
+
+    /// Adds the integrals over the first part, up to `end`, of an element, at the time `theta h` behind that part.
+    fn add_beginning(&mut self, shape: &Shape, h: f64, end: f64, theta: f64, out: &mut [f64]) -> Result<(), StepError> {
+        let mut values = vec![0.0; out.len()];
+        for place in 0..self.plain.len() {
+            let (x, w) = self.plain[place];
+            let weight = h * end * w * self.value(h * (theta - end * x))?;
+            shape.polynomials(false, end * x, &mut values);
+            add(out, &values, weight);
+            let (x, w) = self.at_switch[place];
+            let weight = h * end.powf(1.0 + shape.beta) * w * self.value(h * (theta - end * x))?;
+            shape.polynomials(true, end * x, &mut values);
+            add(out, &values, weight);
+        }
+        Ok(())
+    }
+}
+
+fn add(out: &mut [f64], values: &[f64], weight: f64) {
+    out.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * value);
+}
+
+/// `Gamma(x)` for `x > 0`, by Stirling's series far from zero.
+fn gamma(x: f64) -> f64 {
+    let (mut x, mut product) = (x, 1.0);
+    while x < 20.0 {
+        product *= x;
+        x += 1.0;
+    }
+    let inverse = 1.0 / x;
+    let square = inverse * inverse;
+    let series = inverse * (1.0 / 12.0 - square * (1.0 / 360.0 - square * (1.0 / 1260.0 - square / 1680.0)));
+    (std::f64::consts::TAU / x).sqrt() * (x * (x.ln() - 1.0) + series).exp() / product
+}

@@ -1,0 +1,255 @@
+//! A run by segments: between two switches the variables at their bounds stay there, the others solve `w = 0`, a Volterra
+//! equation of the first kind, by collocation with product integration (Brunner 2004, Collocation Methods for Volterra
+//! Integral and Related Functional Differential Equations) on elements of any length. Where a sign of the face is lost the
+//! element is shortened to end there ([`location`]), the face changes, and the next segment begins with the functions that
+//! are singular like the solution is there ([`shape`]), as it does behind a break of the forces ([`breaks`]); all segments
+//! before are a source ([`past`]). Each element is screened by enclosure for signs that are lost between its nodes
+//! ([`screening`]).
+
+mod advance;
+mod breaks;
+mod lag;
+mod location;
+mod outputs;
+mod panel;
+mod past;
+mod screening;
+mod shape;
+mod trial;
+mod watched;
+
+use super::forcing::Forcing;
+use super::kernel::Kernel;
+use super::stepper::StepError;
+use breaks::Breaks;
+use lag::Lag;
+use panel::Interpolation;
+use past::Past;
+use problem::{Control, ConvexSet, Dvi, Structure, Workspace};
+use shape::Shape;
+
+/// Where a variable is held.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// At its lower bound.
+    Lower,
+    /// Between its bounds.
+    Inside,
+    /// At its upper bound.
+    Upper,
+    /// Where its bounds are equal.
+    Fixed,
+}
+
+/// What a run is told.
+#[derive(Clone, Debug)]
+pub struct SegmentSettings {
+    /// Polynomials on an element, from 1 to 9.
+    pub stages: usize,
+    /// Relative tolerance.
+    pub rtol: f64,
+    /// Absolute tolerance of each variable.
+    pub atol: Vec<f64>,
+    /// What the error of an element may be, against the tolerance.
+    pub tolerance: f64,
+    /// The first element tried.
+    pub first: f64,
+    /// The longest element.
+    pub longest: f64,
+    /// The ends of the elements of a run before: elements are at most half as long as those were, so that the two runs share
+    /// no mesh.
+    pub before: Vec<f64>,
+}
+
+/// A switch of a variable.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Switch {
+    /// When.
+    pub t: f64,
+    /// The variable.
+    pub variable: usize,
+    /// Where it has gone.
+    pub to: Place,
+}
+
+/// A term of the kernel.
+struct Part {
+    lag: Option<Lag>,
+    level: usize,
+    matrix: Vec<(usize, usize, f64)>,
+}
+
+/// A run.
+pub struct Segments<'p> {
+    forcing: Forcing<'p>,
+    set: ConvexSet,
+    shapes: [Shape; 2],
+    terms: Vec<Part>,
+    past: Past,
+    t: f64,
+    start: f64,
+    end: f64,
+    h: f64,
+    longest: f64,
+    before: Vec<f64>,
+    /// The size of recent elements, against which one is tiny.
+    usual: f64,
+    rtol: f64,
+    atol: Vec<f64>,
+    tolerance: f64,
+    is_first: bool,
+    places: Vec<Place>,
+    /// The places of the last element, none before the first.
+    told: Option<Vec<Place>>,
+    /// Changes of the face since the last element.
+    flips: usize,
+    /// Tiny elements one after the other.
+    kinks: u32,
+    /// The length of an element on which no face was found to hold, zero where the last was none, and whether it is next.
+    unclear: (f64, bool),
+    /// Where the first of some brief elements began, the last of which is the last of all.
+    brief: Option<f64>,
+    size: Vec<f64>,
+    /// The integrals of the variables up to now, once, twice, .., by their polynomials.
+    integrals: Vec<Vec<f64>>,
+    /// The integral of the variables up to now.
+    integral: Vec<f64>,
+    switches: Vec<Switch>,
+    /// Elements that were made again, shorter.
+    pub rejected: u64,
+    breaks: Breaks,
+    interpolation: Interpolation,
+    /// Elements that are proven free of switches.
+    pub proven: u64,
+    /// Elements that are not.
+    pub open: u64,
+    order: usize,
+    control: &'p Control,
+    work: Workspace,
+}
+
+impl<'p> Segments<'p> {
+    /// Whether a problem can be solved so: variables in intervals, few enough for full matrices, and elements that converge faster
+    /// than steps.
+    pub fn suit(structure: &Structure, stages: usize) -> bool {
+        const UNKNOWNS: usize = 100;
+        stages > 1 && !structure.set.has_blocks() && structure.variables * stages <= UNKNOWNS
+    }
+
+    /// A run over `[start, end]`; `problem` has no states, its inequality is `q`.
+    ///
+    /// # Errors
+    /// Values that are not finite, or an empty set.
+    pub fn new(
+        problem: &'p mut dyn Dvi,
+        kernel: &Kernel,
+        settings: &SegmentSettings,
+        start: f64,
+        end: f64,
+        control: &'p Control,
+    ) -> Result<Self, StepError> {
+        let (m, moves) = (problem.structure().variables, !problem.structure().moving.is_empty());
+        let mut set = problem.structure().set.clone();
+        let fraction = kernel.terms.iter().map(|term| term.function.exponent.fract()).find(|e| *e > 0.0);
+        let beta = fraction.map_or(0.0, |fraction| 1.0 - fraction);
+        let levels = kernel.terms.iter().map(|term| term.function.integrations).max().unwrap_or(0);
+        let shapes = [Shape::smooth(settings.stages), Shape::behind_switch(settings.stages, beta, levels)];
+        let parts = kernel.terms.iter().map(|term| Part {
+            lag: Lag::new(&term.function, beta),
+            level: term.function.integrations,
+            matrix: term.matrix.clone(),
+        });
+        let terms: Vec<Part> = parts.collect();
+        let past = Past::new(m, &shapes, levels);
+        let mut forcing = Forcing::new(problem);
+        let q = forcing.at(start, 0, &mut set)?.to_vec();
+        let place = |k: usize| match q[k] {
+            _ if set.lower[k] == set.upper[k] && !moves => Place::Fixed,
+            q if q > 0.0 && set.lower[k].is_finite() => Place::Lower,
+            q if q < 0.0 && set.upper[k].is_finite() => Place::Upper,
+            _ => Place::Inside,
+        };
+        Ok(Self {
+            places: (0..m).map(place).collect(),
+            forcing,
+            set,
+            shapes,
+            terms,
+            past,
+            t: start,
+            start,
+            end,
+            h: settings.first.min(settings.longest),
+            longest: settings.longest,
+            before: settings.before.clone(),
+            usual: 0.0,
+            rtol: settings.rtol,
+            atol: settings.atol.clone(),
+            tolerance: settings.tolerance,
+            is_first: true,
+            told: None,
+            flips: 0,
+            kinks: 0,
+            unclear: (0.0, false),
+            brief: None,
+            size: vec![0.0; m],
+            integrals: vec![vec![0.0; m]; levels],
+            integral: vec![0.0; m],
+            switches: Vec::new(),
+            rejected: 0,
+            breaks: Breaks::new(start),
+            interpolation: Interpolation::new(),
+            proven: 0,
+            open: 0,
+            order: settings.stages,
+            control,
+            work: Workspace::default(),
+        })
+    }
+
+    /// The time reached.
+    pub fn t(&self) -> f64 {
+        self.t
+    }
+
+    /// Whether the end is reached.
+    pub fn is_done(&self) -> bool {
+        self.t >= self.end
+    }
+
+    /// The elements made.
+    pub fn elements(&self) -> usize {
+        self.past.elements.len()
+    }
+
+    /// The ends of the elements.
+    pub fn mesh(&self) -> Vec<f64> {
+        self.past.elements.iter().map(|element| element.end).collect()
+    }
+
+    /// The longest element that may begin now.
+    fn longest(&self) -> f64 {
+        let next = self.before.partition_point(|end| *end <= self.t);
+        // Switches of two runs differ, and with them the short elements next to them.
+        let ends = [next.checked_sub(1), Some(next), Some(next + 1)];
+        let ends =
+            ends.map(|place| place.map_or(self.start, |place| *self.before.get(place).unwrap_or(&f64::INFINITY)));
+        let length = (ends[1] - ends[0]).max(if ends[2].is_finite() { ends[2] - ends[1] } else { 0.0 });
+        self.longest.min(0.5 * length)
+    }
+
+    /// The polynomials on an element.
+    pub fn stages(&self) -> usize {
+        self.order
+    }
+
+    /// The switches at the beginning of the last element, or none.
+    pub fn take_switches(&mut self) -> Vec<Switch> {
+        std::mem::take(&mut self.switches)
+    }
+
+    /// The smallest element that the time can be told by.
+    fn resolution(&self, h: f64) -> f64 {
+        8.0 * f64::EPSILON * self.t.abs().max(self.start.abs()).max((self.t + h).abs())
+    }
+}

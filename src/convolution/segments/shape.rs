@@ -1,0 +1,192 @@
+//! The functions that `z` is a combination of on an element `[0, 1]`, and the points where its equations hold.
+//!
+//! They are Legendre polynomials, `s` of them with the equations at the nodes of Radau IIA. On the first element behind a
+//! switch there are in addition polynomials times `theta^beta`: a kernel like `t^(a-1)` makes the solution there a sum of the
+//! powers `theta^j` and `theta^(j + beta)`, `beta` the distance of `a` to the next integer. The nodes are squared, so that
+//! they lie as closely at the beginning as the solution varies. One function and one node more serve to estimate the error.
+
+use crate::gauss_jacobi::gauss_jacobi;
+use nalgebra::DMatrix;
+use radau::Tableau;
+
+/// Nodes of the rules for integrals of the functions themselves, exact for all of them.
+const NODES: usize = 12;
+/// The most polynomials of an element with singular functions, and the most of those.
+const SMOOTH: usize = 5;
+const SINGULAR: usize = 4;
+
+/// A space of functions on `[0, 1]` with its nodes.
+pub struct Shape {
+    /// Degree of the polynomial, and whether `theta^beta` stands before it; the last function estimates the error.
+    functions: Vec<(usize, bool)>,
+    /// The exponent of the singular functions.
+    pub beta: f64,
+    /// The nodes, the last of them equal to 1, and behind them the one that estimates the error.
+    pub nodes: Vec<f64>,
+    /// The functions at the nodes, a row for each node.
+    pub values: DMatrix<f64>,
+    /// The functions at the beginning, at the nodes and in the middles between them, where errors are largest: collocation is
+    /// more accurate at its nodes.
+    pub samples: DMatrix<f64>,
+    /// Their integrals from zero to the nodes.
+    pub integrals: DMatrix<f64>,
+    /// From values at the nodes to coefficients, without the last function and node, and with them.
+    inverses: [DMatrix<f64>; 2],
+    /// The coefficients of the integrals, interpolated at the nodes.
+    antiderivatives: [DMatrix<f64>; 2],
+    plain: Vec<(f64, f64)>,
+    weighted: Vec<(f64, f64)>,
+}
+
+impl Shape {
+    /// `s` polynomials.
+    pub fn smooth(s: usize) -> Self {
+        Self::new((0..=s).map(|degree| (degree, false)).collect(), 0.0, Tableau::of(s).c.clone())
+    }
+
+    /// The functions behind a switch, where polynomials of `s` coefficients serve elsewhere.
+    ///
+    /// Kernels that are integrated amplify rounding errors, the more the closer to the beginning the first node is.
+    pub fn behind_switch(s: usize, beta: f64, integrations: usize) -> Self {
+        if beta == 0.0 {
+            return Self::smooth(s);
+        }
+        let fewer = integrations.min(1);
+        let (smooth, singular) = (s.min(SMOOTH - fewer), s.min(SINGULAR - fewer));
+        let mut functions: Vec<_> = (0..smooth).map(|degree| (degree, false)).collect();
+        functions.extend((0..singular).map(|degree| (degree, true)));
+        functions.push(if singular < smooth { (singular, true) } else { (smooth, false) });
+        let nodes = Tableau::of(smooth + singular).c.iter().map(|c| c * c).collect();
+        Self::new(functions, beta, nodes)
+    }
+
+    fn new(functions: Vec<(usize, bool)>, beta: f64, mut nodes: Vec<f64>) -> Self {
+        let gap = |i: usize| nodes[i] - if i == 0 { 0.0 } else { nodes[i - 1] };
+        let widest = (0..nodes.len()).max_by(|&i, &j| gap(i).total_cmp(&gap(j))).unwrap_or(0);
+        nodes.push(nodes[widest] - 0.5 * gap(widest));
+        let count = nodes.len();
+        let mut shape = Self {
+            functions,
+            beta,
+            nodes,
+            values: DMatrix::zeros(count, count),
+            samples: DMatrix::zeros(2 * count, count),
+            integrals: DMatrix::zeros(count, count),
+            inverses: [DMatrix::zeros(0, 0), DMatrix::zeros(0, 0)],
+            antiderivatives: [DMatrix::zeros(0, 0), DMatrix::zeros(0, 0)],
+            plain: gauss_jacobi(NODES, 0.0),
+            weighted: gauss_jacobi(NODES, beta),
+        };
+        let mut row = vec![0.0; count];
+        for i in 0..count {
+            shape.evaluate(shape.nodes[i], &mut row);
+            row.iter().enumerate().for_each(|(j, value)| shape.values[(i, j)] = *value);
+            shape.integrate(shape.nodes[i], &mut row);
+            row.iter().enumerate().for_each(|(j, value)| shape.integrals[(i, j)] = *value);
+        }
+        let mut sorted = shape.nodes.clone();
+        sorted.sort_by(f64::total_cmp);
+        sorted.insert(0, 0.0);
+        let middles = sorted.windows(2).map(|pair| 0.5 * (pair[0] + pair[1]));
+        let points: Vec<f64> = middles.chain(sorted[..count].iter().copied()).collect();
+        for (i, theta) in points.into_iter().enumerate() {
+            shape.evaluate(theta, &mut row);
+            row.iter().enumerate().for_each(|(j, value)| shape.samples[(i, j)] = *value);
+        }
+        shape.inverses = [count - 1, count].map(|size| {
+            let square = shape.values.view((0, 0), (size, size)).into_owned();
+            // The functions are a Chebyshev system: there is one combination through any values.
+            let inverse = square.clone().try_inverse().unwrap_or_else(|| DMatrix::identity(size, size));
+            // A step of Newton's method for what rounding left.
+            &inverse * 2.0 - &inverse * (square * &inverse)
+        });
+        shape.antiderivatives = [count - 1, count].map(|size| {
+            let (inverse, integrals) = (shape.inverse(size), shape.integrals.view((0, 0), (size, size)));
+            let first = inverse * integrals;
+            let left = integrals - shape.values.view((0, 0), (size, size)) * &first;
+            first + inverse * left
+        });
+        shape
+    }
+
+    /// The number of functions, and of nodes, without those that estimate the error.
+    pub fn len(&self) -> usize {
+        self.nodes.len() - 1
+    }
+
+    /// Whether some functions are singular at zero.
+    pub fn is_singular(&self) -> bool {
+        self.functions[..self.len()].iter().any(|function| function.1)
+    }
+
+    /// From values at the first `size` nodes to coefficients, with `size` the length or one more.
+    pub fn inverse(&self, size: usize) -> &DMatrix<f64> {
+        &self.inverses[size - self.len()]
+    }
+
+    /// By how much rounding errors grow on the way from values at the first `size` nodes to coefficients and back.
+    pub fn mixing(&self, size: usize) -> f64 {
+        let product = self.values.view((0, 0), (size, size)).abs() * self.inverse(size).abs();
+        product.row_iter().map(|row| row.sum()).fold(0.0, f64::max)
+    }
+
+    /// From coefficients to those of the integral from zero, interpolated at the first `size` nodes.
+    pub fn antiderivative(&self, size: usize) -> &DMatrix<f64> {
+        &self.antiderivatives[size - self.len()]
+    }
+
+    /// Writes the functions at `theta`, as many as asked for.
+    pub fn evaluate(&self, theta: f64, out: &mut [f64]) {
+        let power = if self.is_singular() { theta.powf(self.beta) } else { 1.0 };
+        for (value, &(degree, is_singular)) in out.iter_mut().zip(&self.functions) {
+            *value = legendre(degree, theta) * if is_singular { power } else { 1.0 };
+        }
+    }
+
+    /// Writes the polynomials at `theta`, of the regular or of the singular functions, and zero for the others.
+    pub fn polynomials(&self, singular: bool, theta: f64, out: &mut [f64]) {
+        for (value, &(degree, is_singular)) in out.iter_mut().zip(&self.functions) {
+            *value = if is_singular == singular { legendre(degree, theta) } else { 0.0 };
+        }
+    }
+
+    /// A bound of the size of a combination at complex points: Legendre polynomials grow with their degree no faster than
+    /// powers of `growth`, and no point is farther from zero than `reach`.
+    pub fn bound(&self, coefficients: impl Iterator<Item = f64>, growth: f64, reach: f64) -> f64 {
+        let power = reach.powf(self.beta);
+        let functions = coefficients.zip(&self.functions);
+        functions.map(|(c, f)| c.abs() * growth.powi(f.0 as i32) * if f.1 { power } else { 1.0 }).sum()
+    }
+
+    /// A bound of the change of a combination from zero to any point up to `theta`.
+    pub fn change(&self, coefficients: impl Iterator<Item = f64>, theta: f64) -> f64 {
+        let power = theta.powf(self.beta);
+        // Legendre polynomials on `[0, 1]` are at most 1, and their slopes at most `k (k + 1)`.
+        let of = |(degree, is_singular): (usize, bool)| {
+            if is_singular { power } else { (theta * (degree * (degree + 1)) as f64).min(2.0) }
+        };
+        coefficients.zip(&self.functions).map(|(c, f)| c.abs() * of(*f)).sum()
+    }
+
+    /// Writes the integrals from zero to `theta`.
+    pub fn integrate(&self, theta: f64, out: &mut [f64]) {
+        for (value, &(degree, is_singular)) in out.iter_mut().zip(&self.functions) {
+            let (rule, factor) = match is_singular {
+                true => (&self.weighted, theta.powf(1.0 + self.beta)),
+                false => (&self.plain, theta),
+            };
+            *value = factor * rule.iter().map(|(x, w)| w * legendre(degree, theta * x)).sum::<f64>();
+        }
+    }
+}
+
+/// The Legendre polynomial on `[0, 1]` that is one at its end.
+fn legendre(degree: usize, theta: f64) -> f64 {
+    let u = 2.0 * theta - 1.0;
+    let (mut before, mut value) = (0.0, 1.0);
+    for k in 0..degree {
+        let k = k as f64;
+        (before, value) = (value, ((2.0 * k + 1.0) * u * value - k * before) / (k + 1.0));
+    }
+    value
+}

@@ -1,0 +1,362 @@
+//! One element on a fixed face: the variables inside solve `w = 0` at the nodes, the others are at their bounds. The element
+//! is solved for twice, the second time with one function and one node more, which shows how far off the first is.
+
+use super::shape::Shape;
+use super::{Place, Segments};
+use crate::stepper::StepError;
+use nalgebra::DMatrix;
+
+/// How much larger rounding errors of a sum may be than those of its largest terms.
+const ROUNDING: f64 = 16.0 * f64::EPSILON;
+/// What the equations need to know at the nodes: rows for the nodes, columns for the variables.
+struct Known {
+    lower: DMatrix<f64>,
+    upper: DMatrix<f64>,
+    /// `q` and what the past contributes, and the sizes of the terms.
+    source: DMatrix<f64>,
+    size: DMatrix<f64>,
+    /// `q` alone.
+    forcing: DMatrix<f64>,
+    /// Of each term of the kernel, its integrals against the functions of the element.
+    weights: Vec<DMatrix<f64>>,
+}
+
+/// An element that has been solved for, not yet part of the past.
+pub struct Trial {
+    /// Its length.
+    pub h: f64,
+    /// Which of the shapes it has.
+    pub shape: usize,
+    /// Of the variables, and of their integrals as often as the kernel takes them: a row for each function, a column for each
+    /// variable.
+    pub levels: Vec<DMatrix<f64>>,
+    /// `q` at the nodes, and what of it may be rounding.
+    pub sources: DMatrix<f64>,
+    pub source_noise: Vec<f64>,
+    /// What may be rounding of the monitors of each variable, and what errors within the tolerance make of its `w` at the end.
+    pub noise: Vec<f64>,
+    pub slack: Vec<f64>,
+    /// The error of the variables, estimated, in units of the tolerance.
+    pub error: f64,
+    /// The largest absolute value of each variable.
+    pub size: Vec<f64>,
+    /// The first place, from 0 to 1, where a variable is beyond what its place allows, with the place before it.
+    pub violation: Option<Violation>,
+    /// Of each variable, its monitors at the end.
+    pub ends: Vec<Monitor>,
+}
+
+/// A sign that does not hold.
+#[derive(Clone, Copy, Debug)]
+pub struct Violation {
+    /// Where, from 0 to 1.
+    pub theta: f64,
+    /// The variable.
+    pub variable: usize,
+    /// Where it goes.
+    pub to: Place,
+    /// The monitor, negative.
+    pub value: f64,
+}
+
+/// The distances of a variable from its bounds where it is inside, and the sign of `w` where it is not: what a face requires
+/// to be positive.
+#[derive(Clone, Copy, Debug)]
+pub struct Monitor {
+    /// What leads to the lower bound, to the inside, and to the upper bound; infinite where it does not.
+    values: [f64; 3],
+    /// What of it may be rounding.
+    pub noise: f64,
+}
+
+impl Monitor {
+    /// The monitor that leads to a place.
+    pub fn towards(&self, place: Place) -> f64 {
+        match place {
+            Place::Lower => self.values[0],
+            Place::Inside => self.values[1],
+            Place::Upper => self.values[2],
+            Place::Fixed => f64::INFINITY,
+        }
+    }
+}
+
+impl Segments<'_> {
+    /// Solves for the element of length `h` from the time reached.
+    ///
+    /// # Errors
+    /// Values that are not finite, an empty set, equations without a solution.
+    pub(super) fn trial(&mut self, h: f64) -> Result<Trial, StepError> {
+        let index = usize::from(self.is_first);
+        let known = self.known(index, h)?;
+        let n = self.shapes[index].len();
+        let unsolved = || StepError::Unsolved {
+            t: self.t + h,
+            outcome: "its equations on a face are singular",
+            residual: f64::NAN,
+        };
+        let narrow = self.solve(index, h, n, &known).ok_or_else(unsolved)?;
+        let wide = self.solve(index, h, n + 1, &known).ok_or_else(unsolved)?;
+        let shape = &self.shapes[index];
+        let m = self.places.len();
+        let at_nodes = shape.values.columns(0, n) * &narrow.coefficients;
+        let found = shape.samples.columns(0, n) * &narrow.coefficients;
+        let better = &shape.samples * &wide.coefficients;
+        let column_size = |matrix: &DMatrix<f64>, k: usize| matrix.column(k).amax();
+        let size: Vec<f64> = (0..m).map(|k| column_size(&at_nodes, k)).collect();
+        let mut error = 0.0_f64;
+        for (k, size) in size.iter().enumerate() {
+            let allowed = self.allowed(k, size.max(self.size[k]));
+            let apart = (found.column(k) - better.column(k)).amax();
+            // Smaller elements do not help against rounding errors, which grow as they shrink.
+            error = error.max(if apart <= wide.rounding[k].max(narrow.rounding[k]) { 0.0 } else { apart / allowed });
+        }
+        let range = |k: usize| known.forcing.column(k).max() - known.forcing.column(k).min();
+        let source_noise = |k: usize| ROUNDING * (known.forcing.column(k).amax() + self.rounding_of_time(h) * range(k));
+        let mut trial = Trial {
+            h,
+            shape: index,
+            levels: self.integrated(index, h, narrow.coefficients.clone()),
+            source_noise: (0..m).map(source_noise).collect(),
+            sources: known.forcing.clone(),
+            noise: narrow.noise.clone(),
+            slack: (0..m).map(|k| narrow.slack[(n - 1, k)]).collect(),
+            error,
+            size,
+            violation: None,
+            ends: Vec::new(),
+        };
+        self.look_at_signs(&mut trial, &known, &at_nodes, &narrow);
+        Ok(trial)
+    }
+
+    /// The variables on an element, and their integrals as often as the kernel takes them.
+    fn integrated(&self, index: usize, h: f64, coefficients: DMatrix<f64>) -> Vec<DMatrix<f64>> {
+        let integral = self.shapes[index].antiderivative(coefficients.nrows()) * h;
+        let mut levels = vec![coefficients];
+        for before in &self.integrals {
+            let mut integrated = &integral * &levels[levels.len() - 1];
+            // The first function is one.
+            before.iter().enumerate().for_each(|(k, value)| integrated[(0, k)] += value);
+            levels.push(integrated);
+        }
+        levels
+    }
+
+    /// By how many of its own rounding errors the rounding of time changes a force that varies by its size on an element.
+    fn rounding_of_time(&self, h: f64) -> f64 {
+        (self.t.abs() + h) / h
+    }
+
+    /// The error that a variable of some size may have on an element.
+    pub(super) fn allowed(&self, variable: usize, size: f64) -> f64 {
+        self.tolerance * (self.atol[variable] + self.rtol * size)
+    }
+
+    /// Bounds, forcing and past at the nodes.
+    fn known(&mut self, index: usize, h: f64) -> Result<Known, StepError> {
+        let shape = &self.shapes[index];
+        let (nodes, m) = (shape.nodes.len(), self.places.len());
+        let zeros = || DMatrix::zeros(nodes, m);
+        let (lower, upper, source, size, forcing) = (zeros(), zeros(), zeros(), zeros(), zeros());
+        let mut known = Known { lower, upper, source, size, forcing, weights: Vec::new() };
+        let (mut sum, mut size) = (vec![0.0; m], vec![0.0; m]);
+        for (i, &c) in shape.nodes.iter().enumerate() {
+            let t = self.t + c * h;
+            let q = self.forcing.at(t, 0, &mut self.set)?;
+            for (k, &q) in q.iter().enumerate() {
+                (known.source[(i, k)], known.size[(i, k)], known.forcing[(i, k)]) = (q, q.abs(), q);
+                (known.lower[(i, k)], known.upper[(i, k)]) = (self.set.lower[k], self.set.upper[k]);
+            }
+            let count = self.past.elements.len();
+            for term in &mut self.terms {
+                let Some(lag) = &mut term.lag else { continue };
+                sum.fill(0.0);
+                size.fill(0.0);
+                self.past.convolve(lag, &self.shapes, term.level, count, (self.t, c * h), &mut sum, &mut size)?;
+                for &(row, column, value) in &term.matrix {
+                    known.source[(i, row)] += value * sum[column];
+                    known.size[(i, row)] += (value * size[column]).abs();
+                }
+            }
+        }
+        let mut row = vec![0.0; nodes];
+        for term in &mut self.terms {
+            let weights = match &mut term.lag {
+                None => shape.values.clone(),
+                Some(lag) => {
+                    let mut weights = DMatrix::zeros(nodes, nodes);
+                    for (i, &c) in shape.nodes.iter().enumerate() {
+                        lag.within(shape, h, c, &mut row)?;
+                        row.iter().enumerate().for_each(|(j, weight)| weights[(i, j)] = *weight);
+                    }
+                    weights
+                }
+            };
+            known.weights.push(weights);
+        }
+        Ok(known)
+    }
+
+    /// Solves with the first `size` functions and nodes; nothing where the equations are singular.
+    fn solve(&self, index: usize, h: f64, size: usize, known: &Known) -> Option<Solved> {
+        let shape = &self.shapes[index];
+        let (nodes, m) = (shape.nodes.len(), self.places.len());
+        let inverse = shape.inverse(size);
+        let integral = shape.antiderivative(size) * h;
+        let mut w = known.source.clone();
+        let mut terms = known.size.clone();
+        // What the kernel makes of the variables at the nodes, by row and column of its matrix.
+        let mut blocks: Vec<Option<DMatrix<f64>>> = vec![None; m * m];
+        for (term, weights) in self.terms.iter().zip(&known.weights) {
+            let weights = weights.columns(0, size);
+            let mut power = DMatrix::identity(size, size);
+            // Integrals up to the element are multiples of the first function, which is one.
+            let mut constants = DMatrix::zeros(size, m);
+            for level in 1..=term.level {
+                constants = &integral * constants;
+                (0..m).for_each(|k| constants[(0, k)] += self.integrals[level - 1][k]);
+                power = &integral * power;
+            }
+            let (constant, operator) = (weights * constants, weights * power);
+            for &(row, column, value) in &term.matrix {
+                for i in 0..nodes {
+                    w[(i, row)] += value * constant[(i, column)];
+                    terms[(i, row)] += (value * constant[(i, column)]).abs();
+                }
+                let block = blocks[row * m + column].get_or_insert_with(|| DMatrix::zeros(nodes, size));
+                *block += &operator * value;
+            }
+        }
+        let mut coefficients = DMatrix::zeros(size, m);
+        let mut rounding = vec![0.0; m];
+        for (k, place) in self.places.iter().enumerate() {
+            let bound = match place {
+                Place::Inside => continue,
+                Place::Lower | Place::Fixed => &known.lower,
+                Place::Upper => &known.upper,
+            };
+            // A bound that does not move is a multiple of the first function, which is one, without rounding errors.
+            let last = bound[(shape.len() - 1, k)];
+            let moved = bound.view((0, k), (size, 1)).add_scalar(-last);
+            coefficients.set_column(k, &(inverse * &moved).column(0));
+            coefficients[(0, k)] += last;
+            rounding[k] = ROUNDING * shape.mixing(size) * moved.amax();
+        }
+        let apply = |w: &mut DMatrix<f64>, terms: &mut DMatrix<f64>, coefficients: &DMatrix<f64>, inside: bool| {
+            for (place, block) in blocks.iter().enumerate() {
+                let (row, column, Some(block)) = (place / m, place % m, block) else { continue };
+                if (self.places[column] == Place::Inside) != inside {
+                    continue;
+                }
+                let product = block * coefficients.column(column);
+                for i in 0..nodes {
+                    w[(i, row)] += product[i];
+                    terms[(i, row)] += product[i].abs();
+                }
+            }
+        };
+        apply(&mut w, &mut terms, &coefficients, false);
+        let inside: Vec<usize> = (0..m).filter(|&k| self.places[k] == Place::Inside).collect();
+        // Times are rounded as well, and with them forces that vary.
+        let range = |k: usize| known.source.column(k).max() - known.source.column(k).min();
+        let of_time = |k: usize| self.rounding_of_time(h) * range(k);
+        let noise_of = |terms: &DMatrix<f64>, k: usize| ROUNDING * (terms.column(k).max() + of_time(k));
+        let mut noise: Vec<f64> = (0..m).map(|k| noise_of(&terms, k)).collect();
+        if !inside.is_empty() {
+            let total = inside.len() * size;
+            let mut matrix = DMatrix::zeros(total, total);
+            let mut right = DMatrix::zeros(total, 1);
+            for (r, &row) in inside.iter().enumerate() {
+                for i in 0..size {
+                    right[(r * size + i, 0)] = -w[(i, row)];
+                }
+                for (c, &column) in inside.iter().enumerate() {
+                    if let Some(block) = &blocks[row * m + column] {
+                        matrix.view_mut((r * size, c * size), (size, size)).copy_from(&block.rows(0, size));
+                    }
+                }
+            }
+            let inverted = matrix.clone().try_inverse()?;
+            let mut solution = &inverted * &right;
+            // Once more for what rounding left of the right-hand side.
+            let left = &right - &matrix * &solution;
+            solution += &inverted * left;
+            if solution.iter().any(|value| !value.is_finite()) {
+                return None;
+            }
+            for (c, &column) in inside.iter().enumerate() {
+                coefficients.set_column(column, &solution.view((c * size, 0), (size, 1)).column(0));
+            }
+            apply(&mut w, &mut terms, &coefficients, true);
+            let values = shape.values.view((0, 0), (size, size));
+            for (c, &column) in inside.iter().enumerate() {
+                let rows = values * inverted.rows(c * size, size);
+                let of_row = |i: usize| -> f64 {
+                    (0..total).map(|j| rows[(i, j)].abs() * noise_of(&terms, inside[j / size])).sum()
+                };
+                noise[column] = (0..size).map(of_row).fold(0.0, f64::max);
+                rounding[column] = noise[column];
+            }
+        }
+        for k in (0..m).filter(|&k| self.places[k] != Place::Inside) {
+            noise[k] = noise_of(&terms, k);
+        }
+        // The first function is one: its column holds the integrals of the kernel.
+        let slack = DMatrix::from_fn(nodes, m, |i, row| {
+            let blocks = (0..m).filter_map(|column| Some((column, blocks[row * m + column].as_ref()?)));
+            blocks.map(|(column, block)| block[(i, 0)].abs() * self.allowed(column, self.size[column])).sum()
+        });
+        Some(Solved { coefficients, w, rounding, noise, slack })
+    }
+
+    /// Finds the first node where the face does not hold: where a monitor is negative by more than the tolerance and rounding
+    /// explain, as it may be next to a switch.
+    fn look_at_signs(&self, trial: &mut Trial, known: &Known, z: &DMatrix<f64>, solved: &Solved) {
+        let Solved { coefficients, w, noise, slack, .. } = solved;
+        let shape = &self.shapes[trial.shape];
+        let mut nodes: Vec<(usize, f64)> = shape.nodes.iter().copied().enumerate().collect();
+        nodes.sort_by(|a, b| a.1.total_cmp(&b.1));
+        for (i, theta) in nodes {
+            for k in 0..self.places.len() {
+                let mut values = [f64::INFINITY; 3];
+                match self.places[k] {
+                    Place::Inside => {
+                        let value = if i < shape.len() { z[(i, k)] } else { at_node(shape, i, coefficients, k) };
+                        (values[0], values[2]) = (value - known.lower[(i, k)], known.upper[(i, k)] - value);
+                    }
+                    Place::Lower => values[1] = w[(i, k)],
+                    Place::Upper => values[1] = -w[(i, k)],
+                    Place::Fixed => {}
+                }
+                if theta == 1.0 {
+                    trial.ends.push(Monitor { values, noise: noise[k] });
+                }
+                for (value, to) in values.into_iter().zip([Place::Lower, Place::Inside, Place::Upper]) {
+                    let slack = if to == Place::Inside { slack[(i, k)] } else { self.allowed(k, self.size[k]) };
+                    if value < -noise[k] - slack
+                        && trial.violation.is_none_or(|first| first.theta == theta && value < first.value)
+                    {
+                        trial.violation = Some(Violation { theta, variable: k, to, value });
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// A variable at a node.
+fn at_node(shape: &Shape, node: usize, coefficients: &DMatrix<f64>, variable: usize) -> f64 {
+    let n = coefficients.nrows();
+    shape.values.row(node).columns(0, n).iter().zip(&coefficients.column(variable)).map(|(f, c)| f * c).sum()
+}
+
+/// The variables, `w` at all nodes, and of each variable the rounding error of itself and of its monitors.
+struct Solved {
+    coefficients: DMatrix<f64>,
+    w: DMatrix<f64>,
+    rounding: Vec<f64>,
+    noise: Vec<f64>,
+    /// At each node, what errors of the variables within the tolerance make of `w`.
+    slack: DMatrix<f64>,
+}

@@ -1,0 +1,225 @@
+//! What is screened on an element: quantities `+-(F + s)` that the face requires not to fall below a limit, `F` a function of
+//! the element and `s` a row of the program, `q` or a bound.
+
+use super::outputs::{Here, convolve};
+use super::panel::Panel;
+use super::trial::Trial;
+use super::{Place, Segments};
+use crate::forcing::Over;
+use crate::stepper::StepError;
+use nalgebra::DMatrix;
+use numerics::Interval;
+use problem::Side;
+
+/// The part of its change over an element by which `q` of a variable inside may be off what the element knows of it: what a
+/// switch between the nodes makes of it has the size of the change.
+const RESOLVED: f64 = 1e-2;
+
+/// `F`
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Function {
+    /// A variable.
+    Variable,
+    /// `m * z`
+    Memory,
+    /// `q` as the nodes tell it, negative.
+    Source,
+}
+
+/// `s`
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Beside {
+    Constant(f64),
+    /// A row of the program, `q` or a bound, times a factor.
+    Row(usize, f64),
+}
+
+/// A quantity that must not become negative.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Watched {
+    pub variable: usize,
+    pub function: Function,
+    pub sign: f64,
+    pub beside: Beside,
+    /// Where the variable goes where it is negative; none where `q` is then not resolved.
+    pub to: Option<Place>,
+    /// What counts as zero.
+    pub limit: f64,
+}
+
+impl Watched {
+    /// `s` at a point where the rows of the program are these.
+    pub fn beside_at(&self, rows: &[f64]) -> f64 {
+        match self.beside {
+            Beside::Constant(value) => value,
+            Beside::Row(row, factor) => factor * rows[row],
+        }
+    }
+
+    /// The range of `s`, and of its derivative by time.
+    pub fn beside_over(&self, over: &Over) -> (Interval, Interval) {
+        match self.beside {
+            Beside::Constant(value) => (Interval::point(value), Interval::point(0.0)),
+            Beside::Row(row, factor) => {
+                let factor = Interval::point(factor);
+                let slope = over.slopes.get(row).map_or(Interval::LINE, |slope| *slope * factor);
+                (over.values[row] * factor, if slope.defined { slope } else { Interval::LINE })
+            }
+        }
+    }
+}
+
+/// The functions `F` of an element, and bounds of them.
+pub(super) struct Functions<'a> {
+    pub trial: &'a Trial,
+    /// The coefficients of `q` as the nodes tell it.
+    pub sources: DMatrix<f64>,
+    /// Of each term of the kernel the bounds of `g` and of its derivative.
+    factors: Vec<[f64; 2]>,
+}
+
+impl Segments<'_> {
+    /// What is to be screened on an element.
+    pub(super) fn watch(&self, trial: &Trial) -> Vec<Watched> {
+        let mut watched = Vec::new();
+        for (k, place) in self.places.iter().enumerate() {
+            let bound = |side: Side, value: f64| match self.forcing.row_of_bound(k, side) {
+                Some(row) => Beside::Row(row, -1.0),
+                None => Beside::Constant(-value),
+            };
+            let mut add = |function, sign, beside, to, limit| {
+                watched.push(Watched { variable: k, function, sign, beside, to, limit });
+            };
+            let of_variable = self.allowed(k, self.size[k].max(trial.size[k])) + trial.noise[k];
+            let of_inequality = trial.slack[k] + trial.noise[k];
+            match place {
+                Place::Inside => {
+                    let (lower, upper) = (self.set.lower[k], self.set.upper[k]);
+                    let lower = Some(bound(Side::Lower, lower)).filter(|_| lower.is_finite());
+                    let upper = Some(bound(Side::Upper, upper)).filter(|_| upper.is_finite());
+                    if let Some(beside) = lower {
+                        add(Function::Variable, 1.0, beside, Some(Place::Lower), of_variable);
+                    }
+                    if let Some(beside) = upper {
+                        add(Function::Variable, -1.0, beside, Some(Place::Upper), of_variable);
+                    }
+                    let column = trial.sources.column(k);
+                    let limit = RESOLVED * (column.max() - column.min()) + trial.source_noise[k];
+                    for sign in [1.0, -1.0] {
+                        add(Function::Source, sign, Beside::Row(k, 1.0), None, limit);
+                    }
+                }
+                Place::Lower => {
+                    add(Function::Memory, 1.0, Beside::Row(k, 1.0), Some(Place::Inside), of_inequality);
+                }
+                Place::Upper => {
+                    add(Function::Memory, -1.0, Beside::Row(k, 1.0), Some(Place::Inside), of_inequality);
+                }
+                Place::Fixed => {}
+            }
+        }
+        watched
+    }
+
+    /// The functions of an element.
+    pub(super) fn functions<'a>(&self, trial: &'a Trial) -> Functions<'a> {
+        let shape = &self.shapes[trial.shape];
+        let n = shape.len();
+        let length = self.t - self.start + 2.0 * trial.h;
+        let factors = self.terms.iter().map(|term| term.lag.as_ref().map_or([1.0, 0.0], |lag| lag.bounds(length)));
+        Functions { trial, sources: shape.inverse(n) * trial.sources.rows(0, n) * -1.0, factors: factors.collect() }
+    }
+
+    /// Writes the functions at a point: the variables, `m * z`, and the sources.
+    pub(super) fn evaluate_functions(
+        &mut self,
+        functions: &Functions<'_>,
+        theta: f64,
+        with_memory: bool,
+        out: &mut [Vec<f64>; 3],
+    ) -> Result<(), StepError> {
+        let trial = functions.trial;
+        let shape = &self.shapes[trial.shape];
+        let mut row = vec![0.0; shape.len()];
+        shape.evaluate(theta, &mut row);
+        super::past::combine(&trial.levels[0], &row, &mut out[0]);
+        super::past::combine(&functions.sources, &row, &mut out[2]);
+        out[1].fill(0.0);
+        if with_memory {
+            let before = self.past.elements.len();
+            let here = Here { before, shape, start: self.t, h: trial.h, levels: &trial.levels };
+            convolve(&mut self.terms, (&self.past, &self.shapes), &here, theta, &mut out[1])?;
+        }
+        Ok(())
+    }
+
+    /// A bound of a function on the ellipse of a panel. That of `m * z` takes `g` for as smooth as its rules do.
+    pub(super) fn bound_on(&self, functions: &Functions<'_>, watched: &Watched, panel: Panel) -> f64 {
+        let (trial, k) = (functions.trial, watched.variable);
+        let shape = &self.shapes[trial.shape];
+        let (growth, reach) = (panel.growth(), panel.reach());
+        let of = |matrix: &DMatrix<f64>, k: usize| shape.bound(matrix.column(k).iter().copied(), growth, reach);
+        match watched.function {
+            Function::Variable => of(&trial.levels[0], k),
+            Function::Source => of(&functions.sources, k),
+            Function::Memory => self.over_entries(k, |place, column| {
+                let term = &self.terms[place];
+                let here = of(&trial.levels[term.level], column);
+                let Some(lag) = &term.lag else { return here };
+                let before = self.past.largest[term.level][column];
+                let ends =
+                    [reach * trial.h, self.t - self.start + reach * trial.h].map(|end| lag.integral_of_power(end));
+                functions.factors[place][0] * (here * ends[0] + before * ends[1])
+            }),
+        }
+    }
+
+    /// A bound of the change of a function from the beginning of the element up to `theta`.
+    pub(super) fn change_up_to(&self, functions: &Functions<'_>, watched: &Watched, theta: f64) -> f64 {
+        let (trial, k) = (functions.trial, watched.variable);
+        let shape = &self.shapes[trial.shape];
+        let change = |matrix: &DMatrix<f64>| shape.change(matrix.column(k).iter().copied(), theta);
+        match watched.function {
+            Function::Variable => change(&trial.levels[0]),
+            Function::Source => change(&functions.sources),
+            Function::Memory => self.over_entries(k, |place, column| {
+                let term = &self.terms[place];
+                let length = theta * trial.h;
+                let largest = |level: usize| {
+                    let here: f64 = trial.levels[level].column(column).iter().map(|c| c.abs()).sum();
+                    (here, here.max(self.past.largest[level][column]))
+                };
+                let Some(lag) = &term.lag else { return length * largest(term.level.saturating_sub(1)).1 };
+                let [factor, slope] = functions.factors[place];
+                let all = lag.integral_of_power(self.t - self.start + length);
+                if term.level > 0 {
+                    // The integral of a variable varies no faster than the variable is large.
+                    return length * largest(term.level - 1).1 * factor * all;
+                }
+                let (here, anywhere) = largest(0);
+                let next = lag.integral_of_power(length);
+                here * factor * next + anywhere * (factor * next + slope * length * all)
+            }),
+        }
+    }
+
+    /// What errors of the variables within the tolerance, from the beginning on, make of `w`.
+    pub(super) fn uncertainty(&self, variable: usize) -> f64 {
+        let length = self.t - self.start;
+        self.over_entries(variable, |place, column| {
+            let term = &self.terms[place];
+            let allowed = self.allowed(column, self.size[column]) * length.powi(term.level as i32);
+            term.lag.as_ref().map_or(allowed, |lag| allowed * lag.bounds(length)[0] * lag.integral_of_power(length))
+        })
+    }
+
+    /// The sum over the entries of a row of the kernel of what each term and column make, times the size of the entry.
+    fn over_entries(&self, row: usize, of: impl Fn(usize, usize) -> f64) -> f64 {
+        let mut sum = 0.0;
+        for (place, term) in self.terms.iter().enumerate() {
+            let entries = term.matrix.iter().filter(|entry| entry.0 == row);
+            sum += entries.map(|&(_, column, value)| value.abs() * of(place, column)).sum::<f64>();
+        }
+        sum
+    }
+}
