@@ -8,14 +8,17 @@
 
 mod monitors;
 mod part;
+mod point;
 mod reduced;
+mod watched;
 
 use super::face::Monitor;
 use super::law::Excess;
 use super::stepper::Radau;
 use super::switches::Switching;
-use monitors::{Enclosure, Found, OnFace, Told, Watched, watch};
+use monitors::{Enclosure, Found, OnFace, Told};
 use part::Part;
+use watched::{Watched, watch};
 
 /// The part of its change over a step by which a source may be off the polynomial through its values at the stages: events
 /// between them then have the size of the change.

@@ -27,7 +27,9 @@
 
 use super::MOST_PARTS;
 use super::part::Part;
+use super::point::Point;
 use super::reduced::{Reduced, Rows};
+use super::watched::Watched;
 use crate::consistent::{Consistent, InverseMass};
 use crate::constraints::Constraints;
 use crate::face::{ActiveFace, Place};
@@ -37,53 +39,6 @@ use crate::system::System;
 use nalgebra::DVector;
 use numerics::Interval;
 use problem::{MonitorRange, Side};
-
-/// A quantity that must not become negative on the face.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Watched {
-    pub variable: usize,
-    place: Place,
-    /// Of a variable inside: whether the upper bound is meant.
-    upper: bool,
-    /// What counts as zero.
-    limit: f64,
-}
-
-impl Watched {
-    /// The monitor where `G` and `z` are these, and the bounds of the variable.
-    fn of(&self, g: f64, z: f64, lower: f64, upper: f64) -> f64 {
-        match self.place {
-            Place::Lower => g,
-            Place::Upper => -g,
-            _ if self.upper => upper - z,
-            _ => z - lower,
-        }
-    }
-
-    /// Where its variable is.
-    pub fn place(&self) -> Place {
-        self.place
-    }
-
-    /// The sign with which `G`, or `z` where the variable is inside, enters it.
-    pub fn sign(&self) -> f64 {
-        let is_negative = self.place == Place::Upper || self.place == Place::Inside && self.upper;
-        if is_negative { -1.0 } else { 1.0 }
-    }
-
-    /// Its derivatives by the variables, from those of `G` as they are.
-    pub fn by_variables(&self, system: &System<'_>) -> Vec<f64> {
-        let n = system.states;
-        let mut slopes = vec![0.0; system.unknowns - n];
-        if self.place == Place::Inside {
-            slopes[self.variable] = self.sign();
-        } else {
-            let of_variables = system.entries_of_variable(self.variable).filter(|(j, _)| *j >= n);
-            of_variables.for_each(|(j, value)| slopes[j - n] += self.sign() * value);
-        }
-        slopes
-    }
-}
 
 /// What tells the variables inside on a face.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -163,25 +118,6 @@ pub(super) enum Found {
     Hopeless,
     /// The problem has no enclosure.
     Unknown,
-}
-
-/// The monitors of the face, but for those of blocks, into `out`; each may fall to `-limit`, which is what `limits` say of
-/// a variable and of its `G`.
-pub(super) fn watch(system: &System<'_>, limits: impl Fn(usize) -> [f64; 2], out: &mut Vec<Watched>) {
-    out.clear();
-    for &k in &system.intervals {
-        let place = system.face.places[k];
-        let watched = |upper: bool, limit: f64| Watched { variable: k, place, upper, limit };
-        match place {
-            Place::Lower | Place::Upper => out.push(watched(false, limits(k)[1])),
-            Place::Inside => {
-                let ends = [(false, system.set.lower[k]), (true, system.set.upper[k])];
-                let finite = ends.into_iter().filter(|(_, end)| end.is_finite());
-                out.extend(finite.map(|(upper, _)| watched(upper, limits(k)[0])));
-            }
-            Place::Held | Place::Boundary(_) | Place::Vertex => {}
-        }
-    }
 }
 
 impl Enclosure {
@@ -453,39 +389,6 @@ impl Enclosure {
         let explicit = self.rows.by_time[row - system.states] * Interval::point(h);
         let along = system.places_of_row(row).map(|(at, j)| self.rows.jacobian[at] * part.rate(j));
         along.fold(explicit, |sum, term| sum + term)
-    }
-}
-
-/// A point of the step: the unknowns, the rows, `G_t`, and the bounds.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Point {
-    pub y: Vec<f64>,
-    pub values: Vec<f64>,
-    pub drift: Vec<f64>,
-    lower: Vec<f64>,
-    upper: Vec<f64>,
-    /// Whether all of it is finite.
-    is_finite: bool,
-}
-
-impl Point {
-    /// Takes `u` in `[0, 1]` of a part that begins at `t` and takes `h`.
-    fn set(&mut self, system: &mut System<'_>, part: &Part, (t, h): (f64, f64), u: f64) {
-        let t = t + u * h;
-        self.y.resize(system.unknowns, 0.0);
-        part.values(u, &mut self.y);
-        self.is_finite = system.evaluate(t, &self.y);
-        self.values.clone_from(&system.values);
-        self.lower.clone_from(&system.set.lower);
-        self.upper.clone_from(&system.set.upper);
-        self.drift.resize(system.unknowns - system.states, 0.0);
-        system.time_derivative(t, &self.y, &mut self.drift);
-    }
-
-    /// The monitor there.
-    fn value(&self, system: &System<'_>, monitor: &Watched) -> f64 {
-        let (row, k) = (system.states + monitor.variable, monitor.variable);
-        monitor.of(self.values[row], self.y[row], self.lower[k], self.upper[k])
     }
 }
 

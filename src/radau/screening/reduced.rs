@@ -6,8 +6,10 @@
 //!
 //! Where these bind states as well, `w` is such that the monitor does not change where the states are brought onto them.
 
-use super::monitors::{OnFace, Point, Told, Watched, size};
+use super::monitors::{OnFace, Told, size};
 use super::part::Part;
+use super::point::Point;
+use super::watched::Watched;
 use crate::consistent::InverseMass;
 use crate::face::Place;
 use crate::system::System;
@@ -48,7 +50,7 @@ pub(super) struct Reduced {
 impl Reduced {
     /// The monitor with the derivatives over the box of `rows`, by what tells the variables inside, near the unknowns `y`.
     pub fn set(&mut self, on: &mut OnFace<'_, '_>, told: Told, rows: &Rows, y: &[f64], monitor: &Watched) {
-        let is_inside = monitor.place() == Place::Inside;
+        let is_inside = monitor.place == Place::Inside;
         let by_variables = monitor.by_variables(on.system);
         self.own = (!is_inside).then_some((monitor.variable, monitor.sign()));
         self.is_moved = is_inside && on.system.moves(monitor.variable);

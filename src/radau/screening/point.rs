@@ -1,0 +1,38 @@
+//! A point of a step at which monitors are evaluated.
+
+use super::part::Part;
+use super::watched::Watched;
+use crate::system::System;
+
+/// A point of the step: the unknowns, the rows, `G_t`, and the bounds.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Point {
+    pub y: Vec<f64>,
+    pub values: Vec<f64>,
+    pub drift: Vec<f64>,
+    lower: Vec<f64>,
+    upper: Vec<f64>,
+    /// Whether all of it is finite.
+    pub is_finite: bool,
+}
+
+impl Point {
+    /// Takes `u` in `[0, 1]` of a part that begins at `t` and takes `h`.
+    pub fn set(&mut self, system: &mut System<'_>, part: &Part, (t, h): (f64, f64), u: f64) {
+        let t = t + u * h;
+        self.y.resize(system.unknowns, 0.0);
+        part.values(u, &mut self.y);
+        self.is_finite = system.evaluate(t, &self.y);
+        self.values.clone_from(&system.values);
+        self.lower.clone_from(&system.set.lower);
+        self.upper.clone_from(&system.set.upper);
+        self.drift.resize(system.unknowns - system.states, 0.0);
+        system.time_derivative(t, &self.y, &mut self.drift);
+    }
+
+    /// The monitor there.
+    pub fn value(&self, system: &System<'_>, monitor: &Watched) -> f64 {
+        let (row, k) = (system.states + monitor.variable, monitor.variable);
+        monitor.of(self.values[row], self.y[row], self.lower[k], self.upper[k])
+    }
+}

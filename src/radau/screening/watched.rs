@@ -1,0 +1,66 @@
+//! The monitors of a face that are watched over a step: of each variable in an interval what must not become negative while
+//! it keeps its place.
+
+use crate::face::Place;
+use crate::system::System;
+
+/// A quantity that must not become negative on the face.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Watched {
+    pub variable: usize,
+    pub place: Place,
+    /// Of a variable inside: whether the upper bound is meant.
+    pub upper: bool,
+    /// What counts as zero.
+    pub limit: f64,
+}
+
+impl Watched {
+    /// The monitor where `G` and `z` are these, and the bounds of the variable.
+    pub fn of(&self, g: f64, z: f64, lower: f64, upper: f64) -> f64 {
+        match self.place {
+            Place::Lower => g,
+            Place::Upper => -g,
+            _ if self.upper => upper - z,
+            _ => z - lower,
+        }
+    }
+
+    /// The sign with which `G`, or `z` where the variable is inside, enters it.
+    pub fn sign(&self) -> f64 {
+        let is_negative = self.place == Place::Upper || self.place == Place::Inside && self.upper;
+        if is_negative { -1.0 } else { 1.0 }
+    }
+
+    /// Its derivatives by the variables, from those of `G` as they are.
+    pub fn by_variables(&self, system: &System<'_>) -> Vec<f64> {
+        let n = system.states;
+        let mut slopes = vec![0.0; system.unknowns - n];
+        if self.place == Place::Inside {
+            slopes[self.variable] = self.sign();
+        } else {
+            let of_variables = system.entries_of_variable(self.variable).filter(|(j, _)| *j >= n);
+            of_variables.for_each(|(j, value)| slopes[j - n] += self.sign() * value);
+        }
+        slopes
+    }
+}
+
+/// The monitors of the face, but for those of blocks, into `out`; each may fall to `-limit`, which is what `limits` say of
+/// a variable and of its `G`.
+pub(super) fn watch(system: &System<'_>, limits: impl Fn(usize) -> [f64; 2], out: &mut Vec<Watched>) {
+    out.clear();
+    for &k in &system.intervals {
+        let place = system.face.places[k];
+        let watched = |upper: bool, limit: f64| Watched { variable: k, place, upper, limit };
+        match place {
+            Place::Lower | Place::Upper => out.push(watched(false, limits(k)[1])),
+            Place::Inside => {
+                let ends = [(false, system.set.lower[k]), (true, system.set.upper[k])];
+                let finite = ends.into_iter().filter(|(_, end)| end.is_finite());
+                out.extend(finite.map(|(upper, _)| watched(upper, limits(k)[0])));
+            }
+            Place::Held | Place::Boundary(_) | Place::Vertex => {}
+        }
+    }
+}
