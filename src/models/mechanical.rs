@@ -286,19 +286,21 @@ impl SymbolicMechanics {
 
     /// Takes over other parameters.
     pub(super) fn bind(&mut self, parameters: &[f64]) {
-        let Enclosures { values, drift, rows, forces, bias, .. } = &mut self.enclosures;
+        let Enclosures { values, drift, rows, forces, bias, mass, sensitivity, .. } = &mut self.enclosures;
         let enclosed = [
             (&mut self.values, values),
             (&mut self.drift, drift),
             (&mut self.rows.tape, rows),
             (&mut self.forces, forces),
             (&mut self.bias, bias),
+            (&mut self.mass, mass),
+            (&mut self.sensitivity.tape, sensitivity),
         ];
         for (tape, ranges) in enclosed {
             tape.bind(parameters);
             ranges.bind(tape);
         }
-        for tape in [&mut self.mass, &mut self.stiffness.tape, &mut self.energies, &mut self.sensitivity.tape] {
+        for tape in [&mut self.stiffness.tape, &mut self.energies] {
             tape.bind(parameters);
         }
         self.breaks.bind(parameters);

@@ -1,10 +1,10 @@
 //! A run by segments: between two switches the variables at their bounds stay there, the others solve `w = 0`, a Volterra
 //! equation of the first kind, by collocation with product integration (Brunner 2004, Collocation Methods for Volterra
 //! Integral and Related Functional Differential Equations) on elements of any length. Where a sign of the face is lost the
-//! element is shortened to end there ([`location`]), the face changes, and the next segment begins with the functions that
-//! are singular like the solution is there ([`shape`]), as it does behind a break of the forces ([`breaks`]); all segments
-//! before are a source ([`past`]). Each element is screened by enclosure for signs that are lost between its nodes
-//! ([`screening`]).
+//! element is shortened to end there (`location`), the face changes, and the next segment begins with the functions that
+//! are singular like the solution is there (`shape`), as it does behind a break of the forces (`breaks`); all segments
+//! before are a source (`past`). Each element is screened by enclosure for signs that are lost between its nodes
+//! (`screening`).
 
 mod advance;
 mod breaks;
