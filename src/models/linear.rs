@@ -61,6 +61,7 @@ pub struct Linear {
     /// Those of `a` and `g` by `t`, and the second ones of `g`; none where one passes the bounds of the graph.
     slopes: Option<Slopes>,
     breaks: Breaks,
+    depends_on_time: bool,
     /// Those of the three tapes over boxes.
     boxes: [IntervalWorkspace; 3],
     /// The middle and the radius of each unknown over a box.
@@ -141,6 +142,7 @@ impl Linear {
             boxes,
             balls: Vec::new(),
             breaks: Breaks::new(graph, &outputs),
+            depends_on_time: graph.depend_on(&outputs, 0),
         })
     }
 }
@@ -175,6 +177,10 @@ impl Linear {
 impl Dvi for Linear {
     fn structure(&self) -> &Structure {
         &self.structure
+    }
+
+    fn depends_on_time(&self) -> bool {
+        self.depends_on_time
     }
 
     fn evaluate(&mut self, t: f64, y: &[f64], values: &mut [f64]) {

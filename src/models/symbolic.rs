@@ -66,6 +66,7 @@ pub struct Symbolic {
     derivatives: Tape,
     time_derivatives: Tape,
     breaks: Breaks,
+    depends_on_time: bool,
     kinks: Kinks,
     /// Those of the three tapes over boxes.
     boxes: [IntervalWorkspace; 3],
@@ -193,8 +194,9 @@ impl Symbolic {
         let boxes = std::array::from_fn(|i| IntervalWorkspace::new(&tapes[i]));
         let [values, derivatives, time_derivatives] = tapes;
         let breaks = Breaks::new(graph, &outputs);
+        let depends_on_time = graph.depend_on(&outputs, 0);
         let irregularities = Irregularities::new(graph, &outputs);
-        Self { structure, values, derivatives, time_derivatives, boxes, breaks, kinks, irregularities }
+        Self { structure, values, derivatives, time_derivatives, boxes, breaks, depends_on_time, kinks, irregularities }
     }
 
     /// Takes over other parameters.
@@ -228,6 +230,10 @@ impl Symbolic {
 impl Dvi for Symbolic {
     fn structure(&self) -> &Structure {
         &self.structure
+    }
+
+    fn depends_on_time(&self) -> bool {
+        self.depends_on_time
     }
 
     fn evaluate(&mut self, t: f64, y: &[f64], values: &mut [f64]) {

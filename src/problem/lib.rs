@@ -179,6 +179,11 @@ pub trait Dvi: Send {
         false
     }
 
+    /// Whether a row depends on time explicitly, in a way that steps are to be made short enough for.
+    fn depends_on_time(&self) -> bool {
+        false
+    }
+
     /// How the slopes of the rows in time are sums of terms; `None` where these are not known, or depend on `y`.
     fn forcing_slopes(&self) -> Option<&ForcingSlopes> {
         None

@@ -21,6 +21,7 @@ mod dense_output;
 mod error_control;
 mod face;
 mod factors;
+mod forcing;
 mod inside;
 mod interpolation;
 mod law;

@@ -271,6 +271,9 @@ impl<'p> Radau<'p> {
             if !coupled {
                 error = error.max(self.constraint_error(reached));
             }
+            if error < 1.0 && !coupled {
+                error = Some(self.missed_forcing(reached)).filter(|missed| *missed > 1.0).unwrap_or(error);
+            }
             let (s, most) = (self.tableau().stages(), self.control.most);
             if error < 1.0 {
                 let mut new = self.controller.accept(s, reached, error, iterations, most);
