@@ -69,10 +69,18 @@ impl Radau<'_> {
         if means.iter().all(|mean| *mean == 0.0) {
             return 0.0;
         }
-        // What stiff states forget counts no longer.
         let n = self.system.states;
         match self.tableau().gamma {
-            Some(gamma) if self.factors.solve_real(&mut means) => means.iter_mut().for_each(|mean| *mean *= gamma),
+            Some(gamma) if self.factors.solve_real(&mut means) => {
+                means.iter_mut().for_each(|mean| *mean *= gamma);
+                // Filtered once more: what stiff states forget before the step ends counts no longer.
+                let mut forced = vec![0.0; means.len()];
+                self.system.multiply_by_mass(&means, &mut forced);
+                forced.iter_mut().for_each(|forced| *forced *= gamma / h);
+                if self.factors.solve_real(&mut forced) {
+                    means = forced;
+                }
+            }
             _ => means.iter_mut().for_each(|mean| *mean *= h),
         }
         (0..n).map(|j| means[j].abs() / self.uncertainty(j).max(f64::MIN_POSITIVE)).fold(0.0, f64::max)

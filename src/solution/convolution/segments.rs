@@ -118,6 +118,8 @@ struct Course<'p> {
     switches: usize,
     bounded: Vec<usize>,
     is_constant: bool,
+    /// The order of the kernel.
+    order: f64,
     set: problem::ConvexSet,
     values: Vec<f64>,
 }
@@ -137,6 +139,7 @@ impl<'p> Course<'p> {
             switches: 0,
             bounded: (0..m).filter(|&k| !structure.set.is_free(k) || moves(k)).collect(),
             is_constant: structure.moving.is_empty(),
+            order: model.index,
             set: structure.set.clone(),
             values: vec![0.0; 3 * m],
         };
@@ -209,6 +212,15 @@ impl Stepper for Course<'_> {
         let Segments { rejected, proven, open, .. } = self.segments;
         diagnostics.steps = Steps { accepted: self.told as u64, rejected, ..Steps::default() };
         diagnostics.screening = Some(Screening { proven, undecided: open, missed: 0 });
+        // What holds behind a switch is a face on which the variables may have to be impulses, where the order is above one.
+        let doubted = if self.order > 1.0 { self.switches } else { 0 };
+        diagnostics.checks.record(CheckCode::EventsUnproven, doubted as f64, 0.0, || {
+            format!(
+                "{doubted} switches of a kernel of order {} lead to faces that are not proven to be right: above order one a \
+                 variable that is held may have to be an impulse; a `step` asks for a uniform mesh to compare with",
+                self.order
+            )
+        });
         diagnostics.checks.record(CheckCode::EventsUnproven, open as f64, 0.0, || {
             format!(
                 "{open} steps are not proven free of switches, and one that comes and goes within a step would not be seen; a \
