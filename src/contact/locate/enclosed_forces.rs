@@ -10,9 +10,10 @@
 
 use super::flight::{Flight, Solved};
 use super::mode::Status;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, Vector2};
 use numerics::Interval;
 use problem::{DynamicsRange, SensitivityRange};
+use std::ops::Range;
 
 /// By this factor at most changes of the matrix may feed back on what they multiply.
 const FEEDBACK: f64 = 0.5;
@@ -28,20 +29,20 @@ pub(super) struct Forces {
 }
 
 impl Forces {
-    /// The slip of contact `k` in a direction.
-    pub fn slip(&self, flight: &Flight, k: usize, v: &[Interval], direction: impl Fn(usize) -> f64) -> Interval {
-        let rows = flight.shape().tangents(k).enumerate();
-        sum(rows.map(|(i, row)| {
-            Interval::point(direction(i)) * (self.dynamics.drift[row] + product(self.dynamics.row(row), v))
-        }))
+    /// The slip of contact `k` in a direction, where velocities are `v`.
+    pub fn slip(&self, flight: &Flight, k: usize, v: &[Interval], direction: Vector2<f64>) -> Interval {
+        self.along(&self.dynamics.drift, v, flight.shape().tangents(k), direction)
     }
 
-    /// Its rate.
-    pub fn slip_rate(&self, flight: &Flight, k: usize, direction: impl Fn(usize) -> f64) -> Interval {
-        let rows = flight.shape().tangents(k).enumerate();
-        sum(rows.map(|(i, row)| {
-            Interval::point(direction(i)) * (self.dynamics.bias[row] + product(self.dynamics.row(row), &self.a))
-        }))
+    /// The rate of the slip of contact `k` in a direction that stays.
+    pub fn slip_rate(&self, flight: &Flight, k: usize, direction: Vector2<f64>) -> Interval {
+        self.along(&self.dynamics.bias, &self.a, flight.shape().tangents(k), direction)
+    }
+
+    /// `d^T (free + J x)` for some rows of `J`: a velocity with drift and velocities, its rate with bias and accelerations.
+    fn along(&self, free: &[Interval], x: &[Interval], rows: Range<usize>, direction: Vector2<f64>) -> Interval {
+        let terms = rows.zip(direction.iter());
+        sum(terms.map(|(row, d)| Interval::point(*d) * (free[row] + product(self.dynamics.row(row), x))))
     }
 }
 
@@ -111,17 +112,17 @@ impl Flight {
         };
         let (more_a, more_l) = feed(&da, &dl);
         let grown = |of: &[Interval], more: &[Interval]| -> Vec<Interval> {
-            of.iter().zip(more).map(|(of, more)| ball(size(*of) + size(*more))).collect()
+            of.iter().zip(more).map(|(of, more)| ball(of.size() + more.size())).collect()
         };
         let (all_a, all_l) = (grown(&da, &more_a), grown(&dl, &more_l));
         let (again_a, again_l) = feed(&all_a, &all_l);
-        let ratio = |more: &Interval, all: &Interval| if size(*more) > 0.0 { size(*more) / size(*all) } else { 0.0 };
+        let ratio = |more: &Interval, all: &Interval| if more.size() > 0.0 { more.size() / all.size() } else { 0.0 };
         let pairs = again_a.iter().zip(&all_a).chain(again_l.iter().zip(&all_l));
         let feedback = pairs.map(|(more, all)| ratio(more, all)).fold(0.0, f64::max);
         if feedback.is_nan() || feedback >= FEEDBACK {
             return None;
         }
-        let rest = |more: &Interval| ball(size(*more) / (1.0 - feedback));
+        let rest = |more: &Interval| ball(more.size() / (1.0 - feedback));
         da.iter_mut().zip(&again_a).for_each(|(da, more)| *da = *da + rest(more));
         dl.iter_mut().zip(&again_l).for_each(|(dl, more)| *dl = *dl + rest(more));
         let a = self.a.iter().zip(&da).map(|(a, da)| Interval::point(*a) + *da).collect();
@@ -229,9 +230,4 @@ fn product(row: &[Interval], of: &[Interval]) -> Interval {
 
 fn ball(radius: f64) -> Interval {
     Interval::new(-radius, radius)
-}
-
-/// The largest size of a value; infinite where it is not defined all over the box.
-fn size(interval: Interval) -> f64 {
-    if interval.defined { interval.magnitudes().1 } else { f64::INFINITY }
 }

@@ -8,9 +8,7 @@
 use super::leg::Leg;
 use super::mode::Status;
 use super::monitors::Ending;
-
-/// The tolerances by which the height of a gap may be off at the end of a flight.
-const TOLERANCES: f64 = 10.0;
+use radau::ALLOWED;
 
 /// Halvings of the time at which a gap turns back.
 const HALVINGS: usize = 40;
@@ -45,7 +43,7 @@ impl Leg<'_, '_> {
                 continue;
             };
             self.located.highest[k] = if closes { 0.0 } else { highest.max(last.gap) };
-            let known = TOLERANCES * self.located.radau.rtol * highest;
+            let known = ALLOWED * self.located.radau.rtol * highest;
             let Gap { gap, speed, acceleration, tolerance } = nearest;
             let possible = (2.0 * acceleration.abs() * known).sqrt();
             if gap <= known && speed.abs() <= possible {
@@ -76,8 +74,7 @@ impl Leg<'_, '_> {
         self.watch.settle(t, &x);
         let v = &x[n..];
         let (structure, radau) = (&self.located.structure, &self.located.radau);
-        let tolerances: Vec<f64> =
-            v.iter().zip(&radau.atol[n..]).map(|(v, atol)| atol + radau.rtol * v.abs()).collect();
+        let tolerances = radau.tolerances(n, v);
         let (row, constraints) = (structure.normal(k), self.watch.constraints());
         Gap {
             gap: constraints.values[structure.joints + k],

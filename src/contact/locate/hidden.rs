@@ -102,9 +102,7 @@ impl Leg<'_, '_> {
         let mut x = vec![0.0; 2 * n];
         self.at(begin, &mut x);
         self.watch.settle(begin, &x);
-        let (constraints, radau) = (self.watch.constraints(), &self.located.radau);
-        let tolerances: Vec<f64> =
-            x[..n].iter().zip(&radau.atol).map(|(q, atol)| atol + radau.rtol * q.abs()).collect();
+        let (constraints, tolerances) = (self.watch.constraints(), self.located.radau.tolerances(0, &x[..n]));
         let rows = constraints.values.iter().enumerate();
         let step = &self.located.step;
         let held = |row: usize, value: f64| value.abs().min(step.closed(row)) + step.rounding_of_row(row);
@@ -130,16 +128,8 @@ impl Leg<'_, '_> {
         let mut rates = vec![Interval::LINE; tolerances.len()];
         self.watch.problem().enclose_velocities(t, q, v, &mut rates);
         let [at_begin, at_middle, at_end] = [a, 0.5 * (a + b), b].map(|t| self.positions_at(t, tolerances.len()));
-        let is_open = |&row: &usize| {
-            let rate = rates[row];
-            let lowest = match () {
-                () if !rate.defined => f64::NEG_INFINITY,
-                () if rate.lo >= 0.0 => at_begin[row],
-                () if rate.hi <= 0.0 => at_end[row],
-                () => at_middle[row] - 0.5 * (b - a) * rate.lo.abs().max(rate.hi.abs()),
-            };
-            lowest >= -tolerances[row]
-        };
+        let is_open =
+            |&row: &usize| lowest([at_begin[row], at_middle[row], at_end[row]], rates[row], b - a) >= -tolerances[row];
         (!open.iter().all(is_open), held)
     }
 
@@ -177,5 +167,16 @@ impl Leg<'_, '_> {
         let until = if self.is_held(row) { ahead } else { off };
         let next = NEXT * (t - clear);
         (until > begin).then_some(Hidden { until, next })
+    }
+}
+
+/// A lower bound of a quantity over a length of time, from its values at the beginning, in the middle and at the end and an
+/// enclosure of its rate.
+pub(super) fn lowest([begin, middle, end]: [f64; 3], rate: Interval, length: f64) -> f64 {
+    match () {
+        () if !rate.defined => f64::NEG_INFINITY,
+        () if rate.lo >= 0.0 => begin,
+        () if rate.hi <= 0.0 => end,
+        () => middle - 0.5 * length * rate.size(),
     }
 }

@@ -301,8 +301,7 @@ impl<'p> Located<'p> {
 
     /// What the tolerances on velocities leave open of a slip.
     fn tolerance_of_slip(&self, k: usize, constraints: &Constraints, v: &[f64]) -> f64 {
-        let radau::Settings { rtol, atol, .. } = &self.radau;
-        let tolerances: Vec<f64> = v.iter().zip(&atol[v.len()..]).map(|(v, atol)| atol + rtol * v.abs()).collect();
+        let tolerances = self.radau.tolerances(v.len(), v);
         self.structure.tangents(k).map(|row| constraints.size(row, &tolerances)).fold(0.0, f64::max)
     }
 
