@@ -6,7 +6,7 @@
 //!
 //! Where these bind states as well, `w` is such that the monitor does not change where the states are brought onto them.
 
-use super::monitors::{OnFace, Told, size};
+use super::on_face::{OnFace, Told};
 use super::part::Part;
 use super::point::Point;
 use super::watched::Watched;
@@ -80,7 +80,7 @@ impl Reduced {
             for (at, j) in system.places_of_row(row) {
                 let term = Interval::point(factor) * rows.jacobian[at];
                 gradient[j] = gradient[j] + term;
-                sizes[j] += size(term);
+                sizes[j] += term.size();
             }
         }
         if told == Told::ByHiddenConstraints {
@@ -179,7 +179,7 @@ impl Reduced {
 
     /// What errors of the unknowns make of it.
     pub fn error(&self, errors: &[f64]) -> f64 {
-        self.gradient.iter().filter(|(j, _)| errors[*j] != 0.0).map(|&(j, slope)| size(slope) * errors[j]).sum()
+        self.gradient.iter().filter(|(j, _)| errors[*j] != 0.0).map(|&(j, slope)| slope.size() * errors[j]).sum()
     }
 
     /// Its slope over a part that takes `h`, in units of the part.
