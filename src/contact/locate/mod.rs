@@ -12,6 +12,7 @@ mod bursts;
 mod closed;
 mod enclosed_forces;
 mod flight;
+mod gradient;
 mod grazing;
 mod hidden;
 mod integrals;
@@ -29,6 +30,7 @@ use super::happening::Happening;
 use super::settings::{ContactError, Settings};
 use super::velocity_step::{Forces, Probed, State, VelocityStep};
 use super::violations::Violations;
+use grazing::Opening;
 use mode::held;
 use monitors::Ending;
 use nalgebra::{Vector2, Vector3};
@@ -36,9 +38,6 @@ use problem::{Constraints, Control, Mechanical, MechanicalStructure};
 
 /// Velocities below this fraction of their terms are rounding.
 const ROUNDING: f64 = 1e-11;
-
-/// A gap whose gradient is below this fraction of its largest has none.
-const VANISHED: f64 = 1e-6;
 
 /// A slip that friction leaves below this fraction of what forces and impulses make of velocities is none.
 const HELD: f64 = 1e-7;
@@ -97,7 +96,7 @@ pub struct Located<'p> {
     /// The contact that grazed with the largest consequence.
     pub grazed: Option<Grazed>,
     /// How far each gap was open since its last contact.
-    highest: Vec<f64>,
+    highest: Vec<Opening>,
     /// What each contact does; `None` where time stepping is to go on.
     mode: Option<Vec<Status>>,
     /// The force on each contact from which those of the mode are the nearest, where they are not unique: the normal force
@@ -108,8 +107,6 @@ pub struct Located<'p> {
     last_impact: Vec<f64>,
     /// The longest time between two impacts of each contact.
     longest_flight: Vec<f64>,
-    /// The largest gradient of each gap so far.
-    gradients: Vec<f64>,
     radau: radau::Settings,
     /// The last step of Radau IIA, for the next mode to begin with.
     h: Option<f64>,
@@ -165,7 +162,7 @@ impl<'p> Located<'p> {
             passed: None,
             screening: Screening::default(),
             grazed: None,
-            highest: vec![0.0; contacts],
+            highest: vec![Opening::default(); contacts],
             step: VelocityStep::new(problem, settings.impact_law, settings.tolerance),
             last: state.clone(),
             state,
@@ -183,7 +180,6 @@ impl<'p> Located<'p> {
             structure,
             last_impact: vec![f64::NEG_INFINITY; contacts],
             longest_flight: vec![0.0; contacts],
-            gradients: vec![0.0; contacts],
             radau,
             h: None,
             pass: 0.0,
@@ -219,7 +215,7 @@ impl<'p> Located<'p> {
             Ending::Closes(k) => {
                 self.look();
                 self.step.closing = Some(k);
-                if self.gradient(k) <= VANISHED * self.gradients[k] {
+                if self.is_gradient_lost(k) {
                     return Err(ContactError::Gradient { contact: k, t });
                 }
                 if self.accumulates(k) {
@@ -359,13 +355,6 @@ impl<'p> Located<'p> {
         self.step.problem.constraints(self.state.t, &self.state.q, &mut self.constraints);
         let (of_q, _) = self.radau.atol.split_at(self.structure.coordinates);
         self.step.meet(&self.constraints, &self.state.q, of_q);
-        for k in 0..self.gradients.len() {
-            self.gradients[k] = self.gradients[k].max(self.gradient(k));
-        }
-    }
-
-    fn gradient(&self, k: usize) -> f64 {
-        self.constraints.row(self.structure.normal(k)).iter().fold(0.0, |norm: f64, j| norm.hypot(*j))
     }
 
     fn is_closed(&self, k: usize) -> bool {
