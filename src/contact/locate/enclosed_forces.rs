@@ -15,7 +15,10 @@ use numerics::Interval;
 use problem::{DynamicsRange, SensitivityRange};
 use std::ops::Range;
 
-/// By this factor at most changes of the matrix may feed back on what they multiply.
+/// The factor by which changes of the matrix `K` may feed back on the accelerations and multipliers that they multiply. The sum of
+/// all further terms is at most `1/(1 - factor)` times the first of them, which any factor below one bounds; at a half, by
+/// twice that. Nearer to one the bound would be too wide to prove anything; nearer to zero parts of a step would be halved,
+/// which halves the factor, although their forces are known well enough.
 const FEEDBACK: f64 = 0.5;
 
 /// What is known over a box.
@@ -75,8 +78,8 @@ impl Inverse {
 }
 
 impl Flight {
-    /// Accelerations and multipliers over a box of times and of `x`, at a point `m` of which the equations of the mode were
-    /// settled last; `None` where they are not known there, or multipliers are not unique.
+    /// Accelerations and multipliers over a box of times and of `x`, about the point `m` in it at which the equations of the mode
+    /// were solved last; `None` where they are not known over the box, or multipliers are not unique.
     pub(super) fn enclose(&mut self, t: Interval, x: &[Interval], m: &[f64]) -> Option<Forces> {
         let n = self.shape().coordinates;
         let (q, v) = x.split_at(n);
@@ -90,7 +93,7 @@ impl Flight {
         let columns: Vec<Vec<Interval>> = rows.iter().map(|&row| self.push_of(row, &dynamics, &directions)).collect();
         let inverse = Inverse::new(solved);
         let (mut da, mut dl) = inverse.apply(&r, &w);
-        // What the changes of the matrix make of these, and of what they make of them.
+        // `K_m^-1 (K - K_m) (da, dlambda)`, the first of the further terms and, applied again, those that follow.
         let feed = |da: &[Interval], dl: &[Interval]| {
             let of_mass = |i: usize, j: usize| dynamics.mass[i * n + j] - Interval::point(solved.matrix[(i, j)]);
             let r: Vec<Interval> = (0..n)

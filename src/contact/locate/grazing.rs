@@ -25,7 +25,7 @@ pub struct Grazed {
 }
 
 impl Leg<'_, '_> {
-    /// Looks for contacts that graze between two times of the last step, at the second of which the mode may end.
+    /// Looks for contacts that graze between two times of the last step; `ending` is that of the mode at the second, if it ends.
     pub(super) fn note_grazing(&mut self, begin: f64, end: f64, ending: Option<Ending>) {
         let open: Vec<usize> = (0..self.mode.len()).filter(|&k| self.mode[k] == Status::Open).collect();
         for k in open {

@@ -1,16 +1,17 @@
-//! What a gap does between the points at which a step has been looked at.
+//! Gaps and joints between the points at which a step has been evaluated.
 //!
-//! Where a body rests, or goes on at one speed, the error of a step is zero whatever its length; a floor that rises for a
-//! moment, or a bump that is narrow beside the way of the step, is then between all its points. So gaps and joints are
-//! enclosed over the whole step, in interval arithmetic over the time and the ranges of the polynomials that the step is,
-//! the parts halved where the enclosure leaves a violation open. A violation that is found cuts the step. Where a plain
-//! enclosure is too wide, an open gap is above
+//! Where a body rests, or moves at constant speed, the error estimate of a step is zero whatever its length. A floor that rises
+//! for a moment, or a bump that is narrow beside the length of the path, may then lie between all points of the step. So gaps and
+//! joints are enclosed over the whole step, in interval arithmetic over the time and the ranges of the collocation polynomials,
+//! and the parts are halved where the enclosure leaves a violation open. A violation that is found cuts the step. Where a plain
+//! enclosure is too wide, an open gap has the lower bound
 //!
 //! ```text
 //! gap(middle) - |gap'| length/2
 //! ```
 //!
-//! or its value at one end where `gap'`, enclosed as well, has one sign. What closed contacts do is told by their [forces](super::closed).
+//! or its value at one end where `gap'`, enclosed as well, has one sign. Closed contacts are screened by their
+//! [forces](super::closed).
 
 use super::leg::Leg;
 use numerics::Interval;

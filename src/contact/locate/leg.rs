@@ -25,7 +25,7 @@ pub struct Flights {
 }
 
 impl Flights {
-    /// Evaluators of one system, each of which `problem` makes.
+    /// Evaluators of one system, each made by `problem`.
     pub fn new(problem: impl Fn() -> Box<dyn Mechanical>) -> Self {
         let flight = || Flight::new(problem());
         Self { main: flight(), trial: flight(), spare: std::array::from_fn(|_| flight()), watch: flight() }

@@ -39,10 +39,10 @@ use problem::{Constraints, Control, Mechanical, MechanicalStructure};
 /// Velocities below this fraction of their terms are rounding.
 const ROUNDING: f64 = 1e-11;
 
-/// A slip that friction leaves below this fraction of what forces and impulses make of velocities is none.
+/// Relative slip tolerance: a contact sticks if its slip is below this fraction of the velocity change in the probe.
 const HELD: f64 = 1e-7;
 
-/// Friction that is left unused by a contact that others help, as a fraction of what there is.
+/// Slack in the friction bound, relative to `mu r_n`, below which a contact slips although others could hold for it.
 const SPARE: f64 = 1e-4;
 
 /// Impacts of one contact that follow each other in less than this fraction of the longest time between two of them
@@ -121,7 +121,7 @@ pub struct Located<'p> {
 pub struct Screening {
     /// Steps proven free of events.
     pub proven: u64,
-    /// Steps of which neither is shown.
+    /// Steps that are neither proven free of events nor seen to have one.
     pub undecided: u64,
     /// Steps with a violation that could not be located.
     pub missed: u64,
@@ -301,7 +301,7 @@ impl<'p> Located<'p> {
         self.structure.tangents(k).map(|row| constraints.size(row, &tolerances)).fold(0.0, f64::max)
     }
 
-    /// The same for all contacts, of velocities that are none.
+    /// The tolerances of the slips of all contacts at rest.
     fn tolerances_of_slips(&mut self) -> Vec<f64> {
         self.look();
         let none = vec![0.0; self.structure.coordinates];
