@@ -49,6 +49,42 @@ pub struct Controller {
     contraction: f64,
     /// Accepted steps since the order last changed.
     since_change: u32,
+    /// What steps too long to show what depends on time have taught.
+    caution: Caution,
+}
+
+/// How long steps stay as short as it takes for their stages to show what depends on time. No error estimate says when that
+/// may be forgotten, so a longer step is tried again after a number of steps that doubles each time it was in vain, and is
+/// halved by each step that is longer and shows it: what is lost, whichever lasts, is of the order of the steps that it takes.
+#[derive(Clone, Copy, Debug, Default)]
+struct Caution {
+    /// The size that is not to be exceeded.
+    most: f64,
+    /// Accepted steps until a longer one is tried.
+    left: u64,
+    /// As many as there were after the last step in vain.
+    wait: u64,
+}
+
+impl Caution {
+    fn rejected(&mut self, smaller: f64) {
+        self.wait = (2 * self.wait).max(1);
+        self.left = self.wait;
+        self.most = smaller;
+    }
+
+    /// The size of the next step after one of size `h`, where the error allows `new`.
+    fn accepted(&mut self, h: f64, new: f64) -> f64 {
+        if self.left > 0 {
+            self.left -= 1;
+            return new.min(self.most.max(h));
+        }
+        if self.wait > 0 && h > self.most {
+            self.wait /= 2;
+            self.most = h;
+        }
+        new
+    }
 }
 
 impl Controller {
@@ -75,13 +111,21 @@ impl Controller {
         self.accepted = Some((h, error.max(0.01)));
         self.rejected = false;
         self.since_change += 1;
-        new
+        self.caution.accepted(h, new)
     }
 
     /// The next step size after a step of size `h` whose error was too large.
     pub fn reject(&mut self, s: usize, h: f64, error: f64, newton: usize, most: usize, first: bool) -> f64 {
         self.rejected = true;
         if first { 0.1 * h } else { h * Self::basic(s, error, newton, most).min(0.9) }
+    }
+
+    /// The next step size after a step of size `h` whose stages did not show what depends on time, by `missed` times what is
+    /// allowed.
+    pub fn miss(&mut self, s: usize, h: f64, missed: f64, newton: usize, most: usize) -> f64 {
+        let smaller = self.reject(s, h, missed, newton, most, false);
+        self.caution.rejected(smaller);
+        smaller
     }
 
     /// Forgets what the steps before a switch said of those after it.

@@ -271,8 +271,10 @@ impl<'p> Radau<'p> {
             if !coupled {
                 error = error.max(self.constraint_error(reached));
             }
-            if error < 1.0 && !coupled {
-                error = Some(self.missed_forcing(reached)).filter(|missed| *missed > 1.0).unwrap_or(error);
+            let missed = if error < 1.0 && !coupled { self.missed_forcing(reached) } else { 0.0 };
+            let is_missed = missed > 1.0;
+            if is_missed {
+                error = missed;
             }
             let (s, most) = (self.tableau().stages(), self.control.most);
             if error < 1.0 {
@@ -297,8 +299,9 @@ impl<'p> Radau<'p> {
                 self.system.face.clone_from(&self.switching.before);
             }
             let first = self.counts.accepted == 0;
-            self.shrink(reached, Cause::Error, |controller| {
-                controller.reject(s, reached, error.min(1e10), iterations, most, first)
+            self.shrink(reached, Cause::Error, |controller| match is_missed {
+                true => controller.miss(s, reached, error.min(1e10), iterations, most),
+                false => controller.reject(s, reached, error.min(1e10), iterations, most, first),
             })?;
         }
     }
