@@ -69,7 +69,8 @@ impl Reduced {
         self.by_terms = on.system.forcing_slopes().map(|slopes| self.sum_of_terms(slopes));
     }
 
-    /// Sets the derivatives by the unknowns; a variable inside enters its monitor directly as well, with the slope in `of_variable`.
+    /// Sets the derivatives by the unknowns; a variable inside enters its monitor directly as well, with the slope in
+    /// `of_variable`.
     fn set_gradient(&mut self, system: &System<'_>, told: Told, rows: &Rows, of_variable: Option<(usize, f64)>) {
         let n = system.states;
         let mut gradient = vec![Interval::point(0.0); system.unknowns];
