@@ -88,7 +88,7 @@ impl Graph {
         matches!(self.operation(node), Some((found, ..)) if found == operator)
     }
 
-    /// Whether a node is an input of which this holds.
+    /// Whether a node is an input whose index satisfies a condition.
     pub(super) fn is_input(&self, node: Node, holds: impl Fn(usize) -> bool) -> bool {
         matches!(self.terms[node.place()], Term::Input(index) if holds(index))
     }
