@@ -12,6 +12,7 @@ pub mod serve;
 pub mod solve;
 pub mod token;
 mod verdict;
+pub mod worker;
 
 use dvi::specification::{Specification, SpecificationError};
 use serde::Deserialize;

@@ -3,7 +3,7 @@
 use super::data::Data;
 use super::{UNSERVABLE, USAGE};
 use clap::{Args, ValueEnum};
-use dvi::service::{Options, Service};
+use dvi::service::{Options, Service, worker};
 use std::env::{self, VarError};
 use std::io::{self, IsTerminal};
 use std::panic;
@@ -96,7 +96,8 @@ fn serve(options: Options) -> io::Result<()> {
         let stop = signals()?;
         let data = options.jobs_folder().map_or("memory".to_owned(), |folder| folder.display().to_string());
         let asks_tokens = options.asks_tokens();
-        let service = Service::start(options, Arc::new(dvi::solve))?;
+        let launcher = worker::program(None, options.memory_mib.get());
+        let service = Service::start(options, Arc::new(dvi::solve), &launcher)?;
         tracing::info!(%address, workers, data, asks_tokens, "serving on http://{address}");
         service.serve(listener, stop).await;
         io::Result::Ok(())

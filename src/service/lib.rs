@@ -9,6 +9,7 @@ mod page;
 mod patience;
 mod remainder;
 mod server;
+pub mod worker;
 
 pub use options::Options;
 
@@ -23,6 +24,7 @@ use std::sync::Arc;
 use tokio::net::TcpListener;
 use tokio::sync::mpsc::Receiver;
 use tokio::sync::{Semaphore, watch};
+use worker::Launcher;
 
 /// A service with its workers running. They stop when it is dropped.
 pub struct Service {
@@ -31,16 +33,17 @@ pub struct Service {
 }
 
 impl Service {
-    /// Starts the workers, which call `solver`, on the jobs that are left in the folder of the options.
+    /// Starts workers by `launcher` on the jobs that are left in the folder of the options. What is solved at a glance,
+    /// `solver` solves here.
     ///
     /// # Errors
     /// The folder is in use or cannot be written, or the system gives no threads.
-    pub fn start(options: Options, solver: Solver) -> io::Result<Self> {
+    pub fn start(options: Options, solver: Solver, launcher: &Launcher) -> io::Result<Self> {
         let metrics = Arc::new(Metrics::default());
         let tokens = if options.asks_tokens() { Some(Arc::new(tokens(&options)?)) } else { None };
         let jobs = Jobs::open(options.bounds(), solver, options.jobs_folder(), Arc::clone(&metrics))?;
         let jobs = Arc::new(jobs);
-        let pool = Pool::start(&jobs, options.workers)?;
+        let pool = Pool::start(&jobs, options.workers, launcher)?;
         let turns = Turns::new(options.workers.get(), options.bounds().queue);
         let streams = Arc::new(Semaphore::new(places(options.streams)));
         let connections = Arc::new(Semaphore::new(places(options.connections)));

@@ -4,6 +4,7 @@
 use axum::Router;
 use axum::body::Bytes;
 use axum::routing::post;
+use dvi::service::worker::program;
 use dvi::service::{Options, Service};
 use hyper::body::Incoming;
 use hyper::service::service_fn;
@@ -90,7 +91,8 @@ fn cpu_seconds() -> f64 {
 fn start_service(runtime: &Runtime, options: Options) -> (SocketAddr, Arc<Service>) {
     let listener = runtime.block_on(TcpListener::bind("127.0.0.1:0")).expect("a port");
     let address = listener.local_addr().expect("its address");
-    let service = Arc::new(Service::start(options, Arc::new(dvi::solve)).expect("workers"));
+    let launcher = program(Some(env!("CARGO_BIN_EXE_dvi").into()), options.memory_mib.get());
+    let service = Arc::new(Service::start(options, Arc::new(dvi::solve), &launcher).expect("workers"));
     let serving = Arc::clone(&service);
     runtime.spawn(async move {
         let (_stop, stopped) = channel(1);

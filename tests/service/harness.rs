@@ -5,6 +5,7 @@ use axum::body::{Body, Bytes, HttpBody};
 use axum::http::{HeaderMap, Request, StatusCode};
 use dvi::problem::Stop;
 use dvi::service::jobs::{Client, Solver};
+use dvi::service::worker::{Confinement, Launcher, Start, serve};
 use dvi::service::{Options, Service};
 use dvi::solution::{Diagnostics, Field, Solution, Status, Trajectory, Verdict};
 use http_body_util::BodyExt;
@@ -16,6 +17,7 @@ use std::num::NonZeroUsize;
 use std::pin::Pin;
 use std::sync::{Arc, Condvar, Mutex};
 use std::task::{Context, Poll};
+use std::thread;
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
 use tower::ServiceExt;
@@ -29,6 +31,17 @@ pub fn halving(status: Status) -> Solution {
     let trajectory = Trajectory { t: vec![0.0, 1.0], fields, events: vec![] };
     let verdict = Verdict { trusted: status == Status::Completed, ..Verdict::default() };
     Solution { status, verdict, error: None, trajectory, diagnostics: Diagnostics::default(), study: None }
+}
+
+/// Workers on threads of this process, which call a solver whose course a test decides. What they say to the front goes
+/// through pipes, as between processes.
+pub fn threads(solver: Solver) -> Launcher {
+    Arc::new(move || {
+        let ((input, orders), (reports, output)) = (io::pipe()?, io::pipe()?);
+        let solver = Arc::clone(&solver);
+        thread::spawn(move || serve(input, output, solver, Confinement::default()));
+        Ok(Start { orders: orders.into(), reports: reports.into(), process: None })
+    })
 }
 
 /// A solver that answers at once.
@@ -110,7 +123,7 @@ pub struct Site {
 
 impl Site {
     pub fn new(options: Options, solver: Solver) -> Self {
-        let service = Service::start(options, solver).unwrap();
+        let service = Service::start(options, Arc::clone(&solver), &threads(solver)).unwrap();
         let router = service.router();
         Self { service, router }
     }

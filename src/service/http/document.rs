@@ -57,7 +57,7 @@ impl Document {
         let reading = spawn_blocking(move || {
             // Until the thread is done, whoever still waits for it.
             let _turn = turn;
-            jobs.read(&bytes, &control).map(then)
+            Draft::read(&bytes).and_then(|draft| jobs.check(draft, &control)).map(then)
         });
         let read = timeout(wall.saturating_add(LAST_CALL), reading).await;
         match read {

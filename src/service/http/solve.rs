@@ -12,6 +12,7 @@ use super::solve_stream::{self, Delivery};
 use super::status::StatusInfo;
 use super::{Shared, no_store, retry_after};
 use crate::jobs::{self, Client, Ended, Job, Jobs, Key, Order};
+use crate::worker::Facts;
 use axum::Json;
 use axum::extract::{FromRequestParts, State};
 use axum::http::request::Parts;
@@ -104,7 +105,9 @@ async fn job(
     // Asked before the specification is read, so that refusing costs next to nothing.
     shared.jobs.admits(client, document_bytes.len())?;
     let specification = document.checked(shared, client, Arc::new).await?;
-    Ok(shared.jobs.submit(Order { client, specification, document: document_bytes, key }, lasting).await?)
+    let facts = Facts::of(&specification);
+    let order = Order { client, facts, specification: Some(specification), document: document_bytes, key };
+    Ok(shared.jobs.submit(order, lasting).await?)
 }
 
 /// The end of a job, if it comes in time. If not, the job is on the disk when this returns.

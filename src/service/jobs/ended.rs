@@ -3,7 +3,7 @@
 use super::Results;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
-use solution::{Solution, Status, Verdict};
+use solution::{Status, Verdict};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -26,7 +26,26 @@ pub enum Ending {
 #[serde(rename_all = "snake_case")]
 pub enum Fault {
     /// The solver panicked, which is a fault of ours.
-    Panicked,
+    #[serde(alias = "panicked")]
+    Defect,
+    /// Its worker was refused memory beyond what a solve may take.
+    TooMuchMemory {
+        /// The bytes that it may take.
+        allowed: usize,
+        /// The bytes that it asked for at once when it was refused, where that is known.
+        asked: Option<u64>,
+        /// The bytes that it had been estimated to take, where that is known.
+        estimate: Option<usize>,
+    },
+    /// The stack of its worker was used up.
+    StackOverflow,
+    /// Its worker was ended from outside, by this signal.
+    Killed {
+        /// The number of the signal.
+        signal: i32,
+    },
+    /// It did not stop at its deadline, and its worker was ended.
+    Overran,
     /// The process ended twice while it ran.
     Poisoned,
     /// The JSON would be longer than `limit` bytes.
@@ -109,11 +128,11 @@ impl Ended {
 
 impl Ending {
     /// The ending of a solve that returned, `cancelled` by its client or not on the way.
-    pub fn of(solution: &Solution, cancelled: bool) -> Self {
-        match (solution.status, &solution.error) {
+    pub fn of(status: Status, failed: Option<&str>, cancelled: bool) -> Self {
+        match (status, failed) {
             (Status::Completed, _) => Self::Successful,
             (Status::Stopped, _) if cancelled => Self::Dismissed,
-            (_, Some(error)) => Self::Failed(error.message.clone()),
+            (_, Some(message)) => Self::Failed(message.to_owned()),
             (Status::Stopped, None) => Self::Failed("a limit stopped the solve".to_owned()),
             (Status::Failed, None) => Self::Failed("the solve failed".to_owned()),
         }

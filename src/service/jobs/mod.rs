@@ -40,14 +40,16 @@ pub use results::Results;
 pub use turns::{Turn, Turns};
 pub use writer::Unwritable;
 
+pub use super::worker::Solver;
+
 use super::metrics::Metrics;
+use super::worker::Limits;
 use drain_rate::DrainRate;
 use jiff::Timestamp;
 use job::Keeping;
 use problem::Control;
 use queue::{FairQueue, Full, Heavy};
 use record::Record;
-use solution::Solution;
 use specification::{Draft, Specification, SpecificationError};
 use std::io;
 use std::path::Path;
@@ -56,9 +58,6 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use store::Store;
 use tokio::sync::{Notify, RwLock, Semaphore};
-
-/// What workers call.
-pub type Solver = Arc<dyn Fn(&Specification, &Control) -> Solution + Send + Sync>;
 
 /// How much is taken on.
 #[derive(Clone, Copy, Debug)]
@@ -75,6 +74,14 @@ pub struct Bounds {
     pub result_bytes: usize,
     /// How much of the past is kept.
     pub retention: Retention,
+}
+
+impl Bounds {
+    /// The memory that a worker may hold between jobs: an eighth of what a solve may take, and of what is left behind by
+    /// small ones.
+    pub fn kept_by_worker(&self) -> u64 {
+        (self.memory / 8 + (64 << 20)) as u64
+    }
 }
 
 /// Why a job is not taken on.
@@ -134,6 +141,8 @@ pub struct Jobs {
     /// A job that was running when a process ended may have ended it: nothing runs beside it.
     suspects: RwLock<()>,
     idle: Notify,
+    /// Wakes supervisors that wait for a worker when they are to go.
+    dismissed: Notify,
     panics: AtomicU64,
 }
 
@@ -167,6 +176,7 @@ impl Jobs {
             store,
             suspects: RwLock::default(),
             idle: Notify::new(),
+            dismissed: Notify::new(),
             panics: AtomicU64::new(0),
         })
     }
@@ -194,12 +204,10 @@ impl Jobs {
         self.store.index().recall(client, key)?.map(known).transpose()
     }
 
-    /// Reads a specification as one that is to be solved here.
-    ///
-    /// # Errors
-    /// All that is wrong with it.
-    pub fn read(&self, document: &[u8], control: &Control) -> Result<Specification, Vec<SpecificationError>> {
-        self.check(Draft::read(document)?, control)
+    /// What a task may take of a worker.
+    pub fn limits(&self) -> Limits {
+        let Bounds { steps, memory, wall, result_bytes, .. } = self.bounds;
+        Limits { steps, memory, wall_seconds: wall.as_secs_f64(), result_bytes }
     }
 
     /// Checks a document as one that is to be solved here.
@@ -207,8 +215,7 @@ impl Jobs {
     /// # Errors
     /// All that is wrong with it.
     pub fn check(&self, draft: Draft, control: &Control) -> Result<Specification, Vec<SpecificationError>> {
-        let Bounds { steps, memory, .. } = self.bounds;
-        draft.check(control).map(|specification| specification.within_steps(steps).within_memory(memory))
+        self.limits().check(draft, control)
     }
 
     /// Takes on a job, or gives the one that was posted before under its key. One that is to be `lasting` is on the disk,
@@ -217,7 +224,7 @@ impl Jobs {
     /// # Errors
     /// The bound that is reached.
     pub async fn submit(&self, order: Order, lasting: bool) -> Result<Arc<Job>, Refusal> {
-        let memory = order.specification.memory_bytes();
+        let memory = order.facts.memory;
         if memory > self.bounds.memory {
             return Err(Refusal::Memory(memory));
         }
