@@ -98,7 +98,8 @@ fn serve(options: Options) -> io::Result<()> {
         let asks_tokens = options.asks_tokens();
         let launcher = worker::program(None, options.memory_mib.get());
         let service = Service::start(options, Arc::new(dvi::solve), &launcher)?;
-        tracing::info!(%address, workers, data, asks_tokens, "serving on http://{address}");
+        let confined_to = service.confinement();
+        tracing::info!(%address, workers, %confined_to, data, asks_tokens, "serving on http://{address}");
         service.serve(listener, stop).await;
         io::Result::Ok(())
     })?;

@@ -24,12 +24,12 @@ use std::sync::Arc;
 use tokio::net::TcpListener;
 use tokio::sync::mpsc::Receiver;
 use tokio::sync::{Semaphore, watch};
-use worker::Launcher;
+use worker::{Confinement, Launcher};
 
 /// A service with its workers running. They stop when it is dropped.
 pub struct Service {
     shared: Shared,
-    _pool: Pool,
+    pool: Pool,
 }
 
 impl Service {
@@ -37,7 +37,7 @@ impl Service {
     /// `solver` solves here.
     ///
     /// # Errors
-    /// The folder is in use or cannot be written, or the system gives no threads.
+    /// The folder is in use or cannot be written, the system gives no threads, or workers cannot be started.
     pub fn start(options: Options, solver: Solver, launcher: &Launcher) -> io::Result<Self> {
         let metrics = Arc::new(Metrics::default());
         let tokens = if options.asks_tokens() { Some(Arc::new(tokens(&options)?)) } else { None };
@@ -49,12 +49,17 @@ impl Service {
         let connections = Arc::new(Semaphore::new(places(options.connections)));
         let closing = watch::Sender::new(false);
         let shared = Arc::new(Common { jobs, options, metrics, tokens, turns, streams, connections, closing });
-        Ok(Self { shared, _pool: pool })
+        Ok(Self { shared, pool })
     }
 
     /// Its resources.
     pub fn router(&self) -> Router {
         http::router(Arc::clone(&self.shared))
+    }
+
+    /// The limits that hold for its workers.
+    pub fn confinement(&self) -> &Confinement {
+        self.pool.confinement()
     }
 
     /// Its jobs.

@@ -14,7 +14,6 @@ use prometheus_client::metrics::histogram::{Histogram, exponential_buckets};
 use prometheus_client::registry::{Registry, Unit};
 use solution::Status;
 use std::borrow::Cow;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::Duration;
 
 /// A label and its value.
@@ -32,8 +31,6 @@ pub struct Metrics {
     answers: Family<[Label; 1], Counter>,
     lost: Family<[Label; 1], Counter>,
     workers: Gauge,
-    /// Whether the limits of workers have been logged.
-    confined: AtomicBool,
     waiting: Gauge,
     waiting_bytes: Gauge,
     running: Gauge,
@@ -60,7 +57,6 @@ impl Default for Metrics {
             answers: Family::default(),
             lost: Family::default(),
             workers: Gauge::default(),
-            confined: AtomicBool::new(false),
             waiting: Gauge::default(),
             waiting_bytes: Gauge::default(),
             running: Gauge::default(),
@@ -134,12 +130,9 @@ impl Metrics {
     /// Counts what becomes of workers, and logs it.
     pub fn notice(&self, event: Event<'_>) {
         match event {
-            Event::Started(pid, confinement) => {
+            Event::Started(pid) => {
                 self.workers.inc();
-                tracing::debug!(pid, ?confinement, "worker {pid} has started");
-                if !self.confined.swap(true, Relaxed) {
-                    tracing::info!(?confinement, "workers are confined");
-                }
+                tracing::debug!(pid, "worker {pid} has started");
             }
             Event::Grown(bytes) => {
                 self.lost("grown");

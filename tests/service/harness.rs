@@ -139,6 +139,15 @@ impl Site {
         reply.header("location").to_owned()
     }
 
+    /// Returns when the worker of the job at `path` has reported a step.
+    pub async fn reported(&self, path: &str) {
+        let start = Instant::now();
+        while self.get(path).await.json()["steps"] == 0 {
+            assert!(start.elapsed() < Duration::from_secs(20), "the worker reports nothing");
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+    }
+
     /// The state of the job at `path`, when it has ended.
     pub async fn ended(&self, path: &str) -> Value {
         let id = path.rsplit('/').next().unwrap().parse().unwrap();

@@ -5,34 +5,55 @@
 //! them is woken, which takes more time than a small solve.
 
 use super::Jobs;
-use crate::worker::{Launcher, Supervisor};
+use crate::worker::{Confinement, Launcher, Supervisor};
 use std::io;
 use std::num::NonZeroUsize;
 use std::sync::Arc;
+use std::sync::mpsc::channel;
 use std::thread;
 use tokio::runtime::Builder;
 
 /// The workers; they stop when it is dropped, each at the end of the job in hand.
 pub struct Pool {
     jobs: Arc<Jobs>,
+    /// The limits that hold for the workers.
+    confinement: Confinement,
 }
 
 impl Pool {
     /// Starts `workers` on the queue of `jobs`.
     ///
     /// # Errors
-    /// The system gives no thread.
+    /// The system gives no thread, or a worker cannot be started.
     pub fn start(jobs: &Arc<Jobs>, workers: NonZeroUsize, launcher: &Launcher) -> io::Result<Self> {
-        let pool = Self { jobs: Arc::clone(jobs) };
+        let mut pool = Self { jobs: Arc::clone(jobs), confinement: Confinement::default() };
+        let (starting, started) = channel();
         for worker in 0..workers.get() {
             let (jobs, runtime) = (Arc::clone(jobs), Builder::new_current_thread().enable_all().build()?);
             let metrics = Arc::clone(&jobs.metrics);
             let notice = Arc::new(move |event: crate::worker::Event<'_>| metrics.notice(event));
             let mut supervisor = Supervisor::new(Arc::clone(launcher), jobs.bounds.kept_by_worker(), notice);
-            let work = move || runtime.block_on(async { while jobs.solve_next(worker, &mut supervisor).await {} });
+            let starting = starting.clone();
+            let work = move || {
+                runtime.block_on(async {
+                    // Nobody listens where another worker could not be started.
+                    let _ = starting.send(supervisor.start().await);
+                    drop(starting);
+                    while jobs.solve_next(worker, &mut supervisor).await {}
+                });
+            };
             thread::Builder::new().name("dvi-supervisor".to_owned()).spawn(work)?;
         }
+        drop(starting);
+        for confinement in started {
+            pool.confinement = confinement?;
+        }
         Ok(pool)
+    }
+
+    /// The limits that hold for the workers.
+    pub fn confinement(&self) -> &Confinement {
+        &self.confinement
     }
 }
 
@@ -46,7 +67,7 @@ impl Drop for Pool {
 mod tests {
     use super::*;
     use crate::Options;
-    use crate::worker::{Confinement, Start, serve};
+    use crate::worker::{Start, serve};
     use std::time::{Duration, Instant};
 
     /// A worker on threads of this process.

@@ -4,7 +4,7 @@ use super::solving::STACK_BYTES;
 use rustix::param::page_size;
 use rustix::process::{Resource, Rlimit, setrlimit};
 use serde::{Deserialize, Serialize};
-use std::fs;
+use std::{fmt, fs};
 
 /// What a worker takes beside a solve: a document and its text, the message in hand, what the allocator holds in reserve.
 /// Several times the largest document that is taken by default.
@@ -28,6 +28,20 @@ pub struct Confinement {
     pub no_core: bool,
     /// The kernel takes it first when memory runs out (`oom_score_adj`).
     pub first_to_go: bool,
+}
+
+impl fmt::Display for Confinement {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let limits = [
+            self.data.map(|bytes| format!("{} MiB", bytes >> 20)),
+            self.open_files.map(|files| format!("{files} open files")),
+            self.no_core.then(|| "no core dump".to_owned()),
+            self.first_to_go.then(|| "first to go when memory runs out".to_owned()),
+        ];
+        let held: Vec<String> = limits.into_iter().flatten().collect();
+        f.write_str(if held.is_empty() { "nothing" } else { "" })?;
+        f.write_str(&held.join(", "))
+    }
 }
 
 impl Confinement {

@@ -23,7 +23,6 @@ const LOOK: Duration = Duration::from_millis(100);
 /// Between the deadline of a task, or the wish to stop it, and the end of its worker: a step of a large problem takes
 /// seconds.
 const OVERRUN: Duration = Duration::from_secs(10);
-const CANCELLED: Duration = Duration::from_secs(3);
 
 /// The same where nobody wants what the task has come to so far.
 const UNWANTED: Duration = Duration::from_millis(500);
@@ -130,7 +129,7 @@ impl Link {
                 biased;
                 () = watch.halted.notified(), if !cancelled => {
                     cancelled = true;
-                    end = end.min(Instant::now() + CANCELLED);
+                    end = end.min(Instant::now() + OVERRUN);
                     // A worker that is gone is met below.
                     let _ = self.send(&Order::Cancel { task }, &[]).await;
                 }

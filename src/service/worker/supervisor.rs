@@ -16,8 +16,8 @@ pub type Notice = Arc<dyn Fn(Event<'_>) + Send + Sync>;
 /// What becomes of a worker.
 #[derive(Clone, Copy, Debug)]
 pub enum Event<'a> {
-    /// It takes orders, within these limits.
-    Started(u32, &'a Confinement),
+    /// It takes orders.
+    Started(u32),
     /// It was replaced because it held so many bytes.
     Grown(u64),
     /// It died.
@@ -58,26 +58,28 @@ impl Supervisor {
         Self { launcher, link: None, keep, notice }
     }
 
+    /// Starts a worker, and gives the limits that hold for it.
+    ///
+    /// # Errors
+    /// It cannot be started.
+    pub async fn start(&mut self) -> io::Result<Confinement> {
+        let link = Link::open((self.launcher)()?).await?;
+        (self.notice)(Event::Started(link.id().unwrap_or(0)));
+        let confinement = link.confinement.clone();
+        self.link = Some(link);
+        Ok(confinement)
+    }
+
     /// Returns when there is a worker.
     pub async fn ready(&mut self) {
         let mut pause = FIRST_PAUSE;
         while self.link.is_none() {
-            match self.start().await {
-                Ok(link) => {
-                    (self.notice)(Event::Started(link.id().unwrap_or(0), &link.confinement));
-                    self.link = Some(link);
-                }
-                Err(error) => {
-                    (self.notice)(Event::NotStarted(&error));
-                    sleep(pause).await;
-                    pause = (2 * pause).min(LONGEST_PAUSE);
-                }
+            if let Err(error) = self.start().await {
+                (self.notice)(Event::NotStarted(&error));
+                sleep(pause).await;
+                pause = (2 * pause).min(LONGEST_PAUSE);
             }
         }
-    }
-
-    async fn start(&self) -> io::Result<Link> {
-        Link::open((self.launcher)()?).await
     }
 
     /// Returns when the worker, which has nothing to do, is gone.
