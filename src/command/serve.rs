@@ -135,6 +135,8 @@ fn log(format: LogFormat) -> Result<(), Box<dyn std::error::Error>> {
     let log = tracing_subscriber::fmt()
         .with_max_level(LevelFilter::TRACE)
         .with_writer(io::stderr)
+        // A log that nobody reads any more is no reason to stop.
+        .log_internal_errors(false)
         .with_ansi(io::stderr().is_terminal());
     match format {
         LogFormat::Text => log.finish().with(filter).init(),
