@@ -24,7 +24,7 @@ use std::sync::Arc;
 use tokio::net::TcpListener;
 use tokio::sync::mpsc::Receiver;
 use tokio::sync::{Semaphore, watch};
-use worker::{Confinement, Launcher};
+use worker::{Checkers, Confinement, Launcher};
 
 /// A service with its workers running. They stop when it is dropped.
 pub struct Service {
@@ -44,11 +44,26 @@ impl Service {
         let jobs = Jobs::open(options.bounds(), solver, options.jobs_folder(), Arc::clone(&metrics))?;
         let jobs = Arc::new(jobs);
         let pool = Pool::start(&jobs, options.workers, launcher)?;
-        let turns = Turns::new(options.workers.get(), options.bounds().queue);
+        let (bounds, counted) = (options.bounds(), Arc::clone(&metrics));
+        let turns = Turns::new(options.workers.get(), bounds.queue);
+        let checks = Turns::new(options.checkers(), bounds.queue);
+        let notice = Arc::new(move |event: worker::Event<'_>| counted.notice(event));
+        let checkers = Checkers::new(Arc::clone(launcher), bounds.kept_by_worker(), notice);
         let streams = Arc::new(Semaphore::new(places(options.streams)));
         let connections = Arc::new(Semaphore::new(places(options.connections)));
         let closing = watch::Sender::new(false);
-        let shared = Arc::new(Common { jobs, options, metrics, tokens, turns, streams, connections, closing });
+        let shared = Arc::new(Common {
+            jobs,
+            options,
+            metrics,
+            tokens,
+            turns,
+            checks,
+            checkers,
+            streams,
+            connections,
+            closing,
+        });
         Ok(Self { shared, pool })
     }
 

@@ -180,6 +180,11 @@ impl Options {
         Duration::from_secs(self.grace_seconds)
     }
 
+    /// Workers that check specifications, beside those that solve: a check is shorter than a solve.
+    pub fn checkers(&self) -> usize {
+        self.workers.get().div_ceil(2)
+    }
+
     /// Every bound in force: the flags whose value is a number.
     pub fn in_force(&self) -> Vec<Bound> {
         let values = serde_json::to_value(self).unwrap_or_default();

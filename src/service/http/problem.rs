@@ -3,6 +3,7 @@
 
 use super::retry_after;
 use crate::jobs::{Fault, JobId, Refusal, Unwritable};
+use crate::worker::Finding;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::{Serialize, Serializer};
@@ -138,7 +139,7 @@ pub struct Problem {
     #[serde(skip_serializing_if = "Option::is_none")]
     instance: Option<String>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    errors: Vec<SpecificationError>,
+    errors: Vec<Finding>,
     #[serde(skip)]
     #[schema(ignore)]
     retry_after: Option<Duration>,
@@ -191,6 +192,12 @@ impl Problem {
 
 impl From<Vec<SpecificationError>> for Box<Problem> {
     fn from(errors: Vec<SpecificationError>) -> Self {
+        errors.into_iter().map(Finding::from).collect::<Vec<_>>().into()
+    }
+}
+
+impl From<Vec<Finding>> for Box<Problem> {
+    fn from(errors: Vec<Finding>) -> Self {
         let detail = match errors.as_slice() {
             [error] if error.pointer.is_empty() => error.detail.clone(),
             [error] => format!("{}: {}", error.pointer, error.detail),

@@ -12,7 +12,6 @@ use super::solve_stream::{self, Delivery};
 use super::status::StatusInfo;
 use super::{Shared, no_store, retry_after};
 use crate::jobs::{self, Client, Ended, Job, Jobs, Key, Order};
-use crate::worker::Facts;
 use axum::Json;
 use axum::extract::{FromRequestParts, State};
 use axum::http::request::Parts;
@@ -104,9 +103,8 @@ async fn job(
     }
     // Asked before the specification is read, so that refusing costs next to nothing.
     shared.jobs.admits(client, document_bytes.len())?;
-    let specification = document.checked(shared, client, Arc::new).await?;
-    let facts = Facts::of(&specification);
-    let order = Order { client, facts, specification: Some(specification), document: document_bytes, key };
+    let (facts, specification) = document.checked(shared, client).await?.facts();
+    let order = Order { client, facts, specification, document: document_bytes, key };
     Ok(shared.jobs.submit(order, lasting).await?)
 }
 

@@ -1,6 +1,7 @@
 //! The end of a job: how it ended, how far it came, and where its results are.
 
 use super::Results;
+use crate::worker::Death;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use solution::{Status, Verdict};
@@ -57,6 +58,19 @@ pub enum Fault {
     Unwritable,
     /// What was accepted once can no longer be read, as after a change of version.
     Unreadable,
+}
+
+impl Fault {
+    /// That of a worker's death over a job which may take so many bytes and was estimated to take so many.
+    pub fn of(death: &Death, allowed: usize, estimate: Option<usize>) -> Self {
+        match death {
+            Death::TooMuchMemory(asked) => Self::TooMuchMemory { allowed, asked: *asked, estimate },
+            Death::StackOverflow => Self::StackOverflow,
+            Death::Killed(signal) => Self::Killed { signal: *signal },
+            Death::Overran => Self::Overran,
+            Death::Defect(_) => Self::Defect,
+        }
+    }
 }
 
 /// Where results are.

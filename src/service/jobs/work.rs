@@ -143,22 +143,9 @@ impl Jobs {
                 if matches!(death, Death::Defect(_)) {
                     self.panics.fetch_add(1, Relaxed);
                 }
-                broken(self.fault(job, &death), death.code())
+                let estimate = job.estimate.as_ref().map(|estimate| estimate.memory);
+                broken(Fault::of(&death, self.bounds.memory, estimate), death.code())
             }
-        }
-    }
-
-    fn fault(&self, job: &Job, death: &Death) -> Fault {
-        match death {
-            Death::TooMuchMemory(asked) => Fault::TooMuchMemory {
-                allowed: self.bounds.memory,
-                asked: *asked,
-                estimate: job.estimate.as_ref().map(|estimate| estimate.memory),
-            },
-            Death::StackOverflow => Fault::StackOverflow,
-            Death::Killed(signal) => Fault::Killed { signal: *signal },
-            Death::Overran => Fault::Overran,
-            Death::Defect(_) => Fault::Defect,
         }
     }
 

@@ -15,6 +15,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::unix::pipe::{Receiver, Sender};
 use tokio::select;
 use tokio::sync::Notify;
+use tokio::task::spawn_blocking;
 use tokio::time::{Instant, MissedTickBehavior, interval_at, sleep_until, timeout, timeout_at};
 
 /// The time between two looks at a task.
@@ -67,6 +68,8 @@ pub struct Link {
     reports: Receiver,
     decoder: Decoder,
     process: Option<Process>,
+    /// The number of its process, or zero.
+    pub id: u32,
     /// The number of the latest task.
     task: u64,
     /// The limits that hold for it.
@@ -83,12 +86,13 @@ impl Link {
     pub async fn open(start: Start) -> io::Result<Self> {
         let process = start.process.map(Process::new).transpose()?;
         let (orders, reports) = (Sender::from_owned_fd(start.orders)?, Receiver::from_owned_fd(start.reports)?);
+        let id = process.as_ref().map_or(0, |process| process.child.id());
         let (decoder, confinement) = (Decoder::default(), Confinement::default());
-        let mut link = Self { orders, reports, decoder, process, task: 0, confinement, resident: 0 };
+        let mut link = Self { orders, reports, decoder, process, id, task: 0, confinement, resident: 0 };
         match timeout(START, link.receive()).await.map_err(io::Error::from).flatten() {
             Ok((Report::Ready { version: VERSION, confinement }, _)) => Ok(Self { confinement, ..link }),
             Ok((report, _)) => Err(io::Error::other(format!("{report:?} from a worker in place of version {VERSION}"))),
-            Err(error) => Err(io::Error::other(format!("{error}: {:?}", link.death()))),
+            Err(error) => Err(io::Error::other(format!("{error}: {:?}", link.death().await))),
         }
     }
 
@@ -118,8 +122,8 @@ impl Link {
         let (mut taken, mut cancelled, mut looked) = (false, false, false);
         match timeout_at(end, self.send(&order, document)).await {
             Ok(Ok(())) => {}
-            Ok(Err(_)) => return Err(Loss::NotTaken(self.death())),
-            Err(_) => return Err(self.overrun()),
+            Ok(Err(_)) => return Err(Loss::NotTaken(self.death().await)),
+            Err(_) => return Err(self.overrun().await),
         }
         let mut looks = interval_at(begun + LOOK, LOOK);
         looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -160,10 +164,10 @@ impl Link {
                         return Ok(Finished::Refused(bytes, interrupted));
                     }
                     Ok((Report::TooLarge { .. }, _)) => return Ok(Finished::TooLarge),
-                    Ok((Report::Defect { message, .. }, _)) => return Err(Loss::Died(self.defect(&message))),
-                    Ok((Report::Ready { .. }, _)) => return Err(Loss::Died(self.defect("ready twice"))),
-                    Err(_) if taken => return Err(Loss::Died(self.death())),
-                    Err(_) => return Err(Loss::NotTaken(self.death())),
+                    Ok((Report::Defect { message, .. }, _)) => return Err(Loss::Died(self.defect(&message).await)),
+                    Ok((Report::Ready { .. }, _)) => return Err(Loss::Died(self.defect("ready twice").await)),
+                    Err(_) if taken => return Err(Loss::Died(self.death().await)),
+                    Err(_) => return Err(Loss::NotTaken(self.death().await)),
                 },
                 _ = looks.tick() => {
                     if cancelled && (watch.is_unwanted)() {
@@ -174,7 +178,7 @@ impl Link {
                         let _ = timeout_at(end, self.send(&Order::Look { task }, &[])).await;
                     }
                 }
-                () = sleep_until(end) => return Err(self.overrun()),
+                () = sleep_until(end) => return Err(self.overrun().await),
             }
         }
     }
@@ -197,27 +201,27 @@ impl Link {
         }
     }
 
-    fn overrun(&mut self) -> Loss {
-        if let Some(process) = &mut self.process {
-            process.kill();
-        }
+    async fn overrun(&mut self) -> Loss {
+        self.end(Process::kill).await;
         Loss::Died(Death::Overran)
     }
 
     /// Why the worker, which has closed its pipe, died.
-    pub fn death(&mut self) -> Death {
-        self.process.as_mut().map_or_else(|| Death::Defect("its thread ended".to_owned()), Process::death)
+    pub async fn death(&mut self) -> Death {
+        let death = self.end(Process::death).await;
+        death.unwrap_or_else(|| Death::Defect("its thread ended".to_owned()))
     }
 
-    fn defect(&mut self, message: &str) -> Death {
+    async fn defect(&mut self, message: &str) -> Death {
         // Where it panicked stands on standard error.
-        let words = self.process.as_mut().map(Process::kill).unwrap_or_default();
+        let words = self.end(Process::kill).await.unwrap_or_default();
         Death::Defect(if words.contains(message) { words } else { format!("{message} {words}") })
     }
 
-    /// The number of its process.
-    pub fn id(&self) -> Option<u32> {
-        self.process.as_ref().map(|process| process.child.id())
+    /// Sees the process to its end, on a thread that may wait: to give back gigabytes takes a while.
+    async fn end<T: Send + 'static>(&mut self, how: impl FnOnce(&mut Process) -> T + Send + 'static) -> Option<T> {
+        let mut process = self.process.take()?;
+        spawn_blocking(move || how(&mut process)).await.ok()
     }
 }
 

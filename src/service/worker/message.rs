@@ -21,6 +21,7 @@ use solution::{Solution, Status, Verdict};
 use specification::{Draft, Specification, SpecificationError, Time};
 use std::borrow::Cow;
 use std::time::Duration;
+use utoipa::ToSchema;
 
 /// The version of these messages: a worker of another is not given anything.
 pub const VERSION: u32 = 1;
@@ -174,6 +175,32 @@ impl Limits {
     /// All that is wrong with it.
     pub fn check(&self, draft: Draft, control: &Control) -> Result<Specification, Vec<SpecificationError>> {
         Ok(draft.check(control)?.within_steps(self.steps).within_memory(self.memory))
+    }
+}
+
+/// One thing wrong with a specification.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[schema(as = SpecificationError)]
+pub struct Finding {
+    /// The JSON pointer (RFC 6901) of the offender.
+    pub pointer: String,
+    /// A stable word for programs, such as `unknown_key`.
+    #[schema(value_type = String)]
+    pub code: Cow<'static, str>,
+    /// What is wrong, for people.
+    pub detail: String,
+    /// What would be right.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub expected: Option<String>,
+    /// The nearest valid name.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub did_you_mean: Option<String>,
+}
+
+impl From<SpecificationError> for Finding {
+    fn from(error: SpecificationError) -> Self {
+        let SpecificationError { pointer, code, detail, expected, did_you_mean } = error;
+        Self { pointer, code: code.into(), detail, expected, did_you_mean }
     }
 }
 

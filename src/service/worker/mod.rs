@@ -11,6 +11,7 @@
 //! The front keeps a worker from one job to the next, and starts another when it has died, when it did not heed its
 //! deadline, or when it has grown ([`Supervisor`]). A worker that dies has one job, which is told why ([`Death`]).
 
+mod checkers;
 mod confinement;
 mod death;
 pub mod frame;
@@ -20,10 +21,11 @@ mod message;
 mod solving;
 mod supervisor;
 
+pub use checkers::{Checked, Checkers};
 pub use confinement::Confinement;
 pub use death::Death;
 pub use launcher::{Launcher, Start, program};
 pub use link::{Finished, Watch};
-pub use message::{Facts, Failed, Limits, Order, Progress, Report, Solved, VERSION};
+pub use message::{Facts, Failed, Finding, Limits, Order, Progress, Report, Solved, VERSION};
 pub use solving::{Solver, serve};
 pub use supervisor::{Event, Loss, Notice, Supervisor};

@@ -64,7 +64,7 @@ impl Supervisor {
     /// It cannot be started.
     pub async fn start(&mut self) -> io::Result<Confinement> {
         let link = Link::open((self.launcher)()?).await?;
-        (self.notice)(Event::Started(link.id().unwrap_or(0)));
+        (self.notice)(Event::Started(link.id));
         let confinement = link.confinement.clone();
         self.link = Some(link);
         Ok(confinement)
@@ -86,7 +86,8 @@ impl Supervisor {
     pub async fn idle(&mut self) {
         let Some(link) = &mut self.link else { return pending().await };
         link.closed().await;
-        self.lost(|link| link.death());
+        let death = link.death().await;
+        self.lost(&death);
     }
 
     /// Has a document solved, or only checked.
@@ -115,20 +116,19 @@ impl Supervisor {
                 }
                 Err(Loss::NotTaken(death)) if attempts < MOST_NOT_TAKEN => {
                     attempts += 1;
-                    self.lost(|_| death);
+                    self.lost(&death);
                 }
                 Err(Loss::NotTaken(death) | Loss::Died(death)) => {
-                    self.lost(|_| death.clone());
+                    self.lost(&death);
                     return Err(death);
                 }
             }
         }
     }
 
-    fn lost(&mut self, why: impl FnOnce(&mut Link) -> Death) {
-        if let Some(mut link) = self.link.take() {
-            let death = why(&mut link);
-            (self.notice)(Event::Died(link.id().unwrap_or(0), &death));
+    fn lost(&mut self, death: &Death) {
+        if let Some(link) = self.link.take() {
+            (self.notice)(Event::Died(link.id, death));
         }
     }
 }
