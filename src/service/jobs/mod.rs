@@ -207,7 +207,7 @@ impl Jobs {
     /// What a task may take of a worker.
     pub fn limits(&self) -> Limits {
         let Bounds { steps, memory, wall, result_bytes, .. } = self.bounds;
-        Limits { steps, memory, wall_seconds: wall.as_secs_f64(), result_bytes }
+        Limits { steps, memory, wall_seconds: Some(wall.as_secs_f64()), result_bytes }
     }
 
     /// Checks a document as one that is to be solved here.

@@ -123,6 +123,11 @@ impl Jobs {
                 let ending = Ending::of(status, failed.as_ref().map(|failed| &*failed.message), halted.is_some());
                 Outcome::Ended(self.ended(job, ending, Some(verdict), Ok(Results::read(json))))
             }
+            Ok(Finished::TooMuchMemory(estimate)) => {
+                let fault =
+                    Fault::TooMuchMemory { allowed: self.bounds.memory, asked: None, estimate: Some(estimate) };
+                broken(fault, "too_much_memory")
+            }
             Ok(Finished::TooLarge) => {
                 broken(Fault::TooLarge { limit: self.bounds.result_bytes }, "result_too_large")
             }

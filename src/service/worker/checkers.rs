@@ -60,7 +60,7 @@ impl Checkers {
                 Ok(findings) => Checked::Wrong(findings),
                 Err(error) => Checked::Died(Death::Defect(error.to_string())),
             },
-            Ok(Finished::Solved(..) | Finished::TooLarge) => Checked::Died(Death::Defect("a solve".to_owned())),
+            Ok(Finished::Solved(..) | Finished::TooMuchMemory(_) | Finished::TooLarge) => Checked::Died(Death::Defect("a solve".to_owned())),
             Err(death) => Checked::Died(death),
         }
     }

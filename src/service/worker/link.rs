@@ -57,6 +57,8 @@ pub enum Finished {
     Checked(Facts, Vec<u8>),
     /// The document has errors, as JSON; or its check was interrupted.
     Refused(Vec<u8>, bool),
+    /// The solve would take so many bytes, which are more than it may.
+    TooMuchMemory(usize),
     /// The result would be longer than it may be.
     TooLarge,
 }
@@ -163,6 +165,7 @@ impl Link {
                     Ok((Report::Refused { interrupted, .. }, bytes)) => {
                         return Ok(Finished::Refused(bytes, interrupted));
                     }
+                    Ok((Report::TooMuchMemory { estimate, .. }, _)) => return Ok(Finished::TooMuchMemory(estimate)),
                     Ok((Report::TooLarge { .. }, _)) => return Ok(Finished::TooLarge),
                     Ok((Report::Defect { message, .. }, _)) => return Err(Loss::Died(self.defect(&message).await)),
                     Ok((Report::Ready { .. }, _)) => return Err(Loss::Died(self.defect("ready twice").await)),

@@ -9,7 +9,7 @@
 //! worker: Progress
 //! front:  Cancel                        the end comes soon, with the trajectory so far
 //! worker: Piece + bytes ..              a long result
-//! worker: Solved + bytes | Checked + bytes | Refused + bytes | TooLarge | Defect
+//! worker: Solved + bytes | Checked + bytes | Refused + bytes | TooMuchMemory | TooLarge | Defect
 //! ```
 //!
 //! Messages carry the number of their task: one that comes late is passed over.
@@ -17,7 +17,7 @@
 use super::Confinement;
 use problem::{Control, Event};
 use serde::{Deserialize, Serialize};
-use solution::{Solution, Status, Verdict};
+use solution::{Failure, Solution, Status, Verdict};
 use specification::{Draft, Specification, SpecificationError, Time};
 use std::borrow::Cow;
 use std::time::Duration;
@@ -111,6 +111,13 @@ pub enum Report {
         /// The check was stopped before its end.
         interrupted: bool,
     },
+    /// The solve was not begun, because it would take more memory than it may.
+    TooMuchMemory {
+        /// The number of the task.
+        task: u64,
+        /// The bytes that it would take.
+        estimate: usize,
+    },
     /// The result would be longer than it may be.
     TooLarge {
         /// The number of the task.
@@ -136,6 +143,7 @@ impl Report {
             | Self::Solved { task, .. }
             | Self::Checked { task, .. }
             | Self::Refused { task, .. }
+            | Self::TooMuchMemory { task, .. }
             | Self::TooLarge { task }
             | Self::Defect { task, .. } => Some(*task),
         }
@@ -149,16 +157,16 @@ pub struct Limits {
     pub steps: u64,
     /// Bytes, as far as they are estimated or measured by the solve itself.
     pub memory: usize,
-    /// Time, in seconds.
-    pub wall_seconds: f64,
+    /// Time, in seconds, if it is bounded.
+    pub wall_seconds: Option<f64>,
     /// Bytes of the result as JSON.
     pub result_bytes: usize,
 }
 
 impl Limits {
-    /// The time, if it is bounded at all.
+    /// The time, if it is bounded.
     pub fn wall(&self) -> Option<Duration> {
-        Duration::try_from_secs_f64(self.wall_seconds).ok()
+        Duration::try_from_secs_f64(self.wall_seconds?).ok()
     }
 
     /// Reads and checks a document, to be solved within these limits.
@@ -236,6 +244,8 @@ pub struct Failed {
     pub code: String,
     /// What happened, for people.
     pub message: String,
+    /// The time reached.
+    pub time: f64,
 }
 
 /// How a solve ended, beside its result.
@@ -262,7 +272,11 @@ impl Solved {
         Self {
             problem: problem.into(),
             status: solution.status,
-            failed: failed.map(|error| Failed { code: error.code.to_string(), message: error.message.clone() }),
+            failed: failed.map(|Failure { code, message, time, .. }| Failed {
+                code: code.to_string(),
+                message: message.clone(),
+                time: *time,
+            }),
             verdict: solution.verdict.clone(),
             steps: solution.diagnostics.steps.accepted,
             vi_solves: solution.diagnostics.vi.as_ref().map(|vi| vi.solves),

@@ -13,7 +13,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// What workers call, and the front for what is solved at a glance.
 pub type Solver = Arc<dyn Fn(&Specification, &Control) -> Solution + Send + Sync>;
@@ -96,7 +96,7 @@ impl<W: Write> Desk<W> {
 
     fn begin(&self, task: u64, limits: Limits, document: Vec<u8>, solve: bool) -> io::Result<Assignment> {
         let begun = Instant::now();
-        let control = Arc::new(within(begun, limits.wall_seconds));
+        let control = Arc::new(within(begun, limits.wall()));
         *self.task() = Some(Task { number: task, control: Arc::clone(&control), told: 0 });
         self.report(&Report::Taken { task }, &[])?;
         Ok(Assignment { task, limits, document, solve, control, begun })
@@ -137,8 +137,7 @@ impl<W: Write> Desk<W> {
     }
 }
 
-fn within(begun: Instant, seconds: f64) -> Control {
-    let time = std::time::Duration::try_from_secs_f64(seconds).ok();
+fn within(begun: Instant, time: Option<Duration>) -> Control {
     match time.and_then(|time| begun.checked_add(time)) {
         Some(deadline) => Control::with_deadline(deadline),
         None => Control::new(),
@@ -178,8 +177,12 @@ fn work<W: Write>(desk: &Desk<W>, solver: &Solver, assignment: Assignment) -> io
         let summary = serde_json::to_vec(&specification.summary())?;
         return desk.report(&Report::Checked { task, facts, resident }, &summary);
     }
-    let asked = specification.wall_seconds().unwrap_or(f64::INFINITY);
-    let control = Arc::new(within(begun, asked.min(limits.wall_seconds)));
+    let estimate = specification.memory_bytes();
+    if estimate > limits.memory {
+        return desk.report(&Report::TooMuchMemory { task, estimate }, &[]);
+    }
+    let asked = specification.wall_seconds().and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
+    let control = Arc::new(within(begun, asked.into_iter().chain(limits.wall()).min()));
     desk.replace(&control);
     let solution = solver(&specification, &control);
     let mut pieces = BufWriter::with_capacity(PIECE, Pieces { desk, task, room: limits.result_bytes });
