@@ -49,9 +49,9 @@ pub fn instant() -> Solver {
     Arc::new(|_, _| halving(Status::Completed))
 }
 
-/// Bounds with one worker.
+/// Bounds with one worker, whoever holds it.
 pub fn one_worker() -> Options {
-    Options { workers: NonZeroUsize::MIN, ..Options::default() }
+    Options { workers: NonZeroUsize::MIN, relief: 0, ..Options::default() }
 }
 
 pub fn count(n: usize) -> NonZeroUsize {

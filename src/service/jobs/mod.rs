@@ -51,6 +51,7 @@ use problem::Control;
 use queue::{FairQueue, Full, Heavy};
 use record::Record;
 use specification::{Draft, Specification, SpecificationError};
+use std::collections::HashMap;
 use std::io;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -62,6 +63,8 @@ use tokio::sync::{Notify, RwLock, Semaphore};
 /// How much is taken on.
 #[derive(Clone, Copy, Debug)]
 pub struct Bounds {
+    /// Solves at a time, beside those in relief.
+    pub workers: usize,
     /// What may wait.
     pub queue: Room,
     /// Accepted steps that a solve may make.
@@ -137,6 +140,8 @@ pub struct Jobs {
     /// One permit a waiting job. A job taken out of the queue leaves its permit behind: a worker that finds nothing
     /// to take goes on waiting.
     waiting: Semaphore,
+    /// Wakes a relief worker that may have something to do.
+    relief: Notify,
     store: Store,
     /// A job that was running when a process ended may have ended it: nothing runs beside it.
     suspects: RwLock<()>,
@@ -149,6 +154,10 @@ pub struct Jobs {
 struct Intake {
     queue: FairQueue<Arc<Job>>,
     running: usize,
+    /// The same, of each client that has any.
+    running_of: HashMap<Client, usize>,
+    /// Of those, jobs in the hands of relief workers.
+    relieved: usize,
     draining: bool,
     drain_rate: DrainRate,
 }
@@ -171,8 +180,9 @@ impl Jobs {
             solver,
             metrics,
             bounds,
-            intake: Mutex::new(Intake { queue, running: 0, draining: false, drain_rate: DrainRate::default() }),
+            intake: Mutex::new(Intake::new(queue)),
             waiting,
+            relief: Notify::new(),
             store,
             suspects: RwLock::default(),
             idle: Notify::new(),
@@ -245,6 +255,7 @@ impl Jobs {
             place.map(|place| self.store.store(&job, &mut job.lock(), document, place))
         };
         self.waiting.add_permits(1);
+        self.call_relief(&self.lock());
         if let Some(answer) = answer
             && let Err(unwritable) = answer.written().await
         {
@@ -397,6 +408,13 @@ impl Jobs {
         }
     }
 
+    /// Wakes a relief worker, if there is something for it.
+    fn call_relief(&self, intake: &Intake) {
+        if intake.wants_relief(self.bounds.workers) {
+            self.relief.notify_one();
+        }
+    }
+
     fn take_out(&self, job: &Job) {
         let mut intake = self.lock();
         intake.queue.remove(job.client, |waiting| waiting.id == job.id);
@@ -432,6 +450,52 @@ impl Heavy for Arc<Job> {
 }
 
 impl Intake {
+    fn new(queue: FairQueue<Arc<Job>>) -> Self {
+        let (running_of, drain_rate) = (HashMap::new(), DrainRate::default());
+        Self { queue, running: 0, running_of, relieved: 0, draining: false, drain_rate }
+    }
+
+    /// Takes a job for a worker: the first of the client for whom the least runs.
+    fn take(&mut self) -> Option<Arc<Job>> {
+        let job = self.queue.pop(|client| self.running_of.get(&client).copied().unwrap_or(0))?;
+        self.begin(&job);
+        Some(job)
+    }
+
+    /// Whether all of so many workers are taken, and a job waits of a client for whom nothing runs.
+    fn wants_relief(&self, workers: usize) -> bool {
+        self.running - self.relieved >= workers && self.queue.any(|client| !self.running_of.contains_key(&client))
+    }
+
+    /// Takes a job for a relief worker: the first of a client for whom nothing runs.
+    fn relieve(&mut self, workers: usize) -> Option<Arc<Job>> {
+        if !self.wants_relief(workers) {
+            return None;
+        }
+        let job = self.queue.pop_below(1, |client| self.running_of.get(&client).copied().unwrap_or(0))?;
+        self.relieved += 1;
+        self.begin(&job);
+        Some(job)
+    }
+
+    fn begin(&mut self, job: &Job) {
+        self.running += 1;
+        *self.running_of.entry(job.client).or_default() += 1;
+    }
+
+    /// A worker is free of a job.
+    fn depart(&mut self, job: &Job, relief: bool) {
+        self.running -= 1;
+        self.relieved -= usize::from(relief);
+        if let Some(running) = self.running_of.get_mut(&job.client) {
+            *running -= 1;
+            if *running == 0 {
+                self.running_of.remove(&job.client);
+            }
+        }
+        self.drain_rate.departed(Instant::now());
+    }
+
     fn is_idle(&self) -> bool {
         self.queue.is_empty() && self.running == 0
     }

@@ -1,5 +1,6 @@
 //! The pool: threads that each supervise a worker, give it a job, wait for the end and take the next. A long solve delays no
-//! answer, and the number of workers bounds the work in hand.
+//! answer, and the number of workers bounds the work in hand. Where one client's long jobs hold all of them, relief workers
+//! take the jobs of clients for whom nothing runs, one at a time for each.
 //!
 //! Each thread is a runtime of its own. Threads that share one wake each other in search of work whenever one of
 //! them is woken, which takes more time than a small solve.
@@ -21,14 +22,15 @@ pub struct Pool {
 }
 
 impl Pool {
-    /// Starts `workers` on the queue of `jobs`.
+    /// Starts `workers` on the queue of `jobs`; the `relief` workers have their threads, and a process when they are needed.
     ///
     /// # Errors
     /// The system gives no thread, or a worker cannot be started.
-    pub fn start(jobs: &Arc<Jobs>, workers: NonZeroUsize, launcher: &Launcher) -> io::Result<Self> {
+    pub fn start(jobs: &Arc<Jobs>, workers: NonZeroUsize, relief: usize, launcher: &Launcher) -> io::Result<Self> {
         let mut pool = Self { jobs: Arc::clone(jobs), confinement: Confinement::default() };
         let (starting, started) = channel();
-        for worker in 0..workers.get() {
+        let workers = workers.get();
+        for place in 0..workers + relief {
             let (jobs, runtime) = (Arc::clone(jobs), Builder::new_current_thread().enable_all().build()?);
             let metrics = Arc::clone(&jobs.metrics);
             let notice = Arc::new(move |event: crate::worker::Event<'_>| metrics.notice(event));
@@ -36,10 +38,15 @@ impl Pool {
             let starting = starting.clone();
             let work = move || {
                 runtime.block_on(async {
+                    if place >= workers {
+                        drop(starting);
+                        while jobs.relieve_next(place, &mut supervisor).await {}
+                        return;
+                    }
                     // Nobody listens where another worker could not be started.
                     let _ = starting.send(supervisor.start().await);
                     drop(starting);
-                    while jobs.solve_next(worker, &mut supervisor).await {}
+                    while jobs.solve_next(place, &mut supervisor).await {}
                 });
             };
             thread::Builder::new().name("dvi-supervisor".to_owned()).spawn(work)?;
@@ -82,7 +89,7 @@ mod tests {
         let bounds = Options::default().bounds();
         let jobs = Arc::new(Jobs::open(bounds, Arc::new(study::solve), None, Arc::default()).unwrap());
         let launcher: Launcher = Arc::new(start);
-        let pool = Pool::start(&jobs, NonZeroUsize::MIN, &launcher).unwrap();
+        let pool = Pool::start(&jobs, NonZeroUsize::MIN, 1, &launcher).unwrap();
         let held = Arc::downgrade(&jobs);
         drop((pool, jobs));
         let start = Instant::now();

@@ -40,32 +40,53 @@ impl Jobs {
             },
             () = supervisor.idle() => return true,
         }
-        let Some(job) = self.take_next() else { return true };
-        let span = tracing::info_span!("job", job.id = %job.id);
-        let outcome = if job.crashes > 0 {
-            let _alone = self.suspects.write().await;
-            self.attempt(place, supervisor, &job).instrument(span).await
-        } else {
-            let _beside_others = self.suspects.read().await;
-            self.attempt(place, supervisor, &job).instrument(span).await
-        };
-        match outcome {
-            Outcome::Ended(ended) => self.store.conclude(&job, ended).await,
-            Outcome::Stopped => self.store.park(&job).await,
-            Outcome::Gone => {}
+        let next = self.lock().take();
+        if let Some(job) = next {
+            self.see_through(place, supervisor, &job, false).await;
         }
-        let mut intake = self.lock();
-        intake.running -= 1;
-        intake.drain_rate.departed(Instant::now());
-        self.announce_if_idle(&intake);
         true
     }
 
-    fn take_next(&self) -> Option<Arc<Job>> {
+    /// Waits until a job of a client for whom nothing runs finds all workers taken, and has it solved in relief. False if
+    /// workers have been dismissed.
+    pub(super) async fn relieve_next(&self, place: usize, supervisor: &mut Supervisor) -> bool {
+        select! {
+            () = self.relief.notified() => {}
+            () = supervisor.idle() => return true,
+            () = self.dismissed() => return false,
+        }
+        loop {
+            let next = {
+                let mut intake = self.lock();
+                let next = intake.relieve(self.bounds.workers);
+                // There may be one for another relief worker as well.
+                self.call_relief(&intake);
+                next
+            };
+            let Some(job) = next else { return true };
+            self.see_through(place, supervisor, &job, true).await;
+        }
+    }
+
+    async fn see_through(&self, place: usize, supervisor: &mut Supervisor, job: &Arc<Job>, relief: bool) {
+        let span = tracing::info_span!("job", job.id = %job.id);
+        let outcome = if job.crashes > 0 {
+            let _alone = self.suspects.write().await;
+            self.attempt(place, supervisor, job).instrument(span).await
+        } else {
+            let _beside_others = self.suspects.read().await;
+            self.attempt(place, supervisor, job).instrument(span).await
+        };
+        match outcome {
+            Outcome::Ended(ended) => self.store.conclude(job, ended).await,
+            Outcome::Stopped => self.store.park(job).await,
+            Outcome::Gone => {}
+        }
         let mut intake = self.lock();
-        let job = intake.queue.pop()?;
-        intake.running += 1;
-        Some(job)
+        intake.depart(job, relief);
+        self.announce_if_idle(&intake);
+        // Nothing may run for its client now.
+        self.call_relief(&intake);
     }
 
     /// Sends workers home, each at the end of the job in hand.

@@ -9,7 +9,7 @@
 //! - ends at the end of its orders, even while it solves, so that none is left when the front is killed.
 //!
 //! The front keeps a worker from one job to the next, and starts another when it has died, when it did not heed its
-//! deadline, or when it has grown ([`Supervisor`]). A worker that dies has one job, which is told why ([`Death`]).
+//! deadline, or when it has grown ([`Supervisor`]). What is checked and not solved has workers apart ([`Checkers`]). A worker that dies has one job, which is told why ([`Death`]).
 
 mod checkers;
 mod confinement;
