@@ -43,7 +43,9 @@ pub fn solve(
             let needed = estimate >> 20;
             Err(ended(format!("too_much_memory: about {needed} MiB are needed, and --memory-mib allows {memory_mib}")))
         }
-        Ok(Finished::Checked(..) | Finished::TooLarge) => Err(ended("defect: the answer is to another question".to_owned())),
+        Ok(Finished::Checked(..) | Finished::TooLarge) => {
+            Err(ended("defect: the answer is to another question".to_owned()))
+        }
         Err(Death::TooMuchMemory(asked)) => {
             let asked = asked.map_or(String::new(), |bytes| format!(", {} MiB at once at the last", bytes >> 20));
             Err(ended(format!("too_much_memory: the solve took more than the {memory_mib} MiB of --memory-mib{asked}")))
@@ -56,12 +58,7 @@ pub fn solve(
     }
 }
 
-fn finish(
-    document: &[u8],
-    memory_mib: usize,
-    memory: usize,
-    control: &Control,
-) -> io::Result<Result<Finished, Death>> {
+fn finish(document: &[u8], memory_mib: usize, memory: usize, control: &Control) -> io::Result<Result<Finished, Death>> {
     let limits = Limits { steps: u64::MAX, memory, wall_seconds: None, result_bytes: usize::MAX };
     let runtime = Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {

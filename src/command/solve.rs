@@ -149,8 +149,7 @@ struct Labelled {
 fn solve_confined(arguments: &Arguments, memory_mib: NonZeroUsize) -> Result<ExitCode, ExitCode> {
     let document = bytes(&arguments.file)?;
     let control = Control::new();
-    let (solved, json) =
-        with_progress(&control, || confined::solve(&arguments.file, &document, memory_mib, &control))?;
+    let (solved, json) = with_progress(&control, || confined::solve(&arguments.file, &document, memory_mib, &control))?;
     if let Some(failed) = &solved.failed {
         eprintln!("dvi: {} at t = {}: {}", failed.code, failed.time, failed.message);
     }

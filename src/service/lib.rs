@@ -52,18 +52,8 @@ impl Service {
         let streams = Arc::new(Semaphore::new(places(options.streams)));
         let connections = Arc::new(Semaphore::new(places(options.connections)));
         let closing = watch::Sender::new(false);
-        let shared = Arc::new(Common {
-            jobs,
-            options,
-            metrics,
-            tokens,
-            turns,
-            checks,
-            checkers,
-            streams,
-            connections,
-            closing,
-        });
+        let shared =
+            Arc::new(Common { jobs, options, metrics, tokens, turns, checks, checkers, streams, connections, closing });
         Ok(Self { shared, pool })
     }
 

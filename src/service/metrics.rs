@@ -182,4 +182,3 @@ impl Metrics {
         text
     }
 }
-

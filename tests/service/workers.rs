@@ -4,6 +4,8 @@ use crate::harness::DECAY;
 use crate::process::{DVI, Folder, Server};
 use serde_json::Value;
 use std::fs;
+use std::io::Write;
+use std::net::TcpStream;
 use std::process::Command;
 use std::thread;
 use std::time::{Duration, Instant};
@@ -191,6 +193,50 @@ fn a_cancel_reaches_the_worker_and_brings_the_trajectory_so_far() {
     assert!(start.elapsed() < Duration::from_secs(2), "{:?}", start.elapsed());
     let result = server.get(&format!("{path}/results")).json();
     assert!(result["trajectory"]["t"].as_array().unwrap().len() > 10);
+}
+
+/// A heat equation above an obstacle in a cube, of a million nodes: some 200 bytes that take seconds to check.
+const CUBE: &str = r#"{"problem":{"obstacle":{"domain":{"x":[0,1],"y":[0,1],"z":[0,1]},"elements":100,"diffusion":"1+x*y",
+"initial":"sin(x)*sin(y)","obstacle":"-x"}},"time":{"end":1}}"#;
+
+#[test]
+fn a_check_that_takes_too_much_memory_ends_alone() {
+    let folder = Folder::new();
+    let server = Server::start(&folder, &["--workers", "1", "--memory-mib", "1"]);
+    // Spheres in a row: five MiB of text, of which some two hundred are made.
+    let sphere = |k: u32| format!(r#"{{"shape":{{"sphere":{{"radius":1}}}},"density":1,"position":[{},0,0]}}"#, 3 * k);
+    let row: Vec<String> = (0..60_000).map(sphere).collect();
+    let document = format!(
+        r#"{{"problem":{{"rigid_bodies":{{"bodies":[{}]}}}},"time":{{"end":1}},"method":{{"step":0.01}}}}"#,
+        row.join(",")
+    );
+    let answer = server.send("POST", "/check", "", &document);
+    answer.problem(422, "too-much-memory");
+    assert!(answer.json()["detail"].as_str().unwrap().starts_with("it took more than the 1 MiB"), "{answer:?}");
+    assert_eq!(server.send("POST", "/check", "", DECAY).status, 200);
+    assert_eq!(server.send("POST", "/check", "", CUBE).status, 200);
+}
+
+#[test]
+fn a_check_stops_when_its_client_goes_away() {
+    let folder = Folder::new();
+    let server = Server::start(&folder, &["--workers", "1"]);
+    let at_rest = workers(&server);
+    let mut stream = TcpStream::connect(&server.address).unwrap();
+    let length = CUBE.len();
+    write!(stream, "POST /check HTTP/1.1\r\nhost: localhost\r\ncontent-length: {length}\r\n\r\n{CUBE}").unwrap();
+    let start = Instant::now();
+    let checker = loop {
+        if let Some(pid) = workers(&server).into_iter().find(|pid| !at_rest.contains(pid) && works(*pid)) {
+            break pid;
+        }
+        assert!(start.elapsed() < Duration::from_secs(20), "no worker checks");
+    };
+    drop(stream);
+    // It heeds the wish, or is ended half a second later.
+    thread::sleep(Duration::from_secs(1));
+    assert!(!works(checker));
+    assert_eq!(server.get("/healthz").status, 200);
 }
 
 /// A result without its evidence, in which times are measured.

@@ -236,7 +236,9 @@ impl From<Unwritable> for Box<Problem> {
 impl From<Fault> for Box<Problem> {
     fn from(fault: Fault) -> Self {
         match fault {
-            Fault::Defect => Problem::new(Kind::Defect, "the solver broke down on this specification; please report it"),
+            Fault::Defect => {
+                Problem::new(Kind::Defect, "the solver broke down on this specification; please report it")
+            }
             Fault::TooMuchMemory { allowed, asked, estimate } => {
                 let asked = asked.map_or(String::new(), |bytes| format!(", {} MiB at once at the last", bytes >> 20));
                 let estimate =

@@ -5,8 +5,8 @@
 //! waits for the solve of another no longer than for the reading of its specification. Nothing is tried while jobs wait, which
 //! came first; nor what is to be on the disk or to be found under a key before it is solved, nor what may take long over one step.
 
-use super::job::Job;
 use super::ended::Ending;
+use super::job::Job;
 use super::{Jobs, Order, Results};
 use crate::worker::Solved;
 use solution::Status;

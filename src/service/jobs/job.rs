@@ -14,9 +14,9 @@
 use super::ended::{Ended, Ending, Timing};
 use super::idempotency::Key;
 use super::{Client, Record};
+use crate::worker::Facts;
 use jiff::Timestamp;
 use problem::Control;
-use crate::worker::Facts;
 use serde::{Deserialize, Serialize};
 use specification::{Specification, Time};
 use std::borrow::Cow;

@@ -199,7 +199,8 @@ mod tests {
     #[test]
     fn a_client_for_whom_less_runs_goes_first() {
         let mut queue = queue_of(&[(1, "a1"), (1, "a2"), (2, "b1"), (2, "b2"), (3, "c1")]);
-        let load = |of: [usize; 3]| move |who: Client| (1..=3).find(|k| client(*k) == who).map_or(0, |k| of[k as usize - 1]);
+        let load =
+            |of: [usize; 3]| move |who: Client| (1..=3).find(|k| client(*k) == who).map_or(0, |k| of[k as usize - 1]);
         assert_eq!(queue.pop(load([2, 1, 1])), Some("b1"));
         assert_eq!(queue.pop(load([2, 2, 1])), Some("c1"));
         assert_eq!(queue.pop_below(1, load([2, 2, 2])), None);

@@ -145,19 +145,18 @@ impl Jobs {
                 Outcome::Ended(self.ended(job, ending, Some(verdict), Ok(Results::read(json))))
             }
             Ok(Finished::TooMuchMemory(estimate)) => {
-                let fault =
-                    Fault::TooMuchMemory { allowed: self.bounds.memory, asked: None, estimate: Some(estimate) };
+                let fault = Fault::TooMuchMemory { allowed: self.bounds.memory, asked: None, estimate: Some(estimate) };
                 broken(fault, "too_much_memory")
             }
-            Ok(Finished::TooLarge) => {
-                broken(Fault::TooLarge { limit: self.bounds.result_bytes }, "result_too_large")
-            }
+            Ok(Finished::TooLarge) => broken(Fault::TooLarge { limit: self.bounds.result_bytes }, "result_too_large"),
             // Stopped before the solve began, or on the way without heeding it.
             Ok(Finished::Refused(_, true)) | Err(Death::Overran) => match halted {
                 Some(Halt::Park) => Outcome::Stopped,
                 Some(Halt::Dismiss) => Outcome::Ended(job.ended(Ending::Dismissed)),
                 None => broken(Fault::Overran, "overran"),
             },
+            // A signal to the whole unit, which is about to stop.
+            Err(Death::Killed(_)) if job.is_lasting() && self.is_draining() => Outcome::Stopped,
             Ok(Finished::Refused(errors, false)) => {
                 let errors = String::from_utf8_lossy(&errors);
                 tracing::error!(%errors, "the specification of job {} cannot be read", job.id);

@@ -1,11 +1,11 @@
 //! Workers that check documents which the front does not read itself: few, kept apart from those that solve, so that a check
 //! does not wait for a solve to end.
 
+use super::Death;
 use super::launcher::Launcher;
 use super::link::{Finished, Watch};
 use super::message::{Facts, Finding, Limits};
 use super::supervisor::{Notice, Supervisor};
-use super::Death;
 use problem::Control;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -60,7 +60,9 @@ impl Checkers {
                 Ok(findings) => Checked::Wrong(findings),
                 Err(error) => Checked::Died(Death::Defect(error.to_string())),
             },
-            Ok(Finished::Solved(..) | Finished::TooMuchMemory(_) | Finished::TooLarge) => Checked::Died(Death::Defect("a solve".to_owned())),
+            Ok(Finished::Solved(..) | Finished::TooMuchMemory(_) | Finished::TooLarge) => {
+                Checked::Died(Death::Defect("a solve".to_owned()))
+            }
             Err(death) => Checked::Died(death),
         }
     }

@@ -188,7 +188,9 @@ fn work<W: Write>(desk: &Desk<W>, solver: &Solver, assignment: Assignment) -> io
     let mut pieces = BufWriter::with_capacity(PIECE, Pieces { desk, task, room: limits.result_bytes });
     match encodings::write_json(&solution, &mut pieces) {
         // Longer than the last piece may be, or than all may be.
-        Err(error) if error.kind() == io::ErrorKind::FileTooLarge => return desk.report(&Report::TooLarge { task }, &[]),
+        Err(error) if error.kind() == io::ErrorKind::FileTooLarge => {
+            return desk.report(&Report::TooLarge { task }, &[]);
+        }
         written => written?,
     }
     // What is still in the buffer goes with the last report.
