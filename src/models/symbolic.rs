@@ -8,10 +8,10 @@
 
 use super::{Equations, Linear, LinearRows, ParametricTerms};
 use expression::{
-    Assumption, Breaks, ExpressionError, Graph, IntervalWorkspace, Irregularities, Kink, Kinks, Node, Tape,
+    Assumption, Breaks, ExpressionError, Graph, IntervalWorkspace, Irregularities, Jumps, Kink, Kinks, Node, Tape,
 };
 use numerics::Interval;
-use problem::{ConvexSet, Dvi, Mass, MovingBound, Structure};
+use problem::{ConvexSet, Dvi, Mass, MovingBound, PLAIN_DEGREE, Structure};
 
 /// The rows of a problem as nodes of a [`Graph`] whose inputs are `t`, then `x` (n), then `z` (m).
 #[derive(Clone, Debug)]
@@ -67,6 +67,8 @@ pub struct Symbolic {
     time_derivatives: Tape,
     breaks: Breaks,
     depends_on_time: bool,
+    features: Vec<usize>,
+    jumps: Jumps,
     kinks: Kinks,
     /// Those of the three tapes over boxes.
     boxes: [IntervalWorkspace; 3],
@@ -196,7 +198,19 @@ impl Symbolic {
         let breaks = Breaks::new(graph, &outputs);
         let depends_on_time = graph.depend_on(&outputs, 0);
         let irregularities = Irregularities::new(graph, &outputs);
-        Self { structure, values, derivatives, time_derivatives, boxes, breaks, depends_on_time, kinks, irregularities }
+        Self {
+            features: graph.beyond_degree(&outputs[..structure.unknowns()], PLAIN_DEGREE),
+            jumps: Jumps::new(graph, &outputs),
+            structure,
+            values,
+            derivatives,
+            time_derivatives,
+            boxes,
+            breaks,
+            depends_on_time,
+            kinks,
+            irregularities,
+        }
     }
 
     /// Takes over other parameters.
@@ -208,6 +222,7 @@ impl Symbolic {
             range.bind(tape);
         }
         self.breaks.bind(parameters);
+        self.jumps.bind(parameters);
         self.kinks.bind(parameters);
         self.irregularities.bind(parameters);
     }
@@ -234,6 +249,14 @@ impl Dvi for Symbolic {
 
     fn depends_on_time(&self) -> bool {
         self.depends_on_time
+    }
+
+    fn features(&self) -> &[usize] {
+        &self.features
+    }
+
+    fn may_jump(&mut self, t: Interval, y: &[Interval]) -> bool {
+        self.jumps.may_be_in(t, y)
     }
 
     fn evaluate(&mut self, t: f64, y: &[f64], values: &mut [f64]) {

@@ -147,6 +147,10 @@ pub struct ForcingSlopes {
     pub curvature: Sums,
 }
 
+/// The degree up to which polynomials in the states are no features: on a straight way three stages of Radau IIA integrate
+/// them exactly.
+pub const PLAIN_DEGREE: u32 = 4;
+
 /// A differential variational inequality, ready to be evaluated without allocation.
 pub trait Dvi: Send {
     /// Sizes, set and sparsity.
@@ -181,6 +185,17 @@ pub trait Dvi: Send {
 
     /// Whether a row depends on time explicitly, in a way that steps are to be made short enough for.
     fn depends_on_time(&self) -> bool {
+        false
+    }
+
+    /// The rows, of `F` and `G`, that are no polynomials of low degree in `y`, in order: within a step they may do what its stages
+    /// do not show.
+    fn features(&self) -> &[usize] {
+        &[]
+    }
+
+    /// Whether a row may jump, by what depends on `y`, somewhere in a box.
+    fn may_jump(&mut self, _t: Interval, _y: &[Interval]) -> bool {
         false
     }
 

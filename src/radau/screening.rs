@@ -7,7 +7,7 @@
 //! states, at a point in between: there the step is cut.
 
 mod monitors;
-mod part;
+pub(super) mod part;
 mod point;
 mod reduced;
 mod watched;

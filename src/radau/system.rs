@@ -79,6 +79,8 @@ pub struct System<'p> {
     pub has_kinks: bool,
     /// Whether they depend on time explicitly.
     pub depends_on_time: bool,
+    /// The rows of `F` and `G` that may do within a step what its stages do not show.
+    pub features: Vec<usize>,
     /// The active face.
     pub face: ActiveFace,
     /// The equations of each block where they were asked for last.
@@ -137,6 +139,7 @@ impl<'p> System<'p> {
         let row_starts = (0..=rows).map(|row| structure.pattern.partition_point(|&(i, _)| i < row)).collect();
         let has_kinks = !problem.kinks(t, &vec![0.0; unknowns]).is_empty();
         let depends_on_time = problem.depends_on_time();
+        let features = problem.features().to_vec();
         let layout = Arc::new(Layout::new(&structure, &bounded, t, outside)?);
         Ok(Self {
             problem,
@@ -153,6 +156,7 @@ impl<'p> System<'p> {
             tolerances: Vec::new(),
             has_kinks,
             depends_on_time,
+            features,
             face,
             equations: vec![FaceEquations::default(); blocks],
             linearised: vec![FaceEquations::default(); blocks],

@@ -1,0 +1,319 @@
+//! What the rates do within a step whose stages do not show it: a pulse between all of them, a hill that a particle passes, a
+//! ripple of which each happens to be at the same phase. No error estimate sees that.
+//!
+//! Along the polynomial `p` of the step, rates and the equations of variables inside are functions of time alone,
+//!
+//! ```text
+//! phi(theta) = F(t + theta h, p(theta)),    dphi = dF/dy dp + dF/dt h dtheta,
+//! ```
+//!
+//! and what the step misses is the mean of what they are beside the polynomial through their values at the stages, in which
+//! all that is linear in `p` falls out. So the derivatives by `y` are enclosed over the ranges of `p`: with their middles
+//! subtracted, as a linear part, `phi` has slopes within their radii times those of `p`, and between points that were looked
+//! at is beside its chord by no more than that allows. Time is enclosed with `y` as it is in the middle, and shows where its
+//! enclosure is not much wider than what is seen at both ends and in the middle, and nearly straight there. Where rows jump,
+//! their own enclosure is all that is known. A part of the step is halved until what is unseen of it is less than is allowed,
+//! or than a part of what the stages show; where the means are more than that then, and by so much that the step misses a
+//! tolerance, the step is made again, shorter.
+
+use super::face::Place;
+use super::screening::part::Part;
+use super::stepper::Radau;
+use super::tableau::MOST_STAGES;
+use numerics::{Interval, is_shown};
+
+/// The part of their range at the stages by which rows may be off the polynomial through their values there: within it the
+/// stages show the shape, and the error estimate its error.
+const SHOWN: f64 = 0.1;
+
+/// Parts of one step; a part that is left undecided then is off by all that its enclosure leaves open.
+const MOST_PARTS: usize = 400;
+
+/// One row of the rows that are compared.
+#[derive(Clone, Copy, Debug)]
+struct Row {
+    at: usize,
+    /// What its mean over the step may be off by.
+    allowed: f64,
+    /// Whether it is more than a polynomial of low degree in `y`.
+    has_feature: bool,
+}
+
+/// A part of the step, and the rows at its ends and in its middle.
+struct Piece {
+    part: Part,
+    values: [Vec<f64>; 3],
+}
+
+/// What is known of a step.
+struct Course {
+    h: f64,
+    /// The least distance to its ends, where there may be a break, in parts of it.
+    end: f64,
+    rows: Vec<Row>,
+    /// The values of all rows where the step begins and at the stages, the first of them at `end`.
+    at_nodes: Vec<Vec<f64>>,
+    /// The part of what the stages show that each row may be off by.
+    shown: Vec<f64>,
+}
+
+/// Room for enclosures.
+#[derive(Debug, Default)]
+pub(super) struct Unseen {
+    y: Vec<Interval>,
+    values: Vec<Interval>,
+    jacobian: Vec<Interval>,
+    by_time: Vec<Interval>,
+    /// The largest slopes of the unknowns.
+    slopes: Vec<f64>,
+}
+
+impl Unseen {
+    fn resize(&mut self, unknowns: usize, variables: usize, rows: usize, derivatives: usize) {
+        self.y.resize(unknowns, Interval::LINE);
+        self.values.resize(rows, Interval::LINE);
+        self.jacobian.resize(derivatives, Interval::LINE);
+        self.by_time.resize(variables, Interval::LINE);
+        self.slopes.resize(unknowns, 0.0);
+    }
+}
+
+impl Radau<'_> {
+    /// How far the states would be off for what the stages of the step of size `h` do not show of the rows, in units of their
+    /// tolerances; zero where rows neither depend on time nor have features, or cannot be enclosed.
+    pub(super) fn missed(&mut self, h: f64) -> f64 {
+        let rounding = self.rounding_of_time(h);
+        if h <= 4.0 * rounding || !self.system.depends_on_time && self.system.features.is_empty() {
+            return 0.0;
+        }
+        let evaluations = self.system.work.rates;
+        let mut room = std::mem::take(&mut self.unseen);
+        let (n, unknowns) = (self.system.states, self.system.unknowns);
+        room.resize(unknowns, unknowns - n, self.system.values.len(), self.system.derivatives.len());
+        let mut whole = Part::default();
+        whole.set_whole(self.tableau(), &self.y, &self.stages.z[..self.tableau().stages() * unknowns]);
+        let means = self.missed_means(h, rounding / h, whole, &mut room);
+        self.unseen = room;
+        // Evidence is no part of the method.
+        self.system.work.rates = evaluations;
+        means.filter(|means| means.iter().any(|mean| *mean != 0.0)).map_or(0.0, |means| self.made_of(h, means))
+    }
+
+    /// What states become of means of their rates over a step, in units of their tolerances.
+    fn made_of(&mut self, h: f64, mut means: Vec<f64>) -> f64 {
+        match self.tableau().gamma {
+            Some(gamma) if self.factors.solve_real(&mut means) => {
+                means.iter_mut().for_each(|mean| *mean *= gamma);
+                // Filtered once more: what stiff states forget before the step ends counts no longer.
+                let mut forced = vec![0.0; means.len()];
+                self.system.multiply_by_mass(&means, &mut forced);
+                forced.iter_mut().for_each(|forced| *forced *= gamma / h);
+                if self.factors.solve_real(&mut forced) {
+                    means = forced;
+                }
+            }
+            _ => means.iter_mut().for_each(|mean| *mean *= h),
+        }
+        let states = 0..self.system.states;
+        states.map(|j| means[j].abs() / self.uncertainty(j).max(f64::MIN_POSITIVE)).fold(0.0, f64::max)
+    }
+
+    /// The means over the step of what rows are beside the polynomial through their values at the stages; `None` where they
+    /// need not be looked at, or cannot be enclosed.
+    fn missed_means(&mut self, h: f64, end: f64, whole: Part, room: &mut Unseen) -> Option<Vec<f64>> {
+        let rows = self.rows_compared(h);
+        let mut course = Course { h, end, shown: vec![0.0; rows.len()], rows, at_nodes: Vec::new() };
+        let is_slow = !self.system.depends_on_time || self.is_narrow_in_time(&course, &whole, room)?;
+        // The gaps between the stages, squared: for chords between these.
+        let gaps = std::iter::once(0.0).chain(self.tableau().c.iter().copied());
+        let squares: f64 = gaps.zip(&self.tableau().c).map(|(left, right)| (right - left).powi(2)).sum();
+        let unseen = self.unseen_in_space(&course, &whole, squares, room)?;
+        let is_seen = |row: usize, shown: f64| unseen[row] <= course.rows[row].allowed.max(shown);
+        if is_slow && (0..unseen.len()).all(|row| is_seen(row, 0.0)) {
+            return None;
+        }
+        self.look_at_nodes(&mut course, &whole);
+        let is_seen = |row: usize| unseen[row] <= course.rows[row].allowed.max(course.shown[row]);
+        if is_slow && (0..unseen.len()).all(is_seen) {
+            return None;
+        }
+        self.missed_in_parts(&mut course, whole, room)
+    }
+
+    /// The rows whose course matters, with what their means may be off by over a step of size `h`.
+    fn rows_compared(&self, h: f64) -> Vec<Row> {
+        let n = self.system.states;
+        let has_feature = |at: usize| self.system.features.binary_search(&at).is_ok();
+        let row = |at: usize, allowed: f64| Row { at, allowed, has_feature: has_feature(at) };
+        let rates = (0..n).map(|at| {
+            let mass = if self.system.mass_diagonal[at] != 0.0 { self.system.mass_diagonal[at].abs() } else { 1.0 };
+            row(at, mass * self.uncertainty(at) / h)
+        });
+        let inside = (0..self.system.unknowns - n).filter(|&k| self.system.face.places[k] == Place::Inside);
+        let rows = rates.chain(inside.map(|k| row(n + k, self.uncertainties(k, h)[1])));
+        rows.filter(|row| self.system.depends_on_time || row.has_feature).collect()
+    }
+
+    /// Whether rows vary with time by less than is allowed, all over a step.
+    fn is_narrow_in_time(&mut self, course: &Course, part: &Part, room: &mut Unseen) -> Option<bool> {
+        self.enclose_in_time(course, part, room)?;
+        Some(course.rows.iter().all(|row| {
+            let range = room.values[row.at];
+            range.defined && range.hi - range.lo <= row.allowed
+        }))
+    }
+
+    /// The times of a part.
+    fn times(&self, course: &Course, part: &Part) -> Interval {
+        let at = |theta: f64| self.t + theta.clamp(course.end, 1.0 - course.end) * course.h;
+        Interval::new(at(part.begin), at(part.begin + part.length).max(at(part.begin).next_up()))
+    }
+
+    /// Encloses rows over the times of a part, with the unknowns as they are in its middle.
+    fn enclose_in_time(&mut self, course: &Course, part: &Part, room: &mut Unseen) -> Option<()> {
+        let mut middle = vec![0.0; self.system.unknowns];
+        part.values(0.5, &mut middle);
+        room.y.iter_mut().zip(&middle).for_each(|(y, middle)| *y = Interval::point(*middle));
+        let times = self.times(course, part);
+        self.system.problem().enclose(times, &room.y, &mut room.values).then_some(())
+    }
+
+    /// By how much, over a part, the mean of each row at fixed times may be beside that of the chords between points whose
+    /// distances have squares of this sum, in parts of the part.
+    fn unseen_in_space(&mut self, course: &Course, part: &Part, squares: f64, room: &mut Unseen) -> Option<Vec<f64>> {
+        let mut unseen = vec![0.0; course.rows.len()];
+        if self.system.features.is_empty() {
+            return Some(unseen);
+        }
+        let Unseen { y, values, jacobian, by_time, slopes } = room;
+        part.ranges(y);
+        let times = self.times(course, part);
+        let problem = self.system.problem();
+        let is_smooth = !problem.may_jump(times, y) && problem.enclose_derivatives(times, y, jacobian, by_time);
+        if is_smooth {
+            for (j, slope) in slopes.iter_mut().enumerate() {
+                *slope = part.rate(j).magnitudes().1;
+            }
+        }
+        let mut are_known = is_smooth;
+        for (unseen, row) in unseen.iter_mut().zip(&course.rows).filter(|(_, row)| row.has_feature) {
+            let slope = |(at, j): (usize, usize)| {
+                let (_, radius) = jacobian[at].ball();
+                if !jacobian[at].defined { f64::INFINITY } else if radius > 0.0 { radius * slopes[j] } else { 0.0 }
+            };
+            let radius = if is_smooth { self.system.places_of_row(row.at).map(slope).sum() } else { f64::INFINITY };
+            // A function with slopes in `+-r` is beside its chord by `r/2` of the distance at most, by a half of it in the mean.
+            *unseen = if f64::is_nan(radius) { f64::INFINITY } else { 0.25 * squares * radius };
+            are_known &= *unseen <= row.allowed;
+        }
+        if !are_known && self.system.problem().enclose(times, y, values) {
+            for (unseen, row) in unseen.iter_mut().zip(&course.rows).filter(|(_, row)| row.has_feature) {
+                let range = values[row.at];
+                *unseen = unseen.min(if range.defined { range.hi - range.lo } else { f64::INFINITY });
+            }
+        }
+        Some(unseen)
+    }
+
+    fn rows_at(&mut self, theta: f64, course: &Course, y: &[f64]) -> Vec<f64> {
+        self.system.evaluate(self.t + theta.clamp(course.end, 1.0 - course.end) * course.h, y);
+        self.system.values.clone()
+    }
+
+    /// The values of rows where the step begins and at its stages, and what they show beside what is linear.
+    fn look_at_nodes(&mut self, course: &mut Course, whole: &Part) {
+        let mut y = vec![0.0; self.system.unknowns];
+        let (mut lowest, mut highest) = (vec![[f64::INFINITY; 2]; course.rows.len()], vec![[f64::NEG_INFINITY; 2]; course.rows.len()]);
+        for theta in std::iter::once(0.0).chain(self.tableau().c.iter().copied()) {
+            whole.values(theta, &mut y);
+            let values = self.rows_at(theta, course, &y);
+            for (i, row) in course.rows.iter().enumerate() {
+                let linear: f64 = self.system.entries_of_row(row.at).map(|(j, value)| value * (y[j] - self.y[j])).sum();
+                for (k, value) in [values[row.at], values[row.at] - linear].into_iter().enumerate() {
+                    lowest[i][k] = lowest[i][k].min(value);
+                    highest[i][k] = highest[i][k].max(value);
+                }
+            }
+            course.at_nodes.push(values);
+        }
+        for (shown, (low, high)) in course.shown.iter_mut().zip(lowest.iter().zip(&highest)) {
+            *shown = SHOWN * (high[0] - low[0]).min(high[1] - low[1]);
+        }
+    }
+
+    /// How far rows at `theta` are from the polynomial through their values at the nodes.
+    fn off_at(&self, theta: f64, course: &Course, values: &[f64]) -> Vec<f64> {
+        let mut weights = [0.0; MOST_STAGES];
+        let weights = &mut weights[..self.tableau().stages()];
+        self.tableau().increments_at(theta, weights);
+        let off = |row: &Row| {
+            let begin = course.at_nodes[0][row.at];
+            let nodes = course.at_nodes[1..].iter().zip(&*weights);
+            values[row.at] - begin - nodes.map(|(values, weight)| weight * (values[row.at] - begin)).sum::<f64>()
+        };
+        course.rows.iter().map(off).collect()
+    }
+
+    /// The means over the step of what rows are beside the polynomial through their values at the nodes.
+    fn missed_in_parts(&mut self, course: &mut Course, whole: Part, room: &mut Unseen) -> Option<Vec<f64>> {
+        let mut missed = vec![0.0; self.system.unknowns];
+        let mut y = vec![0.0; self.system.unknowns];
+        let mut look = |radau: &mut Self, course: &Course, part: &Part, u: f64| {
+            part.values(u, &mut y);
+            radau.rows_at(part.begin + u * part.length, course, &y)
+        };
+        let values = [0.0, 0.5, 1.0].map(|u| look(self, course, &whole, u));
+        let (mut pieces, mut enclosed) = (vec![Piece { part: whole, values }], 0);
+        while let Some(Piece { mut part, values }) = pieces.pop() {
+            enclosed += 1;
+            let (length, times) = (part.length, self.times(course, &part));
+            let mut offs = [0.0, 0.5, 1.0].into_iter().zip(&values);
+            let offs: [Vec<f64>; 3] = std::array::from_fn(|_| {
+                offs.next().map_or_else(Vec::new, |(u, values)| self.off_at(part.begin + u * length, course, values))
+            });
+            let mut unseen = self.unseen_in_space(course, &part, 0.5, room)?;
+            if self.system.depends_on_time {
+                let frozen = if self.system.features.is_empty() {
+                    None
+                } else {
+                    let mut middle = vec![0.0; self.system.unknowns];
+                    part.values(0.5, &mut middle);
+                    Some([0.0, 1.0].map(|u| self.rows_at(part.begin + u * length, course, &middle)))
+                };
+                self.enclose_in_time(course, &part, room)?;
+                for (unseen, row) in unseen.iter_mut().zip(&course.rows) {
+                    let [first, last] = match &frozen {
+                        Some([first, last]) => [first, last],
+                        None => [&values[0], &values[2]],
+                    };
+                    let seen = [first[row.at], values[1][row.at], last[row.at]];
+                    let range = room.values[row.at];
+                    if !is_shown(range, seen, row.allowed) {
+                        *unseen += if range.defined { range.hi - range.lo } else { f64::INFINITY };
+                    }
+                }
+            }
+            let is_open = |i: usize| {
+                let largest = offs.iter().map(|off| off[i].abs()).fold(course.shown[i], |a, b| a.max(SHOWN * b));
+                let allowed = course.rows[i].allowed;
+                unseen[i] > allowed.max(largest) && unseen[i] * length > allowed
+            };
+            if (0..unseen.len()).any(is_open) && enclosed + pieces.len() < MOST_PARTS && times.hi - times.lo > self.rounding_of_time(course.h) {
+                let mut second = Part::default();
+                part.halve(&mut second);
+                let (quarter, later) = (look(self, course, &part, 0.5), look(self, course, &second, 0.5));
+                let [first, middle, last] = values;
+                pieces.push(Piece { part: second, values: [middle.clone(), later, last] });
+                pieces.push(Piece { part, values: [first, quarter, middle] });
+                continue;
+            }
+            for (i, row) in course.rows.iter().enumerate() {
+                let off = 0.25 * (offs[0][i] + 2.0 * offs[1][i] + offs[2][i]);
+                let open = if is_open(i) && unseen[i].is_finite() { unseen[i] } else { 0.0 };
+                let off = if off.abs() > course.shown[i] { off } else { 0.0 };
+                missed[row.at] += length * (off + open);
+            }
+        }
+        Some(missed)
+    }
+}
