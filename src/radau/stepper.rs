@@ -302,7 +302,10 @@ impl<'p> Radau<'p> {
                 self.system.face.clone_from(&self.switching.before);
             }
             let first = self.counts.accepted == 0;
+            let seen = self.unseen.seen;
             self.shrink(reached, Cause::Error, |controller| match is_missed {
+                // Up to where that begins.
+                true if seen >= LEAST => controller.cut(seen * reached),
                 true => controller.miss(s, reached, error.min(1e10), iterations, most),
                 false => controller.reject(s, reached, error.min(1e10), iterations, most, first),
             })?;

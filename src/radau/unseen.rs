@@ -66,6 +66,8 @@ pub(super) struct Unseen {
     by_time: Vec<Interval>,
     /// The largest slopes of the unknowns.
     slopes: Vec<f64>,
+    /// The part of the last step up to where rows do what its stages do not show.
+    pub seen: f64,
 }
 
 impl Unseen {
@@ -185,7 +187,7 @@ impl Radau<'_> {
         if self.system.features.is_empty() {
             return Some(unseen);
         }
-        let Unseen { y, values, jacobian, by_time, slopes } = room;
+        let Unseen { y, values, jacobian, by_time, slopes, .. } = room;
         part.ranges(y);
         let times = self.times(course, part);
         let problem = self.system.problem();
@@ -256,6 +258,7 @@ impl Radau<'_> {
 
     /// The means over the step of what rows are beside the polynomial through their values at the nodes.
     fn missed_in_parts(&mut self, course: &mut Course, whole: Part, room: &mut Unseen) -> Option<Vec<f64>> {
+        room.seen = 1.0;
         let mut missed = vec![0.0; self.system.unknowns];
         let mut y = vec![0.0; self.system.unknowns];
         let mut look = |radau: &mut Self, course: &Course, part: &Part, u: f64| {
@@ -311,6 +314,9 @@ impl Radau<'_> {
                 let off = 0.25 * (offs[0][i] + 2.0 * offs[1][i] + offs[2][i]);
                 let open = if is_open(i) && unseen[i].is_finite() { unseen[i] } else { 0.0 };
                 let off = if off.abs() > course.shown[i] { off } else { 0.0 };
+                if off.abs().max(open) > row.allowed {
+                    room.seen = room.seen.min(part.begin);
+                }
                 missed[row.at] += length * (off + open);
             }
         }
