@@ -5,4 +5,4 @@ mod interval;
 mod shown;
 
 pub use interval::{Interval, between};
-pub use shown::is_shown;
+pub use shown::{is_seen, is_shown, variation};

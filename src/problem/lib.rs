@@ -13,7 +13,7 @@ mod event;
 mod mechanical;
 mod warning;
 
-use numerics::Interval;
+use numerics::{Interval, variation};
 
 pub use control::{Control, Interrupted, Stop};
 pub use convex_set::{
@@ -181,6 +181,20 @@ pub trait Dvi: Send {
         _by_time: &mut [Interval],
     ) -> bool {
         false
+    }
+
+    /// Writes how the derivatives by `y` vary between three points one after the other, at these times and in these `y`: their
+    /// range, and by how much the middle differs from the mean of the ends. Where [`Dvi::enclose_derivatives`] makes them of
+    /// others, these may vary in place of them.
+    fn vary_derivatives(&mut self, times: [f64; 3], y: &[f64], variations: &mut [(f64, f64)]) {
+        let mut of = times.map(|_| vec![0.0; variations.len()]);
+        for ((t, y), values) in times.iter().zip(y.chunks_exact(y.len() / 3)).zip(&mut of) {
+            self.jacobian(*t, y, values);
+        }
+        let [first, middle, last] = &of;
+        for (at, out) in variations.iter_mut().enumerate() {
+            *out = variation([first[at], middle[at], last[at]]);
+        }
     }
 
     /// Whether a row depends on time explicitly, in a way that steps are to be made short enough for.

@@ -20,7 +20,7 @@ use super::face::Place;
 use super::screening::part::Part;
 use super::stepper::Radau;
 use super::tableau::MOST_STAGES;
-use numerics::{Interval, is_shown};
+use numerics::{Interval, is_seen, is_shown};
 
 /// The part of their range at the stages by which rows may be off the polynomial through their values there: within it the
 /// stages show the shape, and the error estimate its error.
@@ -51,10 +51,22 @@ struct Course {
     /// The least distance to its ends, where there may be a break, in parts of it.
     end: f64,
     rows: Vec<Row>,
+    /// The unknowns in the middle, where rows vary with time alone beside what is linear.
+    still: Option<Vec<f64>>,
     /// The values of all rows where the step begins and at the stages, the first of them at `end`.
     at_nodes: Vec<Vec<f64>>,
     /// The part of what the stages show that each row may be off by.
     shown: Vec<f64>,
+}
+
+impl Course {
+    /// The unknowns at `u` in `[0, 1]` of a part.
+    fn unknowns_at(&self, part: &Part, u: f64, y: &mut [f64]) {
+        match &self.still {
+            Some(still) => y.copy_from_slice(still),
+            None => part.values(u, y),
+        }
+    }
 }
 
 /// Room for enclosures.
@@ -64,6 +76,9 @@ pub(super) struct Unseen {
     values: Vec<Interval>,
     jacobian: Vec<Interval>,
     by_time: Vec<Interval>,
+    /// The unknowns at both ends and in the middle of a part, and how derivatives vary between these.
+    points: Vec<f64>,
+    variations: Vec<(f64, f64)>,
     /// The largest slopes of the unknowns.
     slopes: Vec<f64>,
     /// The part of the last step up to where rows do what its stages do not show.
@@ -75,6 +90,7 @@ impl Unseen {
         self.y.resize(unknowns, Interval::LINE);
         self.values.resize(rows, Interval::LINE);
         self.jacobian.resize(derivatives, Interval::LINE);
+        self.variations.resize(derivatives, (0.0, 0.0));
         self.by_time.resize(variables, Interval::LINE);
         self.slopes.resize(unknowns, 0.0);
     }
@@ -124,19 +140,23 @@ impl Radau<'_> {
     /// need not be looked at, or cannot be enclosed.
     fn missed_means(&mut self, h: f64, end: f64, whole: Part, room: &mut Unseen) -> Option<Vec<f64>> {
         let rows = self.rows_compared(h);
-        let mut course = Course { h, end, shown: vec![0.0; rows.len()], rows, at_nodes: Vec::new() };
+        let still = self.system.features.is_empty().then(|| {
+            let mut y = vec![0.0; self.system.unknowns];
+            whole.values(0.5, &mut y);
+            y
+        });
+        let mut course = Course { h, end, shown: vec![0.0; rows.len()], rows, still, at_nodes: Vec::new() };
         let is_slow = !self.system.depends_on_time || self.is_narrow_in_time(&course, &whole, room)?;
         // The gaps between the stages, squared: for chords between these.
         let gaps = std::iter::once(0.0).chain(self.tableau().c.iter().copied());
         let squares: f64 = gaps.zip(&self.tableau().c).map(|(left, right)| (right - left).powi(2)).sum();
         let unseen = self.unseen_in_space(&course, &whole, squares, room)?;
-        let is_seen = |row: usize, shown: f64| unseen[row] <= course.rows[row].allowed.max(shown);
-        if is_slow && (0..unseen.len()).all(|row| is_seen(row, 0.0)) {
+        if is_slow && unseen.iter().zip(&course.rows).all(|(unseen, row)| *unseen <= row.allowed) {
             return None;
         }
         self.look_at_nodes(&mut course, &whole);
-        let is_seen = |row: usize| unseen[row] <= course.rows[row].allowed.max(course.shown[row]);
-        if is_slow && (0..unseen.len()).all(is_seen) {
+        let is_told = |(i, unseen): (usize, &f64)| *unseen <= course.rows[i].allowed.max(course.shown[i]);
+        if is_slow && unseen.iter().enumerate().all(is_told) {
             return None;
         }
         self.missed_in_parts(&mut course, whole, room)
@@ -174,7 +194,7 @@ impl Radau<'_> {
     /// Encloses rows over the times of a part, with the unknowns as they are in its middle.
     fn enclose_in_time(&mut self, course: &Course, part: &Part, room: &mut Unseen) -> Option<()> {
         let mut middle = vec![0.0; self.system.unknowns];
-        part.values(0.5, &mut middle);
+        course.unknowns_at(part, 0.5, &mut middle);
         room.y.iter_mut().zip(&middle).for_each(|(y, middle)| *y = Interval::point(*middle));
         let times = self.times(course, part);
         self.system.problem().enclose(times, &room.y, &mut room.values).then_some(())
@@ -187,34 +207,82 @@ impl Radau<'_> {
         if self.system.features.is_empty() {
             return Some(unseen);
         }
-        let Unseen { y, values, jacobian, by_time, slopes, .. } = room;
-        part.ranges(y);
+        part.ranges(&mut room.y);
         let times = self.times(course, part);
         let problem = self.system.problem();
-        let is_smooth = !problem.may_jump(times, y) && problem.enclose_derivatives(times, y, jacobian, by_time);
+        let is_smooth = !problem.may_jump(times, &room.y)
+            && problem.enclose_derivatives(times, &room.y, &mut room.jacobian, &mut room.by_time);
         if is_smooth {
-            for (j, slope) in slopes.iter_mut().enumerate() {
+            for (j, slope) in room.slopes.iter_mut().enumerate() {
                 *slope = part.rate(j).magnitudes().1;
             }
-        }
-        let mut are_known = is_smooth;
-        for (unseen, row) in unseen.iter_mut().zip(&course.rows).filter(|(_, row)| row.has_feature) {
-            let slope = |(at, j): (usize, usize)| {
-                let (_, radius) = jacobian[at].ball();
-                if !jacobian[at].defined { f64::INFINITY } else if radius > 0.0 { radius * slopes[j] } else { 0.0 }
-            };
-            let radius = if is_smooth { self.system.places_of_row(row.at).map(slope).sum() } else { f64::INFINITY };
             // A function with slopes in `+-r` is beside its chord by `r/2` of the distance at most, by a half of it in the mean.
-            *unseen = if f64::is_nan(radius) { f64::INFINITY } else { 0.25 * squares * radius };
-            are_known &= *unseen <= row.allowed;
-        }
-        if !are_known && self.system.problem().enclose(times, y, values) {
             for (unseen, row) in unseen.iter_mut().zip(&course.rows).filter(|(_, row)| row.has_feature) {
-                let range = values[row.at];
-                *unseen = unseen.min(if range.defined { range.hi - range.lo } else { f64::INFINITY });
+                *unseen = 0.25 * squares * self.radius_of_slope(row.at, room);
             }
+            let is_open = |(unseen, row): &(&mut f64, &Row)| **unseen > row.allowed;
+            if unseen.iter_mut().zip(&course.rows).any(|pair| is_open(&pair)) {
+                self.differentiate_at_points(course, part, room);
+                for (unseen, row) in unseen.iter_mut().zip(&course.rows).filter(is_open) {
+                    if self.are_slopes_shown(row.at, room) {
+                        *unseen = 0.0;
+                    }
+                }
+            }
+        } else {
+            let featured = unseen.iter_mut().zip(&course.rows).filter(|(_, row)| row.has_feature);
+            featured.for_each(|(unseen, _)| *unseen = f64::INFINITY);
+        }
+        if unseen.iter().all(|unseen| unseen.is_finite()) {
+            return Some(unseen);
+        }
+        if !self.system.problem().enclose(times, &room.y, &mut room.values) {
+            return is_smooth.then_some(unseen);
+        }
+        for (unseen, row) in unseen.iter_mut().zip(&course.rows).filter(|(unseen, _)| unseen.is_infinite()) {
+            let range = room.values[row.at];
+            *unseen = if range.defined { range.hi - range.lo } else { f64::INFINITY };
         }
         Some(unseen)
+    }
+
+    /// By how much the slope of a row along a part may be beside that which the middles of its derivatives make; infinite
+    /// where they are not defined all over it.
+    fn radius_of_slope(&self, row: usize, room: &Unseen) -> f64 {
+        let radius = |(at, j): (usize, usize)| {
+            let (_, radius) = room.jacobian[at].ball();
+            match room.jacobian[at].defined {
+                true if radius > 0.0 => radius * room.slopes[j],
+                true => 0.0,
+                false => f64::INFINITY,
+            }
+        };
+        let sum: f64 = self.system.places_of_row(row).map(radius).sum();
+        if sum.is_nan() { f64::INFINITY } else { sum }
+    }
+
+    /// The variation of derivatives between both ends and the middle of a part.
+    fn differentiate_at_points(&mut self, course: &Course, part: &Part, room: &mut Unseen) {
+        let unknowns = self.system.unknowns;
+        room.points.resize(3 * unknowns, 0.0);
+        let mut times = [0.0; 3];
+        for ((u, time), y) in [0.0, 0.5, 1.0].into_iter().zip(&mut times).zip(room.points.chunks_exact_mut(unknowns)) {
+            part.values(u, y);
+            *time = self.t + (part.begin + u * part.length).clamp(course.end, 1.0 - course.end) * course.h;
+        }
+        self.system.problem().vary_derivatives(times, &room.points, &mut room.variations);
+    }
+
+    /// Whether the derivatives of a row at these points show what they do between.
+    fn are_slopes_shown(&self, row: usize, room: &Unseen) -> bool {
+        let (mut width, mut range, mut bent) = (0.0, 0.0, 0.0);
+        for (at, j) in self.system.places_of_row(row) {
+            let slope = room.slopes[j];
+            width += 2.0 * room.jacobian[at].ball().1 * slope;
+            range += room.variations[at].0 * slope;
+            bent += room.variations[at].1 * slope;
+        }
+        is_shown(width, range, bent)
     }
 
     fn rows_at(&mut self, theta: f64, course: &Course, y: &[f64]) -> Vec<f64> {
@@ -225,12 +293,14 @@ impl Radau<'_> {
     /// The values of rows where the step begins and at its stages, and what they show beside what is linear.
     fn look_at_nodes(&mut self, course: &mut Course, whole: &Part) {
         let mut y = vec![0.0; self.system.unknowns];
-        let (mut lowest, mut highest) = (vec![[f64::INFINITY; 2]; course.rows.len()], vec![[f64::NEG_INFINITY; 2]; course.rows.len()]);
+        let (mut lowest, mut highest) =
+            (vec![[f64::INFINITY; 2]; course.rows.len()], vec![[f64::NEG_INFINITY; 2]; course.rows.len()]);
         for theta in std::iter::once(0.0).chain(self.tableau().c.iter().copied()) {
-            whole.values(theta, &mut y);
+            course.unknowns_at(whole, theta, &mut y);
             let values = self.rows_at(theta, course, &y);
+            let begin = if course.still.is_some() { &y } else { &self.y };
             for (i, row) in course.rows.iter().enumerate() {
-                let linear: f64 = self.system.entries_of_row(row.at).map(|(j, value)| value * (y[j] - self.y[j])).sum();
+                let linear: f64 = self.system.entries_of_row(row.at).map(|(j, value)| value * (y[j] - begin[j])).sum();
                 for (k, value) in [values[row.at], values[row.at] - linear].into_iter().enumerate() {
                     lowest[i][k] = lowest[i][k].min(value);
                     highest[i][k] = highest[i][k].max(value);
@@ -256,52 +326,59 @@ impl Radau<'_> {
         course.rows.iter().map(off).collect()
     }
 
+    /// By how much, over a part, the mean of each row may be beside what its values at both ends and in the middle show.
+    fn unseen_of(
+        &mut self,
+        course: &Course,
+        part: &Part,
+        values: &[Vec<f64>; 3],
+        room: &mut Unseen,
+    ) -> Option<Vec<f64>> {
+        let mut unseen = self.unseen_in_space(course, part, 0.5, room)?;
+        if !self.system.depends_on_time {
+            return Some(unseen);
+        }
+        let still = course.still.is_none().then(|| {
+            let mut middle = vec![0.0; self.system.unknowns];
+            part.values(0.5, &mut middle);
+            [0.0, 1.0].map(|u| self.rows_at(part.begin + u * part.length, course, &middle))
+        });
+        let [first, last] = still.as_ref().map_or([&values[0], &values[2]], |[first, last]| [first, last]);
+        self.enclose_in_time(course, part, room)?;
+        for (unseen, row) in unseen.iter_mut().zip(&course.rows) {
+            let range = room.values[row.at];
+            if !is_seen(range, [first[row.at], values[1][row.at], last[row.at]], row.allowed) {
+                *unseen += if range.defined { range.hi - range.lo } else { f64::INFINITY };
+            }
+        }
+        Some(unseen)
+    }
+
     /// The means over the step of what rows are beside the polynomial through their values at the nodes.
     fn missed_in_parts(&mut self, course: &mut Course, whole: Part, room: &mut Unseen) -> Option<Vec<f64>> {
         room.seen = 1.0;
         let mut missed = vec![0.0; self.system.unknowns];
         let mut y = vec![0.0; self.system.unknowns];
         let mut look = |radau: &mut Self, course: &Course, part: &Part, u: f64| {
-            part.values(u, &mut y);
+            course.unknowns_at(part, u, &mut y);
             radau.rows_at(part.begin + u * part.length, course, &y)
         };
         let values = [0.0, 0.5, 1.0].map(|u| look(self, course, &whole, u));
         let (mut pieces, mut enclosed) = (vec![Piece { part: whole, values }], 0);
         while let Some(Piece { mut part, values }) = pieces.pop() {
             enclosed += 1;
+            let unseen = self.unseen_of(course, &part, &values, room)?;
             let (length, times) = (part.length, self.times(course, &part));
-            let mut offs = [0.0, 0.5, 1.0].into_iter().zip(&values);
-            let offs: [Vec<f64>; 3] = std::array::from_fn(|_| {
-                offs.next().map_or_else(Vec::new, |(u, values)| self.off_at(part.begin + u * length, course, values))
-            });
-            let mut unseen = self.unseen_in_space(course, &part, 0.5, room)?;
-            if self.system.depends_on_time {
-                let frozen = if self.system.features.is_empty() {
-                    None
-                } else {
-                    let mut middle = vec![0.0; self.system.unknowns];
-                    part.values(0.5, &mut middle);
-                    Some([0.0, 1.0].map(|u| self.rows_at(part.begin + u * length, course, &middle)))
-                };
-                self.enclose_in_time(course, &part, room)?;
-                for (unseen, row) in unseen.iter_mut().zip(&course.rows) {
-                    let [first, last] = match &frozen {
-                        Some([first, last]) => [first, last],
-                        None => [&values[0], &values[2]],
-                    };
-                    let seen = [first[row.at], values[1][row.at], last[row.at]];
-                    let range = room.values[row.at];
-                    if !is_shown(range, seen, row.allowed) {
-                        *unseen += if range.defined { range.hi - range.lo } else { f64::INFINITY };
-                    }
-                }
-            }
+            let offs: [Vec<f64>; 3] =
+                std::array::from_fn(|i| self.off_at(part.begin + 0.5 * i as f64 * length, course, &values[i]));
             let is_open = |i: usize| {
                 let largest = offs.iter().map(|off| off[i].abs()).fold(course.shown[i], |a, b| a.max(SHOWN * b));
                 let allowed = course.rows[i].allowed;
                 unseen[i] > allowed.max(largest) && unseen[i] * length > allowed
             };
-            if (0..unseen.len()).any(is_open) && enclosed + pieces.len() < MOST_PARTS && times.hi - times.lo > self.rounding_of_time(course.h) {
+            let can_halve =
+                enclosed + pieces.len() < MOST_PARTS && times.hi - times.lo > self.rounding_of_time(course.h);
+            if can_halve && (0..unseen.len()).any(is_open) {
                 let mut second = Part::default();
                 part.halve(&mut second);
                 let (quarter, later) = (look(self, course, &part, 0.5), look(self, course, &second, 0.5));

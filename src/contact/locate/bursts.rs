@@ -9,7 +9,7 @@
 
 use super::hidden::{HALVINGS, Hidden, NEXT};
 use super::leg::Leg;
-use numerics::{Interval, is_shown};
+use numerics::{Interval, is_seen};
 
 /// Parts of one step; a part that is left undecided then is as wide as it is.
 const MOST_PARTS: usize = 400;
@@ -91,9 +91,7 @@ impl Leg<'_, '_> {
             self.watch.problem().enclose_in_time(Interval::point(*t), q, v, values);
         }
         let [(_, first), (_, middle), (_, last)] = &seen;
-        (0..allowed.len()).all(|i| {
-            is_shown(enclosed[i], [first[i].lo, middle[i].lo, last[i].lo], allowed[i])
-        })
+        (0..allowed.len()).all(|i| is_seen(enclosed[i], [first[i].lo, middle[i].lo, last[i].lo], allowed[i]))
     }
 
     /// A burst that the last step went over, in one of its parts.

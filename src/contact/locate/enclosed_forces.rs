@@ -11,7 +11,7 @@
 use super::flight::{Flight, Solved};
 use super::mode::Status;
 use nalgebra::DMatrix;
-use numerics::Interval;
+use numerics::{Interval, variation};
 use problem::{DynamicsRange, SensitivityRange};
 
 /// By this factor at most changes of the matrix may feed back on what they multiply.
@@ -148,6 +148,35 @@ impl Flight {
             *slope = -sum(of_balance.chain(of_rows).map(|(factor, range)| Interval::point(factor) * range));
         }
         true
+    }
+
+    /// How what these are made of varies between three points one after the other, the middle one of which the equations of the
+    /// mode were settled last at, weighted as it enters them.
+    pub(super) fn vary_slopes(&mut self, times: [f64; 3], x: &[f64], variations: &mut [(f64, f64)]) {
+        let (a, lambda, count) = (self.a.clone(), self.lambda.clone(), x.len() / 3);
+        let mut at = 0;
+        let of: [SensitivityRange; 3] = times.map(|t| {
+            let mut range = SensitivityRange::default();
+            let point: Vec<Interval> = x[at..at + count].iter().map(|x| Interval::point(*x)).collect();
+            self.problem().enclose_sensitivity(Interval::point(t), &point, &a, &lambda, &mut range);
+            at += count;
+            range
+        });
+        let Some(solved) = self.solved_last() else { return };
+        let inverse = Inverse::new(solved);
+        let rows = self.rows();
+        for (at, out) in variations.iter_mut().enumerate() {
+            let (i, j) = (at / count, at % count);
+            let of_balance = (0..a.len())
+                .map(|k| (inverse.a_by_r[(i, k)], [0, 1, 2].map(|point| of[point].balance[k * count + j].lo)));
+            let of_rows = rows.iter().enumerate().map(|(l, &row)| {
+                (inverse.a_by_w[(i, l)], [0, 1, 2].map(|point| of[point].acceleration[row * count + j].lo))
+            });
+            *out = of_balance.chain(of_rows).fold((0.0, 0.0), |(range, bent), (factor, values)| {
+                let varied = variation(values);
+                (range + f64::abs(factor) * varied.0, bent + f64::abs(factor) * varied.1)
+            });
+        }
     }
 
     /// `r` and `w` over the box, where directions of slip do not turn as

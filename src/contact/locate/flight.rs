@@ -455,6 +455,14 @@ impl Dvi for Flight {
         self.enclose_slopes(t, y, rest)
     }
 
+    fn vary_derivatives(&mut self, times: [f64; 3], y: &[f64], variations: &mut [(f64, f64)]) {
+        let (identity, rest) = variations.split_at_mut(self.shape.coordinates);
+        identity.fill((0.0, 0.0));
+        let points = y.len() / 3;
+        self.settle(times[1], &y[points..2 * points]);
+        self.vary_slopes(times, y, rest);
+    }
+
     fn time_derivative(&mut self, _: f64, _: &[f64], _: &mut [f64]) {}
 
     fn breaks(&mut self, t: f64) -> &[f64] {
