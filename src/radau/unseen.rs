@@ -26,8 +26,14 @@ use numerics::{Interval, is_seen, is_shown};
 /// stages show the shape, and the error estimate its error.
 const SHOWN: f64 = 0.1;
 
-/// Parts of one step; a part that is left undecided then is off by all that its enclosure leaves open.
+/// Parts of one step; a part that is left undecided then is off by all that its enclosure leaves open in time, and by what is
+/// seen of it in space.
 const MOST_PARTS: usize = 400;
+
+/// Looking into parts in vain may cost this many parts, and this part of an evaluation of the rates in parts: where the
+/// derivatives of a right problem cannot be enclosed narrowly, the work of its steps bounds that of looking.
+const FREE: f64 = 2000.0;
+const SHARE: f64 = 0.01;
 
 /// One row of the rows that are compared.
 #[derive(Clone, Copy, Debug)]
@@ -81,6 +87,9 @@ pub(super) struct Unseen {
     variations: Vec<(f64, f64)>,
     /// The largest slopes of the unknowns.
     slopes: Vec<f64>,
+    /// The parts that were enclosed of the last step, and those of all steps in which nothing was found.
+    looked: f64,
+    spent: f64,
     /// The part of the last step up to where rows do what its stages do not show.
     pub seen: f64,
 }
@@ -110,11 +119,15 @@ impl Radau<'_> {
         room.resize(unknowns, unknowns - n, self.system.values.len(), self.system.derivatives.len());
         let mut whole = Part::default();
         whole.set_whole(self.tableau(), &self.y, &self.stages.z[..self.tableau().stages() * unknowns]);
+        room.looked = 0.0;
         let means = self.missed_means(h, rounding / h, whole, &mut room);
         self.unseen = room;
         // Evidence is no part of the method.
         self.system.work.rates = evaluations;
-        means.filter(|means| means.iter().any(|mean| *mean != 0.0)).map_or(0.0, |means| self.made_of(h, means))
+        let means = means.filter(|means| means.iter().any(|mean| *mean != 0.0));
+        let missed = means.map_or(0.0, |means| self.made_of(h, means));
+        self.unseen.spent += if missed > 1.0 { 0.0 } else { self.unseen.looked };
+        missed
     }
 
     /// What states become of means of their rates over a step, in units of their tolerances.
@@ -140,7 +153,9 @@ impl Radau<'_> {
     /// need not be looked at, or cannot be enclosed.
     fn missed_means(&mut self, h: f64, end: f64, whole: Part, room: &mut Unseen) -> Option<Vec<f64>> {
         let rows = self.rows_compared(h);
-        let still = self.system.features.is_empty().then(|| {
+        // Where functions of the states may not be looked at, time alone is.
+        let is_affordable = room.spent <= FREE + SHARE * self.system.work.rates as f64;
+        let still = (self.system.features.is_empty() || !is_affordable).then(|| {
             let mut y = vec![0.0; self.system.unknowns];
             whole.values(0.5, &mut y);
             y
@@ -151,8 +166,14 @@ impl Radau<'_> {
         let gaps = std::iter::once(0.0).chain(self.tableau().c.iter().copied());
         let squares: f64 = gaps.zip(&self.tableau().c).map(|(left, right)| (right - left).powi(2)).sum();
         let unseen = self.unseen_in_space(&course, &whole, squares, room)?;
-        if is_slow && unseen.iter().zip(&course.rows).all(|(unseen, row)| *unseen <= row.allowed) {
-            return None;
+        let is_plain = unseen.iter().zip(&course.rows).all(|(unseen, row)| *unseen <= row.allowed);
+        if is_plain {
+            if is_slow {
+                return None;
+            }
+            let mut y = vec![0.0; self.system.unknowns];
+            whole.values(0.5, &mut y);
+            course.still = Some(y);
         }
         self.look_at_nodes(&mut course, &whole);
         let is_told = |(i, unseen): (usize, &f64)| *unseen <= course.rows[i].allowed.max(course.shown[i]);
@@ -204,7 +225,7 @@ impl Radau<'_> {
     /// distances have squares of this sum, in parts of the part.
     fn unseen_in_space(&mut self, course: &Course, part: &Part, squares: f64, room: &mut Unseen) -> Option<Vec<f64>> {
         let mut unseen = vec![0.0; course.rows.len()];
-        if self.system.features.is_empty() {
+        if course.still.is_some() {
             return Some(unseen);
         }
         part.ranges(&mut room.y);
@@ -389,7 +410,9 @@ impl Radau<'_> {
             }
             for (i, row) in course.rows.iter().enumerate() {
                 let off = 0.25 * (offs[0][i] + 2.0 * offs[1][i] + offs[2][i]);
-                let open = if is_open(i) && unseen[i].is_finite() { unseen[i] } else { 0.0 };
+                // Of functions of the states it is mostly their enclosure that is too wide.
+                let counts = course.still.is_some() && unseen[i].is_finite() && is_open(i);
+                let open = if counts { unseen[i] } else { 0.0 };
                 let off = if off.abs() > course.shown[i] { off } else { 0.0 };
                 if off.abs().max(open) > row.allowed {
                     room.seen = room.seen.min(part.begin);
@@ -397,6 +420,7 @@ impl Radau<'_> {
                 missed[row.at] += length * (off + open);
             }
         }
+        room.looked = if course.still.is_none() { enclosed as f64 } else { 0.0 };
         Some(missed)
     }
 }
