@@ -45,10 +45,19 @@ struct Row {
     has_feature: bool,
 }
 
-/// A part of the step, and the rows at its ends and in its middle.
+/// A part of the step, with the rows at its ends and in its middle, and what is unseen of them between.
 struct Piece {
     part: Part,
     values: [Vec<f64>; 3],
+    unseen: Vec<f64>,
+}
+
+impl Piece {
+    /// What is unseen of it in the mean over the step, in units of what is allowed.
+    fn size(&self, course: &Course) -> f64 {
+        let rows = self.unseen.iter().zip(&course.rows);
+        self.part.length * rows.map(|(unseen, row)| unseen / row.allowed).fold(0.0, f64::max)
+    }
 }
 
 /// What is known of a step.
@@ -180,7 +189,7 @@ impl Radau<'_> {
         if is_slow && unseen.iter().enumerate().all(is_told) {
             return None;
         }
-        self.missed_in_parts(&mut course, whole, room)
+        self.missed_in_parts(&course, whole, room)
     }
 
     /// The rows whose course matters, with what their means may be off by over a step of size `h`.
@@ -376,7 +385,7 @@ impl Radau<'_> {
     }
 
     /// The means over the step of what rows are beside the polynomial through their values at the nodes.
-    fn missed_in_parts(&mut self, course: &mut Course, whole: Part, room: &mut Unseen) -> Option<Vec<f64>> {
+    fn missed_in_parts(&mut self, course: &Course, whole: Part, room: &mut Unseen) -> Option<Vec<f64>> {
         room.seen = 1.0;
         let mut missed = vec![0.0; self.system.unknowns];
         let mut y = vec![0.0; self.system.unknowns];
@@ -385,10 +394,14 @@ impl Radau<'_> {
             radau.rows_at(part.begin + u * part.length, course, &y)
         };
         let values = [0.0, 0.5, 1.0].map(|u| look(self, course, &whole, u));
-        let (mut pieces, mut enclosed) = (vec![Piece { part: whole, values }], 0);
-        while let Some(Piece { mut part, values }) = pieces.pop() {
-            enclosed += 1;
-            let unseen = self.unseen_of(course, &part, &values, room)?;
+        let unseen = self.unseen_of(course, &whole, &values, room)?;
+        let (mut pieces, mut enclosed) = (vec![Piece { part: whole, values, unseen }], 1);
+        // The piece of which most is unseen comes first: what rounding leaves of enclosures elsewhere does not bury a feature.
+        let first = |pieces: &[Piece]| {
+            (0..pieces.len()).max_by(|&i, &j| pieces[i].size(course).total_cmp(&pieces[j].size(course)))
+        };
+        while let Some(at) = first(&pieces) {
+            let Piece { mut part, values, unseen } = pieces.swap_remove(at);
             let (length, times) = (part.length, self.times(course, &part));
             let offs: [Vec<f64>; 3] =
                 std::array::from_fn(|i| self.off_at(part.begin + 0.5 * i as f64 * length, course, &values[i]));
@@ -397,15 +410,17 @@ impl Radau<'_> {
                 let allowed = course.rows[i].allowed;
                 unseen[i] > allowed.max(largest) && unseen[i] * length > allowed
             };
-            let can_halve =
-                enclosed + pieces.len() < MOST_PARTS && times.hi - times.lo > self.rounding_of_time(course.h);
+            let can_halve = enclosed + 2 <= MOST_PARTS && times.hi - times.lo > self.rounding_of_time(course.h);
             if can_halve && (0..unseen.len()).any(is_open) {
+                enclosed += 2;
                 let mut second = Part::default();
                 part.halve(&mut second);
                 let (quarter, later) = (look(self, course, &part, 0.5), look(self, course, &second, 0.5));
                 let [first, middle, last] = values;
-                pieces.push(Piece { part: second, values: [middle.clone(), later, last] });
-                pieces.push(Piece { part, values: [first, quarter, middle] });
+                for (part, values) in [(part, [first, quarter, middle.clone()]), (second, [middle, later, last])] {
+                    let unseen = self.unseen_of(course, &part, &values, room)?;
+                    pieces.push(Piece { part, values, unseen });
+                }
                 continue;
             }
             for (i, row) in course.rows.iter().enumerate() {
