@@ -179,9 +179,10 @@ pub trait Dvi: Send {
         false
     }
 
-    /// Whether a row depends on time explicitly, in a way that steps are to be made short enough for.
-    fn depends_on_time(&self) -> bool {
-        false
+    /// How fast the rows vary with time whatever `y` is, in radians a unit of time: the stages of a step in which no phase
+    /// passes by half a turn show them. Zero where they do not depend on time, infinite where nothing is known of them.
+    fn pace(&mut self) -> f64 {
+        0.0
     }
 
     /// How the slopes of the rows in time are sums of terms; `None` where these are not known, or depend on `y`.
