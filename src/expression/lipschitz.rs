@@ -134,7 +134,7 @@ impl Irregularities {
 }
 
 impl Candidate {
-    /// The irregularity, where arguments of which this is known meet it.
+    /// The irregularity, if the arguments, with these ranges and this smoothness, may meet it.
     fn judged(&self, a: Regularity, b: Regularity) -> Option<Irregularity> {
         let (half_line, unit) = (Interval::new(0.0, f64::INFINITY), Interval::new(-1.0, 1.0));
         let exponent = (self.has_constant_exponent && b.range.lo == b.range.hi).then_some(b.range.lo);

@@ -11,11 +11,6 @@ impl Graph {
         self.inputs_of(&[node])
     }
 
-    /// Whether any of the nodes depends on an input.
-    pub fn depend_on(&self, nodes: &[Node], input: usize) -> bool {
-        self.inputs_of(nodes).contains(&input)
-    }
-
     /// The functions in `node` that are not smooth (`abs`, `sign`, `heaviside`, `min`, `max`), each with the sorted
     /// inputs its arguments depend on, without repetition. A `min` of several arguments counts once.
     pub fn kinks(&self, node: Node) -> Vec<(&'static str, Vec<usize>)> {
@@ -88,7 +83,7 @@ impl Graph {
         matches!(self.operation(node), Some((found, ..)) if found == operator)
     }
 
-    /// Whether a node is an input of which this holds.
+    /// Whether a node is an input whose index satisfies a condition.
     pub(super) fn is_input(&self, node: Node, holds: impl Fn(usize) -> bool) -> bool {
         matches!(self.terms[node.place()], Term::Input(index) if holds(index))
     }

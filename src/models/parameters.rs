@@ -210,7 +210,8 @@ impl DviModel {
     /// differentiated or compiled, and the programs are shared.
     ///
     /// # Errors
-    /// Values that are none, and those that would change the structure, for which the problem is to be compiled anew.
+    /// A wrong number of values, values that are not finite or out of range, and those that would change the structure: for
+    /// these the problem has to be compiled anew.
     pub fn with_parameters(&self, values: &[f64]) -> Result<Self, Unbindable> {
         let mut bound = self.clone();
         bound.bind(values)?;

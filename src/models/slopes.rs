@@ -138,7 +138,7 @@ impl<P: Copy> Constants<P> {
     }
 }
 
-/// What each of some derivatives is of, with the parameter; and the derivatives.
+/// Derivatives by parameters: for each the term that is differentiated and the parameter; and the derivatives themselves.
 type Derivatives<P> = (Vec<(P, usize)>, Vec<Node>);
 
 /// The derivatives of terms by parameters, with the place of each term.

@@ -8,7 +8,7 @@
 
 use super::{Equations, Linear, LinearRows, ParametricTerms};
 use expression::{
-    Assumption, Breaks, ExpressionError, Graph, IntervalWorkspace, Irregularities, Jumps, Kink, Kinks, Node, Tape,
+    Assumption, Breaks, ExpressionError, Graph, IntervalWorkspace, Irregularities, Jumps, Kink, Kinks, Node, Pace, Tape,
 };
 use numerics::Interval;
 use problem::{ConvexSet, Dvi, Mass, MovingBound, PLAIN_DEGREE, Structure};
@@ -66,7 +66,7 @@ pub struct Symbolic {
     derivatives: Tape,
     time_derivatives: Tape,
     breaks: Breaks,
-    depends_on_time: bool,
+    pace: Pace,
     features: Vec<usize>,
     jumps: Jumps,
     kinks: Kinks,
@@ -196,7 +196,7 @@ impl Symbolic {
         let boxes = std::array::from_fn(|i| IntervalWorkspace::new(&tapes[i]));
         let [values, derivatives, time_derivatives] = tapes;
         let breaks = Breaks::new(graph, &outputs);
-        let depends_on_time = graph.depend_on(&outputs, 0);
+        let pace = Pace::new(graph, &outputs);
         let irregularities = Irregularities::new(graph, &outputs);
         Self {
             features: graph.beyond_degree(&outputs[..structure.unknowns()], PLAIN_DEGREE),
@@ -207,7 +207,7 @@ impl Symbolic {
             time_derivatives,
             boxes,
             breaks,
-            depends_on_time,
+            pace,
             kinks,
             irregularities,
         }
@@ -223,6 +223,7 @@ impl Symbolic {
         }
         self.breaks.bind(parameters);
         self.jumps.bind(parameters);
+        self.pace.bind(parameters);
         self.kinks.bind(parameters);
         self.irregularities.bind(parameters);
     }
@@ -247,8 +248,8 @@ impl Dvi for Symbolic {
         &self.structure
     }
 
-    fn depends_on_time(&self) -> bool {
-        self.depends_on_time
+    fn pace(&mut self) -> f64 {
+        self.pace.fastest()
     }
 
     fn features(&self) -> &[usize] {

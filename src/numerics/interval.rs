@@ -106,6 +106,16 @@ impl Interval {
         let near = if self.contains(0.0) { 0.0 } else { self.lo.abs().min(self.hi.abs()) };
         (near, self.lo.abs().max(self.hi.abs()))
     }
+
+    /// The largest size of a value of the term; infinite where it is not defined all over the box.
+    pub fn size(self) -> f64 {
+        if self.defined { self.magnitudes().1 } else { f64::INFINITY }
+    }
+
+    /// A lower bound of the term: its lower end, minus infinity where it is not defined all over the box.
+    pub fn least(self) -> f64 {
+        if self.defined { self.lo } else { f64::NEG_INFINITY }
+    }
 }
 
 /// The interval of two ends that were computed: where one is not a number, all that is known is the line.

@@ -197,9 +197,10 @@ pub trait Dvi: Send {
         }
     }
 
-    /// Whether a row depends on time explicitly, in a way that steps are to be made short enough for.
-    fn depends_on_time(&self) -> bool {
-        false
+    /// How fast the rows vary with time whatever `y` is, in radians a unit of time: the stages of a step in which no phase
+    /// passes by half a turn show them. Zero where they do not depend on time, infinite where nothing is known of them.
+    fn pace(&mut self) -> f64 {
+        0.0
     }
 
     /// The rows, of `F` and `G`, that are no polynomials of low degree in `y`, in order: within a step they may do what its stages

@@ -7,6 +7,7 @@
 //! states, at a point in between: there the step is cut.
 
 mod monitors;
+mod on_face;
 pub(super) mod part;
 mod point;
 mod reduced;
@@ -16,7 +17,8 @@ use super::face::Monitor;
 use super::law::Excess;
 use super::stepper::Radau;
 use super::switches::Switching;
-use monitors::{Enclosure, Found, OnFace, Told};
+use monitors::{Enclosure, Found};
+use on_face::{OnFace, Told};
 use part::Part;
 use watched::{Watched, watch};
 

@@ -49,6 +49,13 @@ pub struct Settings {
     pub vi_tolerance: f64,
 }
 
+impl Settings {
+    /// `atol + rtol |x|` of the states from number `first` on, where these are `x`.
+    pub fn tolerances(&self, first: usize, x: &[f64]) -> Vec<f64> {
+        x.iter().zip(&self.atol[first..]).map(|(x, atol)| atol + self.rtol * x.abs()).collect()
+    }
+}
+
 /// Why a step could not be made.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum StepError {

@@ -26,6 +26,10 @@ use numerics::{Interval, is_seen, is_shown};
 /// stages show the shape, and the error estimate its error.
 const SHOWN: f64 = 0.1;
 
+/// The phase that passes within a step whose stages show it: half a turn, over which even three are within 8 parts in 100 of
+/// a sine: `0.018 phase^4/4!`, with the largest product of the distances to their nodes and to the beginning.
+const SHOWN_PHASE: f64 = std::f64::consts::PI;
+
 /// Parts of one step; a part that is left undecided then is off by all that its enclosure leaves open in time, and by what is
 /// seen of it in space.
 const MOST_PARTS: usize = 400;
@@ -53,10 +57,10 @@ struct Piece {
 }
 
 impl Piece {
-    /// What is unseen of it in the mean over the step, in units of what is allowed.
+    /// What is unseen of it in its own mean, whatever its length, in units of what is allowed.
     fn size(&self, course: &Course) -> f64 {
         let rows = self.unseen.iter().zip(&course.rows);
-        self.part.length * rows.map(|(unseen, row)| unseen / row.allowed).fold(0.0, f64::max)
+        rows.map(|(unseen, row)| unseen / row.allowed).fold(0.0, f64::max)
     }
 }
 
@@ -119,7 +123,7 @@ impl Radau<'_> {
     /// tolerances; zero where rows neither depend on time nor have features, or cannot be enclosed.
     pub(super) fn missed(&mut self, h: f64) -> f64 {
         let rounding = self.rounding_of_time(h);
-        if h <= 4.0 * rounding || !self.system.depends_on_time && self.system.features.is_empty() {
+        if h <= 4.0 * rounding || !self.is_fast(h) && self.system.features.is_empty() {
             return 0.0;
         }
         let evaluations = self.system.work.rates;
@@ -137,6 +141,11 @@ impl Radau<'_> {
         let missed = means.map_or(0.0, |means| self.made_of(h, means));
         self.unseen.spent += if missed > 1.0 { 0.0 } else { self.unseen.looked };
         missed
+    }
+
+    /// Whether more of a phase passes within a step of size `h` than its stages show of what depends on time alone.
+    fn is_fast(&self, h: f64) -> bool {
+        self.system.pace * h > SHOWN_PHASE
     }
 
     /// What states become of means of their rates over a step, in units of their tolerances.
@@ -170,7 +179,7 @@ impl Radau<'_> {
             y
         });
         let mut course = Course { h, end, shown: vec![0.0; rows.len()], rows, still, at_nodes: Vec::new() };
-        let is_slow = !self.system.depends_on_time || self.is_narrow_in_time(&course, &whole, room)?;
+        let is_slow = !self.is_fast(h) || self.is_narrow_in_time(&course, &whole, room)?;
         // The gaps between the stages, squared: for chords between these.
         let gaps = std::iter::once(0.0).chain(self.tableau().c.iter().copied());
         let squares: f64 = gaps.zip(&self.tableau().c).map(|(left, right)| (right - left).powi(2)).sum();
@@ -203,7 +212,7 @@ impl Radau<'_> {
         });
         let inside = (0..self.system.unknowns - n).filter(|&k| self.system.face.places[k] == Place::Inside);
         let rows = rates.chain(inside.map(|k| row(n + k, self.uncertainties(k, h)[1])));
-        rows.filter(|row| self.system.depends_on_time || row.has_feature).collect()
+        rows.filter(|row| self.is_fast(h) || row.has_feature).collect()
     }
 
     /// Whether rows vary with time by less than is allowed, all over a step.
@@ -365,7 +374,7 @@ impl Radau<'_> {
         room: &mut Unseen,
     ) -> Option<Vec<f64>> {
         let mut unseen = self.unseen_in_space(course, part, 0.5, room)?;
-        if !self.system.depends_on_time {
+        if !self.is_fast(course.h) {
             return Some(unseen);
         }
         let still = course.still.is_none().then(|| {

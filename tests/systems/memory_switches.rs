@@ -2,7 +2,7 @@
 
 use crate::systems::harness::{column, distance, events, solve};
 use crate::systems::memory::{abel, gamma};
-use dvi::solution::Solution;
+use dvi::solution::{EventKind, Solution};
 use serde_json::{Value, json};
 
 /// A variable between 0 and 1 under the kernel of exponent `alpha`.
@@ -85,6 +85,10 @@ fn fifty_two_known_switches_are_located() {
         assert_eq!(found.len(), switches.len(), "alpha = {alpha}: {found:?}");
         let apart = found.iter().zip(&switches).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         assert!(apart < 1e-8, "alpha = {alpha}: {apart:e}");
+        let kinds = solution.trajectory.events.iter().map(|event| event.kind);
+        let in_turn = [EventKind::Activated, EventKind::Deactivated].into_iter().cycle();
+        assert!(kinds.eq(in_turn.take(switches.len())), "{:?}", solution.trajectory.events);
+        assert_eq!(solution.diagnostics.switches, switches.len() as u64);
         let error = distance(&solution, "u", u);
         assert!(error < 1e-8, "alpha = {alpha}: {error:e}");
     }

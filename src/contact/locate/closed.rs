@@ -7,7 +7,7 @@
 //!
 //! or the value at one end where the rate has one sign. A part of the step that is left open is halved.
 
-use super::hidden::MOST_PARTS;
+use super::hidden::{MOST_PARTS, lowest};
 use super::leg::Leg;
 use super::mode::Status;
 use super::monitors::Ending;
@@ -60,9 +60,13 @@ impl Leg<'_, '_> {
 
     /// Whether no monitor of a closed contact falls to its level between two times.
     fn are_forces_proven(&mut self, a: f64, b: f64, levels: &[f64]) -> bool {
+        let slips = self.mode.iter().any(|status| matches!(status, Status::Slip(_)));
         let [mut first, mut middle, mut last] = [const { Vec::new() }; 3];
-        self.monitors_at(a, &mut first);
-        self.monitors_at(b, &mut last);
+        // Of the other monitors enclosures tell all.
+        if slips {
+            self.monitors_at(a, &mut first);
+            self.monitors_at(b, &mut last);
+        }
         // Settled there last, about which the equations are enclosed.
         self.monitors_at(0.5 * (a + b), &mut middle);
         let x = self.ranges(a, b);
@@ -73,29 +77,19 @@ impl Leg<'_, '_> {
         let v = &x[structure.coordinates..];
         let lowest = |index: usize| match (middle[index].ending, middle[index].value) {
             (Ending::Closes(_), _) | (_, f64::INFINITY) => f64::INFINITY,
-            (Ending::LetsGo(k), _) => least(forces.lambda[structure.normal(k)]),
+            (Ending::LetsGo(k), _) => forces.lambda[structure.normal(k)].least(),
             (Ending::Breaks(k, _), _) => {
                 let squares = structure.tangents(k).map(|row| forces.lambda[row].square());
                 let friction = squares.fold(Interval::point(0.0), |sum, square| sum + square).sqrt();
-                least(Interval::point(structure.contacts[k].mu) * forces.lambda[structure.normal(k)] - friction)
+                (Interval::point(structure.contacts[k].mu) * forces.lambda[structure.normal(k)] - friction).least()
             }
             (Ending::Stops(k), value) => {
                 let Status::Slip(d) = self.mode[k] else { return f64::NEG_INFINITY };
-                let rate = forces.slip_rate(self.watch, k, |i| d[i]);
-                let along = match () {
-                    () if !rate.defined => f64::NEG_INFINITY,
-                    () if rate.lo >= 0.0 => first[index].value,
-                    () if rate.hi <= 0.0 => last[index].value,
-                    () => value - 0.5 * (b - a) * rate.magnitudes().1,
-                };
-                along.max(least(forces.slip(self.watch, k, v, |i| d[i])))
+                let rate = forces.slip_rate(self.watch, k, d);
+                let along = lowest([first[index].value, value, last[index].value], rate, b - a);
+                along.max(forces.slip(self.watch, k, v, d).least())
             }
         };
         (0..middle.len()).all(|index| lowest(index) >= levels[index])
     }
-}
-
-/// The lower end of an interval; none where it is not defined all over the box.
-fn least(interval: Interval) -> f64 {
-    if interval.defined { interval.lo } else { f64::NEG_INFINITY }
 }

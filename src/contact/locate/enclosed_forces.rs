@@ -10,11 +10,15 @@
 
 use super::flight::{Flight, Solved};
 use super::mode::Status;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, Vector2};
 use numerics::{Interval, variation};
 use problem::{DynamicsRange, SensitivityRange};
+use std::ops::Range;
 
-/// By this factor at most changes of the matrix may feed back on what they multiply.
+/// The factor by which changes of the matrix `K` may feed back on the accelerations and multipliers that they multiply. The sum of
+/// all further terms is at most `1/(1 - factor)` times the first of them, which any factor below one bounds; at a half, by
+/// twice that. Nearer to one the bound would be too wide to prove anything; nearer to zero parts of a step would be halved,
+/// which halves the factor, although their forces are known well enough.
 const FEEDBACK: f64 = 0.5;
 
 /// What is known over a box.
@@ -28,20 +32,20 @@ pub(super) struct Forces {
 }
 
 impl Forces {
-    /// The slip of contact `k` in a direction.
-    pub fn slip(&self, flight: &Flight, k: usize, v: &[Interval], direction: impl Fn(usize) -> f64) -> Interval {
-        let rows = flight.shape().tangents(k).enumerate();
-        sum(rows.map(|(i, row)| {
-            Interval::point(direction(i)) * (self.dynamics.drift[row] + product(self.dynamics.row(row), v))
-        }))
+    /// The slip of contact `k` in a direction, where velocities are `v`.
+    pub fn slip(&self, flight: &Flight, k: usize, v: &[Interval], direction: Vector2<f64>) -> Interval {
+        self.along(&self.dynamics.drift, v, flight.shape().tangents(k), direction)
     }
 
-    /// Its rate.
-    pub fn slip_rate(&self, flight: &Flight, k: usize, direction: impl Fn(usize) -> f64) -> Interval {
-        let rows = flight.shape().tangents(k).enumerate();
-        sum(rows.map(|(i, row)| {
-            Interval::point(direction(i)) * (self.dynamics.bias[row] + product(self.dynamics.row(row), &self.a))
-        }))
+    /// The rate of the slip of contact `k` in a direction that stays.
+    pub fn slip_rate(&self, flight: &Flight, k: usize, direction: Vector2<f64>) -> Interval {
+        self.along(&self.dynamics.bias, &self.a, flight.shape().tangents(k), direction)
+    }
+
+    /// `d^T (free + J x)` for some rows of `J`: a velocity with drift and velocities, its rate with bias and accelerations.
+    fn along(&self, free: &[Interval], x: &[Interval], rows: Range<usize>, direction: Vector2<f64>) -> Interval {
+        let terms = rows.zip(direction.iter());
+        sum(terms.map(|(row, d)| Interval::point(*d) * (free[row] + product(self.dynamics.row(row), x))))
     }
 }
 
@@ -74,8 +78,8 @@ impl Inverse {
 }
 
 impl Flight {
-    /// Accelerations and multipliers over a box of times and of `x`, at a point `m` of which the equations of the mode were
-    /// settled last; `None` where they are not known there, or multipliers are not unique.
+    /// Accelerations and multipliers over a box of times and of `x`, about the point `m` in it at which the equations of the mode
+    /// were solved last; `None` where they are not known over the box, or multipliers are not unique.
     pub(super) fn enclose(&mut self, t: Interval, x: &[Interval], m: &[f64]) -> Option<Forces> {
         let n = self.shape().coordinates;
         let (q, v) = x.split_at(n);
@@ -89,7 +93,7 @@ impl Flight {
         let columns: Vec<Vec<Interval>> = rows.iter().map(|&row| self.push_of(row, &dynamics, &directions)).collect();
         let inverse = Inverse::new(solved);
         let (mut da, mut dl) = inverse.apply(&r, &w);
-        // What the changes of the matrix make of these, and of what they make of them.
+        // `K_m^-1 (K - K_m) (da, dlambda)`, the first of the further terms and, applied again, those that follow.
         let feed = |da: &[Interval], dl: &[Interval]| {
             let of_mass = |i: usize, j: usize| dynamics.mass[i * n + j] - Interval::point(solved.matrix[(i, j)]);
             let r: Vec<Interval> = (0..n)
@@ -111,17 +115,17 @@ impl Flight {
         };
         let (more_a, more_l) = feed(&da, &dl);
         let grown = |of: &[Interval], more: &[Interval]| -> Vec<Interval> {
-            of.iter().zip(more).map(|(of, more)| ball(size(*of) + size(*more))).collect()
+            of.iter().zip(more).map(|(of, more)| ball(of.size() + more.size())).collect()
         };
         let (all_a, all_l) = (grown(&da, &more_a), grown(&dl, &more_l));
         let (again_a, again_l) = feed(&all_a, &all_l);
-        let ratio = |more: &Interval, all: &Interval| if size(*more) > 0.0 { size(*more) / size(*all) } else { 0.0 };
+        let ratio = |more: &Interval, all: &Interval| if more.size() > 0.0 { more.size() / all.size() } else { 0.0 };
         let pairs = again_a.iter().zip(&all_a).chain(again_l.iter().zip(&all_l));
         let feedback = pairs.map(|(more, all)| ratio(more, all)).fold(0.0, f64::max);
         if feedback.is_nan() || feedback >= FEEDBACK {
             return None;
         }
-        let rest = |more: &Interval| ball(size(*more) / (1.0 - feedback));
+        let rest = |more: &Interval| ball(more.size() / (1.0 - feedback));
         da.iter_mut().zip(&again_a).for_each(|(da, more)| *da = *da + rest(more));
         dl.iter_mut().zip(&again_l).for_each(|(dl, more)| *dl = *dl + rest(more));
         let a = self.a.iter().zip(&da).map(|(a, da)| Interval::point(*a) + *da).collect();
@@ -279,9 +283,4 @@ fn product(row: &[Interval], of: &[Interval]) -> Interval {
 
 fn ball(radius: f64) -> Interval {
     Interval::new(-radius, radius)
-}
-
-/// The largest size of a value; infinite where it is not defined all over the box.
-fn size(interval: Interval) -> f64 {
-    if interval.defined { interval.magnitudes().1 } else { f64::INFINITY }
 }

@@ -8,9 +8,7 @@
 use super::leg::Leg;
 use super::mode::Status;
 use super::monitors::Ending;
-
-/// The tolerances by which the height of a gap may be off at the end of a flight.
-const TOLERANCES: f64 = 10.0;
+use radau::ALLOWED;
 
 /// Halvings of the time at which a gap turns back.
 const HALVINGS: usize = 40;
@@ -27,26 +25,26 @@ pub struct Grazed {
 }
 
 impl Leg<'_, '_> {
-    /// Looks for contacts that graze between two times of the last step, at the second of which the mode may end.
+    /// Looks for contacts that graze between two times of the last step; `ending` is that of the mode at the second, if it ends.
     pub(super) fn note_grazing(&mut self, begin: f64, end: f64, ending: Option<Ending>) {
         let open: Vec<usize> = (0..self.mode.len()).filter(|&k| self.mode[k] == Status::Open).collect();
         for k in open {
             let (first, last) = (self.gap_at(k, begin), self.gap_at(k, end));
             // From where it comes down.
-            let mut highest = self.located.highest[k].max(first.gap);
+            let mut highest = self.located.highest[k].or_wider(&first);
             let closes = ending == Some(Ending::Closes(k));
             let (t, nearest) = if closes {
-                highest = highest.max(self.gap_at(k, 0.5 * (begin + end)).gap);
+                highest = highest.or_wider(&self.gap_at(k, 0.5 * (begin + end)));
                 (end, Gap { gap: 0.0, ..last })
             } else if first.speed < 0.0 && last.speed > 0.0 {
                 self.nearest(k, begin, end)
             } else {
-                self.located.highest[k] = highest.max(last.gap);
+                self.located.highest[k] = highest.or_wider(&last);
                 continue;
             };
-            self.located.highest[k] = if closes { 0.0 } else { highest.max(last.gap) };
-            let known = TOLERANCES * self.located.radau.rtol * highest;
-            let Gap { gap, speed, acceleration, tolerance } = nearest;
+            self.located.highest[k] = if closes { Opening::default() } else { highest.or_wider(&last) };
+            let Gap { gap, speed, acceleration, tolerance, gradient } = nearest;
+            let known = ALLOWED * self.located.radau.rtol * highest.height(gradient);
             let possible = (2.0 * acceleration.abs() * known).sqrt();
             if gap <= known && speed.abs() <= possible {
                 let restitution = self.located.structure.contacts[k].restitution;
@@ -76,14 +74,14 @@ impl Leg<'_, '_> {
         self.watch.settle(t, &x);
         let v = &x[n..];
         let (structure, radau) = (&self.located.structure, &self.located.radau);
-        let tolerances: Vec<f64> =
-            v.iter().zip(&radau.atol[n..]).map(|(v, atol)| atol + radau.rtol * v.abs()).collect();
+        let tolerances = radau.tolerances(n, v);
         let (row, constraints) = (structure.normal(k), self.watch.constraints());
         Gap {
             gap: constraints.values[structure.joints + k],
             speed: constraints.velocity(row, v),
             tolerance: constraints.size(row, &tolerances).max(f64::MIN_POSITIVE),
             acceleration: self.watch.rate_of_row(row),
+            gradient: constraints.size(row, &radau.atol[..n]),
         }
     }
 }
@@ -95,4 +93,28 @@ struct Gap {
     speed: f64,
     acceleration: f64,
     tolerance: f64,
+    /// Its gradient, in units of the absolute tolerances of the coordinates.
+    gradient: f64,
+}
+
+/// How far a gap was open.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Opening {
+    /// The largest gap.
+    gap: f64,
+    /// The largest quotient of the gap and its gradient: a distance, whatever function of it the gap is.
+    distance: f64,
+}
+
+impl Opening {
+    /// The larger of this and a gap.
+    fn or_wider(self, gap: &Gap) -> Self {
+        Self { gap: self.gap.max(gap.gap), distance: self.distance.max(gap.gap / gap.gradient) }
+    }
+
+    /// How far it was open, in units of the gap where it has this gradient: the gap, but not where its gradient was many times
+    /// as large.
+    fn height(self, gradient: f64) -> f64 {
+        self.gap.min(self.distance * gradient)
+    }
 }

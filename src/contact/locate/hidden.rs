@@ -1,16 +1,17 @@
-//! What a gap does between the points at which a step has been looked at.
+//! Gaps and joints between the points at which a step has been evaluated.
 //!
-//! Where a body rests, or goes on at one speed, the error of a step is zero whatever its length; a floor that rises for a
-//! moment, or a bump that is narrow beside the way of the step, is then between all its points. So gaps and joints are
-//! enclosed over the whole step, in interval arithmetic over the time and the ranges of the polynomials that the step is,
-//! the parts halved where the enclosure leaves a violation open. A violation that is found cuts the step. Where a plain
-//! enclosure is too wide, an open gap is above
+//! Where a body rests, or moves at constant speed, the error estimate of a step is zero whatever its length. A floor that rises
+//! for a moment, or a bump that is narrow beside the length of the path, may then lie between all points of the step. So gaps and
+//! joints are enclosed over the whole step, in interval arithmetic over the time and the ranges of the collocation polynomials,
+//! and the parts are halved where the enclosure leaves a violation open. A violation that is found cuts the step. Where a plain
+//! enclosure is too wide, an open gap has the lower bound
 //!
 //! ```text
 //! gap(middle) - |gap'| length/2
 //! ```
 //!
-//! or its value at one end where `gap'`, enclosed as well, has one sign. What closed contacts do is told by their [forces](super::closed).
+//! or its value at one end where `gap'`, enclosed as well, has one sign. Closed contacts are screened by their
+//! [forces](super::closed).
 
 use super::leg::Leg;
 use numerics::Interval;
@@ -102,9 +103,7 @@ impl Leg<'_, '_> {
         let mut x = vec![0.0; 2 * n];
         self.at(begin, &mut x);
         self.watch.settle(begin, &x);
-        let (constraints, radau) = (self.watch.constraints(), &self.located.radau);
-        let tolerances: Vec<f64> =
-            x[..n].iter().zip(&radau.atol).map(|(q, atol)| atol + radau.rtol * q.abs()).collect();
+        let (constraints, tolerances) = (self.watch.constraints(), self.located.radau.tolerances(0, &x[..n]));
         let rows = constraints.values.iter().enumerate();
         let step = &self.located.step;
         let held = |row: usize, value: f64| value.abs().min(step.closed(row)) + step.rounding_of_row(row);
@@ -130,16 +129,8 @@ impl Leg<'_, '_> {
         let mut rates = vec![Interval::LINE; tolerances.len()];
         self.watch.problem().enclose_velocities(t, q, v, &mut rates);
         let [at_begin, at_middle, at_end] = [a, 0.5 * (a + b), b].map(|t| self.positions_at(t, tolerances.len()));
-        let is_open = |&row: &usize| {
-            let rate = rates[row];
-            let lowest = match () {
-                () if !rate.defined => f64::NEG_INFINITY,
-                () if rate.lo >= 0.0 => at_begin[row],
-                () if rate.hi <= 0.0 => at_end[row],
-                () => at_middle[row] - 0.5 * (b - a) * rate.lo.abs().max(rate.hi.abs()),
-            };
-            lowest >= -tolerances[row]
-        };
+        let is_open =
+            |&row: &usize| lowest([at_begin[row], at_middle[row], at_end[row]], rates[row], b - a) >= -tolerances[row];
         (!open.iter().all(is_open), held)
     }
 
@@ -177,5 +168,16 @@ impl Leg<'_, '_> {
         let until = if self.is_held(row) { ahead } else { off };
         let next = NEXT * (t - clear);
         (until > begin).then_some(Hidden { until, next })
+    }
+}
+
+/// A lower bound of a quantity over a length of time, from its values at the beginning, in the middle and at the end and an
+/// enclosure of its rate.
+pub(super) fn lowest([begin, middle, end]: [f64; 3], rate: Interval, length: f64) -> f64 {
+    match () {
+        () if !rate.defined => f64::NEG_INFINITY,
+        () if rate.lo >= 0.0 => begin,
+        () if rate.hi <= 0.0 => end,
+        () => middle - 0.5 * length * rate.size(),
     }
 }

@@ -25,7 +25,7 @@ pub struct Flights {
 }
 
 impl Flights {
-    /// Evaluators of one system, each of which `problem` makes.
+    /// Evaluators of one system, each made by `problem`.
     pub fn new(problem: impl Fn() -> Box<dyn Mechanical>) -> Self {
         let flight = || Flight::new(problem());
         Self { main: flight(), trial: flight(), spare: std::array::from_fn(|_| flight()), watch: flight() }
@@ -384,7 +384,7 @@ impl<'l, 'p> Leg<'l, 'p> {
         if violations.joints().is_empty() && violations.gaps().is_empty() {
             return;
         }
-        let tolerances: Vec<f64> = q.iter().zip(&radau.atol).map(|(q, atol)| atol + radau.rtol * q.abs()).collect();
+        let tolerances = radau.tolerances(0, q);
         violations.note(t, q, self.watch.constraints(), (&[], &tolerances), |k| self.mode[k].is_closed());
     }
 
@@ -430,8 +430,7 @@ impl<'l, 'p> Leg<'l, 'p> {
     fn drift(&self) -> Option<f64> {
         let Located { structure, constraints, step, state, radau, .. } = &*self.located;
         let ticks = 4.0 * step.problem.rounding_of_time(state.t);
-        let tolerances: Vec<f64> =
-            state.q.iter().zip(&radau.atol).map(|(q, atol)| atol + radau.rtol * q.abs()).collect();
+        let tolerances = radau.tolerances(0, &state.q);
         let closed = (0..self.mode.len()).filter(|&k| self.mode[k].is_closed()).map(|k| structure.joints + k);
         let held = (0..structure.joints).chain(closed);
         let drifted = held.filter(|&row| {

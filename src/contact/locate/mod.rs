@@ -12,6 +12,7 @@ mod bursts;
 mod closed;
 mod enclosed_forces;
 mod flight;
+mod gradient;
 mod grazing;
 mod hidden;
 mod integrals;
@@ -29,6 +30,7 @@ use super::happening::Happening;
 use super::settings::{ContactError, Settings};
 use super::velocity_step::{Forces, Probed, State, VelocityStep};
 use super::violations::Violations;
+use grazing::Opening;
 use mode::held;
 use monitors::Ending;
 use nalgebra::{Vector2, Vector3};
@@ -37,13 +39,10 @@ use problem::{Constraints, Control, Mechanical, MechanicalStructure};
 /// Velocities below this fraction of their terms are rounding.
 const ROUNDING: f64 = 1e-11;
 
-/// A gap whose gradient is below this fraction of its largest has none.
-const VANISHED: f64 = 1e-6;
-
-/// A slip that friction leaves below this fraction of what forces and impulses make of velocities is none.
+/// Relative slip tolerance: a contact sticks if its slip is below this fraction of the velocity change in the probe.
 const HELD: f64 = 1e-7;
 
-/// Friction that is left unused by a contact that others help, as a fraction of what there is.
+/// Slack in the friction bound, relative to `mu r_n`, below which a contact slips although others could hold for it.
 const SPARE: f64 = 1e-4;
 
 /// Impacts of one contact that follow each other in less than this fraction of the longest time between two of them
@@ -97,7 +96,7 @@ pub struct Located<'p> {
     /// The contact that grazed with the largest consequence.
     pub grazed: Option<Grazed>,
     /// How far each gap was open since its last contact.
-    highest: Vec<f64>,
+    highest: Vec<Opening>,
     /// What each contact does; `None` where time stepping is to go on.
     mode: Option<Vec<Status>>,
     /// The force on each contact from which those of the mode are the nearest, where they are not unique: the normal force
@@ -108,8 +107,6 @@ pub struct Located<'p> {
     last_impact: Vec<f64>,
     /// The longest time between two impacts of each contact.
     longest_flight: Vec<f64>,
-    /// The largest gradient of each gap so far.
-    gradients: Vec<f64>,
     radau: radau::Settings,
     /// The last step of Radau IIA, for the next mode to begin with.
     h: Option<f64>,
@@ -124,7 +121,7 @@ pub struct Located<'p> {
 pub struct Screening {
     /// Steps proven free of events.
     pub proven: u64,
-    /// Steps of which neither is shown.
+    /// Steps that are neither proven free of events nor seen to have one.
     pub undecided: u64,
     /// Steps with a violation that could not be located.
     pub missed: u64,
@@ -165,7 +162,7 @@ impl<'p> Located<'p> {
             passed: None,
             screening: Screening::default(),
             grazed: None,
-            highest: vec![0.0; contacts],
+            highest: vec![Opening::default(); contacts],
             step: VelocityStep::new(problem, settings.impact_law, settings.tolerance),
             last: state.clone(),
             state,
@@ -183,7 +180,6 @@ impl<'p> Located<'p> {
             structure,
             last_impact: vec![f64::NEG_INFINITY; contacts],
             longest_flight: vec![0.0; contacts],
-            gradients: vec![0.0; contacts],
             radau,
             h: None,
             pass: 0.0,
@@ -219,7 +215,7 @@ impl<'p> Located<'p> {
             Ending::Closes(k) => {
                 self.look();
                 self.step.closing = Some(k);
-                if self.gradient(k) <= VANISHED * self.gradients[k] {
+                if self.is_gradient_lost(k) {
                     return Err(ContactError::Gradient { contact: k, t });
                 }
                 if self.accumulates(k) {
@@ -301,12 +297,11 @@ impl<'p> Located<'p> {
 
     /// What the tolerances on velocities leave open of a slip.
     fn tolerance_of_slip(&self, k: usize, constraints: &Constraints, v: &[f64]) -> f64 {
-        let radau::Settings { rtol, atol, .. } = &self.radau;
-        let tolerances: Vec<f64> = v.iter().zip(&atol[v.len()..]).map(|(v, atol)| atol + rtol * v.abs()).collect();
+        let tolerances = self.radau.tolerances(v.len(), v);
         self.structure.tangents(k).map(|row| constraints.size(row, &tolerances)).fold(0.0, f64::max)
     }
 
-    /// The same for all contacts, of velocities that are none.
+    /// The tolerances of the slips of all contacts at rest.
     fn tolerances_of_slips(&mut self) -> Vec<f64> {
         self.look();
         let none = vec![0.0; self.structure.coordinates];
@@ -360,13 +355,6 @@ impl<'p> Located<'p> {
         self.step.problem.constraints(self.state.t, &self.state.q, &mut self.constraints);
         let (of_q, _) = self.radau.atol.split_at(self.structure.coordinates);
         self.step.meet(&self.constraints, &self.state.q, of_q);
-        for k in 0..self.gradients.len() {
-            self.gradients[k] = self.gradients[k].max(self.gradient(k));
-        }
-    }
-
-    fn gradient(&self, k: usize) -> f64 {
-        self.constraints.row(self.structure.normal(k)).iter().fold(0.0, |norm: f64, j| norm.hypot(*j))
     }
 
     fn is_closed(&self, k: usize) -> bool {

@@ -15,11 +15,15 @@ const SMALL: f64 = 1e-6;
 /// and far above rounding.
 const CHANGE: f64 = 1e-7;
 
-/// A probe whose change is smaller or larger than that by more than these factors is made again, so often: rounding and
-/// directions leave that much.
+/// A probe whose change is smaller or larger than that by more than these factors is made again: rounding and directions
+/// leave that much. Forces that hardly vary take one more probe, so that this many are made where none was too long.
 const TOO_SHORT: f64 = 100.0;
 const TOO_LONG: f64 = 1e3;
 const ATTEMPTS: usize = 3;
+
+/// Probes in all, where one is too short and one too long, as with forces that rise as a high power of time. Each that follows
+/// halves the logarithm of the ratio of both: eleven tell apart lengths by a factor of two over all that doubles hold.
+const MOST_ATTEMPTS: usize = ATTEMPTS + 11;
 
 /// A probe is at least as long as this multiple of what the clock tells apart.
 const TICKS: f64 = 1e4;
@@ -43,11 +47,36 @@ pub struct Probed {
     pub change: f64,
 }
 
+/// The longest probe that was too short and the shortest that was too long.
+#[derive(Default)]
+struct Lengths {
+    short: Option<f64>,
+    long: Option<f64>,
+}
+
+impl Lengths {
+    /// The length to try after `h`, by the factor that it was found to be off by; not beyond the time `left`.
+    fn after(&mut self, h: f64, factor: f64, left: f64) -> f64 {
+        let side = if factor < 1.0 { &mut self.long } else { &mut self.short };
+        *side = Some(h);
+        let next = factor * h;
+        match (self.short, self.long) {
+            (Some(short), Some(long)) if next <= short || long <= next => short.sqrt() * long.sqrt(),
+            _ => next.min(left.max(h)),
+        }
+    }
+
+    /// How many probes are made at most.
+    fn attempts(&self) -> usize {
+        if self.short.is_some() && self.long.is_some() { MOST_ATTEMPTS } else { ATTEMPTS }
+    }
+}
+
 impl VelocityStep<'_> {
     /// What the law makes of contacts that are closed and do not part, without restitution, in a step so short that only
     /// directions count, and the length of the step; the place is that where free motion leads, so that curved ways count
     /// too. `None` where friction drives a contact into what it slides on. Velocities are known to `atol`; where nothing tells
-    /// how long a step is short, it is a part of the time `left`.
+    /// how long a step is short, it is a part of the time `left`, beyond which no probe is made longer.
     ///
     /// # Errors
     /// See [`VelocityStep::advance`].
@@ -60,20 +89,25 @@ impl VelocityStep<'_> {
     ) -> Result<Option<(f64, Vec<Probed>)>, ContactError> {
         let mut h = match self.instant {
             Some(h) => h,
-            None => self.first_instant(state, atol)?.unwrap_or(CHANGE * left),
+            None => self.first_instant(state, atol)?.filter(|h| *h <= left).unwrap_or(CHANGE * left),
         };
         let clock = if self.structure.depends_on_time { self.problem.rounding_of_time(state.t) } else { 0.0 };
         let ticks = TICKS * clock;
-        let mut attempt = 1;
+        let (mut lengths, mut attempt) = (Lengths::default(), 1);
         let (now, v) = loop {
             h = h.max(ticks);
-            let free = self.free_motion(state, h)?;
-            let factor = self.pace(&free, state, closed, atol);
-            if attempt == ATTEMPTS || (factor * TOO_LONG >= 1.0 && factor <= TOO_SHORT) || (factor < 1.0 && h <= ticks)
-            {
-                break free;
+            let free = match self.free_motion(state, h) {
+                // Forces need not be defined as far ahead as a longer probe goes.
+                Err(_) if lengths.short.is_some() && attempt < MOST_ATTEMPTS => None,
+                free => Some(free?),
+            };
+            let factor = free.as_ref().map_or(0.0, |free| self.pace(free, state, closed, atol));
+            let fits = (factor * TOO_LONG >= 1.0 && factor <= TOO_SHORT) || (factor < 1.0 && h <= ticks);
+            let next = lengths.after(h, factor, left);
+            match free {
+                Some(free) if fits || attempt >= lengths.attempts() || next == h => break free,
+                _ => (h, attempt) = (next, attempt + 1),
             }
-            (h, attempt) = (factor * h, attempt + 1);
         };
         self.instant = Some(h);
         Ok(self.touch_free(state, h, (now, v), closed, control)?.map(|probed| (h, probed)))

@@ -5,20 +5,28 @@ use super::trial::Trial;
 use super::{Place, Segments, Switch};
 use crate::stepper::StepError;
 
-/// An element that had to be this much shorter than usual adds nothing to a mean over time.
+/// An element that had to be this much shorter than usual adds nothing to a mean over time: the root of the rounding of doubles.
+/// Its own share of the mean is as large as it is long, while rounding hides a change of sign along it by a part that goes with
+/// the inverse of its length; a longer limit would let errors into the mean, a shorter one would take rounding for switches.
 pub(super) const TINY: f64 = 1.5e-8;
-/// How fast the usual size follows elements that are shorter.
+/// How fast the usual size follows elements that are shorter: by a digit in twenty-two. If it followed at once, no element of a
+/// series that shrinks would be tiny beside the one before; if it hardly did, all would be tiny after a stretch on which the
+/// solution hardly varies.
 const FORGET: f64 = 0.9;
-/// The part of the step that the error allows, and by how much an element may differ from the last.
+/// The safety factor on the step that the error allows, and the least and the largest ratio of an element to the last (Hairer,
+/// Norsett and Wanner 1993, II.4): an estimate of the leading term of the error tells no more about lengths far off.
 const SAFETY: f64 = 0.9;
 const LEAST: f64 = 0.1;
 const MOST: f64 = 2.5;
-/// By how much an element on which no face holds is longer than the one before.
+/// By how much an element on which no face holds is longer than the one before: eight of these take it from the resolution of time
+/// to `TINY`. A smaller factor would make more elements without a face, a larger one longer ones than need be.
 const LONGER: f64 = 8.0;
-/// Elements that may be rejected one after the other: they shrink to at most half each time.
+/// Elements that may be rejected one after the other: they shrink to at most half each time, and these are the digits of doubles.
 const MOST_IN_A_ROW: u32 = 52;
 
-/// Elements made again, shorter, since nothing is proven of them.
+/// How often an element is made again, at most half as long each time, because it is not proven free of switches. A judgement: with
+/// fewer, elements count as unproven that smaller ones would have proven; with more, all that cannot be proven, where a monitor
+/// touches zero, take as many trials again.
 const SHORTENED: u32 = 3;
 
 /// A variable with its new place.

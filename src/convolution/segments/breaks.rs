@@ -7,7 +7,9 @@ use super::Segments;
 /// Samples an element. No element is longer than twice the time between the last two breaks, or since the last: periodic
 /// forcing is sampled eight times between two of its breaks.
 const SAMPLES: u32 = 16;
-/// Breaks this close to each other, in units of rounding, are one.
+/// Breaks closer to each other than this many units of rounding are one: those of `t - 1` and `3*t - 3` are at one time, but for a
+/// few units, or for as many as digits cancel in a longer expression. Fewer would take such a pair for an element of its
+/// own; many more, as far as `TINY`, for one break where an element between two would count.
 const ONE: f64 = 1e3;
 
 /// What is remembered of breaks.
@@ -16,7 +18,7 @@ pub(super) struct Breaks {
     /// The last break or the start, and the time to it from the one before.
     last: f64,
     gap: f64,
-    /// The first number after the break where the element at hand begins.
+    /// The first number after the break at which the present element begins.
     after: Option<f64>,
 }
 

@@ -5,12 +5,15 @@ use super::trial::{Trial, Violation};
 use super::{Place, Segments};
 use crate::stepper::StepError;
 
-/// Guesses, each of which halves a bracket at least every other time: more than the digits of a number.
+/// Guesses: every other one halves the bracket at least, and a double has 53 binary digits.
 const GUESSES: usize = 120;
-/// By how much the first bracket shrinks towards the beginning of the element.
+/// By how much the bracket shrinks as long as only its upper end is known: four binary digits a guess. A factor nearer to one takes
+/// more guesses to a switch at the beginning of the element, a smaller one leaves a wider bracket to one that is not.
 const SHRINK: f64 = 1.0 / 16.0;
 
-/// The part of what rounding errors may be that they mostly are: a monitor below it is zero.
+/// A monitor is zero below this part of its noise, which allows for sixteen rounding errors of its largest term
+/// ([`trial`](super::trial)): it is then at most one of them, and no other guess would tell more. With all of the noise the time
+/// would be off by more than it is known to; with much less no guess would be zero, and the bracket be halved to its end.
 const SURE: f64 = 1.0 / 16.0;
 
 /// An element up to a switch, none where it is at the beginning; and the variable with its new place, none where a shorter

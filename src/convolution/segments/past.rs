@@ -9,10 +9,13 @@ use crate::gauss_jacobi::gauss_jacobi;
 use crate::stepper::StepError;
 use nalgebra::DMatrix;
 
-/// An element this many of its lengths away, or more, acts through charges: their rules then converge by a factor of a
-/// hundred with each node.
+/// An element that ended this many of its lengths ago, or more, acts through charges. The kernel is analytic within an
+/// ellipse about the element that reaches to the present, with the sum `5 + 24^(1/2)` of its semi-axes for two lengths, and a
+/// rule converges by the square of that, a factor of ninety-eight, with each node. Nearer elements would need more nodes; a
+/// larger distance, more integrals of the kernel.
 const FAR: f64 = 2.0;
-/// Nodes of a rule beyond the number of functions, so that it is exact to the last digits there.
+/// Nodes of a rule beyond the number `n` of functions: these leave polynomials of degree `n + 12` to the kernel, which differs from
+/// one of them by about `9.9^-(n + 12)`, below rounding from four functions on.
 const NODES: usize = 6;
 
 /// A part of the time on which the variables are one combination of functions.

@@ -6,7 +6,8 @@ use super::{Place, Segments};
 use crate::stepper::StepError;
 use nalgebra::DMatrix;
 
-/// How much larger rounding errors of a sum may be than those of its largest terms.
+/// What rounding errors of a sum may be, relative to its largest term: they grow with the root of the number of terms, and sixteen
+/// allow for some hundreds.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
 /// What the equations need to know at the nodes: rows for the nodes, columns for the variables.
 struct Known {

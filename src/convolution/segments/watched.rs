@@ -11,8 +11,10 @@ use nalgebra::DMatrix;
 use numerics::Interval;
 use problem::Side;
 
-/// The part of its change over an element by which `q` of a variable inside may be off what the element knows of it: what a
-/// switch between the nodes makes of it has the size of the change.
+/// The part of its change over an element by which `q` of a variable inside may be off what the element knows of it. A
+/// judgement: what a switch between the nodes makes of `q` has the size of its change, and an element that is accurate is off
+/// by far less than a hundredth of that; a part near one would miss such a switch, a much smaller one would halve elements
+/// within tolerance.
 const RESOLVED: f64 = 1e-2;
 
 /// `F`

@@ -26,51 +26,18 @@
 //! Monitors of blocks are taken from the box alone.
 
 use super::MOST_PARTS;
+use super::on_face::{OnFace, Told};
 use super::part::Part;
 use super::point::Point;
 use super::reduced::{Reduced, Rows};
 use super::watched::Watched;
-use crate::consistent::{Consistent, InverseMass};
-use crate::constraints::Constraints;
+use crate::consistent::InverseMass;
 use crate::face::{ActiveFace, Place};
 use crate::inside::Inside;
-use crate::newton_control::NewtonControl;
 use crate::system::System;
 use nalgebra::DVector;
 use numerics::Interval;
 use problem::{MonitorRange, Side};
-
-/// What tells the variables inside on a face.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Told {
-    /// Their equations.
-    ByEquations,
-    /// Their equations and hidden constraints, both with constant coefficients.
-    ByHiddenConstraints,
-    /// Not so.
-    InPart,
-}
-
-/// The equations of a face, with what brings the unknowns from their polynomials onto them.
-pub(super) struct OnFace<'a, 'p> {
-    pub system: &'a mut System<'p>,
-    pub control: &'a NewtonControl,
-    pub inside: &'a mut Inside,
-    pub constraints: &'a mut Constraints,
-    pub consistent: Option<&'a mut Consistent>,
-}
-
-impl OnFace<'_, '_> {
-    /// What tells the variables inside.
-    pub fn told(&mut self) -> Told {
-        if self.inside.tells_all(self.system) {
-            return Told::ByEquations;
-        }
-        let Some(consistent) = &mut self.consistent else { return Told::InPart };
-        let is_affine = self.system.constant_jacobian() && self.system.forcing_slopes().is_some();
-        if is_affine && consistent.response(self.system).is_some() { Told::ByHiddenConstraints } else { Told::InPart }
-    }
-}
 
 /// Room for the enclosures over one part.
 #[derive(Debug, Default)]
@@ -140,18 +107,22 @@ impl Enclosure {
             return Found::Unknown;
         }
         self.residuals.clear();
-        self.residuals.extend(self.values[..system.unknowns].iter().copied().map(size));
+        self.residuals.extend(self.values[..system.unknowns].iter().copied().map(Interval::size));
         self.middle.y.resize(system.unknowns, 0.0);
         part.values(0.5, &mut self.middle.y);
-        self.find_errors(on, false);
+        if told == Told::ByEquations {
+            self.find_errors(on, false);
+        }
         let system = &*on.system;
         let are_blocks_proven = self.are_blocks_proven(system, limits);
         let mut left = std::mem::take(&mut self.left);
         left.clear();
         left.extend((0..watched.len()).filter(|&at| {
-            let lower = self.lower_end(system, &watched[at]) - self.error_of(system, &watched[at]);
             // Variables that only hidden constraints tell are known with the slopes.
-            told != Told::ByEquations || lower < 0.0 || lower.is_nan()
+            told != Told::ByEquations || {
+                let lower = self.lower_end(system, &watched[at]) - self.error_of(system, &watched[at]);
+                lower < 0.0 || lower.is_nan()
+            }
         }));
         self.is_hopeless = false;
         let may_fail = !left.is_empty() && self.may_fail(on, told, part, (t, h), watched, &mut left);
@@ -204,14 +175,16 @@ impl Enclosure {
         if !self.enclose_rows(system, times) {
             return true;
         }
-        self.middle.set(system, part, (t, h), 0.5);
+        self.middle.set(system, told, part, (t, h), 0.5);
         if !self.middle.is_finite {
             return true;
         }
+        // Monitors of states on their constraints have no error of these.
+        let has_errors = told != Told::ByHiddenConstraints;
         // The equations of the variables inside in the same form: their values over the box are too wide for long steps.
-        let equations = (0..system.unknowns - n).filter(|&k| system.face.places[k] == Place::Inside);
+        let equations = (0..system.unknowns - n).filter(|&k| has_errors && system.face.places[k] == Place::Inside);
         for k in equations.filter(|&k| system.set.block_of(k).is_none()) {
-            let slope = size(self.slope_of_row(system, part, h, n + k));
+            let slope = self.slope_of_row(system, part, h, n + k).size();
             let sharper =
                 self.middle.values[n + k].abs() + 0.5 * slope + on.control.noise_of_g(system, k, &self.middle.y);
             self.residuals[n + k] = self.residuals[n + k].min(sharper);
@@ -221,27 +194,22 @@ impl Enclosure {
         let at_middle =
             |&at: &usize| self.forms[at].value(system, self.middle.value(system, &watched[at]), &self.middle);
         let middles: Vec<(f64, f64)> = left.iter().map(at_middle).collect();
-        // What is wrong in the middle itself says whether a monitor may be negative there.
-        let in_middle = self.middle.values[..system.unknowns].iter().map(|value| value.abs()).collect();
-        let over_part = std::mem::replace(&mut self.residuals, in_middle);
         let with_hidden = told == Told::InPart;
-        if with_hidden {
-            self.find_hidden_in_middle(on);
+        if has_errors {
+            self.find_errors_in_middle(on, with_hidden);
         }
-        self.find_errors(on, with_hidden);
-        // Monitors of states on their constraints have no error of these.
-        let error_of =
-            |form: &Reduced, errors: &[f64]| if told == Told::ByHiddenConstraints { 0.0 } else { form.error(errors) };
+        let error_of = |form: &Reduced, errors: &[f64]| if has_errors { form.error(errors) } else { 0.0 };
         let is_suspect = |(&at, (middle, _)): (&usize, &(f64, f64))| {
             let error = error_of(&self.forms[at], &self.errors);
             *middle < CURVATURE * error || middle.is_nan() || error.is_nan()
         };
         let is_suspect: Vec<bool> = left.iter().zip(&middles).map(is_suspect).collect();
-        self.residuals = over_part;
         if with_hidden {
             self.find_hidden(on);
         }
-        self.find_errors(on, with_hidden);
+        if has_errors {
+            self.find_errors(on, with_hidden);
+        }
         let system = &mut *on.system;
         let (mut index, mut may_fail, mut is_known) = (0, false, [false; 2]);
         left.retain(|&at| {
@@ -251,13 +219,13 @@ impl Enclosure {
             let (slope, error) = (form.slope(&self.rows, part, h), error_of(form, &self.errors));
             // What rounding leaves uncertain of a monitor is no event.
             let allowed = error + rounding - monitor.limit.max(2.0 * rounding);
-            let mut is_proven = middle - 0.5 * size(slope) >= allowed;
+            let mut is_proven = middle - 0.5 * slope.size() >= allowed;
             // Where the slope has one sign the least value is at an end.
             let end = if slope.lo >= 0.0 { 0 } else { 1 };
             if !is_proven && middle >= allowed && (slope.lo >= 0.0 || slope.hi <= 0.0) {
                 let there = &mut self.ends[end];
                 if !std::mem::replace(&mut is_known[end], true) {
-                    there.set(system, part, (t, h), end as f64);
+                    there.set(system, told, part, (t, h), end as f64);
                 }
                 is_proven = there.is_finite && form.value(system, there.value(system, monitor), there).0 >= allowed;
             }
@@ -302,6 +270,18 @@ impl Enclosure {
         constraints.add_errors(system, control, &self.middle.y, &self.residuals, &mut self.errors);
     }
 
+    /// How far the unknowns may be from their polynomials in the middle of the part, where `system` was evaluated last: this says
+    /// whether a monitor may be negative there.
+    fn find_errors_in_middle(&mut self, on: &mut OnFace<'_, '_>, with_hidden: bool) {
+        let in_middle = self.middle.values[..on.system.unknowns].iter().map(|value| value.abs()).collect();
+        let over_part = std::mem::replace(&mut self.residuals, in_middle);
+        if with_hidden {
+            self.find_hidden_in_middle(on);
+        }
+        self.find_errors(on, with_hidden);
+        self.residuals = over_part;
+    }
+
     /// The rows of variables inside of `dG/dt = G_t + G_x M^-1 F` in the middle of the part, where `system` was evaluated last.
     fn find_hidden_in_middle(&mut self, on: &mut OnFace<'_, '_>) {
         let OnFace { system, consistent, .. } = on;
@@ -338,7 +318,7 @@ impl Enclosure {
                 .places_of_row(n + k)
                 .filter(|&(_, j)| j < n)
                 .map(|(at, j)| self.rows.jacobian[at] * self.rates[j]);
-            self.hidden[k] = size(along.fold(self.rows.by_time[k], |sum, term| sum + term));
+            self.hidden[k] = along.fold(self.rows.by_time[k], |sum, term| sum + term).size();
         }
     }
 
@@ -390,9 +370,4 @@ impl Enclosure {
         let along = system.places_of_row(row).map(|(at, j)| self.rows.jacobian[at] * part.rate(j));
         along.fold(explicit, |sum, term| sum + term)
     }
-}
-
-/// The largest size of a value in the interval; infinite where it is not defined all over the box.
-pub(super) fn size(interval: Interval) -> f64 {
-    if interval.defined { interval.magnitudes().1 } else { f64::INFINITY }
 }

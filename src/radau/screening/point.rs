@@ -1,5 +1,6 @@
 //! A point of a step at which monitors are evaluated.
 
+use super::on_face::Told;
 use super::part::Part;
 use super::watched::Watched;
 use crate::system::System;
@@ -9,6 +10,7 @@ use crate::system::System;
 pub(super) struct Point {
     pub y: Vec<f64>,
     pub values: Vec<f64>,
+    /// Empty where equations tell all variables, and nobody asks for it.
     pub drift: Vec<f64>,
     lower: Vec<f64>,
     upper: Vec<f64>,
@@ -18,7 +20,7 @@ pub(super) struct Point {
 
 impl Point {
     /// Takes `u` in `[0, 1]` of a part that begins at `t` and takes `h`.
-    pub fn set(&mut self, system: &mut System<'_>, part: &Part, (t, h): (f64, f64), u: f64) {
+    pub fn set(&mut self, system: &mut System<'_>, told: Told, part: &Part, (t, h): (f64, f64), u: f64) {
         let t = t + u * h;
         self.y.resize(system.unknowns, 0.0);
         part.values(u, &mut self.y);
@@ -26,8 +28,11 @@ impl Point {
         self.values.clone_from(&system.values);
         self.lower.clone_from(&system.set.lower);
         self.upper.clone_from(&system.set.upper);
-        self.drift.resize(system.unknowns - system.states, 0.0);
-        system.time_derivative(t, &self.y, &mut self.drift);
+        self.drift.clear();
+        if told != Told::ByEquations {
+            self.drift.resize(system.unknowns - system.states, 0.0);
+            system.time_derivative(t, &self.y, &mut self.drift);
+        }
     }
 
     /// The monitor there.

@@ -6,7 +6,7 @@
 //!
 //! Where these bind states as well, `w` is such that the monitor does not change where the states are brought onto them.
 
-use super::monitors::{OnFace, Told, size};
+use super::on_face::{OnFace, Told};
 use super::part::Part;
 use super::point::Point;
 use super::watched::Watched;
@@ -69,7 +69,8 @@ impl Reduced {
         self.by_terms = on.system.forcing_slopes().map(|slopes| self.sum_of_terms(slopes));
     }
 
-    /// The derivatives by the unknowns, of which the variable of the monitor may enter itself.
+    /// Sets the derivatives by the unknowns; a variable inside enters its monitor directly as well, with the slope in
+    /// `of_variable`.
     fn set_gradient(&mut self, system: &System<'_>, told: Told, rows: &Rows, of_variable: Option<(usize, f64)>) {
         let n = system.states;
         let mut gradient = vec![Interval::point(0.0); system.unknowns];
@@ -80,7 +81,7 @@ impl Reduced {
             for (at, j) in system.places_of_row(row) {
                 let term = Interval::point(factor) * rows.jacobian[at];
                 gradient[j] = gradient[j] + term;
-                sizes[j] += size(term);
+                sizes[j] += term.size();
             }
         }
         if told == Told::ByHiddenConstraints {
@@ -179,7 +180,7 @@ impl Reduced {
 
     /// What errors of the unknowns make of it.
     pub fn error(&self, errors: &[f64]) -> f64 {
-        self.gradient.iter().filter(|(j, _)| errors[*j] != 0.0).map(|&(j, slope)| size(slope) * errors[j]).sum()
+        self.gradient.iter().filter(|(j, _)| errors[*j] != 0.0).map(|&(j, slope)| slope.size() * errors[j]).sum()
     }
 
     /// Its slope over a part that takes `h`, in units of the part.

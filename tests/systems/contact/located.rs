@@ -35,6 +35,22 @@ fn every_bounce_before_the_zeno_point_is_found_and_the_ball_rests_after_it() {
 }
 
 #[test]
+fn a_gap_may_be_any_function_of_the_distance_with_a_gradient_where_it_closes() {
+    let fall = (2.0 / G).sqrt();
+    for gap in ["y", "exp(20*y) - 1", "exp(y/1e-2) - 1", "y + 1e6*y^3", "1e-9*y", "ln(1 + 20*y)", "sinh(30*y)"] {
+        let mut falling = ball(0.5);
+        falling["contacts"][0]["gap"] = json!(gap);
+        let solution = located(falling, 1.0);
+        let impacts = times(&solution, EventKind::Impact);
+        assert!(impacts.len() == 2, "{gap}: {impacts:?}");
+        for (t, exact) in impacts.iter().zip([fall, 2.0 * fall]) {
+            assert!((t - exact).abs() < 1e-9, "{gap}: {t}, not {exact}");
+        }
+        assert!(solution.verdict.trusted, "{gap}: {:?}", solution.verdict);
+    }
+}
+
+#[test]
 fn a_ball_without_restitution_stays_where_it_falls() {
     let solution = located(ball(0.0), 2.0);
     let impacts = times(&solution, EventKind::Impact);

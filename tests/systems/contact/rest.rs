@@ -88,3 +88,18 @@ fn a_table_on_four_feet_slides_when_the_push_reaches_the_friction_of_all() {
     let (x, y) = (last(&solution, "x"), last(&solution, "y"));
     assert!((x - moved * 12.0 / 13.0).abs() < 1e-7 && (y - moved * 5.0 / 13.0).abs() < 1e-7, "{x} {y} {moved}");
 }
+
+#[test]
+fn a_force_that_leaves_zero_as_a_high_power_of_time_lifts_a_body() {
+    for (power, unit) in [(3, 1.0), (7, 1.0), (7, 1e-6), (15, 1.0), (15, 1e6)] {
+        let problem = json!({"parameters": {"T": unit}, "coordinates": {"y": {"initial": 0}}, "mass": [[1]],
+            "forces": {"y": format!("(t/T - 1)^{power}/T^2")}, "contacts": [{"name": "floor", "gap": "y"}]});
+        let solution = located(problem, 3.0 * unit);
+        let rises = f64::from(power + 1) * f64::from(power + 2);
+        // y = (t - 1)^(p + 2)/((p + 1) (p + 2)) from t = 1 on.
+        let exact = 2.0_f64.powi(power + 2) / rises;
+        let error = last(&solution, "y") / exact - 1.0;
+        assert!(error.abs() < 1e-8, "power {power}, unit {unit:e}: {error:e}");
+        assert_eq!(solution.trajectory.events.len(), 1, "{:?}", solution.trajectory.events);
+    }
+}

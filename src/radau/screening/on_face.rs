@@ -1,0 +1,39 @@
+//! The equations of the face that a step kept, and which of them tell the variables inside.
+
+use crate::consistent::Consistent;
+use crate::constraints::Constraints;
+use crate::inside::Inside;
+use crate::newton_control::NewtonControl;
+use crate::system::System;
+
+/// What tells the variables inside on a face.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Told {
+    /// Their equations.
+    ByEquations,
+    /// Their equations and hidden constraints, both with constant coefficients.
+    ByHiddenConstraints,
+    /// Neither: only in part.
+    InPart,
+}
+
+/// The equations of a face, with what brings the unknowns from their polynomials onto them.
+pub(super) struct OnFace<'a, 'p> {
+    pub system: &'a mut System<'p>,
+    pub control: &'a NewtonControl,
+    pub inside: &'a mut Inside,
+    pub constraints: &'a mut Constraints,
+    pub consistent: Option<&'a mut Consistent>,
+}
+
+impl OnFace<'_, '_> {
+    /// What tells the variables inside.
+    pub fn told(&mut self) -> Told {
+        if self.inside.tells_all(self.system) {
+            return Told::ByEquations;
+        }
+        let Some(consistent) = &mut self.consistent else { return Told::InPart };
+        let is_affine = self.system.constant_jacobian() && self.system.forcing_slopes().is_some();
+        if is_affine && consistent.response(self.system).is_some() { Told::ByHiddenConstraints } else { Told::InPart }
+    }
+}
