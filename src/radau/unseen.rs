@@ -34,10 +34,12 @@ const SHOWN_PHASE: f64 = std::f64::consts::PI;
 /// seen of it in space.
 const MOST_PARTS: usize = 400;
 
-/// Looking into parts in vain may cost this many parts, and this part of an evaluation of the rates in parts: where the
-/// derivatives of a right problem cannot be enclosed narrowly, the work of its steps bounds that of looking.
-const FREE: f64 = 2000.0;
-const SHARE: f64 = 0.01;
+/// Looking into parts in vain may cost this many parts, those of two steps, and this many for each evaluation of the rates:
+/// where derivatives cannot be enclosed narrowly, the work of steps bounds that of looking. A part costs some forty
+/// evaluations, for derivatives in intervals and at three points, and these are about half of a run, so that a tenth of its
+/// time goes into looking. What is not looked at then is told.
+const FREE: f64 = 2.0 * MOST_PARTS as f64;
+const SHARE: f64 = 0.005;
 
 /// One row of the rows that are compared.
 #[derive(Clone, Copy, Debug)]
@@ -103,6 +105,8 @@ pub(super) struct Unseen {
     /// The parts that were enclosed of the last step, and those of all steps in which nothing was found.
     looked: f64,
     spent: f64,
+    /// Whether functions of the states were left undecided in the last step.
+    is_open: bool,
     /// The part of the last step up to where rows do what its stages do not show.
     pub seen: f64,
 }
@@ -123,6 +127,7 @@ impl Radau<'_> {
     /// tolerances; zero where rows neither depend on time nor have features, or cannot be enclosed.
     pub(super) fn missed(&mut self, h: f64) -> f64 {
         let rounding = self.rounding_of_time(h);
+        self.unseen.is_open = false;
         if h <= 4.0 * rounding || !self.is_fast(h) && self.system.features.is_empty() {
             return 0.0;
         }
@@ -141,6 +146,11 @@ impl Radau<'_> {
         let missed = means.map_or(0.0, |means| self.made_of(h, means));
         self.unseen.spent += if missed > 1.0 { 0.0 } else { self.unseen.looked };
         missed
+    }
+
+    /// Whether the last step is known to show what functions of the states do between its stages.
+    pub fn are_rates_shown(&self) -> bool {
+        !self.unseen.is_open
     }
 
     /// Whether more of a phase passes within a step of size `h` than its stages show of what depends on time alone.
@@ -173,6 +183,7 @@ impl Radau<'_> {
         let rows = self.rows_compared(h);
         // Where functions of the states may not be looked at, time alone is.
         let is_affordable = room.spent <= FREE + SHARE * self.system.work.rates as f64;
+        room.is_open = !is_affordable && !self.system.features.is_empty();
         let still = (self.system.features.is_empty() || !is_affordable).then(|| {
             let mut y = vec![0.0; self.system.unknowns];
             whole.values(0.5, &mut y);
@@ -272,15 +283,17 @@ impl Radau<'_> {
             let featured = unseen.iter_mut().zip(&course.rows).filter(|(_, row)| row.has_feature);
             featured.for_each(|(unseen, _)| *unseen = f64::INFINITY);
         }
-        if unseen.iter().all(|unseen| unseen.is_finite()) {
+        let is_open = |(unseen, row): &(&mut f64, &Row)| **unseen > row.allowed;
+        if !unseen.iter_mut().zip(&course.rows).any(|pair| is_open(&pair)) {
             return Some(unseen);
         }
+        // Where rows hardly change, and at jumps, their own enclosure is the narrower one.
         if !self.system.problem().enclose(times, &room.y, &mut room.values) {
             return is_smooth.then_some(unseen);
         }
-        for (unseen, row) in unseen.iter_mut().zip(&course.rows).filter(|(unseen, _)| unseen.is_infinite()) {
+        for (unseen, row) in unseen.iter_mut().zip(&course.rows).filter(is_open) {
             let range = room.values[row.at];
-            *unseen = if range.defined { range.hi - range.lo } else { f64::INFINITY };
+            *unseen = if range.defined { unseen.min(range.hi - range.lo) } else { *unseen };
         }
         Some(unseen)
     }
@@ -435,6 +448,7 @@ impl Radau<'_> {
             for (i, row) in course.rows.iter().enumerate() {
                 let off = 0.25 * (offs[0][i] + 2.0 * offs[1][i] + offs[2][i]);
                 // Of functions of the states it is mostly their enclosure that is too wide.
+                room.is_open |= course.still.is_none() && is_open(i);
                 let counts = course.still.is_some() && unseen[i].is_finite() && is_open(i);
                 let open = if counts { unseen[i] } else { 0.0 };
                 let off = if off.abs() > course.shown[i] { off } else { 0.0 };
