@@ -2,6 +2,7 @@
 
 use crate::harness::DECAY;
 use crate::process::{DVI, Folder, Server};
+use dvi::service::worker::{Confinement, Death};
 use serde_json::Value;
 use std::fs;
 use std::io::Write;
@@ -237,6 +238,39 @@ fn a_check_stops_when_its_client_goes_away() {
     thread::sleep(Duration::from_secs(1));
     assert!(!works(checker));
     assert_eq!(server.get("/healthz").status, 200);
+}
+
+/// Runs the test of that name in a process of its own, and gives the cause of its end.
+fn death_in(name: &str) -> Death {
+    let name = format!("workers::{name}");
+    let run = Command::new(std::env::current_exe().unwrap())
+        .args([&name, "--exact", "--ignored", "--nocapture"])
+        .output()
+        .unwrap();
+    Death::of(run.status, &String::from_utf8_lossy(&run.stderr))
+}
+
+fn descend(depth: u64) -> u64 {
+    if depth == u64::MAX { 0 } else { 1 + descend(std::hint::black_box(depth + 1)) }
+}
+
+#[test]
+#[ignore = "it takes its process down, to be looked at by another test"]
+fn overflows() {
+    println!("{}", descend(0));
+}
+
+#[test]
+#[ignore = "it takes its process down, to be looked at by another test"]
+fn takes_too_much() {
+    Confinement::impose(1 << 20);
+    println!("{:?}", vec![1_u8; 200 << 20].iter().max());
+}
+
+#[test]
+fn the_last_words_of_a_process_tell_why_it_died() {
+    assert_eq!(death_in("overflows"), Death::StackOverflow);
+    assert_eq!(death_in("takes_too_much"), Death::TooMuchMemory(Some(200 << 20)));
 }
 
 /// A result without its evidence, in which times are measured.

@@ -55,44 +55,10 @@ const TERM: i32 = 15;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::process::Command;
 
     #[track_caller]
     fn assert_death(raw: i32, last_words: &str, death: &Death) {
         assert_eq!(&Death::of(ExitStatus::from_raw(raw), last_words), death);
-    }
-
-    /// Runs the test of that name in a process of its own, and gives the cause of its end.
-    fn death_in(name: &str) -> Death {
-        let name = format!("worker::death::tests::{name}");
-        let run = Command::new(std::env::current_exe().unwrap())
-            .args([&name, "--exact", "--ignored", "--nocapture"])
-            .output()
-            .unwrap();
-        Death::of(run.status, &String::from_utf8_lossy(&run.stderr))
-    }
-
-    fn descend(depth: u64) -> u64 {
-        if depth == u64::MAX { 0 } else { 1 + descend(std::hint::black_box(depth + 1)) }
-    }
-
-    #[test]
-    #[ignore = "it takes its process down, to be looked at by the next test"]
-    fn overflows() {
-        println!("{}", descend(0));
-    }
-
-    #[test]
-    #[ignore = "it takes its process down, to be looked at by the next test"]
-    fn takes_too_much() {
-        crate::worker::Confinement::impose(1 << 20);
-        println!("{:?}", vec![1_u8; 200 << 20].iter().max());
-    }
-
-    #[test]
-    fn the_last_words_of_a_process_are_understood() {
-        assert_eq!(death_in("overflows"), Death::StackOverflow);
-        assert_eq!(death_in("takes_too_much"), Death::TooMuchMemory(Some(200 << 20)));
     }
 
     #[test]
