@@ -211,6 +211,22 @@ impl<'p> System<'p> {
         self.face.blocks.iter().any(|face| matches!(face, Face::Boundary(_)))
     }
 
+    /// Whether a block moves along an edge of its set.
+    pub fn is_on_edge(&self) -> bool {
+        self.set.blocks().iter().zip(&self.face.blocks).any(|(block, face)| match (face, &block.shape) {
+            (_, _) if self.face.holds(&block.members) => false,
+            (Face::Edge(zeros), Shape::Simplex) => zeros.len() + 1 < block.members.len(),
+            (Face::Edge(rows), _) => rows.len() < block.members.len(),
+            _ => false,
+        })
+    }
+
+    /// Whether the equation of variable `k` is `G_k = 0`: inside its interval, or in the interior of its block.
+    pub fn is_inside(&self, k: usize) -> bool {
+        let is_free = |b: usize| self.face.blocks[b] == Face::Interior;
+        self.face.places[k] == Place::Inside && self.set.block_of(k).is_none_or(is_free)
+    }
+
     /// Evaluates `F`, `G` and the bounds at `(t, y)`; false if a number is not finite.
     pub fn evaluate(&mut self, t: f64, y: &[f64]) -> bool {
         let is_same = |(a, b): (&f64, &f64)| a.to_bits() == b.to_bits();
