@@ -7,6 +7,7 @@
 use super::graph::{Graph, Node, Term};
 use super::lanes::Lanes;
 use super::operator::Operator;
+use super::points::Wide;
 use rustc_hash::{FxBuildHasher, FxHashMap};
 use std::hash::BuildHasher;
 use std::mem::take;
@@ -52,6 +53,8 @@ pub struct Tape {
     pub(super) program: Arc<Program>,
     /// The inputs, the constants and what parameters give, then one for each instruction.
     pub(super) registers: Vec<f64>,
+    /// The same at several points at once.
+    pub(super) wide: Wide,
 }
 
 impl Tape {
@@ -76,12 +79,13 @@ impl Tape {
             inputs,
             outputs,
         };
-        Self { program: Arc::new(program), registers }
+        Self { program: Arc::new(program), registers, wide: Wide::default() }
     }
 
     /// Binds the parameters, which reach at least to the largest index that occurs, until they are bound again.
     pub fn bind(&mut self, parameters: &[f64]) {
-        let Self { program, registers } = self;
+        let Self { program, registers, wide } = self;
+        wide.forget();
         for &(index, register) in &program.parameters {
             registers[register] = parameters[index];
         }
@@ -94,7 +98,7 @@ impl Tape {
     /// reach at least to the largest index that occurs. Equal inputs give equal bits. What is not defined comes out as
     /// NaN or an infinity.
     pub fn evaluate(&mut self, first: f64, rest: &[f64], outputs: &mut [f64]) {
-        let Self { program, registers } = self;
+        let Self { program, registers, .. } = self;
         debug_assert_eq!(outputs.len(), program.outputs.len(), "as many outputs as were compiled");
         let registers = registers.as_mut_slice();
         if let Some((input, inputs)) = registers[..program.inputs].split_first_mut() {

@@ -28,6 +28,7 @@ mod law;
 mod layout;
 mod memory;
 mod newton_control;
+mod points;
 mod progress;
 mod ranges;
 mod recurrence;

@@ -97,12 +97,9 @@ impl Stages {
     /// Evaluates `Phi` at every stage; false if a number is not finite.
     pub fn evaluate(&mut self, system: &mut System<'_>, tableau: &Tableau, t: f64, h: f64, y0: &[f64]) -> bool {
         let n = self.unknowns;
-        let mut finite = true;
-        for (i, c) in tableau.c.iter().enumerate() {
-            self.stage(y0, i);
-            finite &= system.phi(t + c * h, &self.y, &mut self.phi[i * n..(i + 1) * n]);
-        }
-        finite
+        system.evaluate_stages(&tableau.c, (t, h), y0, &self.z);
+        let stages = self.phi.chunks_exact_mut(n).take(tableau.stages()).enumerate();
+        stages.fold(true, |finite, (i, phi)| finite & system.take_phi(i, phi))
     }
 
     /// Sets `W = T^-1 Z`.
@@ -290,10 +287,11 @@ impl Stages {
         let n = self.unknowns;
         let mut verdict = Verdict { satisfied: true, violated: false, degenerate: false };
         self.monitors.clear();
-        for (i, c) in tableau.c.iter().enumerate() {
+        system.evaluate_stages(&tableau.c, (t, h), y0, &self.z);
+        for i in 0..tableau.stages() {
             self.stage(y0, i);
             let phi = &mut self.phi[i * n..(i + 1) * n];
-            if !system.phi(t + c * h, &self.y, phi) {
+            if !system.take_phi(i, phi) {
                 return None;
             }
             for &k in &system.intervals {

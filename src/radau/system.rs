@@ -8,6 +8,7 @@
 
 use super::face::{ActiveFace, Place};
 use super::layout::Layout;
+use super::points::Points;
 use super::settings::StepError;
 use numerics::Interval;
 use problem::{Control, ConvexSet, Dvi, Face, FaceEquations, ForcingSlopes, Mass, Shape, Side, Structure, Workspace};
@@ -52,7 +53,7 @@ impl Rates {
 
 /// A problem on a face, with room for one evaluation and one Jacobian.
 pub struct System<'p> {
-    problem: &'p mut dyn Dvi,
+    pub(super) problem: &'p mut dyn Dvi,
     /// Its sizes, mass, sparsity; `K` as it moves is [`System::set`].
     structure: Structure,
     /// Whether the outside asks to stop.
@@ -92,6 +93,8 @@ pub struct System<'p> {
     /// Where that was, and whether all were finite: the same place is not evaluated twice.
     last: Option<(f64, bool)>,
     last_y: Vec<f64>,
+    /// The stages as evaluated last.
+    pub(super) points: Points,
     /// Where each row of the Jacobian starts among its nonzeros.
     row_starts: Vec<usize>,
     /// Nonzeros of the Jacobian as of the last evaluation.
@@ -160,6 +163,7 @@ impl<'p> System<'p> {
             values: vec![0.0; rows],
             last: None,
             last_y: vec![0.0; unknowns],
+            points: Points::default(),
             row_starts,
             derivatives: vec![0.0; nonzeros],
             work: Work::default(),
@@ -209,6 +213,12 @@ impl<'p> System<'p> {
 
     /// Evaluates `F`, `G` and the bounds at `(t, y)`; false if a number is not finite.
     pub fn evaluate(&mut self, t: f64, y: &[f64]) -> bool {
+        self.evaluated(t, y, |problem, values| problem.evaluate(t, y, values))
+    }
+
+    /// The same, by a way to write the rows there.
+    #[inline]
+    pub(super) fn evaluated(&mut self, t: f64, y: &[f64], write: impl FnOnce(&mut dyn Dvi, &mut [f64])) -> bool {
         let is_same = |(a, b): (&f64, &f64)| a.to_bits() == b.to_bits();
         if let Some((time, finite)) = self.last
             && time == t
@@ -217,7 +227,7 @@ impl<'p> System<'p> {
             return finite;
         }
         self.work.rates += 1;
-        self.problem.evaluate(t, y, &mut self.values);
+        write(self.problem, &mut self.values);
         for (p, moving) in self.structure.moving.iter().enumerate() {
             moving.place(self.values[self.unknowns + p], &mut self.set);
         }
@@ -237,6 +247,11 @@ impl<'p> System<'p> {
     /// Evaluates `Phi` at `(t, y)` on the present face into `phi`; false if a number is not finite.
     pub fn phi(&mut self, t: f64, y: &[f64], phi: &mut [f64]) -> bool {
         let finite = self.evaluate(t, y);
+        self.on_face(finite, y, phi)
+    }
+
+    /// `Phi` at `y`, where the rows were evaluated last; whether these were `finite`, and it is.
+    pub(super) fn on_face(&mut self, finite: bool, y: &[f64], phi: &mut [f64]) -> bool {
         phi.copy_from_slice(&self.values[..self.unknowns]);
         for &k in &self.intervals {
             let row = self.states + k;
