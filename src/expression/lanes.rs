@@ -55,6 +55,19 @@ impl Lanes {
             self.operator.apply_all(a, b, results);
         }
     }
+
+    /// The same at several points, of which the first `count` are asked for.
+    pub(super) fn evaluate_points<const L: usize>(
+        &self,
+        registers: &[[f64; L]],
+        results: &mut [[f64; L]],
+        count: usize,
+    ) {
+        for (lane, results) in results.iter_mut().enumerate() {
+            let (a, b) = (registers[self.a.register(lane)], registers[self.b.register(lane)]);
+            self.operator.apply_lanes(a, b, results, count);
+        }
+    }
 }
 
 impl Operands {
@@ -106,14 +119,12 @@ impl Operator {
         }
     }
 
-    /// `apply(a[i], b[i])` for the first so many lanes; the others hold anything.
+    /// `results[i] = apply(a[i], b[i])` for the first `count` lanes; the others hold anything.
     #[inline(always)]
-    pub(super) fn apply_lanes<const L: usize>(self, a: &[f64; L], b: &[f64; L], count: usize) -> [f64; L] {
-        let mut results = [0.0; L];
-        if !self.apply_arithmetic(a, b, &mut results) {
+    pub(super) fn apply_lanes<const L: usize>(self, a: [f64; L], b: [f64; L], results: &mut [f64; L], count: usize) {
+        if !self.apply_arithmetic(&a, &b, results) {
             each(&a[..count], &b[..count], &mut results[..count], |a, b| self.apply(a, b));
         }
-        results
     }
 
     /// The same for operations that take no longer than their dispatch; false of others. The operator is known inside each

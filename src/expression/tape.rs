@@ -18,14 +18,14 @@ const FEWEST_LANES: usize = 24;
 
 /// `operator(registers[a], registers[b])`, for the next register.
 #[derive(Clone, Copy, Debug)]
-struct Instruction {
-    operator: Operator,
-    a: u32,
-    b: u32,
+pub(super) struct Instruction {
+    pub(super) operator: Operator,
+    pub(super) a: u32,
+    pub(super) b: u32,
 }
 
 #[derive(Clone, Debug)]
-enum Block {
+pub(super) enum Block {
     /// One after the other.
     Scalars(Vec<Instruction>),
     /// All at once.
@@ -35,12 +35,14 @@ enum Block {
 /// What a tape computes, and where: shared by all its copies.
 #[derive(Debug, Default)]
 pub(super) struct Program {
-    blocks: Vec<Block>,
+    pub(super) blocks: Vec<Block>,
     /// The parameters that occur, with their registers.
     parameters: Vec<(usize, usize)>,
     /// What depends on them alone, with the registers of the results.
     prelude: Vec<(usize, Instruction)>,
     pub(super) inputs: usize,
+    /// Whether most instructions run as lanes at one point already.
+    pub(super) is_vectorised: bool,
     /// The register of the first instruction.
     pub(super) first: usize,
     pub(super) outputs: Vec<u32>,
@@ -71,8 +73,12 @@ impl Tape {
         steps.iter().for_each(|&(kind, node)| assembly.take(kind, node));
         let outputs = outputs.iter().map(|&node| assembly.register(node)).collect();
         let Assembly { registers, parameters, prelude, instructions, inputs, .. } = assembly;
+        let blocks = blocks(&instructions);
+        let in_lanes: usize =
+            blocks.iter().map(|block| if let Block::Lanes(lanes) = block { lanes.len() } else { 0 }).sum();
         let program = Program {
-            blocks: blocks(&instructions),
+            blocks,
+            is_vectorised: 2 * in_lanes > instructions.len(),
             parameters,
             prelude,
             first: registers.len() - instructions.len(),

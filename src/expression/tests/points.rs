@@ -60,7 +60,8 @@ proptest! {
         ];
         prop_assert_eq!(all.len(), Gate as usize + 1);
         for operator in all {
-            let together = operator.apply_lanes(&a, &b, count);
+            let mut together = [0.0; 8];
+            operator.apply_lanes(a, b, &mut together, count);
             for lane in 0..count {
                 let alone = operator.apply(a[lane], b[lane]);
                 prop_assert!(same(together[lane], alone), "{:?} of {:e} and {:e}", operator, a[lane], b[lane]);
@@ -96,12 +97,23 @@ fn a_program_without_inputs_or_outputs_is_evaluated_at_any_number_of_points() {
 
 #[test]
 fn terms_side_by_side_have_the_bits_of_single_evaluations() {
-    let (mut graph, mut scope) = space();
-    let mut nodes = Vec::new();
-    for i in 0..40 {
-        scope.bind(&format!("c{i}"), graph.constant(0.1 * f64::from(i))).unwrap();
-        nodes.push(graph.parse(&format!("sin(x*c{i})*max(y, c{i}) - z/(t + c{i})"), &scope).unwrap());
+    for alone in [0, 200] {
+        let (mut graph, mut scope) = space();
+        let mut nodes = Vec::new();
+        for i in 0..40 {
+            scope.bind(&format!("c{i}"), graph.constant(0.1 * f64::from(i))).unwrap();
+            nodes.push(graph.parse(&format!("sin(x*c{i})*max(y, c{i}) - z/(t + c{i})"), &scope).unwrap());
+        }
+        // Each on the one before: of these none stand side by side.
+        let mut chain = nodes[0];
+        for _ in 0..alone {
+            let grown = graph.multiply(chain, chain);
+            chain = graph.add(grown, nodes[1]);
+        }
+        nodes.push(chain);
+        let points: Vec<[f64; 4]> = (0..9).map(|i| [0.7, 1.1, 2.3, 0.3].map(|x| x * f64::from(i))).collect();
+        let mut tape = Tape::compile(&graph, &nodes);
+        assert_eq!(tape.program.is_vectorised, alone == 0);
+        assert_same(&mut tape, nodes.len(), &points).unwrap();
     }
-    let points: Vec<[f64; 4]> = (0..9).map(|i| [0.7, 1.1, 2.3, 0.3].map(|x| x * f64::from(i))).collect();
-    assert_same(&mut Tape::compile(&graph, &nodes), nodes.len(), &points).unwrap();
 }
