@@ -31,6 +31,7 @@ mod newton_control;
 mod points;
 mod progress;
 mod ranges;
+mod recent;
 mod recurrence;
 mod regular_face;
 mod screening;

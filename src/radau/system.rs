@@ -9,6 +9,7 @@
 use super::face::{ActiveFace, Place};
 use super::layout::Layout;
 use super::points::Points;
+use super::recent::Recent;
 use super::settings::StepError;
 use numerics::Interval;
 use problem::{Control, ConvexSet, Dvi, Face, FaceEquations, ForcingSlopes, Mass, Shape, Side, Structure, Workspace};
@@ -93,6 +94,8 @@ pub struct System<'p> {
     /// Where that was, and whether all were finite: the same place is not evaluated twice.
     last: Option<(f64, bool)>,
     last_y: Vec<f64>,
+    /// Earlier places, where there are variables: no event of others brings a step back to them.
+    recent: Option<Recent>,
     /// The stages as evaluated last.
     pub(super) points: Points,
     /// Where each row of the Jacobian starts among its nonzeros.
@@ -163,6 +166,7 @@ impl<'p> System<'p> {
             values: vec![0.0; rows],
             last: None,
             last_y: vec![0.0; unknowns],
+            recent: (unknowns > n).then(|| Recent::new(unknowns, rows)),
             points: Points::default(),
             row_starts,
             derivatives: vec![0.0; nonzeros],
@@ -226,8 +230,16 @@ impl<'p> System<'p> {
         {
             return finite;
         }
-        self.work.rates += 1;
-        write(self.problem, &mut self.values);
+        let rows = self.values.len();
+        if let Some(values) = self.recent.as_ref().and_then(|recent| recent.find(t, y, rows)) {
+            self.values.copy_from_slice(values);
+        } else {
+            self.work.rates += 1;
+            write(self.problem, &mut self.values);
+            if let Some(recent) = &mut self.recent {
+                recent.keep(t, y, &self.values);
+            }
+        }
         for (p, moving) in self.structure.moving.iter().enumerate() {
             moving.place(self.values[self.unknowns + p], &mut self.set);
         }
