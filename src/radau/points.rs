@@ -3,44 +3,60 @@
 
 use super::system::System;
 
-/// Points and the rows there.
-#[derive(Debug, Default)]
-pub(super) struct Points {
+/// Points `(t_i, y_i)` and the rows there.
+#[derive(Clone, Debug, Default)]
+pub struct Points {
     times: Vec<f64>,
     /// `y` of one point after the other.
     y: Vec<f64>,
     values: Vec<f64>,
+    /// Whether all were evaluated before.
+    are_known: bool,
+}
+
+impl Points {
+    /// Evaluates the rows at `(t + c_i h, y0 + Z_i)`.
+    pub fn evaluate(&mut self, system: &mut System<'_>, nodes: &[f64], (t, h): (f64, f64), y0: &[f64], z: &[f64]) {
+        let Self { times, y, values, are_known } = self;
+        let (n, rows) = (y0.len(), system.values.len());
+        times.clear();
+        times.extend(nodes.iter().map(|c| t + c * h));
+        y.resize(nodes.len() * n, 0.0);
+        for (y, z) in y.chunks_exact_mut(n).zip(z.chunks_exact(n)) {
+            y.iter_mut().zip(y0).zip(z).for_each(|((y, y0), z)| *y = y0 + z);
+        }
+        values.resize(nodes.len() * rows, 0.0);
+        let mut points = times.iter().zip(y.chunks_exact(n)).zip(values.chunks_exact_mut(rows));
+        *are_known = points.all(|((&t, y), values)| system.recall(t, y, values));
+        if !*are_known {
+            system.problem().evaluate_points(times, y, values);
+        }
+    }
+
+    /// `y` at point `i` of a system of `n` unknowns.
+    fn y(&self, i: usize, n: usize) -> &[f64] {
+        &self.y[n * i..][..n]
+    }
 }
 
 impl System<'_> {
-    /// Evaluates the rows at the points `(t + c_i h, y0 + Z_i)`, of which [`System::take`] takes one.
-    pub(super) fn evaluate_stages(&mut self, nodes: &[f64], (t, h): (f64, f64), y0: &[f64], z: &[f64]) {
-        let Points { times, y, values } = &mut self.points;
-        times.clear();
-        times.extend(nodes.iter().map(|c| t + c * h));
-        y.clear();
-        y.extend(z.chunks_exact(y0.len()).take(nodes.len()).flat_map(|z| y0.iter().zip(z).map(|(y0, z)| y0 + z)));
-        values.resize(nodes.len() * self.values.len(), 0.0);
-        self.problem.evaluate_points(times, y, values);
-    }
-
     /// What [`System::evaluate`] does at point `i`.
-    pub(super) fn take(&mut self, i: usize) -> bool {
-        let points = std::mem::take(&mut self.points);
-        let (y, rows) = (&points.y[self.unknowns * i..][..self.unknowns], self.values.len());
-        let finite = self.evaluated(points.times[i], y, |_, values| {
-            values.copy_from_slice(&points.values[rows * i..][..rows]);
-        });
-        self.points = points;
-        finite
+    pub fn take(&mut self, points: &Points, i: usize) -> bool {
+        let (t, y) = (points.times[i], points.y(i, self.unknowns));
+        if let Some(finite) = self.is_last(t, y) {
+            return finite;
+        }
+        let rows = self.values.len();
+        self.values.copy_from_slice(&points.values[rows * i..][..rows]);
+        if !points.are_known {
+            self.count(t, y);
+        }
+        self.arrive(t, y)
     }
 
     /// What [`System::phi`] does at point `i`.
-    pub(super) fn take_phi(&mut self, i: usize, phi: &mut [f64]) -> bool {
-        let finite = self.take(i);
-        let points = std::mem::take(&mut self.points);
-        let finite = self.on_face(finite, &points.y[self.unknowns * i..][..self.unknowns], phi);
-        self.points = points;
-        finite
+    pub fn take_phi(&mut self, points: &Points, i: usize, phi: &mut [f64]) -> bool {
+        let finite = self.take(points, i);
+        self.on_face(finite, points.y(i, self.unknowns), phi)
     }
 }

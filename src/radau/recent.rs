@@ -8,6 +8,8 @@ const MOST: usize = 16;
 /// Places `(t, y)` with the rows there, of which the oldest gives way to the next.
 #[derive(Debug)]
 pub(super) struct Recent {
+    /// Sums of the bits of each, of which few places have the same.
+    keys: [u32; MOST],
     /// Not a number where there is room.
     times: [f64; MOST],
     y: Vec<f64>,
@@ -18,24 +20,38 @@ pub(super) struct Recent {
 impl Recent {
     /// Room for places of so many unknowns, with so many rows.
     pub(super) fn new(unknowns: usize, rows: usize) -> Self {
-        Self { times: [f64::NAN; MOST], y: vec![0.0; MOST * unknowns], values: vec![0.0; MOST * rows], next: 0 }
+        let (y, values) = (vec![0.0; MOST * unknowns], vec![0.0; MOST * rows]);
+        Self { keys: [0; MOST], times: [f64::NAN; MOST], y, values, next: 0 }
     }
 
     /// The rows at a place, if they are remembered; `rows` of them.
     pub(super) fn find(&self, t: f64, y: &[f64], rows: usize) -> Option<&[f64]> {
+        let key = key(t, y);
+        // Without an end at the first that is found: the loop is vectorised.
+        if !self.keys.iter().fold(false, |found, other| found | (*other == key)) {
+            return None;
+        }
         let is_same = |(a, b): (&f64, &f64)| a.to_bits() == b.to_bits();
-        let is_there = |&at: &usize| self.times[at] == t && self.y[y.len() * at..].iter().zip(y).all(is_same);
+        let is_there = |&at: &usize| {
+            self.keys[at] == key && self.times[at] == t && self.y[y.len() * at..].iter().zip(y).all(is_same)
+        };
         let at = (0..MOST).find(is_there)?;
         Some(&self.values[rows * at..][..rows])
     }
 
     /// Remembers the rows at a place.
     pub(super) fn keep(&mut self, t: f64, y: &[f64], values: &[f64]) {
-        self.times[self.next] = t;
-        self.y[y.len() * self.next..][..y.len()].copy_from_slice(y);
-        self.values[values.len() * self.next..][..values.len()].copy_from_slice(values);
-        self.next = (self.next + 1) % MOST;
+        let at = self.next;
+        (self.keys[at], self.times[at]) = (key(t, y), t);
+        self.y[y.len() * at..][..y.len()].copy_from_slice(y);
+        self.values[values.len() * at..][..values.len()].copy_from_slice(values);
+        self.next = (at + 1) % MOST;
     }
+}
+
+fn key(t: f64, y: &[f64]) -> u32 {
+    let sum = y.iter().fold(t.to_bits(), |sum, y| sum.wrapping_add(y.to_bits()));
+    (sum ^ (sum >> 32)) as u32
 }
 
 #[cfg(test)]

@@ -258,9 +258,9 @@ impl StageVi {
         y0: &[f64],
     ) -> bool {
         let (n, unknowns, count) = (system.states, system.unknowns, system.bounded.len());
-        system.evaluate_stages(&tableau.c, (t, h), y0, &stages.z);
+        stages.points.evaluate(system, &tableau.c, (t, h), y0, &stages.z);
         for i in 0..tableau.stages() {
-            if !system.take(i) {
+            if !system.take(&stages.points, i) {
                 return false;
             }
             let phi = &mut stages.phi[i * unknowns..(i + 1) * unknowns];

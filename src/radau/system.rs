@@ -8,7 +8,6 @@
 
 use super::face::{ActiveFace, Place};
 use super::layout::Layout;
-use super::points::Points;
 use super::recent::Recent;
 use super::settings::StepError;
 use numerics::Interval;
@@ -54,7 +53,7 @@ impl Rates {
 
 /// A problem on a face, with room for one evaluation and one Jacobian.
 pub struct System<'p> {
-    pub(super) problem: &'p mut dyn Dvi,
+    problem: &'p mut dyn Dvi,
     /// Its sizes, mass, sparsity; `K` as it moves is [`System::set`].
     structure: Structure,
     /// Whether the outside asks to stop.
@@ -96,8 +95,6 @@ pub struct System<'p> {
     last_y: Vec<f64>,
     /// Earlier places, where there are variables: no event of others brings a step back to them.
     recent: Option<Recent>,
-    /// The stages as evaluated last.
-    pub(super) points: Points,
     /// Where each row of the Jacobian starts among its nonzeros.
     row_starts: Vec<usize>,
     /// Nonzeros of the Jacobian as of the last evaluation.
@@ -167,7 +164,6 @@ impl<'p> System<'p> {
             last: None,
             last_y: vec![0.0; unknowns],
             recent: (unknowns > n).then(|| Recent::new(unknowns, rows)),
-            points: Points::default(),
             row_starts,
             derivatives: vec![0.0; nonzeros],
             work: Work::default(),
@@ -217,29 +213,45 @@ impl<'p> System<'p> {
 
     /// Evaluates `F`, `G` and the bounds at `(t, y)`; false if a number is not finite.
     pub fn evaluate(&mut self, t: f64, y: &[f64]) -> bool {
-        self.evaluated(t, y, |problem, values| problem.evaluate(t, y, values))
-    }
-
-    /// The same, by a way to write the rows there.
-    #[inline]
-    pub(super) fn evaluated(&mut self, t: f64, y: &[f64], write: impl FnOnce(&mut dyn Dvi, &mut [f64])) -> bool {
-        let is_same = |(a, b): (&f64, &f64)| a.to_bits() == b.to_bits();
-        if let Some((time, finite)) = self.last
-            && time == t
-            && y.iter().zip(&self.last_y).all(is_same)
-        {
+        if let Some(finite) = self.is_last(t, y) {
             return finite;
         }
-        let rows = self.values.len();
-        if let Some(values) = self.recent.as_ref().and_then(|recent| recent.find(t, y, rows)) {
-            self.values.copy_from_slice(values);
-        } else {
-            self.work.rates += 1;
-            write(self.problem, &mut self.values);
-            if let Some(recent) = &mut self.recent {
-                recent.keep(t, y, &self.values);
-            }
+        let mut values = std::mem::take(&mut self.values);
+        let is_known = self.recall(t, y, &mut values);
+        if !is_known {
+            self.problem.evaluate(t, y, &mut values);
         }
+        self.values = values;
+        if !is_known {
+            self.count(t, y);
+        }
+        self.arrive(t, y)
+    }
+
+    /// Whether the rows of the last evaluation, which was at `(t, y)`, are finite; `None` where it was elsewhere.
+    #[inline]
+    pub(super) fn is_last(&self, t: f64, y: &[f64]) -> Option<bool> {
+        let is_same = |(a, b): (&f64, &f64)| a.to_bits() == b.to_bits();
+        let (_, finite) = self.last.filter(|(time, _)| *time == t)?;
+        y.iter().zip(&self.last_y).all(is_same).then_some(finite)
+    }
+
+    /// Writes the rows at `(t, y)` where they were evaluated lately; false where not.
+    pub(super) fn recall(&self, t: f64, y: &[f64], values: &mut [f64]) -> bool {
+        let found = self.recent.as_ref().and_then(|recent| recent.find(t, y, values.len()));
+        found.inspect(|found| values.copy_from_slice(found)).is_some()
+    }
+
+    /// Takes an evaluation at `(t, y)` into account, with the rows there at hand.
+    pub(super) fn count(&mut self, t: f64, y: &[f64]) {
+        self.work.rates += 1;
+        if let Some(recent) = &mut self.recent {
+            recent.keep(t, y, &self.values);
+        }
+    }
+
+    /// Places the moving bounds by the rows at hand, which are those at `(t, y)`; false if one is not finite.
+    pub(super) fn arrive(&mut self, t: f64, y: &[f64]) -> bool {
         for (p, moving) in self.structure.moving.iter().enumerate() {
             moving.place(self.values[self.unknowns + p], &mut self.set);
         }
