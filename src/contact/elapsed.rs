@@ -71,6 +71,10 @@ impl Mechanical for Elapsed {
         self.problem.enclose_sensitivity(Interval::point(self.start) + t, x, a, lambda, range);
     }
 
+    fn may_jump(&mut self, t: Interval, x: &[Interval]) -> bool {
+        self.problem.may_jump(Interval::point(self.start) + t, x)
+    }
+
     fn breaks(&mut self, t: f64) -> &[f64] {
         self.problem.breaks(self.start + t)
     }

@@ -11,11 +11,6 @@ impl Graph {
         self.inputs_of(&[node])
     }
 
-    /// Whether any of the nodes depends on an input.
-    pub fn depend_on(&self, nodes: &[Node], input: usize) -> bool {
-        self.inputs_of(nodes).contains(&input)
-    }
-
     /// The functions in `node` that are not smooth (`abs`, `sign`, `heaviside`, `min`, `max`), each with the sorted
     /// inputs its arguments depend on, without repetition. A `min` of several arguments counts once.
     pub fn kinks(&self, node: Node) -> Vec<(&'static str, Vec<usize>)> {

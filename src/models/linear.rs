@@ -9,7 +9,7 @@
 
 use super::ParametricTerms;
 use super::forcing_slopes::Slopes;
-use expression::{Breaks, ExpressionError, Graph, IntervalWorkspace, Node, Tape};
+use expression::{Breaks, ExpressionError, Graph, IntervalWorkspace, Node, Pace, Tape};
 use numerics::Interval;
 use problem::{ConvexSet, Dvi, ForcingSlopes, Mass, MovingBound, Structure};
 
@@ -61,7 +61,7 @@ pub struct Linear {
     /// Those of `a` and `g` by `t`, and the second ones of `g`; none where one passes the bounds of the graph.
     slopes: Option<Slopes>,
     breaks: Breaks,
-    depends_on_time: bool,
+    pace: Pace,
     /// Those of the three tapes over boxes.
     boxes: [IntervalWorkspace; 3],
     /// The middle and the radius of each unknown over a box.
@@ -145,7 +145,7 @@ impl Linear {
             balls: Vec::new(),
             lanes: Vec::new(),
             breaks: Breaks::new(graph, &outputs),
-            depends_on_time: graph.depend_on(&outputs, 0),
+            pace: Pace::new(graph, &outputs),
         })
     }
 }
@@ -170,6 +170,7 @@ impl Linear {
             slopes.bind(parameters);
         }
         self.breaks.bind(parameters);
+        self.pace.bind(parameters);
     }
 
     /// Adds the products of the matrix with `y` at no more than `L` points to the values there.
@@ -198,8 +199,8 @@ impl Dvi for Linear {
         &self.structure
     }
 
-    fn depends_on_time(&self) -> bool {
-        self.depends_on_time
+    fn pace(&mut self) -> f64 {
+        self.pace.fastest()
     }
 
     fn evaluate(&mut self, t: f64, y: &[f64], values: &mut [f64]) {

@@ -8,11 +8,12 @@
 //! all by exact differentiation; contacts and joints give `J` and `b` by that of gaps and constraints, and `J` and `b` of
 //! slips are read off expressions that are affine in `v`.
 
-use expression::{Breaks, ExpressionError, Graph, IntervalWorkspace, Node, Tape};
+use expression::{Breaks, ExpressionError, Graph, IntervalWorkspace, Jumps, Node, Tape};
 use nalgebra::DMatrix;
 use numerics::Interval;
 use problem::{
-    Constraints, ContactData, DynamicsRange, Energies, Mechanical, MechanicalStructure, Sensitivity, SensitivityRange,
+    Constraints, ContactData, DynamicsRange, Energies, Mechanical, MechanicalStructure, PLAIN_DEGREE, Sensitivity,
+    SensitivityRange,
 };
 
 /// The parts of a system with `n` coordinates as nodes of a [`Graph`] whose inputs are `t`, then `q` (n), then `v` (n).
@@ -63,6 +64,7 @@ pub struct SymbolicMechanics {
     /// Derivatives of balance, acceleration and velocity, one below the other.
     sensitivity: Sparse,
     breaks: Breaks,
+    jumps: Jumps,
     /// Those after `t`.
     inputs: Vec<f64>,
     scratch: Vec<f64>,
@@ -239,6 +241,7 @@ impl SymbolicMechanics {
         let in_time = |nodes: &[Node]| nodes.iter().any(|&node| graph.inputs(node).contains(&0));
         let of_holonomic = jacobian.iter().filter(|((_, row), _)| *row < holonomic.len());
         let straight = of_holonomic.map(|(_, node)| *node).collect::<Vec<_>>();
+        let all: Vec<Node> = [&rows.mass, &forces, &holonomic, &drift, &bias].into_iter().flatten().copied().collect();
         let structure = MechanicalStructure {
             coordinates: n,
             joints: rows.joints.len(),
@@ -246,11 +249,11 @@ impl SymbolicMechanics {
             constant_mass: constant(&rows.mass),
             constant_forces: stiffness.places.is_empty(),
             depends_on_time: in_time(&rows.mass) || in_time(&forces) || in_time(&velocities) || in_time(&holonomic),
+            has_features: [&all, &velocities].into_iter().any(|of| !graph.beyond_degree(of, PLAIN_DEGREE).is_empty()),
             affine_constraints: constant(&straight) && !in_time(&holonomic),
         };
         let values = Tape::compile(graph, &holonomic);
-        let all: Vec<Node> = [&rows.mass, &forces, &holonomic, &drift, &bias].into_iter().flatten().copied().collect();
-        let breaks = Breaks::new(graph, &all);
+        let (breaks, jumps) = (Breaks::new(graph, &all), Jumps::new(graph, &all));
         let mass = Tape::compile(graph, &rows.mass);
         let sensitivity = Sparse::compile(graph, sensitivity);
         let (drift, bias) = (Tape::compile(graph, &drift), Tape::compile(graph, &bias));
@@ -272,6 +275,7 @@ impl SymbolicMechanics {
             stiffness,
             enclosures,
             breaks,
+            jumps,
             values,
             drift,
             rows: jacobian,
@@ -304,6 +308,7 @@ impl SymbolicMechanics {
             tape.bind(parameters);
         }
         self.breaks.bind(parameters);
+        self.jumps.bind(parameters);
     }
 
     /// The contacts, whose coefficients may be others.
@@ -489,6 +494,10 @@ impl Mechanical for SymbolicMechanics {
                 Some(_) => {}
             }
         }
+    }
+
+    fn may_jump(&mut self, t: Interval, x: &[Interval]) -> bool {
+        self.jumps.may_be_in(t, x)
     }
 
     fn breaks(&mut self, t: f64) -> &[f64] {

@@ -8,10 +8,10 @@
 
 use super::{Equations, Linear, LinearRows, ParametricTerms};
 use expression::{
-    Assumption, Breaks, ExpressionError, Graph, IntervalWorkspace, Irregularities, Kink, Kinks, Node, Tape,
+    Assumption, Breaks, ExpressionError, Graph, IntervalWorkspace, Irregularities, Jumps, Kink, Kinks, Node, Pace, Tape,
 };
 use numerics::Interval;
-use problem::{ConvexSet, Dvi, Mass, MovingBound, Structure};
+use problem::{ConvexSet, Dvi, Mass, MovingBound, PLAIN_DEGREE, Structure};
 
 /// The rows of a problem as nodes of a [`Graph`] whose inputs are `t`, then `x` (n), then `z` (m).
 #[derive(Clone, Debug)]
@@ -66,7 +66,9 @@ pub struct Symbolic {
     derivatives: Tape,
     time_derivatives: Tape,
     breaks: Breaks,
-    depends_on_time: bool,
+    pace: Pace,
+    features: Vec<usize>,
+    jumps: Jumps,
     kinks: Kinks,
     /// Those of the three tapes over boxes.
     boxes: [IntervalWorkspace; 3],
@@ -194,9 +196,21 @@ impl Symbolic {
         let boxes = std::array::from_fn(|i| IntervalWorkspace::new(&tapes[i]));
         let [values, derivatives, time_derivatives] = tapes;
         let breaks = Breaks::new(graph, &outputs);
-        let depends_on_time = graph.depend_on(&outputs, 0);
+        let pace = Pace::new(graph, &outputs);
         let irregularities = Irregularities::new(graph, &outputs);
-        Self { structure, values, derivatives, time_derivatives, boxes, breaks, depends_on_time, kinks, irregularities }
+        Self {
+            features: graph.beyond_degree(&outputs[..structure.unknowns()], PLAIN_DEGREE),
+            jumps: Jumps::new(graph, &outputs),
+            structure,
+            values,
+            derivatives,
+            time_derivatives,
+            boxes,
+            breaks,
+            pace,
+            kinks,
+            irregularities,
+        }
     }
 
     /// Takes over other parameters.
@@ -208,6 +222,8 @@ impl Symbolic {
             range.bind(tape);
         }
         self.breaks.bind(parameters);
+        self.jumps.bind(parameters);
+        self.pace.bind(parameters);
         self.kinks.bind(parameters);
         self.irregularities.bind(parameters);
     }
@@ -232,8 +248,16 @@ impl Dvi for Symbolic {
         &self.structure
     }
 
-    fn depends_on_time(&self) -> bool {
-        self.depends_on_time
+    fn pace(&mut self) -> f64 {
+        self.pace.fastest()
+    }
+
+    fn features(&self) -> &[usize] {
+        &self.features
+    }
+
+    fn may_jump(&mut self, t: Interval, y: &[Interval]) -> bool {
+        self.jumps.may_be_in(t, y)
     }
 
     fn evaluate(&mut self, t: f64, y: &[f64], values: &mut [f64]) {

@@ -2,5 +2,7 @@
 
 pub mod bernstein;
 mod interval;
+mod shown;
 
 pub use interval::{Interval, between};
+pub use shown::{is_seen, is_shown, variation};

@@ -13,7 +13,7 @@ mod event;
 mod mechanical;
 mod warning;
 
-use numerics::Interval;
+use numerics::{Interval, variation};
 
 pub use control::{Control, Interrupted, Stop};
 pub use convex_set::{
@@ -147,6 +147,10 @@ pub struct ForcingSlopes {
     pub curvature: Sums,
 }
 
+/// The degree up to which polynomials in the states are no features: on a straight way three stages of Radau IIA integrate
+/// them exactly.
+pub const PLAIN_DEGREE: u32 = 4;
+
 /// A differential variational inequality, ready to be evaluated without allocation.
 pub trait Dvi: Send {
     /// Sizes, set and sparsity.
@@ -187,8 +191,34 @@ pub trait Dvi: Send {
         false
     }
 
-    /// Whether a row depends on time explicitly, in a way that steps are to be made short enough for.
-    fn depends_on_time(&self) -> bool {
+    /// Writes how the derivatives by `y` vary between three points one after the other, at these times and in these `y`: their
+    /// range, and by how much the middle differs from the mean of the ends. Where [`Dvi::enclose_derivatives`] makes them of
+    /// others, these may vary in place of them.
+    fn vary_derivatives(&mut self, times: [f64; 3], y: &[f64], variations: &mut [(f64, f64)]) {
+        let mut of = times.map(|_| vec![0.0; variations.len()]);
+        for ((t, y), values) in times.iter().zip(y.chunks_exact(y.len() / 3)).zip(&mut of) {
+            self.jacobian(*t, y, values);
+        }
+        let [first, middle, last] = &of;
+        for (at, out) in variations.iter_mut().enumerate() {
+            *out = variation([first[at], middle[at], last[at]]);
+        }
+    }
+
+    /// How fast the rows vary with time whatever `y` is, in radians a unit of time: the stages of a step in which no phase
+    /// passes by half a turn show them. Zero where they do not depend on time, infinite where nothing is known of them.
+    fn pace(&mut self) -> f64 {
+        0.0
+    }
+
+    /// The rows, of `F` and `G`, that are no polynomials of low degree in `y`, in order: within a step they may do what its stages
+    /// do not show.
+    fn features(&self) -> &[usize] {
+        &[]
+    }
+
+    /// Whether a row may jump, by what depends on `y`, somewhere in a box.
+    fn may_jump(&mut self, _t: Interval, _y: &[Interval]) -> bool {
         false
     }
 

@@ -42,6 +42,8 @@ pub struct MechanicalStructure {
     pub constant_forces: bool,
     /// Whether forces, masses, joints, gaps or slips depend on time explicitly.
     pub depends_on_time: bool,
+    /// Whether forces, masses, joints, gaps or slips are more than polynomials of low degree in `q` and `v`.
+    pub has_features: bool,
     /// Whether joints and gaps are affine functions of `q` alone: on a straight way they are least at its ends.
     pub affine_constraints: bool,
 }
@@ -227,6 +229,11 @@ pub trait Mechanical: Send {
         lambda: &[f64],
         range: &mut SensitivityRange,
     );
+
+    /// Whether one of these may jump, by what depends on `q` and `v`, somewhere in a box.
+    fn may_jump(&mut self, _t: Interval, _x: &[Interval]) -> bool {
+        false
+    }
 
     /// What changes its sign where something has a kink or a jump at a time, whatever `q` and `v` are.
     fn breaks(&mut self, _t: f64) -> &[f64] {

@@ -68,7 +68,10 @@ struct Caution {
 
 impl Caution {
     fn rejected(&mut self, smaller: f64) {
-        self.wait = (2 * self.wait).max(1);
+        // Attempts at one step count once.
+        if self.left < self.wait || self.wait == 0 {
+            self.wait = (2 * self.wait).max(1);
+        }
         self.left = self.wait;
         self.most = smaller;
     }
@@ -126,6 +129,12 @@ impl Controller {
         let smaller = self.reject(s, h, missed, newton, most, false);
         self.caution.rejected(smaller);
         smaller
+    }
+
+    /// The size of a step that ends ahead of what its stages did not show.
+    pub fn cut(&mut self, size: f64) -> f64 {
+        self.rejected = true;
+        size
     }
 
     /// Forgets what the steps before a switch said of those after it.

@@ -21,7 +21,6 @@ mod dense_output;
 mod error_control;
 mod face;
 mod factors;
-mod forcing;
 mod inside;
 mod interpolation;
 mod law;
@@ -43,6 +42,7 @@ mod stepper;
 mod switches;
 mod system;
 mod tableau;
+mod unseen;
 
 pub use conditions::{AlgebraicStability, Conditions, Order, PositiveDiagonal, Vanishing};
 pub use face::{ActiveFace, Place};

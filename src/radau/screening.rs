@@ -8,7 +8,7 @@
 
 mod monitors;
 mod on_face;
-mod part;
+pub(super) mod part;
 mod point;
 mod reduced;
 mod watched;

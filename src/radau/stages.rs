@@ -248,7 +248,10 @@ impl Stages {
                 }
             }
             last_norm = norm.max(f64::EPSILON);
-            if factor * norm <= control.kappa || rounding() {
+            // The first increment alone tells no rate, and that of another step may be one of other derivatives: it is trusted for
+            // half of the digits.
+            let is_told = k > 1 || norm * norm <= control.kappa || system.constant_jacobian();
+            if factor * norm <= control.kappa && is_told || rounding() {
                 contraction.factor = factor;
                 if k > 1 {
                     system.work.contraction.observe(contraction.theta);

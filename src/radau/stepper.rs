@@ -22,6 +22,7 @@ use super::stages::{Contraction, Newton, Stages, THETA};
 use super::switches::{Located, Switching};
 use super::system::System;
 use super::tableau::Tableau;
+use super::unseen::Unseen;
 use problem::{Control, Dvi};
 
 /// Counts of what a run did.
@@ -86,6 +87,7 @@ pub struct Radau<'p> {
     screened_short: bool,
     pub(super) breaks: Breaks,
     pub(super) chattering: Chattering,
+    pub(super) unseen: Unseen,
     pub(super) progress: Progress,
     estimate: Vec<f64>,
     /// The jump of the slope of the states into the step at hand, times its size; empty where there is none to speak of.
@@ -199,6 +201,7 @@ impl<'p> Radau<'p> {
             screened_short: false,
             breaks: Breaks::new(t),
             chattering: Chattering::default(),
+            unseen: Unseen::default(),
             progress: Progress::default(),
             counts: Counts::default(),
         };
@@ -271,7 +274,7 @@ impl<'p> Radau<'p> {
             if !coupled {
                 error = error.max(self.constraint_error(reached));
             }
-            let missed = if error < 1.0 && !coupled { self.missed_forcing(reached) } else { 0.0 };
+            let missed = if error < 1.0 && !coupled { self.missed(reached) } else { 0.0 };
             let is_missed = missed > 1.0;
             if is_missed {
                 error = missed;
@@ -299,7 +302,10 @@ impl<'p> Radau<'p> {
                 self.system.face.clone_from(&self.switching.before);
             }
             let first = self.counts.accepted == 0;
+            let seen = self.unseen.seen;
             self.shrink(reached, Cause::Error, |controller| match is_missed {
+                // Up to where that begins.
+                true if seen >= LEAST => controller.cut(seen * reached),
                 true => controller.miss(s, reached, error.min(1e10), iterations, most),
                 false => controller.reject(s, reached, error.min(1e10), iterations, most, first),
             })?;

@@ -78,8 +78,10 @@ pub struct System<'p> {
     pub tolerances: Vec<f64>,
     /// Whether derivatives may change within a step by more than a step makes them, at kinks of the rows in `y`.
     pub has_kinks: bool,
-    /// Whether they depend on time explicitly.
-    pub depends_on_time: bool,
+    /// See [`Dvi::pace`].
+    pub pace: f64,
+    /// The rows of `F` and `G` that may do within a step what its stages do not show.
+    pub features: Vec<usize>,
     /// The active face.
     pub face: ActiveFace,
     /// The equations of each block where they were asked for last.
@@ -139,7 +141,8 @@ impl<'p> System<'p> {
         let (rows, nonzeros) = (structure.rows(), structure.pattern.len());
         let row_starts = (0..=rows).map(|row| structure.pattern.partition_point(|&(i, _)| i < row)).collect();
         let has_kinks = !problem.kinks(t, &vec![0.0; unknowns]).is_empty();
-        let depends_on_time = problem.depends_on_time();
+        let pace = problem.pace();
+        let features = problem.features().to_vec();
         let layout = Arc::new(Layout::new(&structure, &bounded, t, outside)?);
         Ok(Self {
             problem,
@@ -155,7 +158,8 @@ impl<'p> System<'p> {
             intervals,
             tolerances: Vec::new(),
             has_kinks,
-            depends_on_time,
+            pace,
+            features,
             face,
             equations: vec![FaceEquations::default(); blocks],
             linearised: vec![FaceEquations::default(); blocks],

@@ -15,12 +15,14 @@ pub(super) struct Audit<'p> {
     screening: Screening,
     /// The steps that could have been proven free of events, and were not.
     open: u32,
+    /// The steps between whose stages rates may do more than was seen.
+    hidden: u32,
     checks: Checks,
 }
 
 impl<'p> Audit<'p> {
     pub fn new(plan: &'p Plan, has_kinks: bool) -> Self {
-        Self { plan, has_kinks, screening: Screening::default(), open: 0, checks: Checks::default() }
+        Self { plan, has_kinks, screening: Screening::default(), open: 0, hidden: 0, checks: Checks::default() }
     }
 
     /// Measures an accepted step and the values at its end.
@@ -30,6 +32,7 @@ impl<'p> Audit<'p> {
             self.record_excess(CheckCode::LawResidual, found, t);
         }
         self.screen(radau);
+        self.hidden += u32::from(!radau.are_rates_shown());
         if let Some(distance) = radau.unlocated_switch() {
             self.record_unlocated(t, distance, radau.accumulations() > 0);
         }
@@ -124,6 +127,16 @@ impl<'p> Audit<'p> {
                 "events_not_proven",
                 format!(
                     "{undecided} of {steps} steps are not proven free of events; none was seen at the points looked at"
+                ),
+            );
+        }
+        if self.hidden > 0 {
+            self.checks.caveat(
+                "rates_not_proven",
+                format!(
+                    "in {} steps functions of the states are not proven to do no more than their stages show: what is much \
+                     narrower than a step may have been passed over; a smaller `max_step` may help",
+                    self.hidden
                 ),
             );
         }

@@ -5,6 +5,7 @@ mod certificates;
 mod circuits;
 mod contact;
 mod elastic;
+mod features;
 mod filippov;
 mod friction;
 mod global_error;

@@ -9,15 +9,7 @@
 
 use super::hidden::{HALVINGS, Hidden, NEXT};
 use super::leg::Leg;
-use numerics::Interval;
-
-/// The factor by which an enclosure may be wider than the range of what is seen: it is for sums and products of terms that
-/// vary together.
-const WIDER: f64 = 4.0;
-
-/// The part of this range by which what is in the middle may differ from the mean of the ends: a burst that happens to be
-/// in the middle, or at an end, differs by all of it, or by half.
-const BENT: f64 = 0.3;
+use numerics::{Interval, is_seen};
 
 /// Parts of one step; a part that is left undecided then is as wide as it is.
 const MOST_PARTS: usize = 400;
@@ -99,13 +91,7 @@ impl Leg<'_, '_> {
             self.watch.problem().enclose_in_time(Interval::point(*t), q, v, values);
         }
         let [(_, first), (_, middle), (_, last)] = &seen;
-        (0..allowed.len()).all(|i| {
-            let all = first[i].hull(middle[i]).hull(last[i]);
-            let range = all.hi - all.lo;
-            let bent = (middle[i].lo - 0.5 * (first[i].lo + last[i].lo)).abs();
-            let is_narrow = enclosed[i].hi - enclosed[i].lo <= WIDER * range + allowed[i];
-            all.defined && is_narrow && bent <= BENT * range + allowed[i]
-        })
+        (0..allowed.len()).all(|i| is_seen(enclosed[i], [first[i].lo, middle[i].lo, last[i].lo], allowed[i]))
     }
 
     /// A burst that the last step went over, in one of its parts.

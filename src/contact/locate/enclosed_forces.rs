@@ -11,7 +11,7 @@
 use super::flight::{Flight, Solved};
 use super::mode::Status;
 use nalgebra::{DMatrix, Vector2};
-use numerics::Interval;
+use numerics::{Interval, variation};
 use problem::{DynamicsRange, SensitivityRange};
 use std::ops::Range;
 
@@ -134,6 +134,55 @@ impl Flight {
         Some(Forces { a, lambda, dynamics })
     }
 
+    /// The derivatives of accelerations by `x` over a box, row by row, at the point of which the equations of the mode were
+    /// settled last: `-K_m^-1` of those of `M a - f - G lambda` and `C a + gamma`, without what changes of `M`, of directions
+    /// and of slips make of changes of `a` and `lambda`. False where they are not known.
+    pub(super) fn enclose_slopes(&mut self, t: Interval, x: &[Interval], slopes: &mut [Interval]) -> bool {
+        let (a, lambda) = (self.a.clone(), self.lambda.clone());
+        let mut range = SensitivityRange::default();
+        self.problem().enclose_sensitivity(t, x, &a, &lambda, &mut range);
+        let Some(solved) = self.solved_last().filter(|solved| solved.shift.is_none()) else { return false };
+        let inverse = Inverse::new(solved);
+        let (rows, count) = (self.rows(), x.len());
+        for (at, slope) in slopes.iter_mut().enumerate() {
+            let (i, j) = (at / count, at % count);
+            let of_balance = (0..a.len()).map(|k| (inverse.a_by_r[(i, k)], range.balance[k * count + j]));
+            let of_rows = rows.iter().enumerate();
+            let of_rows = of_rows.map(|(l, &row)| (inverse.a_by_w[(i, l)], range.acceleration[row * count + j]));
+            *slope = -sum(of_balance.chain(of_rows).map(|(factor, range)| Interval::point(factor) * range));
+        }
+        true
+    }
+
+    /// How what these are made of varies between three points one after the other, the middle one of which the equations of the
+    /// mode were settled last at, weighted as it enters them.
+    pub(super) fn vary_slopes(&mut self, times: [f64; 3], x: &[f64], variations: &mut [(f64, f64)]) {
+        let (a, lambda, count) = (self.a.clone(), self.lambda.clone(), x.len() / 3);
+        let mut at = 0;
+        let of: [SensitivityRange; 3] = times.map(|t| {
+            let mut range = SensitivityRange::default();
+            let point: Vec<Interval> = x[at..at + count].iter().map(|x| Interval::point(*x)).collect();
+            self.problem().enclose_sensitivity(Interval::point(t), &point, &a, &lambda, &mut range);
+            at += count;
+            range
+        });
+        let Some(solved) = self.solved_last() else { return };
+        let inverse = Inverse::new(solved);
+        let rows = self.rows();
+        for (at, out) in variations.iter_mut().enumerate() {
+            let (i, j) = (at / count, at % count);
+            let of_balance = (0..a.len())
+                .map(|k| (inverse.a_by_r[(i, k)], [0, 1, 2].map(|point| of[point].balance[k * count + j].lo)));
+            let of_rows = rows.iter().enumerate().map(|(l, &row)| {
+                (inverse.a_by_w[(i, l)], [0, 1, 2].map(|point| of[point].acceleration[row * count + j].lo))
+            });
+            *out = of_balance.chain(of_rows).fold((0.0, 0.0), |(range, bent), (factor, values)| {
+                let varied = variation(values);
+                (range + f64::abs(factor) * varied.0, bent + f64::abs(factor) * varied.1)
+            });
+        }
+    }
+
     /// `r` and `w` over the box, where directions of slip do not turn as
     ///
     /// ```text
@@ -148,7 +197,8 @@ impl Flight {
         directions: &[Vec<Interval>],
     ) -> (Vec<Interval>, Vec<Interval>) {
         let turns = directions.iter().any(|direction| direction.len() > 1);
-        if turns {
+        // A mean value tells nothing across a jump.
+        if turns || self.problem().may_jump(t, x) {
             return self.residuals_of(dynamics, directions);
         }
         let (a, lambda) = (self.a.clone(), self.lambda.clone());

@@ -18,6 +18,7 @@
 use super::mode::{Status, held};
 use crate::delassus::dot;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2, Vector2, Vector3};
+use numerics::Interval;
 use problem::{Constraints, ConvexSet, Dvi, Mass, Mechanical, MechanicalStructure, Sensitivity, Structure};
 
 /// A pivot below this fraction of the largest is that of rows that depend on each other.
@@ -41,6 +42,7 @@ pub struct Flight {
     problem: Box<dyn Mechanical>,
     shape: MechanicalStructure,
     structure: Structure,
+    features: Vec<usize>,
     mode: Vec<Status>,
     least: Vec<f64>,
     rows: Vec<usize>,
@@ -136,8 +138,10 @@ impl Flight {
             pattern: identity.chain(dense).collect(),
             constant_jacobian: false,
         };
+        let features = if shape.has_features { n..2 * n } else { 0..0 };
         let mut flight = Self {
             structure,
+            features: features.collect(),
             constraints: Constraints::new(&shape),
             mass: DMatrix::zeros(n, n),
             gamma: vec![0.0; shape.rows()],
@@ -281,6 +285,13 @@ impl Flight {
         }
     }
 
+    /// Settles the equations in the middle of a box, and gives its place there.
+    fn settle_within(&mut self, t: Interval, x: &[Interval]) -> Vec<f64> {
+        let middle: Vec<f64> = x.iter().map(|x| x.ball().0).collect();
+        self.settle(t.ball().0, &middle);
+        middle
+    }
+
     fn solved(&mut self, t: f64, x: &[f64]) -> Option<Solved> {
         let n = self.shape.coordinates;
         let (q, v) = x.split_at(n);
@@ -412,6 +423,44 @@ impl Dvi for Flight {
             }
         }
         self.last = Some(solved);
+    }
+
+    fn features(&self) -> &[usize] {
+        &self.features
+    }
+
+    fn may_jump(&mut self, t: Interval, y: &[Interval]) -> bool {
+        self.problem.may_jump(t, y)
+    }
+
+    fn enclose(&mut self, t: Interval, y: &[Interval], values: &mut [Interval]) -> bool {
+        let n = self.shape.coordinates;
+        let middle = self.settle_within(t, y);
+        let Some(forces) = self.enclose(t, y, &middle) else { return false };
+        values[..n].copy_from_slice(&y[n..]);
+        values[n..].copy_from_slice(&forces.a);
+        true
+    }
+
+    fn enclose_derivatives(
+        &mut self,
+        t: Interval,
+        y: &[Interval],
+        jacobian: &mut [Interval],
+        _: &mut [Interval],
+    ) -> bool {
+        let (identity, rest) = jacobian.split_at_mut(self.shape.coordinates);
+        identity.fill(Interval::point(1.0));
+        self.settle_within(t, y);
+        self.enclose_slopes(t, y, rest)
+    }
+
+    fn vary_derivatives(&mut self, times: [f64; 3], y: &[f64], variations: &mut [(f64, f64)]) {
+        let (identity, rest) = variations.split_at_mut(self.shape.coordinates);
+        identity.fill((0.0, 0.0));
+        let points = y.len() / 3;
+        self.settle(times[1], &y[points..2 * points]);
+        self.vary_slopes(times, y, rest);
     }
 
     fn time_derivative(&mut self, _: f64, _: &[f64], _: &mut [f64]) {}

@@ -250,7 +250,8 @@ impl<'l, 'p> Leg<'l, 'p> {
         if self.mode.is_empty() {
             return;
         }
-        let is_proven = self.parts.are_decided;
+        let radau = self.cut.as_ref().or(self.radau.as_ref());
+        let is_proven = self.parts.are_decided && radau.is_none_or(|radau| radau.are_rates_shown());
         let screening = &mut self.located.screening;
         match enclosed {
             Enclosed::Proven if is_proven => screening.proven += 1,

@@ -5,7 +5,7 @@ use numerics::{Interval, bernstein};
 
 /// A part of a step: `theta` in `[begin, begin + length]`, and the coefficients of each unknown there, one after the other.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Part {
+pub(crate) struct Part {
     pub begin: f64,
     pub length: f64,
     coefficients: Vec<f64>,

@@ -1,0 +1,121 @@
+//! What a node does that few points of it need not show: functions of the inputs behind the first that are no polynomials
+//! of low degree, and jumps among them.
+
+use super::enclosure::IntervalWorkspace;
+use super::graph::{Graph, Node, Term};
+use super::operator::Operator;
+use super::tape::Tape;
+use numerics::Interval;
+use rustc_hash::FxHashMap;
+
+/// The quantities at whose changes of sign some expressions jump, compiled: the arguments of `sign` and `heaviside`, and the
+/// first of `atan2`, that depend on more than the first input.
+#[derive(Clone, Debug, Default)]
+pub struct Jumps {
+    tape: Tape,
+    workspace: IntervalWorkspace,
+    ranges: Vec<Interval>,
+}
+
+impl Jumps {
+    /// Those of `nodes`.
+    pub fn new(graph: &Graph, nodes: &[Node]) -> Self {
+        let jump = |node: Node| match graph.operation(node)? {
+            (Operator::Sign | Operator::Heaviside | Operator::Atan2, quantity, _) => Some(quantity),
+            _ => None,
+        };
+        let mut quantities: Vec<Node> = graph.terms_below(nodes).into_iter().filter_map(jump).collect();
+        quantities.retain(|&quantity| graph.inputs(quantity).iter().any(|&input| input > 0));
+        quantities.sort_unstable();
+        quantities.dedup();
+        let tape = Tape::compile(graph, &quantities);
+        Self { workspace: IntervalWorkspace::new(&tape), ranges: vec![Interval::LINE; quantities.len()], tape }
+    }
+
+    /// Takes over other parameters.
+    pub fn bind(&mut self, parameters: &[f64]) {
+        self.tape.bind(parameters);
+        self.workspace.bind(&self.tape);
+    }
+
+    /// Whether one may change its sign where the inputs are in `t`, then in `rest`.
+    pub fn may_be_in(&mut self, t: Interval, rest: &[Interval]) -> bool {
+        if self.ranges.is_empty() {
+            return false;
+        }
+        self.tape.enclose(t, rest, &mut self.workspace, &mut self.ranges);
+        self.ranges.iter().any(|range| !range.defined || range.contains(0.0))
+    }
+}
+
+impl Graph {
+    /// The places among `nodes` of those that are no polynomials of at most this degree in the inputs behind the first.
+    pub fn beyond_degree(&self, nodes: &[Node], degree: u32) -> Vec<usize> {
+        let mut terms = self.terms_below(nodes);
+        terms.sort_unstable();
+        // Operands stand before the terms that use them; what is no polynomial has no degree.
+        let mut degrees: FxHashMap<Node, Option<u32>> = FxHashMap::default();
+        for node in terms {
+            let degree = match (self.terms[node.place()], self.operation(node)) {
+                (Term::Input(index), _) => Some(u32::from(index > 0)),
+                (_, None) => Some(0),
+                (_, Some((operator, a, b))) => {
+                    let of_b = if operator.is_unary() { Some(0) } else { degrees[&b] };
+                    degree_of(operator, degrees[&a], of_b, self.number(b))
+                }
+            };
+            degrees.insert(node, degree);
+        }
+        (0..nodes.len()).filter(|&i| degrees[&nodes[i]].is_none_or(|found| found > degree)).collect()
+    }
+}
+
+/// The degree of a term of operands with these degrees, the second of which may be a number.
+fn degree_of(operator: Operator, a: Option<u32>, b: Option<u32>, number: Option<f64>) -> Option<u32> {
+    let (a, b) = (a?, b?);
+    match operator {
+        Operator::Negate | Operator::Expanded => Some(a),
+        Operator::Add | Operator::Subtract => Some(a.max(b)),
+        Operator::Multiply => Some(a.saturating_add(b)),
+        Operator::Divide if b == 0 => Some(a),
+        Operator::Power => match number {
+            Some(exponent) if exponent >= 0.0 && exponent.fract() == 0.0 => {
+                Some((f64::from(a) * exponent).min(f64::from(u32::MAX)) as u32)
+            }
+            _ => (a == 0 && b == 0).then_some(0),
+        },
+        _ => (a == 0 && b == 0).then_some(0),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Scope;
+    use super::*;
+
+    fn read(texts: &[&str]) -> (Graph, Vec<Node>) {
+        let (mut graph, mut scope) = (Graph::new(), Scope::new());
+        for (index, name) in ["t", "x", "y"].into_iter().enumerate() {
+            scope.bind(name, graph.input(index)).unwrap();
+        }
+        let nodes = texts.iter().map(|text| graph.parse(text, &scope).unwrap()).collect();
+        (graph, nodes)
+    }
+
+    #[test]
+    fn polynomials_are_told_by_their_degree_and_time_has_none() {
+        let texts = ["sin(t)*x^2*y", "x^3/(2 + t^2)", "(x*y)^2*x", "1/x", "exp(-x^2)", "2*x^y", "heaviside(x - t)"];
+        let (graph, nodes) = read(&texts);
+        assert_eq!(graph.beyond_degree(&nodes, 3), [2, 3, 4, 5, 6]);
+        assert_eq!(graph.beyond_degree(&nodes, 5), [3, 4, 5, 6]);
+    }
+
+    #[test]
+    fn jumps_are_told_from_kinks_and_from_breaks() {
+        let (graph, nodes) = read(&["heaviside(x - 2*y) + abs(x) + sign(t - 1)"]);
+        let mut jumps = Jumps::new(&graph, &nodes);
+        let unit = Interval::new(0.0, 1.0);
+        assert!(!jumps.may_be_in(Interval::new(0.0, 2.0), &[Interval::new(-1.0, -0.5), unit]));
+        assert!(jumps.may_be_in(unit, &[unit, unit]));
+    }
+}

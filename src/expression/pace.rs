@@ -1,0 +1,154 @@
+//! How fast expressions vary with an input whatever they do with the others: the largest rate at which the phase of a sine
+//! or the exponent of an exponential passes, by
+//!
+//! ```text
+//! pace(p) = 0,   pace(sin a) = pace(exp a) = |a'|,   pace(a + b) = max(pace a, pace b),   pace(a b) = pace a + pace b
+//! ```
+//!
+//! for polynomials `p` of low degree in the input and `a` of first degree; a product of sines is a sum of sines of sums.
+
+use super::graph::{Graph, Node, Term};
+use super::operator::Operator;
+use super::tape::Tape;
+use rustc_hash::FxHashMap;
+
+/// The degree up to which polynomials have no pace: points between which a phase passes by less than half a turn show them.
+const PLAIN_DEGREE: u32 = 3;
+
+/// The largest rate of some expressions, compiled.
+#[derive(Clone, Debug, Default)]
+pub struct Pace {
+    /// `None` where an expression is made in other ways; without outputs where it is zero.
+    tape: Option<Tape>,
+    value: Vec<f64>,
+}
+
+/// What is known of a term.
+#[derive(Clone, Copy)]
+struct Course {
+    /// The degree of its polynomials.
+    degree: u32,
+    /// Its pace; zero where there is none.
+    pace: Option<Node>,
+}
+
+impl Pace {
+    /// That of `nodes` with input 0.
+    pub fn new(graph: &mut Graph, nodes: &[Node]) -> Self {
+        let pace = graph.pace(nodes);
+        let value = vec![0.0; usize::from(pace.flatten().is_some())];
+        Self { tape: pace.map(|pace| Tape::compile(graph, pace.as_slice())), value }
+    }
+
+    /// Takes over other parameters.
+    pub fn bind(&mut self, parameters: &[f64]) {
+        if let Some(tape) = &mut self.tape {
+            tape.bind(parameters);
+        }
+    }
+
+    /// In radians a unit of the input: zero where the input is not there, or in polynomials alone, and infinite where
+    /// nothing is known.
+    pub fn fastest(&mut self) -> f64 {
+        let Some(tape) = &mut self.tape else { return f64::INFINITY };
+        tape.evaluate(0.0, &[], &mut self.value);
+        self.value.first().map_or(0.0, |pace| if pace.is_nan() { f64::INFINITY } else { *pace })
+    }
+}
+
+impl Graph {
+    /// The pace of all `nodes`, no node where it is zero; `None` where it is not known.
+    fn pace(&mut self, nodes: &[Node]) -> Option<Option<Node>> {
+        let mut terms = self.terms_below(nodes);
+        terms.sort_unstable();
+        let mut courses: FxHashMap<Node, Course> = FxHashMap::default();
+        // Operands stand before the terms that use them.
+        for node in terms {
+            let course = match (self.terms[node.place()], self.operation(node)) {
+                (Term::Input(0), _) => Some(Course { degree: 1, pace: None }),
+                (_, None) => Some(Course { degree: 0, pace: None }),
+                (_, Some(operation)) => self.course(operation, &courses),
+            };
+            if let Some(course) = course {
+                courses.insert(node, course);
+            }
+        }
+        let mut fastest = None;
+        for node in nodes {
+            let course = courses.get(node).filter(|course| course.degree <= PLAIN_DEGREE)?;
+            fastest = self.faster(fastest, course.pace);
+        }
+        Some(fastest)
+    }
+
+    fn course(&mut self, (operator, a, b): (Operator, Node, Node), known: &FxHashMap<Node, Course>) -> Option<Course> {
+        let of_a = *known.get(&a)?;
+        let of_b = if operator.is_unary() { Course { degree: 0, pace: None } } else { *known.get(&b)? };
+        let is_still = |course: Course| course.degree == 0 && course.pace.is_none();
+        match operator {
+            Operator::Negate | Operator::Expanded => Some(of_a),
+            Operator::Add | Operator::Subtract => {
+                let degree = of_a.degree.max(of_b.degree);
+                Some(Course { degree, pace: self.faster(of_a.pace, of_b.pace) })
+            }
+            Operator::Multiply => {
+                let degree = of_a.degree.saturating_add(of_b.degree);
+                let pace = match (of_a.pace, of_b.pace) {
+                    (Some(a), Some(b)) => Some(self.add(a, b)),
+                    (a, b) => a.or(b),
+                };
+                Some(Course { degree, pace })
+            }
+            Operator::Divide if is_still(of_b) => Some(of_a),
+            Operator::Sin | Operator::Cos | Operator::Exp if of_a.degree == 1 && of_a.pace.is_none() => {
+                let gradient = self.gradient(a).ok()?;
+                let (_, slope) = gradient.into_iter().find(|(input, _)| *input == 0)?;
+                // Known once parameters are.
+                let is_fixed = self.inputs(slope).is_empty();
+                is_fixed.then(|| Course { degree: 0, pace: Some(self.unary(Operator::Abs, slope)) })
+            }
+            // A break in time alone, of which there is one: steps end there.
+            Operator::Abs | Operator::Sign | Operator::Heaviside | Operator::Min | Operator::Max
+                if self.inputs_of(&[a, b]) == [0] && of_a.degree.max(of_b.degree) == 1 =>
+            {
+                let is_smooth = of_a.pace.or(of_b.pace).is_none();
+                is_smooth.then_some(Course { degree: 1, pace: None })
+            }
+            _ => (is_still(of_a) && is_still(of_b)).then_some(Course { degree: 0, pace: None }),
+        }
+    }
+
+    fn faster(&mut self, a: Option<Node>, b: Option<Node>) -> Option<Node> {
+        match (a, b) {
+            (Some(a), Some(b)) if a != b => Some(self.binary(Operator::Max, a, b)),
+            (a, b) => a.or(b),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Scope;
+    use super::*;
+
+    fn fastest(text: &str) -> f64 {
+        let (mut graph, mut scope) = (Graph::new(), Scope::new());
+        for (index, name) in ["t", "x"].into_iter().enumerate() {
+            scope.bind(name, graph.input(index)).unwrap();
+        }
+        let node = graph.parse(text, &scope).unwrap();
+        Pace::new(&mut graph, &[node]).fastest()
+    }
+
+    #[test]
+    fn phases_of_sines_and_exponents_set_the_pace() {
+        assert_eq!(fastest("x^2*exp(x) + 3"), 0.0);
+        assert_eq!(fastest("x*t^2 - t/3"), 0.0);
+        assert_eq!(fastest("sin(3*t + x) - 2*cos(50*t - 1)/x"), 50.0);
+        assert_eq!(fastest("t*exp(-2*t)*sin(5*t)"), 7.0);
+        assert_eq!(fastest("min(t/2, 1)*sin(4*t) + heaviside(t - 3)*x"), 4.0);
+        for unknown in ["sin(t^2)", "sin(x*t)", "1/(1 + t)", "exp(-(t - 5)^2)", "sqrt(t)", "abs(sin(t))", "t^7"] {
+            assert_eq!(fastest(unknown), f64::INFINITY, "{unknown}");
+        }
+    }
+}

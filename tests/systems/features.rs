@@ -1,0 +1,103 @@
+//! What functions of the states do in places that are narrow beside a step: hills, strips and pulses that nothing in time
+//! announces, each held to a closed form.
+
+use crate::systems::harness::{last, solve};
+use dvi::solution::Solution;
+use serde_json::{Value, json};
+use std::f64::consts::PI;
+
+/// Widths, from what a step might show by chance to what it never does.
+const WIDTHS: [f64; 3] = [1e-2, 1e-4, 1e-6];
+
+fn assert_trusted(solution: &Solution) {
+    assert!(solution.verdict.trusted, "{:?}", solution.verdict);
+}
+
+fn mechanical(system: Value, end: f64) -> Solution {
+    let solution = solve(&json!({"problem": {"mechanical": system}, "time": {"end": end}}));
+    assert_trusted(&solution);
+    solution
+}
+
+/// Solves `x' = 1` beside `y' = rate`, and returns `y(3)`.
+fn integral(rate: &str, unit: f64) -> f64 {
+    let states = json!({"x": {"initial": 0, "rate": unit.to_string()}, "y": {"initial": 0, "rate": rate}});
+    let solution = solve(&json!({"problem": {"dvi": {"states": states}}, "time": {"end": 3},
+        "method": {"atol": 1e-9 * unit}}));
+    assert_trusted(&solution);
+    last(&solution, "y")
+}
+
+#[test]
+fn a_particle_is_thrown_back_by_a_hill_however_narrow_in_any_units() {
+    for width in WIDTHS {
+        for unit in [1e-6, 1.0, 1e6] {
+            let potential = format!("{unit}^2*exp(-((x - {unit})/({width}*{unit}))^2)");
+            let solution = solve(&json!({"problem": {"mechanical": {
+                "coordinates": {"x": {"initial": 0, "velocity": unit}}, "mass": [[1]], "potential": potential}},
+                "time": {"end": 4}, "method": {"atol": 1e-9 * unit}}));
+            assert_trusted(&solution);
+            // As fast as it came; it turns on the flank, at most a few widths ahead of the top.
+            assert!((last(&solution, "x_dot") / unit + 1.0).abs() < 2e-5, "{width}, {unit}");
+            assert!((last(&solution, "x") / unit + 2.0).abs() < 5.0 * width + 1e-4, "{width}, {unit}");
+        }
+    }
+}
+
+#[test]
+fn a_strip_adds_the_work_of_its_force() {
+    for width in WIDTHS {
+        let force = 0.5 / width;
+        let system = json!({"coordinates": {"x": {"initial": 0, "velocity": 1}}, "mass": [[1]],
+            "forces": {"x": format!("{force}*heaviside(x - 1)*heaviside({} - x)", 1.0 + width)}});
+        let solution = mechanical(system, 4.0);
+        let speed = 2.0_f64.sqrt();
+        let within = 2.0 * width / (1.0 + speed);
+        assert!((last(&solution, "x_dot") - speed).abs() < 1e-5, "{width}");
+        let there = 1.0 + width + (3.0 - within) * speed;
+        assert!((last(&solution, "x") - there).abs() < 3e-5, "{width}");
+    }
+}
+
+#[test]
+fn a_magnet_below_a_floor_brakes_what_slides_over_it() {
+    // The normal force is 1 + 0.2 exp(..)/width: by its work, v^2 = 1 - 2 mu (x + 0.2 sqrt(pi)).
+    for width in [1e-2, 1e-3] {
+        let system = json!({"coordinates": {"x": {"initial": 0, "velocity": 1}, "y": {"initial": 0}},
+            "mass": [[1, 0], [0, 1]], "forces": {"y": format!("-1 - {}*exp(-((x - 1)/{width})^2)", 0.2 / width)},
+            "contacts": [{"name": "floor", "gap": "y", "friction": {"coefficient": 0.05, "slip": ["x_dot"]}}]});
+        let solution = mechanical(system, 3.0);
+        let work = 0.05 * (last(&solution, "x") + 0.2 * PI.sqrt());
+        assert!((last(&solution, "x_dot").powi(2) - (1.0 - 2.0 * work)).abs() < 1e-5, "{width}");
+    }
+}
+
+#[test]
+fn rates_that_peak_where_a_state_passes_are_integrated() {
+    for width in WIDTHS {
+        for unit in [1e-6, 1.0, 1e6] {
+            let peak = format!("{unit}*exp(-((x/{unit} - 1.2345)/{width})^2)/{width}");
+            assert!((integral(&peak, unit) / unit - PI.sqrt()).abs() < 1e-5, "peak {width}, {unit}");
+        }
+        let strip = format!("heaviside(x - 1.2345)*heaviside({} - x)/{width}", 1.2345 + width);
+        assert!((integral(&strip, 1.0) - 1.0).abs() < 1e-5, "strip {width}");
+        let steps = format!("(tanh((x - 1.2345)/{width}) - tanh((x - 1.2345)/{width} - 1))/{width}");
+        assert!((integral(&steps, 1.0) - 2.0).abs() < 1e-5, "steps {width}");
+        let moving = format!("exp(-((x + t - 2.469)/{width})^2)/{width}");
+        assert!((integral(&moving, 1.0) - 0.5 * PI.sqrt()).abs() < 1e-5, "moving {width}");
+    }
+}
+
+#[test]
+fn a_relay_that_slides_through_a_peak_keeps_its_energy() {
+    for width in [1e-4, 1e-6] {
+        let push = format!("-F + 0.5*exp(-((x - 1)/{width})^2)/{width}");
+        let solution = solve(&json!({"problem": {"dvi": {
+            "states": {"x": {"initial": 0, "rate": "v"}, "v": {"initial": 2, "rate": push}},
+            "variables": {"F": {"inequality": "-v"}}, "set": [{"box": {"of": ["F"], "lower": -0.5, "upper": 0.5}}]}},
+            "time": {"end": 1.2}}));
+        assert_trusted(&solution);
+        let (x, v) = (last(&solution, "x"), last(&solution, "v"));
+        assert!((0.5 * v * v - (2.0 - 0.5 * x + 0.5 * PI.sqrt())).abs() < 1e-5, "{width}: {v} at {x}");
+    }
+}
