@@ -87,6 +87,11 @@ impl Field {
         Self { name: name.into(), size: 1, time: 0, jumps: false }
     }
 
+    /// A variable with memory: behind a switch it jumps, or has an infinite slope.
+    pub fn switching(name: impl Into<String>) -> Self {
+        Self { jumps: true, ..Self::sized(name) }
+    }
+
     /// A velocity, which jumps where there are impacts.
     pub fn velocity(name: impl Into<String>) -> Self {
         Self { name: name.into(), size: 1, time: -1, jumps: true }

@@ -70,7 +70,7 @@ impl Problem for Memory {
     }
 
     fn fields(&self) -> Vec<Field> {
-        (1..=self.q.len()).map(|i| Field::sized(format!("z{i}"))).collect()
+        (1..=self.q.len()).map(|i| Field::switching(format!("z{i}"))).collect()
     }
 
     fn starts(&self) -> usize {

@@ -76,7 +76,7 @@ impl Modes<'_> {
         let mut sizes = self.sizes(&y);
         let mut columns = vec![Vec::with_capacity(times.len()); n];
         let (mut next, mut steps) = (0, 0.0);
-        for _ in 0..MOST_EVENTS {
+        for events in 0..MOST_EVENTS {
             let mode = self.choose(&y, &sizes)?;
             let flow = Flow::new(mode.flow, end / 200.0);
             let monitors: Vec<Monitor> = mode.monitors.into_iter().map(|row| Monitor::new(row, &flow.m)).collect();
@@ -95,7 +95,9 @@ impl Modes<'_> {
                     next += 1;
                 }
                 if next == times.len() {
-                    let accuracy = sizes.iter().take(n).map(|size| 1e-9 * size).collect();
+                    // What counts as zero at an event may be another mode, until the next.
+                    let part = 1e-9 + HOLDS * events as f64;
+                    let accuracy = sizes.iter().take(n).map(|size| part * size).collect();
                     return Some(Values { columns, accuracy });
                 }
                 t += reached;
