@@ -66,8 +66,11 @@ impl System {
     }
 }
 
+/// A right-hand side with its name.
+type Named = (&'static str, fn() -> System);
+
 /// The programs that are evaluated at the stages of a step.
-const PROGRAMS: [(&str, fn() -> System); 7] = [
+const PROGRAMS: [Named; 7] = [
     ("van der Pol", System::van_der_pol),
     ("friction belt", || System::new(&[("c", 0.1)], &["y2", "-c*y2 - y1 - y3", "-(y2 - 0.5)"])),
     ("pendulum", || System::new(&[], &["y3", "y4", "-y1*y5", "-y2*y5 - 9.81", "y1*y3 + y2*y4"])),
