@@ -5,10 +5,10 @@
 /// evaluation in a hundred more.
 const MOST: usize = 16;
 
-/// Places `(t, y)` with the rows there, of which the oldest gives way to the next.
+/// Places `(t, y)` with the rows there; the oldest gives way to the next.
 #[derive(Debug)]
 pub(super) struct Recent {
-    /// Sums of the bits of each, of which few places have the same.
+    /// Sums of the bits of each: few places have the same.
     keys: [u32; MOST],
     /// Not a number where there is room.
     times: [f64; MOST],
