@@ -55,6 +55,19 @@ impl Lanes {
             self.operator.apply_all(a, b, results);
         }
     }
+
+    /// The same at several points, of which the first `count` are asked for.
+    pub(super) fn evaluate_points<const L: usize>(
+        &self,
+        registers: &[[f64; L]],
+        results: &mut [[f64; L]],
+        count: usize,
+    ) {
+        for (lane, results) in results.iter_mut().enumerate() {
+            let (a, b) = (registers[self.a.register(lane)], registers[self.b.register(lane)]);
+            self.operator.apply_lanes(a, b, results, count);
+        }
+    }
 }
 
 impl Operands {
@@ -98,18 +111,41 @@ impl Operands {
 }
 
 impl Operator {
-    /// `results[i] = apply(a[i], b[i])`. The operator is known inside each loop, so that arithmetic is vectorised.
+    /// `results[i] = apply(a[i], b[i])`.
     fn apply_all(self, a: &[f64], b: &[f64], results: &mut [f64]) {
+        if !self.apply_arithmetic(a, b, results) {
+            // The function itself takes far longer than its dispatch.
+            each(a, b, results, |a, b| self.apply(a, b));
+        }
+    }
+
+    /// `results[i] = apply(a[i], b[i])` for the first `count` lanes; the others hold anything.
+    #[inline(always)]
+    pub(super) fn apply_lanes<const L: usize>(self, a: [f64; L], b: [f64; L], results: &mut [f64; L], count: usize) {
+        if !self.apply_arithmetic(&a, &b, results) {
+            each(&a[..count], &b[..count], &mut results[..count], |a, b| self.apply(a, b));
+        }
+    }
+
+    /// The same for operations that take no longer than their dispatch; false of others. The operator is known inside each
+    /// loop, which is vectorised so.
+    #[inline(always)]
+    fn apply_arithmetic(self, a: &[f64], b: &[f64], results: &mut [f64]) -> bool {
         match self {
             Self::Negate => each(a, b, results, |a, b| Self::Negate.apply(a, b)),
+            Self::Sqrt => each(a, b, results, |a, b| Self::Sqrt.apply(a, b)),
+            Self::Abs => each(a, b, results, |a, b| Self::Abs.apply(a, b)),
             Self::Add => each(a, b, results, |a, b| Self::Add.apply(a, b)),
             Self::Subtract => each(a, b, results, |a, b| Self::Subtract.apply(a, b)),
             Self::Multiply => each(a, b, results, |a, b| Self::Multiply.apply(a, b)),
             Self::Divide => each(a, b, results, |a, b| Self::Divide.apply(a, b)),
-            Self::Sqrt => each(a, b, results, |a, b| Self::Sqrt.apply(a, b)),
-            // The function itself takes far longer than its dispatch.
-            other => each(a, b, results, |a, b| other.apply(a, b)),
+            Self::Min => each(a, b, results, |a, b| Self::Min.apply(a, b)),
+            Self::Max => each(a, b, results, |a, b| Self::Max.apply(a, b)),
+            Self::Greater => each(a, b, results, |a, b| Self::Greater.apply(a, b)),
+            Self::Gate => each(a, b, results, |a, b| Self::Gate.apply(a, b)),
+            _ => return false,
         }
+        true
     }
 }
 

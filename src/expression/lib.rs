@@ -4,7 +4,7 @@
 //! sweeps that graph in reverse (Griewank and Walther 2008, *Evaluating Derivatives*, chapter 3) and leaves the
 //! derivatives in it as further nodes, so that values and derivatives share what they have in common and may be
 //! differentiated again. [`Tape::compile`] turns the nodes that are wanted into a straight program, which is evaluated at
-//! points, or over boxes in interval arithmetic ([`Tape::enclose`]).
+//! points, one ([`Tape::evaluate`]) or several side by side ([`Tape::evaluate_points`]), or over boxes in interval arithmetic ([`Tape::enclose`]).
 //!
 //! Precedence, from loose to tight: `+ -`, `* /`, sign, `^` (also written `**`), which groups to the right:
 //! `-x^2` is `-(x^2)`, `2^3^2` is `2^9`, `2^-1` is one half.
@@ -27,6 +27,7 @@ mod lipschitz;
 mod operator;
 mod pace;
 mod parameters;
+mod points;
 mod power;
 mod scope;
 mod structure;

@@ -7,6 +7,7 @@
 use super::graph::{Graph, Node, Term};
 use super::lanes::Lanes;
 use super::operator::Operator;
+use super::points::Wide;
 use rustc_hash::{FxBuildHasher, FxHashMap};
 use std::hash::BuildHasher;
 use std::mem::take;
@@ -17,14 +18,14 @@ const FEWEST_LANES: usize = 24;
 
 /// `operator(registers[a], registers[b])`, for the next register.
 #[derive(Clone, Copy, Debug)]
-struct Instruction {
-    operator: Operator,
-    a: u32,
-    b: u32,
+pub(super) struct Instruction {
+    pub(super) operator: Operator,
+    pub(super) a: u32,
+    pub(super) b: u32,
 }
 
 #[derive(Clone, Debug)]
-enum Block {
+pub(super) enum Block {
     /// One after the other.
     Scalars(Vec<Instruction>),
     /// All at once.
@@ -34,12 +35,14 @@ enum Block {
 /// What a tape computes, and where: shared by all its copies.
 #[derive(Debug, Default)]
 pub(super) struct Program {
-    blocks: Vec<Block>,
+    pub(super) blocks: Vec<Block>,
     /// The parameters that occur, with their registers.
     parameters: Vec<(usize, usize)>,
     /// What depends on them alone, with the registers of the results.
     prelude: Vec<(usize, Instruction)>,
     pub(super) inputs: usize,
+    /// Whether most instructions run as lanes at one point already.
+    pub(super) is_vectorised: bool,
     /// The register of the first instruction.
     pub(super) first: usize,
     pub(super) outputs: Vec<u32>,
@@ -52,6 +55,8 @@ pub struct Tape {
     pub(super) program: Arc<Program>,
     /// The inputs, the constants and what parameters give, then one for each instruction.
     pub(super) registers: Vec<f64>,
+    /// The same at several points at once.
+    pub(super) wide: Wide,
 }
 
 impl Tape {
@@ -68,20 +73,25 @@ impl Tape {
         steps.iter().for_each(|&(kind, node)| assembly.take(kind, node));
         let outputs = outputs.iter().map(|&node| assembly.register(node)).collect();
         let Assembly { registers, parameters, prelude, instructions, inputs, .. } = assembly;
+        let blocks = blocks(&instructions);
+        let in_lanes: usize =
+            blocks.iter().map(|block| if let Block::Lanes(lanes) = block { lanes.len() } else { 0 }).sum();
         let program = Program {
-            blocks: blocks(&instructions),
+            blocks,
+            is_vectorised: 2 * in_lanes > instructions.len(),
             parameters,
             prelude,
             first: registers.len() - instructions.len(),
             inputs,
             outputs,
         };
-        Self { program: Arc::new(program), registers }
+        Self { program: Arc::new(program), registers, wide: Wide::default() }
     }
 
     /// Binds the parameters, which reach at least to the largest index that occurs, until they are bound again.
     pub fn bind(&mut self, parameters: &[f64]) {
-        let Self { program, registers } = self;
+        let Self { program, registers, wide } = self;
+        wide.forget();
         for &(index, register) in &program.parameters {
             registers[register] = parameters[index];
         }
@@ -94,7 +104,7 @@ impl Tape {
     /// reach at least to the largest index that occurs. Equal inputs give equal bits. What is not defined comes out as
     /// NaN or an infinity.
     pub fn evaluate(&mut self, first: f64, rest: &[f64], outputs: &mut [f64]) {
-        let Self { program, registers } = self;
+        let Self { program, registers, .. } = self;
         debug_assert_eq!(outputs.len(), program.outputs.len(), "as many outputs as were compiled");
         let registers = registers.as_mut_slice();
         if let Some((input, inputs)) = registers[..program.inputs].split_first_mut() {

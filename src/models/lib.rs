@@ -23,6 +23,8 @@ mod reversal;
 pub mod rigid_bodies;
 mod slopes;
 mod symbolic;
+#[cfg(test)]
+mod tests;
 mod unbindable;
 
 pub use convolution::ConvolutionModel;

@@ -66,6 +66,8 @@ pub struct Linear {
     boxes: [IntervalWorkspace; 3],
     /// The middle and the radius of each unknown over a box.
     balls: Vec<(f64, f64)>,
+    /// Each unknown at several points.
+    lanes: Vec<f64>,
 }
 
 impl Linear {
@@ -141,6 +143,7 @@ impl Linear {
             slopes,
             boxes,
             balls: Vec::new(),
+            lanes: Vec::new(),
             breaks: Breaks::new(graph, &outputs),
             pace: Pace::new(graph, &outputs),
         })
@@ -170,6 +173,22 @@ impl Linear {
         self.pace.bind(parameters);
     }
 
+    /// Adds the products of the matrix with `y` at no more than `L` points to the values there.
+    fn add_products<const L: usize>(&mut self, ys: &[f64], values: &mut [f64]) {
+        let (unknowns, rows) = (self.structure.unknowns(), self.structure.rows());
+        self.lanes.resize(L * unknowns, 0.0);
+        let lanes = self.lanes.as_chunks_mut::<L>().0;
+        for (point, y) in ys.chunks_exact(unknowns).enumerate() {
+            lanes.iter_mut().zip(y).for_each(|(lanes, y)| lanes[point] = *y);
+        }
+        let mut first = 0;
+        for (row, &end) in self.row_ends.iter().enumerate() {
+            let products = products(&self.columns[first..end], &self.coefficients[first..end], lanes);
+            values[row..].iter_mut().step_by(rows).zip(products).for_each(|(value, product)| *value += product);
+            first = end;
+        }
+    }
+
     pub(super) fn structure_mut(&mut self) -> &mut Structure {
         &mut self.structure
     }
@@ -188,8 +207,24 @@ impl Dvi for Linear {
         self.forcing.evaluate(t, y, values);
         let mut first = 0;
         for (value, &end) in values.iter_mut().zip(&self.row_ends) {
-            *value += product(&self.columns[first..end], &self.coefficients[first..end], y);
+            let [product] = products(&self.columns[first..end], &self.coefficients[first..end], y.as_chunks::<1>().0);
+            *value += product;
             first = end;
+        }
+    }
+
+    fn evaluate_points(&mut self, times: &[f64], ys: &[f64], values: &mut [f64]) {
+        self.forcing.evaluate_points(times, ys, values);
+        let (unknowns, rows) = (self.structure.unknowns(), self.structure.rows());
+        for begin in (0..times.len()).step_by(MOST_LANES) {
+            let end = times.len().min(begin + MOST_LANES);
+            let (ys, values) = (&ys[unknowns * begin..unknowns * end], &mut values[rows * begin..rows * end]);
+            match end - begin {
+                1 => self.add_products::<1>(ys, values),
+                2..=4 => self.add_products::<4>(ys, values),
+                5 | 6 => self.add_products::<6>(ys, values),
+                _ => self.add_products::<MOST_LANES>(ys, values),
+            }
         }
     }
 
@@ -250,23 +285,34 @@ impl Dvi for Linear {
     }
 }
 
+/// The most points at which the matrix is multiplied at once: as many stages as a step has.
+const MOST_LANES: usize = 8;
+
 /// Rows are summed in so many parts side by side, which do not wait for each other.
 const PARTS: usize = 4;
 
-/// The product of a sparse row with `y`.
-fn product(columns: &[u32], coefficients: &[f64], y: &[f64]) -> f64 {
+/// The products of a sparse row with `y` at several points, of which `y[j]` has unknown `j`: with the same bits whatever
+/// their number.
+#[inline(always)]
+fn products<const L: usize>(columns: &[u32], coefficients: &[f64], y: &[[f64; L]]) -> [f64; L] {
+    let add = |sums: &mut [f64; L], column: u32, coefficient: f64| {
+        let y = &y[column as usize];
+        sums.iter_mut().zip(y).for_each(|(sum, y)| *sum += coefficient * y);
+    };
     let (columns, last_columns) = columns.as_chunks::<PARTS>();
     let (coefficients, last_coefficients) = coefficients.as_chunks::<PARTS>();
-    let mut sums = [0.0; PARTS];
+    let mut parts = [[0.0; L]; PARTS];
     for (columns, coefficients) in columns.iter().zip(coefficients) {
         for k in 0..PARTS {
-            sums[k] += coefficients[k] * y[columns[k] as usize];
+            add(&mut parts[k], columns[k], coefficients[k]);
         }
     }
-    let last = last_columns.iter().zip(last_coefficients);
-    last.fold((sums[0] + sums[1]) + (sums[2] + sums[3]), |sum, (&column, coefficient)| {
-        sum + coefficient * y[column as usize]
-    })
+    let [a, b, c, d] = parts;
+    let mut sums = std::array::from_fn(|lane| (a[lane] + b[lane]) + (c[lane] + d[lane]));
+    for (&column, &coefficient) in last_columns.iter().zip(last_coefficients) {
+        add(&mut sums, column, coefficient);
+    }
+    sums
 }
 
 /// The range of the product of a sparse row with unknowns in balls: the product with the middles, plus and minus that of the

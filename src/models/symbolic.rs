@@ -264,6 +264,10 @@ impl Dvi for Symbolic {
         self.values.evaluate(t, y, values);
     }
 
+    fn evaluate_points(&mut self, times: &[f64], ys: &[f64], values: &mut [f64]) {
+        self.values.evaluate_points(times, ys, values);
+    }
+
     fn jacobian(&mut self, t: f64, y: &[f64], values: &mut [f64]) {
         self.derivatives.evaluate(t, y, values);
     }

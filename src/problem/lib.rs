@@ -160,6 +160,14 @@ pub trait Dvi: Send {
     /// What is not defined there comes out as NaN or an infinity, for the caller to check.
     fn evaluate(&mut self, t: f64, y: &[f64], values: &mut [f64]);
 
+    /// Writes the same at several points, one after the other as their `y` stand in `ys`, with the same bits.
+    fn evaluate_points(&mut self, times: &[f64], ys: &[f64], values: &mut [f64]) {
+        let (unknowns, rows) = (self.structure().unknowns(), self.structure().rows());
+        for (i, &t) in times.iter().enumerate() {
+            self.evaluate(t, &ys[unknowns * i..][..unknowns], &mut values[rows * i..][..rows]);
+        }
+    }
+
     /// Writes the derivatives of the same rows by `y`, in the order of [`Structure::pattern`].
     fn jacobian(&mut self, t: f64, y: &[f64], values: &mut [f64]);
 

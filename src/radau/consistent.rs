@@ -22,6 +22,7 @@ use super::system::System;
 use dense::Dense;
 pub use dense::Response;
 use nalgebra::DMatrix;
+use problem::Face;
 use sparse::Sparse;
 
 /// Newton's method on the equations above, with its workspace.
@@ -78,27 +79,24 @@ impl Consistent {
     }
 
     /// Writes to `out`, one a variable, how far the variables inside may be from those that belong to the states, where `G` is
-    /// as large as `sizes` says and `dG/dt` as `hidden`; infinite where the equations are singular, nothing where `K` has
-    /// blocks or the system is sparse.
+    /// as large as `sizes` says and `dG/dt` as `hidden`; infinite where the equations are singular, or a block is on its
+    /// boundary, and nothing where the system is sparse.
     pub fn find_errors(&mut self, system: &System<'_>, sizes: &[f64], hidden: &[f64], out: &mut [f64]) {
-        if system.set.has_blocks() {
-            return;
-        }
         self.inside.clear();
         self.inside.extend((0..out.len()).filter(|&k| system.face.places[k] == Place::Inside));
         let Equations::Dense(equations) = &mut self.equations else { return };
-        if equations.errors(system, &self.inside, sizes, hidden, &mut self.step) {
+        if are_plain(system) && equations.errors(system, &self.inside, sizes, hidden, &mut self.step) {
             self.inside.iter().for_each(|&k| out[k] = self.step[k]);
         } else {
             self.inside.iter().for_each(|&k| out[k] = f64::INFINITY);
         }
     }
 
-    /// How the variables inside answer to their equations; `None` where these are singular, `K` has blocks, or the system is
-    /// sparse.
+    /// How the variables inside answer to their equations; `None` where these are singular, a block is on its boundary, or the
+    /// system is sparse.
     pub fn response(&mut self, system: &System<'_>) -> Option<&Response> {
         let Equations::Dense(equations) = &mut self.equations else { return None };
-        if system.set.has_blocks() {
+        if !are_plain(system) {
             return None;
         }
         self.inside.clear();
@@ -181,4 +179,10 @@ impl Consistent {
         };
         found && step.iter().all(|step| step.is_finite())
     }
+}
+
+/// Whether the equations of all variables inside are rows of `G`.
+fn are_plain(system: &System<'_>) -> bool {
+    let mut blocks = system.set.blocks().iter().zip(&system.face.blocks);
+    blocks.all(|(block, face)| matches!(face, Face::Interior | Face::Vertex) || system.face.holds(&block.members))
 }

@@ -5,7 +5,6 @@
 //! dz_I    with    (dG_I / dz_I) dz_I = -G_I.
 //! ```
 
-use super::face::Place;
 use super::system::System;
 use factorisation::DenseLu;
 
@@ -20,7 +19,7 @@ const MOST_CONDITION: f64 = 1e10;
 pub(super) struct Inside {
     jacobians: u64,
     inside: Vec<usize>,
-    /// Those of them whose equations have variables inside and in no block.
+    /// Those of them whose equations have variables inside, and none on the boundary of a block.
     variables: Vec<usize>,
     equations: Equations,
     /// The inverse of their matrix, column by column, where they enter each other's equations.
@@ -67,7 +66,7 @@ impl Inside {
             Equations::Together(factors) => factors.solve(&mut self.change),
         };
         if !is_told {
-            return self.inside.is_empty();
+            return self.inside.is_empty() && !system.is_on_edge();
         }
         for (&k, change) in self.variables.iter().zip(&self.change) {
             self.changes[k] = *change;
@@ -78,14 +77,14 @@ impl Inside {
             system.add_to_inequality(k, change);
         }
         self.variables.iter().for_each(|&k| self.changes[k] = 0.0);
-        self.variables.len() == self.inside.len()
+        self.variables.len() == self.inside.len() && !system.is_on_edge()
     }
 
-    /// Whether the equations tell all variables inside.
+    /// Whether the equations tell all variables inside, and those of blocks.
     pub(super) fn tells_all(&mut self, system: &System<'_>) -> bool {
         self.follow(system);
-        self.inside.is_empty()
-            || !matches!(self.equations, Equations::None) && self.variables.len() == self.inside.len()
+        let are_told = !matches!(self.equations, Equations::None) && self.variables.len() == self.inside.len();
+        (self.inside.is_empty() || are_told) && !system.is_on_edge()
     }
 
     /// How far each variable may be from the root of its equations where these are as large as `residuals`:
@@ -140,8 +139,7 @@ impl Inside {
 
     /// Takes the equations of the face of `system`, with its last Jacobian.
     fn follow(&mut self, system: &System<'_>) {
-        let is_inside = |k: usize| system.face.places[k] == Place::Inside && system.set.block_of(k).is_none();
-        let inside = (0..self.changes.len()).filter(|&k| is_inside(k));
+        let inside = (0..self.changes.len()).filter(|&k| system.is_inside(k));
         if self.jacobians != system.work.jacobians || !inside.clone().eq(self.inside.iter().copied()) {
             self.jacobians = system.work.jacobians;
             self.inside.clear();
@@ -160,7 +158,7 @@ impl Inside {
         self.variables.clear();
         self.variables.extend(self.inside.iter().filter(|&&k| {
             let is_told = of_variables(k).any(|(l, _)| self.inside.binary_search(&l).is_ok());
-            is_told && of_variables(k).all(|(l, _)| system.set.block_of(l).is_none())
+            is_told && of_variables(k).all(|(l, _)| system.set.block_of(l).is_none() || system.is_inside(l))
         }));
         let variables = &self.variables;
         let entries =

@@ -123,7 +123,9 @@ impl Radau<'_> {
         let Self { system, control, switching, consistent, .. } = self;
         let Switching { inside, constraints, .. } = switching;
         let told = OnFace { system, control, inside, constraints, consistent: consistent.as_mut() }.told();
-        let (mut parts, are_told) = (0, told != Told::InPart);
+        // Monitors of blocks are not taken in terms of what hidden constraints tell.
+        let are_told = told == Told::ByEquations || told == Told::ByHiddenConstraints && of_blocks.is_empty();
+        let mut parts = 0;
         let (mut most, mut least) = if are_told { (MOST_PARTS, SHORTEST) } else { (MOST_HIDDEN, LEAST) };
         // What became of monitors that hidden constraints enter, where they were given up.
         let mut given_up = None;
@@ -159,6 +161,7 @@ impl Radau<'_> {
                         given_up = Some(if is_open { Between::Open } else { Between::Undecided });
                         let Self { system, switching, .. } = self;
                         watched.retain(|monitor| Enclosure::is_told(system, &mut switching.inside, monitor));
+                        of_blocks.clear();
                         (most, least) = (parts + MOST_PARTS, SHORTEST);
                         left.push(part);
                         continue;

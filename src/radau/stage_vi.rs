@@ -258,8 +258,9 @@ impl StageVi {
         y0: &[f64],
     ) -> bool {
         let (n, unknowns, count) = (system.states, system.unknowns, system.bounded.len());
-        for (i, c) in tableau.c.iter().enumerate() {
-            if !system.evaluate(t + c * h, stages.stage(y0, i)) {
+        stages.points.evaluate(system, &tableau.c, (t, h), y0, &stages.z);
+        for i in 0..tableau.stages() {
+            if !system.take(&stages.points, i) {
                 return false;
             }
             let phi = &mut stages.phi[i * unknowns..(i + 1) * unknowns];

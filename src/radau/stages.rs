@@ -4,6 +4,7 @@
 use super::face::{Monitor, Place, monitors};
 use super::factors::Factors;
 use super::newton_control::{NewtonControl, mean_square_root};
+use super::points::Points;
 use super::settings::Cause;
 use super::system::System;
 use super::tableau::Tableau;
@@ -26,6 +27,8 @@ pub struct Stages {
     mw: Vec<f64>,
     pair: Vec<Complex<f64>>,
     y: Vec<f64>,
+    /// Where the rows were evaluated last.
+    pub points: Points,
     /// The monitors of the face at every stage, stage by stage, as of the last convergence.
     pub monitors: Vec<Monitor>,
     at_stage: Vec<Monitor>,
@@ -80,6 +83,7 @@ impl Stages {
             mw: zeros,
             pair: vec![Complex::new(0.0, 0.0); unknowns],
             y: vec![0.0; unknowns],
+            points: Points::default(),
             monitors: Vec::new(),
             at_stage: Vec::new(),
         }
@@ -97,12 +101,9 @@ impl Stages {
     /// Evaluates `Phi` at every stage; false if a number is not finite.
     pub fn evaluate(&mut self, system: &mut System<'_>, tableau: &Tableau, t: f64, h: f64, y0: &[f64]) -> bool {
         let n = self.unknowns;
-        let mut finite = true;
-        for (i, c) in tableau.c.iter().enumerate() {
-            self.stage(y0, i);
-            finite &= system.phi(t + c * h, &self.y, &mut self.phi[i * n..(i + 1) * n]);
-        }
-        finite
+        self.points.evaluate(system, &tableau.c, (t, h), y0, &self.z);
+        let stages = self.phi.chunks_exact_mut(n).take(tableau.stages()).enumerate();
+        stages.fold(true, |finite, (i, phi)| finite & system.take_phi(&self.points, i, phi))
     }
 
     /// Sets `W = T^-1 Z`.
@@ -293,10 +294,11 @@ impl Stages {
         let n = self.unknowns;
         let mut verdict = Verdict { satisfied: true, violated: false, degenerate: false };
         self.monitors.clear();
-        for (i, c) in tableau.c.iter().enumerate() {
+        self.points.evaluate(system, &tableau.c, (t, h), y0, &self.z);
+        for i in 0..tableau.stages() {
             self.stage(y0, i);
             let phi = &mut self.phi[i * n..(i + 1) * n];
-            if !system.phi(t + c * h, &self.y, phi) {
+            if !system.take_phi(&self.points, i, phi) {
                 return None;
             }
             for &k in &system.intervals {

@@ -298,14 +298,19 @@ impl Radau<'_> {
     /// which it is off by a `value` within noise and thus by about `correction`; its size then. Other variables that switch at
     /// the same instant are then off by what rounding leaves, and no longer by what the search was content with.
     fn extend(&mut self, crossing: &Crossing, h: f64, value: f64, correction: f64) -> f64 {
-        let mut monitors = std::mem::take(&mut self.switching.monitors);
         let theta = 1.0 - correction / h;
+        // Further from the step than that its polynomial says nothing.
+        if !(0.5..=1.5).contains(&theta) {
+            return h;
+        }
+        let mut monitors = std::mem::take(&mut self.switching.monitors);
         self.monitors_at(theta, h, &mut monitors);
         let left = monitors.get(crossing.index).map_or(value, |monitor| monitor.value);
         self.switching.monitors = monitors;
         // The secant through both: the error of the polynomial behind its last stage is of second order.
         let end = h - correction * value / (value - left);
-        if left.abs() >= value.abs() || !end.is_finite() {
+        // A secant through values as close as those of noise leads anywhere.
+        if left.is_nan() || left.abs() > 0.5 * value.abs() || !end.is_finite() {
             return h;
         }
         self.stages.resample(self.tableau(), end / h);

@@ -8,6 +8,7 @@
 
 use super::face::{ActiveFace, Place};
 use super::layout::Layout;
+use super::recent::Recent;
 use super::settings::StepError;
 use numerics::Interval;
 use problem::{Control, ConvexSet, Dvi, Face, FaceEquations, ForcingSlopes, Mass, Shape, Side, Structure, Workspace};
@@ -94,6 +95,8 @@ pub struct System<'p> {
     /// Where that was, and whether all were finite: the same place is not evaluated twice.
     last: Option<(f64, bool)>,
     last_y: Vec<f64>,
+    /// Earlier places, where there are variables: no event of others brings a step back to them.
+    recent: Option<Recent>,
     /// Where each row of the Jacobian starts among its nonzeros.
     row_starts: Vec<usize>,
     /// Nonzeros of the Jacobian as of the last evaluation.
@@ -164,6 +167,7 @@ impl<'p> System<'p> {
             values: vec![0.0; rows],
             last: None,
             last_y: vec![0.0; unknowns],
+            recent: (unknowns > n).then(|| Recent::new(unknowns, rows)),
             row_starts,
             derivatives: vec![0.0; nonzeros],
             work: Work::default(),
@@ -211,17 +215,63 @@ impl<'p> System<'p> {
         self.face.blocks.iter().any(|face| matches!(face, Face::Boundary(_)))
     }
 
+    /// Whether a block moves along an edge of its set.
+    pub fn is_on_edge(&self) -> bool {
+        self.set.blocks().iter().zip(&self.face.blocks).any(|(block, face)| match (face, &block.shape) {
+            (_, _) if self.face.holds(&block.members) => false,
+            (Face::Edge(zeros), Shape::Simplex) => zeros.len() + 1 < block.members.len(),
+            (Face::Edge(rows), _) => rows.len() < block.members.len(),
+            _ => false,
+        })
+    }
+
+    /// Whether the equation of variable `k` is `G_k = 0`: inside its interval, or in the interior of its block.
+    pub fn is_inside(&self, k: usize) -> bool {
+        let is_free = |b: usize| self.face.blocks[b] == Face::Interior;
+        self.face.places[k] == Place::Inside && self.set.block_of(k).is_none_or(is_free)
+    }
+
     /// Evaluates `F`, `G` and the bounds at `(t, y)`; false if a number is not finite.
     pub fn evaluate(&mut self, t: f64, y: &[f64]) -> bool {
-        let is_same = |(a, b): (&f64, &f64)| a.to_bits() == b.to_bits();
-        if let Some((time, finite)) = self.last
-            && time == t
-            && y.iter().zip(&self.last_y).all(is_same)
-        {
+        if let Some(finite) = self.is_last(t, y) {
             return finite;
         }
+        let mut values = std::mem::take(&mut self.values);
+        let is_known = self.recall(t, y, &mut values);
+        if !is_known {
+            self.problem.evaluate(t, y, &mut values);
+        }
+        self.values = values;
+        if !is_known {
+            self.count(t, y);
+        }
+        self.arrive(t, y)
+    }
+
+    /// Whether the rows of the last evaluation, which was at `(t, y)`, are finite; `None` where it was elsewhere.
+    #[inline]
+    pub(super) fn is_last(&self, t: f64, y: &[f64]) -> Option<bool> {
+        let is_same = |(a, b): (&f64, &f64)| a.to_bits() == b.to_bits();
+        let (_, finite) = self.last.filter(|(time, _)| *time == t)?;
+        y.iter().zip(&self.last_y).all(is_same).then_some(finite)
+    }
+
+    /// Writes the rows at `(t, y)` where they were evaluated lately; false where not.
+    pub(super) fn recall(&self, t: f64, y: &[f64], values: &mut [f64]) -> bool {
+        let found = self.recent.as_ref().and_then(|recent| recent.find(t, y, values.len()));
+        found.inspect(|found| values.copy_from_slice(found)).is_some()
+    }
+
+    /// Takes an evaluation at `(t, y)` into account, with the rows there at hand.
+    pub(super) fn count(&mut self, t: f64, y: &[f64]) {
         self.work.rates += 1;
-        self.problem.evaluate(t, y, &mut self.values);
+        if let Some(recent) = &mut self.recent {
+            recent.keep(t, y, &self.values);
+        }
+    }
+
+    /// Places the moving bounds by the rows at hand, which are those at `(t, y)`; false if one is not finite.
+    pub(super) fn arrive(&mut self, t: f64, y: &[f64]) -> bool {
         for (p, moving) in self.structure.moving.iter().enumerate() {
             moving.place(self.values[self.unknowns + p], &mut self.set);
         }
@@ -241,6 +291,11 @@ impl<'p> System<'p> {
     /// Evaluates `Phi` at `(t, y)` on the present face into `phi`; false if a number is not finite.
     pub fn phi(&mut self, t: f64, y: &[f64], phi: &mut [f64]) -> bool {
         let finite = self.evaluate(t, y);
+        self.on_face(finite, y, phi)
+    }
+
+    /// `Phi` at `y`, where the rows were evaluated last; whether these were `finite`, and it is.
+    pub(super) fn on_face(&mut self, finite: bool, y: &[f64], phi: &mut [f64]) -> bool {
         phi.copy_from_slice(&self.values[..self.unknowns]);
         for &k in &self.intervals {
             let row = self.states + k;

@@ -42,6 +42,7 @@ impl System {
         for i in 1..=self.rates.len() {
             scope.bind(&format!("y{i}"), graph.input(i)).expect("a free name");
         }
+        scope.bind("t", graph.input(0)).expect("a free name");
         let mut outputs: Vec<Node> =
             self.rates.iter().map(|rate| graph.parse(rate, &scope).expect("an expression")).collect();
         if with_jacobian {
@@ -65,12 +66,64 @@ impl System {
     }
 }
 
+/// A right-hand side with its name.
+type Named = (&'static str, fn() -> System);
+
+/// The programs that are evaluated at the stages of a step.
+const PROGRAMS: [Named; 7] = [
+    ("van der Pol", System::van_der_pol),
+    ("friction belt", || System::new(&[("c", 0.1)], &["y2", "-c*y2 - y1 - y3", "-(y2 - 0.5)"])),
+    ("pendulum", || System::new(&[], &["y3", "y4", "-y1*y5", "-y2*y5 - 9.81", "y1*y3 + y2*y4"])),
+    ("forced circle", || System::new(&[], &["y2 + sin(3*t)", "-y1 + 0.5*cos(t)*y2 - max(y1, 0)"])),
+    ("POLLU", System::pollu),
+    ("chain of 20", || System::chain(20, "%*(1 - %^2)")),
+    ("chain of 1000", || System::chain(1000, "%*(1 - %^2)")),
+];
+
+/// Every program with every number of stages.
+fn at_stages() -> impl Iterator<Item = String> {
+    let programs = PROGRAMS.iter();
+    programs.flat_map(|(name, _)| [3, 5, 7].map(|stages| format!("{name}, {stages} stages")))
+}
+
+/// Evaluates the rates of one of them at its stages, side by side or one after the other.
+fn evaluate_at_stages(bencher: Bencher, case: &str, side_by_side: bool) {
+    let (name, stages) = case.rsplit_once(", ").expect("a program and stages");
+    let stages: usize = stages[..1].parse().expect("a number of stages");
+    let (_, system) = PROGRAMS.iter().find(|program| program.0 == name).expect("a program");
+    let (mut tape, width) = system().compiled(false);
+    let unknowns = width.max(5);
+    let times: Vec<f64> = (0..stages).map(|i| 0.1 * i as f64).collect();
+    let inputs: Vec<f64> = (0..stages * unknowns).map(|i| 0.5 + 1e-3 * i as f64).collect();
+    let mut outputs = vec![0.0; stages * width];
+    if side_by_side {
+        bencher.bench_local(|| tape.evaluate_points(&times, black_box(&inputs), black_box(&mut outputs)));
+    } else {
+        bencher.bench_local(|| {
+            let points = times.iter().zip(black_box(&inputs).chunks_exact(unknowns));
+            for ((&t, inputs), outputs) in points.zip(black_box(&mut outputs).chunks_exact_mut(width)) {
+                tape.evaluate(t, inputs, outputs);
+            }
+        });
+    }
+}
+
 /// Shows allocations beside the times: evaluation makes none.
 #[global_allocator]
 static ALLOCATIONS: AllocProfiler = AllocProfiler::system();
 
 fn main() {
     divan::main();
+}
+
+#[divan::bench(args = at_stages())]
+fn stages_one_after_the_other(bencher: Bencher, case: &str) {
+    evaluate_at_stages(bencher, case, false);
+}
+
+#[divan::bench(args = at_stages())]
+fn stages_side_by_side(bencher: Bencher, case: &str) {
+    evaluate_at_stages(bencher, case, true);
 }
 
 #[divan::bench]

@@ -99,7 +99,7 @@ fn lanes_are_enclosed_as_they_are_evaluated() {
 }
 
 /// Expressions in every function of the language.
-fn texts() -> impl Strategy<Value = String> {
+pub(super) fn texts() -> impl Strategy<Value = String> {
     let constants = prop_oneof![(-3.0..3.0f64), prop::sample::select(vec![-2.0, -1.0, 0.0, 0.5, 1.0, 3.0])];
     let leaf = prop_oneof![
         prop::sample::select(vec!["t", "x", "y", "z"]).prop_map(str::to_owned),

@@ -5,6 +5,7 @@ mod gradients;
 mod hostile;
 mod messages;
 mod parameters;
+mod points;
 mod values;
 
 use super::{ExpressionError, Graph, Node, Scope, Tape};

@@ -23,7 +23,7 @@
 //! ```
 //!
 //! which depends on states and time alone, as exactly. Of other hidden constraints the residual is enclosed like that of `G`.
-//! Monitors of blocks are taken from the box alone.
+//! Monitors of blocks are taken from the box alone, with the errors of the unknowns.
 
 use super::MOST_PARTS;
 use super::on_face::{OnFace, Told};
@@ -113,8 +113,10 @@ impl Enclosure {
         if told == Told::ByEquations {
             self.find_errors(on, false);
         }
+        // Of blocks nothing is known where hidden constraints tell their variables: no polynomial does.
+        let are_blocks_known = limits.is_empty() || told == Told::ByEquations;
         let system = &*on.system;
-        let are_blocks_proven = self.are_blocks_proven(system, limits);
+        let are_blocks_proven = are_blocks_known && self.are_blocks_proven(system, limits);
         let mut left = std::mem::take(&mut self.left);
         left.clear();
         left.extend((0..watched.len()).filter(|&at| {
@@ -128,7 +130,7 @@ impl Enclosure {
         let may_fail = !left.is_empty() && self.may_fail(on, told, part, (t, h), watched, &mut left);
         let found = match are_blocks_proven && left.is_empty() {
             true => Found::Proven,
-            false if self.is_hopeless => Found::Hopeless,
+            false if self.is_hopeless || !are_blocks_known => Found::Hopeless,
             false => Found::Unproven { may_fail: may_fail || !are_blocks_proven },
         };
         self.left = left;
@@ -181,13 +183,10 @@ impl Enclosure {
         }
         // Monitors of states on their constraints have no error of these.
         let has_errors = told != Told::ByHiddenConstraints;
-        // The equations of the variables inside in the same form: their values over the box are too wide for long steps.
-        let equations = (0..system.unknowns - n).filter(|&k| has_errors && system.face.places[k] == Place::Inside);
-        for k in equations.filter(|&k| system.set.block_of(k).is_none()) {
-            let slope = self.slope_of_row(system, part, h, n + k).size();
-            let sharper =
-                self.middle.values[n + k].abs() + 0.5 * slope + on.control.noise_of_g(system, k, &self.middle.y);
-            self.residuals[n + k] = self.residuals[n + k].min(sharper);
+        if has_errors {
+            let inside = (0..system.unknowns - n).filter(|&k| system.face.places[k] == Place::Inside);
+            let of_intervals: Vec<usize> = inside.filter(|&k| system.set.block_of(k).is_none()).collect();
+            self.sharpen_residuals(on, part, h, &of_intervals);
         }
         self.follow(on, told, watched, left);
         let system = &*on.system;
@@ -236,6 +235,17 @@ impl Enclosure {
             !is_proven
         });
         may_fail
+    }
+
+    /// Takes the equations of these variables in the form of monitors: their values over the box are too wide for long steps.
+    fn sharpen_residuals(&mut self, on: &OnFace<'_, '_>, part: &Part, h: f64, of: &[usize]) {
+        let (system, n) = (&*on.system, on.system.states);
+        for &k in of {
+            let slope = self.slope_of_row(system, part, h, n + k).size();
+            let noise = on.control.noise_of_g(system, k, &self.middle.y);
+            let sharper = self.middle.values[n + k].abs() + 0.5 * slope + noise;
+            self.residuals[n + k] = self.residuals[n + k].min(sharper);
+        }
     }
 
     /// Whether no variable that hidden constraints alone tell enters a monitor, but for rounding, by the derivatives as they are.
@@ -331,9 +341,11 @@ impl Enclosure {
             }
             let [z, g] = &mut self.members;
             z.clear();
-            z.extend(block.members.iter().map(|&k| self.ranges[n + k]));
+            let ball = |error: f64| Interval::new(-error, error);
+            z.extend(block.members.iter().map(|&k| self.ranges[n + k] + ball(self.errors[n + k])));
             g.clear();
-            g.extend(block.members.iter().map(|&k| self.values[n + k]));
+            let of_g = |k: usize| ball(system.terms(k, |j| [self.errors[j]])[0]);
+            g.extend(block.members.iter().map(|&k| self.values[n + k] + of_g(k)));
             block.shape.enclose_monitors(face, z, g, system.radius(b, &self.values), &mut self.of_block);
             let [of_z, of_g] = limits[b];
             self.of_block.iter().all(|monitor| match monitor {

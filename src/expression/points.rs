@@ -1,0 +1,101 @@
+//! A whole program at several points side by side, as at the stages of a step: each instruction is dispatched once for all
+//! of them, and its arithmetic is vectorised by the compiler. Each result has the bits of a single evaluation.
+
+use super::tape::{Block, Tape};
+
+/// The most points that are evaluated side by side: a register is then one line of a cache.
+const MOST_LANES: usize = 8;
+
+/// The registers of a program, each at several points.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Wide {
+    /// The points of each; none before the constants are in their registers.
+    lanes: usize,
+    registers: Vec<f64>,
+}
+
+impl Wide {
+    /// Has the constants taken anew, which parameters may have changed.
+    pub(super) fn forget(&mut self) {
+        self.lanes = 0;
+    }
+
+    /// The registers at `L` points, of a program whose registers at one are given.
+    fn registers<const L: usize>(&mut self, single: &[f64]) -> &mut [[f64; L]] {
+        if self.lanes != L {
+            self.lanes = L;
+            self.registers.clear();
+            self.registers.extend(single.iter().flat_map(|&value| [value; L]));
+        }
+        self.registers.as_chunks_mut().0
+    }
+}
+
+impl Tape {
+    /// Writes what [`Tape::evaluate`] would at several points, one after the other, with the same bits: `first` has the first
+    /// input of each, and `rest` the others, as many of each.
+    pub fn evaluate_points(&mut self, first: &[f64], rest: &[f64], outputs: &mut [f64]) {
+        let (stride, width) = (rest.len() / first.len().max(1), self.program.outputs.len());
+        debug_assert_eq!(outputs.len(), first.len() * width, "as many outputs as were compiled, at each point");
+        for begin in (0..first.len()).step_by(MOST_LANES) {
+            let end = first.len().min(begin + MOST_LANES);
+            let (first, rest) = (&first[begin..end], &rest[stride * begin..stride * end]);
+            let outputs = &mut outputs[width * begin..width * end];
+            match end - begin {
+                // Terms that run side by side at one point gain nothing by others.
+                _ if self.program.is_vectorised => self.evaluate_each(first, rest, outputs),
+                1 => self.evaluate(first[0], rest, outputs),
+                // The narrowest vectors of processors have two lanes.
+                2..=4 => self.evaluate_lanes::<4>(first, rest, outputs),
+                5 | 6 => self.evaluate_lanes::<6>(first, rest, outputs),
+                _ => self.evaluate_lanes::<MOST_LANES>(first, rest, outputs),
+            }
+        }
+    }
+
+    /// The same at one after the other.
+    fn evaluate_each(&mut self, first: &[f64], rest: &[f64], outputs: &mut [f64]) {
+        let (stride, width) = (rest.len() / first.len(), self.program.outputs.len());
+        for (point, &first) in first.iter().enumerate() {
+            self.evaluate(first, &rest[stride * point..][..stride], &mut outputs[width * point..][..width]);
+        }
+    }
+
+    /// The same at no more than `L` points, side by side.
+    fn evaluate_lanes<const L: usize>(&mut self, first: &[f64], rest: &[f64], outputs: &mut [f64]) {
+        let mut wide = std::mem::take(&mut self.wide);
+        let registers = wide.registers::<L>(&self.registers);
+        let count = first.len();
+        // Lanes to spare repeat the first point.
+        let point_of: [usize; L] = std::array::from_fn(|lane| if lane < count { lane } else { 0 });
+        if let Some((input, inputs)) = registers[..self.program.inputs].split_first_mut() {
+            let points = point_of.map(|point| &rest[rest.len() / count * point..][..inputs.len()]);
+            *input = point_of.map(|point| first[point]);
+            inputs.iter_mut().enumerate().for_each(|(i, input)| *input = points.map(|point| point[i]));
+        }
+        let mut next = self.program.first;
+        for block in &self.program.blocks {
+            match block {
+                Block::Scalars(instructions) => {
+                    for instruction in instructions {
+                        let (known, unknown) = registers.split_at_mut(next);
+                        let (a, b) = (known[instruction.a as usize], known[instruction.b as usize]);
+                        instruction.operator.apply_lanes(a, b, &mut unknown[0], count);
+                        next += 1;
+                    }
+                }
+                Block::Lanes(lanes) => {
+                    let (known, unknown) = registers.split_at_mut(next);
+                    lanes.evaluate_points(known, &mut unknown[..lanes.len()], count);
+                    next += lanes.len();
+                }
+            }
+        }
+        let width = self.program.outputs.len();
+        for lane in 0..count {
+            let outputs = outputs[width * lane..][..width].iter_mut();
+            outputs.zip(&self.program.outputs).for_each(|(output, &at)| *output = registers[at as usize][lane]);
+        }
+        self.wide = wide;
+    }
+}

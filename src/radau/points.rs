@@ -1,0 +1,62 @@
+//! The rows of a problem at all stages, evaluated side by side and taken one after the other: what is taken is as if it were
+//! evaluated then, and counts as one evaluation.
+
+use super::system::System;
+
+/// Points `(t_i, y_i)` and the rows there.
+#[derive(Clone, Debug, Default)]
+pub struct Points {
+    times: Vec<f64>,
+    /// `y` of one point after the other.
+    y: Vec<f64>,
+    values: Vec<f64>,
+    /// Whether all were evaluated before.
+    are_known: bool,
+}
+
+impl Points {
+    /// Evaluates the rows at `(t + c_i h, y0 + Z_i)`.
+    pub fn evaluate(&mut self, system: &mut System<'_>, nodes: &[f64], (t, h): (f64, f64), y0: &[f64], z: &[f64]) {
+        let Self { times, y, values, are_known } = self;
+        let (n, rows) = (y0.len(), system.values.len());
+        times.clear();
+        times.extend(nodes.iter().map(|c| t + c * h));
+        y.resize(nodes.len() * n, 0.0);
+        for (y, z) in y.chunks_exact_mut(n).zip(z.chunks_exact(n)) {
+            y.iter_mut().zip(y0).zip(z).for_each(|((y, y0), z)| *y = y0 + z);
+        }
+        values.resize(nodes.len() * rows, 0.0);
+        let mut points = times.iter().zip(y.chunks_exact(n)).zip(values.chunks_exact_mut(rows));
+        *are_known = points.all(|((&t, y), values)| system.recall(t, y, values));
+        if !*are_known {
+            system.problem().evaluate_points(times, y, values);
+        }
+    }
+
+    /// `y` at point `i` of a system of `n` unknowns.
+    fn y(&self, i: usize, n: usize) -> &[f64] {
+        &self.y[n * i..][..n]
+    }
+}
+
+impl System<'_> {
+    /// What [`System::evaluate`] does at point `i`.
+    pub fn take(&mut self, points: &Points, i: usize) -> bool {
+        let (t, y) = (points.times[i], points.y(i, self.unknowns));
+        if let Some(finite) = self.is_last(t, y) {
+            return finite;
+        }
+        let rows = self.values.len();
+        self.values.copy_from_slice(&points.values[rows * i..][..rows]);
+        if !points.are_known {
+            self.count(t, y);
+        }
+        self.arrive(t, y)
+    }
+
+    /// What [`System::phi`] does at point `i`.
+    pub fn take_phi(&mut self, points: &Points, i: usize, phi: &mut [f64]) -> bool {
+        let finite = self.take(points, i);
+        self.on_face(finite, points.y(i, self.unknowns), phi)
+    }
+}
