@@ -10,7 +10,7 @@ use differential::{Campaign, Kind};
 use std::time::Duration;
 
 /// Problems that are known to be wrong in silence, of five hundred. This number may only shrink, to zero.
-const KNOWN_SILENT: usize = 4;
+const KNOWN_SILENT: usize = 1;
 
 /// The kinds of which none may be wrong in silence.
 const NEVER_SILENT: [Kind; 6] =
@@ -41,4 +41,24 @@ fn what_is_solved_in_many_ways_has_one_answer() {
     let alarms = tally.false_alarms_of(&kinds);
     assert!(alarms <= FALSE_ALARMS, "{:.1} % of the right answers are doubted:\n{tally}", 100.0 * alarms);
     assert!(tally.apart() <= 0.2, "{} of the problems decide nothing", tally.apart());
+}
+
+/// Problems whose switches were once passed over in silence: by a step that was solved over all stages at once, by one that
+/// began where a search for the end of the last had led it, and where hidden constraints tell variables of a block.
+#[test]
+fn switches_that_were_passed_over_are_not() {
+    for (kind, seed) in [(Kind::Circuit, 5375), (Kind::Filippov, 1965), (Kind::Filippov, 8643), (Kind::Sets, 4270)] {
+        let campaign = Campaign {
+            count: 1,
+            seed,
+            kinds: vec![kind],
+            time: Duration::from_secs(10),
+            reference_every: 1,
+            failures: None,
+            tells: false,
+            threads: 1,
+        };
+        let tally = campaign.run();
+        assert_eq!(tally.silent(), 0, "{} {seed} is wrong in silence:\n{tally}", kind.name());
+    }
 }

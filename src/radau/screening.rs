@@ -123,8 +123,9 @@ impl Radau<'_> {
         let Self { system, control, switching, consistent, .. } = self;
         let Switching { inside, constraints, .. } = switching;
         let told = OnFace { system, control, inside, constraints, consistent: consistent.as_mut() }.told();
-        // Monitors of blocks are not taken in terms of what hidden constraints tell.
-        let are_told = told == Told::ByEquations || told == Told::ByHiddenConstraints && of_blocks.is_empty();
+        // Monitors of blocks are taken from the polynomials of their variables, which hidden constraints need not follow.
+        let is_proof = of_blocks.is_empty() || told == Told::ByEquations;
+        let are_told = told != Told::InPart || watched.is_empty();
         let mut parts = 0;
         let (mut most, mut least) = if are_told { (MOST_PARTS, SHORTEST) } else { (MOST_HIDDEN, LEAST) };
         // What became of monitors that hidden constraints enter, where they were given up.
@@ -161,7 +162,6 @@ impl Radau<'_> {
                         given_up = Some(if is_open { Between::Open } else { Between::Undecided });
                         let Self { system, switching, .. } = self;
                         watched.retain(|monitor| Enclosure::is_told(system, &mut switching.inside, monitor));
-                        of_blocks.clear();
                         (most, least) = (parts + MOST_PARTS, SHORTEST);
                         left.push(part);
                         continue;
@@ -173,7 +173,7 @@ impl Radau<'_> {
             }
             spare.push(part);
         }
-        given_up.unwrap_or(Between::Proven)
+        given_up.unwrap_or(if is_proof { Between::Proven } else { Between::Undecided })
     }
 
     /// Whether rates, inequalities or bounds, at the states where a step of size `h` begins, vary with time by more than

@@ -449,7 +449,15 @@ impl<'p> Radau<'p> {
                 self.system.face.clone_from(&self.switching.before);
                 Attempt::Failed(0.5, Cause::Diverged)
             }
-            Ok(()) => Attempt::Solved { h, iterations: self.control.most, coupled: true, between: missed },
+            Ok(()) => {
+                // On one face all over it is a step like any other, which may have gone over switches that no stage shows; where
+                // these accumulate it is measured as a whole.
+                let is_one_face = self.system.face.is_same(&self.switching.before);
+                let is_alone = self.switching.locates() && self.accumulations() == 0;
+                let is_screened = is_one_face && is_alone && self.settings.step.is_none();
+                let between = missed.or_else(|| is_screened.then(|| self.screen(h)));
+                Attempt::Solved { h, iterations: self.control.most, coupled: true, between }
+            }
             Err(cause) => Attempt::Failed(0.5, cause),
         }
     }

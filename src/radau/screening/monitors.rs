@@ -113,10 +113,8 @@ impl Enclosure {
         if told == Told::ByEquations {
             self.find_errors(on, false);
         }
-        // Of blocks nothing is known where hidden constraints tell their variables: no polynomial does.
-        let are_blocks_known = limits.is_empty() || told == Told::ByEquations;
         let system = &*on.system;
-        let are_blocks_proven = are_blocks_known && self.are_blocks_proven(system, limits);
+        let are_blocks_proven = limits.is_empty() || self.are_blocks_proven(system, told, limits);
         let mut left = std::mem::take(&mut self.left);
         left.clear();
         left.extend((0..watched.len()).filter(|&at| {
@@ -130,7 +128,7 @@ impl Enclosure {
         let may_fail = !left.is_empty() && self.may_fail(on, told, part, (t, h), watched, &mut left);
         let found = match are_blocks_proven && left.is_empty() {
             true => Found::Proven,
-            false if self.is_hopeless || !are_blocks_known => Found::Hopeless,
+            false if self.is_hopeless => Found::Hopeless,
             false => Found::Unproven { may_fail: may_fail || !are_blocks_proven },
         };
         self.left = left;
@@ -333,8 +331,10 @@ impl Enclosure {
     }
 
     /// Whether no monitor of a block falls below its limit over the box.
-    fn are_blocks_proven(&mut self, system: &System<'_>, limits: &[[f64; 2]]) -> bool {
+    fn are_blocks_proven(&mut self, system: &System<'_>, told: Told, limits: &[[f64; 2]]) -> bool {
         let n = system.states;
+        // Errors of variables that hidden constraints tell are not known here: they are taken from their polynomials.
+        let error = |j: usize| if told == Told::ByEquations { self.errors[j] } else { 0.0 };
         system.set.blocks().iter().zip(&system.face.blocks).enumerate().all(|(b, (block, face))| {
             if system.face.holds(&block.members) {
                 return true;
@@ -342,9 +342,9 @@ impl Enclosure {
             let [z, g] = &mut self.members;
             z.clear();
             let ball = |error: f64| Interval::new(-error, error);
-            z.extend(block.members.iter().map(|&k| self.ranges[n + k] + ball(self.errors[n + k])));
+            z.extend(block.members.iter().map(|&k| self.ranges[n + k] + ball(error(n + k))));
             g.clear();
-            let of_g = |k: usize| ball(system.terms(k, |j| [self.errors[j]])[0]);
+            let of_g = |k: usize| ball(system.terms(k, |j| [error(j)])[0]);
             g.extend(block.members.iter().map(|&k| self.values[n + k] + of_g(k)));
             block.shape.enclose_monitors(face, z, g, system.radius(b, &self.values), &mut self.of_block);
             let [of_z, of_g] = limits[b];
