@@ -3,12 +3,12 @@
 use super::audit::Audit;
 use super::energy_balance::EnergyBalance;
 use super::run::{Ended, Plan, Stepper, run_to_end};
-use super::uniqueness::{LipschitzWatch, uniqueness_caveat};
+use super::uniqueness::{FaceWatch, LipschitzWatch, analysis_of_face, uniqueness_caveat};
 use super::{
     Contraction, Diagnostics, Evaluations, Event, EventKind, Face, Failure, Solution, Status, Steps, Tried, ViCounts,
     Warning, global_error,
 };
-use analysis::{Analysis, analyse_face};
+use analysis::Analysis;
 use models::{DviModel, KinkAdvice, Outputs};
 use problem::{Control, Mass, Structure};
 use radau::{Cause, Place, Radau, Settings, StageChoice, StepError, Switch, Switches, Variables};
@@ -55,10 +55,11 @@ pub(super) fn integrate_once(
         let balance = model.outputs.energy().map(|form| EnergyBalance::new(form.clone(), &radau));
         let audit = Audit::new(plan, model.has_kinks());
         let tolerances = (settings.rtol, settings.atol.as_slice());
-        let watch = LipschitzWatch::new(model, analysis, tolerances, (radau.t(), radau.y()));
+        let lipschitz = LipschitzWatch::new(model, analysis, tolerances, (radau.t(), radau.y()));
+        let faces = FaceWatch::new(model.structure(), analysis);
         let (kinks, outputs) = (&model.kinks, model.outputs.clone());
         let rtol = settings.step.is_none().then_some(settings.rtol);
-        Ok(Course { radau, plan, kinks, atol: &settings.atol, rtol, audit, outputs, balance, watch })
+        Ok(Course { radau, plan, kinks, atol: &settings.atol, rtol, audit, outputs, balance, lipschitz, faces })
     })
 }
 
@@ -73,7 +74,8 @@ struct Course<'p> {
     audit: Audit<'p>,
     outputs: Outputs,
     balance: Option<EnergyBalance>,
-    watch: Option<LipschitzWatch<'p>>,
+    lipschitz: Option<LipschitzWatch<'p>>,
+    faces: Option<FaceWatch>,
 }
 
 impl Stepper for Course<'_> {
@@ -127,8 +129,11 @@ impl Stepper for Course<'_> {
         if let Some(balance) = &mut self.balance {
             balance.step(&mut self.radau);
         }
-        if let Some(watch) = &mut self.watch {
+        if let Some(watch) = &mut self.lipschitz {
             watch.observe(self.radau.t(), self.radau.y());
+        }
+        if let Some(watch) = &mut self.faces {
+            watch.observe(&mut self.radau, switched);
         }
     }
 
@@ -140,7 +145,10 @@ impl Stepper for Course<'_> {
             diagnostics.energy = Some(balance.energy);
             balance.judge(&self.radau, self.rtol, self.atol, &mut diagnostics.checks);
         }
-        if let Some(watch) = &self.watch {
+        if let Some(watch) = &self.lipschitz {
+            watch.finish(diagnostics);
+        }
+        if let Some(watch) = &self.faces {
             watch.finish(diagnostics);
         }
     }
@@ -174,7 +182,7 @@ fn judge(radau: &mut Radau<'_>, plan: &Plan, switched: bool, diagnostics: &mut D
     }
     if switched && diagnostics.faces.len() < MOST_FACES {
         let n = plan.initial.len();
-        let (t, y, face) = (radau.t(), radau.y().to_vec(), radau.face().clone());
+        let (t, face) = (radau.t(), radau.face().clone());
         let names = |kind: fn(Place) -> bool| -> Vec<String> {
             let places = face.places.iter().enumerate().filter(|(_, place)| kind(**place));
             places.map(|(k, _)| plan.names[n + k].clone()).collect()
@@ -182,9 +190,7 @@ fn judge(radau: &mut Radau<'_>, plan: &Plan, switched: bool, diagnostics: &mut D
         let inside = names(|place| place == Place::Inside);
         let on_boundary = names(|place| matches!(place, Place::Boundary(_)));
         if diagnostics.faces.iter().all(|known| (&known.inside, &known.on_boundary) != (&inside, &on_boundary)) {
-            let blocks = radau.equations_of_blocks();
-            let analysis = analyse_face(radau.problem(), t, &y, &blocks, |k| face.places[k] == Place::Inside);
-            diagnostics.faces.push(Face { t, inside, on_boundary, analysis });
+            diagnostics.faces.push(Face { t, inside, on_boundary, analysis: analysis_of_face(radau) });
         }
     }
 }

@@ -1,12 +1,14 @@
-//! Uniqueness as a caveat of the verdict: a solution that is not certified to be the only one is *a* solution. Where it is
-//! certified until the equations are no longer Lipschitz, the run watches whether it gets there.
+//! Uniqueness as a caveat of the verdict: a solution that is not certified to be the only one is *a* solution. What is
+//! certified at the start need not hold later: the run watches whether it gets where the equations are not Lipschitz, and
+//! whether the certificate holds on the faces and at the states that it visits.
 
 use super::Diagnostics;
-use analysis::{Analysis, Uniqueness};
+use analysis::{Analysis, Uniqueness, analyse_face};
 use expression::{Irregularities, Irregularity};
 use models::DviModel;
 use numerics::Interval;
-use problem::Warning;
+use problem::{Structure, Warning};
+use radau::{Place, Radau};
 
 /// What the user should know of the uniqueness of the solution, before it is computed.
 pub fn uniqueness_caveat(analysis: &Analysis) -> Option<Warning> {
@@ -68,4 +70,55 @@ impl<'p> LipschitzWatch<'p> {
         }
         diagnostics.analysis = Some(analysis);
     }
+}
+
+/// Up to this many states and variables every step is analysed; the analysis of more takes longer than a step, so that they
+/// are analysed where they switch.
+const MOST_AT_EVERY_STEP: usize = 40;
+
+/// Watches a run for faces on which a certificate that was given at its start does not hold: where a surface that attracted
+/// begins to repel, a solution may leave it at any time.
+pub(super) struct FaceWatch {
+    at_every_step: bool,
+    /// The time and the face on which the certificate was lost.
+    lost: Option<(f64, Analysis)>,
+}
+
+impl FaceWatch {
+    /// A watch; none where nothing is certified, or where the derivatives are the same everywhere.
+    pub(super) fn new(structure: &Structure, analysis: &Analysis) -> Option<Self> {
+        let may_lose = analysis.uniqueness.is_certified() && structure.variables > 0 && !structure.constant_jacobian;
+        may_lose.then(|| Self { at_every_step: structure.unknowns() <= MOST_AT_EVERY_STEP, lost: None })
+    }
+
+    /// Takes the face at the end of a step into account.
+    pub(super) fn observe(&mut self, radau: &mut Radau<'_>, switched: bool) {
+        let moves = radau.face().places.iter().any(|place| place.equations() < usize::MAX);
+        if self.lost.is_some() || !moves || !(self.at_every_step || switched) {
+            return;
+        }
+        let analysis = analysis_of_face(radau);
+        if !analysis.uniqueness.is_certified() && analysis.uniqueness != Uniqueness::NotAnalysed {
+            self.lost = Some((radau.t(), analysis));
+        }
+    }
+
+    /// Takes the certificate back if it was lost.
+    pub(super) fn finish(&self, diagnostics: &mut Diagnostics) {
+        let Some((t, Analysis { uniqueness, because, .. })) = &self.lost else { return };
+        let Some(analysis) = diagnostics.analysis.take() else { return };
+        let because = format!("on the face met at t = {t}: {because}");
+        let analysis = Analysis { uniqueness: *uniqueness, because, ..analysis };
+        if let Some(Warning { code, message }) = uniqueness_caveat(&analysis) {
+            diagnostics.checks.caveat(code, message);
+        }
+        diagnostics.analysis = Some(analysis);
+    }
+}
+
+/// The analysis of the face that is active where a run has arrived.
+pub(super) fn analysis_of_face(radau: &mut Radau<'_>) -> Analysis {
+    let (t, y, face) = (radau.t(), radau.y().to_vec(), radau.face().clone());
+    let blocks = radau.equations_of_blocks();
+    analyse_face(radau.problem(), t, &y, &blocks, |k| face.places[k] == Place::Inside)
 }

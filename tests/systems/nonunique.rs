@@ -4,6 +4,7 @@
 
 use crate::systems::harness::{column, solve};
 use crate::systems::reference::example;
+use dvi::analysis::Uniqueness;
 use serde_json::json;
 
 #[test]
@@ -37,4 +38,26 @@ fn from_nearby_it_follows_the_spiral() {
     assert!((column(&solution, "w2").last().expect("values") - 2.0 * (s - phase)).abs() < 1e-9);
     let caveats = &solution.verdict.caveats;
     assert!(caveats.iter().any(|caveat| caveat.code == "uniqueness_not_guaranteed"), "{caveats:?}");
+}
+
+/// `y' = -u` above the surface `y = 0` and `u` below it, `u' = -1`: the surface attracts until `u = 0`, and repels after
+/// that, when the solution may leave it at any time and to either side.
+#[test]
+fn a_surface_that_begins_to_repel_takes_the_certificate_back() {
+    for (scale, end, attracts) in [(1.0, 0.9, true), (1.0, 1.5, false), (1e-6, 1.5e-6, false), (1e6, 0.9e6, true)] {
+        let solution = solve(&json!({
+            "problem": {"filippov": {
+                "states": {
+                    "y": {"initial": 0.1 * scale, "plus": "-u", "minus": "u"},
+                    "u": {"initial": 1, "plus": format!("-1/{scale:e}"), "minus": format!("-1/{scale:e}")},
+                },
+                "surface": "y",
+            }},
+            "time": {"end": end},
+        }));
+        let caveat = solution.verdict.caveats.iter().find(|caveat| caveat.code == "uniqueness_not_guaranteed");
+        assert_eq!(caveat.is_none(), attracts, "{caveat:?}");
+        let analysis = solution.diagnostics.analysis.expect("an analysis");
+        assert_eq!(analysis.uniqueness == Uniqueness::Unique, attracts, "{}", analysis.because);
+    }
 }
