@@ -3,7 +3,7 @@
 mod command;
 
 use clap::{Parser, Subcommand};
-use command::{check, healthcheck, methods, report, serve, solve, token};
+use command::{check, healthcheck, methods, report, serve, solve, token, worker};
 use mimalloc::MiMalloc;
 use std::process::ExitCode;
 
@@ -38,6 +38,7 @@ enum Command {
     Methods(methods::Arguments),
     Report(report::Arguments),
     Serve(serve::Arguments),
+    Worker(worker::Arguments),
     Token(token::Arguments),
     Healthcheck(healthcheck::Arguments),
 }
@@ -57,6 +58,7 @@ fn main() -> ExitCode {
         Command::Methods(arguments) => methods::run(&arguments),
         Command::Report(arguments) => report::run(&arguments),
         Command::Serve(arguments) => serve::run(arguments),
+        Command::Worker(arguments) => worker::run(&arguments),
         Command::Token(arguments) => token::run(&arguments),
         Command::Healthcheck(arguments) => healthcheck::run(&arguments),
     }

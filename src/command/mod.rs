@@ -1,6 +1,7 @@
 //! What the subcommands share: exit codes, reading a specification, and telling what is wrong with one.
 
 pub mod check;
+mod confined;
 pub mod data;
 pub mod healthcheck;
 pub mod methods;
@@ -12,6 +13,7 @@ pub mod serve;
 pub mod solve;
 pub mod token;
 mod verdict;
+pub mod worker;
 
 use dvi::specification::{Specification, SpecificationError};
 use serde::Deserialize;
@@ -36,6 +38,8 @@ pub const UNSERVABLE: u8 = 5;
 pub const UNANSWERED: u8 = 6;
 /// The end time was reached, and the answer is not trusted.
 pub const UNTRUSTED: u8 = 7;
+/// The process that solved was ended, as for want of memory.
+pub const ENDED: u8 = 8;
 /// The command line makes no sense (`EX_USAGE` of sysexits).
 pub const USAGE: u8 = 64;
 

@@ -3,7 +3,7 @@
 use super::data::Data;
 use super::{UNSERVABLE, USAGE};
 use clap::{Args, ValueEnum};
-use dvi::service::{Options, Service};
+use dvi::service::{Options, Service, worker};
 use std::env::{self, VarError};
 use std::io::{self, IsTerminal};
 use std::panic;
@@ -46,6 +46,13 @@ Examples:
   curl -d @long.json -H 'Prefer: respond-async' -i localhost:8080/solve
   curl -H 'Accept: text/csv' localhost:8080/jobs/ID/results
   curl -H 'Accept: image/svg+xml' localhost:8080/jobs/ID/results
+
+Solves run in processes of their own (`dvi worker`), kept from one job to the next, that limit themselves to --memory-mib
+and what the program itself needs. A job that takes more, overflows its stack, meets a defect, or whose worker is killed,
+fails with the problem `too-much-memory`, `stack-overflow`, `defect` or `killed`; the service and the other jobs go on.
+In all, --workers, --relief and the checks of specifications (half as many as --workers) may take --memory-mib each, and
+some 100 MiB beside; the service itself takes what it keeps and sends, most of it bounded by --queue-mib, --result-mib and,
+with --ephemeral, --kept-mib.
 
 A job that was accepted with 202 is on the disk. The next start takes up what has not ended;
 a job that was running at two ends in a row, other than by a signal to stop, is set aside.
@@ -96,8 +103,10 @@ fn serve(options: Options) -> io::Result<()> {
         let stop = signals()?;
         let data = options.jobs_folder().map_or("memory".to_owned(), |folder| folder.display().to_string());
         let asks_tokens = options.asks_tokens();
-        let service = Service::start(options, Arc::new(dvi::solve))?;
-        tracing::info!(%address, workers, data, asks_tokens, "serving on http://{address}");
+        let launcher = worker::program(None, options.memory_mib.get());
+        let service = Service::start(options, Arc::new(dvi::solve), &launcher)?;
+        let confined_to = service.confinement();
+        tracing::info!(%address, workers, %confined_to, data, asks_tokens, "serving on http://{address}");
         service.serve(listener, stop).await;
         io::Result::Ok(())
     })?;
@@ -133,6 +142,8 @@ fn log(format: LogFormat) -> Result<(), Box<dyn std::error::Error>> {
     let log = tracing_subscriber::fmt()
         .with_max_level(LevelFilter::TRACE)
         .with_writer(io::stderr)
+        // A log that nobody reads any more is no reason to stop.
+        .log_internal_errors(false)
         .with_ansi(io::stderr().is_terminal());
     match format {
         LogFormat::Text => log.finish().with(filter).init(),

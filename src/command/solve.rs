@@ -1,12 +1,14 @@
 //! `dvi solve`: one solve in this process, or by a server. The result goes to standard output, all else to standard error.
 
 use super::remote::{self, Server};
-use super::{UNWRITABLE, bytes, read, verdict};
+use super::{UNWRITABLE, bytes, confined, read, verdict};
 use clap::{Args, ValueEnum};
 use dvi::problem::Control;
-use dvi::solution::{Solution, Status, encodings, pictures};
+use dvi::solution::{Solution, Status, Verdict, encodings, pictures};
 use dvi::specification::Specification;
+use serde::Deserialize;
 use std::io::{self, BufWriter, IsTerminal, Write};
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -29,6 +31,10 @@ pub struct Arguments {
     #[arg(long, value_enum, default_value_t = Format::Json)]
     format: Format,
 
+    /// Memory that the solve may take, in MiB, beside what the program itself needs; a process that takes more is ended
+    #[arg(long, value_name = "MIB", conflicts_with = "server")]
+    memory_mib: Option<NonZeroUsize>,
+
     /// The address of a running service that is to solve it in place of this process
     #[arg(long, env = "DVI_SERVER", value_name = "URL")]
     server: Option<Server>,
@@ -48,6 +54,8 @@ Exit codes:
   6   the server did not answer, or refused
   7   the end time was reached, but the answer is not trusted: a check (residuals, balance of energy,
       undetected events, ...) exceeds what the tolerances allow; the result was written
+  8   the process that solved was ended, for which standard error has a word: `too_much_memory` where it took more than
+      --memory-mib allows, `stack_overflow`, `killed` or `defect`; nothing was written
   64  the command line makes no sense
 
 The verdict also stands in the result: in JSON as `verdict`, right after `status`; in the schema of an Arrow
@@ -58,6 +66,7 @@ Examples:
   dvi solve --format csv spring.json | head
   dvi solve --format svg spring.json > spring.svg
   generate-specification | dvi solve - > result.json
+  dvi solve --memory-mib 4096 large.json
   dvi solve --server http://localhost:8080 spring.json";
 
 /// A form of the result.
@@ -101,25 +110,61 @@ pub fn run(arguments: &Arguments) -> ExitCode {
             Err(code) => code,
         };
     }
+    if let Some(memory_mib) = arguments.memory_mib {
+        return solve_confined(arguments, memory_mib).unwrap_or_else(|code| code);
+    }
     let specification = match read(&arguments.file) {
         Ok(specification) => specification,
         Err(code) => return code,
     };
     let control = Arc::new(control(&specification));
     cancel_on_interrupt(Arc::clone(&control));
-    let solution = solve_with_progress(&specification, &control);
+    let solution = with_progress(&control, || dvi::solve(&specification, &control));
     if let Some(error) = &solution.error {
         eprintln!("dvi: {} at t = {}: {}", error.code, error.time, error.message);
     }
     eprint!("{}", verdict::lines(&solution.verdict));
-    match write(&solution, specification.label(), arguments.format) {
+    let written = write(&solution, specification.label(), arguments.format);
+    exit_code(written, solution.status, &solution.verdict)
+}
+
+fn exit_code(written: io::Result<()>, status: Status, verdict: &Verdict) -> ExitCode {
+    match written {
         // The reader has seen enough, as `head` does.
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
             eprintln!("dvi: cannot write the result: {error}");
             ExitCode::from(UNWRITABLE)
         }
-        _ => verdict::exit_code(solution.status == Status::Completed, Some(&solution.verdict)),
+        _ => verdict::exit_code(status == Status::Completed, Some(verdict)),
     }
+}
+
+/// The label of a specification, whatever else it says.
+#[derive(Deserialize)]
+struct Labelled {
+    label: Option<String>,
+}
+
+/// The same in a process of its own, which may take so much memory.
+fn solve_confined(arguments: &Arguments, memory_mib: NonZeroUsize) -> Result<ExitCode, ExitCode> {
+    let document = bytes(&arguments.file)?;
+    let control = Control::new();
+    let (solved, json) = with_progress(&control, || confined::solve(&arguments.file, &document, memory_mib, &control))?;
+    if let Some(failed) = &solved.failed {
+        eprintln!("dvi: {} at t = {}: {}", failed.code, failed.time, failed.message);
+    }
+    eprint!("{}", verdict::lines(&solved.verdict));
+    let written = match arguments.format {
+        Format::Json => {
+            let mut out = io::stdout().lock();
+            out.write_all(&json).and_then(|()| out.write_all(b"\n"))
+        }
+        Format::Csv | Format::Ndjson | Format::Arrow | Format::Svg => {
+            let label = serde_json::from_slice::<Labelled>(&document).ok().and_then(|document| document.label);
+            encodings::read_json(&json).and_then(|solution| write(&solution, label.as_deref(), arguments.format))
+        }
+    };
+    Ok(exit_code(written, solved.status, &solved.verdict))
 }
 
 fn control(specification: &Specification) -> Control {
@@ -144,16 +189,17 @@ fn cancel_on_interrupt(control: Arc<Control>) {
     }
 }
 
-fn solve_with_progress(specification: &Specification, control: &Control) -> Solution {
+/// Shows the progress of a solve on a terminal while it runs.
+fn with_progress<T>(control: &Control, solve: impl FnOnce() -> T) -> T {
     if !io::stderr().is_terminal() {
-        return dvi::solve(specification, control);
+        return solve();
     }
     let (done, ended) = channel();
     thread::scope(|scope| {
         scope.spawn(move || show_progress(control, &ended));
-        let solution = dvi::solve(specification, control);
+        let solved = solve();
         drop(done);
-        solution
+        solved
     })
 }
 

@@ -44,6 +44,15 @@ struct Happened {
     count: u64,
 }
 
+impl Happened {
+    fn push(&mut self, event: Event) {
+        if self.latest.len() == MOST_EVENTS {
+            self.latest.pop_front();
+        }
+        self.latest.push_back(event);
+    }
+}
+
 impl Default for Control {
     fn default() -> Self {
         Self {
@@ -131,10 +140,21 @@ impl Control {
         let mut happened = self.happened();
         happened.count += events.len() as u64;
         for event in &events[events.len().saturating_sub(MOST_EVENTS)..] {
-            if happened.latest.len() == MOST_EVENTS {
-                happened.latest.pop_front();
+            happened.push(event.clone());
+        }
+    }
+
+    /// Records events that [`Control::events_after`] gave on the control of the same solve in another process, under
+    /// their numbers there.
+    pub fn relay(&self, events: Vec<(u64, Event)>) {
+        let mut happened = self.happened();
+        for (number, event) in events {
+            if number > happened.count {
+                // Numbers are skipped where more events happened between two calls than are kept. The others fill
+                // the whole list, so that its numbers have no gap.
+                happened.count = number;
+                happened.push(event);
             }
-            happened.latest.push_back(event.clone());
         }
     }
 
@@ -175,6 +195,21 @@ mod tests {
         assert_eq!(control.events_after(997).first().map(|(number, _)| *number), Some(998));
         assert!(control.events_after(1000).is_empty());
         assert_eq!(control.events_after(1001), kept);
+    }
+
+    #[test]
+    fn events_of_another_process_keep_their_numbers() {
+        let (there, here) = (Control::new(), Control::new());
+        let mut seen = 0;
+        for times in [0..3, 3..4, 4..4, 4..300, 300..1000, 1000..1002] {
+            there.tell(&events(times));
+            let told = there.events_after(seen);
+            seen = told.last().map_or(seen, |(number, _)| *number);
+            here.relay(told.clone());
+            here.relay(told);
+            assert_eq!(here.events_after(0), there.events_after(0));
+        }
+        assert_eq!(here.events_after(1001).len(), 1);
     }
 
     #[test]

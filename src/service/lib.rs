@@ -9,6 +9,7 @@ mod page;
 mod patience;
 mod remainder;
 mod server;
+pub mod worker;
 
 pub use options::Options;
 
@@ -23,35 +24,47 @@ use std::sync::Arc;
 use tokio::net::TcpListener;
 use tokio::sync::mpsc::Receiver;
 use tokio::sync::{Semaphore, watch};
+use worker::{Checkers, Confinement, Launcher};
 
 /// A service with its workers running. They stop when it is dropped.
 pub struct Service {
     shared: Shared,
-    _pool: Pool,
+    pool: Pool,
 }
 
 impl Service {
-    /// Starts the workers, which call `solver`, on the jobs that are left in the folder of the options.
+    /// Starts workers by `launcher` on the jobs that are left in the folder of the options. What is solved at a glance,
+    /// `solver` solves here.
     ///
     /// # Errors
-    /// The folder is in use or cannot be written, or the system gives no threads.
-    pub fn start(options: Options, solver: Solver) -> io::Result<Self> {
+    /// The folder is in use or cannot be written, the system gives no threads, or workers cannot be started.
+    pub fn start(options: Options, solver: Solver, launcher: &Launcher) -> io::Result<Self> {
         let metrics = Arc::new(Metrics::default());
         let tokens = if options.asks_tokens() { Some(Arc::new(tokens(&options)?)) } else { None };
         let jobs = Jobs::open(options.bounds(), solver, options.jobs_folder(), Arc::clone(&metrics))?;
         let jobs = Arc::new(jobs);
-        let pool = Pool::start(&jobs, options.workers)?;
-        let turns = Turns::new(options.workers.get(), options.bounds().queue);
+        let pool = Pool::start(&jobs, options.workers, options.relief, launcher)?;
+        let (bounds, counted) = (options.bounds(), Arc::clone(&metrics));
+        let turns = Turns::new(options.workers.get(), bounds.queue);
+        let checks = Turns::new(options.checkers(), bounds.queue);
+        let notice = Arc::new(move |event: worker::Event<'_>| counted.notice(event));
+        let checkers = Checkers::new(Arc::clone(launcher), bounds.kept_by_worker(), notice);
         let streams = Arc::new(Semaphore::new(places(options.streams)));
         let connections = Arc::new(Semaphore::new(places(options.connections)));
         let closing = watch::Sender::new(false);
-        let shared = Arc::new(Common { jobs, options, metrics, tokens, turns, streams, connections, closing });
-        Ok(Self { shared, _pool: pool })
+        let shared =
+            Arc::new(Common { jobs, options, metrics, tokens, turns, checks, checkers, streams, connections, closing });
+        Ok(Self { shared, pool })
     }
 
     /// Its resources.
     pub fn router(&self) -> Router {
         http::router(Arc::clone(&self.shared))
+    }
+
+    /// The limits that hold for its workers.
+    pub fn confinement(&self) -> &Confinement {
+        self.pool.confinement()
     }
 
     /// Its jobs.

@@ -1,9 +1,10 @@
 //! Figures of a service for Prometheus: what was solved, how long it took, how it ended, what was answered.
 //!
-//! A solve is measured where it is called, on the worker's thread. What changes by itself, such as the length of the
+//! A solve is measured where its worker is supervised. What changes by itself, such as the length of the
 //! queue, is looked up when the figures are asked for.
 
 use super::jobs::Jobs;
+use super::worker::{Event, Solved};
 use axum::http::StatusCode;
 use prometheus_client::encoding::text::encode;
 use prometheus_client::metrics::counter::Counter;
@@ -11,10 +12,9 @@ use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::{Histogram, exponential_buckets};
 use prometheus_client::registry::{Registry, Unit};
-use solution::{Solution, Status};
+use solution::Status;
 use std::borrow::Cow;
-use std::thread::panicking;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// A label and its value.
 type Label = (&'static str, Cow<'static, str>);
@@ -29,6 +29,8 @@ pub struct Metrics {
     steps: Family<[Label; 1], Counter>,
     vi_solves: Family<[Label; 1], Counter>,
     answers: Family<[Label; 1], Counter>,
+    lost: Family<[Label; 1], Counter>,
+    workers: Gauge,
     waiting: Gauge,
     waiting_bytes: Gauge,
     running: Gauge,
@@ -53,6 +55,8 @@ impl Default for Metrics {
             steps: Family::default(),
             vi_solves: Family::default(),
             answers: Family::default(),
+            lost: Family::default(),
+            workers: Gauge::default(),
             waiting: Gauge::default(),
             waiting_bytes: Gauge::default(),
             running: Gauge::default(),
@@ -86,6 +90,8 @@ impl Default for Metrics {
             metrics.waiting_bytes.clone(),
         );
         registry.register("jobs_running", "Jobs that workers have in hand", metrics.running.clone());
+        registry.register("workers", "Worker processes", metrics.workers.clone());
+        registry.register("workers_lost", "Workers that were replaced, by the reason", metrics.lost.clone());
         registry.register("connections", "Connections that are open", metrics.connections.clone());
         registry.register(
             "unreadable_jobs",
@@ -99,33 +105,50 @@ impl Default for Metrics {
 }
 
 impl Metrics {
-    /// Runs a solve and measures it; one that panics counts as well.
-    pub fn measure(&self, problem: &'static str, solve: impl FnOnce() -> Solution) -> Solution {
-        let in_hand = InHand { metrics: self, problem, start: Instant::now() };
-        let solution = solve();
-        self.solved(problem, in_hand.start.elapsed(), &solution);
-        solution
-    }
-
     /// Counts a solve that took this time.
-    pub fn solved(&self, problem: &'static str, time: Duration, solution: &Solution) {
-        let code = match (&solution.error, solution.status) {
+    pub fn solved(&self, solved: &Solved, time: Duration) {
+        let code = match (&solved.failed, solved.status) {
             (_, Status::Completed) => "completed".into(),
-            (Some(error), _) => error.code.clone(),
+            (Some(failed), _) => failed.code.clone().into(),
             (None, Status::Stopped) => "stopped".into(),
             (None, Status::Failed) => "failed".into(),
         };
-        let label = [("problem", problem.into())];
-        self.steps.get_or_create(&label).inc_by(solution.diagnostics.steps.accepted);
-        if let Some(vi) = &solution.diagnostics.vi {
-            self.vi_solves.get_or_create(&label).inc_by(vi.solves);
+        let label = [("problem", solved.problem.clone())];
+        self.steps.get_or_create(&label).inc_by(solved.steps);
+        if let Some(vi_solves) = solved.vi_solves {
+            self.vi_solves.get_or_create(&label).inc_by(vi_solves);
         }
-        self.ended(problem, code, time);
+        self.ended(solved.problem.clone(), code, time);
     }
 
-    fn ended(&self, problem: &'static str, code: Cow<'static, str>, time: Duration) {
-        self.ended.get_or_create(&[("problem", problem.into()), ("code", code)]).inc();
-        self.solve_seconds.get_or_create(&[("problem", problem.into())]).observe(time.as_secs_f64());
+    /// Counts the end of a solve, after this time, that left no solution.
+    pub fn ended(&self, problem: Cow<'static, str>, code: Cow<'static, str>, time: Duration) {
+        self.ended.get_or_create(&[("problem", problem.clone()), ("code", code)]).inc();
+        self.solve_seconds.get_or_create(&[("problem", problem)]).observe(time.as_secs_f64());
+    }
+
+    /// Counts what becomes of workers, and logs it.
+    pub fn notice(&self, event: Event<'_>) {
+        match event {
+            Event::Started(pid) => {
+                self.workers.inc();
+                tracing::debug!(pid, "worker {pid} has started");
+            }
+            Event::Grown(bytes) => {
+                self.lost("grown");
+                tracing::debug!(bytes, "a worker is replaced, which held {} MiB", bytes >> 20);
+            }
+            Event::Died(pid, death) => {
+                self.lost(death.code());
+                tracing::error!(pid, ?death, "worker {pid} died: {}", death.code());
+            }
+            Event::NotStarted(error) => tracing::error!(%error, "no worker could be started"),
+        }
+    }
+
+    fn lost(&self, reason: &'static str) {
+        self.workers.dec();
+        self.lost.get_or_create(&[("reason", reason.into())]).inc();
     }
 
     /// Counts the time that a job has waited for its worker.
@@ -157,20 +180,5 @@ impl Metrics {
         // Writing to a string does not fail.
         let _ = encode(&mut text, &self.registry);
         text
-    }
-}
-
-/// A solve in hand; where it panics, dropping it says so.
-struct InHand<'a> {
-    metrics: &'a Metrics,
-    problem: &'static str,
-    start: Instant,
-}
-
-impl Drop for InHand<'_> {
-    fn drop(&mut self) {
-        if panicking() {
-            self.metrics.ended(self.problem, "panicked".into(), self.start.elapsed());
-        }
     }
 }

@@ -53,9 +53,13 @@ pub struct Options {
     #[arg(long, env = "DVI_HOST", value_name = "NAME", value_delimiter = ',')]
     pub host: Vec<String>,
 
-    /// Solves at a time; the default is one a core
+    /// Solves at a time, each in a process of its own; the default is one a core
     #[arg(long, env = "DVI_WORKERS", value_name = "N", default_value_t = Options::default().workers)]
     pub workers: NonZeroUsize,
+
+    /// Further solves at a time, of clients for whom nothing runs while others hold all workers
+    #[arg(long, env = "DVI_RELIEF", value_name = "N", default_value_t = Options::default().relief)]
+    pub relief: usize,
 
     /// Jobs that may wait; one more is refused with 429
     #[arg(long, env = "DVI_QUEUE", value_name = "JOBS", default_value_t = Options::default().queue)]
@@ -77,7 +81,7 @@ pub struct Options {
     #[arg(long, env = "DVI_STEPS", value_name = "STEPS", default_value_t = Options::default().steps)]
     pub steps: NonZeroU64,
 
-    /// Memory that a solve may take, in MiB, estimated before it runs; one that takes more is refused with 422
+    /// Memory that a solve may take, in MiB; one that is estimated to take more is refused with 422, one that does is ended
     #[arg(long, env = "DVI_MEMORY_MIB", value_name = "MIB", default_value_t = Options::default().memory_mib)]
     pub memory_mib: NonZeroUsize,
 
@@ -130,6 +134,7 @@ impl Default for Options {
             insecure: false,
             host: Vec::new(),
             workers: available_parallelism().unwrap_or(NonZeroUsize::MIN),
+            relief: 1,
             queue: count(1000),
             queue_mib: count(256),
             client_share: count(750),
@@ -180,6 +185,11 @@ impl Options {
         Duration::from_secs(self.grace_seconds)
     }
 
+    /// Workers that check specifications, beside those that solve: a check is shorter than a solve.
+    pub fn checkers(&self) -> usize {
+        self.workers.get().div_ceil(2)
+    }
+
     /// Every bound in force: the flags whose value is a number.
     pub fn in_force(&self) -> Vec<Bound> {
         let values = serde_json::to_value(self).unwrap_or_default();
@@ -200,6 +210,7 @@ impl Options {
     /// What concerns jobs.
     pub fn bounds(&self) -> Bounds {
         Bounds {
+            workers: self.workers.get(),
             queue: Room { places: self.queue.get(), share: self.client_share.get(), bytes: bytes(self.queue_mib) },
             steps: self.steps.get(),
             memory: bytes(self.memory_mib),

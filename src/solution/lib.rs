@@ -83,7 +83,7 @@ pub struct Solution {
     #[serde(default, deserialize_with = "passed_over")]
     pub diagnostics: Diagnostics,
     /// Error against run time, where it was asked for.
-    #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "passed_over")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub study: Option<Study>,
 }
 

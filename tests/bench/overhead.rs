@@ -1,9 +1,11 @@
 //! What the service costs beside an echo of the same body: `cargo bench --bench overhead`, which drives both with `wrk`
-//! in turns, so that both see the same machine. *Stored* jobs are asynchronous: on the disk before they are answered.
+//! in turns, so that both see the same machine. A *solve* is made at a glance; *queued* ones have a key, so that a worker
+//! makes them; *stored* jobs are asynchronous: on the disk before they are answered.
 
 use axum::Router;
 use axum::body::Bytes;
 use axum::routing::post;
+use dvi::service::worker::program;
 use dvi::service::{Options, Service};
 use hyper::body::Incoming;
 use hyper::service::service_fn;
@@ -27,12 +29,22 @@ static ALLOCATOR: MiMalloc = MiMalloc;
 const BODY: &str = r#"{"problem":{"dvi":{"states":{"x":{"initial":1,"rate":"-x"}}}},"time":{"end":1}}"#;
 const SECONDS: u32 = 3;
 
+/// A key of its own for every request.
+const KEYS: &str = r#"
+local run, n = os.time(), 0
+request = function()
+  n = n + 1
+  wrk.headers["idempotency-key"] = run .. "-" .. n
+  return wrk.format()
+end"#;
+
 fn main() {
     // As the program logs, so that what is measured is what it does.
     tracing_subscriber::fmt().with_max_level(tracing::Level::INFO).with_writer(std::io::stderr).init();
     let folder = std::env::temp_dir().join(format!("dvi-overhead-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder");
-    let (waits, leaves) = (script(&folder, "waits", ""), script(&folder, "leaves", "respond-async"));
+    let (waits, leaves) = (script(&folder, "waits", "", ""), script(&folder, "leaves", "respond-async", ""));
+    let queues = script(&folder, "queues", "", KEYS);
     let runtime = Builder::new_multi_thread().enable_all().build().expect("a runtime");
     let (echo, (service, _)) = (start_echo(&runtime), start_service(&runtime, Options::default()));
     let many = NonZeroUsize::new(10_000_000).expect("more than one");
@@ -40,7 +52,12 @@ fn main() {
     let (store, jobs) = start_service(&runtime, stored);
     println!("{:>12} {:>8} {:>10} {:>12} {:>16}", "connections", "", "p50", "requests/s", "CPU us a request");
     for connections in [1, 16, 64, 512] {
-        let turns = [("echo", echo, &waits), ("solve", service, &waits), ("stored", store, &leaves)];
+        let turns = [
+            ("echo", echo, &waits),
+            ("solve", service, &waits),
+            ("queued", service, &queues),
+            ("stored", store, &leaves),
+        ];
         for (name, address, script) in turns.into_iter().chain(turns) {
             let (before, start) = (cpu_seconds(), Instant::now());
             let report = Command::new("wrk")
@@ -72,25 +89,36 @@ fn main() {
 }
 
 /// What `wrk` is to send.
-fn script(folder: &Path, name: &str, prefer: &str) -> PathBuf {
+fn script(folder: &Path, name: &str, prefer: &str, more: &str) -> PathBuf {
     let path = folder.join(name).with_extension("lua");
     let headers =
         format!("wrk.headers[\"content-type\"] = \"application/json\"\nwrk.headers[\"prefer\"] = \"{prefer}\"");
-    std::fs::write(&path, format!("wrk.method = \"POST\"\nwrk.body = '{BODY}'\n{headers}\n")).expect("a script");
+    std::fs::write(&path, format!("wrk.method = \"POST\"\nwrk.body = '{BODY}'\n{headers}\n{more}\n"))
+        .expect("a script");
     path
 }
 
-/// The processor time of this process, which other work on the machine disturbs less than it does the clock.
+/// The processor time of this process and of its workers, which other work on the machine disturbs less than it does the
+/// clock.
 fn cpu_seconds() -> f64 {
-    let stat = std::fs::read_to_string("/proc/self/stat").expect("Linux");
-    let ticks = stat.rsplit(") ").next().unwrap_or_default().split(' ').skip(11).take(2);
-    ticks.map(|field| field.parse::<f64>().unwrap_or(f64::NAN)).sum::<f64>() / 100.0
+    let own = std::process::id();
+    let processes = std::fs::read_dir("/proc").expect("Linux").filter_map(Result::ok);
+    let ticks = processes.filter_map(|process| {
+        let stat = std::fs::read_to_string(process.path().join("stat")).ok()?;
+        let fields: Vec<&str> = stat.rsplit(") ").next()?.split(' ').collect();
+        let (name, parent) = (process.file_name(), fields.get(1)?.parse::<u32>().ok()?);
+        let counts = parent == own || name.to_str()?.parse() == Ok(own);
+        let ticks = || fields[11..13].iter().filter_map(|field| field.parse::<f64>().ok()).sum::<f64>();
+        counts.then(ticks)
+    });
+    ticks.sum::<f64>() / 100.0
 }
 
 fn start_service(runtime: &Runtime, options: Options) -> (SocketAddr, Arc<Service>) {
     let listener = runtime.block_on(TcpListener::bind("127.0.0.1:0")).expect("a port");
     let address = listener.local_addr().expect("its address");
-    let service = Arc::new(Service::start(options, Arc::new(dvi::solve)).expect("workers"));
+    let launcher = program(Some(env!("CARGO_BIN_EXE_dvi").into()), options.memory_mib.get());
+    let service = Arc::new(Service::start(options, Arc::new(dvi::solve), &launcher).expect("workers"));
     let serving = Arc::clone(&service);
     runtime.spawn(async move {
         let (_stop, stopped) = channel(1);

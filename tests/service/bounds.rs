@@ -146,3 +146,33 @@ async fn a_body_that_breaks_off_is_said_to() {
     let breaks = Scripted(vec![Arrival::Broken, Arrival::Piece("{".to_owned())]);
     Call::solve(Body::new(breaks)).send(&site).await.problem(400, "bad-request");
 }
+
+#[tokio::test]
+async fn a_client_that_holds_every_worker_does_not_hold_up_another() {
+    let gate = Gate::new();
+    let options = Options { workers: count(2), relief: 1, ..Options::default() };
+    let site = Site::new(options, labelled_or_held(&gate));
+    let held: Vec<_> = [site.accept(1).await, site.accept(1).await, site.accept(1).await].into();
+    gate.entered(2).await;
+    // One after the other, though the first client holds both workers and waits for a third.
+    for client in [2, 2, 3] {
+        let document = DECAY.replacen('{', "{\"label\":\"short\",", 1);
+        let call = Call::solve(document).client(client).header("prefer", "respond-async");
+        let path = call.send(&site).await.header("location").to_owned();
+        assert_eq!(site.ended(&path).await["status"], "successful");
+        assert_eq!(site.get(&held[2]).await.json()["status"], "accepted", "it has its workers");
+    }
+    gate.let_through(3);
+    for path in &held {
+        assert_eq!(site.ended(path).await["status"], "successful");
+    }
+}
+
+/// A solver that is held by the gate, but where the specification says otherwise.
+fn labelled_or_held(gate: &Arc<Gate>) -> dvi::service::jobs::Solver {
+    let held = gate.solver();
+    Arc::new(move |specification, control| match specification.label() {
+        Some(_) => crate::harness::halving(dvi::solution::Status::Completed),
+        None => held(specification, control),
+    })
+}

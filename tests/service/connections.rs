@@ -1,6 +1,6 @@
 //! What only a socket shows: clients that go away, clients that are slow, and the end of the service.
 
-use crate::harness::{DECAY, Gate, halving, instant, one_worker};
+use crate::harness::{DECAY, Gate, halving, instant, one_worker, threads};
 use dvi::service::jobs::Solver;
 use dvi::service::{Options, Service};
 use dvi::solution::Status;
@@ -25,7 +25,7 @@ impl Running {
     pub async fn start(options: Options, solver: Solver) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
-        let service = Arc::new(Service::start(options, solver).unwrap());
+        let service = Arc::new(Service::start(options, Arc::clone(&solver), &threads(solver)).unwrap());
         let (stop, stopped) = channel(2);
         let serving = Arc::clone(&service);
         let served = tokio::spawn(async move { serving.serve(listener, stopped).await });

@@ -53,6 +53,7 @@ async fn a_stream_tells_progress_and_switches_and_the_end() {
     let site = Site::new(one_worker(), sticking(2, &gate));
     let path = site.accept(1).await;
     gate.entered(1).await;
+    site.reported(&path).await;
     tokio::spawn(let_through_later(gate));
     let told = events(&site.get(&format!("{path}/events")).await);
     let order: Vec<(&str, u64)> = told.iter().map(|(name, id, _)| (name.as_str(), *id)).collect();
@@ -167,7 +168,7 @@ async fn a_streamed_solve_that_breaks_down_ends_in_the_problem() {
     let site = Site::new(one_worker(), Arc::new(|_, _| panic!("on purpose")));
     let told = events(&Call::solve(DECAY).header("accept", "text/event-stream").send(&site).await);
     let (name, _, problem) = told.last().unwrap();
-    assert_eq!((name.as_str(), &problem["type"]), ("problem", &"/problems/internal".into()));
+    assert_eq!((name.as_str(), &problem["type"]), ("problem", &"/problems/defect".into()));
 }
 
 #[tokio::test]

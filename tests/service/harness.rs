@@ -5,6 +5,7 @@ use axum::body::{Body, Bytes, HttpBody};
 use axum::http::{HeaderMap, Request, StatusCode};
 use dvi::problem::Stop;
 use dvi::service::jobs::{Client, Solver};
+use dvi::service::worker::{Confinement, Launcher, Start, serve};
 use dvi::service::{Options, Service};
 use dvi::solution::{Diagnostics, Field, Solution, Status, Trajectory, Verdict};
 use http_body_util::BodyExt;
@@ -16,6 +17,7 @@ use std::num::NonZeroUsize;
 use std::pin::Pin;
 use std::sync::{Arc, Condvar, Mutex};
 use std::task::{Context, Poll};
+use std::thread;
 use std::time::{Duration, Instant};
 use tokio::sync::watch;
 use tower::ServiceExt;
@@ -31,14 +33,25 @@ pub fn halving(status: Status) -> Solution {
     Solution { status, verdict, error: None, trajectory, diagnostics: Diagnostics::default(), study: None }
 }
 
+/// Workers on threads of this process, which call a solver whose course a test decides. What they say to the front goes
+/// through pipes, as between processes.
+pub fn threads(solver: Solver) -> Launcher {
+    Arc::new(move || {
+        let ((input, orders), (reports, output)) = (io::pipe()?, io::pipe()?);
+        let solver = Arc::clone(&solver);
+        thread::spawn(move || serve(input, output, solver, Confinement::default()));
+        Ok(Start { orders: orders.into(), reports: reports.into(), process: None })
+    })
+}
+
 /// A solver that answers at once.
 pub fn instant() -> Solver {
     Arc::new(|_, _| halving(Status::Completed))
 }
 
-/// Bounds with one worker.
+/// Bounds with one worker, whoever holds it.
 pub fn one_worker() -> Options {
-    Options { workers: NonZeroUsize::MIN, ..Options::default() }
+    Options { workers: NonZeroUsize::MIN, relief: 0, ..Options::default() }
 }
 
 pub fn count(n: usize) -> NonZeroUsize {
@@ -110,7 +123,7 @@ pub struct Site {
 
 impl Site {
     pub fn new(options: Options, solver: Solver) -> Self {
-        let service = Service::start(options, solver).unwrap();
+        let service = Service::start(options, Arc::clone(&solver), &threads(solver)).unwrap();
         let router = service.router();
         Self { service, router }
     }
@@ -124,6 +137,15 @@ impl Site {
         let reply = Call::solve(DECAY).client(client).header("prefer", "respond-async").send(self).await;
         assert_eq!(reply.status, StatusCode::ACCEPTED, "{:?}", reply.json());
         reply.header("location").to_owned()
+    }
+
+    /// Returns when the worker of the job at `path` has reported a step.
+    pub async fn reported(&self, path: &str) {
+        let start = Instant::now();
+        while self.get(path).await.json()["steps"] == 0 {
+            assert!(start.elapsed() < Duration::from_secs(20), "the worker reports nothing");
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
     }
 
     /// The state of the job at `path`, when it has ended.

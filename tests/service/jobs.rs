@@ -21,6 +21,7 @@ async fn the_status_follows_the_job() {
     let site = Site::new(one_worker(), gate.solver());
     let (first, second) = (site.accept(1).await, site.accept(1).await);
     gate.entered(1).await;
+    site.reported(&first).await;
     let running = site.get(&first).await;
     assert_eq!(running.header("cache-control"), "no-store");
     let running = running.json();
@@ -121,8 +122,8 @@ async fn a_panic_fails_its_job_and_the_worker_lives_on() {
     let path = site.accept(1).await;
     let ended = site.ended(&path).await;
     assert_eq!(ended["status"], "failed");
-    assert!(ended["message"].as_str().unwrap().starts_with("internal"), "{ended}");
-    let problem = site.get(&format!("{path}/results")).await.problem(500, "internal");
+    assert!(ended["message"].as_str().unwrap().starts_with("defect"), "{ended}");
+    let problem = site.get(&format!("{path}/results")).await.problem(500, "defect");
     assert_eq!(problem["instance"], path);
     assert!(!problem.to_string().contains("on purpose"), "the inside of the service is not shown: {problem}");
     assert_eq!(site.service.jobs().panics(), 1);

@@ -24,3 +24,4 @@ mod solve;
 mod supervision;
 mod tokens;
 mod verdict;
+mod workers;

@@ -34,7 +34,7 @@ async fn solves_are_counted_by_problem_and_ending() {
     let metrics = site.get("/metrics").await;
     assert!(metrics.header("content-type").starts_with("application/openmetrics-text"));
     let text = metrics.text();
-    for (code, count) in [("completed", 2.0), ("step_too_small", 1.0), ("panicked", 1.0)] {
+    for (code, count) in [("completed", 2.0), ("step_too_small", 1.0), ("defect", 1.0)] {
         assert_eq!(value(text, &format!("dvi_solves_total{{problem=\"dvi\",code=\"{code}\"}}")), count);
     }
     assert_eq!(value(text, "dvi_steps_total{problem=\"dvi\"}"), 120.0);
@@ -73,13 +73,16 @@ async fn the_figures_of_one_service_are_not_those_of_another() {
 
 /// A service with a solve behind it, so that every figure has been counted once, and what it tells.
 async fn told() -> String {
-    let solver: dvi::service::jobs::Solver = Arc::new(|_, _| {
+    let solver: dvi::service::jobs::Solver = Arc::new(|specification, _| {
         let mut solution = halving(Status::Completed);
         solution.diagnostics.vi = Some(ViCounts { solves: 1, ..ViCounts::default() });
+        assert!(specification.label().is_none(), "on purpose");
         solution
     });
     let site = Site::new(one_worker(), solver);
     Call::solve(DECAY).send(&site).await;
+    // Its worker is lost.
+    Call::solve(DECAY.replacen('{', "{\"label\":\"panics\",", 1)).send(&site).await.problem(500, "defect");
     site.get("/metrics").await.text().to_owned()
 }
 

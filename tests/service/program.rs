@@ -244,3 +244,42 @@ fn an_address_that_is_taken_is_named() {
     assert_eq!(output.status.code(), Some(5));
     assert!(String::from_utf8(output.stderr).unwrap().contains(&address));
 }
+
+/// A harmonic oscillator over ten million periods and more: its trajectory takes some hundred MiB.
+const LONG: &str = r#"{"problem":{"dvi":{"states":{"x":{"initial":1,"rate":"v"},"v":{"initial":0,"rate":"-x"}}}},
+"time":{"end":100000000},"label":"long"}"#;
+
+#[test]
+fn a_solve_within_its_memory_is_the_same_in_every_form() {
+    let labelled = DECAY.replacen('{', "{\"label\":\"a decay\",", 1);
+    for format in ["json", "csv", "ndjson", "arrow", "svg"] {
+        let plain = run(&["solve", "--format", format, "-"], &labelled);
+        let confined = run(&["solve", "--format", format, "--memory-mib", "64", "-"], &labelled);
+        assert_eq!((confined.status.code(), confined.stderr.len()), (Some(0), 0), "{confined:?}");
+        if format == "json" {
+            let [plain, confined] = [plain, confined].map(|output| {
+                let mut result: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+                // Times are measured in it.
+                result.as_object_mut().unwrap().remove("diagnostics");
+                result
+            });
+            assert_eq!(plain, confined);
+        } else {
+            assert!(plain.stdout == confined.stdout, "{format}");
+        }
+    }
+    let output = run(&["solve", "--memory-mib", "64", "-"], COARSE);
+    assert_eq!((output.status.code(), output.stderr), (Some(7), run(&["solve", "-"], COARSE).stderr));
+    let output = run(&["solve", "--memory-mib", "64", "-"], &DECAY.replace("\"-x\"", "\"-y\""));
+    assert_eq!(output.status.code(), Some(2));
+    assert!(String::from_utf8(output.stderr).unwrap().starts_with("-: 1 error\n"));
+}
+
+#[test]
+fn a_solve_that_takes_too_much_memory_says_so() {
+    let output = run(&["solve", "--memory-mib", "1", "-"], LONG);
+    let told = String::from_utf8(output.stderr).unwrap();
+    assert_eq!((output.status.code(), output.stdout.len()), (Some(8), 0), "{told}");
+    assert!(told.starts_with("dvi: too_much_memory: the solve took more than the 1 MiB of --memory-mib, "), "{told}");
+    assert_eq!(told.lines().count(), 1, "{told}");
+}

@@ -87,6 +87,6 @@ async fn a_method_that_is_not_there_lists_those_that_are() {
 async fn a_panic_of_the_solver_answers_the_waiting_client() {
     let site = Site::new(one_worker(), std::sync::Arc::new(|_, _| panic!("on purpose")));
     let reply = Call::solve(DECAY).send(&site).await;
-    reply.problem(500, "internal");
+    reply.problem(500, "defect");
     assert_eq!(reply.status, StatusCode::INTERNAL_SERVER_ERROR);
 }

@@ -4,9 +4,9 @@ use super::Shared;
 use super::document::Document;
 use super::problem::{Answer, Problem};
 use crate::jobs::Client;
-use axum::Json;
 use axum::extract::State;
-use specification::Summary;
+use axum::http::header;
+use axum::response::{IntoResponse, Response};
 
 /// Check a specification without solving it.
 #[utoipa::path(
@@ -19,6 +19,7 @@ use specification::Summary;
         Problem
     )
 )]
-pub async fn check(State(shared): State<Shared>, client: Client, document: Document) -> Answer<Json<Summary>> {
-    document.checked(&shared, client, |specification| specification.summary()).await.map(Json)
+pub async fn check(State(shared): State<Shared>, client: Client, document: Document) -> Answer<Response> {
+    let summary = document.checked(&shared, client).await?.summary();
+    Ok(([(header::CONTENT_TYPE, "application/json")], summary).into_response())
 }

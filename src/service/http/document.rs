@@ -5,7 +5,8 @@
 
 use super::Shared;
 use super::problem::{Answer, Kind, Problem};
-use crate::jobs::{Client, Refusal};
+use crate::jobs::{Client, Fault, Refusal};
+use crate::worker::{Checked, Facts};
 use axum::body::{Body, HttpBody};
 use axum::extract::{FromRequest, Request};
 use axum::http::{HeaderMap, header};
@@ -14,8 +15,7 @@ use specification::{Draft, Specification};
 use std::future::poll_fn;
 use std::pin::Pin;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
-use tokio::task::spawn_blocking;
+use std::time::Duration;
 use tokio::time::timeout;
 
 /// A document up to this size is read where its connection is served: that takes less time than moving it. It is checked
@@ -23,50 +23,33 @@ use tokio::time::timeout;
 const SMALL: usize = 4 << 10;
 const SOON: Duration = Duration::from_millis(2);
 
-/// Between the time at which a check is to stop and that at which it is left alone.
-const LAST_CALL: Duration = Duration::from_secs(1);
-
 /// The bytes of the body.
 pub struct Document(Arc<[u8]>);
 
 impl Document {
-    /// Reads and checks it as a specification, and does with it what is left to do. One that is large, or declares much, is
-    /// read on a thread of its own, few at a time and the clients in turn, for as long as a job may take and its client
-    /// waits: the checks differentiate every expression, and look at every node and every pair of bodies.
+    /// Reads and checks it as a specification. One that is large, or declares much, a worker reads, few at a time and the
+    /// clients in turn, for as long as a job may take and its client waits: the checks differentiate every expression, and
+    /// look at every node and every pair of bodies.
     ///
     /// # Errors
     /// All that is wrong with it; the bound that is reached.
-    pub async fn checked<T: Send + 'static>(
-        &self,
-        shared: &Shared,
-        client: Client,
-        then: impl FnOnce(Specification) -> T + Send + 'static,
-    ) -> Answer<T> {
+    pub async fn checked(&self, shared: &Shared, client: Client) -> Answer<Correct> {
         let bytes = self.bytes();
         if bytes.len() <= SMALL {
             let draft = Draft::read(&bytes)?;
             if draft.check_time() <= SOON {
-                return Ok(then(shared.jobs.check(draft, &Control::new())?));
+                return Ok(Correct::Here(Arc::new(shared.jobs.check(draft, &Control::new())?)));
             }
         }
-        let turn = shared.turns.turn(client, bytes.len()).await.map_err(Refusal::from)?;
-        let wall = shared.options.wall();
-        let deadline = Instant::now().checked_add(wall);
-        let waits = Waits(Arc::new(deadline.map_or_else(Control::new, Control::with_deadline)));
-        let (jobs, control) = (Arc::clone(&shared.jobs), Arc::clone(&waits.0));
-        let reading = spawn_blocking(move || {
-            // Until the thread is done, whoever still waits for it.
-            let _turn = turn;
-            jobs.read(&bytes, &control).map(then)
-        });
-        let read = timeout(wall.saturating_add(LAST_CALL), reading).await;
-        match read {
-            // The reader does not panic; if it did, that would be ours to answer for.
-            Ok(read) => match read.map_err(|_| Problem::plain(Kind::Internal))? {
-                Err(_) if waits.0.poll().is_some() => Err(Problem::plain(Kind::CheckTime)),
-                read => Ok(read?),
-            },
-            Err(_) => Err(Problem::plain(Kind::CheckTime)),
+        let turn = shared.checks.turn(client, bytes.len()).await.map_err(Refusal::from)?;
+        match shared.checkers.check(bytes, shared.jobs.limits(), turn).await {
+            Checked::Correct(facts, summary) => Ok(Correct::Elsewhere(facts, summary)),
+            Checked::Wrong(findings) => Err(findings.into()),
+            Checked::Interrupted => Err(Problem::plain(Kind::CheckTime)),
+            Checked::Died(death) => {
+                tracing::error!(?death, "the worker that checked a specification died: {}", death.code());
+                Err(Fault::of(&death, shared.jobs.limits().memory, None).into())
+            }
         }
     }
 
@@ -76,12 +59,30 @@ impl Document {
     }
 }
 
-/// Dropped with a request, it stops the check that the request waits for.
-struct Waits(Arc<Control>);
+/// A specification that is correct.
+pub enum Correct {
+    /// Read here.
+    Here(Arc<Specification>),
+    /// Read by a worker, with its summary as JSON.
+    Elsewhere(Facts, Vec<u8>),
+}
 
-impl Drop for Waits {
-    fn drop(&mut self) {
-        self.0.cancel();
+impl Correct {
+    /// Its summary as JSON.
+    pub fn summary(self) -> Vec<u8> {
+        match self {
+            // Every number of a summary is finite, so that it has a JSON form.
+            Self::Here(specification) => serde_json::to_vec(&specification.summary()).unwrap_or_default(),
+            Self::Elsewhere(_, summary) => summary,
+        }
+    }
+
+    /// What is known of it, and the specification itself where it was read here.
+    pub fn facts(self) -> (Facts, Option<Arc<Specification>>) {
+        match self {
+            Self::Here(specification) => (Facts::of(&specification), Some(specification)),
+            Self::Elsewhere(facts, _) => (facts, None),
+        }
     }
 }
 

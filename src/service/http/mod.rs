@@ -38,6 +38,7 @@ pub use problem::{Kind, Problem};
 use super::access::Tokens;
 use super::jobs::{Jobs, Turns};
 use super::metrics::Metrics;
+use super::worker::Checkers;
 use super::{Options, page};
 use axum::Router;
 use axum::http::{HeaderName, HeaderValue, Method, Uri, header};
@@ -66,8 +67,12 @@ pub struct Common {
     pub metrics: Arc<Metrics>,
     /// The tokens of clients, where they are asked for.
     pub tokens: Option<Arc<Tokens>>,
-    /// Large specifications that may be checked, and large pictures that may be drawn, at a time.
+    /// Large pictures that may be drawn at a time.
     pub turns: Arc<Turns>,
+    /// Specifications that workers may check at a time.
+    pub checks: Arc<Turns>,
+    /// Those workers.
+    pub checkers: Arc<Checkers>,
     /// Streams of events that may be open at a time.
     pub streams: Arc<Semaphore>,
     /// Connections that may be open at a time.

@@ -3,6 +3,7 @@
 
 use super::retry_after;
 use crate::jobs::{Fault, JobId, Refusal, Unwritable};
+use crate::worker::Finding;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use serde::{Serialize, Serializer};
@@ -87,6 +88,14 @@ problems! {
         "What waits has as many MiB as `--queue-mib` allows; ask again after the seconds in `Retry-After`.";
     ClientShare, "client-share", TOO_MANY_REQUESTS, "This client's share of the queue is full",
         "As many jobs of this client wait as `--client-share` allows; wait for one of them to end.";
+    Defect, "defect", INTERNAL_SERVER_ERROR, "The solver broke down",
+        "A fault of the solver, which ended one worker and no other job; the log has more under the id of the job.";
+    StackOverflow, "stack-overflow", INTERNAL_SERVER_ERROR, "The stack of the worker was used up",
+        "The specification is nested too deeply for the solver, which is a fault of the solver; please report it.";
+    Killed, "killed", INTERNAL_SERVER_ERROR, "The worker was ended from outside",
+        "Another process, or the kernel for want of memory, ended the worker that had this job, and no other; send it again.";
+    Overran, "overran", INTERNAL_SERVER_ERROR, "The job did not heed its deadline",
+        "The job went on after the time that it may take, without a step at which to stop, so that its worker was ended.";
     Internal, "internal", INTERNAL_SERVER_ERROR, "The service failed",
         "A fault of the service and not of the request; the log has more under the id of the request or the job.";
     BadKey, "bad-key", BAD_REQUEST, "The idempotency key makes no sense",
@@ -102,7 +111,8 @@ problems! {
     ResultTooLarge, "result-too-large", UNPROCESSABLE_ENTITY, "The result is too large",
         "The result is larger than `--result-mib` allows; ask for fewer output times or fields.";
     TooMuchMemory, "too-much-memory", UNPROCESSABLE_ENTITY, "The solve takes too much memory",
-        "The estimate is more than `--memory-mib` allows; ask for fewer times or fields, a coarser mesh or longer steps.";
+        "The estimate, or what the solve took, is more than `--memory-mib` allows; ask for fewer times or fields, a coarser \
+         mesh or longer steps.";
     CheckTime, "check-time", UNPROCESSABLE_ENTITY, "The specification takes too long to check",
         "Checking a specification may take as long as `--wall-seconds` allows a job; use a coarser mesh or fewer bodies.";
     ForeignHost, "foreign-host", MISDIRECTED_REQUEST, "The service is not known by this name",
@@ -129,7 +139,7 @@ pub struct Problem {
     #[serde(skip_serializing_if = "Option::is_none")]
     instance: Option<String>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    errors: Vec<SpecificationError>,
+    errors: Vec<Finding>,
     #[serde(skip)]
     #[schema(ignore)]
     retry_after: Option<Duration>,
@@ -182,6 +192,12 @@ impl Problem {
 
 impl From<Vec<SpecificationError>> for Box<Problem> {
     fn from(errors: Vec<SpecificationError>) -> Self {
+        errors.into_iter().map(Finding::from).collect::<Vec<_>>().into()
+    }
+}
+
+impl From<Vec<Finding>> for Box<Problem> {
+    fn from(errors: Vec<Finding>) -> Self {
         let detail = match errors.as_slice() {
             [error] if error.pointer.is_empty() => error.detail.clone(),
             [error] => format!("{}: {}", error.pointer, error.detail),
@@ -220,9 +236,21 @@ impl From<Unwritable> for Box<Problem> {
 impl From<Fault> for Box<Problem> {
     fn from(fault: Fault) -> Self {
         match fault {
-            Fault::Panicked => {
-                Problem::new(Kind::Internal, "the solver broke down on this specification; please report it")
+            Fault::Defect => {
+                Problem::new(Kind::Defect, "the solver broke down on this specification; please report it")
             }
+            Fault::TooMuchMemory { allowed, asked, estimate } => {
+                let asked = asked.map_or(String::new(), |bytes| format!(", {} MiB at once at the last", bytes >> 20));
+                let estimate =
+                    estimate.map_or(String::new(), |bytes| format!("; the estimate was {} MiB", bytes >> 20));
+                let detail = format!("it took more than the {} MiB that it may{asked}{estimate}", allowed >> 20);
+                Problem::new(Kind::TooMuchMemory, detail)
+            }
+            Fault::StackOverflow => Problem::plain(Kind::StackOverflow),
+            Fault::Killed { signal } => {
+                Problem::new(Kind::Killed, format!("signal {signal}: {}", Kind::Killed.meaning()))
+            }
+            Fault::Overran => Problem::plain(Kind::Overran),
             Fault::Poisoned => Problem::plain(Kind::Poisoned),
             Fault::Unreadable => Problem::plain(Kind::Unreadable),
             Fault::Unwritable => Unwritable.into(),

@@ -103,8 +103,9 @@ async fn job(
     }
     // Asked before the specification is read, so that refusing costs next to nothing.
     shared.jobs.admits(client, document_bytes.len())?;
-    let specification = document.checked(shared, client, Arc::new).await?;
-    Ok(shared.jobs.submit(Order { client, specification, document: document_bytes, key }, lasting).await?)
+    let (facts, specification) = document.checked(shared, client).await?.facts();
+    let order = Order { client, facts, specification, document: document_bytes, key };
+    Ok(shared.jobs.submit(order, lasting).await?)
 }
 
 /// The end of a job, if it comes in time. If not, the job is on the disk when this returns.

@@ -1,9 +1,10 @@
 //! The end of a job: how it ended, how far it came, and where its results are.
 
 use super::Results;
+use crate::worker::Death;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
-use solution::{Solution, Status, Verdict};
+use solution::{Status, Verdict};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -26,7 +27,26 @@ pub enum Ending {
 #[serde(rename_all = "snake_case")]
 pub enum Fault {
     /// The solver panicked, which is a fault of ours.
-    Panicked,
+    #[serde(alias = "panicked")]
+    Defect,
+    /// Its worker was refused memory beyond what a solve may take.
+    TooMuchMemory {
+        /// The bytes that it may take.
+        allowed: usize,
+        /// The bytes that it asked for at once when it was refused, where that is known.
+        asked: Option<u64>,
+        /// The bytes that it had been estimated to take, where that is known.
+        estimate: Option<usize>,
+    },
+    /// The stack of its worker was used up.
+    StackOverflow,
+    /// Its worker was ended from outside, by this signal.
+    Killed {
+        /// The number of the signal.
+        signal: i32,
+    },
+    /// It did not stop at its deadline, and its worker was ended.
+    Overran,
     /// The process ended twice while it ran.
     Poisoned,
     /// The JSON would be longer than `limit` bytes.
@@ -38,6 +58,19 @@ pub enum Fault {
     Unwritable,
     /// What was accepted once can no longer be read, as after a change of version.
     Unreadable,
+}
+
+impl Fault {
+    /// That of a worker's death over a job which may take so many bytes and was estimated to take so many.
+    pub fn of(death: &Death, allowed: usize, estimate: Option<usize>) -> Self {
+        match death {
+            Death::TooMuchMemory(asked) => Self::TooMuchMemory { allowed, asked: *asked, estimate },
+            Death::StackOverflow => Self::StackOverflow,
+            Death::Killed(signal) => Self::Killed { signal: *signal },
+            Death::Overran => Self::Overran,
+            Death::Defect(_) => Self::Defect,
+        }
+    }
 }
 
 /// Where results are.
@@ -109,11 +142,11 @@ impl Ended {
 
 impl Ending {
     /// The ending of a solve that returned, `cancelled` by its client or not on the way.
-    pub fn of(solution: &Solution, cancelled: bool) -> Self {
-        match (solution.status, &solution.error) {
+    pub fn of(status: Status, failed: Option<&str>, cancelled: bool) -> Self {
+        match (status, failed) {
             (Status::Completed, _) => Self::Successful,
             (Status::Stopped, _) if cancelled => Self::Dismissed,
-            (_, Some(error)) => Self::Failed(error.message.clone()),
+            (_, Some(message)) => Self::Failed(message.to_owned()),
             (Status::Stopped, None) => Self::Failed("a limit stopped the solve".to_owned()),
             (Status::Failed, None) => Self::Failed("the solve failed".to_owned()),
         }

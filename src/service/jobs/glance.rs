@@ -5,8 +5,10 @@
 //! waits for the solve of another no longer than for the reading of its specification. Nothing is tried while jobs wait, which
 //! came first; nor what is to be on the disk or to be found under a key before it is solved, nor what may take long over one step.
 
+use super::ended::Ending;
 use super::job::Job;
-use super::{Jobs, Order};
+use super::{Jobs, Order, Results};
+use crate::worker::Solved;
 use solution::Status;
 use specification::Specification;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -22,20 +24,21 @@ const SMALL: usize = 16 << 10;
 impl Jobs {
     /// A job that has been solved, if that is done at once.
     pub(super) async fn solve_at_a_glance(&self, order: &Order) -> Option<Arc<Job>> {
-        let specification = &order.specification;
+        let specification = order.specification.as_deref()?;
         if order.key.is_some() || !is_small(specification) || !self.is_free() {
             return None;
         }
         let job = Arc::new(Job::new(order.clone(), false));
         let control = job.start(GLANCE)?;
-        // A worker meets the panic again, and tells of it.
+        // A worker meets the panic again, and reports it.
         let solution = catch_unwind(AssertUnwindSafe(|| (self.solver)(specification, &control))).ok()?;
         if solution.status != Status::Completed {
             return None;
         }
         self.metrics.waited(Duration::ZERO);
-        self.metrics.solved(specification.problem(), job.created.clock.elapsed(), &solution);
-        let ended = self.ended(&job, solution, false);
+        self.metrics.solved(&Solved::of(specification.problem(), &solution), job.created.clock.elapsed());
+        let (ending, verdict) = (Ending::Successful, Some(solution.verdict.clone()));
+        let ended = self.ended(&job, ending, verdict, Results::of(solution, self.bounds.result_bytes));
         // Without a key there is none that came before.
         let _ = self.store.index().insert(&job);
         self.store.conclude(&job, ended).await;

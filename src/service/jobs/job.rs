@@ -14,9 +14,12 @@
 use super::ended::{Ended, Ending, Timing};
 use super::idempotency::Key;
 use super::{Client, Record};
+use crate::worker::Facts;
 use jiff::Timestamp;
 use problem::Control;
+use serde::{Deserialize, Serialize};
 use specification::{Specification, Time};
+use std::borrow::Cow;
 use std::fmt;
 use std::str::FromStr;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -73,8 +76,8 @@ impl Moment {
 /// Where a job stands.
 #[derive(Clone, Debug)]
 pub enum State {
-    /// It waits for a worker; its specification is in the store where it is not in hand.
-    Accepted(Option<Arc<Specification>>),
+    /// It waits for a worker; what was posted is in the store where it is not in hand.
+    Accepted(Option<Arc<[u8]>>),
     /// A worker is at it.
     Running {
         /// Since when.
@@ -130,6 +133,8 @@ pub struct Job {
     pub label: Option<String>,
     /// The time horizon of its problem.
     pub horizon: Time,
+    /// The type of its problem, and the bytes that a solve was estimated to take; not known of what earlier versions stored.
+    pub(super) estimate: Option<Estimate>,
     /// When it was accepted.
     pub created: Moment,
     /// Under which the client may ask for it again.
@@ -142,6 +147,17 @@ pub struct Job {
     pub(super) document: Option<Arc<[u8]>>,
     life: Mutex<Life>,
     settled: Notify,
+    /// Wakes whoever supervises its worker when it is to stop.
+    pub(super) halted: Notify,
+}
+
+/// What is known of a solve before it runs.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Estimate {
+    /// The type of the problem.
+    pub problem: Cow<'static, str>,
+    /// Bytes.
+    pub memory: usize,
 }
 
 /// What a client asks for.
@@ -150,7 +166,9 @@ pub struct Order {
     /// Whose it is.
     pub client: Client,
     /// What is to be solved.
-    pub specification: Arc<Specification>,
+    pub facts: Facts,
+    /// The same, where it has been read here.
+    pub specification: Option<Arc<Specification>>,
     /// What was posted.
     pub document: Arc<[u8]>,
     /// Under which it may be asked for again.
@@ -160,32 +178,35 @@ pub struct Order {
 impl Job {
     /// A job that has been accepted this moment, to be kept by memory or by the disk.
     pub(super) fn new(order: Order, lasting: bool) -> Self {
-        let Order { client, specification, document, key } = order;
+        let Order { client, facts: Facts { label, horizon, problem, memory }, document, key, .. } = order;
         let keeping = if lasting { Keeping::Storing } else { Keeping::Memory };
         Self {
             id: JobId(Uuid::now_v7()),
             client,
-            label: specification.label().map(str::to_owned),
-            horizon: specification.time(),
+            label,
+            horizon,
+            estimate: Some(Estimate { problem, memory }),
             created: Moment::now(),
             key,
             crashes: 0,
             document_bytes: document.len(),
-            document: (!lasting).then_some(document),
-            life: Mutex::new(Life { state: State::Accepted(Some(specification)), keeping, parked: false }),
+            document: (!lasting).then(|| Arc::clone(&document)),
+            life: Mutex::new(Life { state: State::Accepted(Some(document)), keeping, parked: false }),
             settled: Notify::new(),
+            halted: Notify::new(),
         }
     }
 
     /// A job that an earlier process accepted.
     pub(super) fn recovered(id: JobId, record: Record) -> Self {
-        let Record { client, label, horizon, created, document_bytes, key, crashes, ended, .. } = record;
+        let Record { client, label, horizon, estimate, created, document_bytes, key, crashes, ended, .. } = record;
         let state = ended.map_or(State::Accepted(None), |ended| State::Ended(Arc::new(ended)));
         Self {
             id,
             client,
             label,
             horizon,
+            estimate,
             created: Moment { date: created, clock: Instant::now() },
             key,
             crashes,
@@ -193,6 +214,7 @@ impl Job {
             document: None,
             life: Mutex::new(Life { state, keeping: Keeping::Disk, parked: false }),
             settled: Notify::new(),
+            halted: Notify::new(),
         }
     }
 
@@ -209,6 +231,11 @@ impl Job {
     /// Which attempt at it this is, from one.
     pub fn attempt(&self) -> u32 {
         self.crashes + 1
+    }
+
+    /// Whether nobody wants what it comes to.
+    pub(super) fn is_forgotten(&self) -> bool {
+        self.lock().keeping == Keeping::Forgotten
     }
 
     /// Whether the disk keeps it, or is about to.
@@ -234,9 +261,9 @@ impl Job {
     /// Asks a running job to stop at its next step, and says whether it runs. What its client wants goes before.
     pub(super) fn halt(&self, reason: Halt) -> bool {
         let mut life = self.lock();
-        let State::Running { control, halt, .. } = &mut life.state else { return false };
+        let State::Running { halt, .. } = &mut life.state else { return false };
         *halt = Some(halt.unwrap_or(reason));
-        control.cancel();
+        self.halted.notify_one();
         true
     }
 

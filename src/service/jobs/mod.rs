@@ -2,7 +2,7 @@
 //!
 //! 1. [`Jobs::submit`] puts a job in the store and in the queue, or says which bound is reached.
 //!    One that nobody has to wait for is solved at a glance instead.
-//! 2. A worker takes the first job of the client whose turn it is, and solves it under a deadline.
+//! 2. Where a [worker](crate::worker) is free, it solves the first job of the client whose turn it is, under a deadline.
 //! 3. The ended job is counted in the store, which forgets what is too old, and its waiters are woken.
 //!
 //! [`Jobs::cancel`] and [`Jobs::forget`] pass the queue by: they work when it is full. In a durable service a job that
@@ -40,15 +40,18 @@ pub use results::Results;
 pub use turns::{Turn, Turns};
 pub use writer::Unwritable;
 
+pub use super::worker::Solver;
+
 use super::metrics::Metrics;
+use super::worker::Limits;
 use drain_rate::DrainRate;
 use jiff::Timestamp;
 use job::Keeping;
 use problem::Control;
 use queue::{FairQueue, Full, Heavy};
 use record::Record;
-use solution::Solution;
 use specification::{Draft, Specification, SpecificationError};
+use std::collections::HashMap;
 use std::io;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
@@ -57,12 +60,11 @@ use std::time::{Duration, Instant};
 use store::Store;
 use tokio::sync::{Notify, RwLock, Semaphore};
 
-/// What workers call.
-pub type Solver = Arc<dyn Fn(&Specification, &Control) -> Solution + Send + Sync>;
-
 /// How much is taken on.
 #[derive(Clone, Copy, Debug)]
 pub struct Bounds {
+    /// Solves at a time, beside those in relief.
+    pub workers: usize,
     /// What may wait.
     pub queue: Room,
     /// Accepted steps that a solve may make.
@@ -75,6 +77,14 @@ pub struct Bounds {
     pub result_bytes: usize,
     /// How much of the past is kept.
     pub retention: Retention,
+}
+
+impl Bounds {
+    /// The memory that a worker may hold between jobs: an eighth of what a solve may take, and of what is left behind by
+    /// small ones.
+    pub fn kept_by_worker(&self) -> u64 {
+        (self.memory / 8 + (64 << 20)) as u64
+    }
 }
 
 /// Why a job is not taken on.
@@ -130,16 +140,24 @@ pub struct Jobs {
     /// One permit a waiting job. A job taken out of the queue leaves its permit behind: a worker that finds nothing
     /// to take goes on waiting.
     waiting: Semaphore,
+    /// Wakes a relief worker that may have something to do.
+    relief: Notify,
     store: Store,
     /// A job that was running when a process ended may have ended it: nothing runs beside it.
     suspects: RwLock<()>,
     idle: Notify,
+    /// Wakes supervisors that wait for a worker when they are to go.
+    dismissed: Notify,
     panics: AtomicU64,
 }
 
 struct Intake {
     queue: FairQueue<Arc<Job>>,
     running: usize,
+    /// The same, of each client that has any.
+    running_of: HashMap<Client, usize>,
+    /// Of those, jobs in the hands of relief workers.
+    relieved: usize,
     draining: bool,
     drain_rate: DrainRate,
 }
@@ -162,11 +180,13 @@ impl Jobs {
             solver,
             metrics,
             bounds,
-            intake: Mutex::new(Intake { queue, running: 0, draining: false, drain_rate: DrainRate::default() }),
+            intake: Mutex::new(Intake::new(queue)),
             waiting,
+            relief: Notify::new(),
             store,
             suspects: RwLock::default(),
             idle: Notify::new(),
+            dismissed: Notify::new(),
             panics: AtomicU64::new(0),
         })
     }
@@ -194,12 +214,10 @@ impl Jobs {
         self.store.index().recall(client, key)?.map(known).transpose()
     }
 
-    /// Reads a specification as one that is to be solved here.
-    ///
-    /// # Errors
-    /// All that is wrong with it.
-    pub fn read(&self, document: &[u8], control: &Control) -> Result<Specification, Vec<SpecificationError>> {
-        self.check(Draft::read(document)?, control)
+    /// What a task may take of a worker.
+    pub fn limits(&self) -> Limits {
+        let Bounds { steps, memory, wall, result_bytes, .. } = self.bounds;
+        Limits { steps, memory, wall_seconds: Some(wall.as_secs_f64()), result_bytes }
     }
 
     /// Checks a document as one that is to be solved here.
@@ -207,8 +225,7 @@ impl Jobs {
     /// # Errors
     /// All that is wrong with it.
     pub fn check(&self, draft: Draft, control: &Control) -> Result<Specification, Vec<SpecificationError>> {
-        let Bounds { steps, memory, .. } = self.bounds;
-        draft.check(control).map(|specification| specification.within_steps(steps).within_memory(memory))
+        self.limits().check(draft, control)
     }
 
     /// Takes on a job, or gives the one that was posted before under its key. One that is to be `lasting` is on the disk,
@@ -217,7 +234,7 @@ impl Jobs {
     /// # Errors
     /// The bound that is reached.
     pub async fn submit(&self, order: Order, lasting: bool) -> Result<Arc<Job>, Refusal> {
-        let memory = order.specification.memory_bytes();
+        let memory = order.facts.memory;
         if memory > self.bounds.memory {
             return Err(Refusal::Memory(memory));
         }
@@ -238,6 +255,7 @@ impl Jobs {
             place.map(|place| self.store.store(&job, &mut job.lock(), document, place))
         };
         self.waiting.add_permits(1);
+        self.call_relief(&self.lock());
         if let Some(answer) = answer
             && let Err(unwritable) = answer.written().await
         {
@@ -390,6 +408,13 @@ impl Jobs {
         }
     }
 
+    /// Wakes a relief worker, if there is something for it.
+    fn call_relief(&self, intake: &Intake) {
+        if intake.wants_relief(self.bounds.workers) {
+            self.relief.notify_one();
+        }
+    }
+
     fn take_out(&self, job: &Job) {
         let mut intake = self.lock();
         intake.queue.remove(job.client, |waiting| waiting.id == job.id);
@@ -425,6 +450,52 @@ impl Heavy for Arc<Job> {
 }
 
 impl Intake {
+    fn new(queue: FairQueue<Arc<Job>>) -> Self {
+        let (running_of, drain_rate) = (HashMap::new(), DrainRate::default());
+        Self { queue, running: 0, running_of, relieved: 0, draining: false, drain_rate }
+    }
+
+    /// Takes a job for a worker: the first of the client for whom the least runs.
+    fn take(&mut self) -> Option<Arc<Job>> {
+        let job = self.queue.pop(|client| self.running_of.get(&client).copied().unwrap_or(0))?;
+        self.begin(&job);
+        Some(job)
+    }
+
+    /// Whether all of so many workers are taken, and a job waits of a client for whom nothing runs.
+    fn wants_relief(&self, workers: usize) -> bool {
+        self.running - self.relieved >= workers && self.queue.any(|client| !self.running_of.contains_key(&client))
+    }
+
+    /// Takes a job for a relief worker: the first of a client for whom nothing runs.
+    fn relieve(&mut self, workers: usize) -> Option<Arc<Job>> {
+        if !self.wants_relief(workers) {
+            return None;
+        }
+        let job = self.queue.pop_below(1, |client| self.running_of.get(&client).copied().unwrap_or(0))?;
+        self.relieved += 1;
+        self.begin(&job);
+        Some(job)
+    }
+
+    fn begin(&mut self, job: &Job) {
+        self.running += 1;
+        *self.running_of.entry(job.client).or_default() += 1;
+    }
+
+    /// A worker is free of a job.
+    fn depart(&mut self, job: &Job, relief: bool) {
+        self.running -= 1;
+        self.relieved -= usize::from(relief);
+        if let Some(running) = self.running_of.get_mut(&job.client) {
+            *running -= 1;
+            if *running == 0 {
+                self.running_of.remove(&job.client);
+            }
+        }
+        self.drain_rate.departed(Instant::now());
+    }
+
     fn is_idle(&self) -> bool {
         self.queue.is_empty() && self.running == 0
     }

@@ -1,38 +1,66 @@
-//! Workers: threads that each take a job, solve it to its end and take the next. The threads that serve connections
-//! solve only what is over at a glance, so a long solve delays no answer; and the number of workers bounds
-//! the work in hand.
+//! The pool: threads that each supervise a worker, give it a job, wait for the end and take the next. A long solve delays no
+//! answer, and the number of workers bounds the work in hand. Where one client's long jobs hold all of them, relief workers
+//! take the jobs of clients for whom nothing runs, one at a time for each.
 //!
-//! Each worker is a runtime of one thread. Workers that share one wake each other in search of work whenever one of
+//! Each thread is a runtime of its own. Threads that share one wake each other in search of work whenever one of
 //! them is woken, which takes more time than a small solve.
 
 use super::Jobs;
+use crate::worker::{Confinement, Launcher, Supervisor};
 use std::io;
 use std::num::NonZeroUsize;
 use std::sync::Arc;
+use std::sync::mpsc::channel;
 use std::thread;
 use tokio::runtime::Builder;
-
-/// Room for the deepest expression that a specification may hold.
-const STACK_BYTES: usize = 8 << 20;
 
 /// The workers; they stop when it is dropped, each at the end of the job in hand.
 pub struct Pool {
     jobs: Arc<Jobs>,
+    /// The limits that hold for the workers.
+    confinement: Confinement,
 }
 
 impl Pool {
-    /// Starts `workers` on the queue of `jobs`.
+    /// Starts `workers` on the queue of `jobs`; the `relief` workers have their threads, and a process when they are needed.
     ///
     /// # Errors
-    /// The system gives no thread.
-    pub fn start(jobs: &Arc<Jobs>, workers: NonZeroUsize) -> io::Result<Self> {
-        let pool = Self { jobs: Arc::clone(jobs) };
-        for worker in 0..workers.get() {
-            let (jobs, runtime) = (Arc::clone(jobs), Builder::new_current_thread().build()?);
-            let work = move || runtime.block_on(async { while jobs.solve_next(worker).await {} });
-            thread::Builder::new().name("dvi-worker".to_owned()).stack_size(STACK_BYTES).spawn(work)?;
+    /// The system gives no thread, or a worker cannot be started.
+    pub fn start(jobs: &Arc<Jobs>, workers: NonZeroUsize, relief: usize, launcher: &Launcher) -> io::Result<Self> {
+        let mut pool = Self { jobs: Arc::clone(jobs), confinement: Confinement::default() };
+        let (starting, started) = channel();
+        let workers = workers.get();
+        for place in 0..workers + relief {
+            let (jobs, runtime) = (Arc::clone(jobs), Builder::new_current_thread().enable_all().build()?);
+            let metrics = Arc::clone(&jobs.metrics);
+            let notice = Arc::new(move |event: crate::worker::Event<'_>| metrics.notice(event));
+            let mut supervisor = Supervisor::new(Arc::clone(launcher), jobs.bounds.kept_by_worker(), notice);
+            let starting = starting.clone();
+            let work = move || {
+                runtime.block_on(async {
+                    if place >= workers {
+                        drop(starting);
+                        while jobs.relieve_next(place, &mut supervisor).await {}
+                        return;
+                    }
+                    // Nobody listens where another worker could not be started.
+                    let _ = starting.send(supervisor.start().await);
+                    drop(starting);
+                    while jobs.solve_next(place, &mut supervisor).await {}
+                });
+            };
+            thread::Builder::new().name("dvi-supervisor".to_owned()).spawn(work)?;
+        }
+        drop(starting);
+        for confinement in started {
+            pool.confinement = confinement?;
         }
         Ok(pool)
+    }
+
+    /// The limits that hold for the workers.
+    pub fn confinement(&self) -> &Confinement {
+        &self.confinement
     }
 }
 
@@ -46,13 +74,22 @@ impl Drop for Pool {
 mod tests {
     use super::*;
     use crate::Options;
+    use crate::worker::{Start, serve};
     use std::time::{Duration, Instant};
+
+    /// A worker on threads of this process.
+    fn start() -> io::Result<Start> {
+        let ((input, orders), (reports, output)) = (io::pipe()?, io::pipe()?);
+        thread::spawn(move || serve(input, output, Arc::new(study::solve), Confinement::default()));
+        Ok(Start { orders: orders.into(), reports: reports.into(), process: None })
+    }
 
     #[test]
     fn workers_leave_when_the_pool_is_dropped() {
-        let jobs =
-            Arc::new(Jobs::open(Options::default().bounds(), Arc::new(study::solve), None, Arc::default()).unwrap());
-        let pool = Pool::start(&jobs, NonZeroUsize::MIN).unwrap();
+        let bounds = Options::default().bounds();
+        let jobs = Arc::new(Jobs::open(bounds, Arc::new(study::solve), None, Arc::default()).unwrap());
+        let launcher: Launcher = Arc::new(start);
+        let pool = Pool::start(&jobs, NonZeroUsize::MIN, 1, &launcher).unwrap();
         let held = Arc::downgrade(&jobs);
         drop((pool, jobs));
         let start = Instant::now();

@@ -1,5 +1,7 @@
 //! A bounded queue in which no client can starve another: one line a client, first in first out, and the clients
-//! take turns (round robin: Nagle 1987, "On packet switches with infinite storage").
+//! take turns (round robin: Nagle 1987, "On packet switches with infinite storage"). A client for whom less runs goes first,
+//! since jobs take different times: what is shared evenly is workers (max-min fairness: Bertsekas & Gallager 1992, "Data
+//! networks", section 6.5.2).
 
 use super::Client;
 use std::collections::{HashMap, VecDeque};
@@ -64,6 +66,11 @@ impl<T: Heavy> FairQueue<T> {
         self.waiting == 0
     }
 
+    /// Whether something waits of such a client.
+    pub fn any(&self, is_sought: impl Fn(Client) -> bool) -> bool {
+        self.turns.iter().any(|client| is_sought(*client))
+    }
+
     /// How many clients have something waiting.
     pub fn clients(&self) -> usize {
         self.turns.len()
@@ -97,9 +104,16 @@ impl<T: Heavy> FairQueue<T> {
         line.push_back(item);
     }
 
-    /// Takes the first item of the client whose turn it is.
-    pub fn pop(&mut self) -> Option<T> {
-        let client = self.turns.pop_front()?;
+    /// Takes the first item of the client whose turn it is: of those for whom the least runs, the first in turn.
+    pub fn pop(&mut self, running: impl Fn(Client) -> usize) -> Option<T> {
+        self.pop_below(usize::MAX, running)
+    }
+
+    /// The same, of clients for whom less than so much runs.
+    pub fn pop_below(&mut self, most: usize, running: impl Fn(Client) -> usize) -> Option<T> {
+        let loads = self.turns.iter().map(|client| running(*client)).enumerate();
+        let (turn, _) = loads.filter(|(_, load)| *load < most).min_by_key(|(_, load)| *load)?;
+        let client = self.turns.remove(turn)?;
         let line = self.lines.get_mut(&client)?;
         let item = line.pop_front()?;
         self.waiting -= 1;
@@ -177,21 +191,33 @@ mod tests {
     #[test]
     fn a_late_client_is_served_after_one_job_of_a_busy_one() {
         let mut queue = queue_of(&[(1, "a1"), (1, "a2"), (1, "a3"), (2, "b1"), (3, "c1"), (2, "b2")]);
-        let order: Vec<_> = std::iter::from_fn(|| queue.pop()).collect();
+        let order: Vec<_> = std::iter::from_fn(|| queue.pop(|_| 0)).collect();
         assert_eq!(order, ["a1", "b1", "c1", "a2", "b2", "a3"]);
         assert!(queue.is_empty() && queue.lines.is_empty() && queue.turns.is_empty());
+    }
+
+    #[test]
+    fn a_client_for_whom_less_runs_goes_first() {
+        let mut queue = queue_of(&[(1, "a1"), (1, "a2"), (2, "b1"), (2, "b2"), (3, "c1")]);
+        let load =
+            |of: [usize; 3]| move |who: Client| (1..=3).find(|k| client(*k) == who).map_or(0, |k| of[k as usize - 1]);
+        assert_eq!(queue.pop(load([2, 1, 1])), Some("b1"));
+        assert_eq!(queue.pop(load([2, 2, 1])), Some("c1"));
+        assert_eq!(queue.pop_below(1, load([2, 2, 2])), None);
+        assert_eq!(queue.pop_below(1, load([2, 0, 2])), Some("b2"));
+        assert_eq!((queue.pop(load([9, 0, 0])), queue.pop(load([9, 0, 0])), queue.len()), (Some("a1"), Some("a2"), 0));
     }
 
     #[test]
     fn positions_foretell_the_order_of_service() {
         let arrivals = [(1, "a1"), (1, "a2"), (1, "a3"), (2, "b1"), (3, "c1"), (2, "b2")];
         let mut queue = queue_of(&arrivals);
-        queue.pop();
+        queue.pop(|_| 0);
         let foretold: Vec<_> = arrivals
             .iter()
             .map(|(from, sought)| (queue.position(client(*from), |item| item == sought), *sought))
             .collect();
-        for (position, item) in std::iter::from_fn(|| queue.pop()).enumerate() {
+        for (position, item) in std::iter::from_fn(|| queue.pop(|_| 0)).enumerate() {
             assert!(foretold.contains(&(Some(position), item)), "{item} came at {position}: {foretold:?}");
         }
     }
@@ -207,7 +233,7 @@ mod tests {
         assert_eq!(queue.admits(client(2), 7), Err(Full::Bytes));
         queue.push(client(2), "b1");
         assert_eq!(queue.admits(client(3), 2), Err(Full::Queue));
-        queue.pop();
+        queue.pop(|_| 0);
         assert_eq!(queue.admits(client(1), 2), Ok(()));
         assert_eq!((queue.waiting, queue.bytes), (2, 4));
     }
@@ -227,7 +253,7 @@ mod tests {
         let mut queue = queue_of(&[(1, "a1"), (2, "b1"), (3, "c1")]);
         assert_eq!(queue.remove(client(2), |item| *item == "b1"), Some("b1"));
         assert_eq!(queue.remove(client(2), |item| *item == "b1"), None);
-        assert_eq!((queue.pop(), queue.pop(), queue.pop()), (Some("a1"), Some("c1"), None));
+        assert_eq!((queue.pop(|_| 0), queue.pop(|_| 0), queue.pop(|_| 0)), (Some("a1"), Some("c1"), None));
     }
 
     #[test]
@@ -235,6 +261,6 @@ mod tests {
         let mut queue = queue_of(&[(1, "a1"), (1, "a2"), (2, "b1"), (3, "c1")]);
         queue.retain(|item| !["a1", "b1"].contains(item));
         assert_eq!((queue.waiting, queue.bytes, queue.clients()), (2, 4, 2));
-        assert_eq!((queue.pop(), queue.pop(), queue.pop()), (Some("a2"), Some("c1"), None));
+        assert_eq!((queue.pop(|_| 0), queue.pop(|_| 0), queue.pop(|_| 0)), (Some("a2"), Some("c1"), None));
     }
 }

@@ -3,7 +3,7 @@
 use super::Client;
 use super::ended::Ended;
 use super::idempotency::Key;
-use super::job::{Halt, Job, Life, State};
+use super::job::{Estimate, Halt, Job, Life, State};
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use specification::Time;
@@ -17,6 +17,9 @@ pub struct Record {
     pub label: Option<String>,
     /// The time horizon of its problem.
     pub horizon: Time,
+    /// What was known of its solve when it was accepted.
+    #[serde(default)]
+    pub estimate: Option<Estimate>,
     /// When it was accepted.
     pub created: Timestamp,
     /// The bytes of what was posted.
@@ -44,6 +47,7 @@ impl Record {
             client: job.client,
             label: job.label.clone(),
             horizon: job.horizon,
+            estimate: job.estimate.clone(),
             created: job.created.date,
             document_bytes: job.document_bytes,
             key: job.key.clone(),

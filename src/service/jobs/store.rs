@@ -194,9 +194,9 @@ impl Store {
                     record = record.ended(&ended);
                     life.finish(ended);
                 }
-                State::Running { control, halt, .. } => {
+                State::Running { halt, .. } => {
                     *halt = Some(Halt::Dismiss);
-                    control.cancel();
+                    job.halted.notify_one();
                     record.dismissed = true;
                 }
                 State::Ended(_) => return Ok(()),

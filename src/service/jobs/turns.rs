@@ -66,7 +66,7 @@ impl Turns {
                 if state.free == 0 {
                     return;
                 }
-                let Some(next) = state.waiting.pop() else { return };
+                let Some(next) = state.waiting.pop(|_| 0) else { return };
                 state.free -= 1;
                 next
             };

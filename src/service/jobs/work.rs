@@ -1,20 +1,21 @@
-//! What a worker does with a job: marks it, solves it, and brings its end to the store.
+//! What becomes of a job that has its turn: it is marked, a worker solves it, and its end comes to the store.
 
 use super::Jobs;
 use super::ended::{Ended, Ending, Fault, Held};
 use super::job::{Halt, Job, State};
 use super::results::{Results, TooLarge};
+use crate::worker::{Death, Finished, Solved, Supervisor, Watch};
 use problem::Control;
-use solution::{Solution, Status};
-use specification::Specification;
-use std::any::Any;
+use solution::{Status, Verdict};
+use std::borrow::Cow;
 use std::io;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
-use std::time::{Duration, Instant};
+use std::time::Instant;
+use tokio::select;
+use tracing::Instrument;
 
-/// What has become of a job that a worker took.
+/// What has become of a job that had its turn.
 enum Outcome {
     Ended(Ended),
     /// It is to be left to the next process.
@@ -24,103 +25,180 @@ enum Outcome {
 }
 
 impl Jobs {
-    /// Waits for a job and solves it on this thread, as that worker. False if workers have been dismissed.
-    pub(super) async fn solve_next(&self, worker: usize) -> bool {
-        match self.waiting.acquire().await {
-            Ok(permit) => permit.forget(),
-            Err(_) => return false,
+    /// Waits for a job and has it solved under supervision, at that place in the pool. False if workers have been
+    /// dismissed.
+    pub(super) async fn solve_next(&self, place: usize, supervisor: &mut Supervisor) -> bool {
+        // A job is taken where there is a worker for it.
+        select! {
+            () = supervisor.ready() => {}
+            () = self.dismissed() => return false,
         }
-        let Some(job) = self.take_next() else { return true };
-        let outcome = if job.crashes > 0 {
-            let _alone = self.suspects.write().await;
-            self.attempt(worker, &job)
-        } else {
-            let _beside_others = self.suspects.read().await;
-            self.attempt(worker, &job)
-        };
-        match outcome {
-            Outcome::Ended(ended) => self.store.conclude(&job, ended).await,
-            Outcome::Stopped => self.store.park(&job).await,
-            Outcome::Gone => {}
+        select! {
+            permit = self.waiting.acquire() => match permit {
+                Ok(permit) => permit.forget(),
+                Err(_) => return false,
+            },
+            () = supervisor.idle() => return true,
         }
-        let mut intake = self.lock();
-        intake.running -= 1;
-        intake.drain_rate.departed(Instant::now());
-        self.announce_if_idle(&intake);
+        let next = self.lock().take();
+        if let Some(job) = next {
+            self.see_through(place, supervisor, &job, false).await;
+        }
         true
     }
 
-    fn take_next(&self) -> Option<Arc<Job>> {
+    /// Waits until a job of a client for whom nothing runs finds all workers taken, and has it solved in relief. False if
+    /// workers have been dismissed.
+    pub(super) async fn relieve_next(&self, place: usize, supervisor: &mut Supervisor) -> bool {
+        select! {
+            () = self.relief.notified() => {}
+            () = supervisor.idle() => return true,
+            () = self.dismissed() => return false,
+        }
+        loop {
+            let next = {
+                let mut intake = self.lock();
+                let next = intake.relieve(self.bounds.workers);
+                // There may be one for another relief worker as well.
+                self.call_relief(&intake);
+                next
+            };
+            let Some(job) = next else { return true };
+            self.see_through(place, supervisor, &job, true).await;
+        }
+    }
+
+    async fn see_through(&self, place: usize, supervisor: &mut Supervisor, job: &Arc<Job>, relief: bool) {
+        let span = tracing::info_span!("job", job.id = %job.id);
+        let outcome = if job.crashes > 0 {
+            let _alone = self.suspects.write().await;
+            self.attempt(place, supervisor, job).instrument(span).await
+        } else {
+            let _beside_others = self.suspects.read().await;
+            self.attempt(place, supervisor, job).instrument(span).await
+        };
+        match outcome {
+            Outcome::Ended(ended) => self.store.conclude(job, ended).await,
+            Outcome::Stopped => self.store.park(job).await,
+            Outcome::Gone => {}
+        }
         let mut intake = self.lock();
-        let job = intake.queue.pop()?;
-        intake.running += 1;
-        Some(job)
+        intake.depart(job, relief);
+        self.announce_if_idle(&intake);
+        // Nothing may run for its client now.
+        self.call_relief(&intake);
     }
 
     /// Sends workers home, each at the end of the job in hand.
     pub(super) fn dismiss_workers(&self) {
         self.waiting.close();
+        self.dismissed.notify_waiters();
     }
 
-    fn attempt(&self, worker: usize, job: &Job) -> Outcome {
-        let _span = tracing::info_span!("job", job.id = %job.id).entered();
-        self.store.mark(worker, job);
-        let outcome = catch_unwind(AssertUnwindSafe(|| self.solve(job))).unwrap_or_else(|panic| {
-            self.panics.fetch_add(1, Relaxed);
-            let message = message(&*panic);
-            tracing::error!(job.id = %job.id, panic.message = message, "the solver panicked in job {}", job.id);
-            Outcome::Ended(job.ended(Ending::Broken(Fault::Panicked)))
-        });
-        self.store.unmark(worker, job);
-        tracing::debug!("the solver is done with the job");
-        outcome
+    /// Returns when workers are sent home.
+    async fn dismissed(&self) {
+        loop {
+            let dismissed = self.dismissed.notified();
+            if self.waiting.is_closed() {
+                return;
+            }
+            dismissed.await;
+        }
     }
 
-    fn solve(&self, job: &Job) -> Outcome {
-        let specification = match self.specification(job) {
-            Ok(specification) => specification,
+    async fn attempt(&self, place: usize, supervisor: &mut Supervisor, job: &Job) -> Outcome {
+        let document = match self.posted(job) {
+            Ok(document) => document,
             Err(error) => {
                 tracing::error!(%error, "the specification of job {} cannot be read", job.id);
                 return Outcome::Ended(Ended::unsolved(Ending::Broken(Fault::Unreadable)));
             }
         };
-        let asked = specification.wall_seconds().and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
-        let wall = asked.map_or(self.bounds.wall, |asked| asked.min(self.bounds.wall));
-        let Some(control) = job.start(wall) else { return Outcome::Gone };
+        self.store.mark(place, job);
+        let outcome = match job.start(self.bounds.wall) {
+            Some(control) => self.solve(supervisor, job, &document, &control).await,
+            None => Outcome::Gone,
+        };
+        self.store.unmark(place, job);
+        tracing::debug!("the worker is done with the job");
+        outcome
+    }
+
+    async fn solve(&self, supervisor: &mut Supervisor, job: &Job, document: &[u8], control: &Control) -> Outcome {
         self.metrics.waited(job.created.clock.elapsed());
-        let solution = self.metrics.measure(specification.problem(), || (self.solver)(&specification, &control));
+        let begun = Instant::now();
+        let watch = Watch { control, halted: &job.halted, is_unwanted: &|| job.is_forgotten() };
+        let finished = supervisor.perform(true, document, self.limits(), &watch).await;
         let halted = job.halted();
-        if halted == Some(Halt::Park) && solution.status == Status::Stopped {
-            return Outcome::Stopped;
+        let broken = |fault, code: &'static str| {
+            self.metrics.ended(job.problem(), code.into(), begun.elapsed());
+            Outcome::Ended(job.ended(Ending::Broken(fault)))
+        };
+        match finished {
+            Ok(Finished::Solved(solved, _)) if halted == Some(Halt::Park) && solved.status == Status::Stopped => {
+                Outcome::Stopped
+            }
+            Ok(Finished::Solved(solved, json)) => {
+                self.metrics.solved(&solved, begun.elapsed());
+                let Solved { status, failed, verdict, .. } = *solved;
+                let ending = Ending::of(status, failed.as_ref().map(|failed| &*failed.message), halted.is_some());
+                Outcome::Ended(self.ended(job, ending, Some(verdict), Ok(Results::read(json))))
+            }
+            Ok(Finished::TooMuchMemory(estimate)) => {
+                let fault = Fault::TooMuchMemory { allowed: self.bounds.memory, asked: None, estimate: Some(estimate) };
+                broken(fault, "too_much_memory")
+            }
+            Ok(Finished::TooLarge) => broken(Fault::TooLarge { limit: self.bounds.result_bytes }, "result_too_large"),
+            // Stopped before the solve began, or on the way without heeding it.
+            Ok(Finished::Refused(_, true)) | Err(Death::Overran) => match halted {
+                Some(Halt::Park) => Outcome::Stopped,
+                Some(Halt::Dismiss) => Outcome::Ended(job.ended(Ending::Dismissed)),
+                None => broken(Fault::Overran, "overran"),
+            },
+            // A signal to the whole unit, which is about to stop.
+            Err(Death::Killed(_)) if job.is_lasting() && self.is_draining() => Outcome::Stopped,
+            Ok(Finished::Refused(errors, false)) => {
+                let errors = String::from_utf8_lossy(&errors);
+                tracing::error!(%errors, "the specification of job {} cannot be read", job.id);
+                broken(Fault::Unreadable, "unreadable")
+            }
+            Ok(Finished::Checked(..)) => broken(Fault::Defect, "defect"),
+            Err(death) => {
+                tracing::error!(?death, "the worker of job {} died: {}", job.id, death.code());
+                if matches!(death, Death::Defect(_)) {
+                    self.panics.fetch_add(1, Relaxed);
+                }
+                let estimate = job.estimate.as_ref().map(|estimate| estimate.memory);
+                broken(Fault::of(&death, self.bounds.memory, estimate), death.code())
+            }
         }
-        Outcome::Ended(self.ended(job, solution, halted.is_some()))
     }
 
-    pub(super) fn ended(&self, job: &Job, solution: Solution, cancelled: bool) -> Ended {
-        let ending = Ending::of(&solution, cancelled);
-        let verdict = Some(solution.verdict.clone());
-        let limit = self.bounds.result_bytes;
-        match Results::of(solution, limit) {
+    pub(super) fn ended(
+        &self,
+        job: &Job,
+        ending: Ending,
+        verdict: Option<Verdict>,
+        results: Result<Results, TooLarge>,
+    ) -> Ended {
+        match results {
             Ok(results) => Ended { verdict, held: Some(Held::Memory(Arc::new(results))), ..job.ended(ending) },
-            Err(TooLarge) => job.ended(Ending::Broken(Fault::TooLarge { limit })),
+            Err(TooLarge) => job.ended(Ending::Broken(Fault::TooLarge { limit: self.bounds.result_bytes })),
         }
     }
 
-    fn specification(&self, job: &Job) -> io::Result<Arc<Specification>> {
-        if let State::Accepted(Some(specification)) = job.state() {
-            return Ok(specification);
+    /// What was posted for a job that waits.
+    fn posted(&self, job: &Job) -> io::Result<Arc<[u8]>> {
+        match job.state() {
+            State::Accepted(Some(document)) => Ok(document),
+            State::Accepted(None) | State::Running { .. } | State::Ended(_) => self.store.document(job),
         }
-        let document = self.store.document(job)?;
-        let read = self.read(&document, &Control::new());
-        read.map(Arc::new).map_err(|errors| io::Error::other(format!("{errors:?}")))
     }
 }
 
-/// What a panic said.
-fn message(panic: &(dyn Any + Send)) -> &str {
-    match (panic.downcast_ref::<&str>(), panic.downcast_ref::<String>()) {
-        (Some(text), _) => text,
-        (None, Some(text)) => text,
-        (None, None) => "no message",
+impl Job {
+    /// The type of its problem, as figures name it.
+    fn problem(&self) -> Cow<'static, str> {
+        self.estimate.as_ref().map_or("unknown".into(), |estimate| estimate.problem.clone())
     }
 }

@@ -1,0 +1,81 @@
+//! `dvi solve --memory-mib`: a solve in a process that is ended when it takes more memory, so that whoever asked can be told
+//! why in place of a message of the system.
+
+use super::{BAD_SPECIFICATION, ENDED, Told, UNSERVABLE, report};
+use dvi::problem::Control;
+use dvi::service::worker::{Death, Event, Finished, Limits, Solved, Supervisor, Watch, program};
+use std::io;
+use std::num::NonZeroUsize;
+use std::path::Path;
+use std::process::ExitCode;
+use std::sync::Arc;
+use tokio::runtime::Builder;
+use tokio::select;
+use tokio::sync::Notify;
+
+/// Solves what stands in `document`, and gives how it ended with the result as JSON. Ctrl-C stops it.
+///
+/// # Errors
+/// The exit code, where there is no result; standard error says why.
+pub fn solve(
+    file: &Path,
+    document: &[u8],
+    memory_mib: NonZeroUsize,
+    control: &Control,
+) -> Result<(Box<Solved>, Vec<u8>), ExitCode> {
+    let memory = memory_mib.get().saturating_mul(1 << 20);
+    let ended = |why: String| {
+        eprintln!("dvi: {why}");
+        ExitCode::from(ENDED)
+    };
+    let finished = finish(document, memory_mib.get(), memory, control).map_err(|error| {
+        eprintln!("dvi: no process could be started to solve in: {error}");
+        ExitCode::from(UNSERVABLE)
+    })?;
+    match finished {
+        Ok(Finished::Solved(solved, json)) => Ok((solved, json)),
+        Ok(Finished::Refused(errors, _)) => {
+            let errors: Vec<Told> = serde_json::from_slice(&errors).unwrap_or_default();
+            eprint!("{}", report(file, &errors));
+            Err(ExitCode::from(BAD_SPECIFICATION))
+        }
+        Ok(Finished::TooMuchMemory(estimate)) => {
+            let needed = estimate >> 20;
+            Err(ended(format!("too_much_memory: about {needed} MiB are needed, and --memory-mib allows {memory_mib}")))
+        }
+        Ok(Finished::Checked(..) | Finished::TooLarge) => {
+            Err(ended("defect: the answer is to another question".to_owned()))
+        }
+        Err(Death::TooMuchMemory(asked)) => {
+            let asked = asked.map_or(String::new(), |bytes| format!(", {} MiB at once at the last", bytes >> 20));
+            Err(ended(format!("too_much_memory: the solve took more than the {memory_mib} MiB of --memory-mib{asked}")))
+        }
+        Err(Death::Defect(words)) => Err(ended(format!("defect: {words}"))),
+        Err(Death::Killed(signal)) => Err(ended(format!("killed: signal {signal} ended the process that solved"))),
+        Err(death @ (Death::StackOverflow | Death::Overran)) => {
+            Err(ended(format!("{}: please report the specification", death.code())))
+        }
+    }
+}
+
+fn finish(document: &[u8], memory_mib: usize, memory: usize, control: &Control) -> io::Result<Result<Finished, Death>> {
+    let limits = Limits { steps: u64::MAX, memory, wall_seconds: None, result_bytes: usize::MAX };
+    let runtime = Builder::new_current_thread().enable_all().build()?;
+    runtime.block_on(async {
+        let mut supervisor = Supervisor::new(program(None, memory_mib), u64::MAX, Arc::new(|_: Event<'_>| {}));
+        supervisor.start().await?;
+        let halted = Notify::new();
+        let watch = Watch { control, halted: &halted, is_unwanted: &|| false };
+        let performed = supervisor.perform(true, document, limits, &watch);
+        let interrupted = async {
+            if tokio::signal::ctrl_c().await.is_ok() {
+                halted.notify_one();
+            }
+            std::future::pending().await
+        };
+        Ok(select! {
+            performed = performed => performed,
+            never = interrupted => never,
+        })
+    })
+}

@@ -1,0 +1,41 @@
+//! `dvi worker`: a process that solves what the front gives it over its pipes. It is started by `dvi serve`.
+
+use super::UNANSWERED;
+use clap::Args;
+use dvi::service::worker::{Confinement, serve};
+use std::fs::File;
+use std::io;
+use std::num::NonZeroUsize;
+use std::os::fd::AsFd;
+use std::process::ExitCode;
+use std::sync::Arc;
+
+/// Solve what comes on standard input, as the processes of `dvi serve` do
+///
+/// Orders come on standard input and reports go to standard output, in frames. It ends with its standard input.
+#[derive(Args)]
+#[command(verbatim_doc_comment)]
+pub struct Arguments {
+    /// Memory that a solve may take, in MiB; beyond it and what the program itself needs, the process ends
+    #[arg(long, value_name = "MIB")]
+    memory_mib: NonZeroUsize,
+}
+
+/// Solves until there are no more orders.
+pub fn run(arguments: &Arguments) -> ExitCode {
+    let confinement = Confinement::impose(arguments.memory_mib.get().saturating_mul(1 << 20));
+    match work(confinement) {
+        // What is still solved ends with the process.
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("dvi: {error}");
+            ExitCode::from(UNANSWERED)
+        }
+    }
+}
+
+fn work(confinement: Confinement) -> io::Result<()> {
+    // Past the buffer of standard output, which waits for the end of a line.
+    let output = File::from(io::stdout().as_fd().try_clone_to_owned()?);
+    serve(io::stdin().lock(), output, Arc::new(dvi::solve), confinement)
+}

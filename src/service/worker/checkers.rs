@@ -1,0 +1,95 @@
+//! Workers that check documents which the front does not read itself: few, kept apart from those that solve, so that a check
+//! does not wait for a solve to end.
+
+use super::Death;
+use super::launcher::Launcher;
+use super::link::{Finished, Watch};
+use super::message::{Facts, Finding, Limits};
+use super::supervisor::{Notice, Supervisor};
+use problem::Control;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::{Arc, Mutex, PoisonError};
+use tokio::sync::Notify;
+
+/// What has become of a check.
+#[derive(Debug)]
+pub enum Checked {
+    /// The document is correct; its summary as JSON.
+    Correct(Facts, Vec<u8>),
+    /// All that is wrong with it.
+    Wrong(Vec<Finding>),
+    /// The check took longer than it may.
+    Interrupted,
+    /// The worker died over it.
+    Died(Death),
+}
+
+/// The workers that are at rest; they are started when there is a first check for them.
+pub struct Checkers {
+    resting: Mutex<Vec<Supervisor>>,
+    launcher: Launcher,
+    keep: u64,
+    notice: Notice,
+}
+
+impl Checkers {
+    /// No workers yet. One that holds more than `keep` bytes between checks is replaced.
+    pub fn new(launcher: Launcher, keep: u64, notice: Notice) -> Arc<Self> {
+        Arc::new(Self { resting: Mutex::default(), launcher, keep, notice })
+    }
+
+    /// Has a document checked, beside others: whoever calls this bounds how many. Where the future is dropped, the check
+    /// is stopped. `turn` is dropped when a worker is free again.
+    pub async fn check(self: &Arc<Self>, document: Arc<[u8]>, limits: Limits, turn: impl Send + 'static) -> Checked {
+        let waits = Waits(Arc::default());
+        let (checkers, asked) = (Arc::clone(self), Arc::clone(&waits.0));
+        let checking = tokio::spawn(async move {
+            let mut supervisor = checkers.take();
+            let (control, is_unwanted) = (Control::new(), || asked.is_unwanted.load(Relaxed));
+            let watch = Watch { control: &control, halted: &asked.halted, is_unwanted: &is_unwanted };
+            let finished = supervisor.perform(false, &document, limits, &watch).await;
+            checkers.resting().push(supervisor);
+            drop(turn);
+            finished
+        });
+        let finished = checking.await.unwrap_or_else(|error| Err(Death::Defect(error.to_string())));
+        match finished {
+            Ok(Finished::Checked(facts, summary)) => Checked::Correct(facts, summary),
+            Ok(Finished::Refused(_, true)) | Err(Death::Overran) => Checked::Interrupted,
+            Ok(Finished::Refused(findings, false)) => match serde_json::from_slice(&findings) {
+                Ok(findings) => Checked::Wrong(findings),
+                Err(error) => Checked::Died(Death::Defect(error.to_string())),
+            },
+            Ok(Finished::Solved(..) | Finished::TooMuchMemory(_) | Finished::TooLarge) => {
+                Checked::Died(Death::Defect("a solve".to_owned()))
+            }
+            Err(death) => Checked::Died(death),
+        }
+    }
+
+    fn take(&self) -> Supervisor {
+        let rested = self.resting().pop();
+        rested.unwrap_or_else(|| Supervisor::new(Arc::clone(&self.launcher), self.keep, Arc::clone(&self.notice)))
+    }
+
+    fn resting(&self) -> std::sync::MutexGuard<'_, Vec<Supervisor>> {
+        self.resting.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Whether whoever asked for a check still waits for it.
+#[derive(Debug, Default)]
+struct Asked {
+    halted: Notify,
+    is_unwanted: AtomicBool,
+}
+
+/// Dropped with a request, it stops the check that the request waits for.
+struct Waits(Arc<Asked>);
+
+impl Drop for Waits {
+    fn drop(&mut self) {
+        self.0.is_unwanted.store(true, Relaxed);
+        self.0.halted.notify_one();
+    }
+}

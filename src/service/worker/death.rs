@@ -1,0 +1,76 @@
+//! Why a worker died: from how its process ended, and from its last words on standard error.
+
+use std::os::unix::process::ExitStatusExt;
+use std::process::ExitStatus;
+
+/// Why a worker died.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Death {
+    /// It was refused memory: so many bytes at once, where it said.
+    TooMuchMemory(Option<u64>),
+    /// Its stack was used up.
+    StackOverflow,
+    /// Another process, or the kernel for want of memory, ended it by this signal.
+    Killed(i32),
+    /// It did not heed its deadline, or the wish of its client.
+    Overran,
+    /// It panicked, or did what cannot happen.
+    Defect(String),
+}
+
+impl Death {
+    /// The cause behind the end of a process that said so.
+    pub fn of(status: ExitStatus, last_words: &str) -> Self {
+        // As the standard library says it before it aborts.
+        if let Some((_, after)) = last_words.rsplit_once("memory allocation of ") {
+            return Self::TooMuchMemory(after.split(' ').next().and_then(|bytes| bytes.parse().ok()));
+        }
+        if last_words.contains("has overflowed its stack") {
+            return Self::StackOverflow;
+        }
+        match status.signal() {
+            Some(signal @ (KILL | TERM | INT | HUP)) => Self::Killed(signal),
+            _ => Self::Defect(format!("{status}: {}", last_words.trim())),
+        }
+    }
+
+    /// A stable word for programs.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::TooMuchMemory(_) => "too_much_memory",
+            Self::StackOverflow => "stack_overflow",
+            Self::Killed(_) => "killed",
+            Self::Overran => "overran",
+            Self::Defect(_) => "defect",
+        }
+    }
+}
+
+/// Signals that others send. Those that a process earns by itself are defects.
+const HUP: i32 = 1;
+const INT: i32 = 2;
+const KILL: i32 = 9;
+const TERM: i32 = 15;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[track_caller]
+    fn assert_death(raw: i32, last_words: &str, death: &Death) {
+        assert_eq!(&Death::of(ExitStatus::from_raw(raw), last_words), death);
+    }
+
+    #[test]
+    fn last_words_tell_apart_what_the_signal_does_not() {
+        const ABORT: i32 = 6;
+        let refused = "memory allocation of 5626368000 bytes failed\n";
+        assert_death(ABORT, refused, &Death::TooMuchMemory(Some(5_626_368_000)));
+        let overflowed = "\nthread 'dvi-solver' (7) has overflowed its stack\nfatal runtime error: stack overflow\n";
+        assert_death(ABORT, overflowed, &Death::StackOverflow);
+        assert_death(KILL, "", &Death::Killed(9));
+        assert_death(TERM, "", &Death::Killed(15));
+        assert_eq!(Death::of(ExitStatus::from_raw(ABORT), "thread panicked").code(), "defect");
+        assert_eq!(Death::of(ExitStatus::from_raw(101 << 8), "").code(), "defect");
+    }
+}

@@ -1,0 +1,288 @@
+//! The side of the front: the pipes to one worker, and its process.
+
+use super::Death;
+use super::frame::{self, Decoder};
+use super::launcher::Start;
+use super::message::{Facts, Limits, Order, Report, Solved, VERSION};
+use super::{Confinement, Loss};
+use problem::Control;
+use std::io::{self, Read};
+use std::process::{Child, ChildStderr};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
+use std::time::Duration;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::unix::pipe::{Receiver, Sender};
+use tokio::select;
+use tokio::sync::Notify;
+use tokio::task::spawn_blocking;
+use tokio::time::{Instant, MissedTickBehavior, interval_at, sleep_until, timeout, timeout_at};
+
+/// The time between two looks at a task.
+const LOOK: Duration = Duration::from_millis(100);
+
+/// Between the deadline of a task, or the wish to stop it, and the end of its worker: a step of a large problem takes
+/// seconds.
+const OVERRUN: Duration = Duration::from_secs(10);
+
+/// The same where nobody wants what the task has come to so far.
+const UNWANTED: Duration = Duration::from_millis(500);
+
+/// The time in which a worker starts, and in which one that has closed its pipe ends, on a busy machine.
+const START: Duration = Duration::from_secs(30);
+const END: Duration = Duration::from_secs(5);
+
+/// The last words of a worker that are kept, in bytes.
+const LAST_WORDS: usize = 4 << 10;
+
+/// Farther away than any deadline.
+const EVER: Duration = Duration::from_secs(1 << 30);
+
+/// Who watches over a task.
+pub struct Watch<'a> {
+    /// Brought to where the solve is.
+    pub control: &'a Control,
+    /// Wakes when the task is to stop.
+    pub halted: &'a Notify,
+    /// Whether nobody wants what it has come to.
+    pub is_unwanted: &'a (dyn Fn() -> bool + Sync),
+}
+
+/// What has become of a task.
+#[derive(Debug)]
+pub enum Finished {
+    /// The solve returned, with its result as JSON.
+    Solved(Box<Solved>, Vec<u8>),
+    /// The document is correct; its summary as JSON.
+    Checked(Facts, Vec<u8>),
+    /// The document has errors, as JSON; or its check was interrupted.
+    Refused(Vec<u8>, bool),
+    /// The solve would take so many bytes, which are more than it may.
+    TooMuchMemory(usize),
+    /// The result would be longer than it may be.
+    TooLarge,
+}
+
+/// A worker at the other end of two pipes.
+#[derive(Debug)]
+pub struct Link {
+    orders: Sender,
+    reports: Receiver,
+    decoder: Decoder,
+    process: Option<Process>,
+    /// The number of its process, or zero.
+    pub id: u32,
+    /// The number of the latest task.
+    task: u64,
+    /// The limits that hold for it.
+    pub confinement: Confinement,
+    /// The memory that it held after its latest task.
+    pub resident: u64,
+}
+
+impl Link {
+    /// Takes up a worker that has been started, as soon as it is ready.
+    ///
+    /// # Errors
+    /// It does not answer, or is of another version.
+    pub async fn open(start: Start) -> io::Result<Self> {
+        let process = start.process.map(Process::new).transpose()?;
+        let (orders, reports) = (Sender::from_owned_fd(start.orders)?, Receiver::from_owned_fd(start.reports)?);
+        let id = process.as_ref().map_or(0, |process| process.child.id());
+        let (decoder, confinement) = (Decoder::default(), Confinement::default());
+        let mut link = Self { orders, reports, decoder, process, id, task: 0, confinement, resident: 0 };
+        match timeout(START, link.receive()).await.map_err(io::Error::from).flatten() {
+            Ok((Report::Ready { version: VERSION, confinement }, _)) => Ok(Self { confinement, ..link }),
+            Ok((report, _)) => Err(io::Error::other(format!("{report:?} from a worker in place of version {VERSION}"))),
+            Err(error) => Err(io::Error::other(format!("{error}: {:?}", link.death().await))),
+        }
+    }
+
+    /// Returns when the worker, which has nothing to do, has died.
+    pub async fn closed(&mut self) {
+        // What comes is about a task that has ended.
+        while self.receive().await.is_ok() {}
+    }
+
+    /// Has a document solved, or only checked, under watch.
+    ///
+    /// # Errors
+    /// The worker is lost.
+    pub async fn perform(
+        &mut self,
+        solve: bool,
+        document: &[u8],
+        limits: Limits,
+        watch: &Watch<'_>,
+    ) -> Result<Finished, Loss> {
+        self.task += 1;
+        let task = self.task;
+        let order = if solve { Order::Solve { task, limits } } else { Order::Check { task, limits } };
+        let begun = Instant::now();
+        let most = limits.wall().unwrap_or(EVER).min(EVER);
+        let mut end = begun + most + OVERRUN;
+        let (mut taken, mut cancelled, mut looked) = (false, false, false);
+        match timeout_at(end, self.send(&order, document)).await {
+            Ok(Ok(())) => {}
+            Ok(Err(_)) => return Err(Loss::NotTaken(self.death().await)),
+            Err(_) => return Err(self.overrun().await),
+        }
+        let mut looks = interval_at(begun + LOOK, LOOK);
+        looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut json = Vec::new();
+        loop {
+            select! {
+                biased;
+                () = watch.halted.notified(), if !cancelled => {
+                    cancelled = true;
+                    end = end.min(Instant::now() + OVERRUN);
+                    // A worker that is gone is met below.
+                    let _ = self.send(&Order::Cancel { task }, &[]).await;
+                }
+                report = self.receive() => match report {
+                    Ok((report, _)) if report.task().is_some_and(|of| of != task) => {}
+                    Ok((Report::Taken { .. }, _)) => taken = true,
+                    Ok((Report::Progress { progress, .. }, _)) => {
+                        looked = false;
+                        progress.relay(watch.control);
+                    }
+                    Ok((Report::Piece { .. }, bytes)) => {
+                        // It has heeded what it was to heed, and is on its way out.
+                        end = end.max(Instant::now() + OVERRUN);
+                        json.extend_from_slice(&bytes);
+                    }
+                    Ok((Report::Solved { solved, progress, resident, .. }, bytes)) => {
+                        self.resident = resident;
+                        progress.relay(watch.control);
+                        json.extend_from_slice(&bytes);
+                        json.shrink_to_fit();
+                        return Ok(Finished::Solved(solved, json));
+                    }
+                    Ok((Report::Checked { facts, resident, .. }, bytes)) => {
+                        self.resident = resident;
+                        return Ok(Finished::Checked(facts, bytes));
+                    }
+                    Ok((Report::Refused { interrupted, .. }, bytes)) => {
+                        return Ok(Finished::Refused(bytes, interrupted));
+                    }
+                    Ok((Report::TooMuchMemory { estimate, .. }, _)) => return Ok(Finished::TooMuchMemory(estimate)),
+                    Ok((Report::TooLarge { .. }, _)) => return Ok(Finished::TooLarge),
+                    Ok((Report::Defect { message, .. }, _)) => return Err(Loss::Died(self.defect(&message).await)),
+                    Ok((Report::Ready { .. }, _)) => return Err(Loss::Died(self.defect("ready twice").await)),
+                    Err(_) if taken => return Err(Loss::Died(self.death().await)),
+                    Err(_) => return Err(Loss::NotTaken(self.death().await)),
+                },
+                _ = looks.tick() => {
+                    if cancelled && (watch.is_unwanted)() {
+                        end = end.min(Instant::now() + UNWANTED);
+                    }
+                    if !looked {
+                        looked = true;
+                        let _ = timeout_at(end, self.send(&Order::Look { task }, &[])).await;
+                    }
+                }
+                () = sleep_until(end) => return Err(self.overrun().await),
+            }
+        }
+    }
+
+    async fn send(&mut self, order: &Order, document: &[u8]) -> io::Result<()> {
+        self.orders.write_all(&frame::head(order, document.len())?).await?;
+        self.orders.write_all(document).await
+    }
+
+    /// The next report. What has come in of one is kept where this is not waited for to the end.
+    async fn receive(&mut self) -> io::Result<(Report, Vec<u8>)> {
+        loop {
+            if let Some(frame) = self.decoder.take()? {
+                return Ok(frame);
+            }
+            self.decoder.buffer.reserve(64 << 10);
+            if self.reports.read_buf(&mut self.decoder.buffer).await? == 0 {
+                return Err(io::ErrorKind::UnexpectedEof.into());
+            }
+        }
+    }
+
+    async fn overrun(&mut self) -> Loss {
+        self.end(Process::kill).await;
+        Loss::Died(Death::Overran)
+    }
+
+    /// Why the worker, which has closed its pipe, died.
+    pub async fn death(&mut self) -> Death {
+        let death = self.end(Process::death).await;
+        death.unwrap_or_else(|| Death::Defect("its thread ended".to_owned()))
+    }
+
+    async fn defect(&mut self, message: &str) -> Death {
+        // Where it panicked stands on standard error.
+        let words = self.end(Process::kill).await.unwrap_or_default();
+        Death::Defect(if words.contains(message) { words } else { format!("{message} {words}") })
+    }
+
+    /// Sees the process to its end, on a thread that may wait: to give back gigabytes takes a while.
+    async fn end<T: Send + 'static>(&mut self, how: impl FnOnce(&mut Process) -> T + Send + 'static) -> Option<T> {
+        let mut process = self.process.take()?;
+        spawn_blocking(move || how(&mut process)).await.ok()
+    }
+}
+
+/// The process of a worker, killed when it is dropped.
+#[derive(Debug)]
+struct Process {
+    child: Child,
+    words: Arc<Mutex<Vec<u8>>>,
+    listener: Option<thread::JoinHandle<()>>,
+}
+
+impl Process {
+    fn new(mut child: Child) -> io::Result<Self> {
+        let words = Arc::new(Mutex::default());
+        let (stderr, heard) = (child.stderr.take(), Arc::clone(&words));
+        let listen = move || stderr.map_or((), |stderr| listen(stderr, &heard));
+        let listener = thread::Builder::new().name("dvi-listener".to_owned()).spawn(listen)?;
+        Ok(Self { child, words, listener: Some(listener) })
+    }
+
+    /// Why it died; it is killed if it has not.
+    fn death(&mut self) -> Death {
+        let start = std::time::Instant::now();
+        while start.elapsed() < END && matches!(self.child.try_wait(), Ok(None)) {
+            thread::sleep(Duration::from_millis(1));
+        }
+        let words = self.kill();
+        match self.child.wait() {
+            Ok(status) => Death::of(status, &words),
+            Err(error) => Death::Defect(error.to_string()),
+        }
+    }
+
+    /// Ends it, if it has not ended, and gives its last words.
+    fn kill(&mut self) -> String {
+        // One that has ended is not there to be killed.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        if let Some(listener) = self.listener.take() {
+            let _ = listener.join();
+        }
+        String::from_utf8_lossy(&self.words.lock().unwrap_or_else(PoisonError::into_inner)).into_owned()
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        self.kill();
+    }
+}
+
+/// Keeps the last that comes.
+fn listen(mut stderr: ChildStderr, words: &Mutex<Vec<u8>>) {
+    let mut piece = [0; 1024];
+    while let Ok(count @ 1..) = stderr.read(&mut piece) {
+        let mut words = words.lock().unwrap_or_else(PoisonError::into_inner);
+        words.extend_from_slice(&piece[..count]);
+        let surplus = words.len().saturating_sub(LAST_WORDS);
+        words.drain(..surplus);
+    }
+}

@@ -1,0 +1,234 @@
+//! The side of the worker: one thread takes orders and answers at once how far the task is, another solves. The stack of
+//! that one has the same size whatever the shell of the front allows.
+
+use super::frame;
+use super::message::{Facts, Limits, Order, Progress, Report, Solved, VERSION};
+use super::{Confinement, confinement};
+use problem::Control;
+use solution::{Solution, encodings};
+use specification::Specification;
+use std::any::Any;
+use std::io::{self, BufWriter, Read, Write};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::mpsc::{Receiver, channel};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// What workers call, and the front for what is solved at a glance.
+pub type Solver = Arc<dyn Fn(&Specification, &Control) -> Solution + Send + Sync>;
+
+/// Room for the deepest expression that a specification may hold.
+pub(super) const STACK_BYTES: usize = 8 << 20;
+
+/// The bytes of one piece of a result.
+const PIECE: usize = 256 << 10;
+
+/// Takes orders from `input` until it ends, and writes reports to `output`. What is in hand at the end is stopped.
+///
+/// # Errors
+/// Those of `input` and `output`, what comes is no order, or the system gives no thread.
+pub fn serve(
+    mut input: impl Read,
+    output: impl Write + Send + 'static,
+    solver: Solver,
+    confinement: Confinement,
+) -> io::Result<()> {
+    let desk = Arc::new(Desk { output: Mutex::new(output), task: Mutex::default() });
+    desk.report(&Report::Ready { version: VERSION, confinement }, &[])?;
+    let (assign, assigned) = channel();
+    let solving = Arc::clone(&desk);
+    thread::Builder::new()
+        .name("dvi-solver".to_owned())
+        .stack_size(STACK_BYTES)
+        .spawn(move || solve_all(&*solving, &solver, &assigned))?;
+    while let Some((order, document)) = frame::read(&mut input)? {
+        match order {
+            Order::Solve { task, limits } => {
+                let assignment = desk.begin(task, limits, document, true)?;
+                assign.send(assignment).map_err(io::Error::other)?;
+            }
+            Order::Check { task, limits } => {
+                let assignment = desk.begin(task, limits, document, false)?;
+                assign.send(assignment).map_err(io::Error::other)?;
+            }
+            Order::Look { task } => {
+                if let Some(progress) = desk.progress(task) {
+                    desk.report(&Report::Progress { task, progress }, &[])?;
+                }
+            }
+            Order::Cancel { task } => desk.cancel(task),
+        }
+    }
+    desk.abandon();
+    Ok(())
+}
+
+/// What the two threads share.
+struct Desk<W> {
+    output: Mutex<W>,
+    task: Mutex<Option<Task>>,
+}
+
+/// The task in hand.
+struct Task {
+    number: u64,
+    control: Arc<Control>,
+    /// Events that have been reported.
+    told: u64,
+}
+
+/// A document on its way to the thread that solves.
+struct Assignment {
+    task: u64,
+    limits: Limits,
+    document: Vec<u8>,
+    /// To be solved, or only checked.
+    solve: bool,
+    control: Arc<Control>,
+    begun: Instant,
+}
+
+impl<W: Write> Desk<W> {
+    fn report(&self, report: &Report, bytes: &[u8]) -> io::Result<()> {
+        frame::write(&mut *self.output.lock().unwrap_or_else(PoisonError::into_inner), report, bytes)
+    }
+
+    fn begin(&self, task: u64, limits: Limits, document: Vec<u8>, solve: bool) -> io::Result<Assignment> {
+        let begun = Instant::now();
+        let control = Arc::new(within(begun, limits.wall()));
+        *self.task() = Some(Task { number: task, control: Arc::clone(&control), told: 0 });
+        self.report(&Report::Taken { task }, &[])?;
+        Ok(Assignment { task, limits, document, solve, control, begun })
+    }
+
+    /// Goes on under another control, which is stopped if the one before was.
+    fn replace(&self, control: &Arc<Control>) {
+        if let Some(task) = &mut *self.task() {
+            if task.control.poll().is_some() {
+                control.cancel();
+            }
+            task.control = Arc::clone(control);
+        }
+    }
+
+    fn progress(&self, number: u64) -> Option<Progress> {
+        let mut task = self.task();
+        let task = task.as_mut().filter(|task| task.number == number)?;
+        let progress = Progress::of(&task.control, task.told);
+        task.told = progress.events.last().map_or(task.told, |(number, _)| *number);
+        Some(progress)
+    }
+
+    fn cancel(&self, number: u64) {
+        if let Some(task) = self.task().as_ref().filter(|task| task.number == number) {
+            task.control.cancel();
+        }
+    }
+
+    fn abandon(&self) {
+        if let Some(task) = &*self.task() {
+            task.control.cancel();
+        }
+    }
+
+    fn task(&self) -> MutexGuard<'_, Option<Task>> {
+        self.task.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+fn within(begun: Instant, time: Option<Duration>) -> Control {
+    match time.and_then(|time| begun.checked_add(time)) {
+        Some(deadline) => Control::with_deadline(deadline),
+        None => Control::new(),
+    }
+}
+
+/// Solves what is assigned until there is no more, or a panic, after which nothing in this process is relied upon.
+fn solve_all<W: Write>(desk: &Desk<W>, solver: &Solver, assigned: &Receiver<Assignment>) {
+    for assignment in assigned {
+        let task = assignment.task;
+        let done = catch_unwind(AssertUnwindSafe(|| work(desk, solver, assignment)));
+        let told = match done {
+            Ok(told) => told,
+            Err(panic) => {
+                let message = message(&*panic).to_owned();
+                desk.report(&Report::Defect { task, message }, &[]).and(Err(io::ErrorKind::Other.into()))
+            }
+        };
+        if told.is_err() {
+            return;
+        }
+    }
+}
+
+fn work<W: Write>(desk: &Desk<W>, solver: &Solver, assignment: Assignment) -> io::Result<()> {
+    let Assignment { task, limits, document, solve, control, begun } = assignment;
+    let specification = match limits.read(&document, &control) {
+        Ok(specification) => specification,
+        Err(errors) => {
+            let interrupted = control.poll().is_some();
+            return desk.report(&Report::Refused { task, interrupted }, &serde_json::to_vec(&errors)?);
+        }
+    };
+    drop(document);
+    if !solve {
+        let (facts, resident) = (Facts::of(&specification), confinement::resident());
+        let summary = serde_json::to_vec(&specification.summary())?;
+        return desk.report(&Report::Checked { task, facts, resident }, &summary);
+    }
+    let estimate = specification.memory_bytes();
+    if estimate > limits.memory {
+        return desk.report(&Report::TooMuchMemory { task, estimate }, &[]);
+    }
+    let asked = specification.wall_seconds().and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
+    let control = Arc::new(within(begun, asked.into_iter().chain(limits.wall()).min()));
+    desk.replace(&control);
+    let solution = solver(&specification, &control);
+    let mut pieces = BufWriter::with_capacity(PIECE, Pieces { desk, task, room: limits.result_bytes });
+    match encodings::write_json(&solution, &mut pieces) {
+        // Longer than the last piece may be, or than all may be.
+        Err(error) if error.kind() == io::ErrorKind::FileTooLarge => {
+            return desk.report(&Report::TooLarge { task }, &[]);
+        }
+        written => written?,
+    }
+    // What is still in the buffer goes with the last report.
+    let (pieces, rest) = pieces.into_parts();
+    let rest = rest.map_err(io::Error::other)?;
+    if rest.len() > pieces.room {
+        return desk.report(&Report::TooLarge { task }, &[]);
+    }
+    let solved = Box::new(Solved::of(specification.problem(), &solution));
+    let progress = desk.progress(task).unwrap_or_default();
+    drop((solution, specification));
+    desk.report(&Report::Solved { task, solved, progress, resident: confinement::resident() }, &rest)
+}
+
+/// A result on its way, with so many bytes of room.
+struct Pieces<'a, W> {
+    desk: &'a Desk<W>,
+    task: u64,
+    room: usize,
+}
+
+impl<W: Write> Write for Pieces<'_, W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.room = self.room.checked_sub(bytes.len()).ok_or(io::ErrorKind::FileTooLarge)?;
+        self.desk.report(&Report::Piece { task: self.task }, bytes)?;
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// What a panic said.
+fn message(panic: &(dyn Any + Send)) -> &str {
+    match (panic.downcast_ref::<&str>(), panic.downcast_ref::<String>()) {
+        (Some(text), _) => text,
+        (None, Some(text)) => text,
+        (None, None) => "no message",
+    }
+}

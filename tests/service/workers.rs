@@ -1,0 +1,296 @@
+//! Worker processes: what one job does to its worker, it does to no other job and not to the service.
+
+use crate::harness::DECAY;
+use crate::process::{DVI, Folder, Server};
+use dvi::service::worker::{Confinement, Death};
+use serde_json::Value;
+use std::fs;
+use std::io::Write;
+use std::net::TcpStream;
+use std::process::Command;
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// A harmonic oscillator whose trajectory has two numbers and a time for each step, some two steps a unit of time.
+fn oscillator(end: u32) -> String {
+    format!(
+        r#"{{"problem":{{"dvi":{{"states":{{"x":{{"initial":1,"rate":"v"}},"v":{{"initial":0,"rate":"-x"}}}}}}}},
+            "time":{{"end":{end}}}}}"#
+    )
+}
+
+/// An end that no solve of these tests reaches.
+const ENDLESS: u32 = 100_000_000;
+
+/// An end at which the trajectory takes some hundred MiB.
+const LONG: u32 = 10_000_000;
+
+/// The processes that the server has started.
+fn workers(server: &Server) -> Vec<u32> {
+    let parent = format!("PPid:\t{}\n", server.child.id());
+    let processes = fs::read_dir("/proc").unwrap().filter_map(|entry| entry.ok()?.file_name().to_str()?.parse().ok());
+    let mut workers: Vec<u32> = processes.filter(|pid| status(*pid).contains(&parent)).collect();
+    workers.sort_unstable();
+    workers
+}
+
+/// What the system says of a process, nothing of one that has gone.
+fn status(pid: u32) -> String {
+    fs::read_to_string(format!("/proc/{pid}/status")).unwrap_or_default()
+}
+
+/// Whether a process is there, other than as an entry that its parent has yet to read.
+fn lives(pid: u32) -> bool {
+    let status = status(pid);
+    !status.is_empty() && !status.contains("State:\tZ")
+}
+
+/// Whether a process is at work.
+fn works(pid: u32) -> bool {
+    let ticks = || {
+        let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+        stat.rsplit(") ").next().and_then(|rest| rest.split(' ').nth(11)?.parse::<u64>().ok()).unwrap_or(0)
+    };
+    let before = ticks();
+    thread::sleep(Duration::from_millis(300));
+    ticks() > before + 2
+}
+
+fn signal(name: &str, pid: u32) {
+    assert!(Command::new("kill").args(["-s", name, &pid.to_string()]).status().unwrap().success());
+}
+
+fn message(state: &Value) -> &str {
+    state["message"].as_str().unwrap_or_else(|| panic!("no message in {state}"))
+}
+
+/// The figure of that name, with its labels.
+fn figure(server: &Server, name: &str) -> Option<f64> {
+    server.get("/metrics").body.lines().find_map(|line| line.strip_prefix(name)?.trim().parse().ok())
+}
+
+#[test]
+fn a_job_that_takes_too_much_memory_ends_alone_and_says_how_much() {
+    let folder = Folder::new();
+    let server = Server::start(&folder, &["--workers", "2", "--memory-mib", "1"]);
+    let (greedy, other) = (server.accept(&oscillator(LONG)), server.accept(&oscillator(1000)));
+    server.reaches(&other, &["successful"]);
+    let state = server.reaches(&greedy, &["failed", "successful"]);
+    let told = message(&state);
+    assert!(told.starts_with("too-much-memory: it took more than the 1 MiB that it may"), "{told}");
+    assert!(told.contains(" MiB at once at the last") && told.contains("; the estimate was 0 MiB"), "{told}");
+    server.get(&format!("{greedy}/results")).problem(422, "too-much-memory");
+    assert_eq!(server.get("/healthz").status, 200);
+    assert_eq!(server.send("POST", "/solve", "", &oscillator(100)).status, 200);
+    assert_eq!(figure(&server, "dvi_workers_lost_total{reason=\"too_much_memory\"}"), Some(1.0));
+    // The next worker has taken its place.
+    server.reaches(&server.accept(DECAY), &["successful"]);
+    let start = Instant::now();
+    while figure(&server, "dvi_workers") != Some(2.0) {
+        assert!(start.elapsed() < Duration::from_secs(20), "a worker is missing");
+        thread::sleep(Duration::from_millis(5));
+    }
+}
+
+#[test]
+fn a_worker_that_is_killed_takes_one_job_with_it() {
+    let folder = Folder::new();
+    let server = Server::start(&folder, &["--workers", "2"]);
+    let jobs = [server.accept(&oscillator(ENDLESS)), server.accept(&oscillator(ENDLESS))];
+    jobs.iter().for_each(|path| drop(server.reaches(path, &["running"])));
+    let workers = workers(&server);
+    assert_eq!(workers.len(), 2);
+    signal("KILL", workers[0]);
+    let start = Instant::now();
+    let (killed, other) = loop {
+        let states = jobs.each_ref().map(|path| server.get(path).json());
+        match states.each_ref().map(|state| state["status"] == "failed") {
+            [true, false] => break (states[0].clone(), &jobs[1]),
+            [false, true] => break (states[1].clone(), &jobs[0]),
+            both => assert!(!both[0] && start.elapsed() < Duration::from_secs(20), "{states:?}"),
+        }
+        thread::sleep(Duration::from_millis(5));
+    };
+    assert!(message(&killed).starts_with("killed: signal 9"), "{killed}");
+    assert_eq!(server.get("/healthz").status, 200);
+    let before = server.get(other).json();
+    thread::sleep(Duration::from_millis(500));
+    let after = server.get(other).json();
+    assert_eq!((&after["status"], &after["attempt"]), (&"running".into(), &1.into()));
+    assert!(after["steps"].as_u64() > before["steps"].as_u64(), "{before} {after}");
+    server.reaches(&server.accept(DECAY), &["successful"]);
+}
+
+#[test]
+fn a_worker_that_is_killed_at_rest_is_replaced_unnoticed() {
+    let folder = Folder::new();
+    let server = Server::start(&folder, &["--workers", "1"]);
+    for _ in 0..5 {
+        let before = workers(&server);
+        signal("KILL", before[0]);
+        server.reaches(&server.accept(DECAY), &["successful"]);
+        assert_ne!(workers(&server), before);
+    }
+}
+
+#[test]
+fn no_worker_outlives_a_service_that_is_killed() {
+    let folder = Folder::new();
+    let server = Server::start(&folder, &["--workers", "2"]);
+    for path in [server.accept(&oscillator(ENDLESS)), server.accept(&oscillator(ENDLESS))] {
+        server.reaches(&path, &["running"]);
+    }
+    let workers = workers(&server);
+    assert!(workers.iter().all(|pid| works(*pid)), "{workers:?}");
+    server.kill();
+    thread::sleep(Duration::from_secs(1));
+    assert!(!workers.iter().any(|pid| lives(*pid)), "{workers:?}");
+}
+
+#[test]
+fn a_worker_confines_itself() {
+    let folder = Folder::new();
+    let server = Server::start(&folder, &["--workers", "1", "--memory-mib", "100"]);
+    let pid = workers(&server)[0];
+    let limits = fs::read_to_string(format!("/proc/{pid}/limits")).unwrap();
+    let hard = |name: &str| {
+        let line = limits.lines().find(|line| line.starts_with(name)).unwrap();
+        line.split_whitespace().rev().nth(1).unwrap().parse::<u64>().unwrap()
+    };
+    // Beside what a solve may take, the program's own: some ten MiB, eight for a stack, 64 for documents and messages.
+    let data = hard("Max data size") >> 20;
+    assert!((172..200).contains(&data), "{data} MiB");
+    assert_eq!((hard("Max core file size"), hard("Max open files")), (0, 16));
+    assert_eq!(fs::read_to_string(format!("/proc/{pid}/oom_score_adj")).unwrap().trim(), "1000");
+    assert!(fs::read(format!("/proc/{pid}/environ")).unwrap().len() < 100, "no secrets of the service");
+}
+
+#[test]
+fn a_job_that_does_not_heed_its_deadline_is_ended() {
+    let folder = Folder::new();
+    let server = Server::start(&folder, &["--workers", "1", "--wall-seconds", "1"]);
+    let path = server.accept(&oscillator(ENDLESS));
+    server.reaches(&path, &["running"]);
+    // What has been stopped heeds nothing.
+    signal("STOP", workers(&server)[0]);
+    assert!(message(&server.reaches(&path, &["failed"])).starts_with("overran: "));
+    server.reaches(&server.accept(DECAY), &["successful"]);
+}
+
+#[test]
+fn a_cancel_reaches_the_worker_and_brings_the_trajectory_so_far() {
+    let folder = Folder::new();
+    let server = Server::start(&folder, &["--workers", "1"]);
+    let path = server.accept(&oscillator(ENDLESS));
+    server.reaches(&path, &["running"]);
+    thread::sleep(Duration::from_millis(300));
+    let state = server.get(&path).json();
+    assert!(state["steps"].as_u64() > Some(0), "{state}");
+    let start = Instant::now();
+    server.send("POST", &format!("{path}/cancel"), "", "");
+    server.reaches(&path, &["dismissed"]);
+    println!("cancelled after {:?}", start.elapsed());
+    // A machine that others use as well may take a second by itself.
+    assert!(start.elapsed() < Duration::from_secs(2), "{:?}", start.elapsed());
+    let result = server.get(&format!("{path}/results")).json();
+    assert!(result["trajectory"]["t"].as_array().unwrap().len() > 10);
+}
+
+/// A heat equation above an obstacle in a cube, of a million nodes: some 200 bytes that take seconds to check.
+const CUBE: &str = r#"{"problem":{"obstacle":{"domain":{"x":[0,1],"y":[0,1],"z":[0,1]},"elements":100,"diffusion":"1+x*y",
+"initial":"sin(x)*sin(y)","obstacle":"-x"}},"time":{"end":1}}"#;
+
+#[test]
+fn a_check_that_takes_too_much_memory_ends_alone() {
+    let folder = Folder::new();
+    let server = Server::start(&folder, &["--workers", "1", "--memory-mib", "1"]);
+    // Spheres in a row: five MiB of text, of which some two hundred are made.
+    let sphere = |k: u32| format!(r#"{{"shape":{{"sphere":{{"radius":1}}}},"density":1,"position":[{},0,0]}}"#, 3 * k);
+    let row: Vec<String> = (0..60_000).map(sphere).collect();
+    let document = format!(
+        r#"{{"problem":{{"rigid_bodies":{{"bodies":[{}]}}}},"time":{{"end":1}},"method":{{"step":0.01}}}}"#,
+        row.join(",")
+    );
+    let answer = server.send("POST", "/check", "", &document);
+    answer.problem(422, "too-much-memory");
+    assert!(answer.json()["detail"].as_str().unwrap().starts_with("it took more than the 1 MiB"), "{answer:?}");
+    assert_eq!(server.send("POST", "/check", "", DECAY).status, 200);
+    assert_eq!(server.send("POST", "/check", "", CUBE).status, 200);
+}
+
+#[test]
+fn a_check_stops_when_its_client_goes_away() {
+    let folder = Folder::new();
+    let server = Server::start(&folder, &["--workers", "1"]);
+    let at_rest = workers(&server);
+    let mut stream = TcpStream::connect(&server.address).unwrap();
+    let length = CUBE.len();
+    write!(stream, "POST /check HTTP/1.1\r\nhost: localhost\r\ncontent-length: {length}\r\n\r\n{CUBE}").unwrap();
+    let start = Instant::now();
+    let checker = loop {
+        if let Some(pid) = workers(&server).into_iter().find(|pid| !at_rest.contains(pid) && works(*pid)) {
+            break pid;
+        }
+        assert!(start.elapsed() < Duration::from_secs(20), "no worker checks");
+    };
+    drop(stream);
+    // It heeds the wish, or is ended half a second later.
+    thread::sleep(Duration::from_secs(1));
+    assert!(!works(checker));
+    assert_eq!(server.get("/healthz").status, 200);
+}
+
+/// Runs the test of that name in a process of its own, and gives the cause of its end.
+fn death_in(name: &str) -> Death {
+    let name = format!("workers::{name}");
+    let run = Command::new(std::env::current_exe().unwrap())
+        .args([&name, "--exact", "--ignored", "--nocapture"])
+        .output()
+        .unwrap();
+    Death::of(run.status, &String::from_utf8_lossy(&run.stderr))
+}
+
+fn descend(depth: u64) -> u64 {
+    if depth == u64::MAX { 0 } else { 1 + descend(std::hint::black_box(depth + 1)) }
+}
+
+#[test]
+#[ignore = "it takes its process down, to be looked at by another test"]
+fn overflows() {
+    println!("{}", descend(0));
+}
+
+#[test]
+#[ignore = "it takes its process down, to be looked at by another test"]
+fn takes_too_much() {
+    Confinement::impose(1 << 20);
+    println!("{:?}", vec![1_u8; 200 << 20].iter().max());
+}
+
+#[test]
+fn the_last_words_of_a_process_tell_why_it_died() {
+    assert_eq!(death_in("overflows"), Death::StackOverflow);
+    assert_eq!(death_in("takes_too_much"), Death::TooMuchMemory(Some(200 << 20)));
+}
+
+/// A result without its evidence, in which times are measured.
+fn without_evidence(json: &[u8]) -> Value {
+    let mut result: Value = serde_json::from_slice(json).unwrap();
+    result.as_object_mut().unwrap().remove("diagnostics");
+    result
+}
+
+#[test]
+fn results_have_the_bits_of_those_of_the_program() {
+    let folder = Folder::new();
+    let server = Server::start(&folder, &["--workers", "2"]);
+    for name in ["diode_bridge", "friction_belt", "bouncing_ball", "memory_abel", "rocking_block"] {
+        let file = format!("{}/api/examples/{name}.json", env!("CARGO_MANIFEST_DIR"));
+        let Ok(document) = fs::read_to_string(&file) else { panic!("{file}") };
+        let path = server.accept(&document);
+        server.reaches(&path, &["successful"]);
+        let served = server.get(&format!("{path}/results")).body;
+        let solved = Command::new(DVI).args(["solve", &file]).output().unwrap().stdout;
+        assert!(without_evidence(served.as_bytes()) == without_evidence(&solved), "{name}");
+    }
+}
