@@ -70,7 +70,8 @@ impl Graph {
     }
 }
 
-/// The degree of a term of operands with these degrees, the second of which may be a number.
+/// The degree of the result of an operator on polynomials of degrees `a` and `b`; `number` is the value of the second operand
+/// where that is a constant. `None` where an operand or the result is no polynomial.
 fn degree_of(operator: Operator, a: Option<u32>, b: Option<u32>, number: Option<f64>) -> Option<u32> {
     let (a, b) = (a?, b?);
     match operator {

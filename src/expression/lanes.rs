@@ -28,7 +28,7 @@ pub(super) struct Lanes {
 }
 
 impl Lanes {
-    /// The operator at the pairs of registers `(a[i], b[i])`, of which there is at least one.
+    /// The operator at the pairs of registers `(a[i], b[i])`, at least one pair.
     pub(super) fn new(operator: Operator, a: Vec<u32>, b: Vec<u32>) -> Self {
         Self { operator, length: a.len(), a: Operands::new(a), b: Operands::new(b) }
     }
@@ -56,7 +56,7 @@ impl Lanes {
         }
     }
 
-    /// The same at several points, of which the first `count` are asked for.
+    /// Writes all results at the first `count` of `L` points; those at the other points may be anything.
     pub(super) fn evaluate_points<const L: usize>(
         &self,
         registers: &[[f64; L]],

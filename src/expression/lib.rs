@@ -45,6 +45,7 @@ pub use kinks::{Kink, Kinks};
 pub use lipschitz::{Irregularities, Irregularity};
 pub use pace::Pace;
 pub use parameters::{Assumption, Assumptions, Broken};
+pub use points::MOST_LANES;
 pub use scope::nearest;
 pub use scope::{NameError, Scope};
 pub use tape::Tape;

@@ -12,8 +12,8 @@ use super::operator::Operator;
 use super::tape::Tape;
 use rustc_hash::FxHashMap;
 
-/// The degree up to which polynomials have no pace: points between which a phase passes by less than half a turn show them.
-const PLAIN_DEGREE: u32 = 3;
+/// The degree in the input up to which polynomials have pace zero: the stages of a step of any size show them.
+const SLOW_DEGREE: u32 = 3;
 
 /// The largest rate of some expressions, compiled.
 #[derive(Clone, Debug, Default)]
@@ -28,7 +28,7 @@ pub struct Pace {
 struct Course {
     /// The degree of its polynomials.
     degree: u32,
-    /// Its pace; zero where there is none.
+    /// Its pace; `None` stands for zero.
     pace: Option<Node>,
 }
 
@@ -75,7 +75,7 @@ impl Graph {
         }
         let mut fastest = None;
         for node in nodes {
-            let course = courses.get(node).filter(|course| course.degree <= PLAIN_DEGREE)?;
+            let course = courses.get(node).filter(|course| course.degree <= SLOW_DEGREE)?;
             fastest = self.faster(fastest, course.pace);
         }
         Some(fastest)
@@ -107,7 +107,7 @@ impl Graph {
                 let is_fixed = self.inputs(slope).is_empty();
                 is_fixed.then(|| Course { degree: 0, pace: Some(self.unary(Operator::Abs, slope)) })
             }
-            // A break in time alone, of which there is one: steps end there.
+            // One break in time alone, where the argument, of first degree, is zero: steps end there.
             Operator::Abs | Operator::Sign | Operator::Heaviside | Operator::Min | Operator::Max
                 if self.inputs_of(&[a, b]) == [0] && of_a.degree.max(of_b.degree) == 1 =>
             {

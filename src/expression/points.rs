@@ -4,7 +4,7 @@
 use super::tape::{Block, Tape};
 
 /// The most points that are evaluated side by side: a register is then one line of a cache.
-const MOST_LANES: usize = 8;
+pub const MOST_LANES: usize = 8;
 
 /// The registers of a program, each at several points.
 #[derive(Clone, Debug, Default)]

@@ -9,7 +9,7 @@
 
 use super::ParametricTerms;
 use super::forcing_slopes::Slopes;
-use expression::{Breaks, ExpressionError, Graph, IntervalWorkspace, Node, Pace, Tape};
+use expression::{Breaks, ExpressionError, Graph, IntervalWorkspace, MOST_LANES, Node, Pace, Tape};
 use numerics::Interval;
 use problem::{ConvexSet, Dvi, ForcingSlopes, Mass, MovingBound, Structure};
 
@@ -285,14 +285,11 @@ impl Dvi for Linear {
     }
 }
 
-/// The most points at which the matrix is multiplied at once: as many stages as a step has.
-const MOST_LANES: usize = 8;
-
-/// Rows are summed in so many parts side by side, which do not wait for each other.
+/// The number of partial sums of a row, which do not wait for each other.
 const PARTS: usize = 4;
 
-/// The products of a sparse row with `y` at several points, of which `y[j]` has unknown `j`: with the same bits whatever
-/// their number.
+/// The products of a sparse row with the unknowns at `L` points, where `y[j]` holds unknown `j` at all points. A product has the
+/// same bits for any `L`.
 #[inline(always)]
 fn products<const L: usize>(columns: &[u32], coefficients: &[f64], y: &[[f64; L]]) -> [f64; L] {
     let add = |sums: &mut [f64; L], column: u32, coefficient: f64| {

@@ -49,20 +49,21 @@ pub struct Controller {
     contraction: f64,
     /// Accepted steps since the order last changed.
     since_change: u32,
-    /// What steps too long to show what depends on time have taught.
+    /// How long steps may be for their stages to show what the rates do.
     caution: Caution,
 }
 
-/// How long steps stay as short as it takes for their stages to show what depends on time. No error estimate says when that
-/// may be forgotten, so a longer step is tried again after a number of steps that doubles each time it was in vain, and is
-/// halved by each step that is longer and shows it: what is lost, whichever lasts, is of the order of the steps that it takes.
+/// A bound on the step size while the rates do more, in time or along the states, than the stages of longer steps show. No
+/// error estimate says when the bound may be dropped, so a longer step is tried after a number of steps. That number doubles
+/// each time a longer step does not show the rates, and is halved each time one does: the work that is lost, whether or not
+/// the bound remains necessary, is of the order of the work of the steps that are needed.
 #[derive(Clone, Copy, Debug, Default)]
 struct Caution {
-    /// The size that is not to be exceeded.
+    /// The largest step size allowed.
     most: f64,
-    /// Accepted steps until a longer one is tried.
+    /// The number of accepted steps until a longer one is tried.
     left: u64,
-    /// As many as there were after the last step in vain.
+    /// The value of `left` after the last rejection.
     wait: u64,
 }
 
@@ -123,15 +124,15 @@ impl Controller {
         if first { 0.1 * h } else { h * Self::basic(s, error, newton, most).min(0.9) }
     }
 
-    /// The next step size after a step of size `h` whose stages did not show what depends on time, by `missed` times what is
-    /// allowed.
+    /// The next step size after a step of size `h` whose stages did not show what the rates do, in time or along the states:
+    /// `missed` is the error this causes in the states, in units of their tolerances.
     pub fn miss(&mut self, s: usize, h: f64, missed: f64, newton: usize, most: usize) -> f64 {
         let smaller = self.reject(s, h, missed, newton, most, false);
         self.caution.rejected(smaller);
         smaller
     }
 
-    /// The size of a step that ends ahead of what its stages did not show.
+    /// The next step size after a step whose stages did not show what the rates do from `size` on.
     pub fn cut(&mut self, size: f64) -> f64 {
         self.rejected = true;
         size

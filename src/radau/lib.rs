@@ -43,6 +43,7 @@ mod switches;
 mod system;
 mod tableau;
 mod unseen;
+mod work;
 
 pub use conditions::{AlgebraicStability, Conditions, Order, PositiveDiagonal, Vanishing};
 pub use face::{ActiveFace, Place};
@@ -52,5 +53,5 @@ pub use screening::{ALLOWED, Screened};
 pub use settings::{Cause, Settings, StageChoice, StepError, Switches};
 pub use stepper::{Counts, Radau, Variables};
 pub use switches::Switch;
-pub use system::{Rates, Work};
 pub use tableau::{MOST_STAGES, Tableau};
+pub use work::{Rates, Work};

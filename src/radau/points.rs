@@ -49,9 +49,9 @@ impl System<'_> {
         let rows = self.values.len();
         self.values.copy_from_slice(&points.values[rows * i..][..rows]);
         if !points.are_known {
-            self.count(t, y);
+            self.record(t, y);
         }
-        self.arrive(t, y)
+        self.set_last(t, y)
     }
 
     /// What [`System::phi`] does at point `i`.

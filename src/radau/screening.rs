@@ -17,6 +17,7 @@ use super::face::Monitor;
 use super::law::Excess;
 use super::stepper::Radau;
 use super::switches::Switching;
+use super::tableau::interpolation_error;
 use monitors::{Enclosure, Found};
 use on_face::{OnFace, Told};
 use part::Part;
@@ -192,10 +193,9 @@ impl Radau<'_> {
             tableau.increments_at(theta, &mut weights);
             at(theta).iter().zip(&begin).enumerate().any(|(row, (value, begin))| {
                 let of_nodes = || at_nodes.iter().map(|values| values[row]);
-                let change: f64 = of_nodes().zip(&weights).map(|(node, weight)| (node - begin) * weight).sum();
                 let ends = (begin.min(*value), begin.max(*value));
                 let (least, most) = of_nodes().fold(ends, |(a, b), node| (a.min(node), b.max(node)));
-                let off = (value - begin - change).abs();
+                let off = interpolation_error(*value, *begin, of_nodes(), &weights).abs();
                 off > RESOLVED * (most - least) && off > f64::EPSILON.sqrt() * most.abs().max(least.abs())
             })
         });

@@ -4,52 +4,18 @@
 //! diag(M, 0) y' = Phi(t, y),    Phi = (F, G_i or l_i - z_i or u_i - z_i),    y = (x, z)
 //! ```
 //!
-//! with [`FaceEquations`] in the rows of a block, and the counters of what was evaluated.
+//! with [`FaceEquations`] in the rows of a block: its rows at one point, and its derivatives in [`derivatives`].
+
+mod derivatives;
 
 use super::face::{ActiveFace, Place};
 use super::layout::Layout;
 use super::recent::Recent;
 use super::settings::StepError;
+use super::work::Work;
 use numerics::Interval;
 use problem::{Control, ConvexSet, Dvi, Face, FaceEquations, ForcingSlopes, Mass, Shape, Side, Structure, Workspace};
 use std::sync::Arc;
-
-/// What was evaluated, and how often.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Work {
-    /// Evaluations of `F` and `G`.
-    pub rates: u64,
-    /// Evaluations of their derivatives.
-    pub jacobians: u64,
-    /// Factorisations, a real and a complex one counted as one each.
-    pub factorisations: u64,
-    /// Newton iterations on the stages.
-    pub newton: u64,
-    /// How fast its increments shrank.
-    pub contraction: Rates,
-}
-
-/// The rates of convergence of Newton's method, where it took more than one iteration.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Rates {
-    count: u64,
-    sum: f64,
-    largest: f64,
-}
-
-impl Rates {
-    /// Takes a rate into account: the factor from one increment to the next.
-    pub fn observe(&mut self, rate: f64) {
-        self.count += 1;
-        self.sum += rate;
-        self.largest = self.largest.max(rate);
-    }
-
-    /// The mean and the largest; none where no rate was seen.
-    pub fn summary(&self) -> Option<(f64, f64)> {
-        (self.count > 0).then(|| (self.sum / self.count as f64, self.largest))
-    }
-}
 
 /// A problem on a face, with room for one evaluation and one Jacobian.
 pub struct System<'p> {
@@ -243,9 +209,9 @@ impl<'p> System<'p> {
         }
         self.values = values;
         if !is_known {
-            self.count(t, y);
+            self.record(t, y);
         }
-        self.arrive(t, y)
+        self.set_last(t, y)
     }
 
     /// Whether the rows of the last evaluation, which was at `(t, y)`, are finite; `None` where it was elsewhere.
@@ -262,20 +228,21 @@ impl<'p> System<'p> {
         found.inspect(|found| values.copy_from_slice(found)).is_some()
     }
 
-    /// Takes an evaluation at `(t, y)` into account, with the rows there at hand.
-    pub(super) fn count(&mut self, t: f64, y: &[f64]) {
+    /// Counts one evaluation at `(t, y)` and remembers its rows, which are those in `values`.
+    pub(super) fn record(&mut self, t: f64, y: &[f64]) {
         self.work.rates += 1;
         if let Some(recent) = &mut self.recent {
             recent.keep(t, y, &self.values);
         }
     }
 
-    /// Places the moving bounds by the rows at hand, which are those at `(t, y)`; false if one is not finite.
-    pub(super) fn arrive(&mut self, t: f64, y: &[f64]) -> bool {
+    /// Makes `(t, y)` the point of the last evaluation, whose rows are those in `values`, and places the moving bounds; false if
+    /// a row is not finite.
+    pub(super) fn set_last(&mut self, t: f64, y: &[f64]) -> bool {
         for (p, moving) in self.structure.moving.iter().enumerate() {
             moving.place(self.values[self.unknowns + p], &mut self.set);
         }
-        // Without an end at the first that is none: the loop is vectorised.
+        // All rows are read, even behind one that is not finite: so the loop is vectorised.
         let finite = self.values.iter().fold(true, |finite, value| finite & value.is_finite());
         self.last = Some((t, finite));
         self.last_y.copy_from_slice(y);
@@ -334,36 +301,6 @@ impl<'p> System<'p> {
         self.set.project_all(&mut y[self.states..], &mut self.workspace);
     }
 
-    /// Evaluates the derivatives at `(t, y)`; false if a number is not finite. Where a slope is infinite at `y`, as that of a
-    /// root at zero, it is taken beside it, where the states differ by their tolerances.
-    pub fn differentiate(&mut self, t: f64, y: &[f64]) -> bool {
-        if self.structure.constant_jacobian && self.work.jacobians > 0 {
-            return true;
-        }
-        self.work.jacobians += 1;
-        self.problem.jacobian(t, y, &mut self.derivatives);
-        self.derivatives.iter().all(|value| value.is_finite()) || self.differentiate_beside(t, y)
-    }
-
-    fn differentiate_beside(&mut self, t: f64, y: &[f64]) -> bool {
-        [1.0, -1.0].into_iter().any(|side| {
-            let mut beside = y.to_vec();
-            beside.iter_mut().zip(&self.tolerances).for_each(|(y, tolerance)| *y += side * tolerance);
-            self.problem.jacobian(t, &beside, &mut self.derivatives);
-            self.derivatives.iter().all(|value| value.is_finite())
-        })
-    }
-
-    /// The partial derivatives of `G` by `t` at `(t, y)`, into `values` (m).
-    pub fn time_derivative(&mut self, t: f64, y: &[f64], values: &mut [f64]) {
-        self.problem.time_derivative(t, y, values);
-    }
-
-    /// The nonzeros of the Jacobian as of the last differentiation, as `(row, column, value)`.
-    pub fn entries(&self) -> impl Iterator<Item = (usize, usize, f64)> {
-        self.structure.pattern.iter().zip(&self.derivatives).map(|(&(i, j), &value)| (i, j, value))
-    }
-
     /// `out = diag(M, 0) y`
     pub fn multiply_by_mass(&self, y: &[f64], out: &mut [f64]) {
         let n = self.states;
@@ -381,44 +318,9 @@ impl<'p> System<'p> {
         }
     }
 
-    /// `sum_j |dG_k/dy_j| size_j` for several sizes: how large the terms of `G_k` are, in which its rounding errors are
-    /// measured.
-    pub fn terms<const N: usize>(&self, k: usize, sizes: impl Fn(usize) -> [f64; N]) -> [f64; N] {
-        self.terms_of_row(self.states + k, sizes)
-    }
-
     /// The natural map of block `b` at the variables `z` as of the last evaluation, with `G` multiplied by `scale`.
     pub fn defect_of_block(&mut self, b: usize, z: &[f64], scale: f64) -> f64 {
         self.set.defect(b, z, &self.values[self.states..self.unknowns], scale, &mut self.workspace)
-    }
-
-    /// The same of the moving bounds of variable `k`.
-    pub fn terms_of_bounds(&self, k: usize, size: impl Fn(usize) -> f64) -> f64 {
-        let bounds = self.structure.moving.iter().enumerate().filter(|(_, moving)| moving.variable == k);
-        bounds.map(|(p, _)| self.terms_of_row(self.unknowns + p, |j| [size(j)])[0]).sum()
-    }
-
-    pub fn terms_of_row<const N: usize>(&self, row: usize, sizes: impl Fn(usize) -> [f64; N]) -> [f64; N] {
-        let mut sums = [0.0; N];
-        for (j, value) in self.entries_of_row(row) {
-            for (sum, size) in sums.iter_mut().zip(sizes(j)) {
-                *sum += value.abs() * size;
-            }
-        }
-        sums
-    }
-
-    /// The nonzeros of one row of the Jacobian as of the last differentiation, as `(column, value)`.
-    pub fn entries_of_row(&self, row: usize) -> impl Iterator<Item = (usize, f64)> {
-        let (first, last) = (self.row_starts[row], self.row_starts[row + 1]);
-        let pattern = &self.structure.pattern[first..last];
-        pattern.iter().zip(&self.derivatives[first..last]).map(|(&(_, j), &value)| (j, value))
-    }
-
-    /// The nonzeros of one row of the Jacobian, as places among all of them and columns.
-    pub fn places_of_row(&self, row: usize) -> impl Iterator<Item = (usize, usize)> {
-        let (first, last) = (self.row_starts[row], self.row_starts[row + 1]);
-        (first..last).zip(&self.structure.pattern[first..last]).map(|(at, &(_, j))| (at, j))
     }
 
     /// Whether a bound of variable `k` moves.
@@ -443,88 +345,5 @@ impl<'p> System<'p> {
         let mut moving = self.structure.moving.iter().zip(&values[self.unknowns..]);
         let own = moving.find(|(moving, _)| moving.side == Side::Radius && block.members.contains(&moving.variable));
         own.map_or(Interval::point(radius), |(_, value)| *value)
-    }
-
-    /// The nonzeros of `dG_k/dy` as of the last differentiation, as `(column, value)`.
-    pub fn entries_of_variable(&self, k: usize) -> impl Iterator<Item = (usize, f64)> {
-        self.entries_of_row(self.states + k)
-    }
-
-    /// Whether variables enter `G_k`, by the derivatives as of the last differentiation.
-    pub fn has_variables(&self, k: usize) -> bool {
-        self.entries_of_variable(k).any(|(j, value)| j >= self.states && value != 0.0)
-    }
-
-    /// `dG_k/dy . direction`
-    pub fn slope(&self, k: usize, direction: impl Fn(usize) -> f64) -> f64 {
-        self.entries_of_variable(k).map(|(j, value)| value * direction(j)).sum()
-    }
-
-    /// Writes `-dPhi/dy` on the face to the places of the layout, from the derivatives as they are.
-    pub fn negative_jacobian(&self, face: &ActiveFace, places: &mut [f64]) {
-        places.fill(0.0);
-        self.visit_derivatives(face, |_, _, place, value| places[place] -= value);
-    }
-
-    /// Visits the terms of `dPhi/dy` on the face, from the derivatives as they are, as `(row, column, place, value)`.
-    pub fn visit_derivatives(&self, face: &ActiveFace, mut visit: impl FnMut(usize, usize, usize, f64)) {
-        let n = self.states;
-        let structure = &self.structure;
-        let Layout { jacobian, spread, own, diagonal, .. } = &*self.layout;
-        for (at, (&(i, j), &value)) in structure.pattern.iter().zip(&self.derivatives).enumerate() {
-            let (variable, side) = match i.checked_sub(self.unknowns) {
-                _ if i < n => (None, None),
-                None => (Some(i - n), None),
-                Some(p) => (Some(structure.moving[p].variable), Some(structure.moving[p].side)),
-            };
-            let block = variable.and_then(|k| Some((self.set.block_of(k)?, k)));
-            if let Some((b, k)) = block {
-                let (members, equations) = (&self.set.blocks()[b].members, &self.linearised[b]);
-                if face.holds(members) {
-                    continue;
-                }
-                let column = members.iter().position(|member| *member == k).unwrap_or(0);
-                for (row, (member, &place)) in members.iter().zip(&spread[at]).enumerate() {
-                    let factor = match side {
-                        Some(_) => equations.by_radius[row],
-                        None => equations.combination_of(row)[column],
-                    };
-                    if factor != 0.0 {
-                        visit(n + member, j, place, factor * value);
-                    }
-                }
-                continue;
-            }
-            let is_on_face = match (variable, side) {
-                (None, _) => true,
-                (Some(k), None) => face.places[k] == Place::Inside,
-                (Some(k), Some(Side::Lower)) => face.places[k] == Place::Lower,
-                (Some(k), Some(Side::Upper)) => face.places[k] == Place::Upper,
-                (Some(_), Some(Side::Radius)) => false,
-            };
-            if is_on_face {
-                visit(variable.map_or(i, |k| n + k), j, jacobian[at], value);
-            }
-        }
-        for (&k, &place) in self.bounded.iter().zip(diagonal) {
-            let is_given = match self.set.block_of(k) {
-                Some(_) => face.places[k] == Place::Held,
-                None => face.places[k] != Place::Inside,
-            };
-            if is_given {
-                visit(n + k, n + k, place, -1.0);
-            }
-        }
-        for ((block, equations), places) in self.set.blocks().iter().zip(&self.linearised).zip(own) {
-            if face.holds(&block.members) {
-                continue;
-            }
-            let pairs = block.members.iter().flat_map(|k| block.members.iter().map(move |l| (k, l)));
-            for (((k, l), &place), &value) in pairs.zip(places).zip(&equations.own) {
-                if value != 0.0 {
-                    visit(n + k, n + l, place, value);
-                }
-            }
-        }
     }
 }

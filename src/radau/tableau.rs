@@ -197,6 +197,12 @@ impl Tableau {
     }
 }
 
+/// The error of interpolation at a point: `value` there, less the polynomial through `begin` and the values at the stages,
+/// with the `weights` that [`Tableau::increments_at`] writes for that point.
+pub fn interpolation_error(value: f64, begin: f64, at_stages: impl Iterator<Item = f64>, weights: &[f64]) -> f64 {
+    value - begin - at_stages.zip(weights).map(|(stage, weight)| weight * (stage - begin)).sum::<f64>()
+}
+
 /// A polynomial, given by powers of its argument, in the basis of Bernstein of this degree: `b_k = sum_i C(k,i)/C(n,i) a_i`.
 fn in_bernstein(powers: &[f64], degree: usize) -> Vec<f64> {
     let of = |k: usize| {

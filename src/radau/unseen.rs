@@ -1,5 +1,5 @@
 //! What the rates do within a step whose stages do not show it: a pulse between all of them, a hill that a particle passes, a
-//! ripple of which each happens to be at the same phase. No error estimate sees that.
+//! ripple that all stages meet at the same phase. No error estimate sees that.
 //!
 //! Along the polynomial `p` of the step, rates and the equations of variables inside are functions of time alone,
 //!
@@ -8,19 +8,17 @@
 //! ```
 //!
 //! and what the step misses is the mean of what they are beside the polynomial through their values at the stages, in which
-//! all that is linear in `p` falls out. So the derivatives by `y` are enclosed over the ranges of `p`: with their middles
-//! subtracted, as a linear part, `phi` has slopes within their radii times those of `p`, and between points that were looked
-//! at is beside its chord by no more than that allows. Time is enclosed with `y` as it is in the middle, and shows where its
-//! enclosure is not much wider than what is seen at both ends and in the middle, and nearly straight there. Where rows jump,
-//! their own enclosure is all that is known. A part of the step is halved until what is unseen of it is less than is allowed,
-//! or than a part of what the stages show; where the means are more than that then, and by so much that the step misses a
-//! tolerance, the step is made again, shorter.
+//! all that is linear in `p` falls out. A part of the step is halved until the bound on what points of it do not show (see
+//! [`bounds`]) is less than is allowed, or than a part of what the stages show. If the means are larger than that then, and by
+//! so much that the step misses a tolerance, the step is made again, shorter.
+
+mod bounds;
 
 use super::face::Place;
 use super::screening::part::Part;
 use super::stepper::Radau;
-use super::tableau::MOST_STAGES;
-use numerics::{Interval, is_seen, is_shown};
+use super::tableau::{MOST_STAGES, interpolation_error};
+use numerics::Interval;
 
 /// The part of their range at the stages by which rows may be off the polynomial through their values there: within it the
 /// stages show the shape, and the error estimate its error.
@@ -37,7 +35,7 @@ const MOST_PARTS: usize = 400;
 /// Looking into parts in vain may cost this many parts, those of two steps, and this many for each evaluation of the rates:
 /// where derivatives cannot be enclosed narrowly, the work of steps bounds that of looking. A part costs some forty
 /// evaluations, for derivatives in intervals and at three points, and these are about half of a run, so that a tenth of its
-/// time goes into looking. What is not looked at then is told.
+/// time goes into looking. A run reports the steps that were not looked into for that reason.
 const FREE: f64 = 2.0 * MOST_PARTS as f64;
 const SHARE: f64 = 0.005;
 
@@ -51,18 +49,20 @@ struct Row {
     has_feature: bool,
 }
 
-/// A part of the step, with the rows at its ends and in its middle, and what is unseen of them between.
+/// A part of the step, with the rows at its ends and in its middle.
 struct Piece {
     part: Part,
     values: [Vec<f64>; 3],
+    /// The bound on how far the mean of each row may be from what these values show.
     unseen: Vec<f64>,
+    /// The largest of these bounds, in units of what is allowed in the mean over the whole step.
+    size: f64,
 }
 
 impl Piece {
-    /// What is unseen of it in its own mean, whatever its length, in units of what is allowed.
-    fn size(&self, course: &Course) -> f64 {
-        let rows = self.unseen.iter().zip(&course.rows);
-        rows.map(|(unseen, row)| unseen / row.allowed).fold(0.0, f64::max)
+    fn new(part: Part, values: [Vec<f64>; 3], unseen: Vec<f64>, rows: &[Row]) -> Self {
+        let size = unseen.iter().zip(rows).map(|(unseen, row)| unseen / row.allowed).fold(0.0, f64::max);
+        Self { part, values, unseen, size }
     }
 }
 
@@ -184,11 +184,13 @@ impl Radau<'_> {
         // Where functions of the states may not be looked at, time alone is.
         let is_affordable = room.spent <= FREE + SHARE * self.system.work.rates as f64;
         room.is_open = !is_affordable && !self.system.features.is_empty();
-        let still = (self.system.features.is_empty() || !is_affordable).then(|| {
-            let mut y = vec![0.0; self.system.unknowns];
+        let unknowns = self.system.unknowns;
+        let middle = || {
+            let mut y = vec![0.0; unknowns];
             whole.values(0.5, &mut y);
             y
-        });
+        };
+        let still = (self.system.features.is_empty() || !is_affordable).then(middle);
         let mut course = Course { h, end, shown: vec![0.0; rows.len()], rows, still, at_nodes: Vec::new() };
         let is_slow = !self.is_fast(h) || self.is_narrow_in_time(&course, &whole, room)?;
         // The gaps between the stages, squared: for chords between these.
@@ -200,9 +202,7 @@ impl Radau<'_> {
             if is_slow {
                 return None;
             }
-            let mut y = vec![0.0; self.system.unknowns];
-            whole.values(0.5, &mut y);
-            course.still = Some(y);
+            course.still = Some(middle());
         }
         self.look_at_nodes(&mut course, &whole);
         let is_told = |(i, unseen): (usize, &f64)| *unseen <= course.rows[i].allowed.max(course.shown[i]);
@@ -224,117 +224,6 @@ impl Radau<'_> {
         let inside = (0..self.system.unknowns - n).filter(|&k| self.system.face.places[k] == Place::Inside);
         let rows = rates.chain(inside.map(|k| row(n + k, self.uncertainties(k, h)[1])));
         rows.filter(|row| self.is_fast(h) || row.has_feature).collect()
-    }
-
-    /// Whether rows vary with time by less than is allowed, all over a step.
-    fn is_narrow_in_time(&mut self, course: &Course, part: &Part, room: &mut Unseen) -> Option<bool> {
-        self.enclose_in_time(course, part, room)?;
-        Some(course.rows.iter().all(|row| {
-            let range = room.values[row.at];
-            range.defined && range.hi - range.lo <= row.allowed
-        }))
-    }
-
-    /// The times of a part.
-    fn times(&self, course: &Course, part: &Part) -> Interval {
-        let at = |theta: f64| self.t + theta.clamp(course.end, 1.0 - course.end) * course.h;
-        Interval::new(at(part.begin), at(part.begin + part.length).max(at(part.begin).next_up()))
-    }
-
-    /// Encloses rows over the times of a part, with the unknowns as they are in its middle.
-    fn enclose_in_time(&mut self, course: &Course, part: &Part, room: &mut Unseen) -> Option<()> {
-        let mut middle = vec![0.0; self.system.unknowns];
-        course.unknowns_at(part, 0.5, &mut middle);
-        room.y.iter_mut().zip(&middle).for_each(|(y, middle)| *y = Interval::point(*middle));
-        let times = self.times(course, part);
-        self.system.problem().enclose(times, &room.y, &mut room.values).then_some(())
-    }
-
-    /// By how much, over a part, the mean of each row at fixed times may be beside that of the chords between points whose
-    /// distances have squares of this sum, in parts of the part.
-    fn unseen_in_space(&mut self, course: &Course, part: &Part, squares: f64, room: &mut Unseen) -> Option<Vec<f64>> {
-        let mut unseen = vec![0.0; course.rows.len()];
-        if course.still.is_some() {
-            return Some(unseen);
-        }
-        part.ranges(&mut room.y);
-        let times = self.times(course, part);
-        let problem = self.system.problem();
-        let is_smooth = !problem.may_jump(times, &room.y)
-            && problem.enclose_derivatives(times, &room.y, &mut room.jacobian, &mut room.by_time);
-        if is_smooth {
-            for (j, slope) in room.slopes.iter_mut().enumerate() {
-                *slope = part.rate(j).magnitudes().1;
-            }
-            // A function with slopes in `+-r` is beside its chord by `r/2` of the distance at most, by a half of it in the mean.
-            for (unseen, row) in unseen.iter_mut().zip(&course.rows).filter(|(_, row)| row.has_feature) {
-                *unseen = 0.25 * squares * self.radius_of_slope(row.at, room);
-            }
-            let is_open = |(unseen, row): &(&mut f64, &Row)| **unseen > row.allowed;
-            if unseen.iter_mut().zip(&course.rows).any(|pair| is_open(&pair)) {
-                self.differentiate_at_points(course, part, room);
-                for (unseen, row) in unseen.iter_mut().zip(&course.rows).filter(is_open) {
-                    if self.are_slopes_shown(row.at, room) {
-                        *unseen = 0.0;
-                    }
-                }
-            }
-        } else {
-            let featured = unseen.iter_mut().zip(&course.rows).filter(|(_, row)| row.has_feature);
-            featured.for_each(|(unseen, _)| *unseen = f64::INFINITY);
-        }
-        let is_open = |(unseen, row): &(&mut f64, &Row)| **unseen > row.allowed;
-        if !unseen.iter_mut().zip(&course.rows).any(|pair| is_open(&pair)) {
-            return Some(unseen);
-        }
-        // Where rows hardly change, and at jumps, their own enclosure is the narrower one.
-        if !self.system.problem().enclose(times, &room.y, &mut room.values) {
-            return is_smooth.then_some(unseen);
-        }
-        for (unseen, row) in unseen.iter_mut().zip(&course.rows).filter(is_open) {
-            let range = room.values[row.at];
-            *unseen = if range.defined { unseen.min(range.hi - range.lo) } else { *unseen };
-        }
-        Some(unseen)
-    }
-
-    /// By how much the slope of a row along a part may be beside that which the middles of its derivatives make; infinite
-    /// where they are not defined all over it.
-    fn radius_of_slope(&self, row: usize, room: &Unseen) -> f64 {
-        let radius = |(at, j): (usize, usize)| {
-            let (_, radius) = room.jacobian[at].ball();
-            match room.jacobian[at].defined {
-                true if radius > 0.0 => radius * room.slopes[j],
-                true => 0.0,
-                false => f64::INFINITY,
-            }
-        };
-        let sum: f64 = self.system.places_of_row(row).map(radius).sum();
-        if sum.is_nan() { f64::INFINITY } else { sum }
-    }
-
-    /// The variation of derivatives between both ends and the middle of a part.
-    fn differentiate_at_points(&mut self, course: &Course, part: &Part, room: &mut Unseen) {
-        let unknowns = self.system.unknowns;
-        room.points.resize(3 * unknowns, 0.0);
-        let mut times = [0.0; 3];
-        for ((u, time), y) in [0.0, 0.5, 1.0].into_iter().zip(&mut times).zip(room.points.chunks_exact_mut(unknowns)) {
-            part.values(u, y);
-            *time = self.t + (part.begin + u * part.length).clamp(course.end, 1.0 - course.end) * course.h;
-        }
-        self.system.problem().vary_derivatives(times, &room.points, &mut room.variations);
-    }
-
-    /// Whether the derivatives of a row at these points show what they do between.
-    fn are_slopes_shown(&self, row: usize, room: &Unseen) -> bool {
-        let (mut width, mut range, mut bent) = (0.0, 0.0, 0.0);
-        for (at, j) in self.system.places_of_row(row) {
-            let slope = room.slopes[j];
-            width += 2.0 * room.jacobian[at].ball().1 * slope;
-            range += room.variations[at].0 * slope;
-            bent += room.variations[at].1 * slope;
-        }
-        is_shown(width, range, bent)
     }
 
     fn rows_at(&mut self, theta: f64, course: &Course, y: &[f64]) -> Vec<f64> {
@@ -370,40 +259,10 @@ impl Radau<'_> {
         let mut weights = [0.0; MOST_STAGES];
         let weights = &mut weights[..self.tableau().stages()];
         self.tableau().increments_at(theta, weights);
-        let off = |row: &Row| {
-            let begin = course.at_nodes[0][row.at];
-            let nodes = course.at_nodes[1..].iter().zip(&*weights);
-            values[row.at] - begin - nodes.map(|(values, weight)| weight * (values[row.at] - begin)).sum::<f64>()
-        };
+        let (begin, stages) = (&course.at_nodes[0], &course.at_nodes[1..]);
+        let at_stages = |at: usize| stages.iter().map(move |values| values[at]);
+        let off = |&Row { at, .. }: &Row| interpolation_error(values[at], begin[at], at_stages(at), weights);
         course.rows.iter().map(off).collect()
-    }
-
-    /// By how much, over a part, the mean of each row may be beside what its values at both ends and in the middle show.
-    fn unseen_of(
-        &mut self,
-        course: &Course,
-        part: &Part,
-        values: &[Vec<f64>; 3],
-        room: &mut Unseen,
-    ) -> Option<Vec<f64>> {
-        let mut unseen = self.unseen_in_space(course, part, 0.5, room)?;
-        if !self.is_fast(course.h) {
-            return Some(unseen);
-        }
-        let still = course.still.is_none().then(|| {
-            let mut middle = vec![0.0; self.system.unknowns];
-            part.values(0.5, &mut middle);
-            [0.0, 1.0].map(|u| self.rows_at(part.begin + u * part.length, course, &middle))
-        });
-        let [first, last] = still.as_ref().map_or([&values[0], &values[2]], |[first, last]| [first, last]);
-        self.enclose_in_time(course, part, room)?;
-        for (unseen, row) in unseen.iter_mut().zip(&course.rows) {
-            let range = room.values[row.at];
-            if !is_seen(range, [first[row.at], values[1][row.at], last[row.at]], row.allowed) {
-                *unseen += if range.defined { range.hi - range.lo } else { f64::INFINITY };
-            }
-        }
-        Some(unseen)
     }
 
     /// The means over the step of what rows are beside the polynomial through their values at the nodes.
@@ -417,13 +276,11 @@ impl Radau<'_> {
         };
         let values = [0.0, 0.5, 1.0].map(|u| look(self, course, &whole, u));
         let unseen = self.unseen_of(course, &whole, &values, room)?;
-        let (mut pieces, mut enclosed) = (vec![Piece { part: whole, values, unseen }], 1);
-        // The piece of which most is unseen comes first: what rounding leaves of enclosures elsewhere does not bury a feature.
-        let first = |pieces: &[Piece]| {
-            (0..pieces.len()).max_by(|&i, &j| pieces[i].size(course).total_cmp(&pieces[j].size(course)))
-        };
-        while let Some(at) = first(&pieces) {
-            let Piece { mut part, values, unseen } = pieces.swap_remove(at);
+        let (mut pieces, mut enclosed) = (vec![Piece::new(whole, values, unseen, &course.rows)], 1);
+        // The piece with the widest bound comes first: the rounding errors of enclosures elsewhere do not bury a feature.
+        let widest = |pieces: &[Piece]| (0..pieces.len()).max_by(|&i, &j| pieces[i].size.total_cmp(&pieces[j].size));
+        while let Some(at) = widest(&pieces) {
+            let Piece { mut part, values, unseen, .. } = pieces.swap_remove(at);
             let (length, times) = (part.length, self.times(course, &part));
             let offs: [Vec<f64>; 3] =
                 std::array::from_fn(|i| self.off_at(part.begin + 0.5 * i as f64 * length, course, &values[i]));
@@ -441,7 +298,7 @@ impl Radau<'_> {
                 let [first, middle, last] = values;
                 for (part, values) in [(part, [first, quarter, middle.clone()]), (second, [middle, later, last])] {
                     let unseen = self.unseen_of(course, &part, &values, room)?;
-                    pieces.push(Piece { part, values, unseen });
+                    pieces.push(Piece::new(part, values, unseen, &course.rows));
                 }
                 continue;
             }

@@ -67,7 +67,7 @@ impl Leg<'_, '_> {
         self.at(begin, &mut x);
         self.watch.settle(begin, &x);
         let (h, radau) = (end - begin, &self.located.radau);
-        let of_v: Vec<f64> = x[n..].iter().zip(&radau.atol[n..]).map(|(v, atol)| atol + radau.rtol * v.abs()).collect();
+        let of_v = radau.tolerances(n, &x[n..]);
         let mass = self.watch.masses();
         let forces = mass.zip(&of_v).map(|(mass, of_v)| mass * of_v / h);
         let constraints = self.watch.constraints();
@@ -109,18 +109,15 @@ impl Leg<'_, '_> {
         None
     }
 
-    /// Whether the slopes of velocities at a time are off by this many tolerances over a length of time.
-    fn is_off(&mut self, t: f64, length: f64, tolerances: f64) -> bool {
+    /// Whether the slopes of velocities at a time are off by this multiple of their tolerances over a length of time.
+    fn is_off(&mut self, t: f64, length: f64, multiple: f64) -> bool {
         let n = self.located.structure.coordinates;
         let mut x = vec![0.0; 2 * n];
         self.at(t, &mut x);
         let slopes = self.slopes_at(t);
         self.watch.settle(t, &x);
-        let radau = &self.located.radau;
-        (0..n).any(|i| {
-            let tolerance = radau.atol[n + i] + radau.rtol * x[n + i].abs();
-            (slopes[n + i] - self.watch.a[i]).abs() * length > tolerances * tolerance
-        })
+        let tolerances = self.located.radau.tolerances(n, &x[n..]);
+        (0..n).any(|i| (slopes[n + i] - self.watch.a[i]).abs() * length > multiple * tolerances[i])
     }
 
     /// How far a step may go that was found to be off at a time.

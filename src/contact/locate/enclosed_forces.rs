@@ -50,7 +50,7 @@ impl Forces {
 }
 
 /// `K_m^-1`, by its blocks: accelerations and multipliers by forces and by biases.
-struct Inverse {
+pub(super) struct Inverse {
     a_by_r: DMatrix<f64>,
     a_by_w: DMatrix<f64>,
     l_by_r: DMatrix<f64>,
@@ -75,6 +75,27 @@ impl Inverse {
         let a = (0..r.len()).map(|i| of(&self.a_by_r, &self.a_by_w, i)).collect();
         (a, (0..w.len()).map(|i| of(&self.l_by_r, &self.l_by_w, i)).collect())
     }
+
+    /// The terms of `-da_i/dx_j`, as factors and the derivatives that they multiply: those by `x_j` of `M a - f - G lambda` and,
+    /// in the held `rows`, of `C a + gamma`. There are `count` components of `x`.
+    fn terms_of_slope(
+        &self,
+        (i, j): (usize, usize),
+        count: usize,
+        rows: &[usize],
+        slopes: &SensitivityRange,
+    ) -> impl Iterator<Item = (f64, Interval)> {
+        let of_balance = (0..self.a_by_r.ncols()).map(move |k| (self.a_by_r[(i, k)], slopes.balance[k * count + j]));
+        let of_rows = rows.iter().enumerate();
+        let of_rows = of_rows.map(move |(l, &row)| (self.a_by_w[(i, l)], slopes.acceleration[row * count + j]));
+        of_balance.chain(of_rows)
+    }
+}
+
+impl Solved {
+    fn whole_inverse(&self) -> &Inverse {
+        self.whole_inverse.get_or_init(|| Inverse::new(self))
+    }
 }
 
 impl Flight {
@@ -91,7 +112,7 @@ impl Flight {
         let rows = self.rows();
         // `G`, column by column.
         let columns: Vec<Vec<Interval>> = rows.iter().map(|&row| self.push_of(row, &dynamics, &directions)).collect();
-        let inverse = Inverse::new(solved);
+        let inverse = solved.whole_inverse();
         let (mut da, mut dl) = inverse.apply(&r, &w);
         // `K_m^-1 (K - K_m) (da, dlambda)`, the first of the further terms and, applied again, those that follow.
         let feed = |da: &[Interval], dl: &[Interval]| {
@@ -134,28 +155,25 @@ impl Flight {
         Some(Forces { a, lambda, dynamics })
     }
 
-    /// The derivatives of accelerations by `x` over a box, row by row, at the point of which the equations of the mode were
-    /// settled last: `-K_m^-1` of those of `M a - f - G lambda` and `C a + gamma`, without what changes of `M`, of directions
-    /// and of slips make of changes of `a` and `lambda`. False where they are not known.
+    /// Encloses the derivatives of accelerations by `x` over a box, row by row: `-K_m^-1` times those of `M a - f - G lambda` and
+    /// of `C a + gamma`, with the point `m` in the box at which the equations of the mode were settled last. Products of changes
+    /// of `M`, of directions and of slips with changes of `a` and `lambda` are left out. False where the
+    /// equations have no unique solution.
     pub(super) fn enclose_slopes(&mut self, t: Interval, x: &[Interval], slopes: &mut [Interval]) -> bool {
         let (a, lambda) = (self.a.clone(), self.lambda.clone());
         let mut range = SensitivityRange::default();
         self.problem().enclose_sensitivity(t, x, &a, &lambda, &mut range);
         let Some(solved) = self.solved_last().filter(|solved| solved.shift.is_none()) else { return false };
-        let inverse = Inverse::new(solved);
-        let (rows, count) = (self.rows(), x.len());
+        let (inverse, rows, count) = (solved.whole_inverse(), self.rows(), x.len());
         for (at, slope) in slopes.iter_mut().enumerate() {
-            let (i, j) = (at / count, at % count);
-            let of_balance = (0..a.len()).map(|k| (inverse.a_by_r[(i, k)], range.balance[k * count + j]));
-            let of_rows = rows.iter().enumerate();
-            let of_rows = of_rows.map(|(l, &row)| (inverse.a_by_w[(i, l)], range.acceleration[row * count + j]));
-            *slope = -sum(of_balance.chain(of_rows).map(|(factor, range)| Interval::point(factor) * range));
+            let terms = inverse.terms_of_slope((at / count, at % count), count, rows, &range);
+            *slope = -sum(terms.map(|(factor, range)| Interval::point(factor) * range));
         }
         true
     }
 
-    /// How what these are made of varies between three points one after the other, the middle one of which the equations of the
-    /// mode were settled last at, weighted as it enters them.
+    /// For each derivative of accelerations by `x`, the sums of the [`variation`]s of its terms between three successive points,
+    /// with `K_m`, accelerations and multipliers of the middle one, at which the equations of the mode were settled last.
     pub(super) fn vary_slopes(&mut self, times: [f64; 3], x: &[f64], variations: &mut [(f64, f64)]) {
         let (a, lambda, count) = (self.a.clone(), self.lambda.clone(), x.len() / 3);
         let mut at = 0;
@@ -167,17 +185,13 @@ impl Flight {
             range
         });
         let Some(solved) = self.solved_last() else { return };
-        let inverse = Inverse::new(solved);
-        let rows = self.rows();
+        let (inverse, rows) = (solved.whole_inverse(), self.rows());
         for (at, out) in variations.iter_mut().enumerate() {
-            let (i, j) = (at / count, at % count);
-            let of_balance = (0..a.len())
-                .map(|k| (inverse.a_by_r[(i, k)], [0, 1, 2].map(|point| of[point].balance[k * count + j].lo)));
-            let of_rows = rows.iter().enumerate().map(|(l, &row)| {
-                (inverse.a_by_w[(i, l)], [0, 1, 2].map(|point| of[point].acceleration[row * count + j].lo))
-            });
-            *out = of_balance.chain(of_rows).fold((0.0, 0.0), |(range, bent), (factor, values)| {
-                let varied = variation(values);
+            let [first, middle, last] =
+                of.each_ref().map(|range| inverse.terms_of_slope((at / count, at % count), count, rows, range));
+            let terms = first.zip(middle).zip(last);
+            *out = terms.fold((0.0, 0.0), |(range, bent), (((factor, first), (_, middle)), (_, last))| {
+                let varied = variation([first.lo, middle.lo, last.lo]);
                 (range + f64::abs(factor) * varied.0, bent + f64::abs(factor) * varied.1)
             });
         }

@@ -15,11 +15,13 @@
 //! those nearest to some loads `l` in the metric of `sum (lambda_n - l_n)^2/l_n + |lambda_t - l_t|^2/(mu l_n)`: with normal
 //! forces of the law of contact for `l`, each foot gives the same share of its friction, so that none slips before all must.
 
+use super::enclosed_forces::Inverse;
 use super::mode::{Status, held};
 use crate::delassus::dot;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2, Vector2, Vector3};
 use numerics::Interval;
 use problem::{Constraints, ConvexSet, Dvi, Mass, Mechanical, MechanicalStructure, Sensitivity, Structure};
+use std::cell::OnceCell;
 
 /// A pivot below this fraction of the largest is that of rows that depend on each other.
 const DEPENDENT: f64 = 1e-11;
@@ -73,6 +75,8 @@ pub(super) struct Solved {
     pub inverse: DMatrix<f64>,
     /// What the loads add where multipliers are not unique, to `a` and to `lambda`.
     pub shift: Option<(DVector<f64>, DVector<f64>)>,
+    /// The inverse of the whole matrix, computed when it is first asked for.
+    pub whole_inverse: OnceCell<Inverse>,
 }
 
 impl Solved {
@@ -98,7 +102,7 @@ impl Solved {
             let shift = &metric.load - &inverse * (gram * &metric.load);
             (&y * &shift, shift)
         });
-        Some(Self { matrix: matrix.clone(), mass, c, g, y, inverse, shift })
+        Some(Self { matrix: matrix.clone(), mass, c, g, y, inverse, shift, whole_inverse: OnceCell::new() })
     }
 
     /// `a` and `lambda` of `M a - G lambda = p`, `C a = w`, for several right sides.

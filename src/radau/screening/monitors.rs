@@ -182,9 +182,16 @@ impl Enclosure {
         // Monitors of states on their constraints have no error of these.
         let has_errors = told != Told::ByHiddenConstraints;
         if has_errors {
-            let inside = (0..system.unknowns - n).filter(|&k| system.face.places[k] == Place::Inside);
-            let of_intervals: Vec<usize> = inside.filter(|&k| system.set.block_of(k).is_none()).collect();
-            self.sharpen_residuals(on, part, h, &of_intervals);
+            // The equations of variables inside their intervals take the form of monitors as well: their values over the box
+            // are too wide for long steps.
+            let system = &*on.system;
+            let is_inside = |k: usize| system.face.places[k] == Place::Inside && system.set.block_of(k).is_none();
+            for k in (0..system.unknowns - n).filter(|&k| is_inside(k)) {
+                let slope = self.slope_of_row(system, part, h, n + k).size();
+                let noise = on.control.noise_of_g(system, k, &self.middle.y);
+                let sharper = self.middle.values[n + k].abs() + 0.5 * slope + noise;
+                self.residuals[n + k] = self.residuals[n + k].min(sharper);
+            }
         }
         self.follow(on, told, watched, left);
         let system = &*on.system;
@@ -233,17 +240,6 @@ impl Enclosure {
             !is_proven
         });
         may_fail
-    }
-
-    /// Takes the equations of these variables in the form of monitors: their values over the box are too wide for long steps.
-    fn sharpen_residuals(&mut self, on: &OnFace<'_, '_>, part: &Part, h: f64, of: &[usize]) {
-        let (system, n) = (&*on.system, on.system.states);
-        for &k in of {
-            let slope = self.slope_of_row(system, part, h, n + k).size();
-            let noise = on.control.noise_of_g(system, k, &self.middle.y);
-            let sharper = self.middle.values[n + k].abs() + 0.5 * slope + noise;
-            self.residuals[n + k] = self.residuals[n + k].min(sharper);
-        }
     }
 
     /// Whether no variable that hidden constraints alone tell enters a monitor, but for rounding, by the derivatives as they are.

@@ -3,7 +3,7 @@
 use super::Radau;
 use crate::consistent::inequality;
 use crate::face::ActiveFace;
-use crate::system::Work;
+use crate::work::Work;
 use problem::{ConvexSet, Dvi, FaceEquations};
 
 /// The variables at the end of a step.

@@ -1,0 +1,158 @@
+//! The derivatives of a system: the nonzeros of the Jacobian of the problem, its rows and sums over them, and `dPhi/dy` on a face
+//! of `K` at the places of the matrices of the stage equations.
+
+use super::System;
+use crate::face::{ActiveFace, Place};
+use crate::layout::Layout;
+use problem::Side;
+
+impl System<'_> {
+    /// Evaluates the derivatives at `(t, y)`; false if a number is not finite. Where a slope is infinite at `y`, as that of a
+    /// root at zero, it is taken beside it, where the states differ by their tolerances.
+    pub fn differentiate(&mut self, t: f64, y: &[f64]) -> bool {
+        if self.structure.constant_jacobian && self.work.jacobians > 0 {
+            return true;
+        }
+        self.work.jacobians += 1;
+        self.problem.jacobian(t, y, &mut self.derivatives);
+        self.derivatives.iter().all(|value| value.is_finite()) || self.differentiate_beside(t, y)
+    }
+
+    fn differentiate_beside(&mut self, t: f64, y: &[f64]) -> bool {
+        [1.0, -1.0].into_iter().any(|side| {
+            let mut beside = y.to_vec();
+            beside.iter_mut().zip(&self.tolerances).for_each(|(y, tolerance)| *y += side * tolerance);
+            self.problem.jacobian(t, &beside, &mut self.derivatives);
+            self.derivatives.iter().all(|value| value.is_finite())
+        })
+    }
+
+    /// The partial derivatives of `G` by `t` at `(t, y)`, into `values` (m).
+    pub fn time_derivative(&mut self, t: f64, y: &[f64], values: &mut [f64]) {
+        self.problem.time_derivative(t, y, values);
+    }
+
+    /// The nonzeros of the Jacobian as of the last differentiation, as `(row, column, value)`.
+    pub fn entries(&self) -> impl Iterator<Item = (usize, usize, f64)> {
+        self.structure.pattern.iter().zip(&self.derivatives).map(|(&(i, j), &value)| (i, j, value))
+    }
+
+    /// The nonzeros of one row of the Jacobian as of the last differentiation, as `(column, value)`.
+    pub fn entries_of_row(&self, row: usize) -> impl Iterator<Item = (usize, f64)> {
+        let (first, last) = (self.row_starts[row], self.row_starts[row + 1]);
+        let pattern = &self.structure.pattern[first..last];
+        pattern.iter().zip(&self.derivatives[first..last]).map(|(&(_, j), &value)| (j, value))
+    }
+
+    /// The nonzeros of one row of the Jacobian, as places among all of them and columns.
+    pub fn places_of_row(&self, row: usize) -> impl Iterator<Item = (usize, usize)> {
+        let (first, last) = (self.row_starts[row], self.row_starts[row + 1]);
+        (first..last).zip(&self.structure.pattern[first..last]).map(|(at, &(_, j))| (at, j))
+    }
+
+    /// The nonzeros of `dG_k/dy` as of the last differentiation, as `(column, value)`.
+    pub fn entries_of_variable(&self, k: usize) -> impl Iterator<Item = (usize, f64)> {
+        self.entries_of_row(self.states + k)
+    }
+
+    /// Whether variables enter `G_k`, by the derivatives as of the last differentiation.
+    pub fn has_variables(&self, k: usize) -> bool {
+        self.entries_of_variable(k).any(|(j, value)| j >= self.states && value != 0.0)
+    }
+
+    /// `dG_k/dy . direction`
+    pub fn slope(&self, k: usize, direction: impl Fn(usize) -> f64) -> f64 {
+        self.entries_of_variable(k).map(|(j, value)| value * direction(j)).sum()
+    }
+
+    /// `sum_j |dG_k/dy_j| size_j` for several sizes: how large the terms of `G_k` are, in which its rounding errors are
+    /// measured.
+    pub fn terms<const N: usize>(&self, k: usize, sizes: impl Fn(usize) -> [f64; N]) -> [f64; N] {
+        self.terms_of_row(self.states + k, sizes)
+    }
+
+    /// `sum_j |dr/dy_j| size_j` for several sizes, with the row `r` of `F`, `G` and the moving bounds.
+    pub fn terms_of_row<const N: usize>(&self, row: usize, sizes: impl Fn(usize) -> [f64; N]) -> [f64; N] {
+        let mut sums = [0.0; N];
+        for (j, value) in self.entries_of_row(row) {
+            for (sum, size) in sums.iter_mut().zip(sizes(j)) {
+                *sum += value.abs() * size;
+            }
+        }
+        sums
+    }
+
+    /// `sum_j |dl_k/dy_j| size_j` of a moving lower bound of variable `k`, and of its moving upper bound, added up.
+    pub fn terms_of_bounds(&self, k: usize, size: impl Fn(usize) -> f64) -> f64 {
+        let bounds = self.structure.moving.iter().enumerate().filter(|(_, moving)| moving.variable == k);
+        bounds.map(|(p, _)| self.terms_of_row(self.unknowns + p, |j| [size(j)])[0]).sum()
+    }
+
+    /// Writes `-dPhi/dy` on the face to the places of the layout, from the derivatives as they are.
+    pub fn negative_jacobian(&self, face: &ActiveFace, places: &mut [f64]) {
+        places.fill(0.0);
+        self.visit_derivatives(face, |_, _, place, value| places[place] -= value);
+    }
+
+    /// Visits the terms of `dPhi/dy` on the face, from the derivatives as they are, as `(row, column, place, value)`.
+    pub fn visit_derivatives(&self, face: &ActiveFace, mut visit: impl FnMut(usize, usize, usize, f64)) {
+        let n = self.states;
+        let structure = &self.structure;
+        let Layout { jacobian, spread, own, diagonal, .. } = &*self.layout;
+        for (at, (&(i, j), &value)) in structure.pattern.iter().zip(&self.derivatives).enumerate() {
+            let (variable, side) = match i.checked_sub(self.unknowns) {
+                _ if i < n => (None, None),
+                None => (Some(i - n), None),
+                Some(p) => (Some(structure.moving[p].variable), Some(structure.moving[p].side)),
+            };
+            let block = variable.and_then(|k| Some((self.set.block_of(k)?, k)));
+            if let Some((b, k)) = block {
+                let (members, equations) = (&self.set.blocks()[b].members, &self.linearised[b]);
+                if face.holds(members) {
+                    continue;
+                }
+                let column = members.iter().position(|member| *member == k).unwrap_or(0);
+                for (row, (member, &place)) in members.iter().zip(&spread[at]).enumerate() {
+                    let factor = match side {
+                        Some(_) => equations.by_radius[row],
+                        None => equations.combination_of(row)[column],
+                    };
+                    if factor != 0.0 {
+                        visit(n + member, j, place, factor * value);
+                    }
+                }
+                continue;
+            }
+            let is_on_face = match (variable, side) {
+                (None, _) => true,
+                (Some(k), None) => face.places[k] == Place::Inside,
+                (Some(k), Some(Side::Lower)) => face.places[k] == Place::Lower,
+                (Some(k), Some(Side::Upper)) => face.places[k] == Place::Upper,
+                (Some(_), Some(Side::Radius)) => false,
+            };
+            if is_on_face {
+                visit(variable.map_or(i, |k| n + k), j, jacobian[at], value);
+            }
+        }
+        for (&k, &place) in self.bounded.iter().zip(diagonal) {
+            let is_given = match self.set.block_of(k) {
+                Some(_) => face.places[k] == Place::Held,
+                None => face.places[k] != Place::Inside,
+            };
+            if is_given {
+                visit(n + k, n + k, place, -1.0);
+            }
+        }
+        for ((block, equations), places) in self.set.blocks().iter().zip(&self.linearised).zip(own) {
+            if face.holds(&block.members) {
+                continue;
+            }
+            let pairs = block.members.iter().flat_map(|k| block.members.iter().map(move |l| (k, l)));
+            for (((k, l), &place), &value) in pairs.zip(places).zip(&equations.own) {
+                if value != 0.0 {
+                    visit(n + k, n + l, place, value);
+                }
+            }
+        }
+    }
+}
