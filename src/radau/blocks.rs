@@ -1,5 +1,6 @@
 //! The equations of the blocks of `K` on their faces, as rows of a [`System`].
 
+use super::face::Place;
 use super::newton_control::NewtonControl;
 use super::system::System;
 use problem::{Face, FaceEquations, Shape};
@@ -80,6 +81,44 @@ impl System<'_> {
             }
         }
         turned
+    }
+
+    /// Linearises the equations of blocks whose faces are all flat, which is the same everywhere.
+    pub fn linearise_flat_blocks(&mut self) {
+        let anywhere = vec![0.0; self.unknowns];
+        self.linearise_blocks(&anywhere, None);
+    }
+
+    /// Whether the face has an equation for variable `k` that is more than the bound it rests on, or what is given.
+    pub fn has_equation(&self, k: usize) -> bool {
+        match self.face.places[k] {
+            Place::Inside => true,
+            Place::Held => false,
+            _ => self.set.block_of(k).is_some(),
+        }
+    }
+
+    /// Whether the equation of variable `k` is one of `z` alone, by the last linearisation of its block.
+    pub fn is_constraint(&self, k: usize) -> bool {
+        self.place_in_block(k).is_some_and(|(b, at)| self.linearised[b].is_of_z[at])
+    }
+
+    /// The rows of `G` in the equation of variable `k`, with their factors by the last linearisation of its block, as pairs of a
+    /// variable and its factor; none where it is one of `z` alone.
+    pub fn rows_of_equation(&self, k: usize) -> impl Iterator<Item = (usize, f64)> {
+        let own = self.place_in_block(k).is_none().then_some((k, 1.0));
+        let of_block = self.place_in_block(k).into_iter().flat_map(|(b, at)| {
+            let factors = self.linearised[b].combination_of(at).iter().copied();
+            self.set.blocks()[b].members.iter().copied().zip(factors).filter(|(_, factor)| *factor != 0.0)
+        });
+        own.into_iter().chain(of_block)
+    }
+
+    /// The block of a variable, and its place there.
+    fn place_in_block(&self, k: usize) -> Option<(usize, usize)> {
+        let b = self.set.block_of(k)?;
+        let at = self.set.blocks()[b].members.iter().position(|member| *member == k)?;
+        Some((b, at))
     }
 
     /// The partial derivatives of the rows of `Phi` by `t` from those of `G`, in place; those of constraints are not known

@@ -92,15 +92,18 @@ impl Consistent {
         }
     }
 
-    /// How the variables inside answer to their equations; `None` where these are singular, a block is on its boundary, or the
+    /// How variables answer to the equations of the face; `None` where these are singular, a block is on a curved face, or the
     /// system is sparse.
-    pub fn response(&mut self, system: &System<'_>) -> Option<&Response> {
+    pub fn response(&mut self, system: &mut System<'_>) -> Option<&Response> {
         let Equations::Dense(equations) = &mut self.equations else { return None };
-        if !are_plain(system) {
+        if !are_flat(system) {
             return None;
         }
         self.inside.clear();
-        self.inside.extend((0..self.drift.len()).filter(|&k| system.face.places[k] == Place::Inside));
+        self.inside.extend((0..self.drift.len()).filter(|&k| system.has_equation(k)));
+        if !equations.is_known(system, &self.inside) {
+            system.linearise_flat_blocks();
+        }
         equations.response(system, &self.inside)
     }
 
@@ -123,13 +126,8 @@ impl Consistent {
             return false;
         }
         system.put_on_bounds(y);
-        let is_inside = |k: &usize| match system.face.places[*k] {
-            Place::Inside => true,
-            Place::Held => false,
-            _ => system.set.block_of(*k).is_some(),
-        };
         self.inside.clear();
-        self.inside.extend((0..system.unknowns - n).filter(is_inside));
+        self.inside.extend((0..system.unknowns - n).filter(|&k| system.has_equation(k)));
         if self.inside.is_empty() {
             return true;
         }
@@ -185,4 +183,10 @@ impl Consistent {
 fn are_plain(system: &System<'_>) -> bool {
     let mut blocks = system.set.blocks().iter().zip(&system.face.blocks);
     blocks.all(|(block, face)| matches!(face, Face::Interior | Face::Vertex) || system.face.holds(&block.members))
+}
+
+/// Whether the equations of the faces are linear in `z` and `G`.
+fn are_flat(system: &System<'_>) -> bool {
+    let mut blocks = system.set.blocks().iter().zip(&system.face.blocks);
+    blocks.all(|(block, face)| !matches!(face, Face::Boundary(_)) || system.face.holds(&block.members))
 }

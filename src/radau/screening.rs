@@ -6,6 +6,7 @@
 //! tolerances leave uncertain of it; it is seen to change it where it is negative, with the variables that belong to the
 //! states, at a point in between: there the step is cut.
 
+mod block_monitors;
 mod monitors;
 mod on_face;
 pub(super) mod part;
@@ -124,8 +125,8 @@ impl Radau<'_> {
         let Self { system, control, switching, consistent, .. } = self;
         let Switching { inside, constraints, .. } = switching;
         let told = OnFace { system, control, inside, constraints, consistent: consistent.as_mut() }.told();
-        // Monitors of blocks are taken from the polynomials of their variables, which hidden constraints need not follow.
-        let is_proof = of_blocks.is_empty() || told == Told::ByEquations;
+        // On curved faces monitors are taken from the polynomials of their variables, which hidden constraints need not follow.
+        let is_proof = of_blocks.is_empty() || told != Told::InPart;
         let are_told = told != Told::InPart || watched.is_empty();
         let mut parts = 0;
         let (mut most, mut least) = if are_told { (MOST_PARTS, SHORTEST) } else { (MOST_HIDDEN, LEAST) };
@@ -221,12 +222,8 @@ impl Radau<'_> {
         is_violated
     }
 
-    /// Whether a monitor that is violated at `theta` of the step whose stages are solved was positive before. Not so where
-    /// hidden constraints tell variables: these bring the states onto their face first.
+    /// Whether a monitor that is violated at `theta` of the step whose stages are solved was positive before.
     pub(super) fn rises_before(&mut self, theta: f64, h: f64) -> bool {
-        if !(0..self.system.unknowns - self.system.states).all(|k| self.system.has_variables(k)) {
-            return false;
-        }
         let (mut there, mut before) = (Vec::new(), Vec::new());
         self.monitors_at(theta, h, &mut there);
         (1..=RISES).any(|k| {

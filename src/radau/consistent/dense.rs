@@ -3,7 +3,7 @@
 use super::super::system::System;
 use factorisation::Singular;
 use nalgebra::{DMatrix, DVector, Dyn, LU};
-use problem::Mass;
+use problem::{Face, Mass};
 
 pub(super) struct Dense {
     /// `M`, factorised; none where it is the identity.
@@ -59,16 +59,28 @@ impl Dense {
     /// How the variables inside answer to `G` and to the hidden constraints, with the derivatives of `system` as they are;
     /// `None` if the equations are singular.
     pub fn response(&mut self, system: &System<'_>, inside: &[usize]) -> Option<&Response> {
-        let is_known = |known: &Response| known.jacobians == system.work.jacobians && known.inside == inside;
-        if !self.response.as_ref().is_some_and(is_known) {
+        if !self.is_known(system, inside) {
             self.response = self.response_of(system, inside);
         }
         self.response.as_ref()
     }
 
+    /// Whether the response was asked for last, on this face with these derivatives.
+    pub fn is_known(&self, system: &System<'_>, inside: &[usize]) -> bool {
+        self.response.as_ref().is_some_and(|known| {
+            known.jacobians == system.work.jacobians && known.inside == inside && known.blocks == system.face.blocks
+        })
+    }
+
     fn response_of(&mut self, system: &System<'_>, inside: &[usize]) -> Option<Response> {
-        let Blocks { d, derivative, .. } = self.blocks(system, inside)?;
+        let Blocks { mut d, derivative, .. } = self.blocks(system, inside)?;
         let count = inside.len();
+        // Equations of `z` alone have a unit of their own; beside those of `G` they are as large as these.
+        let of_z: Vec<usize> = (0..count).filter(|&row| system.is_constraint(inside[row])).collect();
+        let rest = (0..count).filter(|row| !of_z.contains(row)).map(|row| d.row(row).amax()).fold(0.0, f64::max);
+        if rest > 0.0 {
+            of_z.iter().for_each(|&row| d.row_mut(row).scale_mut(rest));
+        }
         let range = Singular::of(&d)?;
         let rank = range.rank(RANK);
         let (mut matrix, mut of_g, mut of_hidden) =
@@ -80,7 +92,8 @@ impl Dense {
         }
         let inverse = matrix.try_inverse().filter(|inverse| inverse.iter().all(|entry| entry.is_finite()))?;
         let (to_g, to_hidden) = (&inverse * of_g, inverse * of_hidden);
-        Some(Response { jacobians: system.work.jacobians, inside: inside.to_vec(), to_g, to_hidden })
+        let (inside, blocks) = (inside.to_vec(), system.face.blocks.clone());
+        Some(Response { jacobians: system.work.jacobians, inside, blocks, to_g, to_hidden })
     }
 
     /// The Newton step at the last evaluation of `system`, to be subtracted. False if the equations are singular.
@@ -162,10 +175,12 @@ struct Blocks {
     derivative: DMatrix<f64>,
 }
 
-/// How the variables inside answer to `G` and to the hidden constraints: they are off by `to_g G + to_hidden dG/dt`.
+/// How variables answer to the equations of the face and to the hidden constraints: they are off by `to_g Phi + to_hidden
+/// dPhi/dt`, but for equations of `z` alone, whose columns have other units.
 pub struct Response {
     jacobians: u64,
     pub inside: Vec<usize>,
+    blocks: Vec<Face>,
     pub to_g: DMatrix<f64>,
     pub to_hidden: DMatrix<f64>,
 }

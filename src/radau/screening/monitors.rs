@@ -23,9 +23,10 @@
 //! ```
 //!
 //! which depends on states and time alone, as exactly. Of other hidden constraints the residual is enclosed like that of `G`.
-//! Monitors of blocks are taken from the box alone, with the errors of the unknowns.
+//! Those of blocks: see [`BlockMonitors`].
 
 use super::MOST_PARTS;
+use super::block_monitors::BlockMonitors;
 use super::on_face::{OnFace, Told};
 use super::part::Part;
 use super::point::Point;
@@ -37,7 +38,7 @@ use crate::inside::Inside;
 use crate::system::System;
 use nalgebra::DVector;
 use numerics::Interval;
-use problem::{MonitorRange, Side};
+use problem::Side;
 
 /// Room for the enclosures over one part.
 #[derive(Debug, Default)]
@@ -59,9 +60,7 @@ pub(super) struct Enclosure {
     hidden: Vec<f64>,
     /// `M^-1 F` over the box.
     rates: Vec<Interval>,
-    /// `z` and `G` of one block, and its monitors.
-    members: [Vec<Interval>; 2],
-    of_block: Vec<MonitorRange>,
+    of_blocks: BlockMonitors,
     /// The monitors that the box does not prove, by their places among those that are watched.
     left: Vec<usize>,
     /// Whether no number of parts that is worth its while would prove them.
@@ -114,7 +113,13 @@ impl Enclosure {
             self.find_errors(on, false);
         }
         let system = &*on.system;
-        let are_blocks_proven = limits.is_empty() || self.are_blocks_proven(system, told, limits);
+        let by_slopes = told == Told::ByHiddenConstraints;
+        let mut are_blocks_proven = limits.is_empty()
+            || !by_slopes && {
+                // Of variables that hidden constraints tell in part no error is known here: they are taken from their polynomials.
+                let errors: &[f64] = if told == Told::ByEquations { &self.errors } else { &[] };
+                self.of_blocks.are_proven_by_box(system, &self.ranges, &self.values, errors, limits)
+            };
         let mut left = std::mem::take(&mut self.left);
         left.clear();
         left.extend((0..watched.len()).filter(|&at| {
@@ -125,7 +130,17 @@ impl Enclosure {
             }
         }));
         self.is_hopeless = false;
-        let may_fail = !left.is_empty() && self.may_fail(on, told, part, (t, h), watched, &mut left);
+        let mut may_fail = false;
+        if !(left.is_empty() && are_blocks_proven) && (!left.is_empty() || by_slopes) {
+            may_fail = !self.know_slopes(on, told, part, (t, h)) || {
+                let may_fail = self.may_fail(on, told, part, (t, h), watched, &mut left);
+                if by_slopes && !limits.is_empty() {
+                    let Self { of_blocks, rows, middle, values, .. } = self;
+                    are_blocks_proven = of_blocks.are_proven_by_slopes(on, rows, middle, values, (part, h), limits);
+                }
+                may_fail
+            };
+        }
         let found = match are_blocks_proven && left.is_empty() {
             true => Found::Proven,
             false if self.is_hopeless => Found::Hopeless,
@@ -133,6 +148,16 @@ impl Enclosure {
         };
         self.left = left;
         found
+    }
+
+    /// Whether the derivatives over the box and the values in the middle of the part are known.
+    fn know_slopes(&mut self, on: &mut OnFace<'_, '_>, told: Told, part: &Part, (t, h): (f64, f64)) -> bool {
+        let times = Interval::new(t.next_down(), (t + h).next_up());
+        if !self.enclose_rows(on.system, times) {
+            return false;
+        }
+        self.middle.set(on.system, told, part, (t, h), 0.5);
+        self.middle.is_finite
     }
 
     /// The derivatives of the rows over the box; whether they are known.
@@ -170,15 +195,7 @@ impl Enclosure {
         watched: &[Watched],
         left: &mut Vec<usize>,
     ) -> bool {
-        let times = Interval::new(t.next_down(), (t + h).next_up());
-        let (n, system) = (on.system.states, &mut *on.system);
-        if !self.enclose_rows(system, times) {
-            return true;
-        }
-        self.middle.set(system, told, part, (t, h), 0.5);
-        if !self.middle.is_finite {
-            return true;
-        }
+        let n = on.system.states;
         // Monitors of states on their constraints have no error of these.
         let has_errors = told != Told::ByHiddenConstraints;
         if has_errors {
@@ -324,31 +341,6 @@ impl Enclosure {
                 .map(|(at, j)| self.rows.jacobian[at] * self.rates[j]);
             self.hidden[k] = along.fold(self.rows.by_time[k], |sum, term| sum + term).size();
         }
-    }
-
-    /// Whether no monitor of a block falls below its limit over the box.
-    fn are_blocks_proven(&mut self, system: &System<'_>, told: Told, limits: &[[f64; 2]]) -> bool {
-        let n = system.states;
-        // Errors of variables that hidden constraints tell are not known here: they are taken from their polynomials.
-        let error = |j: usize| if told == Told::ByEquations { self.errors[j] } else { 0.0 };
-        system.set.blocks().iter().zip(&system.face.blocks).enumerate().all(|(b, (block, face))| {
-            if system.face.holds(&block.members) {
-                return true;
-            }
-            let [z, g] = &mut self.members;
-            z.clear();
-            let ball = |error: f64| Interval::new(-error, error);
-            z.extend(block.members.iter().map(|&k| self.ranges[n + k] + ball(error(n + k))));
-            g.clear();
-            let of_g = |k: usize| ball(system.terms(k, |j| [error(j)])[0]);
-            g.extend(block.members.iter().map(|&k| self.values[n + k] + of_g(k)));
-            block.shape.enclose_monitors(face, z, g, system.radius(b, &self.values), &mut self.of_block);
-            let [of_z, of_g] = limits[b];
-            self.of_block.iter().all(|monitor| match monitor {
-                MonitorRange::Distance(range) => range.defined && range.lo + of_z >= 0.0,
-                MonitorRange::Multiplier(range) => range.defined && range.lo + of_g >= 0.0,
-            })
-        })
     }
 
     /// The lower end of a monitor over the box with its limit added; NaN where it is not defined all over it.

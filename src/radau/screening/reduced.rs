@@ -86,8 +86,9 @@ impl Reduced {
         }
         if told == Told::ByHiddenConstraints {
             // Nothing is left of the variables inside, and of the others what rounding makes of the sums.
-            let is_told = |l: usize| system.face.places[l] == Place::Inside;
-            (0..system.unknowns - n).filter(|&l| is_told(l)).for_each(|l| gradient[n + l] = Interval::point(0.0));
+            (0..system.unknowns - n)
+                .filter(|&l| system.has_equation(l))
+                .for_each(|l| gradient[n + l] = Interval::point(0.0));
             for (slope, size) in gradient.iter_mut().zip(&sizes).filter(|(slope, _)| **slope != Interval::point(0.0)) {
                 let noise = f64::EPSILON * size;
                 *slope = *slope + Interval::new(-noise, noise);
@@ -108,9 +109,10 @@ impl Reduced {
         }
         let mut factors = Vec::new();
         on.constraints.change_of(on.system, on.control, y, |j| of_states[j], &mut factors);
-        let is_equation = |row: usize| row >= n && on.system.face.places[row - n] == Place::Inside;
+        let is_equation = |row: usize| row >= n && on.system.has_equation(row - n);
         let equations = factors.into_iter().filter(|(row, _)| is_equation(*row));
-        for (l, factor) in equations.map(|(row, factor)| (row - n, factor)) {
+        let of_g = rows_of(on.system, equations.map(|(row, factor)| (row - n, factor)));
+        for (l, factor) in of_g {
             match self.equations.iter_mut().find(|(other, _)| *other == l) {
                 Some((_, sum)) => *sum += factor,
                 None => self.equations.push((l, factor)),
@@ -140,16 +142,15 @@ impl Reduced {
 
     /// The factors of equations and hidden constraints that answer to a change of the variables inside as the monitor does.
     fn follow_hidden(&mut self, on: &mut OnFace<'_, '_>, by_variables: &[f64]) {
-        let system = &*on.system;
-        let n = system.states;
+        let n = on.system.states;
         self.equations.clear();
         let Some(consistent) = &mut on.consistent else { return };
-        let Some(response) = consistent.response(system) else { return };
+        let Some(response) = consistent.response(on.system) else { return };
+        let system = &*on.system;
         let own = RowDVector::from_iterator(response.inside.len(), response.inside.iter().map(|&l| by_variables[l]));
         let factors = |to: &DMatrix<f64>| -> Vec<(usize, f64)> {
             let factors = &own * to;
-            let pairs = response.inside.iter().zip(factors.iter()).map(|(&l, &factor)| (l, -factor));
-            pairs.filter(|(_, factor)| *factor != 0.0).collect()
+            rows_of(system, response.inside.iter().zip(factors.iter()).map(|(&l, &factor)| (l, -factor)))
         };
         (self.equations, self.hidden) = (factors(&response.to_g), factors(&response.to_hidden));
         let mut along = RowDVector::<f64>::zeros(n);
@@ -201,4 +202,18 @@ impl Reduced {
         let slope = part.rate_of_sum(&self.gradient) + by_time * Interval::point(h);
         if slope.defined { slope } else { Interval::LINE }
     }
+}
+
+/// A combination of the equations of variables as one of rows of `G`.
+fn rows_of(system: &System<'_>, equations: impl Iterator<Item = (usize, f64)>) -> Vec<(usize, f64)> {
+    let mut rows: Vec<(usize, f64)> = Vec::new();
+    for (equation, factor) in equations.filter(|(_, factor)| *factor != 0.0) {
+        for (l, of_row) in system.rows_of_equation(equation) {
+            match rows.iter_mut().find(|(other, _)| *other == l) {
+                Some((_, sum)) => *sum += factor * of_row,
+                None => rows.push((l, factor * of_row)),
+            }
+        }
+    }
+    rows
 }
