@@ -219,18 +219,18 @@ fn the_face_of_a_block_is_analysed_on_its_tangent_space() {
     assert_eq!(faces[0].analysis.uniqueness, Uniqueness::Unique, "{}", faces[0].analysis.because);
 }
 
-/// `x' = a(t) e + z` with `G = x` and `a = 1.1 sin(40 t)` along a direction `e`: `z` holds the point until `a` is beyond what
+/// `x' = a(t) e + z` with `G = x` and `a = 1.001 sin(40 t)` along a direction `e`: `z` holds the point until `a` is beyond what
 /// the set reaches, and again when what was beyond is made up for. In between the states do not move at all, so that steps
 /// are as long as they like.
 #[test]
 fn what_a_set_holds_it_lets_go_whenever_the_drive_is_beyond_it() {
     let (omega, periods) = (40.0, 12);
-    // In the phase of half a period: the start of a flight, and its end, where 1.1 (cos p - cos q) = q - p.
-    let leaves = (1.0 / 1.1_f64).asin();
+    // In the phase of half a period: the start of a flight, and its end, where 1.001 (cos p - cos q) = q - p.
+    let leaves = (1.0 / 1.001_f64).asin();
     let (mut low, mut high) = (std::f64::consts::PI - leaves, std::f64::consts::PI);
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
-        let is_back = 1.1 * (leaves.cos() - middle.cos()) < middle - leaves;
+        let is_back = 1.001 * (leaves.cos() - middle.cos()) < middle - leaves;
         *(if is_back { &mut high } else { &mut low }) = middle;
     }
     let phases = (0..2 * periods).flat_map(|k| [leaves, low].map(|phase| phase + std::f64::consts::PI * f64::from(k)));
@@ -239,9 +239,9 @@ fn what_a_set_holds_it_lets_go_whenever_the_drive_is_beyond_it() {
     let ball = json!({"ball": {"of": ["z1", "z2"], "radius": 1}});
     // On the edge of the square z2 rests on its row, and x2 moves away.
     for (name, set, drives) in [
-        ("ball", ball, ["0.66*sin(40*t)", "0.88*sin(40*t)"]),
-        ("square", json!({"polyhedron": square}), ["1.1*sin(40*t)", "0.3*sin(40*t)"]),
-        ("edge", json!({"polyhedron": square}), ["1.1*sin(40*t)", "1.5"]),
+        ("ball", ball, ["0.6006*sin(40*t)", "0.8008*sin(40*t)"]),
+        ("square", json!({"polyhedron": square}), ["1.001*sin(40*t)", "0.3*sin(40*t)"]),
+        ("edge", json!({"polyhedron": square}), ["1.001*sin(40*t)", "1.5"]),
     ] {
         for stages in [3, 5, 7] {
             let solution = solve(&json!({
