@@ -116,12 +116,12 @@ impl Stepper for Course<'_> {
         self.stepper.step().map_err(|cause| failure(&cause, self.stepper.t, self.states.clone()))?;
         let before = self.contact.nodes;
         self.tell();
-        let kind = match (before, self.contact.nodes) {
-            (0, 1..) => Some(EventKind::Activated),
-            (1.., 0) => Some(EventKind::Deactivated),
+        let event = match (before, self.contact.nodes) {
+            (0, 1..) => Some((self.stepper.first_arrival(), EventKind::Activated)),
+            (1.., 0) => Some((self.stepper.t, EventKind::Deactivated)),
             _ => None,
         };
-        self.events.extend(kind.map(|kind| Event { t: self.stepper.t, kind, of: "contact".to_owned() }));
+        self.events.extend(event.map(|(t, kind)| Event { t, kind, of: "contact".to_owned() }));
         Ok(())
     }
 

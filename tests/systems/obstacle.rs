@@ -1,6 +1,6 @@
 //! Parabolic obstacle problems: free boundaries that move, against tables, benchmark digits and closed forms.
 
-use crate::systems::harness::{column, last, solve};
+use crate::systems::harness::{column, distance, events, last, solve};
 use crate::systems::reference::example;
 use dvi::problem::Control;
 use dvi::solution::{Solution, Status};
@@ -263,4 +263,26 @@ fn in_three_dimensions_a_product_of_cosines_decays_as_it_should() {
     });
     let order = (errors[0] / errors[1]).log2();
     assert!((order - 2.0).abs() < 0.2, "order {order} from {errors:?}");
+}
+
+/// `u = 1/2 - t/4 + cos(pi x) exp(-pi^2 t) / 8` sinks onto `-1/2` after the cosine has died: it is there at `t = 4`, wherever
+/// the steps end.
+#[test]
+fn what_sinks_onto_an_obstacle_as_a_whole_is_on_its_way_until_it_is_there() {
+    for (rtol, end) in [(1e-4, 5.0), (1e-6, 7.0), (1e-6, 40.0), (1e-8, 13.0)] {
+        let times: Vec<f64> = (0..60).map(|k| end * f64::from(k) / 59.0).collect();
+        let solution = solve(&json!({
+            "problem": {"obstacle": {
+                "domain": {"x": [0, 1]}, "elements": 32, "boundary": {}, "diffusion": 1,
+                "initial": "0.5 + 0.125*cos(pi*x)", "source": -0.25, "obstacle": -0.5, "probes": {"middle": [0.5]},
+            }},
+            "time": {"end": end}, "output": {"times": times}, "method": {"rtol": rtol},
+        }));
+        for name in ["middle", "total"] {
+            let error = distance(&solution, name, |t| (0.5 - 0.25 * t).max(-0.5));
+            assert!(error < 1e-9, "{name} off by {error:e} at {rtol:e} until {end}");
+        }
+        let arrivals = events(&solution, "contact");
+        assert!(arrivals.len() == 1 && (arrivals[0] - 4.0).abs() < 10.0 * rtol, "{arrivals:?} at {rtol:e} until {end}");
+    }
 }

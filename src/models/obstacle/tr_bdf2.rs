@@ -135,21 +135,51 @@ impl<'c> TrBdf2<'c> {
     }
 
     /// The value of a node at this part of the last step: on the parabola through its ends and its stage and, where
-    /// obstacles stand still, between them. A node that came to one goes on as if it were not there, until it is.
+    /// obstacles stand still, between them. A node that came to one goes on as it began, with its slope there and through its
+    /// stage if that is before, until it is there.
     pub fn within(&self, node: usize, part: f64) -> f64 {
         let (_, before, middle) = &self.last;
-        let [end, middle_moment, start] = &self.moments;
-        let (a, mut b, mut c) = (before[node], middle[node], self.u[node]);
-        let comes = start.held[node] == 0 && end.held[node] != 0;
-        if comes && !self.system.set_varies() {
-            b -= middle_moment.kept[node];
-            let came = middle_moment.held[node] != 0;
-            c = if came { a + (b - a) / GAMMA } else { c - end.kept[node] };
+        let on_its_way = || parabola(before[node], middle[node], self.u[node], part);
+        if self.system.set_varies() {
+            return on_its_way();
         }
-        let of_middle = part * (1.0 - part) / (GAMMA * (1.0 - GAMMA));
-        let of_end = part * (part - GAMMA) / (1.0 - GAMMA);
-        let value = a + of_middle * (b - a) + of_end * (c - a);
-        if self.system.set_varies() { value } else { self.system.set.project(node, value) }
+        let value = match self.approach(node) {
+            Some([change, curvature]) => before[node] + part * (change + part * curvature),
+            None => on_its_way(),
+        };
+        self.system.set.project(node, value)
+    }
+
+    /// The coefficients of `part` and of its square in the way that a node came to its obstacle within the last step; none
+    /// where it did not.
+    fn approach(&self, node: usize) -> Option<[f64; 2]> {
+        let (start, before, middle) = &self.last;
+        let [at_end, at_middle, at_start] = &self.moments;
+        if at_start.held[node] != 0 || at_end.held[node] == 0 {
+            return None;
+        }
+        // The slopes of the first and the last moment have changed places since.
+        let change = (self.t - start) * self.slopes[2][node];
+        let bends = at_middle.held[node] == 0;
+        let curvature = (middle[node] - before[node] - GAMMA * change) / (GAMMA * GAMMA);
+        Some([change, if bends { curvature } else { 0.0 }])
+    }
+
+    /// When the first of the nodes that came to an obstacle within the last step did so; the time reached where obstacles move.
+    pub fn first_arrival(&self) -> f64 {
+        let (start, before, _) = &self.last;
+        let set = &self.system.set;
+        let arrival = |node: usize| {
+            let [change, curvature] = self.approach(node)?;
+            let bound = if self.moments[0].held[node] > 0 { set.lower[node] } else { set.upper[node] };
+            let way = bound - before[node];
+            // The smaller root of `curvature p^2 + change p = way`.
+            let root = 2.0 * way / (change + change.signum() * (change * change + 4.0 * curvature * way).sqrt());
+            Some(if way == 0.0 { 0.0 } else { root }).filter(|part| (0.0..=1.0).contains(part))
+        };
+        let parts = (0..self.u.len()).filter_map(arrival);
+        let part = if self.system.set_varies() { 1.0 } else { parts.fold(1.0, f64::min) };
+        start + part * (self.t - start)
     }
 
     /// Makes one accepted step.
@@ -346,6 +376,13 @@ impl<'c> TrBdf2<'c> {
         }
         self.was_rejected = false;
     }
+}
+
+/// The value at `part` of a step on the parabola through `a` at its start, `b` at its first stage and `c` at its end.
+fn parabola(a: f64, b: f64, c: f64, part: f64) -> f64 {
+    let of_middle = part * (1.0 - part) / (GAMMA * (1.0 - GAMMA));
+    let of_end = part * (part - GAMMA) / (1.0 - GAMMA);
+    a + of_middle * (b - a) + of_end * (c - a)
 }
 
 impl From<Offence> for Cause {
