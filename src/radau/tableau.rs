@@ -41,6 +41,9 @@ pub struct Tableau {
     /// The embedded error estimate combines the stage increments with `-l_i(0) / c_i`, where `l_i` is the Lagrange
     /// polynomial of node `i` (as RADAU does; for `s = 3` the `-(13+7 sqrt 6)/3, ..` of RADAU5).
     pub estimate: Vec<f64>,
+    /// What takes the increments `Z` of the stages to `h` times the coefficients of the slope of the collocation polynomial in
+    /// Legendre polynomials, of norm one, from the constant one on.
+    pub spectrum: DMatrix<f64>,
     /// Coefficients of the polynomial `p` with `p(0) = p(1) = 0`, `p'(0) = 1` and `p'(c_i) = 0`, from the first power on:
     /// `p'` is the node polynomial, orthogonal to constants for `s >= 2`. Empty for one stage, where there is none.
     bubble: Vec<f64>,
@@ -71,7 +74,8 @@ impl Tableau {
         let identity = DMatrix::identity(s, s);
         let x_inverse = x.clone().lu().solve(&identity).unwrap_or(identity);
         let a = &w * &x * &weighted;
-        let a_inverse = &w * x_inverse * &weighted;
+        let spectrum = x_inverse * &weighted;
+        let a_inverse = &w * &spectrum;
 
         let (gamma, pairs) = eigenvalues(&x);
         let mut t = DMatrix::zeros(s, s);
@@ -117,6 +121,7 @@ impl Tableau {
             t_inverse,
             mixing,
             estimate,
+            spectrum,
             bubble,
             bernstein: OnceLock::new(),
             barycentric,

@@ -1,7 +1,7 @@
 //! What functions of the states do in places that are narrow beside a step: hills, strips and pulses that nothing in time
 //! announces, each held to a closed form.
 
-use crate::systems::harness::{last, solve};
+use crate::systems::harness::{distance, last, solve};
 use dvi::solution::Solution;
 use serde_json::{Value, json};
 use std::f64::consts::PI;
@@ -99,5 +99,29 @@ fn a_relay_that_slides_through_a_peak_keeps_its_energy() {
         assert_trusted(&solution);
         let (x, v) = (last(&solution, "x"), last(&solution, "v"));
         assert!((0.5 * v * v - (2.0 - 0.5 * x + 0.5 * PI.sqrt())).abs() < 1e-5, "{width}: {v} at {x}");
+    }
+}
+
+/// `x' = 1e-2 sin(33 t + 1) + 5e-4 sin(190 t + 2)` from 40: steps over many periods change `x` by little, and the error of
+/// their result is that of the embedded formula, not of twice its order.
+#[test]
+fn a_ripple_that_is_small_beside_its_state_keeps_the_tolerance() {
+    let wave =
+        |amplitude: f64, omega: f64, phase: f64, t: f64| amplitude * (phase.cos() - (omega * t + phase).cos()) / omega;
+    let exact = |t: f64| 40.0 + wave(1e-2, 33.0, 1.0, t) + wave(5e-4, 190.0, 2.0, t);
+    for stages in [3, 5, 7] {
+        for rtol in [1e-6, 1e-8, 1e-10, 1e-12] {
+            let times: Vec<f64> = (0..200).map(|k| 4.0 * f64::from(k) / 199.0).collect();
+            let solution = solve(&json!({
+                "problem": {"dvi": {"states": {
+                    "x": {"initial": 40, "rate": "0.01*sin(33*t + 1) + 0.0005*sin(190*t + 2)"},
+                }}},
+                "time": {"end": 4}, "output": {"times": times},
+                "method": {"rtol": rtol, "atol": 1e-3 * rtol, "stages": stages},
+            }));
+            // Some 200 steps, each of which may err by a tolerance or two.
+            let error = distance(&solution, "x", exact) / (40.0 * rtol);
+            assert!(error < 400.0, "{stages} stages: {error:.0} times {rtol:e}");
+        }
     }
 }

@@ -1,7 +1,7 @@
-//! The error of a step, from three sides.
+//! The error of a step, from four sides.
 //!
 //! The embedded estimate `e`, of order `s`, in a tolerance rescaled because the result is of order `2s`. That trust fails
-//! twice. On `y' = lambda y + g(t)` with `z = h lambda` the error of one step is `h^(s+1) Psi(z) g^(s)` with `Psi` of order
+//! three times. On `y' = lambda y + g(t)` with `z = h lambda` the error of one step is `h^(s+1) Psi(z) g^(s)` with `Psi` of order
 //! `z^(s-1)` at zero but `1/z` at infinity, like `e` itself (Hairer and Wanner 1996, IV.15). With `P = E^-1 (gamma/h) M`,
 //! that is `gamma/(gamma - z)`,
 //!
@@ -13,13 +13,18 @@
 //! stages: it is held to the tolerance that is not rescaled, but for a factor, since stiff errors do not add up. And `e`
 //! vanishes as `1/z` though between the ends of the step the collocation polynomial may miss a solution that varies over
 //! it: its slope then jumps from the last step to this one. The jump, which is `gamma e` where the problem is not stiff,
-//! is held to what `gamma e` is held to. Both are for explicit equations, and for linear ones, in the directions that constraints
+//! is held to what `gamma e` is held to. And the order shows only where a step is short beside what the rates do: the
+//! coefficients of the slope of the collocation polynomial in Legendre polynomials then fall by some `r < 1` from one degree
+//! to the next, and the error of the result is about `r^(s-1) e`. This is held to the tolerance that is not rescaled, with the
+//! `r` of the last of them: a ripple that is small beside the rest of a rate, and of which the step holds many periods, has the
+//! error `e`. All three are for explicit equations, and for linear ones, in the directions that constraints
 //! leave free: what Newton's method or rounding leaves of other equations does not shrink with the step, and would hold up the
 //! run.
 
 use super::{Method, Radau};
 use crate::layout::Storage;
 use crate::newton_control::mean_square_root;
+use std::ops::Range;
 
 /// The tolerances that one step may err by where its order is reduced.
 const STIFF: f64 = 3.0;
@@ -96,7 +101,41 @@ impl Radau<'_> {
         {
             error = error.max(rms(&self.jump, &self.control.weight) / gamma);
         }
+        let error = error.max(self.ripple_error());
         error.max(self.stiff_error(h, error, is_bound))
+    }
+
+    /// The norm of `r^(s-1) e` for the estimate `e` at hand, in units of the tolerance that is not rescaled, to the power by which
+    /// the tolerance is rescaled.
+    fn ripple_error(&self) -> f64 {
+        let Method { tableau, tolerance } = &self.methods[self.current];
+        let (s, n) = (tableau.stages(), self.system.unknowns);
+        if s < 3 {
+            return 0.0;
+        }
+        // Two degrees each, as one coefficient may vanish by chance; of three only one can be the last.
+        let pair = if s > 3 { 2 } else { 1 };
+        let coefficient = |degree: usize, j: usize| -> f64 {
+            let stages = self.stages.z.chunks_exact(n).take(s);
+            stages.enumerate().map(|(i, z)| tableau.spectrum[(degree, i)] * z[j]).sum()
+        };
+        let largest =
+            |degrees: Range<usize>, j: usize| degrees.map(|degree| coefficient(degree, j).abs()).fold(0.0, f64::max);
+        let exponent = (s as f64 + 1.0) / (2.0 * s as f64);
+        let lever = tableau.mixing * tableau.estimate.iter().map(|weight| weight.abs()).sum::<f64>();
+        let share = |j: usize| {
+            // What rounding leaves of the increments has coefficients of all degrees.
+            if self.estimate[j].abs() <= f64::EPSILON * lever * self.y[j].abs() {
+                return 0.0;
+            }
+            let (last, before) = (largest(s - pair..s, j), largest((s - pair).saturating_sub(2)..s - pair, j));
+            if last < before { (last / before).powf((s - 1) as f64 / pair as f64) } else { 1.0 }
+        };
+        let states = 0..self.system.states;
+        let terms = states.map(|j| self.estimate[j] * share(j) * self.control.weight[j]);
+        let square: f64 = terms.clone().map(|term| term * term).sum();
+        let norm = mean_square_root(square, self.system.states, || terms);
+        (tolerance.factor * norm).powf(exponent)
     }
 
     /// Whether the equations are explicit, or would be with the variables eliminated, and Newton's method leaves nothing of what

@@ -1,5 +1,5 @@
 //! Which runs of a problem are right. The truth is the answer of an independent method where there is one, else the run with
-//! which most others agree, the tightest first; a run is wrong if it is further from that than a hundred tolerances, times the
+//! which most others agree, of those that are trusted where there are such, the tightest first; a run is wrong if it is further from that than a hundred tolerances, times the
 //! growth of small changes.
 
 use super::experiment::{Experiment, Run};
@@ -106,9 +106,12 @@ pub fn judge(experiment: &Experiment, is_unique: bool) -> Judgement {
     };
     let excess = |a: &Sample<'_>, b: &Sample<'_>| distance(experiment, a, Some(b), None);
     // The first of those with which most agree: the tight run stands first. One that has no values at some of the times can
-    // stand for nothing there.
-    let is_whole = |sample: &Sample<'_>| !sample.columns.iter().flatten().any(|value| value.is_nan());
-    let count_of = |sample: &Sample<'_>| complete.iter().filter(|other| excess(sample, other) <= 1.0).count();
+    // stand for nothing there, nor can one that says it may be wrong beside one that does not.
+    let is_any_trusted = complete.iter().any(|sample| sample.answer.trusted);
+    let votes = |sample: &Sample<'_>| sample.answer.trusted || !is_any_trusted;
+    let is_whole = |sample: &Sample<'_>| votes(sample) && !sample.columns.iter().flatten().any(|value| value.is_nan());
+    let count_of =
+        |sample: &Sample<'_>| complete.iter().filter(|other| votes(other) && excess(sample, other) <= 1.0).count();
     let best = complete
         .iter()
         .map(|sample| if is_whole(sample) { count_of(sample) } else { 0 })

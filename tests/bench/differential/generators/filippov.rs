@@ -173,9 +173,10 @@ impl Problem for TwoFields {
         0.1
     }
 
-    /// But for starts on a surface that repels, or points at which both fields are tangent to it.
+    /// Solutions branch at points at which both fields are tangent to the surface, behind which it repels: the certificates of
+    /// the runs tell.
     fn is_unique(&self) -> bool {
-        true
+        false
     }
 }
 
