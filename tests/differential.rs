@@ -9,13 +9,6 @@ mod differential;
 use differential::{Campaign, Kind};
 use std::time::Duration;
 
-/// Problems that are known to be wrong in silence, of five hundred. This number may only shrink, to zero.
-const KNOWN_SILENT: usize = 1;
-
-/// The kinds of which none may be wrong in silence.
-const NEVER_SILENT: [Kind; 6] =
-    [Kind::Complementarity, Kind::Mechanical, Kind::TimeStepping, Kind::Bodies, Kind::Obstacle, Kind::Memory];
-
 /// The part of right answers that may be doubted. Circuits are known to be doubted more often, and are left out.
 const FALSE_ALARMS: f64 = 0.02;
 
@@ -35,8 +28,7 @@ fn what_is_solved_in_many_ways_has_one_answer() {
     println!("{tally}");
     assert_eq!(tally.panics(), 0, "a solve panicked");
     assert_eq!(tally.not_finite(), 0, "an answer is not finite");
-    assert!(tally.silent() <= KNOWN_SILENT, "{} problems are wrong in silence:\n{tally}", tally.silent());
-    assert_eq!(tally.silent_of(&NEVER_SILENT), 0, "a problem of these kinds is wrong in silence:\n{tally}");
+    assert_eq!(tally.silent(), 0, "problems are wrong in silence:\n{tally}");
     let kinds: Vec<Kind> = Kind::ALL.into_iter().filter(|kind| *kind != Kind::Circuit).collect();
     let alarms = tally.false_alarms_of(&kinds);
     assert!(alarms <= FALSE_ALARMS, "{:.1} % of the right answers are doubted:\n{tally}", 100.0 * alarms);
@@ -44,10 +36,15 @@ fn what_is_solved_in_many_ways_has_one_answer() {
 }
 
 /// Problems whose switches were once passed over in silence: by a step that was solved over all stages at once, by one that
-/// began where a search for the end of the last had led it, and where hidden constraints tell variables of a block.
+/// began where a search for the end of the last had led it, where hidden constraints tell variables of a block, and at its
+/// vertices; and where a small ripple was beyond the stages, or an obstacle was met by all nodes at once.
 #[test]
 fn switches_that_were_passed_over_are_not() {
-    for (kind, seed) in [(Kind::Circuit, 5375), (Kind::Filippov, 1965), (Kind::Filippov, 8643), (Kind::Sets, 4270)] {
+    let circuits = [479, 5375, 12629, 14204].map(|seed| (Kind::Circuit, seed));
+    let filippov = [1965, 8643].map(|seed| (Kind::Filippov, seed));
+    let sets = [3739, 3793, 4270, 8491].map(|seed| (Kind::Sets, seed));
+    let others = circuits.into_iter().chain(filippov).chain([(Kind::Obstacle, 11852)]);
+    for (kind, seed) in others.chain(sets) {
         let campaign = Campaign {
             count: 1,
             seed,

@@ -17,8 +17,8 @@ use numerics::{Interval, variation};
 
 pub use control::{Control, Interrupted, Stop};
 pub use convex_set::{
-    Block, BlockWorkspace, ConvexSet, Derivative, Face, FaceEquations, Monitor, MonitorRange, Polyhedron, Shape,
-    Workspace,
+    Block, BlockWorkspace, ConvexSet, Derivative, Face, FaceEquations, FlatMonitor, Monitor, MonitorRange, Polyhedron,
+    Shape, Workspace,
 };
 pub use event::{Event, EventKind};
 pub use mechanical::{

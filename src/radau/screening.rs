@@ -19,6 +19,7 @@ use super::law::Excess;
 use super::stepper::Radau;
 use super::switches::Switching;
 use super::tableau::interpolation_error;
+use block_monitors::is_flat;
 use monitors::{Enclosure, Found};
 use on_face::{OnFace, Told};
 use part::Part;
@@ -168,14 +169,19 @@ impl Radau<'_> {
                         left.push(part);
                         continue;
                     }
-                    // The box alone is too wide for the curved monitors of blocks.
-                    Found::Unproven { .. } if of_blocks.is_empty() => return Between::Open,
+                    // Boxes alone are too wide for the curved monitors of blocks.
+                    Found::Unproven { .. } if is_proof && self.are_monitors_flat() => return Between::Open,
                     Found::Unproven { .. } | Found::Hopeless | Found::Unknown => return Between::Undecided,
                 }
             }
             spare.push(part);
         }
         given_up.unwrap_or(if is_proof { Between::Proven } else { Between::Undecided })
+    }
+
+    fn are_monitors_flat(&self) -> bool {
+        let mut blocks = self.system.set.blocks().iter().zip(&self.system.face.blocks);
+        blocks.all(|(block, face)| is_flat(&block.shape, face) || self.system.face.holds(&block.members))
     }
 
     /// Whether rates, inequalities or bounds, at the states where a step of size `h` begins, vary with time by more than

@@ -17,7 +17,56 @@ pub enum MonitorRange {
 
 use MonitorRange::{Distance, Multiplier};
 
+/// A monitor that is linear in `z` and `G`: `constant + sum c_i z_i + sum d_i G_i`.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FlatMonitor {
+    /// What does not move.
+    pub constant: f64,
+    /// Pairs of a member and its factor `c`.
+    pub of_z: Vec<(usize, f64)>,
+    /// Pairs of a member and its factor `d`; none where the monitor is a distance.
+    pub of_g: Vec<(usize, f64)>,
+}
+
 impl Shape {
+    /// The monitors of a face of a block of so many `members` where these are linear, in the order of
+    /// [`FaceEquations::monitors`](super::FaceEquations); `None` where they are not.
+    pub fn flat_monitors(&self, face: &Face, members: usize) -> Option<Vec<FlatMonitor>> {
+        let slack = |polyhedron: &Polyhedron, j: usize| FlatMonitor {
+            constant: polyhedron.offset(j),
+            of_z: polyhedron.normal(j).iter().enumerate().map(|(i, normal)| (i, -normal)).collect(),
+            of_g: Vec::new(),
+        };
+        match (self, face) {
+            (Self::Polyhedron(polyhedron), Face::Interior) => {
+                Some((0..polyhedron.rows()).map(|j| slack(polyhedron, j)).collect())
+            }
+            (Self::Simplex, Face::Interior) => Some(Vec::new()),
+            (Self::Simplex, Face::Edge(zeros)) => {
+                let pivot = (0..members).find(|i| !zeros.contains(i)).unwrap_or(0);
+                let monitor = |i: usize| match zeros.contains(&i) {
+                    true => FlatMonitor { of_g: vec![(i, 1.0), (pivot, -1.0)], ..FlatMonitor::default() },
+                    false => FlatMonitor { of_z: vec![(i, 1.0)], ..FlatMonitor::default() },
+                };
+                Some((0..members).map(monitor).collect())
+            }
+            (Self::Polyhedron(polyhedron), Face::Edge(rows)) => {
+                let Elimination { pivots, inverse, .. } = Elimination::of(polyhedron, rows);
+                let count = pivots.len();
+                let multiplier = |at: usize| FlatMonitor {
+                    of_g: pivots.iter().enumerate().map(|(q, &p)| (p, -inverse[q * count + at])).collect(),
+                    ..FlatMonitor::default()
+                };
+                let monitor = |j: usize| match rows.iter().position(|row| *row == j) {
+                    Some(at) => multiplier(at),
+                    None => slack(polyhedron, j),
+                };
+                Some((0..polyhedron.rows()).map(monitor).collect())
+            }
+            _ => None,
+        }
+    }
+
     /// Writes the ranges of the monitors of a face where `z` and `G` are in a box, and the radius of a ball in `radius`.
     pub fn enclose_monitors(
         &self,

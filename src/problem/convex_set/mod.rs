@@ -18,7 +18,7 @@ mod tests;
 
 pub use block::{Block, BlockWorkspace, Shape};
 pub use derivative::Derivative;
-pub use enclosure::MonitorRange;
+pub use enclosure::{FlatMonitor, MonitorRange};
 pub use face::{Face, FaceEquations, Monitor};
 pub use polyhedron::Polyhedron;
 

@@ -1,15 +1,16 @@
-//! Lower ends of the monitors of blocks over a part of a step: from the box of the unknowns, with their errors; where hidden
-//! constraints tell the variables, from enclosures of these at the roots of their equations (see [`Reduced`]).
+//! Lower ends of the monitors of blocks over a part of a step: from the box of the unknowns, with their errors, and where that
+//! is too wide from their slopes (see [`Reduced`]): on flat faces, where monitors are linear, from those of the monitors, in
+//! the interior of curved sets and at their vertices from those of `z` and `G`. Curved faces have the box alone.
 
 use super::on_face::{OnFace, Told};
 use super::part::Part;
 use super::point::Point;
 use super::reduced::{Reduced, Rows};
-use super::watched::Watched;
-use crate::face::{ActiveFace, Place};
+use super::watched::Combination;
+use crate::face::ActiveFace;
 use crate::system::System;
 use numerics::Interval;
-use problem::{Face, MonitorRange};
+use problem::{Block, Face, FlatMonitor, MonitorRange, Shape};
 
 /// Room for the monitors of blocks.
 #[derive(Debug, Default)]
@@ -18,13 +19,37 @@ pub(super) struct BlockMonitors {
     z: Vec<Interval>,
     g: Vec<Interval>,
     monitors: Vec<MonitorRange>,
-    /// `z` and `G` of each variable, reduced.
-    forms: Vec<[Reduced; 2]>,
-    /// The face that these are of; the Jacobian is constant.
+    /// The blocks that the box does not prove.
+    open: Vec<usize>,
+    /// What is reduced of each block.
+    moving: Vec<Vec<(FlatMonitor, Reduced)>>,
+    /// The face that these are of.
     face: Option<ActiveFace>,
 }
 
+/// What is known over a part of a step that takes `h`.
+pub(super) struct Over<'a> {
+    /// What tells the variables inside.
+    pub told: Told,
+    pub slopes: &'a Rows,
+    /// The point in the middle.
+    pub middle: &'a Point,
+    /// The ranges of the rows.
+    pub rows: &'a [Interval],
+    /// How far the unknowns may be from their polynomials.
+    pub errors: &'a [f64],
+    pub part: &'a Part,
+    pub h: f64,
+}
+
 impl BlockMonitors {
+    /// Has all blocks open; whether there is none.
+    pub fn leave_open(&mut self, limits: &[[f64; 2]]) -> bool {
+        self.open.clear();
+        self.open.extend(0..limits.len());
+        self.open.is_empty()
+    }
+
     /// Whether no monitor falls below its limit where the unknowns and the rows are in these boxes, and the unknowns may be off
     /// by `errors`; of none where it is empty.
     pub fn are_proven_by_box(
@@ -38,81 +63,124 @@ impl BlockMonitors {
         let n = system.states;
         let error = |j: usize| errors.get(j).copied().unwrap_or(0.0);
         let ball = |error: f64| Interval::new(-error, error);
-        self.are_proven(system, rows, limits, |members, _, z, g| {
-            z.extend(members.iter().map(|&k| unknowns[n + k] + ball(error(n + k))));
+        self.open.clear();
+        for (b, limits) in limits.iter().enumerate() {
+            let (block, face) = (&system.set.blocks()[b], &system.face.blocks[b]);
+            let Self { z, g, .. } = self;
+            z.clear();
+            z.extend(block.members.iter().map(|&k| unknowns[n + k] + ball(error(n + k))));
+            g.clear();
             let of_g = |k: usize| ball(system.terms(k, |j| [error(j)])[0]);
-            g.extend(members.iter().map(|&k| rows[n + k] + of_g(k)));
-        })
-    }
-
-    /// The same where hidden constraints tell the variables inside, by the slopes over a part that takes `h`, and the values in
-    /// its middle. No block is on a curved face then.
-    pub fn are_proven_by_slopes(
-        &mut self,
-        on: &mut OnFace<'_, '_>,
-        slopes: &Rows,
-        middle: &Point,
-        rows: &[Interval],
-        (part, h): (&Part, f64),
-        limits: &[[f64; 2]],
-    ) -> bool {
-        let told = Told::ByHiddenConstraints;
-        let mut forms = std::mem::take(&mut self.forms);
-        forms.resize_with(on.system.unknowns - on.system.states, Default::default);
-        if self.face.as_ref() != Some(&on.system.face) {
-            self.face.get_or_insert_default().clone_from(&on.system.face);
-            for (variable, forms) in forms.iter_mut().enumerate() {
-                if on.system.set.block_of(variable).is_some() {
-                    for (form, place) in forms.iter_mut().zip([Place::Inside, Place::Lower]) {
-                        let monitor = Watched { variable, place, upper: false, limit: 0.0 };
-                        form.set(on, told, slopes, &middle.y, &monitor);
-                    }
-                }
+            g.extend(block.members.iter().map(|&k| rows[n + k] + of_g(k)));
+            if !system.face.holds(&block.members) && !self.is_box_proven(block, face, system.radius(b, rows), *limits) {
+                self.open.push(b);
             }
         }
+        self.open.is_empty()
+    }
+
+    /// Whether no monitor of the blocks that are open falls below its limit, by the slopes.
+    pub fn are_proven_by_slopes(&mut self, on: &mut OnFace<'_, '_>, over: &Over<'_>, limits: &[[f64; 2]]) -> bool {
+        self.follow(on, over);
         let system = &*on.system;
-        let n = system.states;
-        let range = |form: &Reduced, value: f64| {
-            let (value, rounding) = form.value(system, value, middle);
-            let beside = 0.5 * form.slope(slopes, part, h).size() + rounding;
-            Interval::new(value - beside, value + beside)
-        };
-        let are_proven = self.are_proven(system, rows, limits, |members, face, z, g| {
-            z.extend(members.iter().map(|&k| match face {
-                Face::Vertex => Interval::point(middle.y[n + k]),
-                _ => range(&forms[k][0], middle.y[n + k]),
-            }));
-            g.extend(members.iter().map(|&k| match face {
-                Face::Interior => Interval::point(0.0),
-                _ => range(&forms[k][1], middle.values[n + k]),
-            }));
-        });
-        self.forms = forms;
+        let moving = std::mem::take(&mut self.moving);
+        let mut open = std::mem::take(&mut self.open);
+        open.retain(|&b| !self.is_proven_by_slopes(system, b, &moving[b], over, limits[b]));
+        let are_proven = open.is_empty();
+        (self.moving, self.open) = (moving, open);
         are_proven
     }
 
-    /// Whether no monitor falls below its limit where `members` tells the boxes of `z` and of `G` of a block.
-    fn are_proven(
+    fn is_proven_by_slopes(
         &mut self,
         system: &System<'_>,
-        rows: &[Interval],
-        limits: &[[f64; 2]],
-        members: impl Fn(&[usize], &Face, &mut Vec<Interval>, &mut Vec<Interval>),
+        b: usize,
+        moving: &[(FlatMonitor, Reduced)],
+        over: &Over<'_>,
+        [of_z, of_g]: [f64; 2],
     ) -> bool {
-        let Self { z, g, monitors, .. } = self;
-        system.set.blocks().iter().zip(&system.face.blocks).enumerate().all(|(b, (block, face))| {
-            if system.face.holds(&block.members) {
-                return true;
+        let (block, face) = (&system.set.blocks()[b], &system.face.blocks[b]);
+        let (n, middle) = (system.states, over.middle);
+        if system.face.holds(&block.members) {
+            return true;
+        }
+        let range = |(monitor, form): &(FlatMonitor, Reduced)| {
+            let sum = |terms: &[(usize, f64)], of: &[f64]| -> f64 {
+                terms.iter().map(|&(i, factor)| factor * of[n + block.members[i]]).sum()
+            };
+            let value = monitor.constant + sum(&monitor.of_z, &middle.y) + sum(&monitor.of_g, &middle.values);
+            let (value, rounding) = form.value(system, value, middle);
+            let error = if over.told == Told::ByHiddenConstraints { 0.0 } else { form.error(over.errors) };
+            let beside = 0.5 * form.slope(over.slopes, over.part, over.h).size() + rounding + error;
+            Interval::new(value - beside, value + beside)
+        };
+        match face {
+            _ if is_flat(&block.shape, face) => moving.iter().all(|moving| {
+                let limit = if moving.0.of_g.is_empty() { of_z } else { of_g };
+                range(moving).lo + limit >= 0.0
+            }),
+            Face::Boundary(_) | Face::Edge(_) => false,
+            Face::Interior | Face::Vertex => {
+                let Self { z, g, .. } = self;
+                z.clear();
+                g.clear();
+                let moving = moving.iter().map(range);
+                if *face == Face::Interior {
+                    z.extend(moving);
+                    g.resize(z.len(), Interval::point(0.0));
+                } else {
+                    g.extend(moving);
+                    z.resize(g.len(), Interval::point(0.0));
+                }
+                self.is_box_proven(block, face, system.radius(b, over.rows), [of_z, of_g])
             }
-            z.clear();
-            g.clear();
-            members(&block.members, face, z, g);
-            block.shape.enclose_monitors(face, z, g, system.radius(b, rows), monitors);
-            let [of_z, of_g] = limits[b];
-            monitors.iter().all(|monitor| match monitor {
-                MonitorRange::Distance(range) => range.defined && range.lo + of_z >= 0.0,
-                MonitorRange::Multiplier(range) => range.defined && range.lo + of_g >= 0.0,
-            })
+        }
+    }
+
+    /// Takes what moves on the face of `on`.
+    fn follow(&mut self, on: &mut OnFace<'_, '_>, over: &Over<'_>) {
+        if self.face.as_ref() != Some(&on.system.face) {
+            self.face.get_or_insert_default().clone_from(&on.system.face);
+            let blocks = on.system.set.blocks().iter().zip(&on.system.face.blocks);
+            let with_room = |monitor: FlatMonitor| (monitor, Reduced::default());
+            self.moving =
+                blocks.map(|(block, face)| moving(block, face).into_iter().map(with_room).collect()).collect();
+        } else if on.system.constant_jacobian() {
+            return;
+        }
+        for b in 0..self.moving.len() {
+            let members = on.system.set.blocks()[b].members.clone();
+            let of = |terms: &[(usize, f64)]| terms.iter().map(|&(i, factor)| (members[i], factor)).collect();
+            for (monitor, form) in &mut self.moving[b] {
+                let own = Combination { variables: of(&monitor.of_z), rows: of(&monitor.of_g) };
+                form.set(on, over.told, over.slopes, &over.middle.y, &own);
+            }
+        }
+    }
+
+    /// Whether no monitor of a block falls below its limit where `z` and `G` are in the boxes that were set.
+    fn is_box_proven(&mut self, block: &Block, face: &Face, radius: Interval, [of_z, of_g]: [f64; 2]) -> bool {
+        block.shape.enclose_monitors(face, &self.z, &self.g, radius, &mut self.monitors);
+        self.monitors.iter().all(|monitor| match monitor {
+            MonitorRange::Distance(range) => range.defined && range.lo + of_z >= 0.0,
+            MonitorRange::Multiplier(range) => range.defined && range.lo + of_g >= 0.0,
         })
+    }
+}
+
+/// Whether the monitors of a face are linear.
+pub(super) fn is_flat(shape: &Shape, face: &Face) -> bool {
+    matches!((shape, face), (Shape::Simplex | Shape::Polyhedron(_), Face::Interior | Face::Edge(_)))
+}
+
+/// What is reduced of a block on a face: its monitors where they are linear, else what they are made of.
+fn moving(block: &Block, face: &Face) -> Vec<FlatMonitor> {
+    let members = block.members.len();
+    let each = |of: fn(usize) -> FlatMonitor| (0..members).map(of).collect();
+    match (block.shape.flat_monitors(face, members), face) {
+        (Some(monitors), _) => monitors,
+        (None, Face::Interior) => each(|i| FlatMonitor { of_z: vec![(i, 1.0)], ..FlatMonitor::default() }),
+        (None, Face::Vertex) => each(|i| FlatMonitor { of_g: vec![(i, 1.0)], ..FlatMonitor::default() }),
+        (None, _) => Vec::new(),
     }
 }

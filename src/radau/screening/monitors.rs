@@ -26,7 +26,7 @@
 //! Those of blocks: see [`BlockMonitors`].
 
 use super::MOST_PARTS;
-use super::block_monitors::BlockMonitors;
+use super::block_monitors::{BlockMonitors, Over};
 use super::on_face::{OnFace, Told};
 use super::part::Part;
 use super::point::Point;
@@ -113,13 +113,13 @@ impl Enclosure {
             self.find_errors(on, false);
         }
         let system = &*on.system;
-        let by_slopes = told == Told::ByHiddenConstraints;
-        let mut are_blocks_proven = limits.is_empty()
-            || !by_slopes && {
-                // Of variables that hidden constraints tell in part no error is known here: they are taken from their polynomials.
-                let errors: &[f64] = if told == Told::ByEquations { &self.errors } else { &[] };
-                self.of_blocks.are_proven_by_box(system, &self.ranges, &self.values, errors, limits)
-            };
+        // Of variables that hidden constraints tell in part no error is known: they are taken from their polynomials.
+        let errors: &[f64] = if told == Told::ByEquations { &self.errors } else { &[] };
+        let mut are_blocks_proven = match told {
+            Told::ByHiddenConstraints => self.of_blocks.leave_open(limits),
+            _ => self.of_blocks.are_proven_by_box(system, &self.ranges, &self.values, errors, limits),
+        };
+        let by_slopes = !are_blocks_proven && told != Told::InPart;
         let mut left = std::mem::take(&mut self.left);
         left.clear();
         left.extend((0..watched.len()).filter(|&at| {
@@ -131,12 +131,13 @@ impl Enclosure {
         }));
         self.is_hopeless = false;
         let mut may_fail = false;
-        if !(left.is_empty() && are_blocks_proven) && (!left.is_empty() || by_slopes) {
+        if !left.is_empty() || by_slopes {
             may_fail = !self.know_slopes(on, told, part, (t, h)) || {
                 let may_fail = self.may_fail(on, told, part, (t, h), watched, &mut left);
-                if by_slopes && !limits.is_empty() {
-                    let Self { of_blocks, rows, middle, values, .. } = self;
-                    are_blocks_proven = of_blocks.are_proven_by_slopes(on, rows, middle, values, (part, h), limits);
+                if by_slopes {
+                    let Self { of_blocks, rows, middle, values, errors, .. } = self;
+                    let over = Over { told, slopes: rows, middle, rows: values, errors, part, h };
+                    are_blocks_proven = of_blocks.are_proven_by_slopes(on, &over, limits);
                 }
                 may_fail
             };
@@ -175,13 +176,15 @@ impl Enclosure {
         self.forms.resize_with(watched.len().max(self.forms.len()), Reduced::default);
         if !on.system.constant_jacobian() {
             self.face = None;
-            left.iter().for_each(|&at| self.forms[at].set(on, told, &self.rows, &self.middle.y, &watched[at]));
+            left.iter().for_each(|&at| {
+                self.forms[at].set(on, told, &self.rows, &self.middle.y, &watched[at].combination());
+            });
         } else if self.face.as_ref() != Some(&on.system.face) {
             self.face.get_or_insert_default().clone_from(&on.system.face);
             self.forms
                 .iter_mut()
                 .zip(watched)
-                .for_each(|(form, monitor)| form.set(on, told, &self.rows, &self.middle.y, monitor));
+                .for_each(|(form, monitor)| form.set(on, told, &self.rows, &self.middle.y, &monitor.combination()));
         }
     }
 
@@ -262,7 +265,7 @@ impl Enclosure {
     /// Whether no variable that hidden constraints alone tell enters a monitor, but for rounding, by the derivatives as they are.
     pub fn is_told(system: &System<'_>, inside: &mut Inside, monitor: &Watched) -> bool {
         let n = system.states;
-        let mut own = monitor.by_variables(system);
+        let mut own = monitor.combination().by_variables(system);
         let mut weights = Vec::new();
         inside.weights(system, |l| own[l], &mut weights);
         let mut terms: Vec<f64> = own.iter().map(|x| x.abs()).collect();

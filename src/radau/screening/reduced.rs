@@ -9,9 +9,8 @@
 use super::on_face::{OnFace, Told};
 use super::part::Part;
 use super::point::Point;
-use super::watched::Watched;
+use super::watched::Combination;
 use crate::consistent::InverseMass;
-use crate::face::Place;
 use crate::system::System;
 use nalgebra::{DMatrix, RowDVector};
 use numerics::Interval;
@@ -31,8 +30,8 @@ pub(super) struct Rows {
 /// One monitor, reduced.
 #[derive(Debug, Default)]
 pub(super) struct Reduced {
-    /// Its own row of `G`, with its sign; none of a variable inside.
-    own: Option<(usize, f64)>,
+    /// The factors of its own rows of `G`.
+    own: Vec<(usize, f64)>,
     /// The factors of the equations, by variable.
     equations: Vec<(usize, f64)>,
     /// Those of their derivatives by time.
@@ -48,12 +47,12 @@ pub(super) struct Reduced {
 }
 
 impl Reduced {
-    /// The monitor with the derivatives over the box of `rows`, by what tells the variables inside, near the unknowns `y`.
-    pub fn set(&mut self, on: &mut OnFace<'_, '_>, told: Told, rows: &Rows, y: &[f64], monitor: &Watched) {
-        let is_inside = monitor.place == Place::Inside;
-        let by_variables = monitor.by_variables(on.system);
-        self.own = (!is_inside).then_some((monitor.variable, monitor.sign()));
-        self.is_moved = is_inside && on.system.moves(monitor.variable);
+    /// The monitor in which `own` moves, with the derivatives over the box of `rows`, by what tells the variables inside, near
+    /// the unknowns `y`.
+    pub fn set(&mut self, on: &mut OnFace<'_, '_>, told: Told, rows: &Rows, y: &[f64], own: &Combination) {
+        let by_variables = own.by_variables(on.system);
+        self.own.clone_from(&own.rows);
+        self.is_moved = own.variables.iter().any(|(k, _)| on.system.moves(*k));
         self.hidden.clear();
         self.rates.clear();
         if told == Told::ByHiddenConstraints {
@@ -63,19 +62,16 @@ impl Reduced {
             on.inside.weights(on.system, |l| by_variables[l], &mut self.equations);
             self.equations.iter_mut().for_each(|(_, factor)| *factor = -*factor);
         }
-        let n = on.system.states;
-        let of_variable = is_inside.then(|| (n + monitor.variable, by_variables[monitor.variable]));
-        self.set_gradient(on.system, told, rows, of_variable);
+        self.set_gradient(on.system, told, rows, &own.variables);
         self.by_terms = on.system.forcing_slopes().map(|slopes| self.sum_of_terms(slopes));
     }
 
-    /// Sets the derivatives by the unknowns; a variable inside enters its monitor directly as well, with the slope in
-    /// `of_variable`.
-    fn set_gradient(&mut self, system: &System<'_>, told: Told, rows: &Rows, of_variable: Option<(usize, f64)>) {
+    /// Sets the derivatives by the unknowns; `variables` enter directly as well.
+    fn set_gradient(&mut self, system: &System<'_>, told: Told, rows: &Rows, variables: &[(usize, f64)]) {
         let n = system.states;
         let mut gradient = vec![Interval::point(0.0); system.unknowns];
         let mut sizes = vec![0.0; system.unknowns];
-        of_variable.into_iter().for_each(|(j, slope)| gradient[j] = Interval::point(slope));
+        variables.iter().for_each(|&(k, factor)| gradient[n + k] = Interval::point(factor));
         let of_g = self.own.iter().chain(&self.equations).map(|&(l, factor)| (n + l, factor));
         for (row, factor) in of_g.chain(self.rates.iter().copied()) {
             for (at, j) in system.places_of_row(row) {
@@ -101,7 +97,7 @@ impl Reduced {
     /// The factors of equations that answer to bringing the states onto what these bind of them: the monitor is then that of
     /// the states on their constraints.
     fn follow_constraints(&mut self, on: &mut OnFace<'_, '_>, rows: &Rows, y: &[f64]) {
-        self.set_gradient(on.system, Told::ByHiddenConstraints, rows, None);
+        self.set_gradient(on.system, Told::ByHiddenConstraints, rows, &[]);
         let n = on.system.states;
         let mut of_states = vec![0.0; n];
         for &(j, slope) in self.gradient.iter().filter(|(j, _)| *j < n) {
@@ -131,7 +127,7 @@ impl Reduced {
                 }
             }
         };
-        add(self.own.as_slice(), &slopes.inequality);
+        add(&self.own, &slopes.inequality);
         add(&self.equations, &slopes.inequality);
         add(&self.hidden, &slopes.curvature);
         add(&self.rates, &slopes.rates);

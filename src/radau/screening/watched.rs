@@ -32,15 +32,32 @@ impl Watched {
         if is_negative { -1.0 } else { 1.0 }
     }
 
+    /// What moves in it.
+    pub fn combination(&self) -> Combination {
+        let own = vec![(self.variable, self.sign())];
+        match self.place {
+            Place::Inside => Combination { variables: own, rows: Vec::new() },
+            _ => Combination { variables: Vec::new(), rows: own },
+        }
+    }
+}
+
+/// A linear function of variables and of rows of `G`, as pairs of a variable and a factor.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Combination {
+    pub variables: Vec<(usize, f64)>,
+    pub rows: Vec<(usize, f64)>,
+}
+
+impl Combination {
     /// Its derivatives by the variables, from those of `G` as they are.
     pub fn by_variables(&self, system: &System<'_>) -> Vec<f64> {
         let n = system.states;
         let mut slopes = vec![0.0; system.unknowns - n];
-        if self.place == Place::Inside {
-            slopes[self.variable] = self.sign();
-        } else {
-            let of_variables = system.entries_of_variable(self.variable).filter(|(j, _)| *j >= n);
-            of_variables.for_each(|(j, value)| slopes[j - n] += self.sign() * value);
+        self.variables.iter().for_each(|&(k, factor)| slopes[k] += factor);
+        for &(l, factor) in &self.rows {
+            let of_variables = system.entries_of_variable(l).filter(|(j, _)| *j >= n);
+            of_variables.for_each(|(j, value)| slopes[j - n] += factor * value);
         }
         slopes
     }
