@@ -37,6 +37,7 @@ pub struct Metrics {
     connections: Gauge,
     panics: Gauge,
     unreadable: Gauge,
+    damaged: Gauge,
     orphaned: Gauge,
 }
 
@@ -63,6 +64,7 @@ impl Default for Metrics {
             connections: Gauge::default(),
             panics: Gauge::default(),
             unreadable: Gauge::default(),
+            damaged: Gauge::default(),
             orphaned: Gauge::default(),
         };
         let registry = &mut metrics.registry;
@@ -97,6 +99,11 @@ impl Default for Metrics {
             "unreadable_jobs",
             "Jobs on the disk that the start could not read",
             metrics.unreadable.clone(),
+        );
+        registry.register(
+            "damaged_jobs",
+            "Jobs of which something on the disk is not what was written",
+            metrics.damaged.clone(),
         );
         registry.register("orphaned_results", "Results that the start set aside", metrics.orphaned.clone());
         registry.register("panics", "Solves that broke down since the start", metrics.panics.clone());
@@ -157,9 +164,15 @@ impl Metrics {
     }
 
     /// Notes what the start found on the disk.
-    pub fn found(&self, unreadable: usize, orphaned: usize) {
+    pub fn found(&self, unreadable: usize, damaged: usize, orphaned: usize) {
+        self.damaged.set(i64::try_from(damaged).unwrap_or(i64::MAX));
         self.unreadable.set(i64::try_from(unreadable).unwrap_or(i64::MAX));
         self.orphaned.set(i64::try_from(orphaned).unwrap_or(i64::MAX));
+    }
+
+    /// Counts a job of which something is found damaged.
+    pub fn found_damaged(&self) {
+        self.damaged.inc();
     }
 
     /// Counts an answer.

@@ -50,6 +50,11 @@ impl Server {
 
     /// The same, to listen on `listen`.
     pub fn start_at(listen: &str, folder: &Folder, arguments: &[&str]) -> Self {
+        Self::try_start_at(listen, folder, arguments).unwrap_or_else(|told| panic!("no service: {told}"))
+    }
+
+    /// The same, or what it said before it ended.
+    pub fn try_start_at(listen: &str, folder: &Folder, arguments: &[&str]) -> Result<Self, String> {
         let mut child = Command::new(DVI)
             .args(["serve", "--listen", listen, "--log-format", "json", "--data"])
             .arg(folder.path())
@@ -62,11 +67,13 @@ impl Server {
         let mut told = String::new();
         while server.address.is_empty() {
             let before = told.len();
-            assert!(server.log.read_line(&mut told).unwrap() > 0, "no service: {told}");
+            if server.log.read_line(&mut told).unwrap() == 0 {
+                return Err(told);
+            }
             let entry: Value = serde_json::from_str(&told[before..]).unwrap();
             server.address = entry["fields"]["address"].as_str().unwrap_or_default().to_owned();
         }
-        server
+        Ok(server)
     }
 
     /// The memory that it holds.

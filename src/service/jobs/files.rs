@@ -2,6 +2,7 @@
 //! renamed, and the folder synced (Pillai et al. 2014, "All file systems are not created equal").
 
 use super::JobId;
+use super::digest::Digest;
 use std::collections::HashSet;
 use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io::{self, Write};
@@ -37,12 +38,21 @@ impl Files {
         sync(&self.folder)
     }
 
-    /// The results of a job.
+    /// The results of a job, if there are any.
     ///
     /// # Errors
     /// Those of the disk.
-    pub fn read(&self, id: JobId) -> io::Result<Vec<u8>> {
-        fs::read(self.path(id))
+    pub fn find(&self, id: JobId) -> io::Result<Option<Vec<u8>>> {
+        match fs::read(self.path(id)) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+            json => json.map(Some),
+        }
+    }
+
+    /// The length and the digest of the results of a job, if they can be read.
+    pub fn digest(&self, id: JobId) -> Option<(usize, Digest)> {
+        let json = self.find(id).ok()??;
+        Some((json.len(), Digest::of(&json)))
     }
 
     /// Removes the results of a job, if there are any.

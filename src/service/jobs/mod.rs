@@ -10,6 +10,7 @@
 
 mod client;
 mod database;
+mod digest;
 mod disk;
 mod drain_rate;
 mod ended;
@@ -24,6 +25,7 @@ mod queue;
 mod record;
 mod results;
 mod store;
+mod tables;
 mod turns;
 mod work;
 mod writer;
@@ -296,7 +298,19 @@ impl Jobs {
     /// # Errors
     /// Those of the disk.
     pub async fn results(&self, job: &Job, held: &Held) -> io::Result<Arc<Results>> {
-        self.store.results(job.id, held).await
+        let results = self.store.results(job.id, held).await;
+        if let Err(error) = &results
+            && is_damage(error)
+        {
+            self.metrics.found_damaged();
+            self.store.set_aside(job).await;
+        }
+        results
+    }
+
+    /// Whether that name is of a job whose row on the disk is damaged.
+    pub fn is_damaged(&self, id: JobId) -> bool {
+        self.store.is_damaged(id)
     }
 
     /// Dismisses a waiting job, asks a running one to stop at its next step, leaves an ended one as it is.
@@ -503,6 +517,11 @@ impl Intake {
     fn time_for(&self, jobs: usize) -> Duration {
         self.drain_rate.time_for(jobs, Instant::now()).unwrap_or(UNMEASURED)
     }
+}
+
+/// Whether what is stored is not what was written.
+pub fn is_damage(error: &io::Error) -> bool {
+    error.kind() == io::ErrorKind::InvalidData
 }
 
 /// The job that was posted before, once it is where it is to be.

@@ -5,6 +5,7 @@
 //! one job are handed to the disk under the lock of its life, so that they are made in the order in which they came about.
 
 use super::database::Change;
+use super::digest::Digest;
 use super::disk::{Disk, Found};
 use super::ended::{Ended, Ending, Held};
 use super::index::{Index, Retention};
@@ -13,6 +14,7 @@ use super::writer::{Answer, Place, Unwritable};
 use super::{Record, Results};
 use crate::metrics::Metrics;
 use jiff::Timestamp;
+use std::collections::HashSet;
 use std::io;
 use std::path::Path;
 use std::sync::Arc;
@@ -23,6 +25,8 @@ use tokio::task::spawn_blocking;
 pub struct Store {
     index: Index,
     disk: Option<Arc<Disk>>,
+    /// Jobs on the disk of which nothing is known, since their rows are not as they were written.
+    damaged: HashSet<JobId>,
 }
 
 impl Store {
@@ -33,11 +37,17 @@ impl Store {
     /// The folder is in use, or those of the disk.
     pub fn open(folder: Option<&Path>, retention: Retention, metrics: &Metrics) -> io::Result<(Self, Vec<Arc<Job>>)> {
         let index = Index::new(retention);
-        let Some(folder) = folder else { return Ok((Self { index, disk: None }, Vec::new())) };
-        let (disk, Found { records, unreadable, orphaned }) = Disk::open(folder)?;
-        metrics.found(unreadable, orphaned);
+        let Some(folder) = folder else { return Ok((Self { index, disk: None, damaged: HashSet::new() }, Vec::new())) };
+        let (disk, Found { records, unreadable, damaged, orphaned }) = Disk::open(folder)?;
+        metrics.found(unreadable, damaged.len(), orphaned);
         let (mut waiting, mut past) = (Vec::new(), Vec::new());
-        for (id, record) in records {
+        for (id, mut record) in records {
+            if let Some(ended) = &mut record.ended
+                && ended.damaged
+            {
+                // They may have been put back.
+                ended.damaged = ended.held.as_ref().is_some_and(|held| disk.results(id, held).is_err());
+            }
             let finished = record.ended.as_ref().map(|ended| (ended.finished, ended.bytes()));
             let job = Arc::new(Job::recovered(id, record));
             // Keys were told apart when the jobs were accepted.
@@ -54,7 +64,7 @@ impl Store {
         }
         forgotten.extend(index.expire(Timestamp::now()));
         disk.erase(forgotten.iter().map(|job| job.id).collect())?;
-        Ok((Self { index, disk: Some(Arc::new(disk)) }, waiting))
+        Ok((Self { index, disk: Some(Arc::new(disk)), damaged }, waiting))
     }
 
     /// Whether the disk, if there is one, takes changes.
@@ -82,6 +92,7 @@ impl Store {
     /// Hands `job` to the disk.
     pub fn store(&self, job: &Arc<Job>, life: &mut Life, document: Arc<[u8]>, place: Place) -> Answer {
         life.keeping = Keeping::Storing;
+        job.digest.get_or_init(|| Digest::of(&document));
         let change = Change { document: Some(document), ..Change::record(job.id, &Record::of(job, life)) };
         let stored = Arc::clone(job);
         place.send(change, move |written| {
@@ -253,7 +264,7 @@ impl Store {
     pub fn document(&self, job: &Job) -> io::Result<Arc<[u8]>> {
         match (&job.document, &self.disk) {
             (Some(document), _) => Ok(Arc::clone(document)),
-            (None, Some(disk)) => disk.document(job.id).map(Arc::from),
+            (None, Some(disk)) => disk.document(job.id, job.digest.get()).map(Arc::from),
             (None, None) => Err(io::ErrorKind::NotFound.into()),
         }
     }
@@ -272,6 +283,26 @@ impl Store {
             }
             (_, None) => Err(io::ErrorKind::NotFound.into()),
         }
+    }
+
+    /// Whether that name is of a job whose row is damaged.
+    pub fn is_damaged(&self, id: JobId) -> bool {
+        self.damaged.contains(&id)
+    }
+
+    /// Tells the end of a job from now on as one whose results are damaged. They stay where they are.
+    pub async fn set_aside(&self, job: &Job) {
+        let Some(disk) = &self.disk else { return };
+        let place = disk.place().await;
+        let mut life = job.lock();
+        let State::Ended(ended) = &life.state else { return };
+        let damaged = Ended { damaged: true, ..Ended::clone(ended) };
+        if let Ok(place) = place
+            && life.is_lasting()
+        {
+            place.take(Change::record(job.id, &Record::of(job, &life).ended(&damaged)), drop);
+        }
+        life.state = State::Ended(Arc::new(damaged));
     }
 
     fn keep(&self, job: &Job, ended: &Ended) -> Vec<Arc<Job>> {

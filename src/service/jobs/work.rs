@@ -1,9 +1,9 @@
 //! What becomes of a job that has its turn: it is marked, a worker solves it, and its end comes to the store.
 
-use super::Jobs;
 use super::ended::{Ended, Ending, Fault, Held};
 use super::job::{Halt, Job, State};
 use super::results::{Results, TooLarge};
+use super::{Jobs, is_damage};
 use crate::worker::{Death, Finished, Solved, Supervisor, Watch};
 use problem::Control;
 use solution::{Status, Verdict};
@@ -111,7 +111,13 @@ impl Jobs {
             Ok(document) => document,
             Err(error) => {
                 tracing::error!(%error, "the specification of job {} cannot be read", job.id);
-                return Outcome::Ended(Ended::unsolved(Ending::Broken(Fault::Unreadable)));
+                let fault = if is_damage(&error) {
+                    self.metrics.found_damaged();
+                    Fault::Damaged
+                } else {
+                    Fault::Unreadable
+                };
+                return Outcome::Ended(Ended::unsolved(Ending::Broken(fault)));
             }
         };
         self.store.mark(place, job);
