@@ -38,6 +38,8 @@ pub struct Metrics {
     panics: Gauge,
     unreadable: Gauge,
     damaged: Gauge,
+    writable: Gauge,
+    unsaved: Gauge,
     orphaned: Gauge,
 }
 
@@ -65,6 +67,8 @@ impl Default for Metrics {
             panics: Gauge::default(),
             unreadable: Gauge::default(),
             damaged: Gauge::default(),
+            writable: Gauge::default(),
+            unsaved: Gauge::default(),
             orphaned: Gauge::default(),
         };
         let registry = &mut metrics.registry;
@@ -104,6 +108,16 @@ impl Default for Metrics {
             "damaged_jobs",
             "Jobs of which something on the disk is not what was written",
             metrics.damaged.clone(),
+        );
+        registry.register(
+            "store_writable",
+            "Whether the disk takes what it is given, 1 or 0; 1 without a disk",
+            metrics.writable.clone(),
+        );
+        registry.register(
+            "unsaved_results",
+            "Ends of jobs that wait in memory for room on the disk",
+            metrics.unsaved.clone(),
         );
         registry.register("orphaned_results", "Results that the start set aside", metrics.orphaned.clone());
         registry.register("panics", "Solves that broke down since the start", metrics.panics.clone());
@@ -188,6 +202,8 @@ impl Metrics {
         self.waiting_bytes.set(i64::try_from(jobs.waiting_bytes()).unwrap_or(i64::MAX));
         self.running.set(i64::try_from(running).unwrap_or(i64::MAX));
         self.connections.set(i64::try_from(connections).unwrap_or(i64::MAX));
+        self.writable.set(i64::from(jobs.is_writable()));
+        self.unsaved.set(i64::try_from(jobs.unsaved()).unwrap_or(i64::MAX));
         self.panics.set(i64::try_from(jobs.panics()).unwrap_or(i64::MAX));
         let mut text = String::new();
         // Writing to a string does not fail.

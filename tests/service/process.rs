@@ -55,13 +55,14 @@ impl Server {
 
     /// The same, or what it said before it ended.
     pub fn try_start_at(listen: &str, folder: &Folder, arguments: &[&str]) -> Result<Self, String> {
-        let mut child = Command::new(DVI)
-            .args(["serve", "--listen", listen, "--log-format", "json", "--data"])
-            .arg(folder.path())
-            .args(arguments)
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
+        let mut command = Command::new(DVI);
+        command.args(["serve", "--listen", listen, "--log-format", "json", "--data"]).arg(folder.path());
+        Self::of(command.args(arguments))
+    }
+
+    /// What `command` starts, or what it said before it ended.
+    pub fn of(command: &mut Command) -> Result<Self, String> {
+        let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
         let log = BufReader::new(child.stderr.take().unwrap());
         let mut server = Self { child, address: String::new(), log };
         let mut told = String::new();

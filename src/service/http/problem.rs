@@ -110,7 +110,8 @@ problems! {
         "What the disk gives back is not what was written, so that it is not shown; it is kept as it is, and `dvi store check` \
          tells what else is damaged. Send the specification again.";
     Unwritable, "unwritable", SERVICE_UNAVAILABLE, "The store cannot be written",
-        "The disk took no change, so that nothing is accepted for later until it has room and the service starts anew.";
+        "The disk is full, or the data folder was removed or replaced: nothing is accepted for later until there is room, or the \
+         folder is back. Jobs can be deleted meanwhile, and what is solved is kept and written then.";
     ResultTooLarge, "result-too-large", UNPROCESSABLE_ENTITY, "The result is too large",
         "The result is larger than `--result-mib` allows; ask for fewer output times or fields.";
     TooMuchMemory, "too-much-memory", UNPROCESSABLE_ENTITY, "The solve takes too much memory",
@@ -232,7 +233,7 @@ impl From<Refusal> for Box<Problem> {
 
 impl From<Unwritable> for Box<Problem> {
     fn from(_: Unwritable) -> Self {
-        Problem::plain(Kind::Unwritable).after(Duration::from_secs(60))
+        Problem::plain(Kind::Unwritable).after(Duration::from_secs(10))
     }
 }
 

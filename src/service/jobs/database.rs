@@ -5,9 +5,11 @@ use super::tables::{self, FORMAT, JOBS, RESULTS, SPECIFICATIONS, STARTS};
 use super::{JobId, Record, Results};
 use redb::{Builder, Database as Redb, ReadableDatabase, ReadableTable, TableDefinition, WriteTransaction};
 use std::collections::BTreeSet;
+use std::fmt;
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::{Path, PathBuf};
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, PoisonError, RwLock};
 
 /// Pages kept in memory. What is read again soon was just written; the rest is for the system's own cache.
@@ -33,6 +35,11 @@ impl Change {
         Self { record: Some((id, serde_json::to_vec(record).unwrap_or_default())), ..Self::default() }
     }
 
+    /// Whether it takes hardly any room, or gives some back.
+    pub fn is_small(&self) -> bool {
+        self.document.is_none() && self.results.is_none()
+    }
+
     /// Removes every row of these jobs.
     pub fn forgotten(forgotten: Vec<JobId>) -> Self {
         Self { forgotten, ..Self::default() }
@@ -54,21 +61,40 @@ pub struct Rows {
 ///
 /// A page that the disk has changed can make the library fail or panic, after which it may refuse everything: it is then
 /// opened anew, so that one bad page shuts no other.
-#[derive(Debug)]
 pub struct Database {
-    path: PathBuf,
+    open: Box<Open>,
     /// Nothing where it could not be opened anew.
     redb: RwLock<Option<Redb>>,
 }
 
+/// How the library opens it.
+type Open = dyn Fn() -> io::Result<Redb> + Send + Sync;
+
 impl Database {
-    /// Opens the file, made if it is not there, and brings it up to date. Of a result that is a file, `digest` gives its
-    /// length and its digest.
+    /// The database at `path`, made if it is not there.
+    pub fn at(path: &Path) -> impl Fn() -> io::Result<Redb> + Send + Sync + use<> {
+        let (path, opened) = (path.to_owned(), AtomicBool::new(false));
+        move || {
+            // A file that is gone is not made again: what it held would seem to be lost.
+            if opened.load(Relaxed) && !path.exists() {
+                return Err(io::ErrorKind::NotFound.into());
+            }
+            let redb = guarded(|| Ok(Builder::new().set_cache_size(CACHE_BYTES).create(&path)?))?;
+            opened.store(true, Relaxed);
+            Ok(redb)
+        }
+    }
+
+    /// Opens the database and brings it up to date; gives the format that it had, if there was anything. Of a result that is
+    /// a file, `digest` gives its length and its digest.
     ///
     /// # Errors
     /// It is in use by another process, is no database or one of a later version, or cannot be made.
-    pub fn open(path: &Path, digest: &dyn Fn(JobId) -> Option<(usize, Digest)>) -> io::Result<Self> {
-        let redb = open(path)?;
+    pub fn open(
+        open: impl Fn() -> io::Result<Redb> + Send + Sync + 'static,
+        digest: &dyn Fn(JobId) -> Option<(usize, Digest)>,
+    ) -> io::Result<(Self, Option<u64>)> {
+        let redb = open()?;
         let format = guarded(|| tables::format(&redb))?;
         if let Some(format) = format
             && format > FORMAT
@@ -83,10 +109,41 @@ impl Database {
         if format != Some(FORMAT) {
             guarded(|| tables::make(&redb, format, digest))?;
         }
-        if let Some(format) = format.filter(|format| *format < FORMAT) {
-            tracing::info!("the store was of format {format} and is of format {FORMAT} now");
+        Ok((Self { open: Box::new(open), redb: RwLock::new(Some(redb)) }, format))
+    }
+
+    /// Whether every page is as it was written. Writes what it mends.
+    pub fn is_sound(&self) -> bool {
+        let sound = match &mut *self.redb.write().unwrap_or_else(PoisonError::into_inner) {
+            Some(redb) => guarded(|| Ok(redb.check_integrity()?)),
+            None => Ok(false),
+        };
+        if sound.is_err()
+            && let Err(error) = self.reopen()
+        {
+            tracing::error!(%error, "the database cannot be opened anew");
         }
-        Ok(Self { path: path.to_owned(), redb: RwLock::new(Some(redb)) })
+        sound.unwrap_or(false)
+    }
+
+    /// Gives room that is not needed any more back to the disk.
+    ///
+    /// # Errors
+    /// Those of the disk.
+    pub fn shrink(&self) -> io::Result<()> {
+        let shrunk = match &mut *self.redb.write().unwrap_or_else(PoisonError::into_inner) {
+            Some(redb) => guarded(|| {
+                redb.compact().map(drop).map_err(|error| match error {
+                    redb::CompactionError::Storage(error) => error.into(),
+                    error => redb::Error::Corrupted(error.to_string()),
+                })
+            }),
+            None => Ok(()),
+        };
+        if shrunk.is_err() {
+            self.reopen()?;
+        }
+        shrunk
     }
 
     /// Makes `changes`, in their order, for good when it returns.
@@ -225,11 +282,7 @@ impl Database {
             drop(redb.take());
             Ok(())
         })?;
-        // A file that is gone is not made again: what it held would seem to be lost.
-        if !self.path.exists() {
-            return Err(io::ErrorKind::NotFound.into());
-        }
-        *redb = Some(open(&self.path)?);
+        *redb = Some((self.open)()?);
         Ok(())
     }
 }
@@ -248,8 +301,10 @@ impl Rows {
     }
 }
 
-fn open(path: &Path) -> io::Result<Redb> {
-    guarded(|| Ok(Builder::new().set_cache_size(CACHE_BYTES).create(path)?))
+impl fmt::Debug for Database {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Database").finish_non_exhaustive()
+    }
 }
 
 /// Does work with the library; a panic of it, as over a damaged page, is an error like others. The log has its place.

@@ -4,6 +4,7 @@
 //! jobs.redb         a row a job, its specification, its result if that is small
 //! results/ID.json   a large result
 //! results.orphaned  results that no row names: of a database that was lost, or of jobs that were being forgotten
+//! reserve           room held back, for deletes where the disk is full
 //! running-N         what the workers of the Nth start are at
 //! ```
 //!
@@ -15,6 +16,8 @@ use super::digest::Digest;
 use super::ended::{Ended, Ending, Fault, Held, Stored};
 use super::files::{self, Files};
 use super::marks::Marks;
+use super::reserve::Reserve;
+use super::tables::FORMAT;
 use super::writer::{Place, Unwritable, Writer};
 use super::{JobId, Record, Results};
 use std::collections::HashSet;
@@ -72,7 +75,20 @@ impl Disk {
         files::create(folder)?;
         let path = folder.join("jobs.redb");
         let files = Arc::new(Files::open(folder.join("results"))?);
-        let database = Arc::new(Database::open(&path, &|id| files.digest(id))?);
+        let reserve = Reserve::at(folder.join("reserve"));
+        let open = || Database::open(Database::at(&path), &|id| files.digest(id));
+        // On a full disk the room held back may be just what it takes.
+        let (database, format) = open().or_else(|error| {
+            if error.kind() != io::ErrorKind::StorageFull {
+                return Err(error);
+            }
+            reserve.release();
+            open()
+        })?;
+        let database = Arc::new(database);
+        if let Some(format) = format.filter(|format| *format < FORMAT) {
+            tracing::info!("the store was of format {format} and is of format {FORMAT} now");
+        }
         if let Err(error) = fs::set_permissions(&path, Permissions::from_mode(files::OWN)) {
             tracing::warn!(%error, "others may be able to read {}", path.display());
         }
@@ -86,7 +102,10 @@ impl Disk {
             }
         }
         // In the same transaction: marks that have been counted once are those of an earlier start.
-        database.start(&changes, start + 1)?;
+        database.start(&changes, start + 1).or_else(|_| {
+            reserve.release();
+            database.start(&changes, start + 1)
+        })?;
         remove_marks(folder)?;
         let marks = Marks::create(&marks(folder, start + 1))?;
         let named = records.iter().map(|(id, _)| id).chain(&unreadable).chain(&damaged).copied().collect();
@@ -97,7 +116,7 @@ impl Disk {
             let why = if start == 0 { "the database is new" } else { "no job has them" };
             tracing::error!(orphaned, "{orphaned} results are set aside in {orphans}: {why}");
         }
-        let writer = Writer::start(Arc::clone(&database), Arc::clone(&files))?;
+        let writer = Writer::start(&path, Arc::clone(&database), Arc::clone(&files), reserve)?;
         let found = Found { records, unreadable: unreadable.len(), damaged: damaged.into_iter().collect(), orphaned };
         Ok((Self { database, files, marks, writer }, found))
     }
@@ -122,19 +141,17 @@ impl Disk {
 
     /// Puts away a large result, for good when it returns; a small one is given back, for the change that tells of
     /// the end.
-    pub fn put_away(&self, id: JobId, ended: Ended) -> (Ended, Option<Arc<Results>>) {
-        let Some(Held::Memory(results)) = &ended.held else { return (ended, None) };
+    ///
+    /// # Errors
+    /// Those of the disk.
+    pub fn put_away(&self, id: JobId, ended: Ended) -> io::Result<(Ended, Option<Arc<Results>>)> {
+        let Some(Held::Memory(results)) = &ended.held else { return Ok((ended, None)) };
         let (results, stored) = (Arc::clone(results), Stored { bytes: results.json().len(), digest: results.digest() });
         if stored.bytes < LARGE {
-            return (Ended { held: Some(Held::Table(stored)), ..ended }, Some(results));
+            return Ok((Ended { held: Some(Held::Table(stored)), ..ended }, Some(results)));
         }
-        match self.files.write(id, results.json()) {
-            Ok(()) => (Ended { held: Some(Held::File(stored)), ..ended }, None),
-            Err(error) => {
-                tracing::error!(job.id = %id, %error, "the results of job {id} cannot be written");
-                (ended.unwritable(), None)
-            }
-        }
+        self.files.write(id, results.json())?;
+        Ok((Ended { held: Some(Held::File(stored)), ..ended }, None))
     }
 
     /// Removes all that there is of these jobs.
@@ -148,9 +165,7 @@ impl Disk {
 
     /// Removes a result whose job is forgotten.
     pub fn discard(&self, id: JobId) {
-        if let Err(error) = self.files.remove(id) {
-            tracing::warn!(job.id = %id, %error, "a file of results is left behind until the next start");
-        }
+        self.files.discard(id);
     }
 
     /// What was posted for a job, if it is what its digest was made of.

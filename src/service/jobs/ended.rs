@@ -160,11 +160,6 @@ impl Ended {
         }
     }
 
-    /// The same without its results, which could not be put away.
-    pub fn unwritable(self) -> Self {
-        Self { ending: Ending::Broken(Fault::Unwritable), verdict: None, held: None, ..self }
-    }
-
     /// The bytes that keeping it takes.
     pub fn bytes(&self) -> usize {
         match &self.held {

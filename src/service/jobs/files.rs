@@ -25,17 +25,46 @@ impl Files {
         Ok(Self { folder })
     }
 
+    /// A folder that is there.
+    pub fn at(folder: PathBuf) -> Self {
+        Self { folder }
+    }
+
+    /// The jobs of which there are results.
+    ///
+    /// # Errors
+    /// Those of the disk.
+    pub fn names(&self) -> io::Result<impl Iterator<Item = JobId>> {
+        let entries = fs::read_dir(&self.folder)?.flatten();
+        Ok(entries.filter_map(|entry| entry.file_name().to_str()?.strip_suffix(".json")?.parse().ok()))
+    }
+
     /// Puts away the results of a job, for good when it returns.
     ///
     /// # Errors
     /// Those of the disk.
     pub fn write(&self, id: JobId, json: &[u8]) -> io::Result<()> {
         let unfinished = self.folder.join(format!("{id}.part"));
-        let mut file = OpenOptions::new().write(true).create(true).truncate(true).mode(OWN).open(&unfinished)?;
-        file.write_all(json)?;
-        file.sync_all()?;
-        fs::rename(&unfinished, self.path(id))?;
+        let written = self.write_as(&unfinished, json).and_then(|()| fs::rename(&unfinished, self.path(id)));
+        if written.is_err() {
+            // On a full disk, what has been written of it takes the room.
+            let _ = fs::remove_file(&unfinished);
+        }
+        written?;
         sync(&self.folder)
+    }
+
+    fn write_as(&self, path: &Path, json: &[u8]) -> io::Result<()> {
+        let mut file = OpenOptions::new().write(true).create(true).truncate(true).mode(OWN).open(path)?;
+        file.write_all(json)?;
+        file.sync_all()
+    }
+
+    /// Removes a result whose job is forgotten.
+    pub fn discard(&self, id: JobId) {
+        if let Err(error) = self.remove(id) {
+            tracing::warn!(job.id = %id, %error, "a file of results is left behind until the next start");
+        }
     }
 
     /// The results of a job, if there are any.

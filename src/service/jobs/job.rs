@@ -309,6 +309,12 @@ impl Job {
         self.wake();
     }
 
+    /// To its end as it is on the disk, whether it was told before or not; wakes whoever waits.
+    pub(super) fn conclude(&self, ended: Ended) {
+        self.lock().state = State::Ended(Arc::new(ended));
+        self.wake();
+    }
+
     /// Wakes whoever waits for the end.
     pub(super) fn wake(&self) {
         self.settled.notify_waiters();

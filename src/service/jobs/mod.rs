@@ -18,15 +18,19 @@ mod files;
 mod glance;
 mod idempotency;
 mod index;
+mod inspection;
 mod job;
 mod marks;
+mod overlay;
 mod pool;
 mod queue;
 mod record;
+mod reserve;
 mod results;
 mod store;
 mod tables;
 mod turns;
+mod unsaved;
 mod work;
 mod writer;
 
@@ -35,6 +39,7 @@ pub use ended::{Ended, Ending, Fault, Held, Timing};
 pub use idempotency::Key;
 pub(crate) use idempotency::hexadecimal;
 pub use index::{Mismatch, Retention};
+pub use inspection::Inspection;
 pub use job::{Halt, Job, JobId, Moment, Order, State};
 pub use pool::Pool;
 pub use queue::Room;
@@ -174,7 +179,7 @@ impl Jobs {
     /// # Errors
     /// The folder is in use, or those of the disk.
     pub fn open(bounds: Bounds, solver: Solver, folder: Option<&Path>, metrics: Arc<Metrics>) -> io::Result<Self> {
-        let (store, accepted) = Store::open(folder, bounds.retention, &metrics)?;
+        let (store, accepted) = Store::open(folder, bounds.retention, bounds.result_bytes, &metrics)?;
         let mut queue = FairQueue::new(bounds.queue);
         let waiting = Semaphore::new(accepted.len());
         accepted.into_iter().for_each(|job| queue.push(job.client, job));
@@ -335,6 +340,22 @@ impl Jobs {
     /// Forgets the jobs that ended too long before `now`.
     pub async fn expire(&self, now: Timestamp) {
         self.store.expire(now).await;
+    }
+
+    /// Tries to write again what a full disk did not take, and has solved again what there was no memory to keep.
+    pub async fn heal(&self) {
+        for job in self.store.heal().await {
+            if job.is_forgotten() {
+                continue;
+            }
+            self.lock().queue.push(job.client, job);
+            self.waiting.add_permits(1);
+        }
+    }
+
+    /// How many ends of jobs wait for room on the disk.
+    pub fn unsaved(&self) -> usize {
+        self.store.unsaved()
     }
 
     /// How many jobs will be taken before this waiting one; nothing if it does not wait.

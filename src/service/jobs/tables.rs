@@ -187,7 +187,7 @@ mod tests {
         // The third is missing.
         let digest = |id: JobId| (id.number() == 2).then(|| (7, Digest::of(b"results")));
         for _ in 0..2 {
-            let jobs = Jobs::open(&file.0, &digest).unwrap();
+            let jobs = Jobs::open(Jobs::at(&file.0), &digest).unwrap().0;
             let rows = jobs.records();
             assert_eq!(rows.unreadable, [JobId::of_number(4)]);
             let told: Vec<_> = rows
@@ -205,12 +205,12 @@ mod tests {
     #[test]
     fn a_store_of_a_later_format_is_refused_and_left_as_it_is() {
         let file = File::new("later");
-        drop(Jobs::open(&file.0, &|_| None).unwrap());
+        drop(Jobs::open(Jobs::at(&file.0), &|_| None).unwrap());
         file.write(|transaction| {
             transaction.open_table(FORMATS)?.insert((), FORMAT + 1)?;
             Ok(())
         });
-        let error = Jobs::open(&file.0, &|_| None).unwrap_err();
+        let error = Jobs::open(Jobs::at(&file.0), &|_| None).unwrap_err();
         assert_eq!(error.kind(), io::ErrorKind::Unsupported);
         assert!(error.to_string().contains("a later version of dvi"), "{error}");
         let redb = Database::open(&file.0).unwrap();
@@ -220,7 +220,7 @@ mod tests {
     #[test]
     fn a_store_is_refused_by_versions_before_formats_were_told() {
         let file = File::new("earlier");
-        drop(Jobs::open(&file.0, &|_| None).unwrap());
+        drop(Jobs::open(Jobs::at(&file.0), &|_| None).unwrap());
         let redb = Database::open(&file.0).unwrap();
         let transaction = redb.begin_write().unwrap();
         assert!(matches!(transaction.open_table(JOBS_OF_FORMAT_1), Err(redb::TableError::TableTypeMismatch { .. })));
