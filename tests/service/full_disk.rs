@@ -38,9 +38,11 @@ fn a_full_disk_heals_and_nothing_is_lost() {
         server.reaches(&blocker, &["running"]);
         let waiting = [&long, DECAY].map(|document| server.accept(document));
         fill(&disk.join("filler"));
+        // As many as still find room in the database, which then fails.
+        let late: Vec<_> = until_full(&server);
         server.send("POST", &format!("{blocker}/cancel"), "", "");
         // What was accepted is solved, and shown from memory.
-        for path in &waiting {
+        for path in waiting.iter().chain(&late) {
             server.reaches(path, &["successful"]);
             assert_eq!(server.get(&format!("{path}/results")).status, 200);
         }
@@ -64,6 +66,10 @@ fn a_full_disk_heals_and_nothing_is_lost() {
         kept.push((second.clone(), server.get(&format!("{second}/results")).body));
         // The large ones of earlier rounds make room.
         kept.push((first.clone(), server.get(&format!("{first}/results")).body));
+        for path in &late {
+            assert_eq!(server.get(&format!("{path}/specification")).status, 200);
+            assert_eq!(server.send("DELETE", path, "", "").status, 204);
+        }
     }
     println!("well again after {slowest:?} at most");
 
@@ -102,6 +108,43 @@ fn a_folder_that_is_removed_is_noticed_and_so_is_its_return() {
     assert_eq!(server.get(&format!("{before}/results")).status, 200);
     let after = server.accept(DECAY);
     server.reaches(&after, &["successful"]);
+}
+
+#[test]
+fn a_disk_full_of_jobs_heals_when_they_are_deleted() {
+    let folder = Folder::new();
+    let Some(server) = on_a_small_disk(&folder) else {
+        println!("no disk can be mounted here: nothing is tried");
+        return;
+    };
+    let jobs = until_full(&server);
+    assert!(jobs.len() > 10, "{}", jobs.len());
+    server.get("/readyz").problem(503, "unwritable");
+    for path in &jobs {
+        assert_eq!(server.send("DELETE", path, "", "").status, 204);
+    }
+    let room = Instant::now();
+    while server.get("/readyz").status != 200 {
+        assert!(room.elapsed() < HEALED, "not well after {:?}", room.elapsed());
+        thread::sleep(Duration::from_millis(20));
+    }
+    println!("{} jobs deleted; well again after {:?}", jobs.len(), room.elapsed());
+    let after = server.accept(DECAY);
+    server.reaches(&after, &["successful"]);
+}
+
+/// Posts jobs of 200 KiB until there is no room for one more.
+fn until_full(server: &Server) -> Vec<String> {
+    let document = format!("{DECAY}{}", " ".repeat(200 << 10));
+    let mut accepted = Vec::new();
+    loop {
+        let answer = server.send("POST", "/solve", "prefer: respond-async\r\n", &document);
+        if answer.status != 202 {
+            answer.problem(503, "unwritable");
+            return accepted;
+        }
+        accepted.push(answer.header("location"));
+    }
 }
 
 /// A service whose folder is a disk of 16 MiB, which nobody else sees and which goes with it; nothing where that is not allowed.
