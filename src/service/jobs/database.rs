@@ -40,6 +40,12 @@ impl Change {
         self.document.is_none() && self.results.is_none()
     }
 
+    /// The bytes of what it adds.
+    pub fn bytes(&self) -> usize {
+        let document = self.document.as_ref().map_or(0, |document| document.len());
+        document + self.results.as_ref().map_or(0, |results| results.json().len())
+    }
+
     /// Removes every row of these jobs.
     pub fn forgotten(forgotten: Vec<JobId>) -> Self {
         Self { forgotten, ..Self::default() }

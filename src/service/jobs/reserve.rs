@@ -43,6 +43,19 @@ impl Reserve {
         held
     }
 
+    /// Whether there is so much room beside.
+    pub fn is_beside(&self, bytes: usize) -> bool {
+        let path = self.path.with_extension("part");
+        let tried =
+            OpenOptions::new().write(true).create(true).truncate(true).mode(OWN).open(&path).and_then(|mut file| {
+                (0..bytes.div_ceil(PIECE.len())).try_for_each(|_| file.write_all(&PIECE))?;
+                file.sync_all()
+            });
+        // One that stays is written over by the next.
+        let _ = fs::remove_file(&path);
+        tried.is_ok()
+    }
+
     /// Gives the room back.
     pub fn release(&self) {
         if let Err(error) = fs::remove_file(&self.path)

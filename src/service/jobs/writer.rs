@@ -83,7 +83,7 @@ impl Writer {
         let failed = Arc::new(AtomicBool::new(reserve.hold().is_err()));
         let (told, freed) = (Arc::clone(&failed), false);
         let place = Whereabouts::of(path)?;
-        let mut scribe = Scribe { database, files, reserve, place: place.clone(), failed: told, freed };
+        let mut scribe = Scribe { database, files, reserve, place: place.clone(), failed: told, freed, wanted: 0 };
         thread::Builder::new().name("dvi-store".to_owned()).spawn(move || scribe.write(changes))?;
         Ok(Self { changes: sender, failed, place })
     }
@@ -130,6 +130,8 @@ struct Scribe {
     failed: Arc<AtomicBool>,
     /// Jobs have been deleted since the room held back was given up.
     freed: bool,
+    /// The bytes that the latest group was to add which could not be written.
+    wanted: usize,
 }
 
 impl Scribe {
@@ -169,6 +171,7 @@ impl Scribe {
                 }
                 Err(error) => {
                     self.failed.store(true, Relaxed);
+                    self.wanted = changes.iter().map(Change::bytes).sum();
                     tracing::error!(%error, changes = changes.len(), "the store cannot be written");
                 }
             }
@@ -187,9 +190,10 @@ impl Scribe {
         changes.iter().map(made).collect()
     }
 
-    /// Holds room back again, for which the database may have to give some up; says whether there is enough.
+    /// Holds room back again, for which the database may have to give some up; says whether there is enough, also for what
+    /// could not be written.
     fn hold(&mut self) -> bool {
-        if self.reserve.hold().is_ok() {
+        if self.is_room() {
             return true;
         }
         if !std::mem::take(&mut self.freed) {
@@ -198,6 +202,10 @@ impl Scribe {
         if let Err(error) = self.database.shrink() {
             tracing::error!(%error, "the database cannot be made smaller");
         }
-        self.reserve.hold().is_ok()
+        self.is_room()
+    }
+
+    fn is_room(&self) -> bool {
+        self.reserve.hold().is_ok() && self.reserve.is_beside(self.wanted)
     }
 }
