@@ -57,7 +57,7 @@ impl Inspection {
         for (id, record) in records {
             known.insert(id);
             let document = database.document(id).ok().flatten();
-            if !document.zip(record.document).is_some_and(|(document, digest)| digest.vouch(document).is_ok()) {
+            if document.zip(record.document).is_none_or(|(document, digest)| digest.vouch(document).is_err()) {
                 found.damages(id, "specification");
             }
             let Some(ended) = record.ended else { continue };

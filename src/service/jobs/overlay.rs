@@ -4,6 +4,7 @@
 use redb::backends::FileBackend;
 use redb::{BackendError, StorageBackend};
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::fs::File;
 use std::io;
 use std::ops::Bound;
@@ -99,12 +100,11 @@ impl StorageBackend for Overlay {
         let mut rest = data;
         for (number, first, length) in pages(offset, data.len()) {
             let (piece, behind) = rest.split_at(length);
-            if !over.pages.contains_key(&number) {
-                over.pages.insert(number, self.below(number)?);
-            }
-            if let Some(page) = over.pages.get_mut(&number) {
-                page[first..first + length].copy_from_slice(piece);
-            }
+            let page = match over.pages.entry(number) {
+                Entry::Occupied(page) => page.into_mut(),
+                Entry::Vacant(page) => page.insert(self.below(number)?),
+            };
+            page[first..first + length].copy_from_slice(piece);
             rest = behind;
         }
         over.length = over.length.max(offset + data.len() as u64);
