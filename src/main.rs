@@ -3,7 +3,7 @@
 mod command;
 
 use clap::{Parser, Subcommand};
-use command::{check, healthcheck, methods, report, serve, solve, token, worker};
+use command::{check, healthcheck, methods, report, serve, solve, store, token, worker};
 use mimalloc::MiMalloc;
 use std::process::ExitCode;
 
@@ -39,6 +39,7 @@ enum Command {
     Report(report::Arguments),
     Serve(serve::Arguments),
     Worker(worker::Arguments),
+    Store(store::Arguments),
     Token(token::Arguments),
     Healthcheck(healthcheck::Arguments),
 }
@@ -59,6 +60,7 @@ fn main() -> ExitCode {
         Command::Report(arguments) => report::run(&arguments),
         Command::Serve(arguments) => serve::run(arguments),
         Command::Worker(arguments) => worker::run(&arguments),
+        Command::Store(arguments) => store::run(&arguments),
         Command::Token(arguments) => token::run(&arguments),
         Command::Healthcheck(arguments) => healthcheck::run(&arguments),
     }

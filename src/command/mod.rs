@@ -11,6 +11,7 @@ mod remote;
 pub mod report;
 pub mod serve;
 pub mod solve;
+pub mod store;
 pub mod token;
 mod verdict;
 pub mod worker;

@@ -37,6 +37,9 @@ pub struct Metrics {
     connections: Gauge,
     panics: Gauge,
     unreadable: Gauge,
+    damaged: Gauge,
+    writable: Gauge,
+    unsaved: Gauge,
     orphaned: Gauge,
 }
 
@@ -63,6 +66,9 @@ impl Default for Metrics {
             connections: Gauge::default(),
             panics: Gauge::default(),
             unreadable: Gauge::default(),
+            damaged: Gauge::default(),
+            writable: Gauge::default(),
+            unsaved: Gauge::default(),
             orphaned: Gauge::default(),
         };
         let registry = &mut metrics.registry;
@@ -97,6 +103,21 @@ impl Default for Metrics {
             "unreadable_jobs",
             "Jobs on the disk that the start could not read",
             metrics.unreadable.clone(),
+        );
+        registry.register(
+            "damaged_jobs",
+            "Jobs of which something on the disk is not what was written",
+            metrics.damaged.clone(),
+        );
+        registry.register(
+            "store_writable",
+            "Whether the disk takes what it is given, 1 or 0; 1 without a disk",
+            metrics.writable.clone(),
+        );
+        registry.register(
+            "unsaved_results",
+            "Ends of jobs that wait in memory for room on the disk",
+            metrics.unsaved.clone(),
         );
         registry.register("orphaned_results", "Results that the start set aside", metrics.orphaned.clone());
         registry.register("panics", "Solves that broke down since the start", metrics.panics.clone());
@@ -157,9 +178,15 @@ impl Metrics {
     }
 
     /// Notes what the start found on the disk.
-    pub fn found(&self, unreadable: usize, orphaned: usize) {
+    pub fn found(&self, unreadable: usize, damaged: usize, orphaned: usize) {
+        self.damaged.set(i64::try_from(damaged).unwrap_or(i64::MAX));
         self.unreadable.set(i64::try_from(unreadable).unwrap_or(i64::MAX));
         self.orphaned.set(i64::try_from(orphaned).unwrap_or(i64::MAX));
+    }
+
+    /// Counts a job of which something is found damaged.
+    pub fn found_damaged(&self) {
+        self.damaged.inc();
     }
 
     /// Counts an answer.
@@ -175,6 +202,8 @@ impl Metrics {
         self.waiting_bytes.set(i64::try_from(jobs.waiting_bytes()).unwrap_or(i64::MAX));
         self.running.set(i64::try_from(running).unwrap_or(i64::MAX));
         self.connections.set(i64::try_from(connections).unwrap_or(i64::MAX));
+        self.writable.set(i64::from(jobs.is_writable()));
+        self.unsaved.set(i64::try_from(jobs.unsaved()).unwrap_or(i64::MAX));
         self.panics.set(i64::try_from(jobs.panics()).unwrap_or(i64::MAX));
         let mut text = String::new();
         // Writing to a string does not fail.

@@ -33,6 +33,9 @@ const LAST_CALL: Duration = Duration::from_secs(5);
 /// How often jobs are looked through for those that are too old.
 const TIDY: Duration = Duration::from_secs(60);
 
+/// How often a store that could not be written is tried again.
+const HEAL: Duration = Duration::from_secs(1);
+
 /// A pause after a failed `accept`: it fails at once for as long as there are no file descriptors.
 const BREATH: Duration = Duration::from_millis(50);
 
@@ -79,9 +82,16 @@ pub async fn serve(listener: TcpListener, router: Router, shared: Shared, mut st
             shared.jobs.expire(Timestamp::now()).await;
         }
     };
+    let healing = async {
+        loop {
+            sleep(HEAL).await;
+            shared.jobs.heal().await;
+        }
+    };
     tokio::select! {
         () = accepting => {}
         () = expiring => {}
+        () = healing => {}
         () = stopping => {}
     }
     shared.closing.send_replace(true);

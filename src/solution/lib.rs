@@ -18,6 +18,7 @@ mod study;
 mod trajectory;
 mod uniqueness;
 mod verdict;
+mod version;
 
 pub use contact::{ContactPlan, describe_contact, integrate_contact};
 pub use convolution::{ConvolutionPlan, Mesh, describe_convolution, integrate_convolution};
@@ -34,6 +35,7 @@ pub use study::{Series, Study, StudyRun};
 pub use trajectory::{Field, Trajectory};
 pub use uniqueness::uniqueness_caveat;
 pub use verdict::{Caveat, CheckCode, Checks, Measured, Reason, Verdict};
+pub use version::Version;
 
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Deserializer, Serialize};
@@ -69,6 +71,10 @@ pub struct Failure {
 /// The answer to a specification. Every number in it is finite.
 #[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
 pub struct Solution {
+    /// The version of its form, 1: members may come to it, none goes or changes its meaning.
+    #[serde(default)]
+    #[schema(value_type = u64, minimum = 1, maximum = 1)]
+    pub version: Version,
     /// How it ended.
     pub status: Status,
     /// Whether it may be relied upon, and what speaks against it.

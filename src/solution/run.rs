@@ -1,6 +1,6 @@
 //! Runs a stepper from start to end: outputs, limits, events, evidence. Written once, outside the methods.
 
-use super::{Diagnostics, Event, Failure, Field, Solution, Status, Trajectory, Verdict};
+use super::{Diagnostics, Event, Failure, Field, Solution, Status, Trajectory, Verdict, Version};
 use problem::{Control, Stop};
 use std::time::Instant;
 
@@ -153,7 +153,15 @@ impl<'a> Run<'a> {
         self.diagnostics.wall_seconds = self.began.elapsed().as_secs_f64();
         let verdict = Verdict::default();
         Ended {
-            solution: Solution { status, verdict, error, trajectory, diagnostics: self.diagnostics, study: None },
+            solution: Solution {
+                version: Version,
+                status,
+                verdict,
+                error,
+                trajectory,
+                diagnostics: self.diagnostics,
+                study: None,
+            },
             x: self.x,
         }
     }

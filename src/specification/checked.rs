@@ -36,6 +36,9 @@ pub struct Specification {
     analysis: Analysis,
 }
 
+/// The version of the language of specifications.
+const VERSION: u64 = 1;
+
 /// The longest label, in characters.
 const LONGEST_LABEL: usize = 200;
 
@@ -59,9 +62,10 @@ impl Specification {
 
     /// Checks what a document means. What was mended in reading it is not held against it again.
     pub(super) fn check(document: Document, repairs: &Repairs, control: &Control, errors: &mut Errors) -> Option<Self> {
-        let Document { problem, time, method, output, limits, study, label } = document;
+        let Document { version, problem, time, method, output, limits, study, label } = document;
         let mut found = Errors::default();
         let root = Place::Root;
+        check_version(version, &root.key("version"), &mut found);
         let horizon = check_time(time, &root.key("time"), &mut found).filter(|_| !repairs.touch("/time"));
         let time_of_start = horizon.map(|time| time.start).filter(|_| !repairs.touch("/problem"));
         let start = Start { time: time_of_start, control };
@@ -245,6 +249,14 @@ fn check_solver(set: &ConvexSet, solver: ViSolverName, place: &Place<'_>, errors
             SpecificationError::new(place.key("vi_solver").to_string(), "unsuitable_solver", detail)
                 .expected("\"auto\", \"semismooth_newton\", \"conic\" or \"block_gauss_seidel\""),
         );
+    }
+}
+
+fn check_version(version: Option<u64>, place: &Place<'_>, errors: &mut Errors) {
+    if let Some(version) = version.filter(|version| *version != VERSION) {
+        let detail = format!("version {version} of the language of specifications is not known here");
+        let error = SpecificationError::new(place.to_string(), "unknown_version", detail);
+        errors.push(error.expected(format!("{VERSION}, or nothing")));
     }
 }
 

@@ -21,6 +21,9 @@ use utoipa::ToSchema;
 #[serde(deny_unknown_fields)]
 #[schema(as = Specification)]
 pub struct Document {
+    /// The version of the language of specifications: 1, as where it is absent.
+    #[schema(minimum = 1, maximum = 1)]
+    pub version: Option<u64>,
     /// What is to be solved.
     pub problem: Problem,
     /// The time horizon.

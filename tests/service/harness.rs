@@ -7,7 +7,7 @@ use dvi::problem::Stop;
 use dvi::service::jobs::{Client, Solver};
 use dvi::service::worker::{Confinement, Launcher, Start, serve};
 use dvi::service::{Options, Service};
-use dvi::solution::{Diagnostics, Field, Solution, Status, Trajectory, Verdict};
+use dvi::solution::{Diagnostics, Field, Solution, Status, Trajectory, Verdict, Version};
 use http_body_util::BodyExt;
 use hyper::body::Frame;
 use serde_json::Value;
@@ -30,7 +30,15 @@ pub fn halving(status: Status) -> Solution {
     let fields = vec![Field { name: "x".to_owned(), values: vec![1.0, 0.5] }];
     let trajectory = Trajectory { t: vec![0.0, 1.0], fields, events: vec![] };
     let verdict = Verdict { trusted: status == Status::Completed, ..Verdict::default() };
-    Solution { status, verdict, error: None, trajectory, diagnostics: Diagnostics::default(), study: None }
+    Solution {
+        version: Version,
+        status,
+        verdict,
+        error: None,
+        trajectory,
+        diagnostics: Diagnostics::default(),
+        study: None,
+    }
 }
 
 /// Workers on threads of this process, which call a solver whose course a test decides. What they say to the front goes

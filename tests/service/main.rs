@@ -1,5 +1,6 @@
 //! The service as its clients see it: without a socket where none is needed, over one where it is the matter.
 
+mod bit_rot;
 mod bounds;
 mod browsers;
 mod catalogue;
@@ -7,6 +8,7 @@ mod check;
 mod connections;
 mod durable;
 mod events;
+mod full_disk;
 mod glance;
 mod harness;
 mod hostile;
@@ -21,6 +23,7 @@ mod refusals;
 mod remote;
 mod results;
 mod solve;
+mod store;
 mod supervision;
 mod tokens;
 mod verdict;

@@ -50,23 +50,31 @@ impl Server {
 
     /// The same, to listen on `listen`.
     pub fn start_at(listen: &str, folder: &Folder, arguments: &[&str]) -> Self {
-        let mut child = Command::new(DVI)
-            .args(["serve", "--listen", listen, "--log-format", "json", "--data"])
-            .arg(folder.path())
-            .args(arguments)
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
+        Self::try_start_at(listen, folder, arguments).unwrap_or_else(|told| panic!("no service: {told}"))
+    }
+
+    /// The same, or what it said before it ended.
+    pub fn try_start_at(listen: &str, folder: &Folder, arguments: &[&str]) -> Result<Self, String> {
+        let mut command = Command::new(DVI);
+        command.args(["serve", "--listen", listen, "--log-format", "json", "--data"]).arg(folder.path());
+        Self::of(command.args(arguments))
+    }
+
+    /// What `command` starts, or what it said before it ended.
+    pub fn of(command: &mut Command) -> Result<Self, String> {
+        let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
         let log = BufReader::new(child.stderr.take().unwrap());
         let mut server = Self { child, address: String::new(), log };
         let mut told = String::new();
         while server.address.is_empty() {
             let before = told.len();
-            assert!(server.log.read_line(&mut told).unwrap() > 0, "no service: {told}");
+            if server.log.read_line(&mut told).unwrap() == 0 {
+                return Err(told);
+            }
             let entry: Value = serde_json::from_str(&told[before..]).unwrap();
             server.address = entry["fields"]["address"].as_str().unwrap_or_default().to_owned();
         }
-        server
+        Ok(server)
     }
 
     /// The memory that it holds.

@@ -363,3 +363,13 @@ fn the_label_has_two_hundred_characters_at_most() {
     dvi::specification::Specification::from_json(label(200).to_string().as_bytes()).unwrap();
     assert_errors(&label(201), &[("/label", "label_too_long", "201 characters")]);
 }
+
+#[test]
+fn the_first_version_of_the_language_is_the_one_there_is() {
+    let versioned = |version: Value| with(block(), "/version", version);
+    assert!(Specification::from_json(versioned(json!(1)).to_string().as_bytes()).is_ok());
+    assert_errors(&versioned(json!(2)), &[("/version", "unknown_version", "version 2")]);
+    let errors = Specification::from_json(versioned(json!(0)).to_string().as_bytes()).unwrap_err();
+    assert_eq!(errors[0].expected.as_deref(), Some("1, or nothing"));
+    assert!(Specification::from_json(versioned(json!("1")).to_string().as_bytes()).is_err());
+}

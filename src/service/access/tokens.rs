@@ -5,9 +5,9 @@ use super::scope::Scope;
 use super::token::Token;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io::{self, Write};
-use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -147,14 +147,15 @@ fn read(path: &Path) -> io::Result<Vec<Row>> {
 
 /// Reads, changes and replaces the file, one process at a time; others see the old one or the new one.
 fn change<T>(folder: &Path, change: impl FnOnce(&mut Vec<Row>) -> T) -> io::Result<T> {
-    fs::create_dir_all(folder)?;
-    let lock = File::create(folder.join("tokens.lock"))?;
+    DirBuilder::new().recursive(true).mode(0o700).create(folder)?;
+    let own = OpenOptions::new().write(true).create(true).truncate(true).mode(0o600).clone();
+    let lock = own.open(folder.join("tokens.lock"))?;
     lock.lock()?;
     let path = path(folder);
     let mut rows = read(&path)?;
     let changed = change(&mut rows);
     let unfinished = folder.join("tokens.part");
-    let mut file = OpenOptions::new().write(true).create(true).truncate(true).mode(0o600).open(&unfinished)?;
+    let mut file = own.open(&unfinished)?;
     file.write_all(&serde_json::to_vec_pretty(&rows)?)?;
     file.sync_all()?;
     fs::rename(&unfinished, &path)?;

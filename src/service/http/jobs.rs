@@ -4,7 +4,7 @@ use super::path::Named;
 use super::problem::{Answer, Kind, Problem};
 use super::status::StatusInfo;
 use super::{Shared, no_store};
-use crate::jobs::JobId;
+use crate::jobs::{JobId, is_damage};
 use axum::Json;
 use axum::body::Bytes;
 use axum::extract::State;
@@ -40,7 +40,7 @@ pub async fn find_specification(State(shared): State<Shared>, Named(job): Named)
 /// What has been stored of a job cannot be read, which only the log explains.
 pub fn unreadable(job: JobId, error: &io::Error) -> Box<Problem> {
     tracing::error!(job.id = %job, %error, "what is stored of job {job} cannot be read");
-    Problem::plain(Kind::Unreadable).of_job(job)
+    Problem::plain(if is_damage(error) { Kind::Damaged } else { Kind::Unreadable }).of_job(job)
 }
 
 /// Stop a job and keep its trajectory so far.

@@ -51,6 +51,7 @@ impl Part {
         let Some(excerpt) = excerpt else { return Ok(Self { results, excerpt: None }) };
         let Solution { status, verdict, error, trajectory, .. } = solution;
         let part = Solution {
+            version: solution.version,
             status: *status,
             verdict: verdict.clone(),
             error: error.clone(),

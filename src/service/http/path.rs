@@ -35,6 +35,7 @@ impl FromRequestParts<Shared> for Named {
         };
         let Ok(sight) = Sight::from_request_parts(parts, shared).await;
         let job = shared.jobs.find(id).filter(|job| sight.reaches(job));
-        job.map(Self).ok_or_else(|| Problem::plain(Kind::NoSuchJob).of_job(id))
+        let missing = || if shared.jobs.is_damaged(id) { Kind::Damaged } else { Kind::NoSuchJob };
+        job.map(Self).ok_or_else(|| Problem::plain(missing()).of_job(id))
     }
 }

@@ -106,8 +106,12 @@ problems! {
         "The service ended twice while this job ran, so that it is not started again; please report its specification.";
     Unreadable, "unreadable", INTERNAL_SERVER_ERROR, "The store could not be read",
         "What was stored is missing or of another version; the log has more under the id of the job.";
+    Damaged, "damaged", INTERNAL_SERVER_ERROR, "What was stored is damaged",
+        "What the disk gives back is not what was written, so that it is not shown; it is kept as it is, and `dvi store check` \
+         tells what else is damaged. Send the specification again.";
     Unwritable, "unwritable", SERVICE_UNAVAILABLE, "The store cannot be written",
-        "The disk took no change, so that nothing is accepted for later until it has room and the service starts anew.";
+        "The disk is full, or the data folder was removed or replaced: nothing is accepted for later until there is room, or the \
+         folder is back. Jobs can be deleted meanwhile, and what is solved is kept and written then.";
     ResultTooLarge, "result-too-large", UNPROCESSABLE_ENTITY, "The result is too large",
         "The result is larger than `--result-mib` allows; ask for fewer output times or fields.";
     TooMuchMemory, "too-much-memory", UNPROCESSABLE_ENTITY, "The solve takes too much memory",
@@ -229,7 +233,7 @@ impl From<Refusal> for Box<Problem> {
 
 impl From<Unwritable> for Box<Problem> {
     fn from(_: Unwritable) -> Self {
-        Problem::plain(Kind::Unwritable).after(Duration::from_secs(60))
+        Problem::plain(Kind::Unwritable).after(Duration::from_secs(10))
     }
 }
 
@@ -253,6 +257,7 @@ impl From<Fault> for Box<Problem> {
             Fault::Overran => Problem::plain(Kind::Overran),
             Fault::Poisoned => Problem::plain(Kind::Poisoned),
             Fault::Unreadable => Problem::plain(Kind::Unreadable),
+            Fault::Damaged => Problem::plain(Kind::Damaged),
             Fault::Unwritable => Unwritable.into(),
             Fault::TooLarge { limit } => Problem::new(
                 Kind::ResultTooLarge,

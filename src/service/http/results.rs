@@ -1,7 +1,7 @@
 //! `GET /jobs/{id}/results`, the whole or an excerpt.
 //!
-//! Results do not change, so that a client that has them is told so (`ETag`, RFC 9110, section 13.1.2). The tag is a weak
-//! one: it is the same however the bytes are compressed on the way.
+//! Results do not change, so that a client that has them is told so (`ETag`, RFC 9110, section 13.1.2). The tag is the digest
+//! of their JSON, with what is asked of them. It is a weak one: it is the same however the bytes are compressed on the way.
 //!
 //! A solve that failed or was stopped has results all the same: the trajectory so far, with `status` and `error`
 //! that say so. A problem is answered only where there is no solution at all.
@@ -16,7 +16,7 @@ use super::problem::{Answer, Kind, Problem};
 use super::representation::Representation;
 use super::security::PICTURE;
 use super::{Shared, no_store};
-use crate::jobs::{self, Ended, Ending, Job, Timing};
+use crate::jobs::{self, Ended, Ending, Held, Job, Timing};
 use axum::extract::State;
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -62,14 +62,15 @@ pub async fn find_results(
         let time = shared.jobs.time_to_end(&job);
         return Err(Problem::plain(Kind::ResultsNotReady).of_job(job.id).after(time));
     };
-    let tag = entity_tag(&job, representation, excerpt.as_ref());
-    let mut response = if is_known(&tag, &headers) {
+    let tag =
+        ended.held.as_ref().filter(|_| !ended.damaged).map(|held| entity_tag(held, representation, excerpt.as_ref()));
+    let mut response = if tag.as_ref().is_some_and(|tag| is_known(tag, &headers)) {
         StatusCode::NOT_MODIFIED.into_response()
     } else {
         represent(&shared, &job, &ended, representation, excerpt).await?
     };
     let headers = response.headers_mut();
-    if let Ok(tag) = HeaderValue::try_from(tag) {
+    if let Some(Ok(tag)) = tag.map(HeaderValue::try_from) {
         headers.insert(header::ETAG, tag);
     }
     headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("private, no-cache"));
@@ -77,12 +78,16 @@ pub async fn find_results(
     Ok(response)
 }
 
-/// The same for the same bytes, before they are compressed: the version of the program is in it, since another may
-/// write them otherwise.
-fn entity_tag(job: &Job, representation: Representation, excerpt: Option<&Excerpt>) -> String {
+/// The same for the same bytes, before they are compressed: the JSON of the whole is known by its digest alone; with another
+/// form goes the version of the program, since another may write it otherwise.
+fn entity_tag(held: &Held, representation: Representation, excerpt: Option<&Excerpt>) -> String {
+    let digest = held.digest();
+    if representation == Representation::Json && excerpt.is_none() {
+        return format!("W/\"{digest}\"");
+    }
     let mut hasher = DefaultHasher::new();
     format!("{representation:?} {excerpt:?} {}", env!("CARGO_PKG_VERSION")).hash(&mut hasher);
-    format!("W/\"{}-{:016x}\"", job.id, hasher.finish())
+    format!("W/\"{digest}-{:016x}\"", hasher.finish())
 }
 
 /// Whether the client has what `tag` stands for.
@@ -100,6 +105,9 @@ pub async fn represent(
     representation: Representation,
     excerpt: Option<Excerpt>,
 ) -> Answer<Response> {
+    if ended.damaged {
+        return Err(Problem::plain(Kind::Damaged).of_job(job.id));
+    }
     let Some(held) = &ended.held else {
         return Err(match &ended.ending {
             Ending::Broken(fault) => Box::<Problem>::from(*fault),

@@ -1,7 +1,7 @@
 //! The state of a job on the wire: the `statusInfo` of OGC API - Processes, part 1.
 
 use super::problem::Problem;
-use crate::jobs::{Ended, Ending, Job, Jobs, State};
+use crate::jobs::{Ended, Ending, Fault, Job, Jobs, State};
 use jiff::Timestamp;
 use serde::Serialize;
 use solution::Verdict;
@@ -77,7 +77,8 @@ impl StatusInfo {
         };
         let verdict = match &state {
             State::Accepted(_) | State::Running { .. } => None,
-            State::Ended(ended) => ended.verdict.clone(),
+            // What is not shown is not judged either.
+            State::Ended(ended) => ended.verdict.clone().filter(|_| !ended.damaged),
         };
         let (started, finished) = match &state {
             State::Accepted(_) => (None, None),
@@ -129,13 +130,17 @@ impl StatusInfo {
 
 fn outcome(ended: &Ended) -> (&'static str, Option<String>) {
     let kept = "its results hold the trajectory so far";
+    let broken = |fault| {
+        let problem = Box::<Problem>::from(fault);
+        ("failed", Some(format!("{}: {}", problem.kind().slug(), problem.detail())))
+    };
+    if ended.damaged {
+        return broken(Fault::Damaged);
+    }
     match &ended.ending {
         Ending::Successful => ("successful", None),
         Ending::Failed(why) => ("failed", Some(format!("{why}; {kept}"))),
-        Ending::Broken(fault) => {
-            let problem = Box::<Problem>::from(*fault);
-            ("failed", Some(format!("{}: {}", problem.kind().slug(), problem.detail())))
-        }
+        Ending::Broken(fault) => broken(*fault),
         Ending::Dismissed if ended.held.is_some() => ("dismissed", Some(format!("cancelled; {kept}"))),
         Ending::Dismissed if ended.started.is_some() => ("dismissed", Some("cancelled".to_owned())),
         Ending::Dismissed => ("dismissed", Some("cancelled before it started".to_owned())),

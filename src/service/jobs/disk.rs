@@ -4,6 +4,7 @@
 //! jobs.redb         a row a job, its specification, its result if that is small
 //! results/ID.json   a large result
 //! results.orphaned  results that no row names: of a database that was lost, or of jobs that were being forgotten
+//! reserve           room held back, for deletes where the disk is full
 //! running-N         what the workers of the Nth start are at
 //! ```
 //!
@@ -11,9 +12,12 @@
 //! mistake that can be mended.
 
 use super::database::{Change, Database, Rows};
-use super::ended::{Ended, Ending, Fault, Held};
+use super::digest::Digest;
+use super::ended::{Ended, Ending, Fault, Held, Stored};
 use super::files::{self, Files};
 use super::marks::Marks;
+use super::reserve::Reserve;
+use super::tables::FORMAT;
 use super::writer::{Place, Unwritable, Writer};
 use super::{JobId, Record, Results};
 use std::collections::HashSet;
@@ -42,6 +46,8 @@ pub struct Found {
     pub records: Vec<(JobId, Record)>,
     /// Jobs that cannot be read.
     pub unreadable: usize,
+    /// Jobs whose rows are not as they were written.
+    pub damaged: HashSet<JobId>,
     /// Results that were set aside.
     pub orphaned: usize,
 }
@@ -68,13 +74,26 @@ impl Disk {
     fn recover(folder: &Path) -> io::Result<(Self, Found)> {
         files::create(folder)?;
         let path = folder.join("jobs.redb");
-        let database = Arc::new(Database::open(&path)?);
+        let files = Arc::new(Files::open(folder.join("results"))?);
+        let reserve = Reserve::at(folder.join("reserve"));
+        let open = || Database::open(Database::at(&path), &|id| files.digest(id));
+        // On a full disk the room held back may be just what it takes.
+        let (database, format) = open().or_else(|error| {
+            if error.kind() != io::ErrorKind::StorageFull {
+                return Err(error);
+            }
+            reserve.release();
+            open()
+        })?;
+        let database = Arc::new(database);
+        if let Some(format) = format.filter(|format| *format < FORMAT) {
+            tracing::info!("the store was of format {format} and is of format {FORMAT} now");
+        }
         if let Err(error) = fs::set_permissions(&path, Permissions::from_mode(files::OWN)) {
             tracing::warn!(%error, "others may be able to read {}", path.display());
         }
-        let files = Arc::new(Files::open(folder.join("results"))?);
         files::sync(folder)?;
-        let (Rows { mut records, unreadable }, start) = (database.records()?, database.starts()?);
+        let (Rows { mut records, unreadable, damaged }, start) = (database.records(), database.starts()?);
         let running: HashSet<_> = Marks::read(&marks(folder, start))?.into_iter().collect();
         let mut changes = Vec::new();
         for (id, record) in &mut records {
@@ -83,10 +102,13 @@ impl Disk {
             }
         }
         // In the same transaction: marks that have been counted once are those of an earlier start.
-        database.start(&changes, start + 1)?;
+        database.start(&changes, start + 1).or_else(|_| {
+            reserve.release();
+            database.start(&changes, start + 1)
+        })?;
         remove_marks(folder)?;
         let marks = Marks::create(&marks(folder, start + 1))?;
-        let named = records.iter().map(|(id, _)| *id).chain(unreadable.iter().copied()).collect();
+        let named = records.iter().map(|(id, _)| id).chain(&unreadable).chain(&damaged).copied().collect();
         let orphans = folder.join(ORPHANS);
         let orphaned = files.sweep(&named, &orphans)?;
         if orphaned > 0 {
@@ -94,8 +116,8 @@ impl Disk {
             let why = if start == 0 { "the database is new" } else { "no job has them" };
             tracing::error!(orphaned, "{orphaned} results are set aside in {orphans}: {why}");
         }
-        let writer = Writer::start(Arc::clone(&database), Arc::clone(&files))?;
-        let found = Found { records, unreadable: unreadable.len(), orphaned };
+        let writer = Writer::start(&path, Arc::clone(&database), Arc::clone(&files), reserve)?;
+        let found = Found { records, unreadable: unreadable.len(), damaged: damaged.into_iter().collect(), orphaned };
         Ok((Self { database, files, marks, writer }, found))
     }
 
@@ -119,19 +141,17 @@ impl Disk {
 
     /// Puts away a large result, for good when it returns; a small one is given back, for the change that tells of
     /// the end.
-    pub fn put_away(&self, id: JobId, ended: Ended) -> (Ended, Option<Arc<Results>>) {
-        let Some(Held::Memory(results)) = &ended.held else { return (ended, None) };
-        let (results, bytes) = (Arc::clone(results), results.json().len());
-        if bytes < LARGE {
-            return (Ended { held: Some(Held::Table(bytes)), ..ended }, Some(results));
+    ///
+    /// # Errors
+    /// Those of the disk.
+    pub fn put_away(&self, id: JobId, ended: Ended) -> io::Result<(Ended, Option<Arc<Results>>)> {
+        let Some(Held::Memory(results)) = &ended.held else { return Ok((ended, None)) };
+        let (results, stored) = (Arc::clone(results), Stored { bytes: results.json().len(), digest: results.digest() });
+        if stored.bytes < LARGE {
+            return Ok((Ended { held: Some(Held::Table(stored)), ..ended }, Some(results)));
         }
-        match self.files.write(id, results.json()) {
-            Ok(()) => (Ended { held: Some(Held::File(bytes)), ..ended }, None),
-            Err(error) => {
-                tracing::error!(job.id = %id, %error, "the results of job {id} cannot be written");
-                (ended.unwritable(), None)
-            }
-        }
+        self.files.write(id, results.json())?;
+        Ok((Ended { held: Some(Held::File(stored)), ..ended }, None))
     }
 
     /// Removes all that there is of these jobs.
@@ -145,31 +165,35 @@ impl Disk {
 
     /// Removes a result whose job is forgotten.
     pub fn discard(&self, id: JobId) {
-        if let Err(error) = self.files.remove(id) {
-            tracing::warn!(job.id = %id, %error, "a file of results is left behind until the next start");
-        }
+        self.files.discard(id);
     }
 
-    /// What was posted for a job.
+    /// What was posted for a job, if it is what its digest was made of.
     ///
     /// # Errors
-    /// Those of the disk.
-    pub fn document(&self, id: JobId) -> io::Result<Vec<u8>> {
-        self.database.document(id)?.ok_or_else(|| io::ErrorKind::NotFound.into())
+    /// Those of the disk; [`io::ErrorKind::InvalidData`] where it is damaged or gone.
+    pub fn document(&self, id: JobId, digest: Option<&Digest>) -> io::Result<Vec<u8>> {
+        let document = self.database.document(id)?.ok_or_else(gone)?;
+        digest.ok_or_else(gone)?.vouch(document)
     }
 
-    /// The results of a job.
+    /// The results of a job, if they are what their digest was made of.
     ///
     /// # Errors
-    /// Those of the disk.
+    /// Those of the disk; [`io::ErrorKind::InvalidData`] where they are damaged or gone.
     pub fn results(&self, id: JobId, held: &Held) -> io::Result<Arc<Results>> {
-        let json = match held {
+        let (json, stored) = match held {
             Held::Memory(results) => return Ok(Arc::clone(results)),
-            Held::Table(_) => self.database.results(id)?.ok_or(io::ErrorKind::NotFound)?,
-            Held::File(_) => self.files.read(id)?,
+            Held::Table(stored) => (self.database.results(id)?, stored),
+            Held::File(stored) => (self.files.find(id)?, stored),
         };
-        Ok(Arc::new(Results::read(json)))
+        Results::vouched(json.ok_or_else(gone)?, stored.digest).map(Arc::new)
     }
+}
+
+/// What was stored once is not there.
+fn gone() -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidData, "it is not there any more")
 }
 
 /// Brings a row up to date after the end of its process, in which the job was `running` or not; says whether it has changed.
@@ -243,13 +267,14 @@ mod tests {
         let id = JobId::of_number(1);
         let (disk, _) = open(&folder);
         let row = br#"{"client": "of a later version"}"#.to_vec();
-        disk.database.apply(&[Change { record: Some((id, row)), ..Change::default() }]).unwrap();
+        let document = Some(Arc::from(&b"{}"[..]));
+        disk.database.apply(&[Change { record: Some((id, row)), document, ..Change::default() }]).unwrap();
         disk.files.write(id, b"{}").unwrap();
         drop(disk);
         for _ in 0..2 {
             let (disk, found) = open(&folder);
             assert_eq!((found.records.len(), found.unreadable, found.orphaned), (0, 1, 0));
-            assert_eq!(disk.files.read(id).unwrap(), b"{}");
+            assert_eq!(disk.files.find(id).unwrap().unwrap(), b"{}");
         }
     }
 
@@ -265,7 +290,7 @@ mod tests {
         let (disk, found) = open(&folder);
         assert_eq!((found.unreadable, found.orphaned), (0, 1));
         assert_eq!(fs::read(folder.0.join(ORPHANS).join(format!("{id}.json"))).unwrap(), b"{}");
-        assert_eq!(disk.files.read(id).unwrap_err().kind(), io::ErrorKind::NotFound);
+        assert_eq!(disk.files.find(id).unwrap(), None);
         assert!(!marks(&folder.0, 17).exists() && marks(&folder.0, 1).exists());
     }
 
@@ -275,7 +300,7 @@ mod tests {
         let id = JobId::of_number(3);
         let (disk, _) = open(&folder);
         disk.files.write(id, b"{}").unwrap();
-        for name in ["", "jobs.redb", "results", &format!("results/{id}.json")] {
+        for name in ["", "jobs.redb", "running-1", "results", &format!("results/{id}.json")] {
             let mode = fs::metadata(folder.0.join(name)).unwrap().permissions().mode();
             assert_eq!(mode & 0o077, 0, "{name}: {mode:o}");
         }

@@ -1,6 +1,7 @@
 //! The end of a job: how it ended, how far it came, and where its results are.
 
 use super::Results;
+use super::digest::Digest;
 use crate::worker::Death;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -58,6 +59,8 @@ pub enum Fault {
     Unwritable,
     /// What was accepted once can no longer be read, as after a change of version.
     Unreadable,
+    /// What was accepted once is no longer what was stored.
+    Damaged,
 }
 
 impl Fault {
@@ -80,10 +83,29 @@ pub enum Held {
     /// In memory, as long as the process lives.
     #[serde(skip)]
     Memory(Arc<Results>),
-    /// In the database, this many bytes.
-    Table(usize),
-    /// In a file of their own, of this many bytes.
-    File(usize),
+    /// In the database.
+    Table(Stored),
+    /// In a file of their own.
+    File(Stored),
+}
+
+/// What results on a disk are known by.
+#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+pub struct Stored {
+    /// How many bytes of JSON.
+    pub bytes: usize,
+    /// That of those bytes.
+    pub digest: Digest,
+}
+
+impl Held {
+    /// The digest of their JSON.
+    pub fn digest(&self) -> Digest {
+        match self {
+            Self::Memory(results) => results.digest(),
+            Self::Table(stored) | Self::File(stored) => stored.digest,
+        }
+    }
 }
 
 /// How long a job waited and how long it ran.
@@ -116,25 +138,33 @@ pub struct Ended {
     pub verdict: Option<Verdict>,
     /// What it left.
     pub held: Option<Held>,
+    /// What it left is no longer what was stored.
+    #[serde(default)]
+    pub damaged: bool,
 }
 
 impl Ended {
     /// The end, now, of a job that no worker has solved in this process.
     pub fn unsolved(ending: Ending) -> Self {
         let finished = Timestamp::now();
-        Self { started: None, finished, timing: None, fraction: 0.0, steps: 0, ending, verdict: None, held: None }
-    }
-
-    /// The same without its results, which could not be put away.
-    pub fn unwritable(self) -> Self {
-        Self { ending: Ending::Broken(Fault::Unwritable), verdict: None, held: None, ..self }
+        Self {
+            started: None,
+            finished,
+            timing: None,
+            fraction: 0.0,
+            steps: 0,
+            ending,
+            verdict: None,
+            held: None,
+            damaged: false,
+        }
     }
 
     /// The bytes that keeping it takes.
     pub fn bytes(&self) -> usize {
         match &self.held {
             Some(Held::Memory(results)) => results.bytes(),
-            Some(Held::Table(bytes) | Held::File(bytes)) => *bytes,
+            Some(Held::Table(stored) | Held::File(stored)) => stored.bytes,
             None => 0,
         }
     }

@@ -2,6 +2,7 @@
 //! renamed, and the folder synced (Pillai et al. 2014, "All file systems are not created equal").
 
 use super::JobId;
+use super::digest::Digest;
 use std::collections::HashSet;
 use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io::{self, Write};
@@ -24,25 +25,63 @@ impl Files {
         Ok(Self { folder })
     }
 
+    /// A folder that is there.
+    pub fn at(folder: PathBuf) -> Self {
+        Self { folder }
+    }
+
+    /// The jobs of which there are results.
+    ///
+    /// # Errors
+    /// Those of the disk.
+    pub fn names(&self) -> io::Result<impl Iterator<Item = JobId>> {
+        let entries = fs::read_dir(&self.folder)?.flatten();
+        Ok(entries.filter_map(|entry| entry.file_name().to_str()?.strip_suffix(".json")?.parse().ok()))
+    }
+
     /// Puts away the results of a job, for good when it returns.
     ///
     /// # Errors
     /// Those of the disk.
     pub fn write(&self, id: JobId, json: &[u8]) -> io::Result<()> {
         let unfinished = self.folder.join(format!("{id}.part"));
-        let mut file = OpenOptions::new().write(true).create(true).truncate(true).mode(OWN).open(&unfinished)?;
-        file.write_all(json)?;
-        file.sync_all()?;
-        fs::rename(&unfinished, self.path(id))?;
+        let written = self.write_as(&unfinished, json).and_then(|()| fs::rename(&unfinished, self.path(id)));
+        if written.is_err() {
+            // On a full disk, what has been written of it takes the room.
+            let _ = fs::remove_file(&unfinished);
+        }
+        written?;
         sync(&self.folder)
     }
 
-    /// The results of a job.
+    fn write_as(&self, path: &Path, json: &[u8]) -> io::Result<()> {
+        let mut file = OpenOptions::new().write(true).create(true).truncate(true).mode(OWN).open(path)?;
+        file.write_all(json)?;
+        file.sync_all()
+    }
+
+    /// Removes a result whose job is forgotten.
+    pub fn discard(&self, id: JobId) {
+        if let Err(error) = self.remove(id) {
+            tracing::warn!(job.id = %id, %error, "a file of results is left behind until the next start");
+        }
+    }
+
+    /// The results of a job, if there are any.
     ///
     /// # Errors
     /// Those of the disk.
-    pub fn read(&self, id: JobId) -> io::Result<Vec<u8>> {
-        fs::read(self.path(id))
+    pub fn find(&self, id: JobId) -> io::Result<Option<Vec<u8>>> {
+        match fs::read(self.path(id)) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+            json => json.map(Some),
+        }
+    }
+
+    /// The length and the digest of the results of a job, if they can be read.
+    pub fn digest(&self, id: JobId) -> Option<(usize, Digest)> {
+        let json = self.find(id).ok()??;
+        Some((json.len(), Digest::of(&json)))
     }
 
     /// Removes the results of a job, if there are any.

@@ -11,6 +11,7 @@
 //! failed; one stopped by its client is *dismissed*. All three keep the trajectory so far. A running job that is
 //! parked goes back to accepted, for the next process to take up.
 
+use super::digest::Digest;
 use super::ended::{Ended, Ending, Timing};
 use super::idempotency::Key;
 use super::{Client, Record};
@@ -22,7 +23,7 @@ use specification::{Specification, Time};
 use std::borrow::Cow;
 use std::fmt;
 use std::str::FromStr;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::Notify;
 use uuid::Uuid;
@@ -145,6 +146,8 @@ pub struct Job {
     pub(super) document_bytes: usize,
     /// What was posted, where the disk does not have it.
     pub(super) document: Option<Arc<[u8]>>,
+    /// The digest of that, once it is to be on the disk.
+    pub(super) digest: OnceLock<Digest>,
     life: Mutex<Life>,
     settled: Notify,
     /// Wakes whoever supervises its worker when it is to stop.
@@ -191,6 +194,7 @@ impl Job {
             crashes: 0,
             document_bytes: document.len(),
             document: (!lasting).then(|| Arc::clone(&document)),
+            digest: OnceLock::new(),
             life: Mutex::new(Life { state: State::Accepted(Some(document)), keeping, parked: false }),
             settled: Notify::new(),
             halted: Notify::new(),
@@ -199,7 +203,8 @@ impl Job {
 
     /// A job that an earlier process accepted.
     pub(super) fn recovered(id: JobId, record: Record) -> Self {
-        let Record { client, label, horizon, estimate, created, document_bytes, key, crashes, ended, .. } = record;
+        let Record { client, label, horizon, estimate, created, document_bytes, document, key, crashes, ended, .. } =
+            record;
         let state = ended.map_or(State::Accepted(None), |ended| State::Ended(Arc::new(ended)));
         Self {
             id,
@@ -212,6 +217,7 @@ impl Job {
             crashes,
             document_bytes,
             document: None,
+            digest: document.map_or_else(OnceLock::new, OnceLock::from),
             life: Mutex::new(Life { state, keeping: Keeping::Disk, parked: false }),
             settled: Notify::new(),
             halted: Notify::new(),
@@ -291,6 +297,7 @@ impl Job {
                 ending,
                 verdict: None,
                 held: None,
+                damaged: false,
             },
             State::Accepted(_) | State::Ended(_) => Ended::unsolved(ending),
         }
@@ -299,6 +306,12 @@ impl Job {
     /// To its end; wakes whoever waits.
     pub(super) fn finish(&self, ended: Ended) {
         self.lock().finish(ended);
+        self.wake();
+    }
+
+    /// To its end as it is on the disk, whether it was told before or not; wakes whoever waits.
+    pub(super) fn conclude(&self, ended: Ended) {
+        self.lock().state = State::Ended(Arc::new(ended));
         self.wake();
     }
 

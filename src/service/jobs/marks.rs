@@ -5,9 +5,10 @@
 //! So the mark costs a microsecond where a commit would cost a turn of the disk.
 
 use super::JobId;
-use std::fs::{self, File};
+use super::files::OWN;
+use std::fs::{self, File, OpenOptions};
 use std::io;
-use std::os::unix::fs::FileExt;
+use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::Path;
 
 /// The name of a job and a line feed.
@@ -25,7 +26,7 @@ impl Marks {
     /// # Errors
     /// The file cannot be made.
     pub fn create(path: &Path) -> io::Result<Self> {
-        Ok(Self { file: File::create(path)? })
+        Ok(Self { file: OpenOptions::new().write(true).create(true).truncate(true).mode(OWN).open(path)? })
     }
 
     /// The jobs that are marked in a file, none if there is no such file.

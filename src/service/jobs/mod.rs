@@ -10,6 +10,7 @@
 
 mod client;
 mod database;
+mod digest;
 mod disk;
 mod drain_rate;
 mod ended;
@@ -17,14 +18,19 @@ mod files;
 mod glance;
 mod idempotency;
 mod index;
+mod inspection;
 mod job;
 mod marks;
+mod overlay;
 mod pool;
 mod queue;
 mod record;
+mod reserve;
 mod results;
 mod store;
+mod tables;
 mod turns;
+mod unsaved;
 mod work;
 mod writer;
 
@@ -33,6 +39,7 @@ pub use ended::{Ended, Ending, Fault, Held, Timing};
 pub use idempotency::Key;
 pub(crate) use idempotency::hexadecimal;
 pub use index::{Mismatch, Retention};
+pub use inspection::Inspection;
 pub use job::{Halt, Job, JobId, Moment, Order, State};
 pub use pool::Pool;
 pub use queue::Room;
@@ -172,7 +179,7 @@ impl Jobs {
     /// # Errors
     /// The folder is in use, or those of the disk.
     pub fn open(bounds: Bounds, solver: Solver, folder: Option<&Path>, metrics: Arc<Metrics>) -> io::Result<Self> {
-        let (store, accepted) = Store::open(folder, bounds.retention, &metrics)?;
+        let (store, accepted) = Store::open(folder, bounds.retention, bounds.result_bytes, &metrics)?;
         let mut queue = FairQueue::new(bounds.queue);
         let waiting = Semaphore::new(accepted.len());
         accepted.into_iter().for_each(|job| queue.push(job.client, job));
@@ -296,7 +303,19 @@ impl Jobs {
     /// # Errors
     /// Those of the disk.
     pub async fn results(&self, job: &Job, held: &Held) -> io::Result<Arc<Results>> {
-        self.store.results(job.id, held).await
+        let results = self.store.results(job.id, held).await;
+        if let Err(error) = &results
+            && is_damage(error)
+        {
+            self.metrics.found_damaged();
+            self.store.set_aside(job).await;
+        }
+        results
+    }
+
+    /// Whether that name is of a job whose row on the disk is damaged.
+    pub fn is_damaged(&self, id: JobId) -> bool {
+        self.store.is_damaged(id)
     }
 
     /// Dismisses a waiting job, asks a running one to stop at its next step, leaves an ended one as it is.
@@ -321,6 +340,22 @@ impl Jobs {
     /// Forgets the jobs that ended too long before `now`.
     pub async fn expire(&self, now: Timestamp) {
         self.store.expire(now).await;
+    }
+
+    /// Tries to write again what a full disk did not take, and has solved again what there was no memory to keep.
+    pub async fn heal(&self) {
+        for job in self.store.heal().await {
+            if job.is_forgotten() {
+                continue;
+            }
+            self.lock().queue.push(job.client, job);
+            self.waiting.add_permits(1);
+        }
+    }
+
+    /// How many ends of jobs wait for room on the disk.
+    pub fn unsaved(&self) -> usize {
+        self.store.unsaved()
     }
 
     /// How many jobs will be taken before this waiting one; nothing if it does not wait.
@@ -503,6 +538,11 @@ impl Intake {
     fn time_for(&self, jobs: usize) -> Duration {
         self.drain_rate.time_for(jobs, Instant::now()).unwrap_or(UNMEASURED)
     }
+}
+
+/// Whether what is stored is not what was written.
+pub fn is_damage(error: &io::Error) -> bool {
+    error.kind() == io::ErrorKind::InvalidData
 }
 
 /// The job that was posted before, once it is where it is to be.

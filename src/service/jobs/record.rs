@@ -1,6 +1,7 @@
 //! What the disk knows of a job, beside its specification and its results: JSON, a row a job.
 
 use super::Client;
+use super::digest::Digest;
 use super::ended::Ended;
 use super::idempotency::Key;
 use super::job::{Estimate, Halt, Job, Life, State};
@@ -24,6 +25,9 @@ pub struct Record {
     pub created: Timestamp,
     /// The bytes of what was posted.
     pub document_bytes: usize,
+    /// The digest of those.
+    #[serde(default)]
+    pub document: Option<Digest>,
     /// Under which the client may ask for it again.
     pub key: Option<Key>,
     /// How often the process ended while it ran.
@@ -50,6 +54,7 @@ impl Record {
             estimate: job.estimate.clone(),
             created: job.created.date,
             document_bytes: job.document_bytes,
+            document: job.digest.get().copied(),
             key: job.key.clone(),
             crashes: job.crashes,
             underway,

@@ -1,6 +1,7 @@
 //! What a solve leaves behind: its JSON, which is written once, on the worker's thread, so that no connection waits
 //! for the encoding of another's result; and the solution, in hand after a solve and read back where it is needed.
 
+use super::digest::Digest;
 use solution::{Solution, encodings};
 use std::io;
 use std::sync::OnceLock;
@@ -9,6 +10,7 @@ use std::sync::OnceLock;
 #[derive(Debug)]
 pub struct Results {
     json: Vec<u8>,
+    digest: OnceLock<Digest>,
     solution: OnceLock<Solution>,
 }
 
@@ -27,12 +29,25 @@ impl Results {
         encodings::write_json(&solution, &mut json).map_err(|_| TooLarge)?;
         let mut json = json.bytes;
         json.shrink_to_fit();
-        Ok(Self { json, solution: solution.into() })
+        Ok(Self { json, digest: OnceLock::new(), solution: solution.into() })
     }
 
     /// What was encoded before.
     pub fn read(json: Vec<u8>) -> Self {
-        Self { json, solution: OnceLock::new() }
+        Self { json, digest: OnceLock::new(), solution: OnceLock::new() }
+    }
+
+    /// What was written to a disk, if it is what its digest was made of.
+    ///
+    /// # Errors
+    /// It is not.
+    pub fn vouched(json: Vec<u8>, digest: Digest) -> io::Result<Self> {
+        Ok(Self { json: digest.vouch(json)?, digest: digest.into(), solution: OnceLock::new() })
+    }
+
+    /// The digest of the JSON.
+    pub fn digest(&self) -> Digest {
+        *self.digest.get_or_init(|| Digest::of(&self.json))
     }
 
     /// The whole as one JSON object.

@@ -5,14 +5,17 @@
 //! one job are handed to the disk under the lock of its life, so that they are made in the order in which they came about.
 
 use super::database::Change;
+use super::digest::Digest;
 use super::disk::{Disk, Found};
 use super::ended::{Ended, Ending, Held};
 use super::index::{Index, Retention};
 use super::job::{Halt, Job, JobId, Keeping, Life, State};
+use super::unsaved::Unsaved;
 use super::writer::{Answer, Place, Unwritable};
 use super::{Record, Results};
 use crate::metrics::Metrics;
 use jiff::Timestamp;
+use std::collections::HashSet;
 use std::io;
 use std::path::Path;
 use std::sync::Arc;
@@ -23,21 +26,39 @@ use tokio::task::spawn_blocking;
 pub struct Store {
     index: Index,
     disk: Option<Arc<Disk>>,
+    /// Jobs on the disk of which nothing is known, since their rows are not as they were written.
+    damaged: HashSet<JobId>,
+    /// What the disk has not taken yet.
+    unsaved: Arc<Unsaved>,
 }
 
 impl Store {
-    /// A store over `folder`, with the jobs of earlier processes that wait for a worker, oldest first; without a folder, an
+    /// A store over `folder`, which keeps so many bytes of results in memory that the disk does not take; with the jobs of earlier processes that wait for a worker, oldest first; without a folder, an
     /// empty one in memory.
     ///
     /// # Errors
     /// The folder is in use, or those of the disk.
-    pub fn open(folder: Option<&Path>, retention: Retention, metrics: &Metrics) -> io::Result<(Self, Vec<Arc<Job>>)> {
+    pub fn open(
+        folder: Option<&Path>,
+        retention: Retention,
+        unsaved: usize,
+        metrics: &Metrics,
+    ) -> io::Result<(Self, Vec<Arc<Job>>)> {
         let index = Index::new(retention);
-        let Some(folder) = folder else { return Ok((Self { index, disk: None }, Vec::new())) };
-        let (disk, Found { records, unreadable, orphaned }) = Disk::open(folder)?;
-        metrics.found(unreadable, orphaned);
+        let unsaved = Arc::new(Unsaved::new(unsaved));
+        let Some(folder) = folder else {
+            return Ok((Self { index, disk: None, damaged: HashSet::new(), unsaved }, Vec::new()));
+        };
+        let (disk, Found { records, unreadable, damaged, orphaned }) = Disk::open(folder)?;
+        metrics.found(unreadable, damaged.len(), orphaned);
         let (mut waiting, mut past) = (Vec::new(), Vec::new());
-        for (id, record) in records {
+        for (id, mut record) in records {
+            if let Some(ended) = &mut record.ended
+                && ended.damaged
+            {
+                // They may have been put back.
+                ended.damaged = ended.held.as_ref().is_some_and(|held| disk.results(id, held).is_err());
+            }
             let finished = record.ended.as_ref().map(|ended| (ended.finished, ended.bytes()));
             let job = Arc::new(Job::recovered(id, record));
             // Keys were told apart when the jobs were accepted.
@@ -54,12 +75,12 @@ impl Store {
         }
         forgotten.extend(index.expire(Timestamp::now()));
         disk.erase(forgotten.iter().map(|job| job.id).collect())?;
-        Ok((Self { index, disk: Some(Arc::new(disk)) }, waiting))
+        Ok((Self { index, disk: Some(Arc::new(disk)), damaged, unsaved }, waiting))
     }
 
-    /// Whether the disk, if there is one, takes changes.
+    /// Whether the disk, if there is one, takes changes, and has all that it is to have.
     pub fn is_writable(&self) -> bool {
-        !self.disk.as_ref().is_some_and(|disk| disk.has_failed())
+        !self.disk.as_ref().is_some_and(|disk| disk.has_failed() || !self.unsaved.is_empty())
     }
 
     /// The index.
@@ -73,7 +94,15 @@ impl Store {
     /// The disk takes no change.
     pub async fn place(&self) -> Result<Option<Place>, Unwritable> {
         match &self.disk {
-            Some(disk) if disk.has_failed() => Err(Unwritable),
+            Some(_) if !self.is_writable() => Err(Unwritable),
+            Some(disk) => disk.place().await.map(Some),
+            None => Ok(None),
+        }
+    }
+
+    /// A place for news of a job that the disk keeps, on a full disk too.
+    async fn passage(&self) -> Result<Option<Place>, Unwritable> {
+        match &self.disk {
             Some(disk) => disk.place().await.map(Some),
             None => Ok(None),
         }
@@ -82,6 +111,7 @@ impl Store {
     /// Hands `job` to the disk.
     pub fn store(&self, job: &Arc<Job>, life: &mut Life, document: Arc<[u8]>, place: Place) -> Answer {
         life.keeping = Keeping::Storing;
+        job.digest.get_or_init(|| Digest::of(&document));
         let change = Change { document: Some(document), ..Change::record(job.id, &Record::of(job, life)) };
         let stored = Arc::clone(job);
         place.send(change, move |written| {
@@ -134,7 +164,11 @@ impl Store {
     /// Ends a job: keeps its results, forgets others for them, and wakes whoever waits.
     pub async fn conclude(&self, job: &Arc<Job>, ended: Ended) {
         let outcome = match (self.conclude_in_memory(job, ended), &self.disk) {
-            (Err(ended), Some(disk)) => self.conclude_on_disk(disk, job, *ended).await,
+            (Err(ended), Some(disk)) => {
+                let forgotten = self.keep(job, &ended);
+                self.conclude_on_disk(disk, job, *ended).await;
+                forgotten
+            }
             (Err(_), None) => Vec::new(),
             (Ok(forgotten), _) => forgotten,
         };
@@ -155,26 +189,59 @@ impl Store {
         Ok(forgotten)
     }
 
-    async fn conclude_on_disk(&self, disk: &Disk, job: &Arc<Job>, ended: Ended) -> Vec<Arc<Job>> {
-        let (ended, results) = disk.put_away(job.id, ended);
-        let Ok(place) = disk.place().await else {
-            job.finish(ended.unwritable());
-            return Vec::new();
-        };
+    /// Writes the end of a job, and tells it then; what the disk does not take is told all the same, and kept for later.
+    async fn conclude_on_disk(&self, disk: &Disk, job: &Arc<Job>, ended: Ended) {
+        let kept = ended.clone();
+        let put_away = disk.put_away(job.id, ended);
+        let place = disk.place().await;
         let life = job.lock();
         if life.keeping == Keeping::Forgotten {
             drop(life);
             disk.discard(job.id);
-            job.finish(ended.unwritable());
+            self.unsaved.forget(job, kept.bytes());
+            return job.finish(Ended { held: None, ..kept });
+        }
+        let (Ok((ended, results)), Ok(place)) = (put_away, place) else {
+            drop(life);
+            tracing::warn!(job.id = %job.id, "the end of job {} cannot be written yet", job.id);
+            return self.unsaved.keep(job, kept);
+        };
+        let record = Record::of(job, &life).ended(&ended);
+        let (concluded, unsaved) = (Arc::clone(job), Arc::clone(&self.unsaved));
+        place.take(Change { results, ..Change::record(job.id, &record) }, move |written| match written {
+            Ok(()) => {
+                concluded.conclude(ended);
+                unsaved.forget(&concluded, kept.bytes());
+            }
+            Err(Unwritable) => unsaved.keep(&concluded, kept),
+        });
+    }
+
+    /// How many ends of jobs wait for room on the disk.
+    pub fn unsaved(&self) -> usize {
+        self.unsaved.len()
+    }
+
+    /// Tries to write again where the last change could not be made, and what could not be written where it could. Gives
+    /// the jobs that are to be solved again.
+    pub async fn heal(&self) -> Vec<Arc<Job>> {
+        let Some(disk) = &self.disk else { return Vec::new() };
+        if disk.has_failed()
+            && let Ok(place) = disk.place().await
+        {
+            // What comes of it shows.
+            let _ = place.send(Change::default(), drop).written().await;
+        }
+        if disk.has_failed() {
             return Vec::new();
         }
-        let forgotten = self.keep(job, &ended);
-        let record = Record::of(job, &life).ended(&ended);
-        let concluded = Arc::clone(job);
-        place.take(Change { results, ..Change::record(job.id, &record) }, move |written| {
-            concluded.finish(if written.is_ok() { ended } else { ended.unwritable() });
-        });
-        forgotten
+        for job in self.unsaved.jobs() {
+            let ended = job.lock().ended().map(|ended| Ended::clone(ended));
+            if let Some(ended) = ended {
+                self.conclude_on_disk(disk, &job, ended).await;
+            }
+        }
+        self.unsaved.take_again()
     }
 
     /// Dismisses a waiting job, asks a running one to stop at its next step, leaves an ended one as it is.
@@ -182,7 +249,7 @@ impl Store {
     /// # Errors
     /// The disk did not take the news, so that a later process may start the job again.
     pub async fn cancel(&self, job: &Arc<Job>) -> Result<(), Unwritable> {
-        let place = if job.is_lasting() { self.place().await } else { Ok(None) };
+        let place = if job.is_lasting() { self.passage().await } else { Ok(None) };
         let (answer, forgotten) = {
             let mut life = job.lock();
             let mut record = Record::of(job, &life);
@@ -225,7 +292,7 @@ impl Store {
 
     /// Leaves a job to the next process, if the disk keeps it.
     pub async fn park(&self, job: &Arc<Job>) {
-        let Ok(Some(place)) = self.place().await else { return };
+        let Ok(Some(place)) = self.passage().await else { return };
         {
             let mut life = job.lock();
             if !life.is_lasting() || matches!(life.state, State::Ended(_)) {
@@ -240,7 +307,7 @@ impl Store {
 
     /// Returns when every change that has come in has been made.
     pub async fn flush(&self) {
-        if let Ok(Some(place)) = self.place().await {
+        if let Ok(Some(place)) = self.passage().await {
             // What could not be written has been told to those who waited for it.
             let _ = place.send(Change::default(), drop).written().await;
         }
@@ -253,7 +320,7 @@ impl Store {
     pub fn document(&self, job: &Job) -> io::Result<Arc<[u8]>> {
         match (&job.document, &self.disk) {
             (Some(document), _) => Ok(Arc::clone(document)),
-            (None, Some(disk)) => disk.document(job.id).map(Arc::from),
+            (None, Some(disk)) => disk.document(job.id, job.digest.get()).map(Arc::from),
             (None, None) => Err(io::ErrorKind::NotFound.into()),
         }
     }
@@ -274,6 +341,26 @@ impl Store {
         }
     }
 
+    /// Whether that name is of a job whose row is damaged.
+    pub fn is_damaged(&self, id: JobId) -> bool {
+        self.damaged.contains(&id)
+    }
+
+    /// Tells the end of a job from now on as one whose results are damaged. They stay where they are.
+    pub async fn set_aside(&self, job: &Job) {
+        let Some(disk) = &self.disk else { return };
+        let place = disk.place().await;
+        let mut life = job.lock();
+        let State::Ended(ended) = &life.state else { return };
+        let damaged = Ended { damaged: true, ..Ended::clone(ended) };
+        if let Ok(place) = place
+            && life.is_lasting()
+        {
+            place.take(Change::record(job.id, &Record::of(job, &life).ended(&damaged)), drop);
+        }
+        life.state = State::Ended(Arc::new(damaged));
+    }
+
     fn keep(&self, job: &Job, ended: &Ended) -> Vec<Arc<Job>> {
         self.index.keep(job.id, ended.finished, job.document_bytes + ended.bytes())
     }
@@ -292,7 +379,7 @@ impl Store {
         if stored.is_empty() {
             return Ok(None);
         }
-        Ok(self.place().await?.map(|place| place.send(Change::forgotten(stored), drop)))
+        Ok(self.passage().await?.map(|place| place.send(Change::forgotten(stored), drop)))
     }
 
     /// Removes jobs from the disk, which nobody waits for.

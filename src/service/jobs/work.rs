@@ -1,9 +1,9 @@
 //! What becomes of a job that has its turn: it is marked, a worker solves it, and its end comes to the store.
 
-use super::Jobs;
 use super::ended::{Ended, Ending, Fault, Held};
 use super::job::{Halt, Job, State};
 use super::results::{Results, TooLarge};
+use super::{Jobs, is_damage};
 use crate::worker::{Death, Finished, Solved, Supervisor, Watch};
 use problem::Control;
 use solution::{Status, Verdict};
@@ -17,7 +17,7 @@ use tracing::Instrument;
 
 /// What has become of a job that had its turn.
 enum Outcome {
-    Ended(Ended),
+    Ended(Box<Ended>),
     /// It is to be left to the next process.
     Stopped,
     /// It was cancelled or parked before it started.
@@ -78,7 +78,7 @@ impl Jobs {
             self.attempt(place, supervisor, job).instrument(span).await
         };
         match outcome {
-            Outcome::Ended(ended) => self.store.conclude(job, ended).await,
+            Outcome::Ended(ended) => self.store.conclude(job, *ended).await,
             Outcome::Stopped => self.store.park(job).await,
             Outcome::Gone => {}
         }
@@ -111,7 +111,13 @@ impl Jobs {
             Ok(document) => document,
             Err(error) => {
                 tracing::error!(%error, "the specification of job {} cannot be read", job.id);
-                return Outcome::Ended(Ended::unsolved(Ending::Broken(Fault::Unreadable)));
+                let fault = if is_damage(&error) {
+                    self.metrics.found_damaged();
+                    Fault::Damaged
+                } else {
+                    Fault::Unreadable
+                };
+                return Outcome::Ended(Ended::unsolved(Ending::Broken(fault)).into());
             }
         };
         self.store.mark(place, job);
@@ -132,7 +138,7 @@ impl Jobs {
         let halted = job.halted();
         let broken = |fault, code: &'static str| {
             self.metrics.ended(job.problem(), code.into(), begun.elapsed());
-            Outcome::Ended(job.ended(Ending::Broken(fault)))
+            Outcome::Ended(job.ended(Ending::Broken(fault)).into())
         };
         match finished {
             Ok(Finished::Solved(solved, _)) if halted == Some(Halt::Park) && solved.status == Status::Stopped => {
@@ -142,7 +148,7 @@ impl Jobs {
                 self.metrics.solved(&solved, begun.elapsed());
                 let Solved { status, failed, verdict, .. } = *solved;
                 let ending = Ending::of(status, failed.as_ref().map(|failed| &*failed.message), halted.is_some());
-                Outcome::Ended(self.ended(job, ending, Some(verdict), Ok(Results::read(json))))
+                Outcome::Ended(self.ended(job, ending, Some(verdict), Ok(Results::read(json))).into())
             }
             Ok(Finished::TooMuchMemory(estimate)) => {
                 let fault = Fault::TooMuchMemory { allowed: self.bounds.memory, asked: None, estimate: Some(estimate) };
@@ -152,7 +158,7 @@ impl Jobs {
             // Stopped before the solve began, or on the way without heeding it.
             Ok(Finished::Refused(_, true)) | Err(Death::Overran) => match halted {
                 Some(Halt::Park) => Outcome::Stopped,
-                Some(Halt::Dismiss) => Outcome::Ended(job.ended(Ending::Dismissed)),
+                Some(Halt::Dismiss) => Outcome::Ended(job.ended(Ending::Dismissed).into()),
                 None => broken(Fault::Overran, "overran"),
             },
             // A signal to the whole unit, which is about to stop.

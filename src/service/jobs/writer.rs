@@ -1,12 +1,20 @@
 //! Group commit: one thread takes all changes that have come in, makes them in one transaction, and then tells everyone
 //! who waits (Gray & Reuter 1993, "Transaction processing", section 9.4). While it syncs, the next group gathers.
+//!
+//! Where a group cannot be written, as on a full disk, the room held back is given up for those of its changes that delete
+//! jobs or end them, and the others are refused. From then on each group tries again, and all is well when one has been
+//! written and the room is held back anew. While the file of the database is not where it was, nothing is written: it would
+//! be lost.
 
 use super::database::{Change, Database};
 use super::files::Files;
-use std::io;
+use super::reserve::Reserve;
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread;
+use std::{fs, io};
 use thiserror::Error;
 use tokio::sync::mpsc::{OwnedPermit, Receiver, Sender, channel};
 use tokio::sync::oneshot;
@@ -62,19 +70,22 @@ impl Answer {
 pub struct Writer {
     changes: Sender<(Change, Then)>,
     failed: Arc<AtomicBool>,
+    place: Whereabouts,
 }
 
 impl Writer {
-    /// Starts the thread.
+    /// Starts the thread, over the database at `path`.
     ///
     /// # Errors
     /// The system gives no thread.
-    pub fn start(database: Arc<Database>, files: Arc<Files>) -> io::Result<Self> {
+    pub fn start(path: &Path, database: Arc<Database>, files: Arc<Files>, reserve: Reserve) -> io::Result<Self> {
         let (sender, changes) = channel(WAITING);
-        let failed = Arc::new(AtomicBool::new(false));
-        let told = Arc::clone(&failed);
-        thread::Builder::new().name("dvi-store".to_owned()).spawn(move || write(&database, &files, changes, &told))?;
-        Ok(Self { changes: sender, failed })
+        let failed = Arc::new(AtomicBool::new(reserve.hold().is_err()));
+        let (told, freed) = (Arc::clone(&failed), false);
+        let place = Whereabouts::of(path)?;
+        let mut scribe = Scribe { database, files, reserve, place: place.clone(), failed: told, freed, wanted: 0 };
+        thread::Builder::new().name("dvi-store".to_owned()).spawn(move || scribe.write(changes))?;
+        Ok(Self { changes: sender, failed, place })
     }
 
     /// A place for a change, as soon as there is one.
@@ -85,30 +96,116 @@ impl Writer {
         self.changes.clone().reserve_owned().await.map(Place).map_err(|_| Unwritable)
     }
 
-    /// Whether the latest change could not be made.
+    /// Whether the latest change could not be made, or the next one cannot be.
     pub fn has_failed(&self) -> bool {
-        self.failed.load(Relaxed) || self.changes.is_closed()
+        self.failed.load(Relaxed) || self.changes.is_closed() || !self.place.holds()
     }
 }
 
-fn write(database: &Database, files: &Files, mut changes: Receiver<(Change, Then)>, failed: &AtomicBool) {
-    let mut group = Vec::with_capacity(WAITING);
-    while changes.blocking_recv_many(&mut group, WAITING) > 0 {
-        let (changes, then): (Vec<_>, Vec<_>) = group.drain(..).unzip();
-        let written = database.apply(&changes).map_err(|error| {
-            tracing::error!(%error, changes = changes.len(), "the store cannot be written");
-            Unwritable
-        });
-        failed.store(written.is_err(), Relaxed);
-        if written.is_ok() {
-            for id in changes.iter().flat_map(|change| &change.forgotten) {
-                if let Err(error) = files.remove(*id) {
-                    tracing::warn!(job.id = %id, %error, "a file of results is left behind until the next start");
+/// Where a file is: a path, and which file it was that was opened there.
+#[derive(Clone, Debug)]
+struct Whereabouts {
+    path: PathBuf,
+    file: (u64, u64),
+}
+
+impl Whereabouts {
+    fn of(path: &Path) -> io::Result<Self> {
+        let data = fs::metadata(path)?;
+        Ok(Self { path: path.to_owned(), file: (data.dev(), data.ino()) })
+    }
+
+    /// Whether that file is still there.
+    fn holds(&self) -> bool {
+        fs::metadata(&self.path).is_ok_and(|data| (data.dev(), data.ino()) == self.file)
+    }
+}
+
+/// Who writes.
+struct Scribe {
+    database: Arc<Database>,
+    files: Arc<Files>,
+    reserve: Reserve,
+    place: Whereabouts,
+    failed: Arc<AtomicBool>,
+    /// Jobs have been deleted since the room held back was given up.
+    freed: bool,
+    /// The bytes that the latest group was to add which could not be written.
+    wanted: usize,
+}
+
+impl Scribe {
+    fn write(&mut self, mut changes: Receiver<(Change, Then)>) {
+        let mut group = Vec::with_capacity(WAITING);
+        while changes.blocking_recv_many(&mut group, WAITING) > 0 {
+            let (changes, then): (Vec<_>, Vec<_>) = group.drain(..).unzip();
+            let written = self.make(&changes);
+            for (change, written) in changes.iter().zip(&written) {
+                if written.is_ok() {
+                    change.forgotten.iter().for_each(|id| self.files.discard(*id));
+                }
+            }
+            for (then, written) in then.into_iter().zip(written) {
+                then(written);
+            }
+        }
+    }
+
+    /// Makes all of the changes, or those that need hardly any room; says which.
+    fn make(&mut self, changes: &[Change]) -> Vec<Result<(), Unwritable>> {
+        if !self.place.holds() {
+            if !self.failed.swap(true, Relaxed) {
+                let path = self.place.path.display();
+                tracing::error!("{path} was removed or replaced; nothing is accepted for later until it is back");
+            }
+            return vec![Err(Unwritable); changes.len()];
+        }
+        let had_failed = self.failed.load(Relaxed);
+        if !had_failed || self.hold() {
+            match self.database.apply(changes) {
+                Ok(()) => {
+                    if self.failed.swap(false, Relaxed) {
+                        tracing::info!("the store can be written again");
+                    }
+                    return vec![Ok(()); changes.len()];
+                }
+                Err(error) => {
+                    self.failed.store(true, Relaxed);
+                    self.wanted = changes.iter().map(Change::bytes).sum();
+                    tracing::error!(%error, changes = changes.len(), "the store cannot be written");
                 }
             }
         }
-        for then in then {
-            then(written);
+        let small: Vec<_> = changes.iter().filter(|change| change.is_small()).collect();
+        let written = !small.is_empty() && {
+            self.reserve.release();
+            let written = self.database.apply(small.iter().copied());
+            if let Err(error) = &written {
+                tracing::error!(%error, "nor can jobs be deleted");
+            }
+            written.is_ok()
+        };
+        self.freed |= written && small.iter().any(|change| !change.forgotten.is_empty());
+        let made = |change: &Change| if written && change.is_small() { Ok(()) } else { Err(Unwritable) };
+        changes.iter().map(made).collect()
+    }
+
+    /// Holds room back again, for which the database may have to give some up; says whether there is enough, also for what
+    /// could not be written.
+    fn hold(&mut self) -> bool {
+        if self.is_room() {
+            return true;
         }
+        if !std::mem::take(&mut self.freed) {
+            return false;
+        }
+        if let Err(error) = self.database.shrink() {
+            tracing::error!(%error, "the database cannot be made smaller");
+        }
+        self.is_room()
+    }
+
+    fn is_room(&self) -> bool {
+        self.reserve.hold().is_ok() && self.reserve.is_beside(self.wanted)
     }
 }

@@ -101,8 +101,8 @@ pub fn write_table(table: &mut dyn Table, trajectory: &Trajectory, out: &mut dyn
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Verdict;
     use crate::{Diagnostics, Event, EventKind, Failure, Field, Status};
+    use crate::{Verdict, Version};
 
     fn field(name: &str, values: &[f64]) -> Field {
         Field { name: name.to_owned(), values: values.to_vec() }
@@ -135,6 +135,7 @@ mod tests {
         let trajectory = Trajectory { t: vec![0.0, 0.5], fields: vec![field("x", &[1.0, 2.0])], events: vec![] };
         let diagnostics = Diagnostics::default();
         let solution = Solution {
+            version: Version,
             status: Status::Completed,
             verdict: Verdict::default(),
             error: None,
@@ -182,6 +183,7 @@ mod tests {
         let error = Failure { code: "step_too_small".into(), message: "\"h\"".to_owned(), time: 0.1, state: vec![2.0] };
         let diagnostics = Diagnostics::default();
         let solution = Solution {
+            version: Version,
             status: Status::Failed,
             verdict: Verdict::default(),
             error: Some(error),

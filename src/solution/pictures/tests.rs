@@ -1,13 +1,14 @@
 //! Pictures are read back by an independent reader of XML.
 
 use super::*;
-use crate::{Diagnostics, Failure, Reason, Series, Study, StudyRun, Trajectory, Verdict};
+use crate::{Diagnostics, Failure, Reason, Series, Study, StudyRun, Trajectory, Verdict, Version};
 use roxmltree::Node;
 
 fn solution(t: Vec<f64>, columns: Vec<Vec<f64>>) -> Solution {
     let field = |(k, values)| Field { name: format!("x{k}"), values };
     let trajectory = Trajectory { t, fields: columns.into_iter().enumerate().map(field).collect(), events: vec![] };
     Solution {
+        version: Version,
         status: Status::Completed,
         verdict: Verdict::default(),
         error: None,

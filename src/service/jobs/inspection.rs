@@ -1,0 +1,94 @@
+//! A look at all that a store holds, as by `dvi store check`: nothing of it is changed, and one in use is left alone.
+
+use super::JobId;
+use super::database::{Database, Rows, guarded};
+use super::ended::Held;
+use super::files::Files;
+use super::overlay::Overlay;
+use super::tables::{JOBS, RESULTS, SPECIFICATIONS};
+use redb::Builder;
+use std::collections::{BTreeMap, BTreeSet};
+use std::io;
+use std::path::Path;
+
+/// What a store holds.
+#[derive(Debug, Default)]
+pub struct Inspection {
+    /// The version of its format.
+    pub format: u64,
+    /// Jobs whose rows can be read.
+    pub jobs: usize,
+    /// Of those, jobs that have ended.
+    pub ended: usize,
+    /// Results that are as they were written.
+    pub results: usize,
+    /// Their bytes.
+    pub result_bytes: usize,
+    /// What is not as it was written, or gone, by the name of its job.
+    pub damaged: BTreeMap<JobId, Vec<&'static str>>,
+    /// Jobs that another version wrote.
+    pub unreadable: Vec<JobId>,
+    /// Files of results that no row names.
+    pub orphaned: usize,
+    /// Whether the pages of the database are as they were written.
+    pub is_sound: bool,
+}
+
+impl Inspection {
+    /// Looks at the store in `folder`.
+    ///
+    /// # Errors
+    /// There is none, it is in use, of a later version, or its database cannot be opened.
+    pub fn of(folder: &Path) -> io::Result<Self> {
+        let overlay = Overlay::open(&folder.join("jobs.redb"))?;
+        let files = Files::at(folder.join("results"));
+        let open = move || guarded(|| Ok(Builder::new().create_with_backend(overlay.clone())?));
+        let (database, format) = Database::open(open, &|id| files.digest(id))?;
+        let Some(format) = format else {
+            return Err(io::Error::new(io::ErrorKind::InvalidData, "jobs.redb is empty"));
+        };
+        let is_sound = database.is_sound();
+        let Rows { records, unreadable, damaged } = database.records();
+        let mut found = Self { format, is_sound, unreadable, jobs: records.len(), ..Self::default() };
+        for id in damaged {
+            found.damages(id, "row");
+        }
+        let mut known: BTreeSet<JobId> = found.unreadable.iter().chain(found.damaged.keys()).copied().collect();
+        for (id, record) in records {
+            known.insert(id);
+            let document = database.document(id).ok().flatten();
+            if document.zip(record.document).is_none_or(|(document, digest)| digest.vouch(document).is_err()) {
+                found.damages(id, "specification");
+            }
+            let Some(ended) = record.ended else { continue };
+            found.ended += 1;
+            let (json, stored) = match ended.held {
+                None | Some(Held::Memory(_)) => continue,
+                Some(Held::Table(stored)) => (database.results(id).ok().flatten(), stored),
+                Some(Held::File(stored)) => (files.find(id).ok().flatten(), stored),
+            };
+            if json.is_some_and(|json| stored.digest.vouch(json).is_ok()) {
+                found.results += 1;
+                found.result_bytes += stored.bytes;
+            } else {
+                found.damages(id, "results");
+            }
+        }
+        // What has lost its row, for a page above it that cannot be read.
+        let rest = [database.names_in(JOBS), database.names_in(SPECIFICATIONS), database.names_in(RESULTS)];
+        for id in rest.into_iter().flatten().filter(|id| !known.contains(id)).collect::<BTreeSet<_>>() {
+            found.damages(id, "row");
+        }
+        found.orphaned = files.names()?.filter(|id| !known.contains(id)).count();
+        Ok(found)
+    }
+
+    /// Whether all is as it was written.
+    pub fn is_whole(&self) -> bool {
+        self.is_sound && self.damaged.is_empty()
+    }
+
+    fn damages(&mut self, id: JobId, what: &'static str) {
+        self.damaged.entry(id).or_default().push(what);
+    }
+}

@@ -1,0 +1,228 @@
+//! The tables of the database, and the version of their format.
+//!
+//! | format | since | what is there |
+//! |---|---|---|
+//! | 1 | 0.1 | rows as JSON; no table `format` |
+//! | 2 | | rows behind a digest, with the digests of specifications and results in them |
+//!
+//! A store of an earlier format is brought up to date in one transaction when it is opened. One of a later format is refused,
+//! and so is a later store by the versions before formats were told: the type of its rows has another name.
+
+use super::JobId;
+use super::digest::{Digest, seal};
+use redb::{Database, ReadableDatabase, ReadableTable, TableDefinition, TableHandle, TypeName, Value};
+use serde_json::json;
+
+/// The format that is written.
+pub const FORMAT: u64 = 2;
+
+/// Rows of jobs, sealed.
+pub const JOBS: TableDefinition<'_, u128, Sealed> = TableDefinition::new("jobs");
+/// What was posted.
+pub const SPECIFICATIONS: TableDefinition<'_, u128, &[u8]> = TableDefinition::new("specifications");
+/// Small results.
+pub const RESULTS: TableDefinition<'_, u128, &[u8]> = TableDefinition::new("results");
+/// The number of the latest start.
+pub const STARTS: TableDefinition<'_, (), u64> = TableDefinition::new("starts");
+
+const FORMATS: TableDefinition<'_, (), u64> = TableDefinition::new("format");
+const JOBS_OF_FORMAT_1: TableDefinition<'_, u128, &[u8]> = TableDefinition::new("jobs");
+const JOBS_ON_THE_WAY: TableDefinition<'_, u128, &[u8]> = TableDefinition::new("jobs of format 1");
+
+/// The bytes of a row behind their digest.
+#[derive(Debug)]
+pub struct Sealed;
+
+impl Value for Sealed {
+    type SelfType<'a> = &'a [u8];
+    type AsBytes<'a> = &'a [u8];
+
+    fn fixed_width() -> Option<usize> {
+        None
+    }
+
+    fn from_bytes<'a>(data: &'a [u8]) -> &'a [u8]
+    where
+        Self: 'a,
+    {
+        data
+    }
+
+    fn as_bytes<'a, 'b: 'a>(value: &'a &'b [u8]) -> &'a [u8]
+    where
+        Self: 'b,
+    {
+        value
+    }
+
+    fn type_name() -> TypeName {
+        TypeName::new("dvi::Sealed")
+    }
+}
+
+/// The format of what is there; nothing if nothing is.
+pub fn format(redb: &Database) -> Result<Option<u64>, redb::Error> {
+    let transaction = redb.begin_read()?;
+    let names: Vec<String> = transaction.list_tables()?.map(|table| table.name().to_owned()).collect();
+    let has = |table: &str| names.iter().any(|name| name == table);
+    if has(FORMATS.name()) {
+        return Ok(transaction.open_table(FORMATS)?.get(())?.map(|format| format.value()));
+    }
+    Ok(has(JOBS.name()).then_some(1))
+}
+
+/// Makes the tables, from those of an earlier format where there are any, all or nothing. Of a result that is a file,
+/// `digest` gives its length and its digest.
+pub fn make(
+    redb: &Database,
+    format: Option<u64>,
+    digest: &dyn Fn(JobId) -> Option<(usize, Digest)>,
+) -> Result<(), redb::Error> {
+    let mut transaction = redb.begin_write()?;
+    transaction.set_quick_repair(true);
+    if format == Some(1) {
+        transaction.rename_table(JOBS_OF_FORMAT_1, JOBS_ON_THE_WAY)?;
+        {
+            let earlier = transaction.open_table(JOBS_ON_THE_WAY)?;
+            let (specifications, results) = (transaction.open_table(SPECIFICATIONS)?, transaction.open_table(RESULTS)?);
+            let mut jobs = transaction.open_table(JOBS)?;
+            for row in earlier.iter()? {
+                let (number, row) = row?;
+                let (number, id) = (number.value(), JobId::of_number(number.value()));
+                let document = specifications.get(number)?.map(|document| Digest::of(document.value()));
+                let in_table = results.get(number)?.map(|json| (json.value().len(), Digest::of(json.value())));
+                let row = with_digests(row.value(), document, |place| match place {
+                    "table" => in_table,
+                    _ => digest(id),
+                });
+                jobs.insert(number, seal(id, &row).as_slice())?;
+            }
+        }
+        transaction.delete_table(JOBS_ON_THE_WAY)?;
+    }
+    for table in [SPECIFICATIONS, RESULTS] {
+        transaction.open_table(table)?;
+    }
+    transaction.open_table(JOBS)?;
+    transaction.open_table(STARTS)?;
+    transaction.open_table(FORMATS)?.insert((), FORMAT)?;
+    transaction.commit()?;
+    Ok(())
+}
+
+/// A row of format 1 as one of format 2. One that cannot be read stays as it is. Results that are missing, or not as long as
+/// they were, get the digest of nothing, for which they will be found damaged.
+fn with_digests(row: &[u8], document: Option<Digest>, digest: impl Fn(&str) -> Option<(usize, Digest)>) -> Vec<u8> {
+    let Ok(mut value) = serde_json::from_slice::<serde_json::Value>(row) else { return row.to_vec() };
+    if !value.is_object() {
+        return row.to_vec();
+    }
+    if let Some(document) = document {
+        value["document"] = json!(document);
+    }
+    for place in ["table", "file"] {
+        let pointer = format!("/ended/held/{place}");
+        if let Some(held) = value.pointer_mut(&pointer)
+            && let Some(bytes) = held.as_u64()
+        {
+            let found = digest(place).filter(|(length, _)| *length as u64 == bytes);
+            let digest = found.map_or_else(|| Digest::of(&[]), |(_, digest)| digest);
+            *held = json!({"bytes": bytes, "digest": digest});
+        }
+    }
+    // What was read from JSON has a JSON form.
+    serde_json::to_vec(&value).unwrap_or_else(|_| row.to_vec())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::jobs::database::Database as Jobs;
+    use std::path::PathBuf;
+    use std::{fs, io};
+
+    /// A database of its own, removed at the end.
+    struct File(PathBuf);
+
+    impl File {
+        fn new(name: &str) -> Self {
+            Self(std::env::temp_dir().join(format!("dvi-tables-{name}-{}.redb", std::process::id())))
+        }
+
+        fn write(&self, write: impl FnOnce(&redb::WriteTransaction) -> Result<(), redb::Error>) {
+            let redb = Database::create(&self.0).unwrap();
+            let transaction = redb.begin_write().unwrap();
+            write(&transaction).unwrap();
+            transaction.commit().unwrap();
+        }
+    }
+
+    impl Drop for File {
+        fn drop(&mut self) {
+            let _ = fs::remove_file(&self.0);
+        }
+    }
+
+    /// A row as versions before formats were told wrote it.
+    const ROW: &str = r#"{"client":{"address":"127.0.0.1"},"label":null,"horizon":{"start":0.0,"end":1.0},
+        "estimate":{"problem":"dvi","memory":1000},"created":"2026-01-01T00:00:00Z","document_bytes":8,"key":null,
+        "crashes":0,"underway":false,"dismissed":false,"ended":{"started":"2026-01-01T00:00:00Z",
+        "finished":"2026-01-01T00:00:01Z","fraction":1.0,"steps":8,"ending":"successful","verdict":null,
+        "held":{"HELD":7}}}"#;
+
+    #[test]
+    fn a_store_of_the_first_format_is_brought_up_to_date() {
+        let file = File::new("first");
+        file.write(|transaction| {
+            let mut jobs = transaction.open_table(JOBS_OF_FORMAT_1)?;
+            let mut specifications = transaction.open_table(SPECIFICATIONS)?;
+            for (id, held) in [(1, "table"), (2, "file"), (3, "file")] {
+                jobs.insert(id, ROW.replace("HELD", held).as_bytes())?;
+                specifications.insert(id, &b"document"[..])?;
+            }
+            jobs.insert(4, &b"of another version"[..])?;
+            transaction.open_table(RESULTS)?.insert(1, &b"results"[..])?;
+            Ok(())
+        });
+        // The third is missing.
+        let digest = |id: JobId| (id.number() == 2).then(|| (7, Digest::of(b"results")));
+        for _ in 0..2 {
+            let jobs = Jobs::open(Jobs::at(&file.0), &digest).unwrap().0;
+            let rows = jobs.records();
+            assert_eq!(rows.unreadable, [JobId::of_number(4)]);
+            let told: Vec<_> = rows
+                .records
+                .iter()
+                .map(|(_, record)| {
+                    let held = record.ended.as_ref().and_then(|ended| ended.held.as_ref()).unwrap();
+                    (record.document == Some(Digest::of(b"document")), held.digest() == Digest::of(b"results"))
+                })
+                .collect();
+            assert_eq!(told, [(true, true), (true, true), (true, false)]);
+        }
+    }
+
+    #[test]
+    fn a_store_of_a_later_format_is_refused_and_left_as_it_is() {
+        let file = File::new("later");
+        drop(Jobs::open(Jobs::at(&file.0), &|_| None).unwrap());
+        file.write(|transaction| {
+            transaction.open_table(FORMATS)?.insert((), FORMAT + 1)?;
+            Ok(())
+        });
+        let error = Jobs::open(Jobs::at(&file.0), &|_| None).unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::Unsupported);
+        assert!(error.to_string().contains("a later version of dvi"), "{error}");
+        let redb = Database::open(&file.0).unwrap();
+        assert_eq!(format(&redb).unwrap(), Some(FORMAT + 1));
+    }
+
+    #[test]
+    fn a_store_is_refused_by_versions_before_formats_were_told() {
+        let file = File::new("earlier");
+        drop(Jobs::open(Jobs::at(&file.0), &|_| None).unwrap());
+        let redb = Database::open(&file.0).unwrap();
+        let transaction = redb.begin_write().unwrap();
+        assert!(matches!(transaction.open_table(JOBS_OF_FORMAT_1), Err(redb::TableError::TableTypeMismatch { .. })));
+    }
+}

@@ -1,0 +1,153 @@
+//! Bits that a disk has changed: what they stood for is told as damaged, and never served as what was stored.
+
+use crate::harness::DECAY;
+use crate::process::{Folder, Server};
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Flips of one bit; `DVI_FLIPS` asks for more.
+const FLIPS: usize = 200;
+
+/// Flips between one start and the next.
+const AT_ONCE: usize = 10;
+
+/// What is asked of every job.
+const PARTS: [&str; 3] = ["", "/specification", "/results"];
+
+#[test]
+fn no_flipped_bit_is_served_as_truth() {
+    let flips = std::env::var("DVI_FLIPS").map_or(FLIPS, |text| text.parse().unwrap());
+    let at_once = std::env::var("DVI_FLIPS_AT_ONCE").map_or(AT_ONCE, |text| text.parse().unwrap());
+    let folder = Folder::new();
+    let server = Server::start(&folder, &["--workers", "1"]);
+    let accept = |k: usize| {
+        // Some results are files, and most are in the table.
+        let times = if k.is_multiple_of(5) { r#","output":{"times":{"count":5001}}"# } else { "" };
+        let document =
+            DECAY.replace("-x", &format!("-{}*x", 1 + k)).replace("\"time\"", "\"label\":\"a decay\",\"time\"");
+        server.accept(&format!("{}{times}}}", document.strip_suffix('}').unwrap()))
+    };
+    let paths: Vec<String> = (0..24).map(accept).collect();
+    let told: Vec<[String; 3]> = paths
+        .iter()
+        .map(|path| {
+            server.reaches(path, &["successful"]);
+            PARTS.map(|part| server.get(&format!("{path}{part}")).body)
+        })
+        .collect();
+    assert!(server.stop().0.success());
+    let whole = files(folder.path());
+    let bytes: usize = whole.values().map(Vec::len).sum();
+
+    let mut random = Random(std::process::id().into());
+    let (mut served, mut damaged, mut unknown, mut refused) = (0, 0, 0, 0);
+    for round in 0..flips / at_once {
+        let rotten = Folder::new();
+        let mut files = whole.clone();
+        for _ in 0..at_once {
+            let mut place = random.next() as usize % bytes;
+            let file = files.values_mut().find(|file| {
+                let is_here = place < file.len();
+                place -= if is_here { 0 } else { file.len() };
+                is_here
+            });
+            file.unwrap()[place] ^= 1 << (random.next() % 8);
+        }
+        for (name, bytes) in &files {
+            let path = rotten.path().join(name);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, bytes).unwrap();
+        }
+        let server = match Server::try_start_at("127.0.0.1:0", &rotten, &["--workers", "1"]) {
+            Ok(server) => server,
+            Err(said) => {
+                assert!(said.contains("damaged") || said.contains("cannot serve"), "{said}");
+                refused += 1;
+                continue;
+            }
+        };
+        for (path, told) in paths.iter().zip(&told) {
+            for (part, told) in PARTS.iter().zip(told) {
+                let answer = server.get(&format!("{path}{part}"));
+                match answer.status {
+                    // A job of which something is damaged says so.
+                    200 if answer.body.contains("damaged: ") && part.is_empty() => damaged += 1,
+                    200 => {
+                        assert_eq!(answer.body, *told, "round {round}: {path}{part} is wrong");
+                        served += 1;
+                    }
+                    404 => unknown += 1,
+                    _ => {
+                        answer.problem(500, "damaged");
+                        damaged += 1;
+                    }
+                }
+            }
+        }
+        // It goes on working: what comes in now is solved.
+        let after = server.accept(DECAY);
+        server.reaches(&after, &["successful", "failed"]);
+    }
+    println!("{served} served as they were, {damaged} told as damaged, {unknown} unknown, {refused} starts refused");
+    assert!(served > 0 && damaged > 0, "{served} served, {damaged} damaged");
+}
+
+#[test]
+fn damaged_results_stay_where_they_are_and_are_shown_again_when_they_are_put_back() {
+    let folder = Folder::new();
+    let server = Server::start(&folder, &["--workers", "1"]);
+    let document = DECAY.replace("{\"end\":1}}", "{\"end\":1},\"output\":{\"times\":{\"count\":5001}}}");
+    let path = server.accept(&document);
+    server.reaches(&path, &["successful"]);
+    let results = server.get(&format!("{path}/results"));
+    let file = folder.path().join("results").join(format!("{}.json", path.rsplit('/').next().unwrap()));
+    let whole = fs::read(&file).unwrap();
+    let mut rotten = whole.clone();
+    rotten[40_000] ^= 1;
+    fs::write(&file, &rotten).unwrap();
+    server.get(&format!("{path}/results")).problem(500, "damaged");
+    for _ in 0..2 {
+        let state = server.get(&path).json();
+        assert_eq!((&state["status"], state.get("trusted")), (&"failed".into(), None), "{state}");
+        assert!(state["message"].as_str().unwrap().starts_with("damaged: "), "{state}");
+    }
+    assert!(server.get("/metrics").body.contains("dvi_damaged_jobs 1\n"));
+    server.stop();
+    let server = Server::start(&folder, &["--workers", "1"]);
+    assert_eq!(server.get(&path).json()["status"], "failed");
+    assert_eq!(fs::read(&file).unwrap(), rotten);
+    server.stop();
+    fs::write(&file, &whole).unwrap();
+    let server = Server::start(&folder, &["--workers", "1"]);
+    let again = server.get(&format!("{path}/results"));
+    assert_eq!((again.body == results.body, again.header("etag")), (true, results.header("etag")));
+    assert_eq!(server.get(&path).json()["trusted"], true);
+}
+
+/// The files in a folder and below, by their names in it.
+fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let name = PathBuf::from(path.file_name().unwrap());
+        if path.is_dir() {
+            found.extend(files(&path).into_iter().map(|(below, bytes)| (name.join(below), bytes)));
+        } else if name != Path::new("reserve") {
+            found.insert(name, fs::read(&path).unwrap());
+        }
+    }
+    found
+}
+
+/// A sequence that looks random (Steele, Lea & Flood 2014, "Fast splittable pseudorandom number generators").
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mixed = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        mixed ^ (mixed >> 31)
+    }
+}

@@ -1,0 +1,60 @@
+//! `dvi store check`: what is whole, what is damaged, and what is left alone.
+
+use crate::harness::DECAY;
+use crate::process::{DVI, Folder, Server};
+use std::fs;
+use std::process::{Command, Output};
+
+fn check(folder: &Folder) -> Output {
+    Command::new(DVI).args(["store", "check"]).arg(folder.path()).output().unwrap()
+}
+
+fn told(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+#[test]
+fn a_store_is_left_alone_while_it_is_in_use_and_what_is_damaged_is_named() {
+    let folder = Folder::new();
+    let server = Server::start(&folder, &["--workers", "1"]);
+    let long = DECAY.replace("{\"end\":1}}", "{\"end\":1},\"output\":{\"times\":{\"count\":5001}}}");
+    let paths = [&long, DECAY].map(|document| server.accept(document));
+    paths.iter().for_each(|path| drop(server.reaches(path, &["successful"])));
+    let used = check(&folder);
+    assert_eq!(used.status.code(), Some(3));
+    assert!(told(&used.stderr).contains("in use by another process; check a copy of it"), "{used:?}");
+    server.kill();
+
+    // Not closed in order, and not changed by the look.
+    let database = folder.path().join("jobs.redb");
+    let before = fs::read(&database).unwrap();
+    let whole = check(&folder);
+    assert_eq!((whole.status.code(), fs::read(&database).unwrap() == before), (Some(0), true), "{whole:?}");
+    for line in ["  jobs        2, of which 2 have ended\n", "  damaged     0\n", "  format      2\n"] {
+        assert!(told(&whole.stdout).contains(line), "{whole:?}");
+    }
+
+    let id = paths[0].rsplit('/').next().unwrap();
+    let file = folder.path().join("results").join(format!("{id}.json"));
+    let mut json = fs::read(&file).unwrap();
+    json[1000] ^= 4;
+    fs::write(&file, json).unwrap();
+    let at = before.windows(DECAY.len()).position(|bytes| bytes == DECAY.as_bytes()).unwrap();
+    let mut rotten = before;
+    rotten[at + 30] ^= 4;
+    fs::write(&database, rotten).unwrap();
+    let damaged = check(&folder);
+    assert_eq!(damaged.status.code(), Some(1), "{damaged:?}");
+    let second = paths[1].rsplit('/').next().unwrap();
+    for line in [format!("damaged: {id}: results\n"), format!("damaged: {second}: specification\n")] {
+        assert!(told(&damaged.stdout).contains(&line), "{damaged:?}");
+    }
+}
+
+#[test]
+fn where_there_is_no_store_nothing_is_made() {
+    let folder = Folder::new();
+    let output = check(&folder);
+    assert_eq!((output.status.code(), folder.path().exists()), (Some(3), false));
+    assert!(told(&output.stderr).starts_with("dvi: cannot check "), "{output:?}");
+}
