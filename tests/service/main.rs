@@ -7,6 +7,7 @@ mod check;
 mod connections;
 mod durable;
 mod events;
+mod explanations;
 mod glance;
 mod harness;
 mod hostile;
