@@ -1,5 +1,6 @@
 //! The service as its clients see it: without a socket where none is needed, over one where it is the matter.
 
+mod again;
 mod bounds;
 mod browsers;
 mod catalogue;

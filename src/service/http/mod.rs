@@ -1,6 +1,7 @@
 //! The resources of the service, a file each, and the router that finds them.
 
 mod access;
+mod again;
 mod check;
 mod docs;
 mod document;
@@ -92,6 +93,8 @@ fn work() -> OpenApiRouter<Shared> {
         .routes(routes!(results::find_results))
         .routes(routes!(jobs::find_specification))
         .routes(routes!(jobs::cancel_job))
+        .routes(routes!(again::retry_job))
+        .routes(routes!(again::continue_job))
 }
 
 /// The same for everyone, and nobody's secret.

@@ -94,8 +94,19 @@ async fn job(
     document: &Document,
     lasting: bool,
 ) -> Answer<Arc<Job>> {
+    let key = key.0.map(|name| Key::new(name, &document.bytes()));
+    job_under(shared, client, key, document, lasting).await
+}
+
+/// The same, under a key that is known.
+pub async fn job_under(
+    shared: &Shared,
+    client: Client,
+    key: Option<Key>,
+    document: &Document,
+    lasting: bool,
+) -> Answer<Arc<Job>> {
     let document_bytes = document.bytes();
-    let key = key.0.map(|name| Key::new(name, &document_bytes));
     if let Some(key) = &key
         && let Some(job) = shared.jobs.recall(client, key)?
     {
@@ -127,7 +138,8 @@ async fn wait_for(jobs: &Arc<Jobs>, job: &Arc<Job>, wait: Duration) -> Answer<Op
     })
 }
 
-fn accepted(jobs: &Jobs, job: &Job) -> Response {
+/// That a job is to be asked for later.
+pub fn accepted(jobs: &Jobs, job: &Job) -> Response {
     let mut response = (StatusCode::ACCEPTED, no_store(), Json(StatusInfo::of(job, jobs))).into_response();
     let headers = response.headers_mut();
     headers.insert(header::RETRY_AFTER, retry_after(jobs.time_to_end(job)));
@@ -170,7 +182,7 @@ impl Drop for Departure {
 }
 
 /// What the client said in `Idempotency-Key`.
-pub struct IdempotencyKey(Option<String>);
+pub struct IdempotencyKey(pub Option<String>);
 
 /// Longer keys are not keys any more.
 const LONGEST_KEY: usize = 255;

@@ -103,6 +103,10 @@ impl StatusInfo {
         let mut links = vec![link("", "self", "this job")];
         if finished.is_some() {
             links.push(link("/results", "http://www.opengis.net/def/rel/ogc/1.0/results", "its results"));
+            if status != "successful" {
+                links.push(link("/retry", "retry", "POST here to send it to the queue again, as a new job"));
+            }
+            links.push(link("/continue", "continue", "POST {\"end\": T} here to go on from its end, as a new job"));
         } else {
             links.push(link("/events", "monitor", "what happens, as server-sent events"));
             links.push(link("/cancel", "cancel", "POST here to stop it and keep the trajectory so far"));
