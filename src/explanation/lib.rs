@@ -56,7 +56,8 @@ impl Kind {
 /// All pages, those of a kind together.
 pub fn pages() -> &'static [Page] {
     static PAGES: LazyLock<Vec<Page>> = LazyLock::new(|| {
-        let sections = TEXTS.iter().flat_map(|(kind, text)| text.split("\n## ").skip(1).map(|section| (*kind, section)));
+        let sections =
+            TEXTS.iter().flat_map(|(kind, text)| text.split("\n## ").skip(1).map(|section| (*kind, section)));
         sections.map(|(kind, section)| page(kind, section)).collect()
     });
     &PAGES

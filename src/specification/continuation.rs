@@ -25,7 +25,9 @@ impl fmt::Display for NotContinuable {
         match self {
             Self::Unreadable => f.write_str("its specification cannot be read"),
             Self::Problem(why) => f.write_str(why),
-            Self::Column(name) => write!(f, "its results leave out `{name}`: name it in `output.fields`, or name no fields"),
+            Self::Column(name) => {
+                write!(f, "its results leave out `{name}`: name it in `output.fields`, or name no fields")
+            }
         }
     }
 }
@@ -73,10 +75,7 @@ pub fn continued(
     serde_json::to_vec(&json).map_err(|_| NotContinuable::Unreadable)
 }
 
-fn of_matrices(
-    problem: &mut Json,
-    last: impl Fn(&str) -> Result<Json, NotContinuable>,
-) -> Result<(), NotContinuable> {
+fn of_matrices(problem: &mut Json, last: impl Fn(&str) -> Result<Json, NotContinuable>) -> Result<(), NotContinuable> {
     let names = match problem.member("state_names") {
         Some(Json::List(names)) => names.iter().map(|name| name.text().to_owned()).collect(),
         _ => Vec::new(),
@@ -89,10 +88,7 @@ fn of_matrices(
     Ok(())
 }
 
-fn of_bodies(
-    problem: &mut Json,
-    last: impl Fn(&str) -> Result<Json, NotContinuable>,
-) -> Result<(), NotContinuable> {
+fn of_bodies(problem: &mut Json, last: impl Fn(&str) -> Result<Json, NotContinuable>) -> Result<(), NotContinuable> {
     const VECTORS: [(&str, &[&str]); 4] = [
         ("position", &["x", "y", "z"]),
         ("orientation", &["qw", "qx", "qy", "qz"]),
@@ -115,10 +111,7 @@ fn of_bodies(
     Ok(())
 }
 
-fn of_circuit(
-    problem: &mut Json,
-    last: impl Fn(&str) -> Result<Json, NotContinuable>,
-) -> Result<(), NotContinuable> {
+fn of_circuit(problem: &mut Json, last: impl Fn(&str) -> Result<Json, NotContinuable>) -> Result<(), NotContinuable> {
     let Some(Json::List(components)) = problem.member("components") else {
         return Err(NotContinuable::Problem("its circuit is a netlist: write it as `components` to continue it"));
     };
@@ -209,7 +202,8 @@ mod tests {
     fn states_go_on_in_their_order_and_what_is_past_is_left_out() {
         let document = r#"{"study":{},"problem":{"dvi":{"parameters":{"b":1,"a":"b"},"states":{"y":{"initial":"a","rate":"1"},
             "x":{"initial":0,"rate":"y"}}}},"time":{"end":1},"output":{"times":[0,0.5,1,1.5],"fields":["x","y"]}}"#;
-        let last = |name: &str| [("x", 0.25), ("y", 0.1 + 0.2)].iter().find(|(known, _)| *known == name).map(|(_, x)| *x);
+        let last =
+            |name: &str| [("x", 0.25), ("y", 0.1 + 0.2)].iter().find(|(known, _)| *known == name).map(|(_, x)| *x);
         let text = continued(document.as_bytes(), 1.0, 2.0, last).unwrap();
         let expected = r#"{"problem":{"dvi":{"parameters":{"b":1,"a":"b"},"states":{"y":{"initial":0.30000000000000004,"rate":"1"},"x":{"initial":0.25,"rate":"y"}}}},"time":{"start":1.0,"end":2.0},"output":{"times":[1,1.5],"fields":["x","y"]}}"#;
         assert_eq!(String::from_utf8(text).unwrap(), expected);

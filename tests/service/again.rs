@@ -88,7 +88,13 @@ async fn an_end_that_makes_no_sense_is_refused_with_the_reason() {
 
 /// The last value of a column.
 fn last(results: &Value, column: &str) -> f64 {
-    results["trajectory"]["fields"][column].as_array().unwrap_or_else(|| panic!("{column}: {results}")).last().unwrap().as_f64().unwrap()
+    results["trajectory"]["fields"][column]
+        .as_array()
+        .unwrap_or_else(|| panic!("{column}: {results}"))
+        .last()
+        .unwrap()
+        .as_f64()
+        .unwrap()
 }
 
 /// Solves a problem to the end, and in two parts, and asserts that the columns end alike.
@@ -160,7 +166,9 @@ async fn what_its_states_do_not_determine_is_refused_with_the_reason() {
         let example = dvi::specification::EXAMPLES.iter().find(|example| example.name == name).unwrap();
         serde_json::from_str::<Value>(example.text).unwrap()
     };
-    for (name, reason) in [("memory_abel", "its whole past"), ("string_obstacle", "in space"), ("diode_bridge_netlist", "netlist")] {
+    for (name, reason) in
+        [("memory_abel", "its whole past"), ("string_obstacle", "in space"), ("diode_bridge_netlist", "netlist")]
+    {
         let (path, _) = solved(&site, &example(name)).await;
         let reply = post(&site, &format!("{path}/continue"), r#"{"end": 1e6}"#).await;
         let problem = reply.problem(409, "not-continuable");

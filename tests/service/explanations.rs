@@ -106,7 +106,16 @@ fn every_code_in_the_sources_has_a_page() {
     sources(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"), &mut texts);
     let codes = codes_of_sources(&texts);
     // What the search must find, each by another way of writing codes.
-    for known in ["unknown_key", "wrong_arity", "reserved_name", "initial_jump", "newton_failed", "joints", "wall_time", "too_many_nodes"] {
+    for known in [
+        "unknown_key",
+        "wrong_arity",
+        "reserved_name",
+        "initial_jump",
+        "newton_failed",
+        "joints",
+        "wall_time",
+        "too_many_nodes",
+    ] {
         assert!(codes.contains(known), "{known} is not among {codes:?}");
     }
     assert!(codes.len() > 140, "{}: {codes:?}", codes.len());

@@ -6,6 +6,7 @@ mod browsers;
 mod catalogue;
 mod check;
 mod connections;
+mod door;
 mod durable;
 mod events;
 mod explanations;

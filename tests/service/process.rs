@@ -54,6 +54,8 @@ impl Server {
             .args(["serve", "--listen", listen, "--log-format", "json", "--data"])
             .arg(folder.path())
             .args(arguments)
+            // Lines for requests would fill a pipe that nobody reads.
+            .env("RUST_LOG", "info,dvi::request=off,dvi::job=off")
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();

@@ -12,6 +12,7 @@ use super::problem::{Answer, Kind, Problem};
 use super::representation::{SHORT, aside};
 use super::solve::{IdempotencyKey, accepted, job_under};
 use super::status::StatusInfo;
+use crate::context::address;
 use crate::jobs::{Ended, Ending, Job, JobId, Key, State as JobState};
 use crate::worker::Finding;
 use axum::extract::State;
@@ -88,7 +89,8 @@ pub async fn continue_job(
     further: Document,
 ) -> Answer<Response> {
     let ended = ended(&job)?;
-    let Further { end } = serde_json::from_slice(&further.bytes()).map_err(|error| wrong("", "invalid_value", &error))?;
+    let Further { end } =
+        serde_json::from_slice(&further.bytes()).map_err(|error| wrong("", "invalid_value", &error))?;
     let no_end = || refused(job.id, "it left no results");
     let held = ended.held.as_ref().ok_or_else(no_end)?;
     let results = shared.jobs.results(&job, held).await.map_err(|error| unreadable(job.id, &error))?;
@@ -131,7 +133,9 @@ async fn successor(shared: &Shared, job: &Job, document: Arc<[u8]>, key: Idempot
     let key = key.0.map(|name| Key::new(name, &[job.id.to_string().as_bytes(), &document].concat()));
     let next = job_under(shared, job.client, key, &Document::of(document), true).await?;
     let mut response = accepted(&shared.jobs, &next);
-    if let Ok(link) = HeaderValue::try_from(format!("</jobs/{}>; rel=\"predecessor-version\"", job.id)) {
+    if let Ok(link) =
+        HeaderValue::try_from(format!("<{}>; rel=\"predecessor-version\"", address(format_args!("/jobs/{}", job.id))))
+    {
         response.headers_mut().insert(header::LINK, link);
     }
     Ok(response)

@@ -4,6 +4,7 @@
 use super::docs;
 use super::problem::Problem;
 use super::{open, work};
+use crate::context::address;
 use axum::http::{HeaderName, HeaderValue, header};
 use axum::response::{Html, IntoResponse};
 use serde_json::Value;
@@ -78,7 +79,7 @@ pub async fn find_description() -> impl IntoResponse {
     responses((status = 200, description = "A page", body = String, content_type = "text/html"))
 )]
 pub async fn read_description() -> impl IntoResponse {
-    ([(header::CONTENT_SECURITY_POLICY, POLICY)], Html(PAGE.as_str()))
+    ([(header::CONTENT_SECURITY_POLICY, POLICY)], Html(PAGE.replace("=\"/", &format!("=\"{}", address("/")))))
 }
 
 /// The style of the page.

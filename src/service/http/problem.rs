@@ -2,6 +2,7 @@
 //! (RFC 9457). The `type` of a problem is the address of its row.
 
 use super::retry_after;
+use crate::context::address;
 use crate::jobs::{Fault, JobId, Refusal, Unwritable};
 use crate::worker::Finding;
 use axum::http::{HeaderValue, StatusCode, header};
@@ -138,7 +139,7 @@ problems! {
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = ProblemDetails)]
 pub struct Problem {
-    #[serde(rename = "type", serialize_with = "address")]
+    #[serde(rename = "type", serialize_with = "address_of")]
     #[schema(value_type = String)]
     kind: Kind,
     title: &'static str,
@@ -187,7 +188,7 @@ impl Problem {
 
     /// Concerning a job.
     pub fn of_job(mut self: Box<Self>, id: JobId) -> Box<Self> {
-        self.instance = Some(format!("/jobs/{id}"));
+        self.instance = Some(address(format_args!("/jobs/{id}")));
         self
     }
 
@@ -275,6 +276,7 @@ impl IntoResponse for Problem {
         // Strings and numbers always have a JSON form.
         let body = serde_json::to_vec(&self).unwrap_or_default();
         let mut response = (self.kind.status(), body).into_response();
+        response.extensions_mut().insert(self.kind);
         let headers = response.headers_mut();
         headers.insert(header::CONTENT_TYPE, HeaderValue::from_static("application/problem+json"));
         headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
@@ -291,6 +293,6 @@ impl IntoResponse for Box<Problem> {
     }
 }
 
-fn address<S: Serializer>(kind: &Kind, serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.collect_str(&format_args!("/problems/{}", kind.slug()))
+fn address_of<S: Serializer>(kind: &Kind, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(&address(format_args!("/problems/{}", kind.slug())))
 }

@@ -4,6 +4,7 @@
 use super::negotiation::{self, MediaType};
 use super::path::Segment;
 use super::problem::{Answer, Kind, Problem};
+use crate::context::address;
 use axum::Json;
 use axum::http::{HeaderMap, HeaderValue, header};
 use axum::response::{Html, IntoResponse, Response};
@@ -42,7 +43,7 @@ impl From<&'static Page> for Row {
         let name = refusal.map_or(code, |kind| kind.slug());
         let title = refusal.map_or(page.kind.title(), |kind| kind.title());
         let status = refusal.map(|kind| kind.status().as_u16());
-        Self { address: format!("/problems/{name}"), code, title, status, meaning, why, remedy, example }
+        Self { address: address(format_args!("/problems/{name}")), code, title, status, meaning, why, remedy, example }
     }
 }
 
@@ -92,12 +93,7 @@ pub async fn find_problem(Segment(code): Segment, headers: HeaderMap) -> Answer<
     answer(&headers, page.code, &[Row::from(page)], |rows| Json(rows.first()).into_response())
 }
 
-fn answer(
-    headers: &HeaderMap,
-    title: &str,
-    rows: &[Row],
-    json: impl FnOnce(&[Row]) -> Response,
-) -> Answer<Response> {
+fn answer(headers: &HeaderMap, title: &str, rows: &[Row], json: impl FnOnce(&[Row]) -> Response) -> Answer<Response> {
     let mut response = match negotiation::choose(headers, &FORMS) {
         Some(Form::Json) => json(rows),
         Some(Form::Html) => Html(html(title, rows)).into_response(),

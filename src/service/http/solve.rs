@@ -11,6 +11,7 @@ use super::results::represent;
 use super::solve_stream::{self, Delivery};
 use super::status::StatusInfo;
 use super::{Shared, no_store, retry_after};
+use crate::context::address;
 use crate::jobs::{self, Client, Ended, Job, Jobs, Key, Order};
 use axum::Json;
 use axum::extract::{FromRequestParts, State};
@@ -58,7 +59,7 @@ pub async fn solve(
         Delivery::Whole(representation) => representation,
         Delivery::Stream => {
             let job = job(&shared, client, key, &document, false).await?;
-            return solve_stream::stream(shared, job);
+            return solve_stream::stream(shared, client, job);
         }
     };
     let wait = preferences.wait();
@@ -75,12 +76,14 @@ pub async fn solve(
         Some(ended) => represent(&shared, &job, &ended, representation, None).await?,
         None => accepted(&shared.jobs, &job),
     };
+    response.extensions_mut().insert(job.id);
     let headers = response.headers_mut();
     headers.insert(header::VARY, HeaderValue::from_static("accept, prefer"));
     if let Some(applied) = preferences.applied(asynchronous) {
         headers.insert("preference-applied", applied);
     }
-    if let Ok(link) = HeaderValue::try_from(format!("</jobs/{}>; rel=\"monitor\"", job.id)) {
+    if let Ok(link) = HeaderValue::try_from(format!("<{}>; rel=\"monitor\"", address(format_args!("/jobs/{}", job.id))))
+    {
         headers.insert(header::LINK, link);
     }
     Ok(response)
@@ -141,9 +144,10 @@ async fn wait_for(jobs: &Arc<Jobs>, job: &Arc<Job>, wait: Duration) -> Answer<Op
 /// That a job is to be asked for later.
 pub fn accepted(jobs: &Jobs, job: &Job) -> Response {
     let mut response = (StatusCode::ACCEPTED, no_store(), Json(StatusInfo::of(job, jobs))).into_response();
+    response.extensions_mut().insert(job.id);
     let headers = response.headers_mut();
     headers.insert(header::RETRY_AFTER, retry_after(jobs.time_to_end(job)));
-    if let Ok(location) = HeaderValue::try_from(format!("/jobs/{}", job.id)) {
+    if let Ok(location) = HeaderValue::try_from(address(format_args!("/jobs/{}", job.id))) {
         headers.insert(header::LOCATION, location);
     }
     response

@@ -1,6 +1,7 @@
 //! The state of a job on the wire: the `statusInfo` of OGC API - Processes, part 1.
 
 use super::problem::Problem;
+use crate::context::address;
 use crate::jobs::{Ended, Ending, Job, Jobs, State};
 use jiff::Timestamp;
 use serde::Serialize;
@@ -98,7 +99,7 @@ impl StatusInfo {
             ((done * 100.0).min(99.0) as u8, start + done * (end - start))
         };
         let queue_position = matches!(state, State::Accepted(_)).then(|| jobs.position(job)).flatten();
-        let path = format!("/jobs/{}", job.id);
+        let path = address(format_args!("/jobs/{}", job.id));
         let link = |suffix, rel, title| Link { href: format!("{path}{suffix}"), rel, title };
         let mut links = vec![link("", "self", "this job")];
         if finished.is_some() {

@@ -14,6 +14,7 @@
 use super::ended::{Ended, Ending, Timing};
 use super::idempotency::Key;
 use super::{Client, Record};
+use crate::context::Context;
 use crate::worker::Facts;
 use jiff::Timestamp;
 use problem::Control;
@@ -145,6 +146,8 @@ pub struct Job {
     pub(super) document_bytes: usize,
     /// What was posted, where the disk does not have it.
     pub(super) document: Option<Arc<[u8]>>,
+    /// The request that posted it, in this process.
+    pub(super) context: Context,
     life: Mutex<Life>,
     settled: Notify,
     /// Wakes whoever supervises its worker when it is to stop.
@@ -191,6 +194,7 @@ impl Job {
             crashes: 0,
             document_bytes: document.len(),
             document: (!lasting).then(|| Arc::clone(&document)),
+            context: Context::current(),
             life: Mutex::new(Life { state: State::Accepted(Some(document)), keeping, parked: false }),
             settled: Notify::new(),
             halted: Notify::new(),
@@ -212,6 +216,7 @@ impl Job {
             crashes,
             document_bytes,
             document: None,
+            context: Context::default(),
             life: Mutex::new(Life { state, keeping: Keeping::Disk, parked: false }),
             settled: Notify::new(),
             halted: Notify::new(),
