@@ -5,6 +5,7 @@ mod access_log;
 mod again;
 mod check;
 mod cors;
+mod described;
 mod docs;
 mod document;
 mod event_stream;
