@@ -249,8 +249,11 @@ impl Radau<'_> {
             }
             course.at_nodes.push(values);
         }
+        // Of more than half a turn from every second stage to the next they show nothing, however small a part of the rows it is.
+        let part =
+            if self.system.pace * course.h > 0.5 * self.tableau().stages() as f64 * SHOWN_PHASE { 0.0 } else { SHOWN };
         for (shown, (low, high)) in course.shown.iter_mut().zip(lowest.iter().zip(&highest)) {
-            *shown = SHOWN * (high[0] - low[0]).min(high[1] - low[1]);
+            *shown = part * (high[0] - low[0]).min(high[1] - low[1]);
         }
     }
 

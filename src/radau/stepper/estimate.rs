@@ -29,6 +29,9 @@ use std::ops::Range;
 /// The tolerances that one step may err by where its order is reduced.
 const STIFF: f64 = 3.0;
 
+/// The part of the tolerance below which an error does not keep a step from growing: the next estimate sees what it becomes.
+const NEGLIGIBLE: f64 = 1e-3;
+
 impl Radau<'_> {
     /// The embedded estimate of the error of the states, in units of the tolerance,
     /// `E^-1 (Phi(t_n, y_n) + (1/h) diag(M, 0) sum_i D_i Z_i)`, filtered once more where it looks too large.
@@ -113,8 +116,8 @@ impl Radau<'_> {
         if s < 3 {
             return 0.0;
         }
-        // Two degrees each, as one coefficient may vanish by chance; of three only one can be the last.
-        let pair = if s > 3 { 2 } else { 1 };
+        // Several degrees each, as one coefficient may vanish by chance.
+        let count = (s - 1) / 2;
         let coefficient = |degree: usize, j: usize| -> f64 {
             let stages = self.stages.z.chunks_exact(n).take(s);
             stages.enumerate().map(|(i, z)| tableau.spectrum[(degree, i)] * z[j]).sum()
@@ -122,20 +125,18 @@ impl Radau<'_> {
         let largest =
             |degrees: Range<usize>, j: usize| degrees.map(|degree| coefficient(degree, j).abs()).fold(0.0, f64::max);
         let exponent = (s as f64 + 1.0) / (2.0 * s as f64);
-        let lever = tableau.mixing * tableau.estimate.iter().map(|weight| weight.abs()).sum::<f64>();
         let share = |j: usize| {
-            // What rounding leaves of the increments has coefficients of all degrees.
-            if self.estimate[j].abs() <= f64::EPSILON * lever * self.y[j].abs() {
-                return 0.0;
-            }
-            let (last, before) = (largest(s - pair..s, j), largest((s - pair).saturating_sub(2)..s - pair, j));
-            if last < before { (last / before).powf((s - 1) as f64 / pair as f64) } else { 1.0 }
+            let first = s - count;
+            let (last, before) = (largest(first..s, j), largest(first - count.max(2)..first, j));
+            if last < before { (last / before).powf((s - 1) as f64 / count as f64) } else { 1.0 }
         };
         let states = 0..self.system.states;
         let terms = states.map(|j| self.estimate[j] * share(j) * self.control.weight[j]);
         let square: f64 = terms.clone().map(|term| term * term).sum();
         let norm = mean_square_root(square, self.system.states, || terms);
-        (tolerance.factor * norm).powf(exponent)
+        let error = tolerance.factor * norm;
+        // What rounding leaves of the increments has coefficients of all degrees.
+        if error < NEGLIGIBLE { 0.0 } else { error.powf(exponent) }
     }
 
     /// Whether the equations are explicit, or would be with the variables eliminated, and Newton's method leaves nothing of what
