@@ -126,3 +126,15 @@ async fn security_headers_and_refusals_are_described_as_they_are() {
         assert!(response["headers"]["x-request-id"].is_object() && reply.headers.contains_key("x-request-id"));
     }
 }
+
+#[test]
+fn every_field_of_every_schema_is_explained() {
+    let description = dvi::service::http::description();
+    for (name, schema) in description["components"]["schemas"].as_object().unwrap() {
+        for (field, what) in schema["properties"].as_object().into_iter().flatten() {
+            let choices = what["oneOf"].as_array().into_iter().flatten();
+            let told = choices.chain([what]).any(|what| what["description"].is_string() || what["$ref"].is_string());
+            assert!(told, "{name}.{field} has no description");
+        }
+    }
+}

@@ -104,8 +104,7 @@ pub async fn continue_job(
             return Err(wrong("/end", "end_before_start", &detail));
         }
         let last = |name: &str| trajectory.field(name).and_then(|values| values.last()).copied();
-        let why = |why: NotContinuable| refused(id, &why.to_string());
-        Answer::Ok(continued(&document, start, end, last).map_err(why)?)
+        continued(&document, start, end, last).map_err(|why: NotContinuable| refused(id, &why.to_string()))
     };
     let document = aside(&shared, job.client, large, work).await??;
     successor(&shared, &job, document.into(), key).await

@@ -31,6 +31,7 @@ pub fn complete(description: &mut Value, asks_token: &BTreeSet<String>) {
         "RetryAfter": {"description": "When it is worth while to ask again, in seconds", "schema": {"type": "integer", "minimum": 1}},
         "Challenge": {"description": "`Bearer` (RFC 6750)", "schema": {"type": "string"}}
     });
+    bound_tuples(description);
     let kinds = Kind::ALL.iter().fold(BTreeMap::<u16, Vec<&str>>::new(), |mut kinds, kind| {
         kinds.entry(kind.status().as_u16()).or_default().push(kind.slug());
         kinds
@@ -73,6 +74,20 @@ fn refusal(kinds: &[&str], default: Option<&Value>) -> Value {
         || json!({"application/problem+json": {"schema": {"$ref": "#/components/schemas/ProblemDetails"}}}),
     );
     json!({"description": format!("A problem, one of {}", named.join(", ")), "content": content})
+}
+
+/// A tuple as a list of a length that is given: generators do not know the other way to say that nothing follows.
+fn bound_tuples(value: &mut Value) {
+    let length = value.get("prefixItems").and_then(Value::as_array).map(Vec::len);
+    if let Some(length) = length.filter(|_| value["items"] == Value::Bool(false)) {
+        value["items"] = json!({});
+        (value["minItems"], value["maxItems"]) = (length.into(), length.into());
+    }
+    match value {
+        Value::Object(members) => members.values_mut().for_each(bound_tuples),
+        Value::Array(items) => items.iter_mut().for_each(bound_tuples),
+        _ => {}
+    }
 }
 
 fn members(value: Option<&mut Value>) -> impl Iterator<Item = (&String, &mut Value)> {

@@ -13,8 +13,11 @@ use utoipa::ToSchema;
 /// An example in the list.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Entry {
+    /// Its name.
     name: &'static str,
+    /// A few words.
     title: String,
+    /// Its address.
     href: String,
 }
 

@@ -35,6 +35,7 @@ pub struct Filter {
 /// A page of the list.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct JobList {
+    /// The jobs of the page, newest first.
     jobs: Vec<StatusInfo>,
 }
 

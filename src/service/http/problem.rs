@@ -139,14 +139,20 @@ problems! {
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = ProblemDetails)]
 pub struct Problem {
+    /// The address of its page.
     #[serde(rename = "type", serialize_with = "address_of")]
     #[schema(value_type = String)]
     kind: Kind,
+    /// The same few words for every occurrence.
     title: &'static str,
+    /// The status of the answer.
     status: u16,
+    /// What is to be said of this occurrence.
     detail: String,
+    /// The job that it concerns.
     #[serde(skip_serializing_if = "Option::is_none")]
     instance: Option<String>,
+    /// All that is wrong with a specification.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     errors: Vec<Finding>,
     #[serde(skip)]

@@ -57,8 +57,11 @@ pub struct StatusInfo {
 
 #[derive(Debug, PartialEq, Serialize, ToSchema)]
 struct Link {
+    /// The address.
     href: String,
+    /// What the address is to this job.
     rel: &'static str,
+    /// The same in a few words.
     title: &'static str,
 }
 
