@@ -3,7 +3,7 @@
 mod command;
 
 use clap::{Parser, Subcommand};
-use command::{check, healthcheck, methods, report, serve, solve, store, token, worker};
+use command::{check, explain, healthcheck, methods, report, serve, solve, store, token, worker};
 use mimalloc::MiMalloc;
 use std::process::ExitCode;
 
@@ -26,6 +26,7 @@ Examples:
   dvi solve --format csv circuit.json > circuit.csv   solve, trajectory as a table
   dvi solve --format svg circuit.json > circuit.svg   solve, trajectory as a picture
   dvi check circuit.json                              find all errors without solving
+  dvi explain unknown_key                             explain a code of an error or a warning
   dvi methods                                         list what there is to choose from
   dvi report                                          error against run time of every system
   dvi serve                                           serve on http://127.0.0.1:8080
@@ -35,6 +36,7 @@ Examples:
 enum Command {
     Solve(solve::Arguments),
     Check(check::Arguments),
+    Explain(explain::Arguments),
     Methods(methods::Arguments),
     Report(report::Arguments),
     Serve(serve::Arguments),
@@ -56,6 +58,7 @@ fn main() -> ExitCode {
     match cli.command {
         Command::Solve(arguments) => solve::run(&arguments),
         Command::Check(arguments) => check::run(&arguments),
+        Command::Explain(arguments) => explain::run(&arguments),
         Command::Methods(arguments) => methods::run(&arguments),
         Command::Report(arguments) => report::run(&arguments),
         Command::Serve(arguments) => serve::run(arguments),

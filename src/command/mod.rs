@@ -3,6 +3,7 @@
 pub mod check;
 mod confined;
 pub mod data;
+pub mod explain;
 pub mod healthcheck;
 pub mod methods;
 mod peers;

@@ -25,6 +25,8 @@ const HELP: &str = "\
 Examples:
   dvi token create --name anna                    may submit and read
   dvi token create --name dashboard --scope read
+  dvi token create --name guest --expires-days 7
+  sudo dvi token create --name anna --data /var/lib/dvi     for a service of another user
   dvi token list
   dvi token revoke 0123456789abcdef
 
@@ -47,6 +49,9 @@ enum Action {
         /// What it allows; may be said more than once
         #[arg(long = "scope", value_enum, default_values_t = [Scope::Submit, Scope::Read])]
         scopes: Vec<Scope>,
+        /// Days after which it ends; without them it does not
+        #[arg(long, value_name = "DAYS", value_parser = clap::value_parser!(u32).range(1..=36_500))]
+        expires_days: Option<u32>,
     },
     /// List the tokens, without their secrets
     List,
@@ -67,7 +72,10 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         return ExitCode::from(USAGE);
     };
     let done = match &arguments.action {
-        Action::Create { name, scopes } => access::create(&folder, name, scopes).map(|token| println!("{token}")),
+        Action::Create { name, scopes, expires_days } => {
+            let expires = expires_days.map(access::in_days);
+            access::create(&folder, name, scopes, expires).map(|token| println!("{token}"))
+        }
         Action::List => return list(&folder),
         Action::Revoke { number } => match access::revoke(&folder, number) {
             Ok(false) => {
@@ -84,7 +92,11 @@ fn list(folder: &Path) -> ExitCode {
     let listed = access::list(folder).map(|rows| {
         for row in rows {
             let scopes: Vec<String> = row.scopes.iter().map(ToString::to_string).collect();
-            println!("{}  {:.0}  {:<12}  {}", row.number, row.created, scopes.join(","), row.name);
+            let expires = row.expires.map_or("never ends".to_owned(), |expires| {
+                format!("{} {expires:.0}", if row.has_expired() { "ended" } else { "ends" })
+            });
+            let (number, created, scopes, name) = (&row.number, row.created, scopes.join(","), &row.name);
+            println!("{number}  {created:.0}  {expires:<25}  {scopes:<12}  {name}");
         }
     });
     told(folder, listed, UNREADABLE)

@@ -1,12 +1,14 @@
 //! The solver as a service over HTTP: jobs, the resources by which clients see them, and the server.
 
 pub mod access;
+mod context;
 pub mod http;
 pub mod jobs;
 mod metrics;
 mod options;
 mod page;
 mod patience;
+mod process;
 mod remainder;
 mod server;
 pub mod worker;
@@ -39,6 +41,7 @@ impl Service {
     /// # Errors
     /// The folder is in use or cannot be written, the system gives no threads, or workers cannot be started.
     pub fn start(options: Options, solver: Solver, launcher: &Launcher) -> io::Result<Self> {
+        options.check()?;
         let metrics = Arc::new(Metrics::default());
         let tokens = if options.asks_tokens() { Some(Arc::new(tokens(&options)?)) } else { None };
         let jobs = Jobs::open(options.bounds(), solver, options.jobs_folder(), Arc::clone(&metrics))?;

@@ -4,13 +4,15 @@
 //! queue, is looked up when the figures are asked for.
 
 use super::jobs::Jobs;
+use super::process::Process;
 use super::worker::{Event, Solved};
-use axum::http::StatusCode;
+use axum::http::{Method, StatusCode};
 use prometheus_client::encoding::text::encode;
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::family::Family;
 use prometheus_client::metrics::gauge::Gauge;
 use prometheus_client::metrics::histogram::{Histogram, exponential_buckets};
+use prometheus_client::metrics::info::Info;
 use prometheus_client::registry::{Registry, Unit};
 use solution::Status;
 use std::borrow::Cow;
@@ -29,8 +31,11 @@ pub struct Metrics {
     steps: Family<[Label; 1], Counter>,
     vi_solves: Family<[Label; 1], Counter>,
     answers: Family<[Label; 1], Counter>,
+    request_seconds: Family<[Label; 2], Histogram, fn() -> Histogram>,
+    refusals: Family<[Label; 1], Counter>,
     lost: Family<[Label; 1], Counter>,
     workers: Gauge,
+    busy: Gauge,
     waiting: Gauge,
     waiting_bytes: Gauge,
     running: Gauge,
@@ -41,6 +46,9 @@ pub struct Metrics {
     writable: Gauge,
     unsaved: Gauge,
     orphaned: Gauge,
+    kept: Gauge,
+    kept_bytes: Gauge,
+    process: Process,
 }
 
 /// From a tenth of a millisecond to seven minutes, each twice the one before.
@@ -51,15 +59,18 @@ fn durations() -> Histogram {
 impl Default for Metrics {
     fn default() -> Self {
         let mut metrics = Self {
-            registry: Registry::with_prefix("dvi"),
+            registry: Registry::default(),
             solve_seconds: Family::new_with_constructor(durations),
             wait_seconds: durations(),
             ended: Family::default(),
             steps: Family::default(),
             vi_solves: Family::default(),
             answers: Family::default(),
+            request_seconds: Family::new_with_constructor(durations),
+            refusals: Family::default(),
             lost: Family::default(),
             workers: Gauge::default(),
+            busy: Gauge::default(),
             waiting: Gauge::default(),
             waiting_bytes: Gauge::default(),
             running: Gauge::default(),
@@ -70,8 +81,12 @@ impl Default for Metrics {
             writable: Gauge::default(),
             unsaved: Gauge::default(),
             orphaned: Gauge::default(),
+            kept: Gauge::default(),
+            kept_bytes: Gauge::default(),
+            process: Process::default(),
         };
-        let registry = &mut metrics.registry;
+        metrics.process.register(&mut metrics.registry);
+        let registry = metrics.registry.sub_registry_with_prefix("dvi");
         registry.register_with_unit(
             "solve",
             "Time of solves, by the type of the problem",
@@ -88,6 +103,13 @@ impl Default for Metrics {
         registry.register("steps", "Accepted steps, by the type of the problem", metrics.steps.clone());
         registry.register("vi_solves", "Variational inequalities solved at stages", metrics.vi_solves.clone());
         registry.register("answers", "Answers by their status", metrics.answers.clone());
+        registry.register_with_unit(
+            "request",
+            "Time from a request to the beginning of its answer, by route and method",
+            Unit::Seconds,
+            metrics.request_seconds.clone(),
+        );
+        registry.register("refusals", "Requests that were refused, by the problem", metrics.refusals.clone());
         registry.register("jobs_waiting", "Jobs in the queue", metrics.waiting.clone());
         registry.register_with_unit(
             "waiting",
@@ -97,6 +119,7 @@ impl Default for Metrics {
         );
         registry.register("jobs_running", "Jobs that workers have in hand", metrics.running.clone());
         registry.register("workers", "Worker processes", metrics.workers.clone());
+        registry.register("workers_busy", "Worker processes that solve or check", metrics.busy.clone());
         registry.register("workers_lost", "Workers that were replaced, by the reason", metrics.lost.clone());
         registry.register("connections", "Connections that are open", metrics.connections.clone());
         registry.register(
@@ -121,6 +144,15 @@ impl Default for Metrics {
         );
         registry.register("orphaned_results", "Results that the start set aside", metrics.orphaned.clone());
         registry.register("panics", "Solves that broke down since the start", metrics.panics.clone());
+        registry.register("jobs_kept", "Ended jobs that are kept", metrics.kept.clone());
+        registry.register_with_unit(
+            "kept",
+            "Specifications and results of ended jobs that are kept",
+            Unit::Bytes,
+            metrics.kept_bytes.clone(),
+        );
+        let version = [("version", env!("CARGO_PKG_VERSION"))];
+        registry.register("build", "The program that runs", Info::new(version));
         metrics
     }
 }
@@ -189,14 +221,34 @@ impl Metrics {
         self.damaged.inc();
     }
 
-    /// Counts an answer.
-    pub fn answered(&self, status: StatusCode) {
+    /// Counts the answer to a request of this route, which began after this time, and why it refuses, if it does.
+    pub fn answered(
+        &self,
+        method: &Method,
+        route: &str,
+        status: StatusCode,
+        refusal: Option<&'static str>,
+        time: Duration,
+    ) {
         self.answers.get_or_create(&[("status", status.as_str().to_owned().into())]).inc();
+        // Words of clients' own would be a series each.
+        let known = [Method::GET, Method::HEAD, Method::POST, Method::DELETE, Method::OPTIONS];
+        let method = known.iter().find(|known| *known == method).map_or("other", Method::as_str).to_owned();
+        let label = [("method", method.into()), ("route", route.to_owned().into())];
+        self.request_seconds.get_or_create(&label).observe(time.as_secs_f64());
+        if let Some(reason) = refusal {
+            self.refusals.get_or_create(&[("reason", reason.into())]).inc();
+        }
     }
 
-    /// All figures as `OpenMetrics` text, with so many connections open.
-    pub fn text(&self, jobs: &Jobs, connections: usize) -> String {
+    /// All figures as `OpenMetrics` text, with so many connections open and so many checks in hand.
+    pub fn text(&self, jobs: &Jobs, connections: usize, checks: usize) -> String {
         let (waiting, running) = jobs.load();
+        let (kept, kept_bytes) = jobs.kept();
+        self.kept.set(i64::try_from(kept).unwrap_or(i64::MAX));
+        self.kept_bytes.set(i64::try_from(kept_bytes).unwrap_or(i64::MAX));
+        self.busy.set(i64::try_from(running + checks).unwrap_or(i64::MAX));
+        self.process.look();
         // No queue is longer than the greatest of these.
         self.waiting.set(i64::try_from(waiting).unwrap_or(i64::MAX));
         self.waiting_bytes.set(i64::try_from(jobs.waiting_bytes()).unwrap_or(i64::MAX));

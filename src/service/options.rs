@@ -5,9 +5,11 @@ use super::jobs::{Bounds, Retention, Room};
 use clap::{Args, Command};
 use serde::Serialize;
 use serde_json::Value;
+use std::io;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::num::{NonZeroU64, NonZeroUsize};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::thread::available_parallelism;
 use std::time::Duration;
 
@@ -52,6 +54,14 @@ pub struct Options {
     /// A name by which pages may reach a loopback address without tokens, beside `localhost`; given once for each
     #[arg(long, env = "DVI_HOST", value_name = "NAME", value_delimiter = ',')]
     pub host: Vec<String>,
+
+    /// An origin whose pages may use the service too, such as `https://lab.example`; given once for each
+    #[arg(long, env = "DVI_CORS_ORIGIN", value_name = "ORIGIN", value_delimiter = ',')]
+    pub cors_origin: Vec<String>,
+
+    /// The path under which a proxy shows the service, such as `/dvi`; the service answers with it and without
+    #[arg(long, env = "DVI_PATH_PREFIX", value_name = "PATH", default_value = "")]
+    pub path_prefix: String,
 
     /// Solves at a time, each in a process of its own; the default is one a core
     #[arg(long, env = "DVI_WORKERS", value_name = "N", default_value_t = Options::default().workers)]
@@ -133,6 +143,8 @@ impl Default for Options {
             ask_tokens: false,
             insecure: false,
             host: Vec::new(),
+            cors_origin: Vec::new(),
+            path_prefix: String::new(),
             workers: available_parallelism().unwrap_or(NonZeroUsize::MIN),
             relief: 1,
             queue: count(1000),
@@ -158,6 +170,32 @@ impl Options {
     /// The folder of jobs, if they are to outlive the process.
     pub fn jobs_folder(&self) -> Option<&Path> {
         self.data.as_deref().filter(|_| !self.ephemeral)
+    }
+
+    /// What stands before every address: empty, or a path that begins with a slash and ends without one.
+    pub fn prefix(&self) -> Arc<str> {
+        self.path_prefix.trim_end_matches('/').into()
+    }
+
+    /// Whether the flags make sense that are more than a number.
+    ///
+    /// # Errors
+    /// Which of them does not.
+    pub fn check(&self) -> io::Result<()> {
+        let wrong = |what: String| Err(io::Error::new(io::ErrorKind::InvalidInput, what));
+        let prefix = self.prefix();
+        let is_plain = |c: char| c.is_ascii_alphanumeric() || "/-_.~".contains(c);
+        if !prefix.is_empty() && (!prefix.starts_with('/') || prefix.contains("//") || !prefix.chars().all(is_plain)) {
+            return wrong(format!("--path-prefix {prefix}: expected a path such as /dvi"));
+        }
+        let is_origin = |origin: &str| {
+            let host = origin.trim_end_matches('/').split_once("://").map(|(_, host)| host);
+            host.is_some_and(|host| !host.is_empty() && !host.contains(['/', '*', '@']))
+        };
+        match self.cors_origin.iter().find(|origin| !is_origin(origin)) {
+            Some(origin) => wrong(format!("--cors-origin {origin}: expected an origin such as https://lab.example")),
+            None => Ok(()),
+        }
     }
 
     /// Whether clients must name a token: where others than this machine can connect, or where that is wished.

@@ -12,6 +12,7 @@ mod catalogue;
 mod checked;
 mod choices;
 mod circuit;
+mod continuation;
 mod convolution;
 mod deserializer;
 mod directions;
@@ -62,6 +63,7 @@ pub use checked::Specification;
 pub use circuit::{
     Capacitor, CircuitProblem, Component, CurrentSource, Diode, Inductor, Resistor, Switch, VoltageSource, Zener,
 };
+pub use continuation::{NotContinuable, continued};
 pub use convolution::{ConvolutionProblem, ConvolutionVariable, FractionalKernel, KernelOfTime};
 pub use document::{Document, Limits, Problem, Time};
 pub use draft::Draft;

@@ -108,6 +108,7 @@ fn serve(folder: &Path) -> (Server, String) {
     let mut server = Command::new(env!("CARGO_BIN_EXE_dvi"))
         .args(["serve", "--listen", "127.0.0.1:0", "--log-format", "json", "--kept-jobs", "1000", "--data"])
         .arg(folder)
+        .env("RUST_LOG", "info,dvi::request=off,dvi::job=off")
         .stderr(Stdio::piped())
         .spawn()
         .expect("the program");

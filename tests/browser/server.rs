@@ -35,6 +35,7 @@ impl Server {
         let mut child = Command::new(env!("CARGO_BIN_EXE_dvi"))
             .arg("serve")
             .args(arguments)
+            .env("RUST_LOG", "info,dvi::request=off,dvi::job=off")
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();

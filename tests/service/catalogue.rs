@@ -3,7 +3,6 @@
 use crate::harness::{Site, count, instant, one_worker};
 use axum::http::StatusCode;
 use dvi::service::Options;
-use dvi::service::http::Kind;
 use dvi::specification::EXAMPLES;
 use std::collections::BTreeSet;
 use std::fs;
@@ -36,20 +35,6 @@ async fn every_listed_example_can_be_fetched() {
         assert_eq!(entry["title"], fetched.json()["label"], "{}", example.name);
     }
     site.get("/examples/perpetuum_mobile").await.problem(404, "no-such-example");
-}
-
-#[tokio::test]
-async fn the_type_of_every_problem_can_be_looked_up() {
-    let site = site();
-    let list = site.get("/problems").await.json();
-    assert_eq!(list.as_array().unwrap().len(), Kind::ALL.len());
-    let slugs: BTreeSet<&str> = Kind::ALL.iter().map(|kind| kind.slug()).collect();
-    assert_eq!(slugs.len(), Kind::ALL.len(), "two problems share a name");
-    for row in list.as_array().unwrap() {
-        assert_eq!(&site.get(row["type"].as_str().unwrap()).await.json(), row);
-        assert!(row["meaning"].as_str().unwrap().ends_with('.'), "{row}");
-    }
-    site.get("/problems/none").await.problem(404, "no-such-problem");
 }
 
 #[tokio::test]

@@ -180,7 +180,7 @@ impl Call {
         Self::post("/check", document)
     }
 
-    fn post(path: &str, document: impl Into<Body>) -> Self {
+    pub fn post(path: &str, document: impl Into<Body>) -> Self {
         let call = Self::new("POST", path).header("content-type", "application/json");
         Self(call.0.map(|_| document.into()))
     }

@@ -1,13 +1,16 @@
 //! The service as its clients see it: without a socket where none is needed, over one where it is the matter.
 
+mod again;
 mod bit_rot;
 mod bounds;
 mod browsers;
 mod catalogue;
 mod check;
 mod connections;
+mod door;
 mod durable;
 mod events;
+mod explanations;
 mod full_disk;
 mod glance;
 mod harness;

@@ -92,22 +92,31 @@ async fn every_figure_is_explained_to_who_runs_the_service() {
     let mut told: Vec<(&str, &str)> =
         text.lines().filter_map(|line| line.strip_prefix("# TYPE ")?.split_once(' ')).collect();
     let explained = include_str!("../../deploy/README.md").lines().filter_map(|line| {
-        let mut cells = line.strip_prefix("| `dvi_")?.split('|').map(str::trim);
+        let is_figure = line.starts_with("| `dvi_") || line.starts_with("| `process_");
+        let mut cells = line.strip_prefix("| `").filter(|_| is_figure)?.split('|').map(str::trim);
         Some((cells.next()?.strip_suffix('`')?, cells.next()?))
     });
-    let mut explained: Vec<(String, &str)> = explained.map(|(name, kind)| (format!("dvi_{name}"), kind)).collect();
+    let mut explained: Vec<(&str, &str)> = explained.collect();
     told.sort_unstable();
     explained.sort_unstable();
-    assert_eq!(told, explained.iter().map(|(name, kind)| (name.as_str(), *kind)).collect::<Vec<_>>());
+    assert_eq!(told, explained);
 }
 
 #[tokio::test]
-async fn the_dashboard_asks_for_figures_and_labels_that_there_are() {
+async fn the_dashboard_and_the_alerts_ask_for_figures_and_labels_that_there_are() {
     let text = told().await;
-    let dashboard = include_str!("../../deploy/grafana.json");
+    for asking in [include_str!("../../deploy/grafana.json"), include_str!("../../deploy/alerts.yaml")] {
+        assert_asks_for_what_there_is(asking, &text);
+    }
+}
+
+fn assert_asks_for_what_there_is(dashboard: &str, text: &str) {
     let is_word = |c: char| c.is_ascii_alphanumeric() || c == '_';
-    let names: Vec<&str> = dashboard.split(|c| !is_word(c)).filter(|word| word.starts_with("dvi_")).collect();
-    assert!(names.len() > 10, "{names:?}");
+    let names: Vec<&str> = dashboard
+        .split(|c| !is_word(c))
+        .filter(|word| word.starts_with("dvi_") || word.starts_with("process_"))
+        .collect();
+    assert!(names.len() > 8, "{names:?}");
     for name in names {
         let is_sample = |line: &str| line.strip_prefix(name).is_some_and(|rest| rest.starts_with(['{', ' ']));
         assert!(text.lines().any(is_sample), "no {name} in {text}");
@@ -117,4 +126,35 @@ async fn the_dashboard_asks_for_figures_and_labels_that_there_are() {
             assert!(text.contains(&format!("{label}=\"")), "no label {label} in {text}");
         }
     }
+}
+
+#[tokio::test]
+async fn requests_are_timed_by_route_and_refusals_counted_by_reason() {
+    let site = Site::new(one_worker(), crate::harness::instant());
+    let path = site.accept(1).await;
+    site.ended(&path).await;
+    site.get("/jobs/00000000-0000-7000-8000-000000000000").await.problem(404, "no-such-job");
+    site.get("/nowhere/at/all").await.problem(404, "not-found");
+    let text = site.get("/metrics").await.text().to_owned();
+    assert_eq!(value(&text, "dvi_request_seconds_count{method=\"POST\",route=\"/solve\"}"), 1.0);
+    assert_eq!(value(&text, "dvi_request_seconds_count{method=\"GET\",route=\"/jobs/{id}\"}"), 2.0);
+    assert_eq!(value(&text, "dvi_request_seconds_count{method=\"GET\",route=\"none\"}"), 1.0);
+    assert_eq!(value(&text, "dvi_refusals_total{reason=\"no-such-job\"}"), 1.0);
+    assert_eq!(value(&text, "dvi_jobs_kept"), 1.0);
+    assert!(value(&text, "dvi_kept_bytes") > DECAY.len() as f64);
+    assert_eq!(value(&text, "dvi_store_writable"), 1.0);
+    assert!(text.contains(&format!("dvi_build_info{{version=\"{}\"}} 1", env!("CARGO_PKG_VERSION"))), "{text}");
+}
+
+#[tokio::test]
+async fn the_process_is_measured_as_the_kernel_measures_it() {
+    let site = Site::new(one_worker(), crate::harness::instant());
+    let text = site.get("/metrics").await.text().to_owned();
+    let status = std::fs::read_to_string("/proc/self/status").unwrap();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();
+    let resident = line.trim_end_matches("kB").trim().parse::<f64>().unwrap() * 1024.0;
+    let told = value(&text, "process_resident_memory_bytes");
+    assert!((0.5..2.0).contains(&(told / resident)), "{told} where the kernel says {resident}");
+    assert!(value(&text, "process_open_fds") >= 3.0 && value(&text, "process_max_fds") >= 64.0);
+    assert!(value(&text, "process_cpu_seconds_total") >= 0.0);
 }

@@ -104,3 +104,37 @@ async fn the_page_shows_every_operation_and_needs_nobody_else() {
     assert!(!text.contains("<script") && !text.contains("http://") && !text.contains("https://"), "{text}");
     assert!(site.get("/docs/style.css").await.header("content-type").starts_with("text/css"));
 }
+
+#[tokio::test]
+async fn security_headers_and_refusals_are_described_as_they_are() {
+    let description = dvi::service::http::description();
+    assert_eq!(description["components"]["securitySchemes"]["token"]["scheme"], "bearer");
+    let of = |pointer: &str| description.pointer(pointer).unwrap_or_else(|| panic!("no {pointer}"));
+    assert_eq!(of("/paths/~1solve/post/security")[1]["token"], serde_json::json!([]));
+    assert_eq!(of("/paths/~1healthz/get/security"), &serde_json::json!([]));
+    let site = Site::new(one_worker(), instant());
+    let path = site.accept(1).await;
+    site.ended(&path).await;
+    for (path, template) in [
+        (path.clone(), "/jobs/{id}"),
+        (format!("{path}/results"), "/jobs/{id}/results"),
+        ("/jobs/none".into(), "/jobs/{id}"),
+    ] {
+        let reply = Call::new("GET", &path).send(&site).await;
+        let response = &description["paths"][template]["get"]["responses"][reply.status.as_str()];
+        assert!(response.is_object(), "{template} {} is not described", reply.status);
+        assert!(response["headers"]["x-request-id"].is_object() && reply.headers.contains_key("x-request-id"));
+    }
+}
+
+#[test]
+fn every_field_of_every_schema_is_explained() {
+    let description = dvi::service::http::description();
+    for (name, schema) in description["components"]["schemas"].as_object().unwrap() {
+        for (field, what) in schema["properties"].as_object().into_iter().flatten() {
+            let choices = what["oneOf"].as_array().into_iter().flatten();
+            let told = choices.chain([what]).any(|what| what["description"].is_string() || what["$ref"].is_string());
+            assert!(told, "{name}.{field} has no description");
+        }
+    }
+}

@@ -62,6 +62,8 @@ impl Server {
 
     /// What `command` starts, or what it said before it ended.
     pub fn of(command: &mut Command) -> Result<Self, String> {
+        // Lines for requests would fill a pipe that nobody reads.
+        command.env("RUST_LOG", "info,dvi::request=off,dvi::job=off");
         let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
         let log = BufReader::new(child.stderr.take().unwrap());
         let mut server = Self { child, address: String::new(), log };

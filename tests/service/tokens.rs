@@ -13,7 +13,7 @@ fn asking(folder: &Folder) -> Options {
 }
 
 fn token(folder: &Folder, scopes: &[Scope]) -> String {
-    create(folder.path(), "somebody", scopes).unwrap().to_string()
+    create(folder.path(), "somebody", scopes, None).unwrap().to_string()
 }
 
 fn bearing(call: Call, token: &str) -> Call {

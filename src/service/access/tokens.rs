@@ -3,11 +3,11 @@
 
 use super::scope::Scope;
 use super::token::Token;
-use jiff::Timestamp;
+use jiff::{SignedDuration, Timestamp};
 use serde::{Deserialize, Serialize};
 use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io::{self, Write};
-use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, chown};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -24,10 +24,18 @@ pub struct Row {
     pub scopes: Vec<Scope>,
     /// When it was created.
     pub created: Timestamp,
+    /// When it ends, if it does.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub expires: Option<Timestamp>,
     digest: String,
 }
 
 impl Row {
+    /// Whether it has ended.
+    pub fn has_expired(&self) -> bool {
+        self.expires.is_some_and(|expires| expires <= Timestamp::now())
+    }
+
     /// Whether it allows what that scope stands for.
     pub fn allows(&self, scope: Scope) -> bool {
         self.scopes.contains(&scope) || self.scopes.contains(&Scope::Admin)
@@ -45,8 +53,12 @@ pub struct Tokens {
 struct Read {
     looked: Instant,
     version: Option<Version>,
-    rows: Arc<Vec<Row>>,
+    rows: Result<Arc<Vec<Row>>, Unreadable>,
 }
+
+/// The file of tokens cannot be read, so that nobody is known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Unreadable;
 
 /// The file is replaced as a whole, so each version is a file of its own.
 type Version = (u64, i64, i64);
@@ -62,50 +74,66 @@ impl Tokens {
     pub fn open(folder: &Path) -> io::Result<Self> {
         let path = path(folder);
         let version = version(&path);
-        let rows = Arc::new(read(&path)?);
+        let rows = Ok(Arc::new(read(&path)?));
         Ok(Self { path, read: Mutex::new(Read { looked: Instant::now(), version, rows }) })
     }
 
     /// Whether there is none.
     pub fn is_empty(&self) -> bool {
-        self.rows().is_empty()
+        self.rows().is_ok_and(|rows| rows.is_empty())
     }
 
-    /// What is known of the token with that text; nothing if it is none of ours.
-    pub fn find(&self, text: &str) -> Option<(u64, Row)> {
-        let token: Token = text.parse().ok()?;
+    /// What is known of the token with that text; nothing if it is none of ours, or has expired.
+    ///
+    /// # Errors
+    /// The file of tokens cannot be read.
+    pub fn find(&self, text: &str) -> Result<Option<(u64, Row)>, Unreadable> {
+        let rows = self.rows()?;
+        let Ok(token) = text.parse::<Token>() else { return Ok(None) };
         let (number, digest) = (format!("{:016x}", token.number), token.digest());
-        let rows = self.rows();
-        let row = rows.iter().find(|row| row.number == number)?;
-        bool::from(row.digest.as_bytes().ct_eq(digest.as_bytes())).then(|| (token.number, row.clone()))
+        let row = rows.iter().find(|row| row.number == number && !row.has_expired());
+        let known = row.filter(|row| bool::from(row.digest.as_bytes().ct_eq(digest.as_bytes())));
+        Ok(known.map(|row| (token.number, row.clone())))
     }
 
-    fn rows(&self) -> Arc<Vec<Row>> {
+    /// Whether the token of that number is neither revoked nor expired.
+    pub fn knows(&self, number: u64) -> bool {
+        let number = format!("{number:016x}");
+        self.rows().is_ok_and(|rows| rows.iter().any(|row| row.number == number && !row.has_expired()))
+    }
+
+    fn rows(&self) -> Result<Arc<Vec<Row>>, Unreadable> {
         let mut known = self.read.lock().unwrap_or_else(PoisonError::into_inner);
         if known.looked.elapsed() > STALE {
             known.looked = Instant::now();
             let version = version(&self.path);
-            if version != known.version {
-                // Nobody is let in by a file that cannot be read.
-                let rows = read(&self.path).unwrap_or_else(|error| {
-                    tracing::error!(%error, "the tokens cannot be read");
-                    Vec::new()
+            // A file that could not be read may be readable now, under another owner or mode.
+            if version != known.version || known.rows.is_err() {
+                let rows = read(&self.path).map(Arc::new).map_err(|error| {
+                    tracing::error!(%error, "the tokens cannot be read: does {} belong to this user?", self.path.display());
+                    Unreadable
                 });
-                (known.version, known.rows) = (version, Arc::new(rows));
+                (known.version, known.rows) = (version, rows);
             }
         }
-        Arc::clone(&known.rows)
+        known.rows.clone()
     }
 }
 
-/// Creates a token. Its secret is known to nobody but the caller.
+/// The time so many days from now.
+pub fn in_days(days: u32) -> Timestamp {
+    Timestamp::now() + SignedDuration::from_hours(24 * i64::from(days))
+}
+
+/// Creates a token, which ends at the time `expires`. Its secret is known to nobody but the caller.
 ///
 /// # Errors
 /// Those of the disk.
-pub fn create(folder: &Path, name: &str, scopes: &[Scope]) -> io::Result<Token> {
+pub fn create(folder: &Path, name: &str, scopes: &[Scope], expires: Option<Timestamp>) -> io::Result<Token> {
     let token = Token::create()?;
     let (number, digest) = (format!("{:016x}", token.number), token.digest());
-    let row = Row { number, name: name.to_owned(), scopes: scopes.to_vec(), created: Timestamp::now(), digest };
+    let row =
+        Row { number, name: name.to_owned(), scopes: scopes.to_vec(), created: Timestamp::now(), expires, digest };
     change(folder, |rows| rows.push(row))?;
     Ok(token)
 }
@@ -156,9 +184,21 @@ fn change<T>(folder: &Path, change: impl FnOnce(&mut Vec<Row>) -> T) -> io::Resu
     let changed = change(&mut rows);
     let unfinished = folder.join("tokens.part");
     let mut file = own.open(&unfinished)?;
+    // Made by root for a service that runs as another user, it is that user's.
+    belong_as(&unfinished, folder)?;
+    belong_as(&folder.join("tokens.lock"), folder)?;
     file.write_all(&serde_json::to_vec_pretty(&rows)?)?;
     file.sync_all()?;
     fs::rename(&unfinished, &path)?;
     File::open(folder)?.sync_all()?;
     Ok(changed)
+}
+
+/// Gives a file to whom the folder belongs.
+fn belong_as(path: &Path, folder: &Path) -> io::Result<()> {
+    let (file, folder) = (fs::metadata(path)?, fs::metadata(folder)?);
+    if file.uid() != folder.uid() {
+        chown(path, Some(folder.uid()), Some(folder.gid()))?;
+    }
+    Ok(())
 }

@@ -4,7 +4,7 @@
 //! an id has been given out is nobody's business.
 
 use super::problem::{Kind, Problem};
-use crate::access::{Scope, Tokens};
+use crate::access::{Scope, Tokens, Unreadable};
 use crate::jobs::{Client, Job};
 use axum::extract::{FromRequestParts, Request, State};
 use axum::http::request::Parts;
@@ -14,14 +14,23 @@ use axum::response::{IntoResponse, Response};
 use std::convert::Infallible;
 use std::net::{IpAddr, Ipv4Addr};
 use std::sync::Arc;
+use std::time::Duration;
 
 /// Someone who may see everyone's jobs.
 #[derive(Clone, Copy, Debug)]
 struct Admin;
 
+/// When whoever runs the service may have mended the file of tokens.
+const LATER: Duration = Duration::from_secs(10);
+
 /// Lets a request through whose token allows it, under the name of its token.
 pub async fn authorize(State(tokens): State<Arc<Tokens>>, mut request: Request, next: Next) -> Response {
-    let Some((number, row)) = bearer(request.headers()).and_then(|text| tokens.find(text)) else {
+    let found = match bearer(request.headers()).map(|text| tokens.find(text)) {
+        Some(Err(Unreadable)) => return Problem::plain(Kind::TokensUnreadable).after(LATER).into_response(),
+        Some(Ok(found)) => found,
+        None => None,
+    };
+    let Some((number, row)) = found else {
         let mut response = Problem::plain(Kind::TokenRequired).into_response();
         response.headers_mut().insert(header::WWW_AUTHENTICATE, HeaderValue::from_static("Bearer realm=\"dvi\""));
         return response;
@@ -35,7 +44,9 @@ pub async fn authorize(State(tokens): State<Arc<Tokens>>, mut request: Request, 
     if row.allows(Scope::Admin) {
         request.extensions_mut().insert(Admin);
     }
-    next.run(request).await
+    let mut response = next.run(request).await;
+    response.extensions_mut().insert(Client::Token(number));
+    response
 }
 
 fn bearer(headers: &HeaderMap) -> Option<&str> {

@@ -27,6 +27,11 @@ const SOON: Duration = Duration::from_millis(2);
 pub struct Document(Arc<[u8]>);
 
 impl Document {
+    /// What was posted before, or follows from it.
+    pub fn of(bytes: Arc<[u8]>) -> Self {
+        Self(bytes)
+    }
+
     /// Reads and checks it as a specification. One that is large, or declares much, a worker reads, few at a time and the
     /// clients in turn, for as long as a job may take and its client waits: the checks differentiate every expression, and
     /// look at every node and every pair of bodies.

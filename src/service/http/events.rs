@@ -6,14 +6,15 @@
 //! - `done`: where the job stands at its end, with the verdict on its answer; the last event.
 //!
 //! The id of an event is the number of switches told, so `Last-Event-ID` goes on after the last of them. A stream
-//! that ends without `done` was ended with the service.
+//! that ends without `done` was ended with the service, or with the token of its client.
 
 use super::Shared;
 use super::event_stream::{EventSink, Gone, ServerSentEvent, event_stream};
 use super::path::Named;
 use super::problem::{Answer, Kind, Problem};
 use super::status::StatusInfo;
-use crate::jobs::{self, Job};
+use crate::context::Context;
+use crate::jobs::{self, Client, Job};
 use axum::extract::{FromRequestParts, State};
 use axum::http::request::Parts;
 use axum::response::Response;
@@ -48,6 +49,7 @@ const SILENCE: Duration = Duration::from_secs(15);
 )]
 pub async fn follow_job(
     State(shared): State<Shared>,
+    client: Client,
     Named(job): Named,
     LastEventId(seen): LastEventId,
 ) -> Answer<Response> {
@@ -55,10 +57,10 @@ pub async fn follow_job(
     let (sink, response) = event_stream();
     let told = async move {
         // A client that goes early is no failure.
-        let _ = follow(&shared, &job, seen, &sink).await;
+        let _ = follow(&shared, client, &job, seen, &sink).await;
         drop(place);
     };
-    tokio::spawn(told.in_current_span());
+    tokio::spawn(Context::current().around(told).in_current_span());
     Ok(response)
 }
 
@@ -76,7 +78,13 @@ pub fn place(shared: &Shared) -> Answer<OwnedSemaphorePermit> {
 ///
 /// # Errors
 /// The client has gone.
-pub async fn follow(shared: &Shared, job: &Job, seen: u64, sink: &EventSink) -> Result<Option<u64>, Gone> {
+pub async fn follow(
+    shared: &Shared,
+    client: Client,
+    job: &Job,
+    seen: u64,
+    sink: &EventSink,
+) -> Result<Option<u64>, Gone> {
     let mut followed = Followed { seen, ..Followed::default() };
     let mut closing = shared.closing.subscribe();
     let closed = async move { closing.wait_for(|closing| *closing).await.is_ok() };
@@ -94,7 +102,12 @@ pub async fn follow(shared: &Shared, job: &Job, seen: u64, sink: &EventSink) -> 
                 None => return Ok(None),
             },
             _ = &mut closed => return Ok(None),
-            _ = looks.tick() => followed.look(shared, job, sink).await?,
+            _ = looks.tick() => {
+                if !shared.admits(client) {
+                    return Ok(None);
+                }
+                followed.look(shared, job, sink).await?;
+            }
         }
     }
     followed.switches(sink).await?;

@@ -2,6 +2,7 @@
 
 use super::path::Segment;
 use super::problem::{Answer, Kind, Problem};
+use crate::context::address;
 use axum::Json;
 use axum::http::{HeaderName, header};
 use axum::response::IntoResponse;
@@ -12,8 +13,11 @@ use utoipa::ToSchema;
 /// An example in the list.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Entry {
+    /// Its name.
     name: &'static str,
+    /// A few words.
     title: String,
+    /// Its address.
     href: String,
 }
 
@@ -27,7 +31,7 @@ impl From<&Example> for Entry {
     fn from(example: &Example) -> Self {
         let label = serde_json::from_str::<Labelled>(example.text).ok().and_then(|labelled| labelled.label);
         let title = label.unwrap_or_else(|| example.name.to_owned());
-        Self { name: example.name, title, href: format!("/examples/{}", example.name) }
+        Self { name: example.name, title, href: address(format_args!("/examples/{}", example.name)) }
     }
 }
 

@@ -10,13 +10,16 @@ use utoipa::ToSchema;
 /// That all is well.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Well {
+    /// `alive` or `ready`.
     status: &'static str,
 }
 
 /// What runs here.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Version {
+    /// The name of the program.
     name: &'static str,
+    /// Its version.
     version: &'static str,
 }
 

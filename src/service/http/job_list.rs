@@ -6,6 +6,7 @@ use super::problem::{Answer, Problem};
 use super::query::Query;
 use super::status::StatusInfo;
 use super::{Shared, no_store};
+use crate::context::address;
 use crate::jobs::JobId;
 use axum::Json;
 use axum::extract::{FromRequestParts, State};
@@ -34,6 +35,7 @@ pub struct Filter {
 /// A page of the list.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct JobList {
+    /// The jobs of the page, newest first.
     jobs: Vec<StatusInfo>,
 }
 
@@ -78,7 +80,7 @@ impl Filter {
             }
         }
         query.append_pair("limit", &self.limit.to_string()).append_pair("cursor", &last.to_string());
-        format!("</jobs?{}>; rel=\"next\"", query.finish())
+        format!("<{}>; rel=\"next\"", address(format_args!("/jobs?{}", query.finish())))
     }
 }
 

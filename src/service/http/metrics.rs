@@ -22,5 +22,5 @@ const CONTENT_TYPE: [(HeaderName, &str); 1] =
 )]
 pub async fn list_metrics(State(shared): State<Shared>) -> impl IntoResponse {
     let connections = places(shared.options.connections).saturating_sub(shared.connections.available_permits());
-    (CONTENT_TYPE, shared.metrics.text(&shared.jobs, connections))
+    (CONTENT_TYPE, shared.metrics.text(&shared.jobs, connections, shared.checks.taken(shared.options.checkers())))
 }

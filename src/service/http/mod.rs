@@ -1,7 +1,11 @@
 //! The resources of the service, a file each, and the router that finds them.
 
 mod access;
+mod access_log;
+mod again;
 mod check;
+mod cors;
+mod described;
 mod docs;
 mod document;
 mod event_stream;
@@ -36,7 +40,7 @@ pub use openapi::description;
 pub use problem::{Kind, Problem};
 
 use super::access::Tokens;
-use super::jobs::{Jobs, Turns};
+use super::jobs::{Client, Jobs, Turns};
 use super::metrics::Metrics;
 use super::worker::Checkers;
 use super::{Options, page};
@@ -81,6 +85,16 @@ pub struct Common {
     pub closing: watch::Sender<bool>,
 }
 
+impl Common {
+    /// Whether a client that was let in may still be here: its token is neither revoked nor expired.
+    fn admits(&self, client: Client) -> bool {
+        match (&self.tokens, client) {
+            (Some(tokens), Client::Token(number)) => tokens.knows(number),
+            (None, _) | (Some(_), Client::Address(_)) => true,
+        }
+    }
+}
+
 /// What clients do, one line a resource.
 fn work() -> OpenApiRouter<Shared> {
     OpenApiRouter::new()
@@ -92,6 +106,8 @@ fn work() -> OpenApiRouter<Shared> {
         .routes(routes!(results::find_results))
         .routes(routes!(jobs::find_specification))
         .routes(routes!(jobs::cancel_job))
+        .routes(routes!(again::retry_job))
+        .routes(routes!(again::continue_job))
 }
 
 /// The same for everyone, and nobody's secret.
@@ -124,12 +140,15 @@ pub fn router(shared: Shared) -> Router {
         CompressionLayer::new().quality(CompressionLevel::Fastest),
         CatchPanicLayer::custom(panicked),
     );
-    Router::from(work.merge(open()))
-        .merge(page::routes())
+    let prefix = shared.options.prefix();
+    let router = Router::from(work.merge(open()))
+        .merge(page::routes(&prefix))
         .fallback(nothing_here)
         .method_not_allowed_fallback(no_such_method)
         .layer(common)
-        .with_state(shared)
+        .with_state(shared);
+    // Proxies pass the prefix on or take it off.
+    if prefix.is_empty() { router } else { router.clone().nest(&prefix, router) }
 }
 
 async fn nothing_here(uri: Uri) -> Box<Problem> {

@@ -1,54 +1,97 @@
-//! What every request meets: an id, which the client may give in `X-Request-Id` and which is given back to it, a span
-//! under that id in a log that goes into detail, and a look at where it comes from and whom it asks. Whatever the answer is, it is counted
-//! and leaves under the same security headers.
+//! What every request meets: its ids, a look at where it comes from and whom it asks, figures and a line of the log. Whatever
+//! the answer is, it leaves under the same security headers.
+//!
+//! The id of a request is the client's `X-Request-Id`, or a new one, and is given back. The trace of a `traceparent` (W3C
+//! Trace Context) goes with the request and its job into the log, and is given back with a parent of this service.
 
 use super::Shared;
+use super::access_log::{self, Line};
+use super::cors;
 use super::host::refuse_other_hosts;
 use super::origin::refuse_other_sites;
+use super::problem::Kind;
 use super::security::secure;
-use axum::extract::{Request, State};
-use axum::http::{HeaderName, HeaderValue, StatusCode};
+use crate::context::{Context, TraceId};
+use crate::jobs::{Client, JobId};
+use axum::body::Body;
+use axum::extract::{MatchedPath, Request, State};
+use axum::http::{HeaderName, HeaderValue, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+use std::mem;
 use std::time::Instant;
 use tracing::Instrument;
 use uuid::Uuid;
 
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
+const TRACE: HeaderName = HeaderName::from_static("traceparent");
 
 /// A longer id is not one that somebody looks for in a log.
 const LONGEST: usize = 128;
 
-/// Runs the request, logs how it went and gives its id to the answer.
+/// What watches over a service asks for these every few seconds, and nobody looks for it in a log.
+const WATCHED: [&str; 3] = ["/healthz", "/readyz", "/metrics"];
+
+/// Runs the request, logs how it went and gives its ids to the answer.
 pub async fn observe(State(shared): State<Shared>, request: Request, next: Next) -> Response {
     let given =
         request.headers().get(&REQUEST_ID).filter(|id| (1..=LONGEST).contains(&id.len()) && id.to_str().is_ok());
     let id = given.cloned().or_else(|| HeaderValue::try_from(Uuid::now_v7().to_string()).ok());
     let text = id.as_ref().and_then(|id| id.to_str().ok()).unwrap_or_default();
-    let (method, path) = (request.method().clone(), request.uri().clone());
-    // Of an ordinary log only a failure is told, with all that the span says.
-    let span = tracing::debug_span!("request", request.id = text, http.method = %method, http.path = path.path());
+    let trace = request.headers().get(&TRACE).and_then(|trace| TraceId::read(trace.to_str().ok()?));
+    let context = Context { prefix: shared.options.prefix(), request: text.into(), trace };
+    let (method, path) = (request.method().clone(), request.uri().path().to_owned());
+    let route = request.extensions().get::<MatchedPath>().map(|path| path.as_str().to_owned());
+    let client = request.extensions().get::<Client>().copied();
+    let origin = cors::allowed(request.headers(), &shared.options);
+    let span = tracing::debug_span!("request", request.id = text, http.method = %method, http.path = path);
     let start = Instant::now();
-    let mut response = async {
-        let response = match refuse_other_hosts(&request, &shared.options).and_then(|()| refuse_other_sites(&request)) {
-            Ok(()) => next.run(request).await,
-            Err(problem) => problem.into_response(),
-        };
-        let (status, duration_ms) = (response.status(), start.elapsed().as_secs_f64() * 1e3);
-        if status == StatusCode::INTERNAL_SERVER_ERROR {
-            let path = path.path();
-            tracing::error!(request.id = text, http.method = %method, http.path = path, duration_ms, "the service failed");
-        } else {
-            tracing::debug!(http.status = status.as_u16(), duration_ms, "answered {status}");
+    let serving = async {
+        let refused = refuse_other_hosts(&request, &shared.options)
+            .and_then(|()| if origin.is_some() { Ok(()) } else { refuse_other_sites(&request) });
+        match (refused, cors::preflight(&request, origin.as_ref())) {
+            (Err(problem), _) => problem.into_response(),
+            (Ok(()), Some(granted)) => granted,
+            (Ok(()), None) => next.run(request).await,
         }
-        response
+    };
+    let mut response = context.clone().around(serving.instrument(span)).await;
+    let status = response.status();
+    if status == StatusCode::INTERNAL_SERVER_ERROR {
+        let duration_ms = start.elapsed().as_secs_f64() * 1e3;
+        tracing::error!(request.id = text, http.method = %method, http.path = path, duration_ms, "the service failed");
     }
-    .instrument(span)
-    .await;
-    shared.metrics.answered(response.status());
-    secure(response.headers_mut());
+    let route = route.as_deref().map_or("none", |route| route.strip_prefix(&*context.prefix).unwrap_or(route));
+    let refusal = response.extensions().get::<Kind>().map(|kind| kind.slug());
+    shared.metrics.answered(&method, route, status, refusal, start.elapsed());
+    let headers = response.headers_mut();
+    secure(headers);
+    if !shared.options.cors_origin.is_empty() {
+        headers.append(header::VARY, HeaderValue::from_static("origin"));
+    }
+    if let Some(origin) = origin {
+        cors::grant(headers, origin);
+    }
+    if let Some(trace) = trace
+        && let Ok(trace) = HeaderValue::try_from(traceparent(trace))
+    {
+        headers.insert(TRACE, trace);
+    }
+    if access_log::is_on() && !WATCHED.contains(&route) {
+        let client = response.extensions().get::<Client>().copied().or(client);
+        let job = response.extensions().get::<JobId>().copied();
+        let line = Line { context, client, method, path, status, job, start };
+        let body = mem::replace(response.body_mut(), Body::empty());
+        *response.body_mut() = access_log::logged(body, line);
+    }
     if let Some(id) = id {
         response.headers_mut().insert(REQUEST_ID, id);
     }
     response
+}
+
+/// The trace, with a parent of this service.
+fn traceparent(trace: TraceId) -> String {
+    let (_, parent) = Uuid::now_v7().as_u64_pair();
+    format!("00-{trace}-{parent:016x}-01")
 }

@@ -1,9 +1,11 @@
 //! `GET /openapi.json`: the description of the interface (`OpenAPI` 3.1), made from the handlers; and `GET /docs`: the same
 //! to be read, as a page without scripts that asks nobody for anything.
 
+use super::described;
 use super::docs;
 use super::problem::Problem;
 use super::{open, work};
+use crate::context::address;
 use axum::http::{HeaderName, HeaderValue, header};
 use axum::response::{Html, IntoResponse};
 use serde_json::Value;
@@ -45,7 +47,11 @@ struct Frame;
 pub fn description() -> Value {
     let mut router = utoipa_axum::router::OpenApiRouter::with_openapi(Frame::openapi()).merge(work()).merge(open());
     // A description is strings, lists and maps, which have a JSON form.
-    serde_json::to_value(router.to_openapi()).unwrap_or_default()
+    let mut description = serde_json::to_value(router.to_openapi()).unwrap_or_default();
+    let mut work = utoipa_axum::router::OpenApiRouter::<super::Shared>::new().merge(work());
+    let asks_token = work.to_openapi().paths.paths.into_keys().collect();
+    described::complete(&mut description, &asks_token);
+    description
 }
 
 /// Every operation may refuse, and says why in one form.
@@ -78,7 +84,7 @@ pub async fn find_description() -> impl IntoResponse {
     responses((status = 200, description = "A page", body = String, content_type = "text/html"))
 )]
 pub async fn read_description() -> impl IntoResponse {
-    ([(header::CONTENT_SECURITY_POLICY, POLICY)], Html(PAGE.as_str()))
+    ([(header::CONTENT_SECURITY_POLICY, POLICY)], Html(PAGE.replace("=\"/", &format!("=\"{}", address("/")))))
 }
 
 /// The style of the page.

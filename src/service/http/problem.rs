@@ -2,6 +2,7 @@
 //! (RFC 9457). The `type` of a problem is the address of its row.
 
 use super::retry_after;
+use crate::context::address;
 use crate::jobs::{Fault, JobId, Refusal, Unwritable};
 use crate::worker::Finding;
 use axum::http::{HeaderValue, StatusCode, header};
@@ -54,7 +55,9 @@ problems! {
     CrossSite, "cross-site", FORBIDDEN, "The request comes from a page of another site",
         "Browsers may change something only from the service's own pages, as `Sec-Fetch-Site` or `Origin` tells.";
     TokenRequired, "token-required", UNAUTHORIZED, "A token is asked for",
-        "The header `Authorization: Bearer TOKEN` is missing or its token unknown; `dvi token create` makes one.";
+        "The header `Authorization: Bearer TOKEN` is missing, or its token unknown or expired; `dvi token create` makes one.";
+    TokensUnreadable, "tokens-unreadable", SERVICE_UNAVAILABLE, "The tokens cannot be read",
+        "The service cannot read its file of tokens, so that it knows nobody; the token of the request may be right.";
     ScopeMissing, "scope-missing", FORBIDDEN, "The token does not allow this",
         "Looking at jobs needs the scope `read`, everything else `submit`; `dvi token list` shows the scopes.";
     NotFound, "not-found", NOT_FOUND, "There is nothing at this address",
@@ -64,7 +67,7 @@ problems! {
     NoSuchExample, "no-such-example", NOT_FOUND, "There is no such example",
         "No example has this name; `GET /examples` lists those there are.";
     NoSuchProblem, "no-such-problem", NOT_FOUND, "There is no such type of problem",
-        "No type of problem has this name; `GET /problems` lists those there are.";
+        "No page has this name; `GET /problems` lists those there are.";
     ResultsNotReady, "results-not-ready", NOT_FOUND, "The results are not ready",
         "The job still waits or runs; ask again after the seconds in `Retry-After`.";
     MethodNotAllowed, "method-not-allowed", METHOD_NOT_ALLOWED, "The resource has no such method",
@@ -76,6 +79,12 @@ problems! {
         "The whole body must arrive within the bound that `--read-seconds` sets.";
     KeyInUse, "key-in-use", CONFLICT, "The first request under this key is still being answered",
         "A job was posted under the same `Idempotency-Key` and is not yet on the disk; send the request again.";
+    NotEnded, "not-ended", CONFLICT, "The job has not ended",
+        "Only a job that has ended can be sent to the queue again or be continued; wait for its end, or cancel it first.";
+    AlreadySuccessful, "already-successful", CONFLICT, "The job was successful",
+        "The same specification would give the same result; `POST /jobs/{id}/continue` goes on from its end.";
+    NotContinuable, "not-continuable", CONFLICT, "The job cannot be continued",
+        "The end of the job does not determine what comes after, or there is no end; solve from the start with a later `time.end`.";
     Dismissed, "dismissed", GONE, "The job was dismissed before it started",
         "The job was cancelled while it waited, so it has no results and will have none.";
     BodyTooLarge, "body-too-large", PAYLOAD_TOO_LARGE, "The body is too large",
@@ -134,14 +143,20 @@ problems! {
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = ProblemDetails)]
 pub struct Problem {
-    #[serde(rename = "type", serialize_with = "address")]
+    /// The address of its page.
+    #[serde(rename = "type", serialize_with = "address_of")]
     #[schema(value_type = String)]
     kind: Kind,
+    /// The same few words for every occurrence.
     title: &'static str,
+    /// The status of the answer.
     status: u16,
+    /// What is to be said of this occurrence.
     detail: String,
+    /// The job that it concerns.
     #[serde(skip_serializing_if = "Option::is_none")]
     instance: Option<String>,
+    /// All that is wrong with a specification.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     errors: Vec<Finding>,
     #[serde(skip)]
@@ -183,7 +198,7 @@ impl Problem {
 
     /// Concerning a job.
     pub fn of_job(mut self: Box<Self>, id: JobId) -> Box<Self> {
-        self.instance = Some(format!("/jobs/{id}"));
+        self.instance = Some(address(format_args!("/jobs/{id}")));
         self
     }
 
@@ -272,6 +287,7 @@ impl IntoResponse for Problem {
         // Strings and numbers always have a JSON form.
         let body = serde_json::to_vec(&self).unwrap_or_default();
         let mut response = (self.kind.status(), body).into_response();
+        response.extensions_mut().insert(self.kind);
         let headers = response.headers_mut();
         headers.insert(header::CONTENT_TYPE, HeaderValue::from_static("application/problem+json"));
         headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
@@ -288,6 +304,6 @@ impl IntoResponse for Box<Problem> {
     }
 }
 
-fn address<S: Serializer>(kind: &Kind, serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.collect_str(&format_args!("/problems/{}", kind.slug()))
+fn address_of<S: Serializer>(kind: &Kind, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(&address(format_args!("/problems/{}", kind.slug())))
 }

@@ -1,48 +1,138 @@
-//! `GET /problems` and `GET /problems/{slug}`: what the `type` of an error answers to.
+//! `GET /problems` and `GET /problems/{code}`: a page for every code of errors, warnings, verdicts and refusals. It is what
+//! the `type` of a problem answers to: JSON for programs, a page for browsers, text for terminals.
 
+use super::negotiation::{self, MediaType};
 use super::path::Segment;
 use super::problem::{Answer, Kind, Problem};
+use crate::context::address;
 use axum::Json;
+use axum::http::{HeaderMap, HeaderValue, header};
+use axum::response::{Html, IntoResponse, Response};
+use explanation::Page;
 use serde::Serialize;
+use std::fmt::Write as _;
 use utoipa::ToSchema;
 
-/// A row of the table of problems.
+/// What is said of a code.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Row {
+    /// The address of its page; of a refusal, the `type` of its problem.
     #[serde(rename = "type")]
     address: String,
+    /// The word that programs read.
+    code: &'static str,
+    /// A few words.
     title: &'static str,
-    status: u16,
+    /// The status of an answer that refuses for this reason.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    status: Option<u16>,
+    /// What it means.
     meaning: &'static str,
+    /// Why it occurs.
+    why: &'static str,
+    /// What to do about it.
+    remedy: &'static str,
+    /// Where it occurs, for example.
+    example: &'static str,
 }
 
-impl From<Kind> for Row {
-    fn from(kind: Kind) -> Self {
-        let address = format!("/problems/{}", kind.slug());
-        Self { address, title: kind.title(), status: kind.status().as_u16(), meaning: kind.meaning() }
+impl From<&'static Page> for Row {
+    fn from(page: &'static Page) -> Self {
+        let Page { code, meaning, why, remedy, example, .. } = *page;
+        let refusal = Kind::ALL.iter().find(|kind| kind.slug().replace('-', "_") == code);
+        let name = refusal.map_or(code, |kind| kind.slug());
+        let title = refusal.map_or(page.kind.title(), |kind| kind.title());
+        let status = refusal.map(|kind| kind.status().as_u16());
+        Self { address: address(format_args!("/problems/{name}")), code, title, status, meaning, why, remedy, example }
     }
 }
 
-/// List the types of problems.
+/// A form of a page.
+#[derive(Clone, Copy)]
+enum Form {
+    Json,
+    Html,
+    Text,
+}
+
+const FORMS: [(Form, MediaType); 3] =
+    [(Form::Json, ("application", "json")), (Form::Html, ("text", "html")), (Form::Text, ("text", "plain"))];
+
+/// List the codes of errors, warnings, verdicts and refusals.
 #[utoipa::path(
     get,
     path = "/problems",
     tag = "catalogue",
-    responses((status = 200, description = "The table", body = Vec<Row>), Problem)
+    responses(
+        (status = 200, description = "A row a code", content(
+            (Vec<Row> = "application/json"), (String = "text/html"), (String = "text/plain")
+        ), headers(("vary" = String, description = "`accept`"))),
+        Problem
+    )
 )]
-pub async fn list_problems() -> Json<Vec<Row>> {
-    Json(Kind::ALL.iter().copied().map(Row::from).collect())
+pub async fn list_problems(headers: HeaderMap) -> Answer<Response> {
+    let rows: Vec<Row> = explanation::pages().iter().map(Row::from).collect();
+    answer(&headers, "The codes of errors, warnings and refusals", &rows, |rows| Json(rows).into_response())
 }
 
-/// Describe a type of problem.
+/// Explain a code: what it means, why it occurs, what to do, an example.
 #[utoipa::path(
     get,
-    path = "/problems/{slug}",
+    path = "/problems/{code}",
     tag = "catalogue",
-    params(("slug" = String, Path, description = "The last segment of a `type`")),
-    responses((status = 200, description = "Its row", body = Row), Problem)
+    params(("code" = String, Path, description = "A code, or the last segment of a `type`; `-` stands for `_`")),
+    responses(
+        (status = 200, description = "Its page", content(
+            (Row = "application/json"), (String = "text/html"), (String = "text/plain")
+        ), headers(("vary" = String, description = "`accept`"))),
+        Problem
+    )
 )]
-pub async fn find_problem(Segment(slug): Segment) -> Answer<Json<Row>> {
-    let kind = Kind::ALL.iter().copied().find(|kind| kind.slug() == slug);
-    kind.map(|kind| Json(kind.into())).ok_or_else(|| Problem::plain(Kind::NoSuchProblem))
+pub async fn find_problem(Segment(code): Segment, headers: HeaderMap) -> Answer<Response> {
+    let page = explanation::find(&code).ok_or_else(|| Problem::plain(Kind::NoSuchProblem))?;
+    answer(&headers, page.code, &[Row::from(page)], |rows| Json(rows.first()).into_response())
+}
+
+fn answer(headers: &HeaderMap, title: &str, rows: &[Row], json: impl FnOnce(&[Row]) -> Response) -> Answer<Response> {
+    let mut response = match negotiation::choose(headers, &FORMS) {
+        Some(Form::Json) => json(rows),
+        Some(Form::Html) => Html(html(title, rows)).into_response(),
+        Some(Form::Text) => rows.iter().map(text).collect::<Vec<_>>().join("\n").into_response(),
+        None => return Err(Problem::plain(Kind::NotAcceptable)),
+    };
+    response.headers_mut().insert(header::VARY, HeaderValue::from_static("accept"));
+    Ok(response)
+}
+
+fn text(row: &Row) -> String {
+    let Row { code, meaning, why, remedy, example, .. } = row;
+    format!("{code}\n  {meaning}\n  Why: {why}\n  What to do: {remedy}\n  Example: {example}\n")
+}
+
+fn html(title: &str, rows: &[Row]) -> String {
+    let mut html = format!(
+        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta name=\"viewport\" content=\"width=device-width\">\n<title>{title}</title>\n</head>\n<body>\n<h1>{title}</h1>\n"
+    );
+    for row in rows {
+        // Writing to a string does not fail.
+        let _ = write!(
+            html,
+            "<section id=\"{0}\">\n<h2><code>{0}</code></h2>\n<p>{1}</p>\n<dl>\n<dt>Why</dt><dd>{2}</dd>\n<dt>What to do</dt>\
+             <dd>{3}</dd>\n<dt>Example</dt><dd>{4}</dd>\n</dl>\n</section>\n",
+            row.code,
+            marked_up(row.meaning),
+            marked_up(row.why),
+            marked_up(row.remedy),
+            marked_up(row.example)
+        );
+    }
+    html + "</body>\n</html>\n"
+}
+
+/// Text as HTML, what stands between backticks as code.
+fn marked_up(text: &str) -> String {
+    let escaped = text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
+    let parts = escaped.split('`').enumerate();
+    parts.map(|(k, part)| if k % 2 == 1 { format!("<code>{part}</code>") } else { part.to_owned() }).collect()
 }

@@ -99,10 +99,10 @@ impl<S: Send + Sync> FromRequestParts<S> for Representation {
 }
 
 /// Results whose JSON is no longer are worked on where the connection is served, within a fraction of a millisecond.
-const SHORT: usize = 64 << 10;
+pub const SHORT: usize = 64 << 10;
 
 /// Does work on results; on large ones on a thread of its own, few at a time and the clients in turn.
-async fn aside<T: Send + 'static>(
+pub async fn aside<T: Send + 'static>(
     shared: &Shared,
     client: Client,
     large: bool,

@@ -11,6 +11,7 @@ use super::results::represent;
 use super::solve_stream::{self, Delivery};
 use super::status::StatusInfo;
 use super::{Shared, no_store, retry_after};
+use crate::context::address;
 use crate::jobs::{self, Client, Ended, Job, Jobs, Key, Order};
 use axum::Json;
 use axum::extract::{FromRequestParts, State};
@@ -58,7 +59,7 @@ pub async fn solve(
         Delivery::Whole(representation) => representation,
         Delivery::Stream => {
             let job = job(&shared, client, key, &document, false).await?;
-            return solve_stream::stream(shared, job);
+            return solve_stream::stream(shared, client, job);
         }
     };
     let wait = preferences.wait();
@@ -75,12 +76,14 @@ pub async fn solve(
         Some(ended) => represent(&shared, &job, &ended, representation, None).await?,
         None => accepted(&shared.jobs, &job),
     };
+    response.extensions_mut().insert(job.id);
     let headers = response.headers_mut();
     headers.insert(header::VARY, HeaderValue::from_static("accept, prefer"));
     if let Some(applied) = preferences.applied(asynchronous) {
         headers.insert("preference-applied", applied);
     }
-    if let Ok(link) = HeaderValue::try_from(format!("</jobs/{}>; rel=\"monitor\"", job.id)) {
+    if let Ok(link) = HeaderValue::try_from(format!("<{}>; rel=\"monitor\"", address(format_args!("/jobs/{}", job.id))))
+    {
         headers.insert(header::LINK, link);
     }
     Ok(response)
@@ -94,8 +97,19 @@ async fn job(
     document: &Document,
     lasting: bool,
 ) -> Answer<Arc<Job>> {
+    let key = key.0.map(|name| Key::new(name, &document.bytes()));
+    job_under(shared, client, key, document, lasting).await
+}
+
+/// The same, under a key that is known.
+pub async fn job_under(
+    shared: &Shared,
+    client: Client,
+    key: Option<Key>,
+    document: &Document,
+    lasting: bool,
+) -> Answer<Arc<Job>> {
     let document_bytes = document.bytes();
-    let key = key.0.map(|name| Key::new(name, &document_bytes));
     if let Some(key) = &key
         && let Some(job) = shared.jobs.recall(client, key)?
     {
@@ -127,11 +141,13 @@ async fn wait_for(jobs: &Arc<Jobs>, job: &Arc<Job>, wait: Duration) -> Answer<Op
     })
 }
 
-fn accepted(jobs: &Jobs, job: &Job) -> Response {
+/// That a job is to be asked for later.
+pub fn accepted(jobs: &Jobs, job: &Job) -> Response {
     let mut response = (StatusCode::ACCEPTED, no_store(), Json(StatusInfo::of(job, jobs))).into_response();
+    response.extensions_mut().insert(job.id);
     let headers = response.headers_mut();
     headers.insert(header::RETRY_AFTER, retry_after(jobs.time_to_end(job)));
-    if let Ok(location) = HeaderValue::try_from(format!("/jobs/{}", job.id)) {
+    if let Ok(location) = HeaderValue::try_from(address(format_args!("/jobs/{}", job.id))) {
         headers.insert(header::LOCATION, location);
     }
     response
@@ -170,7 +186,7 @@ impl Drop for Departure {
 }
 
 /// What the client said in `Idempotency-Key`.
-pub struct IdempotencyKey(Option<String>);
+pub struct IdempotencyKey(pub Option<String>);
 
 /// Longer keys are not keys any more.
 const LONGEST_KEY: usize = 255;

@@ -9,7 +9,8 @@ use super::problem::{Answer, Kind, Problem};
 use super::representation::Representation;
 use super::results::represent;
 use super::solve::Departure;
-use crate::jobs::{self, Job};
+use crate::context::Context;
+use crate::jobs::{self, Client, Job};
 use axum::body::HttpBody;
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
@@ -43,22 +44,22 @@ impl<S: Send + Sync> FromRequestParts<S> for Delivery {
 ///
 /// # Errors
 /// [`Kind::TooManyStreams`].
-pub fn stream(shared: Shared, job: Arc<Job>) -> Answer<Response> {
+pub fn stream(shared: Shared, client: Client, job: Arc<Job>) -> Answer<Response> {
     let departure = Departure::watch(Arc::clone(&shared.jobs), Arc::clone(&job));
     let place = place(&shared)?;
     let (sink, response) = event_stream();
     let told = async move {
-        if tell(&shared, &job, &sink).await.is_ok() {
+        if tell(&shared, client, &job, &sink).await.is_ok() {
             departure.disarm();
         }
         drop(place);
     };
-    tokio::spawn(told.in_current_span());
+    tokio::spawn(Context::current().around(told).in_current_span());
     Ok(response)
 }
 
-async fn tell(shared: &Shared, job: &Arc<Job>, sink: &EventSink) -> Result<(), Gone> {
-    let Some(seen) = follow(shared, job, 0, sink).await? else { return Ok(()) };
+async fn tell(shared: &Shared, client: Client, job: &Arc<Job>, sink: &EventSink) -> Result<(), Gone> {
+    let Some(seen) = follow(shared, client, job, 0, sink).await? else { return Ok(()) };
     let jobs::State::Ended(ended) = job.state() else { return Ok(()) };
     let mut body = match represent(shared, job, &ended, Representation::Json, None).await {
         Ok(response) => response.into_body(),

@@ -1,6 +1,7 @@
 //! The state of a job on the wire: the `statusInfo` of OGC API - Processes, part 1.
 
 use super::problem::Problem;
+use crate::context::address;
 use crate::jobs::{Ended, Ending, Fault, Job, Jobs, State};
 use jiff::Timestamp;
 use serde::Serialize;
@@ -56,8 +57,11 @@ pub struct StatusInfo {
 
 #[derive(Debug, PartialEq, Serialize, ToSchema)]
 struct Link {
+    /// The address.
     href: String,
+    /// What the address is to this job.
     rel: &'static str,
+    /// The same in a few words.
     title: &'static str,
 }
 
@@ -99,11 +103,15 @@ impl StatusInfo {
             ((done * 100.0).min(99.0) as u8, start + done * (end - start))
         };
         let queue_position = matches!(state, State::Accepted(_)).then(|| jobs.position(job)).flatten();
-        let path = format!("/jobs/{}", job.id);
+        let path = address(format_args!("/jobs/{}", job.id));
         let link = |suffix, rel, title| Link { href: format!("{path}{suffix}"), rel, title };
         let mut links = vec![link("", "self", "this job")];
         if finished.is_some() {
             links.push(link("/results", "http://www.opengis.net/def/rel/ogc/1.0/results", "its results"));
+            if status != "successful" {
+                links.push(link("/retry", "retry", "POST here to send it to the queue again, as a new job"));
+            }
+            links.push(link("/continue", "continue", "POST {\"end\": T} here to go on from its end, as a new job"));
         } else {
             links.push(link("/events", "monitor", "what happens, as server-sent events"));
             links.push(link("/cancel", "cancel", "POST here to stop it and keep the trajectory so far"));

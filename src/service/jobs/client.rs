@@ -2,6 +2,7 @@
 //! address.
 
 use serde::{Deserialize, Serialize};
+use std::fmt;
 use std::net::IpAddr;
 
 /// A client. Its jobs are its own, and it takes turns with the others.
@@ -18,6 +19,16 @@ impl Client {
     /// The client at `address`; an IPv4 address is the same client when it comes mapped into IPv6.
     pub fn at(address: IpAddr) -> Self {
         Self::Address(address.to_canonical())
+    }
+}
+
+/// As logs name it; the number of a token is no secret.
+impl fmt::Display for Client {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Address(address) => address.fmt(f),
+            Self::Token(number) => write!(f, "token {number:016x}"),
+        }
     }
 }
 

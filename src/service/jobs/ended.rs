@@ -64,6 +64,22 @@ pub enum Fault {
 }
 
 impl Fault {
+    /// The word under which it has a page.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::Defect => "defect",
+            Self::TooMuchMemory { .. } => "too_much_memory",
+            Self::StackOverflow => "stack_overflow",
+            Self::Killed { .. } => "killed",
+            Self::Overran => "overran",
+            Self::Poisoned => "poisoned",
+            Self::TooLarge { .. } => "result_too_large",
+            Self::Unwritable => "unwritable",
+            Self::Unreadable => "unreadable",
+            Self::Damaged => "damaged",
+        }
+    }
+
     /// That of a worker's death over a job which may take so many bytes and was estimated to take so many.
     pub fn of(death: &Death, allowed: usize, estimate: Option<usize>) -> Self {
         match death {
@@ -171,6 +187,16 @@ impl Ended {
 }
 
 impl Ending {
+    /// A word for logs: how it ended, or why there is no solution.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::Successful => "successful",
+            Self::Failed(_) => "failed",
+            Self::Dismissed => "dismissed",
+            Self::Broken(fault) => fault.code(),
+        }
+    }
+
     /// The ending of a solve that returned, `cancelled` by its client or not on the way.
     pub fn of(status: Status, failed: Option<&str>, cancelled: bool) -> Self {
         match (status, failed) {

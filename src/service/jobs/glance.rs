@@ -41,6 +41,7 @@ impl Jobs {
         let ended = self.ended(&job, ending, verdict, Results::of(solution, self.bounds.result_bytes));
         // Without a key there is none that came before.
         let _ = self.store.index().insert(&job);
+        job.log_end(&ended);
         self.store.conclude(&job, ended).await;
         Some(job)
     }

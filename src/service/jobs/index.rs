@@ -82,6 +82,12 @@ impl Index {
         self.lock().recall(client, key)
     }
 
+    /// How many ended jobs there are, and their bytes.
+    pub fn kept(&self) -> (usize, usize) {
+        let held = self.lock();
+        (held.ended.len(), held.bytes)
+    }
+
     /// Every job, in no order.
     pub fn all(&self) -> Vec<Arc<Job>> {
         self.lock().jobs.values().map(Arc::clone).collect()

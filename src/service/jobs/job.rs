@@ -15,6 +15,7 @@ use super::digest::Digest;
 use super::ended::{Ended, Ending, Timing};
 use super::idempotency::Key;
 use super::{Client, Record};
+use crate::context::Context;
 use crate::worker::Facts;
 use jiff::Timestamp;
 use problem::Control;
@@ -148,6 +149,8 @@ pub struct Job {
     pub(super) document: Option<Arc<[u8]>>,
     /// The digest of that, once it is to be on the disk.
     pub(super) digest: OnceLock<Digest>,
+    /// The request that posted it, in this process.
+    pub(super) context: Context,
     life: Mutex<Life>,
     settled: Notify,
     /// Wakes whoever supervises its worker when it is to stop.
@@ -195,6 +198,7 @@ impl Job {
             document_bytes: document.len(),
             document: (!lasting).then(|| Arc::clone(&document)),
             digest: OnceLock::new(),
+            context: Context::current(),
             life: Mutex::new(Life { state: State::Accepted(Some(document)), keeping, parked: false }),
             settled: Notify::new(),
             halted: Notify::new(),
@@ -218,6 +222,7 @@ impl Job {
             document_bytes,
             document: None,
             digest: document.map_or_else(OnceLock::new, OnceLock::from),
+            context: Context::default(),
             life: Mutex::new(Life { state, keeping: Keeping::Disk, parked: false }),
             settled: Notify::new(),
             halted: Notify::new(),

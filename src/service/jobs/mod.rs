@@ -384,6 +384,11 @@ impl Jobs {
         (intake.queue.len(), intake.running)
     }
 
+    /// How many ended jobs are kept, and the bytes of their specifications and results.
+    pub fn kept(&self) -> (usize, usize) {
+        self.store.index().kept()
+    }
+
     /// The bytes of the specifications that wait.
     pub fn waiting_bytes(&self) -> usize {
         self.lock().queue.bytes()

@@ -42,6 +42,11 @@ impl Turns {
         Arc::new(Self { state: Mutex::new(State { free: places, waiting: FairQueue::new(room) }) })
     }
 
+    /// How many of so many places are taken.
+    pub fn taken(&self, places: usize) -> usize {
+        places.saturating_sub(self.lock().free)
+    }
+
     /// Waits for a place, to work on so many bytes. A client that goes away waits no longer.
     ///
     /// # Errors

@@ -11,7 +11,7 @@ use std::borrow::Cow;
 use std::io;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use tokio::select;
 use tracing::Instrument;
 
@@ -78,7 +78,10 @@ impl Jobs {
             self.attempt(place, supervisor, job).instrument(span).await
         };
         match outcome {
-            Outcome::Ended(ended) => self.store.conclude(job, *ended).await,
+            Outcome::Ended(ended) => {
+                job.log_end(&ended);
+                self.store.conclude(job, *ended).await;
+            }
             Outcome::Stopped => self.store.park(job).await,
             Outcome::Gone => {}
         }
@@ -203,6 +206,30 @@ impl Jobs {
 }
 
 impl Job {
+    /// A line of the log: whose it was, how it ended, how long it took and what it left.
+    pub(super) fn log_end(&self, ended: &Ended) {
+        let milliseconds = |time: Duration| time.as_secs_f64() * 1e3;
+        tracing::info!(
+            target: "dvi::job",
+            {
+            job.id = %self.id,
+            request.id = &*self.context.request,
+            trace.id = self.context.trace.map(tracing::field::display),
+            client = %self.client,
+            problem = &*self.problem(),
+            ending = ended.ending.code(),
+            trusted = ended.verdict.as_ref().map(|verdict| verdict.trusted),
+            steps = ended.steps,
+            bytes = ended.bytes(),
+            queue_ms = ended.timing.map(|timing| milliseconds(timing.queue)),
+            duration_ms = ended.timing.map(|timing| milliseconds(timing.solve)),
+            },
+            "job {} ended: {}",
+            self.id,
+            ended.ending.code()
+        );
+    }
+
     /// The type of its problem, as figures name it.
     fn problem(&self) -> Cow<'static, str> {
         self.estimate.as_ref().map_or("unknown".into(), |estimate| estimate.problem.clone())

@@ -3,6 +3,7 @@
 //! The content security policy lets it run the scripts and styles of this service alone, none of them inline, and talk
 //! to nobody else: what is in a label or a message can never become code. The plots are drawn by uPlot (`vendor/`).
 
+use super::context::address;
 use super::http::{Kind, Problem};
 use axum::Router;
 use axum::extract::Path;
@@ -51,10 +52,11 @@ const FILES: &[File] = files! {
 };
 
 /// The page at `/` and its files under `/page/`.
-pub fn routes<S: Clone + Send + Sync + 'static>() -> Router<S> {
-    Router::new()
-        .route("/", get(async |headers: HeaderMap| find_file(INDEX, &headers)))
-        .route("/page/{*name}", get(async |Path(name): Path<String>, headers: HeaderMap| find_file(&name, &headers)))
+pub fn routes<S: Clone + Send + Sync + 'static>(prefix: &str) -> Router<S> {
+    let index = || get(async |headers: HeaderMap| find_file(INDEX, &headers));
+    let router = Router::new().route("/", index());
+    let router = if prefix.is_empty() { router } else { router.route(&format!("{prefix}/"), index()) };
+    router.route("/page/{*name}", get(async |Path(name): Path<String>, headers: HeaderMap| find_file(&name, &headers)))
 }
 
 /// The file of that name, or the word that the browser has it already.
@@ -64,7 +66,11 @@ fn find_file(name: &str, headers: &HeaderMap) -> Response {
     };
     let tag = file.tag();
     let known = headers.get(header::IF_NONE_MATCH).is_some_and(|value| Some(value) == tag.as_ref());
-    let mut response = if known { StatusCode::NOT_MODIFIED.into_response() } else { file.text.into_response() };
+    let text = || match address("/") {
+        root if name == INDEX => file.text.replace("=\"/", &format!("=\"{root}")).into_response(),
+        _ => file.text.into_response(),
+    };
+    let mut response = if known { StatusCode::NOT_MODIFIED.into_response() } else { text() };
     let headers = response.headers_mut();
     headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(file.media_type));
     headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-cache"));

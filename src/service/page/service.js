@@ -9,6 +9,9 @@ export class Refused extends Error {
   }
 }
 
+// What stands before every address where the service lives under a path.
+const base = new URL("..", import.meta.url).pathname.slice(0, -1);
+
 // Where the service asks for a token, it is kept until the tab is closed, and told with every request.
 const token = () => sessionStorage.getItem("token");
 export const useToken = (text) => sessionStorage.setItem("token", text);
@@ -23,14 +26,14 @@ async function ask(address, options = {}) {
   const headers = token() ? { ...options.headers, authorization: `Bearer ${token()}` } : options.headers;
   let response;
   try {
-    response = await fetch(address, { ...options, headers });
+    response = await fetch(base + address, { ...options, headers });
   } catch {
     throw new Refused({ title: "The service does not answer", detail: "The service does not answer.", errors: [] });
   }
   if (response.ok) return response;
   const type = response.headers.get("content-type") ?? "";
   const problem = type.includes("json") ? await response.json() : { title: `The service answered ${response.status}` };
-  const lacks = problem.type === "/problems/scope-missing";
+  const lacks = problem.type?.endsWith("/problems/scope-missing");
   if (lacks) problem.detail = lacking(options);
   if (lacks || response.status === 401) dispatchEvent(new Event("tokenrequired"));
   const wait = response.headers.get("retry-after");

@@ -1,0 +1,61 @@
+//! `dvi explain`: what a code of an error, a warning, a verdict or a refusal means, and what to do.
+
+use super::USAGE;
+use clap::Args;
+use dvi::explanation::{Kind, Page, find, pages};
+use std::fmt::Write as _;
+use std::io::{self, Write as _};
+use std::process::ExitCode;
+
+/// Explain a code of an error, a warning, a verdict or a refusal
+///
+/// Without a code, all of them are listed.
+#[derive(Args)]
+#[command(after_help = HELP, verbatim_doc_comment)]
+pub struct Arguments {
+    /// The code, as it stands in brackets after an error or as `code` in JSON
+    code: Option<String>,
+}
+
+const HELP: &str = "\
+Examples:
+  dvi explain                  list all codes
+  dvi explain unknown_key
+  dvi explain queue-full       the last part of the `type` of a problem
+
+Exit codes:
+  0   done
+  64  there is no such code";
+
+/// Explains; a closed standard output wants no answer.
+pub fn run(arguments: &Arguments) -> ExitCode {
+    let text = match &arguments.code {
+        None => list(),
+        Some(code) => match find(code) {
+            Some(page) => explained(page),
+            None => {
+                eprintln!("dvi: there is no code `{code}`: `dvi explain` lists all");
+                return ExitCode::from(USAGE);
+            }
+        },
+    };
+    let _ = io::stdout().write_all(text.as_bytes());
+    ExitCode::SUCCESS
+}
+
+fn explained(page: &Page) -> String {
+    let Page { code, meaning, why, remedy, example, .. } = page;
+    format!("{code}: {meaning}\n\nWhy:         {why}\nWhat to do:  {remedy}\nExample:     {example}\n")
+}
+
+fn list() -> String {
+    let mut text = String::new();
+    for (k, kind) in Kind::ALL.into_iter().enumerate() {
+        // Writing to a string does not fail.
+        let _ = writeln!(text, "{}{}", if k > 0 { "\n" } else { "" }, kind.title());
+        for Page { code, meaning, .. } in pages().iter().filter(|page| page.kind == kind) {
+            let _ = writeln!(text, "  {code:<27} {meaning}");
+        }
+    }
+    text
+}

@@ -1,0 +1,103 @@
+//! A page for every code: of errors in a specification, of warnings and verdicts, of failures, of what a service refuses.
+//!
+//! The texts stand in `pages`, a file for each kind, to be read there too: a heading with the code, what it means, why it
+//! occurs, what to do, an example.
+
+use std::sync::LazyLock;
+
+/// What a code is said of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Errors of a specification.
+    Specification,
+    /// Warnings, caveats and the reasons of a verdict.
+    Answer,
+    /// Solves that ended early.
+    Failure,
+    /// Requests that a service refuses, and jobs without a result.
+    Service,
+}
+
+/// What is said of one code.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Page {
+    /// The word that programs read.
+    pub code: &'static str,
+    /// What it is said of.
+    pub kind: Kind,
+    /// What it means, in a sentence.
+    pub meaning: &'static str,
+    /// Why it occurs.
+    pub why: &'static str,
+    /// What to do about it.
+    pub remedy: &'static str,
+    /// Where it occurs, for example.
+    pub example: &'static str,
+}
+
+const TEXTS: [(Kind, &str); 4] = [
+    (Kind::Specification, include_str!("pages/specification.md")),
+    (Kind::Answer, include_str!("pages/answer.md")),
+    (Kind::Failure, include_str!("pages/failure.md")),
+    (Kind::Service, include_str!("pages/service.md")),
+];
+
+impl Kind {
+    /// Every kind, in the order of the list.
+    pub const ALL: [Self; 4] = [Self::Specification, Self::Answer, Self::Failure, Self::Service];
+
+    /// What its codes are, for a heading.
+    pub fn title(self) -> &'static str {
+        let text = TEXTS.iter().find(|(kind, _)| *kind == self).map_or("", |(_, text)| text);
+        text.strip_prefix("# ").and_then(|text| text.lines().next()).unwrap_or_default()
+    }
+}
+
+/// All pages, those of a kind together.
+pub fn pages() -> &'static [Page] {
+    static PAGES: LazyLock<Vec<Page>> = LazyLock::new(|| {
+        let sections =
+            TEXTS.iter().flat_map(|(kind, text)| text.split("\n## ").skip(1).map(|section| (*kind, section)));
+        sections.map(|(kind, section)| page(kind, section)).collect()
+    });
+    &PAGES
+}
+
+/// The page of a code; `-` stands for `_` too, as in addresses.
+pub fn find(code: &str) -> Option<&'static Page> {
+    let code = code.replace('-', "_");
+    pages().iter().find(|page| page.code == code)
+}
+
+fn page(kind: Kind, section: &'static str) -> Page {
+    let (code, rest) = section.split_once('\n').unwrap_or((section, ""));
+    let item = |name: &str| rest.split("\n- ").find_map(|item| item.strip_prefix(name)).unwrap_or_default().trim();
+    let meaning = rest.split("\n- ").next().unwrap_or_default().trim();
+    Page { code, kind, meaning, why: item("why:"), remedy: item("do:"), example: item("example:") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_page_is_complete_and_there_is_one_for_a_code() {
+        for page in pages() {
+            let Page { code, meaning, why, remedy, example, .. } = page;
+            assert!(code.bytes().all(|c| c.is_ascii_lowercase() || c == b'_'), "{code}");
+            for text in [meaning, why, remedy, example] {
+                assert!(text.len() > 4 && !text.contains("\n\n"), "{code}: {text:?}");
+                assert!(text.ends_with(['.', '`']), "{code}: {text:?}");
+            }
+            assert_eq!(pages().iter().filter(|other| other.code == *code).count(), 1, "{code}");
+        }
+        assert!(Kind::ALL.iter().all(|kind| !kind.title().is_empty()));
+    }
+
+    #[test]
+    fn a_page_is_found_by_its_code_and_by_its_address() {
+        assert_eq!(find("unknown_key"), find("unknown-key"));
+        assert_eq!(find("unknown_key").map(|page| page.kind), Some(Kind::Specification));
+        assert_eq!(find("unknown"), None);
+    }
+}

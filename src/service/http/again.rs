@@ -1,0 +1,141 @@
+//! `POST /jobs/{id}/retry` and `POST /jobs/{id}/continue`: a job that has ended, again or further.
+//!
+//! Both make a new job with an id of its own, of the client whose job the first was: what has ended does not change any
+//! more, so that its results, its reason and whoever knows its id keep what they have. A job that was set aside because the
+//! service ended while it ran begins anew, and is set aside again only after two more such ends.
+
+use super::Shared;
+use super::document::Document;
+use super::jobs::unreadable;
+use super::path::Named;
+use super::problem::{Answer, Kind, Problem};
+use super::representation::{SHORT, aside};
+use super::solve::{IdempotencyKey, accepted, job_under};
+use super::status::StatusInfo;
+use crate::context::address;
+use crate::jobs::{Ended, Ending, Job, JobId, Key, State as JobState};
+use crate::worker::Finding;
+use axum::extract::State;
+use axum::http::{HeaderValue, header};
+use axum::response::Response;
+use serde::Deserialize;
+use specification::{NotContinuable, continued};
+use std::sync::Arc;
+use utoipa::ToSchema;
+
+/// How far a job is to be continued.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(as = Continuation)]
+pub struct Further {
+    /// The time at which the new job ends, later than the last time of the trajectory.
+    end: f64,
+}
+
+/// Send a job that failed or was cancelled to the queue again.
+///
+/// The same specification becomes a new job; the first stays as it is.
+#[utoipa::path(
+    post,
+    path = "/jobs/{id}/retry",
+    tag = "jobs",
+    params(
+        ("id" = String, Path, description = "The id of a job, as `Location` gave it"),
+        ("idempotency-key" = Option<String>, Header, description = "The same key gives the same new job")
+    ),
+    responses(
+        (status = 202, description = "The new job, at `Location`", body = StatusInfo, headers(
+            ("location" = String, description = "The new job"),
+            ("retry-after" = u64, description = "When it is worth while to ask for it, in seconds"),
+            ("link" = String, description = "The first job, as `predecessor-version`")
+        )),
+        Problem
+    )
+)]
+pub async fn retry_job(State(shared): State<Shared>, Named(job): Named, key: IdempotencyKey) -> Answer<Response> {
+    if ended(&job)?.ending == Ending::Successful {
+        return Err(Problem::plain(Kind::AlreadySuccessful).of_job(job.id));
+    }
+    let document = shared.jobs.document(&job).map_err(|error| unreadable(job.id, &error))?;
+    successor(&shared, &job, document, key).await
+}
+
+/// Go on from the end of a job.
+///
+/// A new job begins at the last time of the trajectory with the states that were reached there, velocities included; what
+/// they determine (active sets, contacts, regions) is found anew. The columns of the results must have all states.
+#[utoipa::path(
+    post,
+    path = "/jobs/{id}/continue",
+    tag = "jobs",
+    params(
+        ("id" = String, Path, description = "The id of a job, as `Location` gave it"),
+        ("idempotency-key" = Option<String>, Header, description = "The same key and end give the same new job")
+    ),
+    request_body(content = Further, content_type = "application/json"),
+    responses(
+        (status = 202, description = "The new job, at `Location`", body = StatusInfo, headers(
+            ("location" = String, description = "The new job"),
+            ("retry-after" = u64, description = "When it is worth while to ask for it, in seconds"),
+            ("link" = String, description = "The first job, as `predecessor-version`")
+        )),
+        Problem
+    )
+)]
+pub async fn continue_job(
+    State(shared): State<Shared>,
+    Named(job): Named,
+    key: IdempotencyKey,
+    further: Document,
+) -> Answer<Response> {
+    let ended = ended(&job)?;
+    let Further { end } =
+        serde_json::from_slice(&further.bytes()).map_err(|error| wrong("", "invalid_value", &error))?;
+    let no_end = || refused(job.id, "it left no results");
+    let held = ended.held.as_ref().ok_or_else(no_end)?;
+    let results = shared.jobs.results(&job, held).await.map_err(|error| unreadable(job.id, &error))?;
+    let document = shared.jobs.document(&job).map_err(|error| unreadable(job.id, &error))?;
+    let (id, large) = (job.id, results.json().len() + document.len() > SHORT);
+    let work = move || {
+        let trajectory = &results.solution().map_err(|error| unreadable(id, &error))?.trajectory;
+        let &start = trajectory.t.last().ok_or_else(|| refused(id, "its trajectory is empty"))?;
+        if end <= start {
+            let detail = format!("the job came to t = {start:?}, so that there is nothing to do until {end:?}");
+            return Err(wrong("/end", "end_before_start", &detail));
+        }
+        let last = |name: &str| trajectory.field(name).and_then(|values| values.last()).copied();
+        continued(&document, start, end, last).map_err(|why: NotContinuable| refused(id, &why.to_string()))
+    };
+    let document = aside(&shared, job.client, large, work).await??;
+    successor(&shared, &job, document.into(), key).await
+}
+
+fn ended(job: &Job) -> Answer<Arc<Ended>> {
+    match job.state() {
+        JobState::Ended(ended) => Ok(ended),
+        JobState::Accepted(_) | JobState::Running { .. } => Err(Problem::plain(Kind::NotEnded).of_job(job.id)),
+    }
+}
+
+fn refused(job: JobId, why: &str) -> Box<Problem> {
+    Problem::new(Kind::NotContinuable, format!("the job cannot be continued: {why}")).of_job(job)
+}
+
+fn wrong(pointer: &str, code: &'static str, detail: &impl ToString) -> Box<Problem> {
+    let expected = Some("`{\"end\": T}` with a time after the end of the job".to_owned());
+    let (pointer, detail) = (pointer.to_owned(), detail.to_string());
+    vec![Finding { pointer, code: code.into(), detail, expected, did_you_mean: None }].into()
+}
+
+/// The new job. Its key stands for what follows from this job, not for what was posted first.
+async fn successor(shared: &Shared, job: &Job, document: Arc<[u8]>, key: IdempotencyKey) -> Answer<Response> {
+    let key = key.0.map(|name| Key::new(name, &[job.id.to_string().as_bytes(), &document].concat()));
+    let next = job_under(shared, job.client, key, &Document::of(document), true).await?;
+    let mut response = accepted(&shared.jobs, &next);
+    if let Ok(link) =
+        HeaderValue::try_from(format!("<{}>; rel=\"predecessor-version\"", address(format_args!("/jobs/{}", job.id))))
+    {
+        response.headers_mut().insert(header::LINK, link);
+    }
+    Ok(response)
+}

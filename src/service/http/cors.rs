@@ -1,0 +1,46 @@
+//! Pages of other origins that may use the service (`--cors-origin`), as browsers ask for it (Fetch, "CORS protocol").
+//!
+//! An origin is compared as a whole. Cookies play no part: who may do what is told by a token in a header.
+
+use crate::Options;
+use axum::body::Body;
+use axum::extract::Request;
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode, header};
+use axum::response::Response;
+
+const METHODS: HeaderValue = HeaderValue::from_static("GET, HEAD, POST, DELETE");
+const TAKEN: HeaderValue = HeaderValue::from_static(
+    "authorization, content-type, prefer, idempotency-key, last-event-id, x-request-id, traceparent",
+);
+const GIVEN: HeaderValue = HeaderValue::from_static(
+    "location, link, retry-after, dvi-trusted, etag, preference-applied, server-timing, x-request-id, traceparent",
+);
+const RESOURCE_POLICY: HeaderName = HeaderName::from_static("cross-origin-resource-policy");
+
+/// The origin of the page that asks, if it is one of those that may.
+pub fn allowed(headers: &HeaderMap, options: &Options) -> Option<HeaderValue> {
+    let origin = headers.get(header::ORIGIN)?;
+    options.cors_origin.iter().any(|allowed| origin == allowed.trim_end_matches('/')).then(|| origin.clone())
+}
+
+/// The answer to a browser that asks before it sends a request for a page of that origin; nothing for other requests.
+pub fn preflight(request: &Request, origin: Option<&HeaderValue>) -> Option<Response> {
+    origin?;
+    if request.method() != Method::OPTIONS || !request.headers().contains_key("access-control-request-method") {
+        return None;
+    }
+    let mut response = Response::new(Body::empty());
+    *response.status_mut() = StatusCode::NO_CONTENT;
+    let headers = response.headers_mut();
+    headers.insert(header::ACCESS_CONTROL_ALLOW_METHODS, METHODS);
+    headers.insert(header::ACCESS_CONTROL_ALLOW_HEADERS, TAKEN);
+    headers.insert(header::ACCESS_CONTROL_MAX_AGE, HeaderValue::from_static("600"));
+    Some(response)
+}
+
+/// Lets a page of that origin read the answer.
+pub fn grant(headers: &mut HeaderMap, origin: HeaderValue) {
+    headers.insert(header::ACCESS_CONTROL_ALLOW_ORIGIN, origin);
+    headers.insert(header::ACCESS_CONTROL_EXPOSE_HEADERS, GIVEN);
+    headers.insert(RESOURCE_POLICY, HeaderValue::from_static("cross-origin"));
+}

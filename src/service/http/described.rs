@@ -1,0 +1,95 @@
+//! What holds for every operation of the description and is said by no handler: who must show a token, the headers that every
+//! answer has, and the statuses by which it may refuse, each with the problems that have it.
+
+use super::problem::Kind;
+use serde_json::{Map, Value, json};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// The statuses by which any operation may refuse.
+const ANY: [u16; 3] = [400, 421, 500];
+/// Those that ask for a token, too.
+const WORK: [u16; 4] = [401, 403, 406, 503];
+/// Those with a body, too.
+const BODY: [u16; 6] = [408, 409, 413, 415, 422, 429];
+
+/// Completes a description, in which the operations of these paths ask for tokens where the service does.
+pub fn complete(description: &mut Value, asks_token: &BTreeSet<String>) {
+    description["servers"] =
+        json!([{"url": "/", "description": "The service itself, or the prefix of `--path-prefix`"}]);
+    description["components"]["securitySchemes"] = json!({"token": {
+        "type": "http",
+        "scheme": "bearer",
+        "description": "A token of `dvi token create`, where the service asks for one: on addresses that others can reach, or with \
+                        `--ask-tokens`. Looking needs the scope `read`, everything else `submit`."
+    }});
+    description["components"]["headers"] = json!({
+        "RequestId": {"description": "The id of the request, given or new, by which the log knows it", "schema": {"type": "string"}},
+        "TraceParent": {
+            "description": "Where the request had one: its trace, with a parent of the service (W3C Trace Context)",
+            "schema": {"type": "string"}
+        },
+        "RetryAfter": {"description": "When it is worth while to ask again, in seconds", "schema": {"type": "integer", "minimum": 1}},
+        "Challenge": {"description": "`Bearer` (RFC 6750)", "schema": {"type": "string"}}
+    });
+    bound_tuples(description);
+    let kinds = Kind::ALL.iter().fold(BTreeMap::<u16, Vec<&str>>::new(), |mut kinds, kind| {
+        kinds.entry(kind.status().as_u16()).or_default().push(kind.slug());
+        kinds
+    });
+    for (path, item) in members(description.get_mut("paths")) {
+        for (method, operation) in members(Some(item)) {
+            let is_work = asks_token.contains(path);
+            operation["security"] = if is_work { json!([{}, {"token": []}]) } else { json!([]) };
+            let mut statuses = BTreeSet::from(ANY);
+            statuses.extend(WORK.iter().filter(|_| is_work));
+            statuses.extend(BODY.iter().filter(|_| method == "post"));
+            statuses.extend(path.contains('{').then_some(404));
+            let Some(Value::Object(responses)) = operation.get_mut("responses") else { continue };
+            let (default, known) = (responses.get("default").cloned(), &kinds);
+            for status in statuses {
+                let refusal = refusal(known.get(&status).map_or(&[], Vec::as_slice), default.as_ref());
+                responses.entry(status.to_string()).or_insert(refusal);
+            }
+            for (status, response) in responses.iter_mut() {
+                let headers = &mut response["headers"];
+                headers["x-request-id"] = json!({"$ref": "#/components/headers/RequestId"});
+                headers["traceparent"] = json!({"$ref": "#/components/headers/TraceParent"});
+                match status.as_str() {
+                    "202" | "429" | "503" => {
+                        headers["retry-after"] = json!({"$ref": "#/components/headers/RetryAfter"})
+                    }
+                    "401" => headers["www-authenticate"] = json!({"$ref": "#/components/headers/Challenge"}),
+                    _ => {}
+                }
+            }
+        }
+    }
+}
+
+/// An answer that refuses for one of these reasons, in the form that the default has.
+fn refusal(kinds: &[&str], default: Option<&Value>) -> Value {
+    let named: Vec<String> = kinds.iter().map(|kind| format!("`{kind}`")).collect();
+    let content = default.and_then(|default| default.get("content")).cloned();
+    let content = content.unwrap_or_else(
+        || json!({"application/problem+json": {"schema": {"$ref": "#/components/schemas/ProblemDetails"}}}),
+    );
+    json!({"description": format!("A problem, one of {}", named.join(", ")), "content": content})
+}
+
+/// A tuple as a list of a length that is given: generators do not know the other way to say that nothing follows.
+fn bound_tuples(value: &mut Value) {
+    let length = value.get("prefixItems").and_then(Value::as_array).map(Vec::len);
+    if let Some(length) = length.filter(|_| value["items"] == Value::Bool(false)) {
+        value["items"] = json!({});
+        (value["minItems"], value["maxItems"]) = (length.into(), length.into());
+    }
+    match value {
+        Value::Object(members) => members.values_mut().for_each(bound_tuples),
+        Value::Array(items) => items.iter_mut().for_each(bound_tuples),
+        _ => {}
+    }
+}
+
+fn members(value: Option<&mut Value>) -> impl Iterator<Item = (&String, &mut Value)> {
+    value.and_then(Value::as_object_mut).into_iter().flat_map(Map::iter_mut)
+}

@@ -1,0 +1,213 @@
+//! A specification that goes on from the end of a run: its initial values are those that the states had there, its start
+//! is the time of that end.
+//!
+//! States determine what comes after, and so they determine active sets, contact modes and regions, which are found anew
+//! at the start. Memory, and fields whose start is an expression in space, they do not determine.
+
+use super::json::Json;
+use serde::{Serialize, Serializer};
+use serde_json::Number;
+use std::fmt;
+
+/// Why a run cannot be continued.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum NotContinuable {
+    /// The specification cannot be read.
+    Unreadable,
+    /// The states of this type of problem do not determine, or its specification cannot say, what comes after.
+    Problem(&'static str),
+    /// The trajectory has no such column.
+    Column(String),
+}
+
+impl fmt::Display for NotContinuable {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Unreadable => f.write_str("its specification cannot be read"),
+            Self::Problem(why) => f.write_str(why),
+            Self::Column(name) => {
+                write!(f, "its results leave out `{name}`: name it in `output.fields`, or name no fields")
+            }
+        }
+    }
+}
+
+/// The document of a run from `start` to `end` that goes on from one whose `document` it was; `last` has what each column
+/// of its trajectory was at that start.
+///
+/// # Errors
+/// Why it cannot be continued.
+pub fn continued(
+    document: &[u8],
+    start: f64,
+    end: f64,
+    last: impl Fn(&str) -> Option<f64>,
+) -> Result<Vec<u8>, NotContinuable> {
+    let mut json: Json = serde_json::from_slice(document).map_err(|_| NotContinuable::Unreadable)?;
+    let last = |name: &str| last(name).and_then(number).ok_or_else(|| NotContinuable::Column(name.to_owned()));
+    let (name, problem) = json.member("problem").and_then(Json::only_member).ok_or(NotContinuable::Unreadable)?;
+    match name {
+        "dvi" | "filippov" => {
+            for (state, value) in problem.members("states") {
+                value.set("initial", last(state)?);
+            }
+        }
+        "lcs" => of_matrices(problem, last)?,
+        "mechanical" => {
+            for (coordinate, value) in problem.members("coordinates") {
+                value.set("initial", last(coordinate)?);
+                value.set("velocity", last(&format!("{coordinate}_dot"))?);
+            }
+            // What the tolerance leaves of a gap or a joint may be negative.
+            problem.set("interpenetration", Json::Text("resolve".to_owned()));
+        }
+        "rigid_bodies" => of_bodies(problem, last)?,
+        "circuit" => of_circuit(problem, last)?,
+        "convolution" => return Err(NotContinuable::Problem("a problem with memory depends on its whole past")),
+        _ => return Err(NotContinuable::Problem("its start is an expression in space, which values at nodes are not")),
+    }
+    let (Some(from), Some(to)) = (number(start), number(end)) else { return Err(NotContinuable::Unreadable) };
+    json.set("time", Json::Object(vec![("start".to_owned(), from), ("end".to_owned(), to)]));
+    json.remove("study");
+    if let Some(output) = json.member("output") {
+        output.keep_times_within(start, end);
+    }
+    serde_json::to_vec(&json).map_err(|_| NotContinuable::Unreadable)
+}
+
+fn of_matrices(problem: &mut Json, last: impl Fn(&str) -> Result<Json, NotContinuable>) -> Result<(), NotContinuable> {
+    let names = match problem.member("state_names") {
+        Some(Json::List(names)) => names.iter().map(|name| name.text().to_owned()).collect(),
+        _ => Vec::new(),
+    };
+    if let Some(Json::List(values)) = problem.member("initial") {
+        for (i, value) in values.iter_mut().enumerate() {
+            *value = last(&names.get(i).cloned().unwrap_or_else(|| format!("x{}", i + 1)))?;
+        }
+    }
+    Ok(())
+}
+
+fn of_bodies(problem: &mut Json, last: impl Fn(&str) -> Result<Json, NotContinuable>) -> Result<(), NotContinuable> {
+    const VECTORS: [(&str, &[&str]); 4] = [
+        ("position", &["x", "y", "z"]),
+        ("orientation", &["qw", "qx", "qy", "qz"]),
+        ("velocity", &["vx", "vy", "vz"]),
+        ("angular_velocity", &["wx", "wy", "wz"]),
+    ];
+    if let Some(Json::List(bodies)) = problem.member("bodies") {
+        for body in bodies.iter_mut() {
+            if matches!(body.member("fixed"), Some(Json::Bool(true))) {
+                continue;
+            }
+            let name = body.member("name").map_or("", |name| name.text()).to_owned();
+            for (key, columns) in VECTORS {
+                let values: Result<Vec<Json>, _> = columns.iter().map(|c| last(&format!("{name}.{c}"))).collect();
+                body.set(key, Json::List(values?));
+            }
+        }
+    }
+    problem.set("interpenetration", Json::Text("resolve".to_owned()));
+    Ok(())
+}
+
+fn of_circuit(problem: &mut Json, last: impl Fn(&str) -> Result<Json, NotContinuable>) -> Result<(), NotContinuable> {
+    let Some(Json::List(components)) = problem.member("components") else {
+        return Err(NotContinuable::Problem("its circuit is a netlist: write it as `components` to continue it"));
+    };
+    for component in components.iter_mut() {
+        let Some((kind, values)) = component.only_member() else { continue };
+        let (key, quantity) = match kind {
+            "capacitor" => ("volts", "v"),
+            "inductor" => ("amperes", "i"),
+            _ => continue,
+        };
+        let name = values.member("name").map_or("", |name| name.text()).to_owned();
+        values.set(key, last(&format!("{quantity}({name})"))?);
+    }
+    Ok(())
+}
+
+fn number(value: f64) -> Option<Json> {
+    Number::from_f64(value).map(Json::Number)
+}
+
+impl Json {
+    fn member(&mut self, key: &str) -> Option<&mut Self> {
+        let Self::Object(members) = self else { return None };
+        members.iter_mut().find(|(name, _)| name == key).map(|(_, value)| value)
+    }
+
+    fn only_member(&mut self) -> Option<(&str, &mut Self)> {
+        let Self::Object(members) = self else { return None };
+        members.first_mut().map(|(name, value)| (name.as_str(), value))
+    }
+
+    fn members(&mut self, key: &str) -> impl Iterator<Item = (&str, &mut Self)> {
+        let members = match self.member(key) {
+            Some(Self::Object(members)) => members.as_mut_slice(),
+            _ => &mut [],
+        };
+        members.iter_mut().map(|(name, value)| (name.as_str(), value))
+    }
+
+    fn set(&mut self, key: &str, value: Self) {
+        if let Some(known) = self.member(key) {
+            *known = value;
+        } else if let Self::Object(members) = self {
+            members.push((key.to_owned(), value));
+        }
+    }
+
+    fn remove(&mut self, key: &str) {
+        if let Self::Object(members) = self {
+            members.retain(|(name, _)| name != key);
+        }
+    }
+
+    fn text(&self) -> &str {
+        if let Self::Text(text) = self { text } else { "" }
+    }
+
+    /// Of listed output times those within; where none is left, the steps.
+    fn keep_times_within(&mut self, start: f64, end: f64) {
+        let Some(Self::List(times)) = self.member("times") else { return };
+        times.retain(|time| {
+            matches!(time, Self::Number(time) if time.as_f64().is_some_and(|time| (start..=end).contains(&time)))
+        });
+        if times.is_empty() {
+            self.remove("times");
+        }
+    }
+}
+
+impl Serialize for Json {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Self::Null => serializer.serialize_unit(),
+            Self::Bool(value) => serializer.serialize_bool(*value),
+            Self::Number(number) => number.serialize(serializer),
+            Self::Text(text) => serializer.serialize_str(text),
+            Self::List(items) => serializer.collect_seq(items),
+            Self::Object(members) => serializer.collect_map(members.iter().map(|(name, value)| (name, value))),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn states_go_on_in_their_order_and_what_is_past_is_left_out() {
+        let document = r#"{"study":{},"problem":{"dvi":{"parameters":{"b":1,"a":"b"},"states":{"y":{"initial":"a","rate":"1"},
+            "x":{"initial":0,"rate":"y"}}}},"time":{"end":1},"output":{"times":[0,0.5,1,1.5],"fields":["x","y"]}}"#;
+        let last =
+            |name: &str| [("x", 0.25), ("y", 0.1 + 0.2)].iter().find(|(known, _)| *known == name).map(|(_, x)| *x);
+        let text = continued(document.as_bytes(), 1.0, 2.0, last).unwrap();
+        let expected = r#"{"problem":{"dvi":{"parameters":{"b":1,"a":"b"},"states":{"y":{"initial":0.30000000000000004,"rate":"1"},"x":{"initial":0.25,"rate":"y"}}}},"time":{"start":1.0,"end":2.0},"output":{"times":[1,1.5],"fields":["x","y"]}}"#;
+        assert_eq!(String::from_utf8(text).unwrap(), expected);
+        let missing = continued(document.as_bytes(), 1.0, 2.0, |name| (name == "y").then_some(0.0));
+        assert_eq!(missing, Err(NotContinuable::Column("x".to_owned())));
+    }
+}

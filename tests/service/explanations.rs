@@ -1,0 +1,183 @@
+//! A page for every code of the program.
+
+use crate::harness::{Call, Site, instant, one_worker};
+use dvi::explanation::{Page, find, pages};
+use dvi::service::http::Kind;
+use dvi::solution::CheckCode;
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+/// The sources of the program without its tests, comments, command line and page.
+fn sources(folder: &Path, found: &mut Vec<String>) {
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_str().unwrap();
+        if path.is_dir() && !["tests", "command", "page", "fixtures"].contains(&name) {
+            sources(&path, found);
+        } else if name.ends_with(".rs") && name != "tests.rs" {
+            let text = fs::read_to_string(&path).unwrap();
+            let text = text.split("#[cfg(test)]\nmod tests {").next().unwrap();
+            let lines = text.lines().filter(|line| !line.trim_start().starts_with("//"));
+            found.push(lines.collect::<Vec<_>>().join("\n"));
+        }
+    }
+}
+
+/// The text up to the end of the expression with which it begins: to a bracket that it does not open, or, unless it is the
+/// body of a function, to a comma or semicolon outside of brackets.
+fn expression(text: &str, is_body: bool) -> &str {
+    let (mut depth, mut quoted, mut escaped) = (0, false, false);
+    for (at, c) in text.char_indices() {
+        match c {
+            _ if escaped => escaped = false,
+            '\\' if quoted => escaped = true,
+            '"' => quoted = !quoted,
+            _ if quoted => {}
+            '(' | '[' | '{' => depth += 1,
+            ')' | ']' | '}' => {
+                depth -= 1;
+                if depth < 0 || (depth == 0 && is_body && c == '}') {
+                    return &text[..at];
+                }
+            }
+            ',' | ';' if depth == 0 && !is_body => return &text[..at],
+            _ => {}
+        }
+    }
+    text
+}
+
+/// What stands there as a code: a word between quotes and nothing else.
+fn code(text: &str) -> Option<&str> {
+    let (word, _) = text.trim_start().strip_prefix('"')?.split_once('"')?;
+    let is_code = !word.is_empty() && word.bytes().all(|c| c.is_ascii_lowercase() || c == b'_');
+    is_code.then_some(word)
+}
+
+/// Codes as arguments of what makes errors: the words alone between its commas.
+fn among_arguments<'t>(text: &'t str, opener: &str, codes: &mut BTreeSet<&'t str>) {
+    for rest in text.split(opener).skip(1) {
+        let mut rest = rest;
+        loop {
+            let argument = expression(rest, false);
+            if argument.trim().len() == code(argument).map_or(usize::MAX, |word| word.len() + 2) {
+                codes.extend(code(argument));
+            }
+            match rest[argument.len()..].strip_prefix(',') {
+                Some(next) => rest = next,
+                None => break,
+            }
+        }
+    }
+}
+
+/// Codes as values: at the beginning of an expression, of a branch, an arm or a pair in it.
+fn as_values<'t>(text: &'t str, opener: &str, is_body: bool, codes: &mut BTreeSet<&'t str>) {
+    for rest in text.split(opener).skip(1) {
+        let value = expression(rest, is_body);
+        codes.extend(code(value));
+        for before in ["=> ", "{ ", "{\n", "("] {
+            codes.extend(value.split(before).skip(1).filter_map(code));
+        }
+    }
+}
+
+fn codes_of_sources(texts: &[String]) -> BTreeSet<&str> {
+    let mut codes = BTreeSet::new();
+    for text in texts {
+        for opener in ["Error::new(", "Self::new(", ".report(", ".fail(", ".caveat(", "broken("] {
+            among_arguments(text, opener, &mut codes);
+        }
+        for opener in ["{ code: ", " code: ", "let code = ", "let (code, message) = ", "let (code, message, near) = "] {
+            as_values(text, opener, false, &mut codes);
+        }
+        for opener in ["fn code(&self) -> &'static str ", " -> Option<(&'static str, String)> "] {
+            as_values(text, opener, true, &mut codes);
+        }
+    }
+    codes
+}
+
+#[test]
+fn every_code_in_the_sources_has_a_page() {
+    let mut texts = Vec::new();
+    sources(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"), &mut texts);
+    let codes = codes_of_sources(&texts);
+    // What the search must find, each by another way of writing codes.
+    for known in [
+        "unknown_key",
+        "wrong_arity",
+        "reserved_name",
+        "initial_jump",
+        "newton_failed",
+        "joints",
+        "wall_time",
+        "too_many_nodes",
+    ] {
+        assert!(codes.contains(known), "{known} is not among {codes:?}");
+    }
+    assert!(codes.len() > 140, "{}: {codes:?}", codes.len());
+    let missing: Vec<_> = codes.iter().filter(|code| find(code).is_none()).collect();
+    assert!(missing.is_empty(), "no page in src/explanation/pages for {missing:?}");
+}
+
+#[test]
+fn every_refusal_and_every_reason_of_a_verdict_has_a_page() {
+    let refusals = Kind::ALL.iter().map(|kind| kind.slug());
+    for code in refusals.chain(CheckCode::ALL.into_iter().map(CheckCode::name)) {
+        assert!(find(code).is_some(), "no page in src/explanation/pages for {code}");
+    }
+}
+
+#[test]
+fn no_page_explains_what_is_never_said() {
+    let mut texts = Vec::new();
+    sources(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"), &mut texts);
+    for Page { code, .. } in pages() {
+        let (quoted, slug) = (format!("\"{code}\""), format!("\"{}\"", code.replace('_', "-")));
+        assert!(texts.iter().any(|text| text.contains(&quoted) || text.contains(&slug)), "{code} is never said");
+    }
+}
+
+#[tokio::test]
+async fn the_type_of_every_problem_can_be_looked_up() {
+    let site = Site::new(one_worker(), instant());
+    let list = site.get("/problems").await.json();
+    assert_eq!(list.as_array().unwrap().len(), pages().len());
+    for row in list.as_array().unwrap() {
+        assert_eq!(&site.get(row["type"].as_str().unwrap()).await.json(), row);
+    }
+    for kind in Kind::ALL {
+        let row = site.get(&format!("/problems/{}", kind.slug())).await.json();
+        assert_eq!(row["status"], kind.status().as_u16());
+        assert_eq!((&row["title"], &row["type"]), (&kind.title().into(), &format!("/problems/{}", kind.slug()).into()));
+    }
+    site.get("/problems/none").await.problem(404, "no-such-problem");
+}
+
+#[tokio::test]
+async fn a_page_comes_in_the_form_that_is_asked_for() {
+    let site = Site::new(one_worker(), instant());
+    let of = |accept: &'static str| Call::new("GET", "/problems/unknown_key").header("accept", accept).send(&site);
+    let page = of("text/html").await;
+    assert!(page.header("content-type").starts_with("text/html") && page.text().contains("<h1>unknown_key</h1>"));
+    let text = of("text/plain").await;
+    assert!(text.header("content-type").starts_with("text/plain") && text.text().contains("What to do: "));
+    assert_eq!(of("application/json").await.json()["code"], "unknown_key");
+    assert_eq!(of("text/html").await.header("vary"), "accept");
+    of("image/png").await.problem(406, "not-acceptable");
+}
+
+#[test]
+fn the_command_line_explains_too() {
+    let explain = |arguments: &[&str]| Command::new(env!("CARGO_BIN_EXE_dvi")).arg("explain").args(arguments).output();
+    let list = String::from_utf8(explain(&[]).unwrap().stdout).unwrap();
+    assert!(pages().iter().all(|page| list.contains(&format!("  {} ", page.code))), "{list}");
+    let page = String::from_utf8(explain(&["queue-full"]).unwrap().stdout).unwrap();
+    assert!(page.starts_with("queue_full: ") && page.contains("--queue"), "{page}");
+    let unknown = explain(&["nonsense"]).unwrap();
+    assert_eq!(unknown.status.code(), Some(64));
+    assert!(String::from_utf8(unknown.stderr).unwrap().contains("`dvi explain` lists all"));
+}
