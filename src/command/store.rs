@@ -33,7 +33,7 @@ const HELP: &str = "\
 Exit codes:
   0   all is as it was written
   1   something is damaged: each job is named, with what of it
-  3   the store could not be read: there is none, it is in use, or of a later version
+  3   the store is absent, in use, or of a later version
   64  the command line makes no sense
 
 Examples:

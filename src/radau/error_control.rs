@@ -9,6 +9,8 @@ use super::stages::Contraction;
 pub struct Rescaled {
     /// `0.1 rtol^((s+1)/(2s))`
     pub rtol: f64,
+    /// `(s+1)/(2s)`, by which tolerances and errors of the result become those of the embedded formula.
+    pub exponent: f64,
     /// What multiplies each `atol`: `rtol' / rtol`.
     pub factor: f64,
     /// The bound on the norm of the remaining Newton increment.
@@ -21,7 +23,8 @@ impl Rescaled {
     /// For an adaptive run; with a fixed step there is no embedded formula and `rtol` bounds the Newton error alone.
     pub fn new(s: usize, rtol: f64, adaptive: bool) -> Self {
         let order = s as f64;
-        let scaled = if adaptive { 0.1 * rtol.powf((order + 1.0) / (2.0 * order)) } else { rtol };
+        let exponent = (order + 1.0) / (2.0 * order);
+        let scaled = if adaptive { 0.1 * rtol.powf(exponent) } else { rtol };
         let kappa = if s == 1 { 0.03 } else { scaled.powf((order - 1.0) / (order + 1.0)).min(0.03) };
         let most = match s {
             // A fixed step cannot be made smaller instead.
@@ -29,7 +32,8 @@ impl Rescaled {
             1 => 4,
             _ => (2.5 * order - 0.5).floor() as usize,
         };
-        Self { rtol: scaled, factor: scaled / rtol, kappa: kappa.max(10.0 * f64::EPSILON / scaled), most }
+        let kappa = kappa.max(10.0 * f64::EPSILON / scaled);
+        Self { rtol: scaled, exponent, factor: scaled / rtol, kappa, most }
     }
 }
 

@@ -19,7 +19,6 @@ use super::law::Excess;
 use super::stepper::Radau;
 use super::switches::Switching;
 use super::tableau::interpolation_error;
-use block_monitors::is_flat;
 use monitors::{Enclosure, Found};
 use on_face::{OnFace, Told};
 use part::Part;
@@ -181,7 +180,7 @@ impl Radau<'_> {
 
     fn are_monitors_flat(&self) -> bool {
         let mut blocks = self.system.set.blocks().iter().zip(&self.system.face.blocks);
-        blocks.all(|(block, face)| is_flat(&block.shape, face) || self.system.face.holds(&block.members))
+        blocks.all(|(block, face)| block.shape.is_flat(face) || self.system.face.holds(&block.members))
     }
 
     /// Whether rates, inequalities or bounds, at the states where a step of size `h` begins, vary with time by more than

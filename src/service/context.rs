@@ -25,7 +25,7 @@ task_local! {
 }
 
 impl Context {
-    /// That of the request that is being served; empty where there is none.
+    /// That of the request that is being served; empty outside of requests.
     pub fn current() -> Self {
         CONTEXT.try_with(Self::clone).unwrap_or_default()
     }

@@ -127,11 +127,7 @@ impl Default for Metrics {
             "Jobs on the disk that the start could not read",
             metrics.unreadable.clone(),
         );
-        registry.register(
-            "damaged_jobs",
-            "Jobs of which something on the disk is not what was written",
-            metrics.damaged.clone(),
-        );
+        registry.register("damaged_jobs", "Jobs whose bytes on the disk are damaged", metrics.damaged.clone());
         registry.register(
             "store_writable",
             "Whether the disk takes what it is given, 1 or 0; 1 without a disk",

@@ -133,7 +133,8 @@ impl Stepper for Course<'_> {
             watch.observe(self.radau.t(), self.radau.y());
         }
         if let Some(watch) = &mut self.faces {
-            watch.observe(&mut self.radau, switched);
+            let met = diagnostics.faces.last().filter(|face| face.t == self.radau.t());
+            watch.observe(&mut self.radau, switched, met.map(|face| &face.analysis));
         }
     }
 

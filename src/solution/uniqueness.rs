@@ -62,13 +62,9 @@ impl<'p> LipschitzWatch<'p> {
 
     /// Takes the certificate back if it was lost.
     pub(super) fn finish(&self, diagnostics: &mut Diagnostics) {
-        let Some((t, met)) = &self.met else { return };
-        let Some(analysis) = diagnostics.analysis.take() else { return };
-        let analysis = self.model.uncertified(analysis, met, *t);
-        if let Some(Warning { code, message }) = uniqueness_caveat(&analysis) {
-            diagnostics.checks.caveat(code, message);
+        if let Some((t, met)) = &self.met {
+            take_back(diagnostics, |analysis| self.model.uncertified(analysis, met, *t));
         }
-        diagnostics.analysis = Some(analysis);
     }
 }
 
@@ -91,13 +87,13 @@ impl FaceWatch {
         may_lose.then(|| Self { at_every_step: structure.unknowns() <= MOST_AT_EVERY_STEP, lost: None })
     }
 
-    /// Takes the face at the end of a step into account.
-    pub(super) fn observe(&mut self, radau: &mut Radau<'_>, switched: bool) {
+    /// Takes the face at the end of a step into account, of which the analysis may be `known`.
+    pub(super) fn observe(&mut self, radau: &mut Radau<'_>, switched: bool, known: Option<&Analysis>) {
         let moves = radau.face().places.iter().any(|place| place.equations() < usize::MAX);
         if self.lost.is_some() || !moves || !(self.at_every_step || switched) {
             return;
         }
-        let analysis = analysis_of_face(radau);
+        let analysis = known.cloned().unwrap_or_else(|| analysis_of_face(radau));
         if !analysis.uniqueness.is_certified() && analysis.uniqueness != Uniqueness::NotAnalysed {
             self.lost = Some((radau.t(), analysis));
         }
@@ -105,15 +101,20 @@ impl FaceWatch {
 
     /// Takes the certificate back if it was lost.
     pub(super) fn finish(&self, diagnostics: &mut Diagnostics) {
-        let Some((t, Analysis { uniqueness, because, .. })) = &self.lost else { return };
-        let Some(analysis) = diagnostics.analysis.take() else { return };
-        let because = format!("on the face met at t = {t}: {because}");
-        let analysis = Analysis { uniqueness: *uniqueness, because, ..analysis };
-        if let Some(Warning { code, message }) = uniqueness_caveat(&analysis) {
-            diagnostics.checks.caveat(code, message);
+        if let Some((t, Analysis { uniqueness, because, .. })) = &self.lost {
+            let because = format!("on the face met at t = {t}: {because}");
+            take_back(diagnostics, |analysis| Analysis { uniqueness: *uniqueness, because, ..analysis });
         }
-        diagnostics.analysis = Some(analysis);
     }
+}
+
+/// Puts what is left of the analysis of a run in its place, with the caveat that it asks for.
+fn take_back(diagnostics: &mut Diagnostics, uncertified: impl FnOnce(Analysis) -> Analysis) {
+    let Some(analysis) = diagnostics.analysis.take().map(uncertified) else { return };
+    if let Some(Warning { code, message }) = uniqueness_caveat(&analysis) {
+        diagnostics.checks.caveat(code, message);
+    }
+    diagnostics.analysis = Some(analysis);
 }
 
 /// The analysis of the face that is active where a run has arrived.

@@ -28,7 +28,22 @@ pub struct FlatMonitor {
     pub of_g: Vec<(usize, f64)>,
 }
 
+impl FlatMonitor {
+    /// Its range where `z` and `G` are in a box.
+    pub fn range(&self, z: &[Interval], g: &[Interval]) -> Interval {
+        let of = |terms: &[(usize, f64)], of_members: &[Interval]| {
+            sum(terms.iter().map(|&(i, factor)| Interval::point(factor) * of_members[i]))
+        };
+        Interval::point(self.constant) + of(&self.of_z, z) + of(&self.of_g, g)
+    }
+}
+
 impl Shape {
+    /// Whether the monitors of a face are linear.
+    pub fn is_flat(&self, face: &Face) -> bool {
+        matches!((self, face), (Self::Simplex | Self::Polyhedron(_), Face::Interior | Face::Edge(_)))
+    }
+
     /// The monitors of a face of a block of so many `members` where these are linear, in the order of
     /// [`FaceEquations::monitors`](super::FaceEquations); `None` where they are not.
     pub fn flat_monitors(&self, face: &Face, members: usize) -> Option<Vec<FlatMonitor>> {
@@ -67,7 +82,8 @@ impl Shape {
         }
     }
 
-    /// Writes the ranges of the monitors of a face where `z` and `G` are in a box, and the radius of a ball in `radius`.
+    /// Writes the ranges of the monitors of a face that are not linear where `z` and `G` are in a box, and the radius of a ball
+    /// in `radius`.
     pub fn enclose_monitors(
         &self,
         face: &Face,
@@ -80,41 +96,15 @@ impl Shape {
         match (self, face) {
             (Self::Ball { .. }, Face::Interior) => out.push(Distance(radius - norm(z))),
             (Self::SecondOrderCone, Face::Interior) => out.push(Distance(z[0] - norm(&z[1..]))),
-            (Self::Polyhedron(polyhedron), Face::Interior) => {
-                out.extend((0..polyhedron.rows()).map(|j| Distance(slack(polyhedron, j, z))));
-            }
             (_, Face::Interior) => {}
             (Self::Ball { .. }, Face::Vertex) => out.push(Distance(-radius)),
             (_, Face::Vertex) => out.push(Multiplier(g[0] - norm(&g[1..]))),
-            (Self::Simplex, Face::Edge(zeros)) => {
-                let pivot = (0..z.len()).find(|i| !zeros.contains(i)).unwrap_or(0);
-                out.extend((0..z.len()).map(|i| match zeros.contains(&i) {
-                    true => Multiplier(g[i] - g[pivot]),
-                    false => Distance(z[i]),
-                }));
-            }
-            (Self::Polyhedron(polyhedron), Face::Edge(rows)) => {
-                let Elimination { pivots, inverse, .. } = Elimination::of(polyhedron, rows);
-                let count = pivots.len();
-                out.extend((0..polyhedron.rows()).map(|j| match rows.iter().position(|row| *row == j) {
-                    Some(at) => {
-                        let terms = pivots.iter().enumerate();
-                        Multiplier(-sum(terms.map(|(q, p)| Interval::point(inverse[q * count + at]) * g[*p])))
-                    }
-                    None => Distance(slack(polyhedron, j, z)),
-                }));
-            }
             (Self::Ball { .. }, _) => {
                 out.push(Multiplier(-sum(z.iter().zip(g).map(|(z, g)| *z * *g)) / norm(z)));
             }
             _ => out.extend([Multiplier(g[0]), Distance(z[0])]),
         }
     }
-}
-
-fn slack(polyhedron: &Polyhedron, row: usize, z: &[Interval]) -> Interval {
-    let terms = polyhedron.normal(row).iter().zip(z);
-    Interval::point(polyhedron.offset(row)) - sum(terms.map(|(normal, z)| Interval::point(*normal) * *z))
 }
 
 fn sum(terms: impl Iterator<Item = Interval>) -> Interval {

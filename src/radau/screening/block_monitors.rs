@@ -10,7 +10,7 @@ use super::watched::Combination;
 use crate::face::ActiveFace;
 use crate::system::System;
 use numerics::Interval;
-use problem::{Block, Face, FlatMonitor, MonitorRange, Shape};
+use problem::{Block, Face, FlatMonitor, MonitorRange};
 
 /// Room for the monitors of blocks.
 #[derive(Debug, Default)]
@@ -25,6 +25,8 @@ pub(super) struct BlockMonitors {
     moving: Vec<Vec<(FlatMonitor, Reduced)>>,
     /// The face that these are of.
     face: Option<ActiveFace>,
+    /// Whether they are reduced.
+    are_reduced: bool,
 }
 
 /// What is known over a part of a step that takes `h`.
@@ -43,7 +45,7 @@ pub(super) struct Over<'a> {
 }
 
 impl BlockMonitors {
-    /// Has all blocks open; whether there is none.
+    /// Marks all blocks as open; whether the set has no block.
     pub fn leave_open(&mut self, limits: &[[f64; 2]]) -> bool {
         self.open.clear();
         self.open.extend(0..limits.len());
@@ -60,6 +62,7 @@ impl BlockMonitors {
         errors: &[f64],
         limits: &[[f64; 2]],
     ) -> bool {
+        self.take_face(system);
         let n = system.states;
         let error = |j: usize| errors.get(j).copied().unwrap_or(0.0);
         let ball = |error: f64| Interval::new(-error, error);
@@ -72,7 +75,17 @@ impl BlockMonitors {
             g.clear();
             let of_g = |k: usize| ball(system.terms(k, |j| [error(j)])[0]);
             g.extend(block.members.iter().map(|&k| rows[n + k] + of_g(k)));
-            if !system.face.holds(&block.members) && !self.is_box_proven(block, face, system.radius(b, rows), *limits) {
+            let [of_z, of_g] = *limits;
+            let is_proven = system.face.holds(&block.members)
+                || match block.shape.is_flat(face) {
+                    true => self.moving[b].iter().all(|(monitor, _)| {
+                        let limit = if monitor.of_g.is_empty() { of_z } else { of_g };
+                        let range = monitor.range(&self.z, &self.g);
+                        range.defined && range.lo + limit >= 0.0
+                    }),
+                    false => self.is_curved_proven(block, face, system.radius(b, rows), *limits),
+                };
+            if !is_proven {
                 self.open.push(b);
             }
         }
@@ -81,7 +94,8 @@ impl BlockMonitors {
 
     /// Whether no monitor of the blocks that are open falls below its limit, by the slopes.
     pub fn are_proven_by_slopes(&mut self, on: &mut OnFace<'_, '_>, over: &Over<'_>, limits: &[[f64; 2]]) -> bool {
-        self.follow(on, over);
+        self.take_face(on.system);
+        self.reduce(on, over);
         let system = &*on.system;
         let moving = std::mem::take(&mut self.moving);
         let mut open = std::mem::take(&mut self.open);
@@ -115,7 +129,7 @@ impl BlockMonitors {
             Interval::new(value - beside, value + beside)
         };
         match face {
-            _ if is_flat(&block.shape, face) => moving.iter().all(|moving| {
+            _ if block.shape.is_flat(face) => moving.iter().all(|moving| {
                 let limit = if moving.0.of_g.is_empty() { of_z } else { of_g };
                 range(moving).lo + limit >= 0.0
             }),
@@ -132,20 +146,26 @@ impl BlockMonitors {
                     g.extend(moving);
                     z.resize(g.len(), Interval::point(0.0));
                 }
-                self.is_box_proven(block, face, system.radius(b, over.rows), [of_z, of_g])
+                self.is_curved_proven(block, face, system.radius(b, over.rows), [of_z, of_g])
             }
         }
     }
 
-    /// Takes what moves on the face of `on`.
-    fn follow(&mut self, on: &mut OnFace<'_, '_>, over: &Over<'_>) {
-        if self.face.as_ref() != Some(&on.system.face) {
-            self.face.get_or_insert_default().clone_from(&on.system.face);
-            let blocks = on.system.set.blocks().iter().zip(&on.system.face.blocks);
-            let with_room = |monitor: FlatMonitor| (monitor, Reduced::default());
-            self.moving =
-                blocks.map(|(block, face)| moving(block, face).into_iter().map(with_room).collect()).collect();
-        } else if on.system.constant_jacobian() {
+    /// Takes what moves on the face of `system`.
+    fn take_face(&mut self, system: &System<'_>) {
+        if self.face.as_ref() == Some(&system.face) {
+            return;
+        }
+        self.face.get_or_insert_default().clone_from(&system.face);
+        let blocks = system.set.blocks().iter().zip(&system.face.blocks);
+        let with_room = |monitor: FlatMonitor| (monitor, Reduced::default());
+        self.moving = blocks.map(|(block, face)| moving(block, face).into_iter().map(with_room).collect()).collect();
+        self.are_reduced = false;
+    }
+
+    /// Reduces what moves by the equations of the face.
+    fn reduce(&mut self, on: &mut OnFace<'_, '_>, over: &Over<'_>) {
+        if std::mem::replace(&mut self.are_reduced, true) && on.system.constant_jacobian() {
             return;
         }
         for b in 0..self.moving.len() {
@@ -158,19 +178,14 @@ impl BlockMonitors {
         }
     }
 
-    /// Whether no monitor of a block falls below its limit where `z` and `G` are in the boxes that were set.
-    fn is_box_proven(&mut self, block: &Block, face: &Face, radius: Interval, [of_z, of_g]: [f64; 2]) -> bool {
+    /// Whether no monitor of a block that is not flat falls below its limit where `z` and `G` are in the boxes that were set.
+    fn is_curved_proven(&mut self, block: &Block, face: &Face, radius: Interval, [of_z, of_g]: [f64; 2]) -> bool {
         block.shape.enclose_monitors(face, &self.z, &self.g, radius, &mut self.monitors);
         self.monitors.iter().all(|monitor| match monitor {
             MonitorRange::Distance(range) => range.defined && range.lo + of_z >= 0.0,
             MonitorRange::Multiplier(range) => range.defined && range.lo + of_g >= 0.0,
         })
     }
-}
-
-/// Whether the monitors of a face are linear.
-pub(super) fn is_flat(shape: &Shape, face: &Face) -> bool {
-    matches!((shape, face), (Shape::Simplex | Shape::Polyhedron(_), Face::Interior | Face::Edge(_)))
 }
 
 /// What is reduced of a block on a face: its monitors where they are linear, else what they are made of.

@@ -16,7 +16,7 @@
 //! is held to what `gamma e` is held to. And the order shows only where a step is short beside what the rates do: the
 //! coefficients of the slope of the collocation polynomial in Legendre polynomials then fall by some `r < 1` from one degree
 //! to the next, and the error of the result is about `r^(s-1) e`. This is held to the tolerance that is not rescaled, with the
-//! `r` of the last of them: a ripple that is small beside the rest of a rate, and of which the step holds many periods, has the
+//! `r` of the last of them: a ripple that is small beside the rest of a rate, and has many periods within the step, has the
 //! error `e`. All three are for explicit equations, and for linear ones, in the directions that constraints
 //! leave free: what Newton's method or rounding leaves of other equations does not shrink with the step, and would hold up the
 //! run.
@@ -124,7 +124,6 @@ impl Radau<'_> {
         };
         let largest =
             |degrees: Range<usize>, j: usize| degrees.map(|degree| coefficient(degree, j).abs()).fold(0.0, f64::max);
-        let exponent = (s as f64 + 1.0) / (2.0 * s as f64);
         let share = |j: usize| {
             let first = s - count;
             let (last, before) = (largest(first..s, j), largest(first - count.max(2)..first, j));
@@ -136,7 +135,7 @@ impl Radau<'_> {
         let norm = mean_square_root(square, self.system.states, || terms);
         let error = tolerance.factor * norm;
         // What rounding leaves of the increments has coefficients of all degrees.
-        if error < NEGLIGIBLE { 0.0 } else { error.powf(exponent) }
+        if error < NEGLIGIBLE { 0.0 } else { error.powf(tolerance.exponent) }
     }
 
     /// Whether the equations are explicit, or would be with the variables eliminated, and Newton's method leaves nothing of what
@@ -158,7 +157,7 @@ impl Radau<'_> {
         let Some(gamma) = tableau.gamma else { return 0.0 };
         let states = self.system.states;
         self.shifted.copy_from_slice(&self.estimate);
-        let exponent = (tableau.stages() as f64 + 1.0) / (2.0 * tableau.stages() as f64);
+        let exponent = tolerance.exponent;
         let enough = enough.powf(1.0 / exponent);
         let mut left = f64::INFINITY;
         for power in 0..tableau.stages() {

@@ -83,7 +83,7 @@ impl Tokens {
         self.rows().is_ok_and(|rows| rows.is_empty())
     }
 
-    /// What is known of the token with that text; nothing if it is none of ours, or has expired.
+    /// What is known of the token with that text; nothing for an unknown or an expired one.
     ///
     /// # Errors
     /// The file of tokens cannot be read.

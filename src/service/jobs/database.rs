@@ -4,6 +4,7 @@ use super::digest::{Digest, seal, unseal};
 use super::tables::{self, FORMAT, JOBS, RESULTS, SPECIFICATIONS, STARTS};
 use super::{JobId, Record, Results};
 use redb::{Builder, Database as Redb, ReadableDatabase, ReadableTable, TableDefinition, WriteTransaction};
+use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::fmt;
 use std::io;
@@ -178,8 +179,7 @@ impl Database {
 
     /// Every row, oldest job first; one that cannot be read is named in the log and left as it is.
     pub fn records(&self) -> Rows {
-        let mut rows = Rows::default();
-        let swift = self.with(|redb| {
+        let all = self.with(|redb| {
             let mut rows = Rows::default();
             for row in redb.begin_read()?.open_table(JOBS)?.iter()? {
                 let (number, sealed) = row?;
@@ -187,16 +187,15 @@ impl Database {
             }
             Ok(rows)
         });
-        match swift {
-            Ok(found) => rows = found,
-            Err(error) => {
-                tracing::error!(%error, "a page of the database is damaged; rows are looked up one by one");
-                for id in self.names() {
-                    let sealed = self.find(JOBS, id);
-                    rows.take(id, sealed.ok().flatten().as_deref());
-                }
+        let rows = all.unwrap_or_else(|error| {
+            tracing::error!(%error, "a page of the database is damaged; rows are looked up one by one");
+            let mut rows = Rows::default();
+            for id in self.names() {
+                let sealed = self.find(JOBS, id);
+                rows.take(id, sealed.ok().flatten().as_deref());
             }
-        }
+            rows
+        });
         for id in &rows.unreadable {
             tracing::error!(job.id = %id, "the row of job {id} cannot be read; it is kept as it is");
         }
@@ -207,7 +206,7 @@ impl Database {
     }
 
     /// Every name in any of the tables, from both ends to the first page that cannot be read.
-    fn names(&self) -> BTreeSet<JobId> {
+    pub fn names(&self) -> BTreeSet<JobId> {
         let mut names = self.names_in(JOBS);
         names.extend(self.names_in(SPECIFICATIONS));
         names.extend(self.names_in(RESULTS));
@@ -215,16 +214,15 @@ impl Database {
     }
 
     /// Every name in a table, likewise.
-    pub fn names_in<V: redb::Value + 'static>(&self, table: TableDefinition<'_, u128, V>) -> BTreeSet<JobId> {
-        let mut names = BTreeSet::new();
-        let found = AssertUnwindSafe(RwLock::new(&mut names));
+    fn names_in<V: redb::Value + 'static>(&self, table: TableDefinition<'_, u128, V>) -> BTreeSet<JobId> {
+        // Kept outside of the work, which may end half way.
+        let names = RefCell::new(BTreeSet::new());
         for backwards in [false, true] {
             let whole = self.with(|redb| {
                 let table = redb.begin_read()?.open_table(table)?;
                 let mut rows = table.iter()?;
                 while let Some(row) = if backwards { rows.next_back() } else { rows.next() } {
-                    let id = JobId::of_number(row?.0.value());
-                    found.write().unwrap_or_else(PoisonError::into_inner).insert(id);
+                    names.borrow_mut().insert(JobId::of_number(row?.0.value()));
                 }
                 Ok(())
             });
@@ -232,7 +230,7 @@ impl Database {
                 break;
             }
         }
-        names
+        names.into_inner()
     }
 
     /// What was posted for a job.

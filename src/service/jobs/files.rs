@@ -30,7 +30,7 @@ impl Files {
         Self { folder }
     }
 
-    /// The jobs of which there are results.
+    /// The jobs that have a file of results.
     ///
     /// # Errors
     /// Those of the disk.

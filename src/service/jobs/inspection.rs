@@ -5,7 +5,6 @@ use super::database::{Database, Rows, guarded};
 use super::ended::Held;
 use super::files::Files;
 use super::overlay::Overlay;
-use super::tables::{JOBS, RESULTS, SPECIFICATIONS};
 use redb::Builder;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
@@ -38,7 +37,7 @@ impl Inspection {
     /// Looks at the store in `folder`.
     ///
     /// # Errors
-    /// There is none, it is in use, of a later version, or its database cannot be opened.
+    /// The store is absent, in use or of a later version, or its database cannot be opened.
     pub fn of(folder: &Path) -> io::Result<Self> {
         let overlay = Overlay::open(&folder.join("jobs.redb"))?;
         let files = Files::at(folder.join("results"));
@@ -75,9 +74,8 @@ impl Inspection {
             }
         }
         // What has lost its row, for a page above it that cannot be read.
-        let rest = [database.names_in(JOBS), database.names_in(SPECIFICATIONS), database.names_in(RESULTS)];
-        for id in rest.into_iter().flatten().filter(|id| !known.contains(id)).collect::<BTreeSet<_>>() {
-            found.damages(id, "row");
+        for id in database.names().difference(&known) {
+            found.damages(*id, "row");
         }
         found.orphaned = files.names()?.filter(|id| !known.contains(id)).count();
         Ok(found)
