@@ -6,7 +6,6 @@ mod report;
 
 pub use report::Variables;
 
-use super::breaks::Breaks;
 use super::chattering::Chattering;
 use super::consistent::Consistent;
 use super::coupled::Shortened;
@@ -23,6 +22,7 @@ use super::switches::{Located, Switching};
 use super::system::System;
 use super::tableau::Tableau;
 use super::unseen::Unseen;
+use hybrid::Breaks;
 use problem::{Control, Dvi};
 
 /// Counts of what a run did.
@@ -237,7 +237,7 @@ impl<'p> Radau<'p> {
             }
             let wished = h;
             h = self.up_to_break(h);
-            if let Some(after) = self.breaks.after
+            if let Some(after) = self.breaks.after()
                 && h <= 0.0
             {
                 self.pass_break(after)?;
@@ -287,7 +287,7 @@ impl<'p> Radau<'p> {
                     new = reached;
                 }
                 // A step cut short by a switch or a break says nothing against the size that was wished for.
-                let is_cut = self.switching.ends_at_switch() || self.breaks.after.is_some();
+                let is_cut = self.switching.ends_at_switch() || self.breaks.after().is_some();
                 self.h = if is_cut { wished } else { new };
                 let is_short = !is_cut && reached < SHORT * h && !self.screened_short;
                 self.accept(reached, coupled, between);
@@ -314,8 +314,8 @@ impl<'p> Radau<'p> {
 
     /// After a step, which may be `shorter` than was tried: goes on behind the break before which it ends.
     fn end_step(&mut self, shorter: bool) -> Result<(), StepError> {
-        match self.breaks.after {
-            Some(after) if !shorter => self.pass_break(after),
+        match self.breaks.after() {
+            Some(after) if !shorter && !self.is_done() => self.pass_break(after),
             _ => Ok(()),
         }
     }
