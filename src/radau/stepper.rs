@@ -227,6 +227,10 @@ impl<'p> Radau<'p> {
     /// If the step size falls below what `t` or the settings allow, with the cause.
     pub fn step(&mut self) -> Result<(), StepError> {
         loop {
+            if self.switching.is_accumulating() {
+                // What is left between switches is too short for more stages to tell more of it.
+                self.set_order(0);
+            }
             let remaining = self.remaining();
             let Settings { step, min_step, max_step, .. } = self.settings;
             let mut h = step.unwrap_or(self.h.max(min_step)).min(max_step);
@@ -290,11 +294,12 @@ impl<'p> Radau<'p> {
                 let is_cut = self.switching.ends_at_switch() || self.breaks.after().is_some();
                 self.h = if is_cut { wished } else { new };
                 let is_short = !is_cut && reached < SHORT * h && !self.screened_short;
+                let contraction = self.contraction;
                 self.accept(reached, coupled, between);
                 self.watch_progress(reached, is_short)?;
                 self.watch_switches()?;
                 self.watch_kinks()?;
-                self.change_order();
+                self.change_order(contraction);
                 return self.end_step(reached < h);
             }
             self.switching.abandon();
@@ -517,13 +522,16 @@ impl<'p> Radau<'p> {
         self.largest.iter_mut().zip(&self.y).for_each(|(largest, y)| *largest = largest.max(y.abs()));
     }
 
-    /// Takes more stages or fewer from the next step on, where the number is free.
-    fn change_order(&mut self) {
+    /// Takes more stages or fewer from the next step on, where the number is free, after a step with this contraction.
+    fn change_order(&mut self, contraction: Contraction) {
         if self.methods.len() == 1 {
             return;
         }
-        let wish = self.controller.order_change(self.contraction);
-        let new = self.current.saturating_add_signed(wish).min(self.methods.len() - 1);
+        let wish = self.controller.order_change(contraction);
+        self.set_order(self.current.saturating_add_signed(wish).min(self.methods.len() - 1));
+    }
+
+    fn set_order(&mut self, new: usize) {
         if new != self.current {
             self.current = new;
             self.factored = None;

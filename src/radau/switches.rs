@@ -143,7 +143,8 @@ impl Switching {
         self.locate
     }
 
-    fn is_accumulating(&self) -> bool {
+    /// Whether switches follow each other too fast to be located.
+    pub(super) fn is_accumulating(&self) -> bool {
         self.shrinking >= ACCUMULATION || self.recurrence.is_pausing()
     }
 
