@@ -9,7 +9,7 @@ impl Radau<'_> {
         if self.settings.switches == Switches::StepOver {
             return h;
         }
-        self.breaks.up_to_break(self.system.problem(), self.t, h)
+        self.breaks.up_to_break(self.system.problem(), self.clock.t, h)
     }
 
     /// Begins anew behind a break.
@@ -18,11 +18,11 @@ impl Radau<'_> {
     /// If the variational inequality has no solution there.
     pub(super) fn pass_break(&mut self, after: f64) -> Result<(), StepError> {
         self.breaks.pass(after);
-        (self.t, self.lag) = (after, 0.0);
+        self.clock.set(after);
         self.restart();
         self.switching.remember(&self.system.face);
         self.start()?;
-        self.switching.record(self.t, &self.system.set, &self.system.face, &[]);
+        self.switching.record(self.clock.t, &self.system.set, &self.system.face, &[]);
         Ok(())
     }
 }

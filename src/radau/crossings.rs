@@ -26,7 +26,7 @@ impl Radau<'_> {
     /// The values of all monitors on the collocation polynomial of the step at hand.
     pub(super) fn monitors_at(&mut self, theta: f64, h: f64, out: &mut Vec<Monitor>) {
         self.polynomial_at(theta);
-        let t = self.t + theta * h;
+        let t = self.clock.t + theta * h;
         let Switching { inside, constraints, scratch, .. } = &mut self.switching;
         constraints.correct(&mut self.system, &self.control, t, scratch);
         self.system.evaluate(t, scratch);
