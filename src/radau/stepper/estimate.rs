@@ -25,6 +25,7 @@ use super::Radau;
 use crate::layout::Storage;
 use crate::newton_control::mean_square_root;
 use crate::orders::Method;
+use problem::Mass;
 use std::ops::Range;
 
 /// The tolerances that one step may err by where its order is reduced.
@@ -69,6 +70,9 @@ impl Radau<'_> {
         let states = self.system.states;
         let leaves_no_rest = !coupled && self.leaves_no_rest();
         let is_bound = leaves_no_rest && self.consistent.is_some() && !self.switching.inside.tells_all(&self.system);
+        if self.settings.interpolated && leaves_no_rest && !self.continues && self.last.end_slope.is_empty() {
+            self.find_first_slope();
+        }
         let factors = match &mut self.stage_vi {
             Some(vi) if coupled => vi.factors(),
             _ => &mut self.factors,
@@ -155,6 +159,29 @@ impl Radau<'_> {
         let error = tolerance.factor * norm;
         // What rounding leaves of the increments has coefficients of all degrees.
         if error < NEGLIGIBLE { 0.0 } else { error.powf(tolerance.exponent) }
+    }
+
+    /// Takes the rates where a run or a face begins for the slope that its first step is to begin with: behind a switch there
+    /// may be a transient that is short beside the step before.
+    fn find_first_slope(&mut self) {
+        let is_diagonal = match self.system.mass() {
+            Mass::Identity => true,
+            Mass::Constant(entries) => entries.iter().all(|(row, column, _)| row == column),
+        };
+        if !is_diagonal || self.system.mass_diagonal.contains(&0.0) {
+            return;
+        }
+        let (t, mut y) = (self.clock.t, self.y.clone());
+        let Self { system, control, consistent, switching, .. } = self;
+        let are_found = consistent.as_mut().is_some_and(|consistent| consistent.solve(system, control, t, &mut y));
+        if !are_found && !switching.inside.tells_all(system) {
+            return;
+        }
+        if self.system.evaluate(t, &y) {
+            let rates = self.system.values.iter().zip(&self.system.mass_diagonal);
+            self.last.end_slope.clear();
+            self.last.end_slope.extend(rates.map(|(rate, mass)| rate / mass));
+        }
     }
 
     /// Whether the equations are explicit, or would be with the variables eliminated, and Newton's method leaves nothing of what
