@@ -127,16 +127,21 @@ impl Radau<'_> {
         {
             error = error.max(rms(&self.estimates.jump, &self.control.weight) / gamma);
         }
-        let error = error.max(self.ripple_error());
+        let error = error.max(self.ripple_error(is_bound));
         error.max(self.stiff_error(h, error, is_bound))
     }
 
     /// The norm of `r^(s-1) e` for the estimate `e` at hand, in units of the tolerance that is not rescaled, to the power by which
-    /// the tolerance is rescaled.
-    fn ripple_error(&self) -> f64 {
+    /// the tolerance is rescaled. Where states are bound by constraints, in the directions that these leave free.
+    fn ripple_error(&mut self, is_bound: bool) -> f64 {
         let Method { tableau, tolerance } = self.orders.current();
         let (s, n) = (tableau.stages(), self.system.unknowns);
         if s < 3 {
+            return 0.0;
+        }
+        self.estimates.shifted.copy_from_slice(&self.estimates.error);
+        let Self { system, control, switching, y, estimates: Estimates { shifted, .. }, .. } = self;
+        if is_bound && !switching.constraints.project(system, control, y, shifted) {
             return 0.0;
         }
         // Several degrees each, as one coefficient may vanish by chance.
@@ -153,7 +158,7 @@ impl Radau<'_> {
             if last < before { (last / before).powf((s - 1) as f64 / count as f64) } else { 1.0 }
         };
         let states = 0..self.system.states;
-        let terms = states.map(|j| self.estimates.error[j] * share(j) * self.control.weight[j]);
+        let terms = states.map(|j| self.estimates.shifted[j] * share(j) * self.control.weight[j]);
         let square: f64 = terms.clone().map(|term| term * term).sum();
         let norm = mean_square_root(square, self.system.states, || terms);
         let error = tolerance.factor * norm;
@@ -190,7 +195,7 @@ impl Radau<'_> {
         self.system.is_explicit_ode()
             || self.system.constant_jacobian()
                 && self.consistent.is_some()
-                && !self.system.set.has_blocks()
+                && !self.system.is_curved()
                 && (self.switching.inside.tells_all(&self.system)
                     || self.switching.is_to_locate() && matches!(self.system.layout.storage, Storage::Dense))
     }
