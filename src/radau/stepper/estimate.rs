@@ -22,9 +22,11 @@
 //! run.
 
 use super::Radau;
+use crate::consistent::{Consistent, InverseMass};
 use crate::layout::Storage;
 use crate::newton_control::mean_square_root;
 use crate::orders::Method;
+use nalgebra::DVector;
 use problem::Mass;
 use std::ops::Range;
 
@@ -69,8 +71,11 @@ impl Radau<'_> {
         let n = self.system.unknowns;
         let states = self.system.states;
         let leaves_no_rest = !coupled && self.leaves_no_rest();
-        let is_bound = leaves_no_rest && self.consistent.is_some() && !self.switching.inside.tells_all(&self.system);
-        if self.settings.interpolated && leaves_no_rest && !self.continues && self.last.end_slope.is_empty() {
+        let tells_all = self.switching.inside.tells_all(&self.system);
+        let is_bound = leaves_no_rest && self.consistent.is_some() && !tells_all;
+        // What is left of equations that tell their variables shrinks with the step, and a first step has no other slope.
+        let has_slope = self.settings.interpolated && !coupled && (leaves_no_rest || !self.continues && tells_all);
+        if has_slope && !self.continues && self.last.end_slope.is_empty() {
             self.find_first_slope();
         }
         let factors = match &mut self.stage_vi {
@@ -85,7 +90,8 @@ impl Radau<'_> {
                 *sum += weight * z;
             }
         }
-        if self.settings.interpolated && leaves_no_rest {
+        self.estimates.jump.clear();
+        if has_slope {
             self.last.jump(h, &self.estimates.shifted[..states], &mut self.estimates.jump);
             let Self { system, control, switching, y, estimates: Estimates { jump, .. }, .. } = self;
             if is_bound && !jump.is_empty() && !switching.constraints.project(system, control, y, jump) {
@@ -119,13 +125,13 @@ impl Radau<'_> {
         if error.is_nan() {
             return f64::INFINITY;
         }
-        if !leaves_no_rest {
-            return error;
-        }
         if let Some(gamma) = self.tableau().gamma
             && !self.estimates.jump.is_empty()
         {
             error = error.max(rms(&self.estimates.jump, &self.control.weight) / gamma);
+        }
+        if !leaves_no_rest {
+            return error;
         }
         let error = error.max(self.ripple_error(is_bound));
         error.max(self.stiff_error(h, error, is_bound))
@@ -169,23 +175,20 @@ impl Radau<'_> {
     /// Takes the rates where a run or a face begins for the slope that its first step is to begin with: behind a switch there
     /// may be a transient that is short beside the step before.
     fn find_first_slope(&mut self) {
-        let is_diagonal = match self.system.mass() {
-            Mass::Identity => true,
-            Mass::Constant(entries) => entries.iter().all(|(row, column, _)| row == column),
-        };
-        if !is_diagonal || self.system.mass_diagonal.contains(&0.0) {
-            return;
-        }
         let (t, mut y) = (self.clock.t, self.y.clone());
         let Self { system, control, consistent, switching, .. } = self;
         let are_found = consistent.as_mut().is_some_and(|consistent| consistent.solve(system, control, t, &mut y));
-        if !are_found && !switching.inside.tells_all(system) {
+        if !are_found && !switching.inside.tells_all(system) || !system.evaluate(t, &y) {
             return;
         }
-        if self.system.evaluate(t, &y) {
-            let rates = self.system.values.iter().zip(&self.system.mass_diagonal);
-            self.last.end_slope.clear();
-            self.last.end_slope.extend(rates.map(|(rate, mass)| rate / mass));
+        let rates = &system.values[..system.states];
+        let slope = &mut self.last.end_slope;
+        match (system.mass(), consistent.as_ref().and_then(Consistent::inverse_mass)) {
+            (Mass::Identity, _) => slope.extend_from_slice(rates),
+            (_, Some(InverseMass::Entries(inverse))) => {
+                slope.extend_from_slice((inverse * DVector::from_column_slice(rates)).as_slice());
+            }
+            _ => {}
         }
     }
 
