@@ -15,11 +15,11 @@
 //! it: its slope then jumps from the last step to this one. The jump, which is `gamma e` where the problem is not stiff,
 //! is held to what `gamma e` is held to. And the order shows only where a step is short beside what the rates do: the
 //! coefficients of the slope of the collocation polynomial in Legendre polynomials then fall by some `r < 1` from one degree
-//! to the next, and the error of the result is about `r^(s-1) e`. This is held to the tolerance that is not rescaled, with the
-//! `r` of the last of them: a ripple that is small beside the rest of a rate, and has many periods within the step, has the
-//! error `e`. All three are for explicit equations, and for linear ones, in the directions that constraints
-//! leave free: what Newton's method or rounding leaves of other equations does not shrink with the step, and would hold up the
-//! run.
+//! to the next, and the error of the result is about `r^(s-1) e`, where `e` is at least the next coefficient but one: as one
+//! number of the step it is zero for some size of it. This is held to the tolerance that is not rescaled, with the `r` of the
+//! last of them: a ripple that is small beside the rest of a rate, and has many periods within the step, has the error `e`.
+//! All three are for explicit equations, and for linear ones, in the directions that constraints leave free: what Newton's
+//! method or rounding leaves of other equations does not shrink with the step, and would hold up the run.
 
 use super::Radau;
 use crate::consistent::{Consistent, InverseMass};
@@ -158,13 +158,18 @@ impl Radau<'_> {
         };
         let largest =
             |degrees: Range<usize>, j: usize| degrees.map(|degree| coefficient(degree, j).abs()).fold(0.0, f64::max);
-        let share = |j: usize| {
+        let gamma = tableau.gamma.unwrap_or(f64::INFINITY);
+        let term = |j: usize| {
             let first = s - count;
             let (last, before) = (largest(first..s, j), largest(first - count.max(2)..first, j));
-            if last < before { (last / before).powf((s - 1) as f64 / count as f64) } else { 1.0 }
+            let fall = if last < before { last / before } else { 1.0 };
+            // The estimate is one number of the step, which is zero for some size of it whatever the rest of the rate is. Where
+            // constraints bind states, the coefficients have what they leave of rounding.
+            let expected = if is_bound { 0.0 } else { fall * last / gamma };
+            self.estimates.shifted[j].abs().max(expected) * fall.powf((s - 1) as f64 / count as f64)
         };
         let states = 0..self.system.states;
-        let terms = states.map(|j| self.estimates.shifted[j] * share(j) * self.control.weight[j]);
+        let terms = states.map(|j| term(j) * self.control.weight[j]);
         let square: f64 = terms.clone().map(|term| term * term).sum();
         let norm = mean_square_root(square, self.system.states, || terms);
         let error = tolerance.factor * norm;
