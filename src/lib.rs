@@ -19,6 +19,6 @@
 
 pub use study::solve;
 pub use {
-    analysis, contact, convolution, explanation, expression, factorisation, models, numerics, problem, radau, service,
-    solution, specification, study, vi,
+    analysis, contact, convolution, explanation, expression, factorisation, hybrid, models, numerics, problem, radau,
+    service, solution, specification, study, vi,
 };
