@@ -24,6 +24,7 @@ mod openapi;
 mod origin;
 mod part;
 mod path;
+mod pieces;
 mod preferences;
 mod problem;
 mod problems;
@@ -37,6 +38,7 @@ mod solve_stream;
 mod status;
 
 pub use openapi::description;
+pub use pieces::Room;
 pub use problem::{Kind, Problem};
 
 use super::access::Tokens;
@@ -77,6 +79,8 @@ pub struct Common {
     pub checks: Arc<Turns>,
     /// Those workers.
     pub checkers: Arc<Checkers>,
+    /// For the bytes of answers on their way.
+    pub room: Room,
     /// Streams of events that may be open at a time.
     pub streams: Arc<Semaphore>,
     /// Connections that may be open at a time.

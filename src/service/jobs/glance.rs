@@ -38,7 +38,7 @@ impl Jobs {
         self.metrics.waited(Duration::ZERO);
         self.metrics.solved(&Solved::of(specification.problem(), &solution), job.created.clock.elapsed());
         let (ending, verdict) = (Ending::Successful, Some(solution.verdict.clone()));
-        let ended = self.ended(&job, ending, verdict, Results::of(solution, self.bounds.result_bytes));
+        let ended = self.ended(&job, ending, verdict, Results::of(&solution, self.bounds.result_bytes));
         // Without a key there is none that came before.
         let _ = self.store.index().insert(&job);
         job.log_end(&ended);

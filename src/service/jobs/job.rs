@@ -11,11 +11,11 @@
 //! failed; one stopped by its client is *dismissed*. All three keep the trajectory so far. A running job that is
 //! parked goes back to accepted, for the next process to take up.
 
-use super::digest::Digest;
 use super::ended::{Ended, Ending, Timing};
 use super::idempotency::Key;
 use super::{Client, Record};
 use crate::context::Context;
+use crate::digest::Digest;
 use crate::worker::Facts;
 use jiff::Timestamp;
 use problem::Control;
