@@ -143,3 +143,82 @@ fn a_solve_on_a_grid_takes_the_memory_that_is_foretold() {
     assert_foretold(&over(r#""x":[-2,2]"#, 20_000));
     assert_foretold(&over(r#""x":[-2,2],"y":[-2,2]"#, 128));
 }
+
+fn told(name: &str, text: &str) {
+    let mut specification = None;
+    let read = measure(|| {
+        specification = Some(Specification::from_json(text.as_bytes()).unwrap_or_else(|e| panic!("{name} {e:#?}")))
+    });
+    let specification = specification.unwrap();
+    let mut n = 0;
+    let mut ok = String::new();
+    let held = measure(|| {
+        let s = dvi::solve(&specification, &Control::new());
+        n = s.trajectory.t.len();
+        ok = s.error.map_or(String::new(), |e| e.code.to_string());
+    });
+    let (a, b) = (specification.memory_bytes(), held.bytes_max);
+    let sizes = specification.model().dvi().map(|model| {
+        let st = model.structure();
+        let bounded = (0..st.variables).filter(|&k| !st.set.is_free(k)).count();
+        (st.states, st.variables, st.pattern.len(), bounded, st.rows())
+    });
+    println!(
+        "T {} {a} {b} {:.2} rows {n} {} reading {} {} {sizes:?} {ok} {}",
+        name.replace(' ', "_"),
+        a as f64 / b as f64,
+        specification.output_fields().len(),
+        read.bytes_max,
+        text.len(),
+        specification.output_times().map_or(0, |t| t.len())
+    );
+}
+
+#[test]
+fn a_table() {
+    use serde_json::json;
+    for example in dvi::specification::EXAMPLES {
+        told(example.name, example.text);
+    }
+    let ends = json!({"times": {"count": 2}});
+    for n in [1_usize, 2, 5, 10, 30, 100, 400] {
+        for (kind, width) in [("single", 0_usize), ("chain", 1), ("wide", 5), ("full", n)] {
+            if kind == "full" && n > 100 {
+                continue;
+            }
+            let states: serde_json::Map<String, serde_json::Value> = (1..=n)
+                .map(|i| {
+                    let terms: Vec<String> = (1..=n)
+                        .filter(|j| j.abs_diff(i) <= width)
+                        .map(|j| format!("{:?}*x{j}", if i == j { -1.0 } else { 0.1 / n as f64 }))
+                        .collect();
+                    (format!("x{i}"), json!({"initial": 1, "rate": format!("{} - x{i}^3", terms.join(" + "))}))
+                })
+                .collect();
+            for stages in [json!("auto"), json!(3)] {
+                told(&format!("{kind} {n} {stages}"), &json!({"problem": {"dvi": {"states": states}}, "time": {"end": 0.1}, "method": {"stages": stages}, "output": ends}).to_string());
+            }
+        }
+    }
+    for m in [1_usize, 3, 10, 30, 100] {
+        let states: serde_json::Map<String, serde_json::Value> =
+            (1..=m).map(|i| (format!("x{i}"), json!({"initial": 1, "rate": format!("-x{i} + z{i}")}))).collect();
+        let variables: serde_json::Map<String, serde_json::Value> =
+            (1..=m).map(|i| (format!("z{i}"), json!({"inequality": format!("x{i} + z{i} - 0.5")}))).collect();
+        let of: Vec<String> = (1..=m).map(|k| format!("z{k}")).collect();
+        for stages in [json!("auto"), json!(3)] {
+            told(&format!("bounded {m} {stages}"), &json!({"problem": {"dvi": {"states": states, "variables": variables, "set": [{"box": {"of": of, "lower": 0}}]}}, "time": {"end": 0.1}, "method": {"stages": stages}, "output": ends}).to_string());
+            let free = variables.clone();
+            told(&format!("free {m} {stages}"), &json!({"problem": {"dvi": {"states": states, "variables": free}}, "time": {"end": 0.1}, "method": {"stages": stages}, "output": ends}).to_string());
+        }
+    }
+    for elements in [20, 200, 2000] {
+        told(&format!("elastic bar {elements}"), &json!({"problem": {"elastic": {"body": {"bar": {"x": [0, 1]}}, "elements": elements, "density": 1, "young": 1, "clamped": ["x_min"]}}, "time": {"end": 0.1}, "output": ends}).to_string());
+    }
+    for elements in [4, 8, 16, 32] {
+        told(&format!("elastic rectangle {elements}"), &json!({"problem": {"elastic": {"body": {"rectangle": {"x": [0, 1], "y": [0, 1], "plane": "strain"}}, "elements": elements, "density": 1, "young": 100, "poisson": 0.3, "clamped": ["x_min"]}}, "time": {"end": 0.01}, "output": ends}).to_string());
+    }
+    for elements in [3, 6] {
+        told(&format!("elastic box {elements}"), &json!({"problem": {"elastic": {"body": {"box": {"x": [0, 1], "y": [0, 1], "z": [0, 1]}}, "elements": elements, "density": 1, "young": 100, "poisson": 0.3, "clamped": ["x_min"]}}, "time": {"end": 0.01}, "output": ends}).to_string());
+    }
+}

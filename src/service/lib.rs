@@ -1,6 +1,7 @@
 //! The solver as a service over HTTP: jobs, the resources by which clients see them, and the server.
 
 pub mod access;
+mod compiled;
 mod context;
 mod digest;
 pub mod http;
@@ -18,6 +19,7 @@ pub use options::Options;
 
 use access::Tokens;
 use axum::Router;
+use compiled::Compiled;
 use http::{Common, Room, Shared};
 use jobs::{Jobs, Pool, Solver, Turns};
 use metrics::Metrics;
@@ -62,6 +64,7 @@ impl Service {
             options,
             metrics,
             tokens,
+            compiled: Compiled::default(),
             turns,
             checks,
             checkers,

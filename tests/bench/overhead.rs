@@ -1,6 +1,10 @@
 //! What the service costs beside an echo of the same body: `cargo bench --bench overhead`, which drives both with `wrk`
-//! in turns, so that both see the same machine. A *solve* is made at a glance; *queued* ones have a key, so that a worker
-//! makes them; *stored* jobs are asynchronous: on the disk before they are answered.
+//! in turns, so that both see the same machine. A *solve* is made at a glance, of a text that was seen before; *other* ones have
+//! other numbers for the parameters of a structure that was seen before, and *new* ones are read anew; *queued* ones have a key, so
+//! that a worker makes them; *stored* jobs are asynchronous: on the disk before they are answered. A *flush* is what the disk
+//! does at most for them: a file of the length of a group is written and synced again and again by one thread.
+//!
+//! Words after `--` choose among these.
 
 use axum::Router;
 use axum::body::Bytes;
@@ -26,8 +30,26 @@ use tower_service::Service as _;
 #[global_allocator]
 static ALLOCATOR: MiMalloc = MiMalloc;
 
-const BODY: &str = r#"{"problem":{"dvi":{"states":{"x":{"initial":1,"rate":"-x"}}}},"time":{"end":1}}"#;
+const BODY: &str =
+    r#"{"problem":{"dvi":{"parameters":{"k":1},"states":{"x":{"initial":1,"rate":"-k*x"}}}},"time":{"end":1}}"#;
 const SECONDS: u32 = 3;
+const ROUNDS: usize = 3;
+
+/// Another value of the parameter for every request.
+const OTHER: &str = r#"
+local n = 0
+request = function()
+  n = n + 1
+  return wrk.format(nil, nil, nil, (wrk.body:gsub('"k":1', '"k":1.' .. n)))
+end"#;
+
+/// Another rate for every request.
+const NEW: &str = r#"
+local n = 0
+request = function()
+  n = n + 1
+  return wrk.format(nil, nil, nil, (wrk.body:gsub('k%*x', 'k*x*1.' .. n)))
+end"#;
 
 /// A key of its own for every request.
 const KEYS: &str = r#"
@@ -45,6 +67,8 @@ fn main() {
     std::fs::create_dir_all(&folder).expect("a folder");
     let (waits, leaves) = (script(&folder, "waits", "", ""), script(&folder, "leaves", "respond-async", ""));
     let queues = script(&folder, "queues", "", KEYS);
+    let (others, news) = (script(&folder, "others", "", OTHER), script(&folder, "news", "", NEW));
+    let chosen: Vec<String> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
     let runtime = Builder::new_multi_thread().enable_all().build().expect("a runtime");
     let (echo, (service, _)) = (start_echo(&runtime), start_service(&runtime, Options::default()));
     let many = NonZeroUsize::new(10_000_000).expect("more than one");
@@ -55,10 +79,13 @@ fn main() {
         let turns = [
             ("echo", echo, &waits),
             ("solve", service, &waits),
+            ("other", service, &others),
+            ("new", service, &news),
             ("queued", service, &queues),
             ("stored", store, &leaves),
         ];
-        for (name, address, script) in turns.into_iter().chain(turns) {
+        let turns = turns.iter().filter(|(name, ..)| chosen.is_empty() || chosen.iter().any(|word| word == name));
+        for (name, address, script) in (0..ROUNDS).flat_map(|_| turns.clone()) {
             let (before, start) = (cpu_seconds(), Instant::now());
             let report = Command::new("wrk")
                 .args(["--latency", "-t1", &format!("-c{connections}"), &format!("-d{SECONDS}s")])

@@ -42,6 +42,7 @@ pub use pieces::Room;
 pub use problem::{Kind, Problem};
 
 use super::access::Tokens;
+use super::compiled::Compiled;
 use super::jobs::{Client, Jobs, Turns};
 use super::metrics::Metrics;
 use super::worker::Checkers;
@@ -73,6 +74,8 @@ pub struct Common {
     pub metrics: Arc<Metrics>,
     /// The tokens of clients, where they are asked for.
     pub tokens: Option<Arc<Tokens>>,
+    /// Specifications that were compiled before.
+    pub compiled: Compiled,
     /// Large pictures that may be drawn at a time.
     pub turns: Arc<Turns>,
     /// Specifications that workers may check at a time.

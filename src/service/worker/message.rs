@@ -185,7 +185,7 @@ impl Limits {
     /// # Errors
     /// All that is wrong with it.
     pub fn check(&self, draft: Draft, control: &Control) -> Result<Specification, Vec<SpecificationError>> {
-        Ok(draft.check(control)?.within_steps(self.steps).within_memory(self.memory))
+        Ok(draft.check_within(self.memory, control)?.within_steps(self.steps))
     }
 }
 
