@@ -22,8 +22,8 @@ const OF_UNKNOWN: usize = 160;
 /// The dense matrices of the Newton method: the Jacobian, and one real and some complex factors for the stage numbers met.
 const OF_NEWTON: usize = 6;
 
-/// The matrices of the inequalities of all stages: theirs, and up to two of its size in a solver, measured.
-const OF_STAGES: usize = 3;
+/// The matrices of the inequalities of all stages, measured: theirs, and none to three of its size by the solver that they need.
+const OF_STAGES: usize = 2;
 
 /// Refuses the dense matrices of a part, of `unknowns` rows, that would take more memory than it may.
 ///

@@ -1,5 +1,5 @@
-//! A bounded map that forgets what was not asked for lately: two generations, of which the older one is dropped when the younger
-//! one is full (the clock of two hands with one bit; Corbato 1968, "A paging experiment with the Multics system").
+//! A bounded map that forgets what was not asked for lately: two generations; the older one is dropped when the
+//! younger one is full (the clock of two hands with one bit; Corbato 1968, "A paging experiment with the Multics system").
 
 use std::collections::HashMap;
 use std::mem;
@@ -14,7 +14,7 @@ pub struct Generations<T> {
 }
 
 impl<T: Clone> Generations<T> {
-    /// Room for so many, at least two.
+    /// Room for `kept` values, at least two.
     pub fn new(kept: usize) -> Self {
         Self { young: HashMap::new(), old: HashMap::new(), most: (kept / 2).max(1) }
     }

@@ -53,7 +53,7 @@ impl Part {
     }
 }
 
-/// What a client is told of an excerpt that there is not.
+/// The problem for a client whose excerpt cannot be had.
 pub async fn no_excerpt(shared: &Shared, job: &Job, error: ExcerptError) -> Box<Problem> {
     match error {
         ExcerptError::NoSuchField(name, known) => {

@@ -32,7 +32,7 @@ impl Room {
         Self { free: Arc::new(Semaphore::new(kib as usize)), kib }
     }
 
-    /// Room for so many bytes, or all of it, when it is free.
+    /// Room for `bytes`, or all that there is, once it is free.
     pub async fn take(&self, bytes: usize) -> Option<OwnedSemaphorePermit> {
         let kib = u32::try_from(bytes.div_ceil(KIB)).unwrap_or(u32::MAX).min(self.kib);
         // Closed it never is.
@@ -135,5 +135,25 @@ impl HttpBody for Pieces {
             *rest = more;
             Frame::data(bytes)
         })))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration;
+    use tokio::time::timeout;
+
+    #[tokio::test(start_paused = true)]
+    async fn who_comes_when_all_room_is_taken_waits_until_bytes_are_gone() {
+        let room = Room::new(1);
+        let first = Bytes::from_owner(Taken::new(vec![1; 10], room.take(KIB * KIB).await));
+        let second = room.take(1);
+        tokio::pin!(second);
+        assert!(timeout(Duration::from_secs(60), &mut second).await.is_err());
+        drop(first);
+        assert!(second.await.is_some());
+        // More than there is takes all.
+        assert!(room.take(usize::MAX).await.is_some());
     }
 }

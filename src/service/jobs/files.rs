@@ -124,7 +124,7 @@ impl Files {
 
     /// The same, with columns put beside it that stand for the same JSON to the last byte; without them where that cannot be.
     ///
-    /// The JSON stays until the columns are told of.
+    /// The JSON stays until the row of the job names the columns.
     pub fn put_beside(&self, id: JobId) -> Option<InFile> {
         let text = self.find(id).ok()??;
         let json = Fingerprint::of(&text);
@@ -148,7 +148,7 @@ impl Files {
         Ok(Some(index))
     }
 
-    /// Removes the JSON beside columns that have been told of.
+    /// Removes the JSON beside columns that the row of the job names.
     pub fn remove_json(&self, id: JobId) {
         if let Err(error) = remove(&self.path(id, JSON)) {
             tracing::warn!(job.id = %id, %error, "a file of results is left behind");

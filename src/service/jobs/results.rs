@@ -1,4 +1,4 @@
-//! What a solve leaves behind: short results as JSON, long ones as [columns](solution::columnar), of which an answer reads what
+//! What a solve leaves behind: short results as JSON, long ones as [columns](solution::columnar), so that an answer reads what
 //! it needs. Their JSON is written once, on the worker's side, for its length and its digest.
 
 use super::spool::Backing;
@@ -8,7 +8,7 @@ use solution::{Selection, Solution, encodings};
 use std::io::{self, Write};
 use std::sync::OnceLock;
 
-/// The JSON of short results has at most so many bytes.
+/// The most bytes of the JSON of short results.
 pub const SHORT: usize = 64 << 10;
 
 /// A solution as it is kept.

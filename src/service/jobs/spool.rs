@@ -115,7 +115,7 @@ impl Spool {
         }
     }
 
-    /// Takes back into memory the first so many bytes of what the file has.
+    /// Takes the first `length` bytes of the file back into memory.
     fn to_memory(&mut self, file: &File, length: u64) -> io::Result<()> {
         self.memory.resize(usize::try_from(length).map_err(io::Error::other)?, 0);
         file.read_exact_at(&mut self.memory, 0)

@@ -1,4 +1,4 @@
-//! Trajectories as columns, in memory or on a disk, of which an excerpt reads what it needs.
+//! Trajectories as columns, in memory or on a disk: an excerpt reads only the chunks that it needs.
 //!
 //! The stored form is
 //!
@@ -35,13 +35,13 @@ pub trait Columns: Send + Sync {
     /// Those of the disk; [`io::ErrorKind::InvalidData`] where the column is not as it was written.
     fn values(&self, column: usize, rows: Rows) -> io::Result<Vec<f64>>;
 
-    /// That those rows of all columns of which there is a number are as they were written.
+    /// Compares the checksums of the chunks that hold these rows of these columns, numbered as in [`Columns::values`].
     ///
     /// # Errors
     /// As of [`Columns::values`].
     fn verify(&self, columns: &[usize], rows: Rows) -> io::Result<()>;
 
-    /// The first row of which the time does not fulfil `is_before`; it does up to there, and not from there on.
+    /// The first row whose time is not `is_before`; times are ordered, so that all from there on are not.
     ///
     /// # Errors
     /// As of [`Columns::values`].
@@ -60,7 +60,7 @@ pub struct Rows {
 }
 
 impl Rows {
-    /// The last of so many, if there is one.
+    /// The last of `rows` rows, if there are any.
     pub fn last(rows: usize) -> Self {
         Self { first: rows.saturating_sub(1), end: rows, every: 1 }
     }
@@ -75,7 +75,7 @@ impl Rows {
         self.len() == 0
     }
 
-    /// Those of them from the `next` on, at most so many.
+    /// The part that begins with the `next` of them, of at most `count` rows.
     pub fn part(&self, next: usize, count: usize) -> Self {
         let row = |k: usize| self.first.saturating_add(k.saturating_mul(self.every)).min(self.end);
         Self { first: row(next), end: row(next.saturating_add(count)), every: self.every }

@@ -14,7 +14,7 @@ const EMPTY: &str = "\"trajectory\":{\"t\":[],\"fields\":{},";
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Skeleton(String);
 
-/// A solution of which the evidence is not looked at.
+/// A solution whose evidence stays text.
 #[derive(Serialize, Deserialize)]
 struct Parts<'a> {
     #[serde(default)]

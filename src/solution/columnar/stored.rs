@@ -89,7 +89,7 @@ pub struct Stored {
 }
 
 impl Stored {
-    /// The columns in `source` with that index, of which the digest has been looked at.
+    /// The columns in `source` under an index whose digest the caller has compared.
     ///
     /// # Errors
     /// It is no index.

@@ -15,8 +15,8 @@ use solution::{Diagnostics, Plan, Solution};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// The stages that a run with a choice of 3, 5 and 7 is taken to have: what grows with their square is then at most twice as much.
-const MIDDLE_STAGES: usize = 5;
+/// The most stages that a run with a choice of them comes to, which most do.
+const MOST_STAGES: usize = 7;
 
 impl Model for DviModel {
     fn state_names(&self) -> Vec<String> {
@@ -98,7 +98,7 @@ impl Model for DviModel {
     fn numbers(&self, specification: &Specification) -> usize {
         let stages = match specification.method().stages {
             Stages::Fixed(stages) => stages as usize,
-            Stages::Auto => MIDDLE_STAGES,
+            Stages::Auto => MOST_STAGES,
         };
         let structure = self.structure();
         // On faces that are met the theory looks again, when the solvers are at rest.
