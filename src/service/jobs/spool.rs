@@ -102,7 +102,7 @@ impl Spool {
     }
 
     /// Goes over to a file, if there may be one.
-    fn to_disk(&mut self) {
+    fn begin_file(&mut self) {
         let Some(path) = self.path.take() else { return };
         let opened = OpenOptions::new().read(true).write(true).create(true).truncate(true).mode(OWN).open(&path);
         let file = opened.map(|file| (file, Scratch(path)));
@@ -116,7 +116,7 @@ impl Spool {
     }
 
     /// Takes the first `length` bytes of the file back into memory.
-    fn to_memory(&mut self, file: &File, length: u64) -> io::Result<()> {
+    fn take_back(&mut self, file: &File, length: u64) -> io::Result<()> {
         self.memory.resize(usize::try_from(length).map_err(io::Error::other)?, 0);
         file.read_exact_at(&mut self.memory, 0)
     }
@@ -125,7 +125,7 @@ impl Spool {
 impl Write for Spool {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         if self.file.is_none() && self.memory.len() + bytes.len() > IN_MEMORY {
-            self.to_disk();
+            self.begin_file();
         }
         let Some((mut file, scratch)) = self.file.take() else {
             self.memory.extend_from_slice(bytes);
@@ -134,7 +134,7 @@ impl Write for Spool {
         let before = file.metadata()?.len();
         if let Err(error) = file.write_all(bytes) {
             tracing::warn!(%error, "long results are kept in memory");
-            self.to_memory(&file, before)?;
+            self.take_back(&file, before)?;
             self.memory.extend_from_slice(bytes);
         } else {
             self.file = Some((file, scratch));
