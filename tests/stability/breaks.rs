@@ -1,6 +1,7 @@
 //! Forcing, bounds and obstacles that jump at given times: no step goes across, and none overlooks one.
 
 use crate::stability::harness::{Case, distance, last};
+use crate::systems::harness::solve;
 use serde_json::json;
 use std::f64::consts::PI;
 
@@ -84,4 +85,45 @@ fn periodic_edges_cost_no_more_than_the_steps_between_them() {
     assert!(error < 1e-9, "off by {error:e}");
     let rates = solution.diagnostics.evaluations.rates;
     assert!(rates < 500, "{rates} evaluations");
+}
+
+#[test]
+fn outputs_within_a_transient_behind_a_switch_are_right() {
+    // A small step of the rate at t = 1/2, by a break of time or by a variable that reaches its bound, sets off a transient a
+    // thousand times shorter than the steps before it. Its end is right whatever the step is; outputs within are not.
+    let (size, stiffness) = (1e-2, 1e6);
+    let linear = |t: f64| size * (1.0 - (-stiffness * t).exp()) + 1.0;
+    let logistic = |t: f64| (1.0 + size) / (1.0 + size * (-stiffness * (1.0 + size) * t).exp());
+    type Exact<'a> = &'a dyn Fn(f64) -> f64;
+    let rates: [(&str, String, Exact<'_>); 4] = [
+        ("break", format!("-{stiffness:e}*(x - 1 - {size}*heaviside(t - 0.5))"), &linear),
+        ("break", format!("{stiffness:e}*x*(1 + {size}*heaviside(t - 0.5) - x)"), &logistic),
+        ("switch", format!("-{stiffness:e}*(x - 1 - {size}*z)"), &linear),
+        ("switch", format!("{stiffness:e}*x*(1 + {size}*z - x)"), &logistic),
+    ];
+    let mut times: Vec<f64> = (0..60).map(|i| 0.5 + 0.1 * f64::from(i) / stiffness).collect();
+    times.push(1.0);
+    for (kind, rate, exact) in &rates {
+        for stages in [3, 5, 7] {
+            let mut states = json!({"x": {"initial": 1, "rate": rate}});
+            let mut problem = json!({"dvi": {"states": states}});
+            if *kind == "switch" {
+                states["y"] = json!({"initial": 0, "rate": "1"});
+                problem["dvi"] = json!({
+                    "states": states,
+                    "variables": {"z": {"inequality": "0.5 - y"}},
+                    "set": [{"box": {"of": ["z"], "lower": 0, "upper": 1}}]
+                });
+            }
+            let solution = solve(&json!({
+                "problem": problem,
+                "time": {"end": 1},
+                "method": {"stages": stages, "rtol": 1e-6},
+                "output": {"times": times}
+            }));
+            assert!(solution.verdict.trusted, "{rate}: {:?}", solution.verdict);
+            let error = distance(&solution, "x", |t| exact((t - 0.5).max(0.0)));
+            assert!(error < 1e-5, "{rate} with {stages} stages: off by {error:e}");
+        }
+    }
 }

@@ -22,9 +22,11 @@
 //! run.
 
 use super::Radau;
+use crate::consistent::{Consistent, InverseMass};
 use crate::layout::Storage;
 use crate::newton_control::mean_square_root;
 use crate::orders::Method;
+use nalgebra::DVector;
 use problem::Mass;
 use std::ops::Range;
 
@@ -69,8 +71,11 @@ impl Radau<'_> {
         let n = self.system.unknowns;
         let states = self.system.states;
         let leaves_no_rest = !coupled && self.leaves_no_rest();
-        let is_bound = leaves_no_rest && self.consistent.is_some() && !self.switching.inside.tells_all(&self.system);
-        if self.settings.interpolated && leaves_no_rest && !self.continues && self.last.end_slope.is_empty() {
+        let tells_all = self.switching.inside.tells_all(&self.system);
+        let is_bound = leaves_no_rest && self.consistent.is_some() && !tells_all;
+        // What is left of equations that tell their variables shrinks with the step, and a first step has no other slope.
+        let has_slope = self.settings.interpolated && !coupled && (leaves_no_rest || !self.continues && tells_all);
+        if has_slope && !self.continues && self.last.end_slope.is_empty() {
             self.find_first_slope();
         }
         let factors = match &mut self.stage_vi {
@@ -85,7 +90,8 @@ impl Radau<'_> {
                 *sum += weight * z;
             }
         }
-        if self.settings.interpolated && leaves_no_rest {
+        self.estimates.jump.clear();
+        if has_slope {
             self.last.jump(h, &self.estimates.shifted[..states], &mut self.estimates.jump);
             let Self { system, control, switching, y, estimates: Estimates { jump, .. }, .. } = self;
             if is_bound && !jump.is_empty() && !switching.constraints.project(system, control, y, jump) {
@@ -119,24 +125,29 @@ impl Radau<'_> {
         if error.is_nan() {
             return f64::INFINITY;
         }
-        if !leaves_no_rest {
-            return error;
-        }
         if let Some(gamma) = self.tableau().gamma
             && !self.estimates.jump.is_empty()
         {
             error = error.max(rms(&self.estimates.jump, &self.control.weight) / gamma);
         }
-        let error = error.max(self.ripple_error());
+        if !leaves_no_rest {
+            return error;
+        }
+        let error = error.max(self.ripple_error(is_bound));
         error.max(self.stiff_error(h, error, is_bound))
     }
 
     /// The norm of `r^(s-1) e` for the estimate `e` at hand, in units of the tolerance that is not rescaled, to the power by which
-    /// the tolerance is rescaled.
-    fn ripple_error(&self) -> f64 {
+    /// the tolerance is rescaled. Where states are bound by constraints, in the directions that these leave free.
+    fn ripple_error(&mut self, is_bound: bool) -> f64 {
         let Method { tableau, tolerance } = self.orders.current();
         let (s, n) = (tableau.stages(), self.system.unknowns);
         if s < 3 {
+            return 0.0;
+        }
+        self.estimates.shifted.copy_from_slice(&self.estimates.error);
+        let Self { system, control, switching, y, estimates: Estimates { shifted, .. }, .. } = self;
+        if is_bound && !switching.constraints.project(system, control, y, shifted) {
             return 0.0;
         }
         // Several degrees each, as one coefficient may vanish by chance.
@@ -153,7 +164,7 @@ impl Radau<'_> {
             if last < before { (last / before).powf((s - 1) as f64 / count as f64) } else { 1.0 }
         };
         let states = 0..self.system.states;
-        let terms = states.map(|j| self.estimates.error[j] * share(j) * self.control.weight[j]);
+        let terms = states.map(|j| self.estimates.shifted[j] * share(j) * self.control.weight[j]);
         let square: f64 = terms.clone().map(|term| term * term).sum();
         let norm = mean_square_root(square, self.system.states, || terms);
         let error = tolerance.factor * norm;
@@ -164,23 +175,20 @@ impl Radau<'_> {
     /// Takes the rates where a run or a face begins for the slope that its first step is to begin with: behind a switch there
     /// may be a transient that is short beside the step before.
     fn find_first_slope(&mut self) {
-        let is_diagonal = match self.system.mass() {
-            Mass::Identity => true,
-            Mass::Constant(entries) => entries.iter().all(|(row, column, _)| row == column),
-        };
-        if !is_diagonal || self.system.mass_diagonal.contains(&0.0) {
-            return;
-        }
         let (t, mut y) = (self.clock.t, self.y.clone());
         let Self { system, control, consistent, switching, .. } = self;
         let are_found = consistent.as_mut().is_some_and(|consistent| consistent.solve(system, control, t, &mut y));
-        if !are_found && !switching.inside.tells_all(system) {
+        if !are_found && !switching.inside.tells_all(system) || !system.evaluate(t, &y) {
             return;
         }
-        if self.system.evaluate(t, &y) {
-            let rates = self.system.values.iter().zip(&self.system.mass_diagonal);
-            self.last.end_slope.clear();
-            self.last.end_slope.extend(rates.map(|(rate, mass)| rate / mass));
+        let rates = &system.values[..system.states];
+        let slope = &mut self.last.end_slope;
+        match (system.mass(), consistent.as_ref().and_then(Consistent::inverse_mass)) {
+            (Mass::Identity, _) => slope.extend_from_slice(rates),
+            (_, Some(InverseMass::Entries(inverse))) => {
+                slope.extend_from_slice((inverse * DVector::from_column_slice(rates)).as_slice());
+            }
+            _ => {}
         }
     }
 
@@ -190,7 +198,7 @@ impl Radau<'_> {
         self.system.is_explicit_ode()
             || self.system.constant_jacobian()
                 && self.consistent.is_some()
-                && !self.system.set.has_blocks()
+                && !self.system.is_curved()
                 && (self.switching.inside.tells_all(&self.system)
                     || self.switching.is_to_locate() && matches!(self.system.layout.storage, Storage::Dense))
     }
