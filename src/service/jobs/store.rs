@@ -103,10 +103,8 @@ impl Store {
 
     /// A place for news of a job that the disk keeps, on a full disk too.
     async fn passage(&self) -> Result<Option<Place>, Unwritable> {
-        match &self.disk {
-            Some(disk) => disk.place().await.map(Some),
-            None => Ok(None),
-        }
+        let Some(disk) = &self.disk else { return Ok(None) };
+        disk.place().await.map(Some)
     }
 
     /// Hands `job` to the disk.
@@ -359,9 +357,7 @@ impl Store {
         let mut life = job.lock();
         let State::Ended(ended) = &life.state else { return };
         let damaged = Ended { damaged: true, ..Ended::clone(ended) };
-        if let Ok(place) = place
-            && life.is_lasting()
-        {
+        if let Some(place) = place.ok().filter(|_| life.is_lasting()) {
             place.take(Change::record(job.id, &Record::of(job, &life).ended(&damaged)), drop);
         }
         life.state = State::Ended(Arc::new(damaged));
