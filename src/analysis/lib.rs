@@ -24,6 +24,15 @@ use serde::{Serialize, Serializer};
 /// Up to this many states and variables a problem is analysed; the analysis is dense.
 const MOST_UNKNOWNS: usize = 300;
 
+/// The dense matrices of so many rows and columns that an analysis holds at a time, measured: those of the problem, and of
+/// singular values and vectors.
+const MATRICES: usize = 8;
+
+/// The numbers that the analysis of so many states and variables takes.
+pub fn analysis_numbers(unknowns: usize) -> usize {
+    if unknowns <= MOST_UNKNOWNS { MATRICES * unknowns * unknowns } else { 0 }
+}
+
 /// What can be said of a problem at one point.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Analysis {

@@ -3,7 +3,8 @@
 
 use super::{BAD_SPECIFICATION, ENDED, Told, UNSERVABLE, report};
 use dvi::problem::Control;
-use dvi::service::worker::{Death, Event, Finished, Limits, Solved, Supervisor, Watch, program};
+use dvi::service::worker::{Death, Event, Finished, Left, Limits, Prints, Solved, Supervisor, Watch, program};
+use dvi::solution::columnar::{Stored, write_whole};
 use std::io;
 use std::num::NonZeroUsize;
 use std::path::Path;
@@ -28,12 +29,17 @@ pub fn solve(
         eprintln!("dvi: {why}");
         ExitCode::from(ENDED)
     };
-    let finished = finish(document, memory_mib.get(), memory, control).map_err(|error| {
+    let mut columns = Vec::new();
+    let finished = finish(document, memory_mib.get(), memory, control, &mut columns).map_err(|error| {
         eprintln!("dvi: no process could be started to solve in: {error}");
         ExitCode::from(UNSERVABLE)
     })?;
     match finished {
-        Ok(Finished::Solved(solved, json)) => Ok((solved, json)),
+        Ok(Finished::Solved(solved, Left::Text(json))) => Ok((solved, json)),
+        Ok(Finished::Solved(solved, Left::Columns(prints))) => {
+            let json = whole(columns, &prints).map_err(|error| ended(format!("defect: {error}")))?;
+            Ok((solved, json))
+        }
         Ok(Finished::Refused(errors, _)) => {
             let errors: Vec<Told> = serde_json::from_slice(&errors).unwrap_or_default();
             eprint!("{}", report(file, &errors));
@@ -58,7 +64,22 @@ pub fn solve(
     }
 }
 
-fn finish(document: &[u8], memory_mib: usize, memory: usize, control: &Control) -> io::Result<Result<Finished, Death>> {
+/// The JSON that columns stand for.
+fn whole(columns: Vec<u8>, prints: &Prints) -> io::Result<Vec<u8>> {
+    let index = columns[columns.len().saturating_sub(prints.index.bytes)..].to_vec();
+    let columns = Stored::open(columns, &index)?;
+    let mut json = Vec::with_capacity(prints.json.bytes);
+    write_whole(&columns, columns.skeleton(), &mut json)?;
+    Ok(json)
+}
+
+fn finish(
+    document: &[u8],
+    memory_mib: usize,
+    memory: usize,
+    control: &Control,
+    columns: &mut Vec<u8>,
+) -> io::Result<Result<Finished, Death>> {
     let limits = Limits { steps: u64::MAX, memory, wall_seconds: None, result_bytes: usize::MAX };
     let runtime = Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
@@ -66,7 +87,7 @@ fn finish(document: &[u8], memory_mib: usize, memory: usize, control: &Control) 
         supervisor.start().await?;
         let halted = Notify::new();
         let watch = Watch { control, halted: &halted, is_unwanted: &|| false };
-        let performed = supervisor.perform(true, document, limits, &watch);
+        let performed = supervisor.perform(true, document, limits, &watch, columns);
         let interrupted = async {
             if tokio::signal::ctrl_c().await.is_ok() {
                 halted.notify_one();

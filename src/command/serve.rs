@@ -51,8 +51,8 @@ Solves run in processes of their own (`dvi worker`), kept from one job to the ne
 and what the program itself needs. A job that takes more, overflows its stack, meets a defect, or whose worker is killed,
 fails with the problem `too-much-memory`, `stack-overflow`, `defect` or `killed`; the service and the other jobs go on.
 In all, --workers, --relief and the checks of specifications (half as many as --workers) may take --memory-mib each, and
-some 100 MiB beside; the service itself takes what it keeps and sends, most of it bounded by --queue-mib, --result-mib and,
-with --ephemeral, --kept-mib.
+some 100 MiB beside; the service itself takes what it keeps and sends, most of it bounded by --queue-mib, --answers-mib
+and, with --ephemeral, --kept-mib.
 
 A job that was accepted with 202 is on the disk. The next start takes up what has not ended;
 a job that was running at two ends in a row, other than by a signal to stop, is set aside.

@@ -2,6 +2,7 @@
 
 use super::Event;
 use std::collections::VecDeque;
+use std::fmt;
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -25,10 +26,11 @@ pub enum Stop {
 pub struct Interrupted;
 
 /// Shared between a solve and whoever started it. The solve polls it every step; nothing blocks.
-#[derive(Debug)]
 pub struct Control {
     cancelled: AtomicBool,
     deadline: Option<Instant>,
+    /// Asked behind the deadline: whether it may go on all the same.
+    reprieve: Option<Box<Reprieve>>,
     fraction: AtomicU64,
     steps: AtomicU64,
     /// Where the part of the work that runs begins, and how much of the whole it is.
@@ -36,6 +38,8 @@ pub struct Control {
     share: AtomicU64,
     happened: Mutex<Happened>,
 }
+
+type Reprieve = dyn Fn() -> bool + Send + Sync;
 
 /// The latest events, and how many there have been in all.
 #[derive(Debug, Default)]
@@ -53,11 +57,19 @@ impl Happened {
     }
 }
 
+impl fmt::Debug for Control {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (fraction, steps) = (self.fraction(), self.steps());
+        f.debug_struct("Control").field("fraction", &fraction).field("steps", &steps).finish_non_exhaustive()
+    }
+}
+
 impl Default for Control {
     fn default() -> Self {
         Self {
             cancelled: AtomicBool::new(false),
             deadline: None,
+            reprieve: None,
             fraction: AtomicU64::new(0),
             steps: AtomicU64::new(0),
             begin: AtomicU64::new(0.0_f64.to_bits()),
@@ -78,6 +90,12 @@ impl Control {
         Self { deadline: Some(deadline), ..Self::default() }
     }
 
+    /// The same, but behind the deadline the solve goes on for as long as `reprieve` says so.
+    #[must_use]
+    pub fn with_reprieve(self, reprieve: impl Fn() -> bool + Send + Sync + 'static) -> Self {
+        Self { reprieve: Some(Box::new(reprieve)), ..self }
+    }
+
     /// When the solve is to stop, wherever it is then.
     pub fn deadline(&self) -> Option<Instant> {
         self.deadline
@@ -93,7 +111,9 @@ impl Control {
         if self.cancelled.load(Relaxed) {
             return Some(Stop::Cancelled);
         }
-        self.deadline.filter(|deadline| Instant::now() >= *deadline).map(|_| Stop::Deadline)
+        let passed = self.deadline.is_some_and(|deadline| Instant::now() >= deadline);
+        let is_over = passed && !self.reprieve.as_ref().is_some_and(|reprieve| reprieve());
+        is_over.then_some(Stop::Deadline)
     }
 
     /// Goes on, or gives up long work that does not end with a step.

@@ -51,7 +51,7 @@ mod work;
 pub use conditions::{AlgebraicStability, Conditions, Order, PositiveDiagonal, Vanishing};
 pub use face::{ActiveFace, Place};
 pub use law::Excess;
-pub use memory::{MOST_BYTES, matrix_numbers};
+pub use memory::{MOST_BYTES, run_numbers};
 pub use screening::{ALLOWED, Screened};
 pub use settings::{Cause, Settings, StageChoice, StepError, Switches};
 pub use stepper::{Counts, Radau, Variables};

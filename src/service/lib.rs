@@ -1,7 +1,9 @@
 //! The solver as a service over HTTP: jobs, the resources by which clients see them, and the server.
 
 pub mod access;
+mod compiled;
 mod context;
+mod digest;
 pub mod http;
 pub mod jobs;
 mod metrics;
@@ -17,7 +19,8 @@ pub use options::Options;
 
 use access::Tokens;
 use axum::Router;
-use http::{Common, Shared};
+use compiled::Compiled;
+use http::{Common, Room, Shared};
 use jobs::{Jobs, Pool, Solver, Turns};
 use metrics::Metrics;
 use std::io;
@@ -54,9 +57,22 @@ impl Service {
         let checkers = Checkers::new(Arc::clone(launcher), bounds.kept_by_worker(), notice);
         let streams = Arc::new(Semaphore::new(places(options.streams)));
         let connections = Arc::new(Semaphore::new(places(options.connections)));
+        let room = Room::new(options.answers_mib.get());
         let closing = watch::Sender::new(false);
-        let shared =
-            Arc::new(Common { jobs, options, metrics, tokens, turns, checks, checkers, streams, connections, closing });
+        let shared = Arc::new(Common {
+            jobs,
+            options,
+            metrics,
+            tokens,
+            compiled: Compiled::default(),
+            turns,
+            checks,
+            checkers,
+            room,
+            streams,
+            connections,
+            closing,
+        });
         Ok(Self { shared, pool })
     }
 

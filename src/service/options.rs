@@ -103,6 +103,10 @@ pub struct Options {
     #[arg(long, env = "DVI_RESULT_MIB", value_name = "MIB", default_value_t = Options::default().result_mib)]
     pub result_mib: NonZeroUsize,
 
+    /// Answers on their way, in MiB in all; one more waits until others have been taken
+    #[arg(long, env = "DVI_ANSWERS_MIB", value_name = "MIB", default_value_t = Options::default().answers_mib)]
+    pub answers_mib: NonZeroUsize,
+
     /// Ended jobs that are kept; the oldest is forgotten first
     #[arg(long, env = "DVI_KEPT_JOBS", value_name = "JOBS", default_value_t = Options::default().kept_jobs)]
     pub kept_jobs: NonZeroUsize,
@@ -155,6 +159,7 @@ impl Default for Options {
             memory_mib: count(2048),
             body_mib: count(8),
             result_mib: count(256),
+            answers_mib: count(64),
             kept_jobs: count(10_000),
             kept_mib: count(1024),
             kept_days: number(30),

@@ -1,6 +1,7 @@
 //! What a solve hands back: the trajectory in columns, events, diagnostics, and how it ended.
 
 mod audit;
+pub mod columnar;
 mod contact;
 mod convolution;
 mod diagnostics;
@@ -25,7 +26,7 @@ pub use convolution::{ConvolutionPlan, Mesh, describe_convolution, integrate_con
 pub use diagnostics::{
     Contraction, Diagnostics, Evaluations, Face, GlobalError, Refinement, Screening, Steps, Tried, ViCounts,
 };
-pub use excerpt::{Excerpt, NoSuchField};
+pub use excerpt::{Excerpt, ExcerptError, Selection};
 pub use integrate::{describe, integrate};
 pub use obstacle::{describe_obstacle, integrate_obstacle};
 pub use problem::{Event, EventKind, Warning};

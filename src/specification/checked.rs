@@ -61,7 +61,13 @@ impl Specification {
     }
 
     /// Checks what a document means. What was mended in reading it is not held against it again.
-    pub(super) fn check(document: Document, repairs: &Repairs, control: &Control, errors: &mut Errors) -> Option<Self> {
+    pub(super) fn check(
+        document: Document,
+        repairs: &Repairs,
+        most_memory: usize,
+        control: &Control,
+        errors: &mut Errors,
+    ) -> Option<Self> {
         let Document { version, problem, time, method, output, limits, study, label } = document;
         let mut found = Errors::default();
         let root = Place::Root;
@@ -95,7 +101,7 @@ impl Specification {
                 let parameters = (problem.written().parameters(), &of_problem.key(problem.name()));
                 study.check((&*model, &method, time), parameters, &root.key("study"), &mut found)
             });
-            let load = model.load(control);
+            let load = model.load(most_memory, control);
             Some(Self {
                 label,
                 problem: problem.name(),
@@ -109,7 +115,7 @@ impl Specification {
                 study,
                 limits,
                 load,
-                most_memory: usize::MAX,
+                most_memory,
                 analysis,
             })
         });
@@ -130,13 +136,6 @@ impl Specification {
     #[must_use]
     pub fn within_steps(mut self, most: u64) -> Self {
         self.limits.steps = Some(self.step_limit().unwrap_or(MOST_STEPS).min(most));
-        self
-    }
-
-    /// The same problem, to be solved in at most so many bytes, as far as they are told on the way.
-    #[must_use]
-    pub fn within_memory(mut self, most: usize) -> Self {
-        self.most_memory = most;
         self
     }
 

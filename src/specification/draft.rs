@@ -39,8 +39,17 @@ impl Draft {
     /// # Errors
     /// All that is wrong with it, at least one.
     pub fn check(self, control: &Control) -> Result<Specification, Vec<SpecificationError>> {
+        self.check_within(usize::MAX, control)
+    }
+
+    /// The same, to be solved in at most so many bytes, as far as they are told on the way. What the estimate counts one by
+    /// one, such as pairs of bodies, is counted until it is far beyond them: the estimate is a lower bound then.
+    ///
+    /// # Errors
+    /// All that is wrong with it, at least one.
+    pub fn check_within(self, most: usize, control: &Control) -> Result<Specification, Vec<SpecificationError>> {
         let Reading { document, repairs, mut errors } = self.0;
-        match Specification::check(document, &repairs, control, &mut errors) {
+        match Specification::check(document, &repairs, most, control, &mut errors) {
             Some(specification) if errors.is_empty() => Ok(specification),
             _ => Err(errors.into_list()),
         }

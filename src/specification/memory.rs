@@ -1,18 +1,24 @@
-//! The memory that a solve takes, as far as it is known before it runs: its trajectory at the times asked for, and its
-//! matrices; of bodies the contacts at the start. What turns out on the way (the fill of sparse factors, contacts that bodies
+//! The memory that a solve takes, as far as it is known before it runs: what every run has, its trajectory at the times asked
+//! for, and its matrices; of bodies the contacts at the start. What turns out on the way (the fill of sparse factors, contacts that bodies
 //! come to, the steps where no times are asked for) is bounded as it does.
 
 use super::checked::Specification;
+
+/// The bytes of a run of one unknown, measured: lists of every kind, the diagnostics and the verdict.
+const OF_A_RUN: usize = 6 << 10;
+
+/// The steps of a short run, where the trajectory has no other times: those of a long one turn out on the way.
+const FEW_STEPS: usize = 100;
 
 impl Specification {
     /// The bytes that a solve is known to take.
     pub fn memory_bytes(&self) -> usize {
         let numbers = self.trajectory_numbers().saturating_add(self.model().numbers(self));
-        numbers.saturating_mul(size_of::<f64>()).saturating_add(self.load.bytes())
+        numbers.saturating_mul(size_of::<f64>()).saturating_add(self.load.bytes()).saturating_add(OF_A_RUN)
     }
 
     fn trajectory_numbers(&self) -> usize {
-        let times = self.output_times().map_or(0, <[f64]>::len);
+        let times = self.output_times().map_or(FEW_STEPS, <[f64]>::len);
         times.saturating_mul(1 + self.output_fields().len())
     }
 }

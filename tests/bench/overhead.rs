@@ -1,6 +1,11 @@
 //! What the service costs beside an echo of the same body: `cargo bench --bench overhead`, which drives both with `wrk`
-//! in turns, so that both see the same machine. A *solve* is made at a glance; *queued* ones have a key, so that a worker
-//! makes them; *stored* jobs are asynchronous: on the disk before they are answered.
+//! in turns, so that both see the same machine. A *solve* is made at a glance, of a text that was seen before; *other* ones have
+//! other numbers for the parameters of a structure that was seen before, and *new* ones are read anew; *queued* ones have a key, so
+//! that a worker makes them; *stored* jobs are asynchronous: on the disk before they are answered. *flush* is what one flush for
+//! each group of them would allow, a group being one job of each connection: their bytes are appended to a file and synced, again
+//! and again.
+//!
+//! Words after `--` choose among these.
 
 use axum::Router;
 use axum::body::Bytes;
@@ -11,6 +16,7 @@ use hyper::body::Incoming;
 use hyper::service::service_fn;
 use hyper_util::rt::TokioIo;
 use mimalloc::MiMalloc;
+use std::io::Write;
 use std::net::SocketAddr;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -26,8 +32,26 @@ use tower_service::Service as _;
 #[global_allocator]
 static ALLOCATOR: MiMalloc = MiMalloc;
 
-const BODY: &str = r#"{"problem":{"dvi":{"states":{"x":{"initial":1,"rate":"-x"}}}},"time":{"end":1}}"#;
+const BODY: &str =
+    r#"{"problem":{"dvi":{"parameters":{"k":1},"states":{"x":{"initial":1,"rate":"-k*x"}}}},"time":{"end":1}}"#;
 const SECONDS: u32 = 3;
+const ROUNDS: usize = 3;
+
+/// Another value of the parameter for every request.
+const OTHER: &str = r#"
+local n = 0
+request = function()
+  n = n + 1
+  return wrk.format(nil, nil, nil, (wrk.body:gsub('"k":1', '"k":1.' .. n)))
+end"#;
+
+/// Another rate for every request.
+const NEW: &str = r#"
+local n = 0
+request = function()
+  n = n + 1
+  return wrk.format(nil, nil, nil, (wrk.body:gsub('k%*x', 'k*x*1.' .. n)))
+end"#;
 
 /// A key of its own for every request.
 const KEYS: &str = r#"
@@ -45,6 +69,8 @@ fn main() {
     std::fs::create_dir_all(&folder).expect("a folder");
     let (waits, leaves) = (script(&folder, "waits", "", ""), script(&folder, "leaves", "respond-async", ""));
     let queues = script(&folder, "queues", "", KEYS);
+    let (others, news) = (script(&folder, "others", "", OTHER), script(&folder, "news", "", NEW));
+    let chosen: Vec<String> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
     let runtime = Builder::new_multi_thread().enable_all().build().expect("a runtime");
     let (echo, (service, _)) = (start_echo(&runtime), start_service(&runtime, Options::default()));
     let many = NonZeroUsize::new(10_000_000).expect("more than one");
@@ -55,10 +81,18 @@ fn main() {
         let turns = [
             ("echo", echo, &waits),
             ("solve", service, &waits),
+            ("other", service, &others),
+            ("new", service, &news),
             ("queued", service, &queues),
             ("stored", store, &leaves),
         ];
-        for (name, address, script) in turns.into_iter().chain(turns) {
+        if chosen.is_empty() || chosen.iter().any(|word| word == "flush") {
+            let (seconds, rate) = flushes(&folder, connections);
+            let p50 = format!("{:.2}ms", 1e3 * seconds);
+            println!("{connections:>12} {:>8} {p50:>10} {rate:>12.0}", "flush");
+        }
+        let turns = turns.iter().filter(|(name, ..)| chosen.is_empty() || chosen.iter().any(|word| word == name));
+        for (name, address, script) in (0..ROUNDS).flat_map(|_| turns.clone()) {
             let (before, start) = (cpu_seconds(), Instant::now());
             let report = Command::new("wrk")
                 .args(["--latency", "-t1", &format!("-c{connections}"), &format!("-d{SECONDS}s")])
@@ -96,6 +130,20 @@ fn script(folder: &Path, name: &str, prefer: &str, more: &str) -> PathBuf {
     std::fs::write(&path, format!("wrk.method = \"POST\"\nwrk.body = '{BODY}'\n{headers}\n{more}\n"))
         .expect("a script");
     path
+}
+
+/// The time of a flush of a group of so many jobs, and how many jobs a second that allows.
+fn flushes(folder: &Path, group: usize) -> (f64, f64) {
+    let mut file = std::fs::File::create(folder.join("flushes")).expect("a file");
+    // The rows of a job and its specification.
+    let bytes = vec![7; group * 1024];
+    let (start, mut count) = (Instant::now(), 0_u32);
+    while start.elapsed().as_secs() < u64::from(SECONDS) {
+        file.write_all(&bytes).and_then(|()| file.sync_data()).expect("room on the disk");
+        count += 1;
+    }
+    let seconds = start.elapsed().as_secs_f64() / f64::from(count);
+    (seconds, group as f64 / seconds)
 }
 
 /// The processor time of this process and of its workers, which other work on the machine disturbs less than it does the

@@ -101,7 +101,7 @@ fn damaged_results_stay_where_they_are_and_are_shown_again_when_they_are_put_bac
     let path = server.accept(&document);
     server.reaches(&path, &["successful"]);
     let results = server.get(&format!("{path}/results"));
-    let file = folder.path().join("results").join(format!("{}.json", path.rsplit('/').next().unwrap()));
+    let file = folder.path().join("results").join(format!("{}.columns", path.rsplit('/').next().unwrap()));
     let whole = fs::read(&file).unwrap();
     let mut rotten = whole.clone();
     rotten[40_000] ^= 1;

@@ -2,8 +2,10 @@
 
 use crate::harness::{Call, DECAY, Gate, Site, halving, one_worker};
 use axum::http::StatusCode;
+use dvi::problem::Control;
 use dvi::service::jobs::Solver;
 use dvi::solution::Status;
+use dvi::specification::Specification;
 use std::sync::Arc;
 
 /// A solver that is held by the gate, except for what is labelled as light.
@@ -49,4 +51,29 @@ async fn a_small_solve_does_not_pass_jobs_that_wait() {
     let reply = light().header("prefer", "wait=1").send(&site).await;
     assert_eq!((reply.status, &reply.json()["queue_position"]), (StatusCode::ACCEPTED, &1.into()));
     gate.let_through(2);
+}
+
+#[tokio::test]
+async fn answers_to_other_numbers_are_those_of_a_specification_that_is_read_anew() {
+    let site = Site::new(one_worker(), Arc::new(dvi::solve));
+    let belt = |m: f64, f: f64| {
+        format!(
+            r#"{{"problem": {{"dvi": {{"parameters": {{"m": {m}, "f": {f}, "k": "2*m"}},
+                "states": {{"x": {{"initial": "m", "rate": "v"}}, "v": {{"initial": 0, "rate": "(-k*x - F)/m"}}}},
+                "variables": {{"F": {{"inequality": "-(v - 0.5)"}}}},
+                "set": [{{"box": {{"of": ["F"], "lower": "-f", "upper": "f"}}}}]}}}}, "time": {{"end": 3}}}}"#
+        )
+    };
+    for (m, f) in [(1.0, 1.0), (1.5, 1.0), (1.5, 1.0), (0.25, 3.0), (4.0, 0.1)] {
+        let text = belt(m, f);
+        let specification = Specification::from_json(text.as_bytes()).unwrap();
+        let anew = serde_json::to_value(dvi::solve(&specification, &Control::new())).unwrap();
+        let found = Call::solve(text).send(&site).await.json();
+        for part in ["status", "verdict", "trajectory"] {
+            assert_eq!(found[part], anew[part], "{part} of {m}, {f}");
+        }
+    }
+    // Errors are told as by who reads them.
+    let problem = Call::solve(belt(0.0, 1.0)).send(&site).await.problem(400, "invalid-specification");
+    assert!(problem["errors"].as_array().is_some_and(|errors| !errors.is_empty()), "{problem}");
 }

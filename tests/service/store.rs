@@ -30,12 +30,12 @@ fn a_store_is_left_alone_while_it_is_in_use_and_what_is_damaged_is_named() {
     let before = fs::read(&database).unwrap();
     let whole = check(&folder);
     assert_eq!((whole.status.code(), fs::read(&database).unwrap() == before), (Some(0), true), "{whole:?}");
-    for line in ["  jobs        2, of which 2 have ended\n", "  damaged     0\n", "  format      2\n"] {
+    for line in ["  jobs        2, of which 2 have ended\n", "  damaged     0\n", "  format      3\n"] {
         assert!(told(&whole.stdout).contains(line), "{whole:?}");
     }
 
     let id = paths[0].rsplit('/').next().unwrap();
-    let file = folder.path().join("results").join(format!("{id}.json"));
+    let file = folder.path().join("results").join(format!("{id}.columns"));
     let mut json = fs::read(&file).unwrap();
     json[1000] ^= 4;
     fs::write(&file, json).unwrap();

@@ -9,17 +9,20 @@ use super::document::Document;
 use super::jobs::unreadable;
 use super::path::Named;
 use super::problem::{Answer, Kind, Problem};
-use super::representation::{SHORT, aside};
+use super::representation::aside;
 use super::solve::{IdempotencyKey, accepted, job_under};
 use super::status::StatusInfo;
 use crate::context::address;
-use crate::jobs::{Ended, Ending, Job, JobId, Key, State as JobState};
+use crate::jobs::{Ended, Ending, Job, JobId, Key, Results, SHORT, State as JobState};
 use crate::worker::Finding;
 use axum::extract::State;
 use axum::http::{HeaderValue, header};
 use axum::response::Response;
 use serde::Deserialize;
+use solution::columnar::Rows;
 use specification::{NotContinuable, continued};
+use std::collections::HashMap;
+use std::io;
 use std::sync::Arc;
 use utoipa::ToSchema;
 
@@ -95,19 +98,35 @@ pub async fn continue_job(
     let held = ended.held.as_ref().ok_or_else(no_end)?;
     let results = shared.jobs.results(&job, held).await.map_err(|error| unreadable(job.id, &error))?;
     let document = shared.jobs.document(&job).map_err(|error| unreadable(job.id, &error))?;
-    let (id, large) = (job.id, results.json().len() + document.len() > SHORT);
-    let work = move || {
-        let trajectory = &results.solution().map_err(|error| unreadable(id, &error))?.trajectory;
-        let &start = trajectory.t.last().ok_or_else(|| refused(id, "its trajectory is empty"))?;
-        if end <= start {
-            let detail = format!("the job came to t = {start:?}, so that there is nothing to do until {end:?}");
-            return Err(wrong("/end", "end_before_start", &detail));
+    let (id, large) = (job.id, results.bytes() + document.len() > SHORT);
+    let read = aside(&shared, job.client, large, move || last_row(&results)).await?;
+    let (start, ends) = match read {
+        Ok(last) => last.ok_or_else(|| refused(id, "its trajectory is empty"))?,
+        Err(error) => {
+            shared.jobs.found(&job, &error).await;
+            return Err(unreadable(id, &error));
         }
-        let last = |name: &str| trajectory.field(name).and_then(|values| values.last()).copied();
+    };
+    if end <= start {
+        let detail = format!("the job came to t = {start:?}, so that there is nothing to do until {end:?}");
+        return Err(wrong("/end", "end_before_start", &detail));
+    }
+    let work = move || {
+        let last = |name: &str| ends.get(name).copied();
         continued(&document, start, end, last).map_err(|why: NotContinuable| refused(id, &why.to_string()))
     };
     let document = aside(&shared, job.client, large, work).await??;
     successor(&shared, &job, document.into(), key).await
+}
+
+/// The last time, and the values of the fields there; nothing of a trajectory that is empty.
+fn last_row(results: &Results) -> io::Result<Option<(f64, HashMap<String, f64>)>> {
+    let columns = results.open()?.columns;
+    let last = |column| columns.values(column, Rows::last(columns.rows())).map(|mut values| values.pop());
+    let names = columns.names().into_iter().map(str::to_owned).enumerate();
+    let values = names.map(|(field, name)| Ok(last(field + 1)?.map(|value| (name, value))));
+    let values = values.filter_map(io::Result::transpose).collect::<io::Result<_>>()?;
+    Ok(last(0)?.map(|time| (time, values)))
 }
 
 fn ended(job: &Job) -> Answer<Arc<Ended>> {

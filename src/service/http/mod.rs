@@ -24,6 +24,7 @@ mod openapi;
 mod origin;
 mod part;
 mod path;
+mod pieces;
 mod preferences;
 mod problem;
 mod problems;
@@ -37,9 +38,11 @@ mod solve_stream;
 mod status;
 
 pub use openapi::description;
+pub use pieces::Room;
 pub use problem::{Kind, Problem};
 
 use super::access::Tokens;
+use super::compiled::Compiled;
 use super::jobs::{Client, Jobs, Turns};
 use super::metrics::Metrics;
 use super::worker::Checkers;
@@ -71,12 +74,16 @@ pub struct Common {
     pub metrics: Arc<Metrics>,
     /// The tokens of clients, where they are asked for.
     pub tokens: Option<Arc<Tokens>>,
+    /// Specifications that were compiled before.
+    pub compiled: Compiled,
     /// Large pictures that may be drawn at a time.
     pub turns: Arc<Turns>,
     /// Specifications that workers may check at a time.
     pub checks: Arc<Turns>,
     /// Those workers.
     pub checkers: Arc<Checkers>,
+    /// For the bytes of answers on their way.
+    pub room: Room,
     /// Streams of events that may be open at a time.
     pub streams: Arc<Semaphore>,
     /// Connections that may be open at a time.

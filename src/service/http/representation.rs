@@ -1,22 +1,22 @@
 //! The forms in which results are given.
 
 use super::Shared;
+use super::jobs::unreadable;
 use super::negotiation::{MediaType, choose};
-use super::part::Part;
+use super::part::{Part, no_excerpt};
+use super::pieces::{Making, Pieces, Taken, Unwritten};
 use super::problem::{Answer, Kind, Problem};
-use crate::jobs::{Client, Job, Refusal, Results};
-use axum::body::{Body, Bytes, HttpBody};
+use crate::jobs::{Client, Job, JobId, Refusal, Results, SHORT};
+use axum::body::{Body, Bytes};
 use axum::extract::FromRequestParts;
 use axum::http::HeaderValue;
 use axum::http::request::Parts;
-use hyper::body::Frame;
 use solution::Excerpt;
-use solution::encodings::{Arrow, Csv, Lines, Table, write_piece};
+use solution::columnar::{JsonPieces, TablePieces};
+use solution::encodings::{Arrow, Csv, Lines, Table};
 use solution::pictures::write_svg;
 use std::io;
-use std::pin::Pin;
 use std::sync::Arc;
-use std::task::{Context, Poll};
 use tokio::task::spawn_blocking;
 
 /// A form of the results.
@@ -55,12 +55,12 @@ impl Representation {
         })
     }
 
-    /// The results of `job`, or an excerpt of them, in this form. The JSON of the whole has been written already; a
-    /// table is written as the client takes it.
+    /// The results of `job`, or an excerpt of them, in this form. Short ones have their JSON in hand; what is long is written
+    /// as the client takes it.
     ///
     /// # Errors
     /// [`Kind::BadQuery`] if the excerpt names a field that is not there, [`Kind::Internal`] if a thread was lost,
-    /// [`Kind::Unreadable`] if what was stored is not a solution.
+    /// [`Kind::Damaged`] or [`Kind::Unreadable`] if what was stored cannot be read.
     pub async fn body(
         self,
         job: &Job,
@@ -68,26 +68,56 @@ impl Representation {
         excerpt: Option<Excerpt>,
         shared: &Shared,
     ) -> Answer<Body> {
-        if self == Self::Json && excerpt.is_none() {
-            return Ok(Body::from(Bytes::from_owner(JsonOf(results))));
+        if self == Self::Json
+            && excerpt.is_none()
+            && let Some(json) = results.text()
+        {
+            let room = if json.len() > UNCOUNTED { shared.room.take(json.len()).await } else { None };
+            return Ok(Body::from(Bytes::from_owner(Taken::new(JsonOf(results), room))));
         }
-        let large = results.json().len() > SHORT;
-        let id = job.id;
-        let part = aside(shared, job.client, large, move || Part::of(id, results, excerpt.as_ref())).await??;
+        let (id, large) = (job.id, results.bytes() > SHORT);
+        let part = match aside(shared, job.client, large, move || Part::of(&results, excerpt.as_ref())).await? {
+            Ok(part) => part,
+            Err(error) => return Err(no_excerpt(shared, job, error).await),
+        };
+        let numbers = part.numbers();
         let table: Box<dyn Table> = match self {
-            Self::Json => return Ok(Body::from(aside(shared, job.client, large, move || part.json()).await?)),
+            Self::Json => {
+                let making = Making::Json(JsonPieces::new(part.selection.clone(), part.skeleton.clone()));
+                return pieces(Unwritten { part, making }, numbers, id, shared);
+            }
             Self::Svg => {
                 let label = job.label.clone();
-                return Ok(Body::from(
-                    aside(shared, job.client, large, move || picture(&part, label.as_deref())).await?,
-                ));
+                let room = shared.room.take(numbers.saturating_mul(size_of::<f64>())).await;
+                let drawn = aside(shared, job.client, large, move || picture(&part, label.as_deref())).await?;
+                return Ok(Body::from(Bytes::from_owner(Taken::new(
+                    drawn.map_err(|error| unreadable(id, &error))?,
+                    room,
+                ))));
             }
             Self::Csv => Box::new(Csv),
             Self::Lines => Box::new(Lines),
-            Self::Arrow => Box::new(part.solution().map(|part| Arrow::with(&part.verdict)).unwrap_or_default()),
+            Self::Arrow => Box::new(Arrow::with(&part.skeleton.verdict().map_err(|error| unreadable(id, &error))?)),
         };
-        Ok(Body::new(Rows { part, table, next: Some(0) }))
+        let making = Making::Table(TablePieces::new(part.selection.clone(), table));
+        pieces(Unwritten { part, making }, numbers, id, shared)
     }
+}
+
+/// Answers up to this size are not counted: what a connection takes is more than they.
+const UNCOUNTED: usize = 4 << 10;
+
+/// So few numbers are written at once.
+const FEW: usize = 256;
+
+/// An answer of so many numbers in pieces, or at once if they are few.
+fn pieces(mut answer: Unwritten, numbers: usize, job: JobId, shared: &Shared) -> Answer<Body> {
+    if numbers > FEW {
+        return Ok(Body::new(Pieces::new(answer, shared.room.clone())));
+    }
+    let mut bytes = Vec::new();
+    while answer.write(&mut bytes).map_err(|error| unreadable(job, &error))? {}
+    Ok(Body::from(bytes))
 }
 
 impl<S: Send + Sync> FromRequestParts<S> for Representation {
@@ -97,9 +127,6 @@ impl<S: Send + Sync> FromRequestParts<S> for Representation {
         choose(&parts.headers, &Self::OFFERED).ok_or_else(|| Problem::plain(Kind::NotAcceptable))
     }
 }
-
-/// Results whose JSON is no longer are worked on where the connection is served, within a fraction of a millisecond.
-pub const SHORT: usize = 64 << 10;
 
 /// Does work on results; on large ones on a thread of its own, few at a time and the clients in turn.
 pub async fn aside<T: Send + 'static>(
@@ -120,44 +147,17 @@ pub async fn aside<T: Send + 'static>(
     spawn_blocking(work).await.map_err(|_| Problem::plain(Kind::Internal))
 }
 
-fn picture(part: &Part, label: Option<&str>) -> Vec<u8> {
+fn picture(part: &Part, label: Option<&str>) -> io::Result<Vec<u8>> {
     let mut text = Vec::new();
-    if let Some(solution) = part.solution() {
-        // Writing to memory does not fail.
-        let _ = write_svg(solution, label, &mut text);
-    }
-    text
+    write_svg(&part.solution()?, label, &mut text)?;
+    Ok(text)
 }
 
-/// The JSON of results, not copied.
+/// The JSON of short results, not copied.
 struct JsonOf(Arc<Results>);
 
 impl AsRef<[u8]> for JsonOf {
     fn as_ref(&self) -> &[u8] {
-        self.0.json()
-    }
-}
-
-/// A table, some rows at a time: a large one neither holds up a thread nor stands in memory twice.
-struct Rows {
-    part: Part,
-    table: Box<dyn Table>,
-    /// The next row, while there is more.
-    next: Option<usize>,
-}
-
-impl HttpBody for Rows {
-    type Data = Bytes;
-    type Error = io::Error;
-
-    fn poll_frame(mut self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<Option<io::Result<Frame<Bytes>>>> {
-        let Self { part, table, next } = &mut *self;
-        let (Some(row), Some(solution)) = (next.take(), part.solution()) else { return Poll::Ready(None) };
-        let mut bytes = Vec::new();
-        let written = write_piece(&mut **table, &solution.trajectory, row, &mut bytes);
-        Poll::Ready(Some(written.map(|rest| {
-            *next = rest;
-            Frame::data(bytes.into())
-        })))
+        self.0.text().unwrap_or_default()
     }
 }

@@ -1,7 +1,7 @@
 //! The tables of jobs, and the changes that are made to them, many in one transaction.
 
-use super::digest::{Digest, seal, unseal};
-use super::tables::{self, FORMAT, JOBS, RESULTS, SPECIFICATIONS, STARTS};
+use super::seal::{seal, unseal};
+use super::tables::{self, FORMAT, InFile, JOBS, RESULTS, SPECIFICATIONS, STARTS};
 use super::{JobId, Record, Results};
 use redb::{Builder, Database as Redb, ReadableDatabase, ReadableTable, TableDefinition, WriteTransaction};
 use std::cell::RefCell;
@@ -44,7 +44,7 @@ impl Change {
     /// The bytes of what it adds.
     pub fn bytes(&self) -> usize {
         let document = self.document.as_ref().map_or(0, |document| document.len());
-        document + self.results.as_ref().map_or(0, |results| results.json().len())
+        document + self.results.as_ref().map_or(0, |results| results.bytes())
     }
 
     /// Removes every row of these jobs.
@@ -92,14 +92,14 @@ impl Database {
         }
     }
 
-    /// Opens the database and brings it up to date; gives the format that it had, if there was anything. Of a result that is
-    /// a file, `digest` gives its length and its digest.
+    /// Opens the database and brings it up to date; gives the format that it had, if there was anything. `file` looks at the
+    /// file of results of a job, and puts columns beside it if it may.
     ///
     /// # Errors
     /// It is in use by another process, is no database or one of a later version, or cannot be made.
     pub fn open(
         open: impl Fn() -> io::Result<Redb> + Send + Sync + 'static,
-        digest: &dyn Fn(JobId) -> Option<(usize, Digest)>,
+        file: &dyn Fn(JobId) -> Option<InFile>,
     ) -> io::Result<(Self, Option<u64>)> {
         let redb = open()?;
         let format = guarded(|| tables::format(&redb))?;
@@ -114,7 +114,7 @@ impl Database {
         }
         // Also makes the tables, without which they could not be read.
         if format != Some(FORMAT) {
-            guarded(|| tables::make(&redb, format, digest))?;
+            guarded(|| tables::make(&redb, format, file))?;
         }
         Ok((Self { open: Box::new(open), redb: RwLock::new(Some(redb)) }, format))
     }
@@ -358,8 +358,8 @@ fn make<'a>(
                 continue;
             }
             jobs.insert(id.number(), seal(*id, record).as_slice())?;
-            if let Some(found) = &change.results {
-                results.insert(id.number(), found.json())?;
+            if let Some(json) = change.results.as_ref().and_then(|results| results.text()) {
+                results.insert(id.number(), json)?;
             }
         }
         for id in &change.forgotten {

@@ -2,7 +2,8 @@
 //!
 //! ```text
 //! jobs.redb         a row a job, its specification, its result if that is small
-//! results/ID.json   a large result
+//! results/ID.columns a long result
+//! results/ID.json   one of a version before format 3, that could not be made one of columns
 //! results.orphaned  results that no row names: of a database that was lost, or of jobs that were being forgotten
 //! reserve           room held back, for deletes where the disk is full
 //! running-N         what the workers of the Nth start are at
@@ -12,23 +13,21 @@
 //! mistake that can be mended.
 
 use super::database::{Change, Database, Rows};
-use super::digest::Digest;
-use super::ended::{Ended, Ending, Fault, Held, Stored};
+use super::ended::{Ended, Ending, Fault, Held};
 use super::files::{self, Files};
 use super::marks::Marks;
 use super::reserve::Reserve;
+use super::results::Long;
 use super::tables::FORMAT;
 use super::writer::{Place, Unwritable, Writer};
 use super::{JobId, Record, Results};
+use crate::digest::Digest;
 use std::collections::HashSet;
 use std::fs::Permissions;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::{fs, io};
-
-/// A result of this size and more is a file: the database would copy it once more and keep its room.
-const LARGE: usize = 64 << 10;
 
 /// The folder of results that no job names.
 const ORPHANS: &str = "results.orphaned";
@@ -76,7 +75,7 @@ impl Disk {
         let path = folder.join("jobs.redb");
         let files = Arc::new(Files::open(folder.join("results"))?);
         let reserve = Reserve::at(folder.join("reserve"));
-        let open = || Database::open(Database::at(&path), &|id| files.digest(id));
+        let open = || Database::open(Database::at(&path), &|id| files.put_beside(id));
         // On a full disk the room held back may be just what it takes.
         let (database, format) = open().or_else(|error| {
             if error.kind() != io::ErrorKind::StorageFull {
@@ -94,6 +93,12 @@ impl Disk {
         }
         files::sync(folder)?;
         let (Rows { mut records, unreadable, damaged }, start) = (database.records(), database.starts()?);
+        if format.is_some_and(|format| format < FORMAT) {
+            let is_columns = |record: &Record| {
+                record.ended.as_ref().is_some_and(|ended| matches!(ended.held, Some(Held::Columns { .. })))
+            };
+            records.iter().filter(|(_, record)| is_columns(record)).for_each(|(id, _)| files.remove_json(*id));
+        }
         let running: HashSet<_> = Marks::read(&marks(folder, start))?.into_iter().collect();
         let mut changes = Vec::new();
         for (id, record) in &mut records {
@@ -146,12 +151,19 @@ impl Disk {
     /// Those of the disk.
     pub fn put_away(&self, id: JobId, ended: Ended) -> io::Result<(Ended, Option<Arc<Results>>)> {
         let Some(Held::Memory(results)) = &ended.held else { return Ok((ended, None)) };
-        let (results, stored) = (Arc::clone(results), Stored { bytes: results.json().len(), digest: results.digest() });
-        if stored.bytes < LARGE {
-            return Ok((Ended { held: Some(Held::Table(stored)), ..ended }, Some(results)));
-        }
-        self.files.write(id, results.json())?;
-        Ok((Ended { held: Some(Held::File(stored)), ..ended }, None))
+        let results = Arc::clone(results);
+        Ok(match &*results {
+            Results::Text(_) => (Ended { held: Some(Held::Table(results.fingerprint())), ..ended }, Some(results)),
+            Results::Columns(Long { backing, json, index }) => {
+                self.files.keep(id, backing)?;
+                (Ended { held: Some(Held::Columns { json: *json, index: *index }), ..ended }, None)
+            }
+        })
+    }
+
+    /// A file for results that may not stay.
+    pub fn scratch(&self, id: JobId) -> PathBuf {
+        self.files.scratch(id)
     }
 
     /// Removes all that there is of these jobs.
@@ -182,12 +194,26 @@ impl Disk {
     /// # Errors
     /// Those of the disk; [`io::ErrorKind::InvalidData`] where they are damaged or gone.
     pub fn results(&self, id: JobId, held: &Held) -> io::Result<Arc<Results>> {
-        let (json, stored) = match held {
+        let (text, json) = match held {
             Held::Memory(results) => return Ok(Arc::clone(results)),
-            Held::Table(stored) => (self.database.results(id)?, stored),
-            Held::File(stored) => (self.files.find(id)?, stored),
+            Held::Columns { json, index } => {
+                return Ok(Arc::new(Results::Columns(self.files.columns(id, *json, *index))));
+            }
+            Held::Table(json) => (self.database.results(id)?, json),
+            Held::File(json) => (self.files.find(id)?, json),
         };
-        Results::vouched(json.ok_or_else(gone)?, stored.digest).map(Arc::new)
+        Results::vouched(text.ok_or_else(gone)?, json.digest).map(Arc::new)
+    }
+
+    /// That the results of a job are what was written, to the last byte.
+    ///
+    /// # Errors
+    /// As of [`Disk::results`].
+    pub fn verify(&self, id: JobId, held: &Held) -> io::Result<()> {
+        match &*self.results(id, held)? {
+            Results::Text(_) => Ok(()),
+            Results::Columns(long) => long.verify(),
+        }
     }
 }
 
@@ -230,7 +256,10 @@ fn remove_marks(folder: &Path) -> io::Result<()> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::is_damage;
+    use super::super::spool::Backing;
     use super::*;
+    use crate::digest::Fingerprint;
     use std::thread;
     use std::time::{Duration, Instant};
 
@@ -247,6 +276,10 @@ mod tests {
         fn drop(&mut self) {
             let _ = fs::remove_dir_all(&self.0);
         }
+    }
+
+    fn results(folder: &Folder, id: JobId) -> PathBuf {
+        folder.0.join("results").join(format!("{id}.json"))
     }
 
     /// The folder as the next process finds it, once the thread of the last one has ended.
@@ -269,7 +302,7 @@ mod tests {
         let row = br#"{"client": "of a later version"}"#.to_vec();
         let document = Some(Arc::from(&b"{}"[..]));
         disk.database.apply(&[Change { record: Some((id, row)), document, ..Change::default() }]).unwrap();
-        disk.files.write(id, b"{}").unwrap();
+        fs::write(results(&folder, id), "{}").unwrap();
         drop(disk);
         for _ in 0..2 {
             let (disk, found) = open(&folder);
@@ -283,7 +316,7 @@ mod tests {
         let folder = Folder::new("orphans");
         let id = JobId::of_number(2);
         let (disk, _) = open(&folder);
-        disk.files.write(id, b"{}").unwrap();
+        fs::write(results(&folder, id), "{}").unwrap();
         drop(disk);
         fs::remove_file(folder.0.join("jobs.redb")).unwrap();
         fs::write(marks(&folder.0, 17), "").unwrap();
@@ -295,12 +328,54 @@ mod tests {
     }
 
     #[test]
+    fn long_results_of_the_second_format_become_columns_with_the_same_json() {
+        let folder = Folder::new("second");
+        let (disk, _) = open(&folder);
+        let json = |value: f64| {
+            format!(
+                "{{\"version\":1,\"status\":\"completed\",\"verdict\":{{\"trusted\":true,\"because\":[],\"caveats\":[]}},\
+                 \"trajectory\":{{\"t\":[0.0,{value:?}],\"fields\":{{\"x\":[0.1,1e-7]}},\"events\":[]}},\
+                 \"diagnostics\":{{\"steps\":  7}}}}"
+            )
+        };
+        // One of them was changed by the disk, and one written otherwise than it is now.
+        let texts = [json(0.3), json(0.3), json(0.3).replace("0.1,", "0.1, ")];
+        for (k, text) in texts.iter().enumerate() {
+            let id = JobId::of_number(k as u128);
+            let told = Fingerprint::of(text.as_bytes());
+            let record = Record::example(Held::File(told));
+            let document = Some(Arc::from(&b"{}"[..]));
+            disk.database.apply(&[Change { document, ..Change::record(id, &record) }]).unwrap();
+            fs::write(results(&folder, id), if k == 1 { json(0.4) } else { text.clone() }).unwrap();
+        }
+        drop(disk);
+        let start = Instant::now();
+        while super::super::tables::set_format(&folder.0.join("jobs.redb"), 2).is_err() {
+            assert!(start.elapsed() < Duration::from_secs(20));
+        }
+        for _ in 0..2 {
+            let (disk, found) = open(&folder);
+            let held: Vec<Held> =
+                found.records.into_iter().map(|(_, record)| record.ended.unwrap().held.unwrap()).collect();
+            assert!(matches!(held.as_slice(), [Held::Columns { .. }, Held::File(_), Held::File(_)]), "{held:?}");
+            let are_there = [0, 1, 2].map(|k| results(&folder, JobId::of_number(k)).exists());
+            assert_eq!(are_there, [false, true, true]);
+            let opened = disk.results(JobId::of_number(0), &held[0]).unwrap().open().unwrap();
+            let mut read = Vec::new();
+            solution::columnar::write_whole(&*opened.columns, &opened.skeleton, &mut read).unwrap();
+            assert_eq!(String::from_utf8(read).unwrap(), texts[0]);
+            assert!(is_damage(&disk.results(JobId::of_number(1), &held[1]).unwrap_err()));
+            assert_eq!(disk.results(JobId::of_number(2), &held[2]).unwrap().text(), Some(texts[2].as_bytes()));
+        }
+    }
+
+    #[test]
     fn what_is_kept_is_its_owners_alone() {
         let folder = Folder::new("owner");
         let id = JobId::of_number(3);
         let (disk, _) = open(&folder);
-        disk.files.write(id, b"{}").unwrap();
-        for name in ["", "jobs.redb", "running-1", "results", &format!("results/{id}.json")] {
+        disk.files.keep(id, &Backing::memory(b"{}".to_vec())).unwrap();
+        for name in ["", "jobs.redb", "running-1", "results", &format!("results/{id}.columns")] {
             let mode = fs::metadata(folder.0.join(name)).unwrap().permissions().mode();
             assert_eq!(mode & 0o077, 0, "{name}: {mode:o}");
         }

@@ -1,7 +1,7 @@
 //! The end of a job: how it ended, how far it came, and where its results are.
 
 use super::Results;
-use super::digest::Digest;
+use crate::digest::{Digest, Fingerprint};
 use crate::worker::Death;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -99,19 +99,17 @@ pub enum Held {
     /// In memory, as long as the process lives.
     #[serde(skip)]
     Memory(Arc<Results>),
-    /// In the database.
-    Table(Stored),
-    /// In a file of their own.
-    File(Stored),
-}
-
-/// What results on a disk are known by.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
-pub struct Stored {
-    /// How many bytes of JSON.
-    pub bytes: usize,
-    /// That of those bytes.
-    pub digest: Digest,
+    /// As JSON in the database.
+    Table(Fingerprint),
+    /// As JSON in a file of their own, by a version before format 3.
+    File(Fingerprint),
+    /// As columns in a file of their own.
+    Columns {
+        /// Of their JSON.
+        json: Fingerprint,
+        /// Of the index of the columns.
+        index: Fingerprint,
+    },
 }
 
 impl Held {
@@ -119,7 +117,7 @@ impl Held {
     pub fn digest(&self) -> Digest {
         match self {
             Self::Memory(results) => results.digest(),
-            Self::Table(stored) | Self::File(stored) => stored.digest,
+            Self::Table(json) | Self::File(json) | Self::Columns { json, .. } => json.digest,
         }
     }
 }
@@ -180,7 +178,7 @@ impl Ended {
     pub fn bytes(&self) -> usize {
         match &self.held {
             Some(Held::Memory(results)) => results.bytes(),
-            Some(Held::Table(stored) | Held::File(stored)) => stored.bytes,
+            Some(Held::Table(json) | Held::File(json) | Held::Columns { json, .. }) => json.bytes,
             None => 0,
         }
     }

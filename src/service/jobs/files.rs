@@ -1,13 +1,26 @@
-//! Large results, a file each. A file has its name only when all of it is on the disk: written under another, synced,
+//! Long results, a file each. A file has its name only when all of it is on the disk: written under another, synced,
 //! renamed, and the folder synced (Pillai et al. 2014, "All file systems are not created equal").
 
 use super::JobId;
-use super::digest::Digest;
-use std::collections::HashSet;
+use super::results::Long;
+use super::spool::Backing;
+use super::tables::InFile;
+use crate::digest::{Fingerprint, Measure};
+use solution::columnar::{Skeleton, write_columns, write_whole};
+use std::collections::{BTreeSet, HashSet};
 use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io::{self, Write};
 use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
+
+/// What names of files end in: results as columns, as JSON, those that are being written, and those that may not stay.
+const COLUMNS: &str = ".columns";
+const JSON: &str = ".json";
+const PART: &str = ".part";
+const SCRATCH: &str = ".scratch";
+
+/// The kinds of results that stay.
+const KINDS: [&str; 2] = [COLUMNS, JSON];
 
 /// A folder of results.
 #[derive(Debug)]
@@ -34,18 +47,40 @@ impl Files {
     ///
     /// # Errors
     /// Those of the disk.
-    pub fn names(&self) -> io::Result<impl Iterator<Item = JobId>> {
+    pub fn names(&self) -> io::Result<BTreeSet<JobId>> {
         let entries = fs::read_dir(&self.folder)?.flatten();
-        Ok(entries.filter_map(|entry| entry.file_name().to_str()?.strip_suffix(".json")?.parse().ok()))
+        Ok(entries.filter_map(|entry| of_any(entry.file_name().to_str()?, &KINDS)).collect())
     }
 
-    /// Puts away the results of a job, for good when it returns.
+    /// Puts away the columns of a job, for good when it returns.
     ///
     /// # Errors
     /// Those of the disk.
-    pub fn write(&self, id: JobId, json: &[u8]) -> io::Result<()> {
-        let unfinished = self.folder.join(format!("{id}.part"));
-        let written = self.write_as(&unfinished, json).and_then(|()| fs::rename(&unfinished, self.path(id)));
+    pub fn keep(&self, id: JobId, backing: &Backing) -> io::Result<()> {
+        let scratch = match backing {
+            Backing::Memory(bytes) => return self.write(id, bytes),
+            Backing::Scratch(scratch) => scratch.path(),
+            Backing::File(_) => return Ok(()),
+        };
+        File::open(scratch)?.sync_all()?;
+        let path = self.path(id, COLUMNS);
+        match fs::hard_link(scratch, &path) {
+            Ok(()) => sync(&self.folder),
+            // Solved again after what was there had not been told.
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
+                fs::remove_file(&path)?;
+                fs::hard_link(scratch, &path)?;
+                sync(&self.folder)
+            }
+            // A file system without links.
+            Err(_) => self.write(id, &fs::read(scratch)?),
+        }
+    }
+
+    /// Puts away columns, for good when it returns.
+    fn write(&self, id: JobId, bytes: &[u8]) -> io::Result<()> {
+        let unfinished = self.path(id, PART);
+        let written = write_as(&unfinished, bytes).and_then(|()| fs::rename(&unfinished, self.path(id, COLUMNS)));
         if written.is_err() {
             // On a full disk, what has been written of it takes the room.
             let _ = fs::remove_file(&unfinished);
@@ -54,10 +89,14 @@ impl Files {
         sync(&self.folder)
     }
 
-    fn write_as(&self, path: &Path, json: &[u8]) -> io::Result<()> {
-        let mut file = OpenOptions::new().write(true).create(true).truncate(true).mode(OWN).open(path)?;
-        file.write_all(json)?;
-        file.sync_all()
+    /// Where the columns of a job may be while it is not known whether they stay.
+    pub fn scratch(&self, id: JobId) -> PathBuf {
+        self.path(id, SCRATCH)
+    }
+
+    /// The columns of a job, where they are to be.
+    pub fn columns(&self, id: JobId, json: Fingerprint, index: Fingerprint) -> Long {
+        Long { backing: Backing::File(self.path(id, COLUMNS)), json, index }
     }
 
     /// Removes a result whose job is forgotten.
@@ -67,21 +106,53 @@ impl Files {
         }
     }
 
-    /// The results of a job, if there are any.
+    /// The results of a job as JSON, if there are any.
     ///
     /// # Errors
     /// Those of the disk.
     pub fn find(&self, id: JobId) -> io::Result<Option<Vec<u8>>> {
-        match fs::read(self.path(id)) {
+        match fs::read(self.path(id, JSON)) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
             json => json.map(Some),
         }
     }
 
-    /// The length and the digest of the results of a job, if they can be read.
-    pub fn digest(&self, id: JobId) -> Option<(usize, Digest)> {
-        let json = self.find(id).ok()??;
-        Some((json.len(), Digest::of(&json)))
+    /// The file of a job as a version before format 3 left it, if it can be read.
+    pub fn look(&self, id: JobId) -> Option<InFile> {
+        Some(InFile { json: Fingerprint::of(&self.find(id).ok()??), index: None })
+    }
+
+    /// The same, with columns put beside it that stand for the same JSON to the last byte; without them where that cannot be.
+    ///
+    /// The JSON stays until the row of the job names the columns.
+    pub fn put_beside(&self, id: JobId) -> Option<InFile> {
+        let text = self.find(id).ok()??;
+        let json = Fingerprint::of(&text);
+        let index = self.write_beside(id, &text, json).unwrap_or_else(|error| {
+            tracing::warn!(job.id = %id, %error, "the results of job {id} stay as they are");
+            None
+        });
+        Some(InFile { json, index })
+    }
+
+    fn write_beside(&self, id: JobId, text: &[u8], json: Fingerprint) -> io::Result<Option<Fingerprint>> {
+        let (skeleton, trajectory) = Skeleton::read(text)?;
+        let mut measure = Measure::new(text.len());
+        let same = write_whole(&trajectory, &skeleton, &mut measure).is_ok() && measure.fingerprint() == json;
+        if !same {
+            return Ok(None);
+        }
+        let mut bytes = Vec::new();
+        let index = Fingerprint::of(&write_columns(&trajectory, &skeleton, &mut bytes)?);
+        self.write(id, &bytes)?;
+        Ok(Some(index))
+    }
+
+    /// Removes the JSON beside columns that the row of the job names.
+    pub fn remove_json(&self, id: JobId) {
+        if let Err(error) = remove(&self.path(id, JSON)) {
+            tracing::warn!(job.id = %id, %error, "a file of results is left behind");
+        }
     }
 
     /// Removes the results of a job, if there are any.
@@ -89,10 +160,7 @@ impl Files {
     /// # Errors
     /// Those of the disk.
     pub fn remove(&self, id: JobId) -> io::Result<()> {
-        match fs::remove_file(self.path(id)) {
-            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
-            _ => Ok(()),
-        }
+        KINDS.iter().try_for_each(|kind| remove(&self.path(id, kind)))
     }
 
     /// Removes what was being written when the process ended, and sets aside into `orphans` whatever else does not belong
@@ -105,10 +173,10 @@ impl Files {
         for entry in fs::read_dir(&self.folder)? {
             let entry = entry?;
             let (path, name) = (entry.path(), entry.file_name());
-            let of = |suffix| name.to_str().and_then(|name| name.strip_suffix(suffix)?.parse::<JobId>().ok());
-            if of(".part").is_some() {
+            let of = |kinds: &[&str]| name.to_str().and_then(|name| of_any(name, kinds));
+            if of(&[PART, SCRATCH]).is_some() {
                 fs::remove_file(path)?;
-            } else if !of(".json").is_some_and(|id| jobs.contains(&id)) {
+            } else if !of(&KINDS).is_some_and(|id| jobs.contains(&id)) {
                 create(orphans)?;
                 fs::rename(path, orphans.join(&name))?;
                 set_aside += 1;
@@ -121,9 +189,28 @@ impl Files {
         Ok(set_aside)
     }
 
-    fn path(&self, id: JobId) -> PathBuf {
-        self.folder.join(format!("{id}.json"))
+    fn path(&self, id: JobId, kind: &str) -> PathBuf {
+        self.folder.join(format!("{id}{kind}"))
     }
+}
+
+fn write_as(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let mut file = OpenOptions::new().write(true).create(true).truncate(true).mode(OWN).open(path)?;
+    file.write_all(bytes)?;
+    file.sync_all()
+}
+
+/// Removes a file, if it is there.
+fn remove(path: &Path) -> io::Result<()> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(error),
+        _ => Ok(()),
+    }
+}
+
+/// The job of a file whose name ends in one of `kinds`.
+fn of_any(name: &str, kinds: &[&str]) -> Option<JobId> {
+    kinds.iter().find_map(|kind| name.strip_suffix(kind)?.parse().ok())
 }
 
 /// Files are their owner's alone, and so are folders: specifications and results are nobody else's business.

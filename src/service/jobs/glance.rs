@@ -9,17 +9,19 @@ use super::ended::Ending;
 use super::job::Job;
 use super::{Jobs, Order, Results};
 use crate::worker::Solved;
+use problem::Control;
+use rustix::time::{ClockId, Timespec, clock_gettime};
 use solution::Status;
 use specification::Specification;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-/// Some times what waking a worker takes.
+/// Some times what waking a worker takes, of a thread that runs: where others have the processor in between, waking takes longer too.
 const GLANCE: Duration = Duration::from_micros(200);
 
 /// The bytes of a problem of which a step takes less time than that: some ten unknowns.
-const SMALL: usize = 16 << 10;
+const SMALL: usize = 32 << 10;
 
 impl Jobs {
     /// A job that has been solved, if that is done at once.
@@ -29,7 +31,7 @@ impl Jobs {
             return None;
         }
         let job = Arc::new(Job::new(order.clone(), false));
-        let control = job.start(GLANCE)?;
+        let control = job.start_within(time_to_run(GLANCE))?;
         // A worker meets the panic again, and reports it.
         let solution = catch_unwind(AssertUnwindSafe(|| (self.solver)(specification, &control))).ok()?;
         if solution.status != Status::Completed {
@@ -38,7 +40,7 @@ impl Jobs {
         self.metrics.waited(Duration::ZERO);
         self.metrics.solved(&Solved::of(specification.problem(), &solution), job.created.clock.elapsed());
         let (ending, verdict) = (Ending::Successful, Some(solution.verdict.clone()));
-        let ended = self.ended(&job, ending, verdict, Results::of(solution, self.bounds.result_bytes));
+        let ended = self.ended(&job, ending, verdict, Results::of(&solution, self.bounds.result_bytes));
         // Without a key there is none that came before.
         let _ = self.store.index().insert(&job);
         job.log_end(&ended);
@@ -51,6 +53,18 @@ impl Jobs {
         let intake = self.lock();
         !intake.draining && intake.queue.is_empty()
     }
+}
+
+/// A control that stops this thread when it has run for so long, whatever others had of the processor meanwhile.
+fn time_to_run(time: Duration) -> Control {
+    let end = running() + time;
+    Control::with_deadline(Instant::now() + time).with_reprieve(move || running() < end)
+}
+
+/// The time that this thread has run.
+fn running() -> Duration {
+    let Timespec { tv_sec, tv_nsec } = clock_gettime(ClockId::ThreadCPUTime);
+    Duration::new(tv_sec.unsigned_abs(), u32::try_from(tv_nsec).unwrap_or_default())
 }
 
 fn is_small(specification: &Specification) -> bool {

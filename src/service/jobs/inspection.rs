@@ -5,6 +5,7 @@ use super::database::{Database, Rows, guarded};
 use super::ended::Held;
 use super::files::Files;
 use super::overlay::Overlay;
+use crate::digest::Fingerprint;
 use redb::Builder;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io;
@@ -42,7 +43,7 @@ impl Inspection {
         let overlay = Overlay::open(&folder.join("jobs.redb"))?;
         let files = Files::at(folder.join("results"));
         let open = move || guarded(|| Ok(Builder::new().create_with_backend(overlay.clone())?));
-        let (database, format) = Database::open(open, &|id| files.digest(id))?;
+        let (database, format) = Database::open(open, &|id| files.look(id))?;
         let Some(format) = format else {
             return Err(io::Error::new(io::ErrorKind::InvalidData, "jobs.redb is empty"));
         };
@@ -61,14 +62,20 @@ impl Inspection {
             }
             let Some(ended) = record.ended else { continue };
             found.ended += 1;
-            let (json, stored) = match ended.held {
-                None | Some(Held::Memory(_)) => continue,
-                Some(Held::Table(stored)) => (database.results(id).ok().flatten(), stored),
-                Some(Held::File(stored)) => (files.find(id).ok().flatten(), stored),
+            let vouched = |text: Option<Vec<u8>>, json: Fingerprint| {
+                text.is_some_and(|text| json.digest.vouch(text).is_ok()).then_some(json.bytes)
             };
-            if json.is_some_and(|json| stored.digest.vouch(json).is_ok()) {
+            let bytes = match ended.held {
+                None | Some(Held::Memory(_)) => continue,
+                Some(Held::Table(json)) => vouched(database.results(id).ok().flatten(), json),
+                Some(Held::File(json)) => vouched(files.find(id).ok().flatten(), json),
+                Some(Held::Columns { json, index }) => {
+                    files.columns(id, json, index).verify().is_ok().then_some(json.bytes)
+                }
+            };
+            if let Some(bytes) = bytes {
                 found.results += 1;
-                found.result_bytes += stored.bytes;
+                found.result_bytes += bytes;
             } else {
                 found.damages(id, "results");
             }
@@ -77,7 +84,7 @@ impl Inspection {
         for id in database.names().difference(&known) {
             found.damages(*id, "row");
         }
-        found.orphaned = files.names()?.filter(|id| !known.contains(id)).count();
+        found.orphaned = files.names()?.difference(&known).count();
         Ok(found)
     }
 

@@ -11,11 +11,11 @@
 //! failed; one stopped by its client is *dismissed*. All three keep the trajectory so far. A running job that is
 //! parked goes back to accepted, for the next process to take up.
 
-use super::digest::Digest;
 use super::ended::{Ended, Ending, Timing};
 use super::idempotency::Key;
 use super::{Client, Record};
 use crate::context::Context;
+use crate::digest::Digest;
 use crate::worker::Facts;
 use jiff::Timestamp;
 use problem::Control;
@@ -256,15 +256,19 @@ impl Job {
 
     /// Accepted to running, at most `wall` long. Nothing if it has been dismissed or parked meanwhile.
     pub(super) fn start(&self, wall: Duration) -> Option<Arc<Control>> {
+        self.start_within(match Instant::now().checked_add(wall) {
+            Some(deadline) => Control::with_deadline(deadline),
+            None => Control::new(),
+        })
+    }
+
+    /// The same, as long as `control` lets it.
+    pub(super) fn start_within(&self, control: Control) -> Option<Arc<Control>> {
         let mut life = self.lock();
         if life.parked || !matches!(life.state, State::Accepted(_)) {
             return None;
         }
-        let started = Moment::now();
-        let control = Arc::new(match started.clock.checked_add(wall) {
-            Some(deadline) => Control::with_deadline(deadline),
-            None => Control::new(),
-        });
+        let (started, control) = (Moment::now(), Arc::new(control));
         life.state = State::Running { started, control: Arc::clone(&control), halt: None };
         Some(control)
     }

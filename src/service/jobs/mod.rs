@@ -10,7 +10,6 @@
 
 mod client;
 mod database;
-mod digest;
 mod disk;
 mod drain_rate;
 mod ended;
@@ -27,6 +26,8 @@ mod queue;
 mod record;
 mod reserve;
 mod results;
+mod seal;
+mod spool;
 mod store;
 mod tables;
 mod turns;
@@ -43,7 +44,7 @@ pub use inspection::Inspection;
 pub use job::{Halt, Job, JobId, Moment, Order, State};
 pub use pool::Pool;
 pub use queue::Room;
-pub use results::Results;
+pub use results::{Encoded, Opened, Results, SHORT, TooLarge};
 pub use turns::{Turn, Turns};
 pub use writer::Unwritable;
 
@@ -304,13 +305,18 @@ impl Jobs {
     /// Those of the disk.
     pub async fn results(&self, job: &Job, held: &Held) -> io::Result<Arc<Results>> {
         let results = self.store.results(job.id, held).await;
-        if let Err(error) = &results
-            && is_damage(error)
-        {
+        if let Err(error) = &results {
+            self.found(job, error).await;
+        }
+        results
+    }
+
+    /// Takes note that the results of a job could not be read for this reason: those that are damaged are not shown again.
+    pub async fn found(&self, job: &Job, error: &io::Error) {
+        if is_damage(error) {
             self.metrics.found_damaged();
             self.store.set_aside(job).await;
         }
-        results
     }
 
     /// Whether that name is of a job whose row on the disk is damaged.

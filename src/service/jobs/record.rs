@@ -1,10 +1,10 @@
 //! What the disk knows of a job, beside its specification and its results: JSON, a row a job.
 
 use super::Client;
-use super::digest::Digest;
 use super::ended::Ended;
 use super::idempotency::Key;
 use super::job::{Estimate, Halt, Job, Life, State};
+use crate::digest::Digest;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use specification::Time;
@@ -38,6 +38,28 @@ pub struct Record {
     pub dismissed: bool,
     /// How it ended, if it has.
     pub ended: Option<Ended>,
+}
+
+#[cfg(test)]
+impl Record {
+    /// The row of a job that left something.
+    pub fn example(held: super::Held) -> Self {
+        let ended = Ended { held: Some(held), ..Ended::unsolved(super::Ending::Successful) };
+        Self {
+            client: Client::at(std::net::Ipv4Addr::LOCALHOST.into()),
+            label: None,
+            horizon: Time { start: 0.0, end: 1.0 },
+            estimate: None,
+            created: ended.finished,
+            document_bytes: 2,
+            document: None,
+            key: None,
+            crashes: 0,
+            underway: false,
+            dismissed: false,
+            ended: Some(ended),
+        }
+    }
 }
 
 impl Record {

@@ -5,14 +5,15 @@
 //! one job are handed to the disk under the lock of its life, so that they are made in the order in which they came about.
 
 use super::database::Change;
-use super::digest::Digest;
 use super::disk::{Disk, Found};
 use super::ended::{Ended, Ending, Held};
 use super::index::{Index, Retention};
 use super::job::{Halt, Job, JobId, Keeping, Life, State};
+use super::spool::Spool;
 use super::unsaved::Unsaved;
 use super::writer::{Answer, Place, Unwritable};
 use super::{Record, Results};
+use crate::digest::Digest;
 use crate::metrics::Metrics;
 use jiff::Timestamp;
 use std::collections::HashSet;
@@ -57,7 +58,7 @@ impl Store {
                 && ended.damaged
             {
                 // They may have been put back.
-                ended.damaged = ended.held.as_ref().is_some_and(|held| disk.results(id, held).is_err());
+                ended.damaged = ended.held.as_ref().is_some_and(|held| disk.verify(id, held).is_err());
             }
             let finished = record.ended.as_ref().map(|ended| (ended.finished, ended.bytes()));
             let job = Arc::new(Job::recovered(id, record));
@@ -102,10 +103,8 @@ impl Store {
 
     /// A place for news of a job that the disk keeps, on a full disk too.
     async fn passage(&self) -> Result<Option<Place>, Unwritable> {
-        match &self.disk {
-            Some(disk) => disk.place().await.map(Some),
-            None => Ok(None),
-        }
+        let Some(disk) = &self.disk else { return Ok(None) };
+        disk.place().await.map(Some)
     }
 
     /// Hands `job` to the disk.
@@ -333,12 +332,17 @@ impl Store {
         match (held, &self.disk) {
             (Held::Memory(results), _) => Ok(Arc::clone(results)),
             (Held::Table(_), Some(disk)) => disk.results(id, held),
-            (Held::File(_), Some(disk)) => {
+            (Held::File(_) | Held::Columns { .. }, Some(disk)) => {
                 let (disk, held) = (Arc::clone(disk), held.clone());
                 spawn_blocking(move || disk.results(id, &held)).await.map_err(io::Error::other)?
             }
             (_, None) => Err(io::ErrorKind::NotFound.into()),
         }
+    }
+
+    /// Takes the long results of a job as they come.
+    pub fn spool(&self, id: JobId) -> Spool {
+        Spool::new(self.disk.as_ref().map(|disk| disk.scratch(id)))
     }
 
     /// Whether that name is of a job whose row is damaged.
@@ -353,9 +357,7 @@ impl Store {
         let mut life = job.lock();
         let State::Ended(ended) = &life.state else { return };
         let damaged = Ended { damaged: true, ..Ended::clone(ended) };
-        if let Ok(place) = place
-            && life.is_lasting()
-        {
+        if let Some(place) = place.ok().filter(|_| life.is_lasting()) {
             place.take(Change::record(job.id, &Record::of(job, &life).ended(&damaged)), drop);
         }
         life.state = State::Ended(Arc::new(damaged));

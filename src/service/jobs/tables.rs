@@ -3,18 +3,20 @@
 //! | format | since | what is there |
 //! |---|---|---|
 //! | 1 | 0.1 | rows as JSON; no table `format` |
-//! | 2 | | rows behind a digest, with the digests of specifications and results in them |
+//! | 2 | | rows behind a digest, with the digests of specifications and results in them; long results as JSON |
+//! | 3 | | long results as columns |
 //!
 //! A store of an earlier format is brought up to date in one transaction when it is opened. One of a later format is refused,
 //! and so is a later store by the versions before formats were told: the type of its rows has another name.
 
 use super::JobId;
-use super::digest::{Digest, seal};
+use super::seal::{seal, unseal};
+use crate::digest::{Digest, Fingerprint};
 use redb::{Database, ReadableDatabase, ReadableTable, TableDefinition, TableHandle, TypeName, Value};
 use serde_json::json;
 
 /// The format that is written.
-pub const FORMAT: u64 = 2;
+pub const FORMAT: u64 = 3;
 
 /// Rows of jobs, sealed.
 pub const JOBS: TableDefinition<'_, u128, Sealed> = TableDefinition::new("jobs");
@@ -71,13 +73,18 @@ pub fn format(redb: &Database) -> Result<Option<u64>, redb::Error> {
     Ok(has(JOBS.name()).then_some(1))
 }
 
-/// Makes the tables, from those of an earlier format where there are any, all or nothing. Of a result that is a file,
-/// `digest` gives its length and its digest.
-pub fn make(
-    redb: &Database,
-    format: Option<u64>,
-    digest: &dyn Fn(JobId) -> Option<(usize, Digest)>,
-) -> Result<(), redb::Error> {
+/// A file of results as JSON.
+#[derive(Clone, Copy, Debug)]
+pub struct InFile {
+    /// Of the JSON.
+    pub json: Fingerprint,
+    /// Of the index of the columns that stand beside it now, if they do.
+    pub index: Option<Fingerprint>,
+}
+
+/// Makes the tables, from those of an earlier format where there are any, all or nothing. `file` looks at the file of results
+/// of a job, and puts columns beside it if it may.
+pub fn make(redb: &Database, format: Option<u64>, file: &dyn Fn(JobId) -> Option<InFile>) -> Result<(), redb::Error> {
     let mut transaction = redb.begin_write()?;
     transaction.set_quick_repair(true);
     if format == Some(1) {
@@ -90,15 +97,30 @@ pub fn make(
                 let (number, row) = row?;
                 let (number, id) = (number.value(), JobId::of_number(number.value()));
                 let document = specifications.get(number)?.map(|document| Digest::of(document.value()));
-                let in_table = results.get(number)?.map(|json| (json.value().len(), Digest::of(json.value())));
+                let in_table = results.get(number)?.map(|json| Fingerprint::of(json.value()));
                 let row = with_digests(row.value(), document, |place| match place {
                     "table" => in_table,
-                    _ => digest(id),
+                    _ => file(id).map(|found| found.json),
                 });
                 jobs.insert(number, seal(id, &row).as_slice())?;
             }
         }
         transaction.delete_table(JOBS_ON_THE_WAY)?;
+    }
+    if matches!(format, Some(1 | 2)) {
+        let mut jobs = transaction.open_table(JOBS)?;
+        let mut changed = Vec::new();
+        for row in jobs.iter()? {
+            let (number, sealed) = row?;
+            let id = JobId::of_number(number.value());
+            // One that is damaged stays as it is.
+            if let Some(row) = unseal(id, sealed.value()).and_then(|row| with_columns(row, || file(id))) {
+                changed.push((number.value(), seal(id, &row)));
+            }
+        }
+        for (number, sealed) in changed {
+            jobs.insert(number, sealed.as_slice())?;
+        }
     }
     for table in [SPECIFICATIONS, RESULTS] {
         transaction.open_table(table)?;
@@ -112,7 +134,7 @@ pub fn make(
 
 /// A row of format 1 as one of format 2. One that cannot be read stays as it is. Results that are missing, or not as long as
 /// they were, get the digest of nothing, for which they will be found damaged.
-fn with_digests(row: &[u8], document: Option<Digest>, digest: impl Fn(&str) -> Option<(usize, Digest)>) -> Vec<u8> {
+fn with_digests(row: &[u8], document: Option<Digest>, find: impl Fn(&str) -> Option<Fingerprint>) -> Vec<u8> {
     let Ok(mut value) = serde_json::from_slice::<serde_json::Value>(row) else { return row.to_vec() };
     if !value.is_object() {
         return row.to_vec();
@@ -125,8 +147,8 @@ fn with_digests(row: &[u8], document: Option<Digest>, digest: impl Fn(&str) -> O
         if let Some(held) = value.pointer_mut(&pointer)
             && let Some(bytes) = held.as_u64()
         {
-            let found = digest(place).filter(|(length, _)| *length as u64 == bytes);
-            let digest = found.map_or_else(|| Digest::of(&[]), |(_, digest)| digest);
+            let found = find(place).filter(|found| found.bytes as u64 == bytes);
+            let digest = found.map_or_else(|| Digest::of(&[]), |found| found.digest);
             *held = json!({"bytes": bytes, "digest": digest});
         }
     }
@@ -134,9 +156,28 @@ fn with_digests(row: &[u8], document: Option<Digest>, digest: impl Fn(&str) -> O
     serde_json::to_vec(&value).unwrap_or_else(|_| row.to_vec())
 }
 
+/// A row with its results as columns, where they were a file of JSON that is what it was; nothing if the row does not change.
+fn with_columns(row: &[u8], file: impl Fn() -> Option<InFile>) -> Option<Vec<u8>> {
+    let mut value = serde_json::from_slice::<serde_json::Value>(row).ok()?;
+    let held = value.pointer_mut("/ended/held")?;
+    let InFile { json, index } = file().filter(|found| held["file"] == json!(found.json))?;
+    *held = json!({"columns": {"json": json, "index": index?}});
+    serde_json::to_vec(&value).ok()
+}
+
+/// Says of a store that it has another format.
+#[cfg(test)]
+pub fn set_format(path: &std::path::Path, format: u64) -> Result<(), redb::Error> {
+    let transaction = Database::open(path)?.begin_write()?;
+    transaction.open_table(FORMATS)?.insert((), format)?;
+    transaction.commit()?;
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::jobs::Held;
     use crate::jobs::database::Database as Jobs;
     use std::path::PathBuf;
     use std::{fs, io};
@@ -185,9 +226,10 @@ mod tests {
             Ok(())
         });
         // The third is missing.
-        let digest = |id: JobId| (id.number() == 2).then(|| (7, Digest::of(b"results")));
+        let json = Fingerprint::of(b"results");
+        let in_file = |id: JobId| (id.number() == 2).then_some(InFile { json, index: Some(Fingerprint::of(b"index")) });
         for _ in 0..2 {
-            let jobs = Jobs::open(Jobs::at(&file.0), &digest).unwrap().0;
+            let jobs = Jobs::open(Jobs::at(&file.0), &in_file).unwrap().0;
             let rows = jobs.records();
             assert_eq!(rows.unreadable, [JobId::of_number(4)]);
             let told: Vec<_> = rows
@@ -195,10 +237,16 @@ mod tests {
                 .iter()
                 .map(|(_, record)| {
                     let held = record.ended.as_ref().and_then(|ended| ended.held.as_ref()).unwrap();
-                    (record.document == Some(Digest::of(b"document")), held.digest() == Digest::of(b"results"))
+                    let place = match held {
+                        Held::Memory(_) => "memory",
+                        Held::Table(_) => "table",
+                        Held::File(_) => "file",
+                        Held::Columns { .. } => "columns",
+                    };
+                    (record.document == Some(Digest::of(b"document")), place, held.digest() == json.digest)
                 })
                 .collect();
-            assert_eq!(told, [(true, true), (true, true), (true, false)]);
+            assert_eq!(told, [(true, "table", true), (true, "columns", true), (true, "file", false)]);
         }
     }
 

@@ -2,9 +2,9 @@
 
 use super::ended::{Ended, Ending, Fault, Held};
 use super::job::{Halt, Job, State};
-use super::results::{Results, TooLarge};
+use super::results::{Long, Results, TooLarge};
 use super::{Jobs, is_damage};
-use crate::worker::{Death, Finished, Solved, Supervisor, Watch};
+use crate::worker::{Death, Finished, Left, Prints, Solved, Supervisor, Watch};
 use problem::Control;
 use solution::{Status, Verdict};
 use std::borrow::Cow;
@@ -137,7 +137,8 @@ impl Jobs {
         self.metrics.waited(job.created.clock.elapsed());
         let begun = Instant::now();
         let watch = Watch { control, halted: &job.halted, is_unwanted: &|| job.is_forgotten() };
-        let finished = supervisor.perform(true, document, self.limits(), &watch).await;
+        let mut spool = self.store.spool(job.id);
+        let finished = supervisor.perform(true, document, self.limits(), &watch, &mut spool).await;
         let halted = job.halted();
         let broken = |fault, code: &'static str| {
             self.metrics.ended(job.problem(), code.into(), begun.elapsed());
@@ -147,11 +148,17 @@ impl Jobs {
             Ok(Finished::Solved(solved, _)) if halted == Some(Halt::Park) && solved.status == Status::Stopped => {
                 Outcome::Stopped
             }
-            Ok(Finished::Solved(solved, json)) => {
+            Ok(Finished::Solved(solved, left)) => {
                 self.metrics.solved(&solved, begun.elapsed());
                 let Solved { status, failed, verdict, .. } = *solved;
                 let ending = Ending::of(status, failed.as_ref().map(|failed| &*failed.message), halted.is_some());
-                Outcome::Ended(self.ended(job, ending, Some(verdict), Ok(Results::read(json))).into())
+                let results = match left {
+                    Left::Text(json) => Results::read(json),
+                    Left::Columns(Prints { json, index }) => {
+                        Results::Columns(Long { backing: spool.end(), json, index })
+                    }
+                };
+                Outcome::Ended(self.ended(job, ending, Some(verdict), Ok(results)).into())
             }
             Ok(Finished::TooMuchMemory(estimate)) => {
                 let fault = Fault::TooMuchMemory { allowed: self.bounds.memory, asked: None, estimate: Some(estimate) };

@@ -7,6 +7,7 @@ use super::link::{Finished, Watch};
 use super::message::{Facts, Finding, Limits};
 use super::supervisor::{Notice, Supervisor};
 use problem::Control;
+use std::io;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, PoisonError};
 use tokio::sync::Notify;
@@ -47,7 +48,7 @@ impl Checkers {
             let mut supervisor = checkers.take();
             let (control, is_unwanted) = (Control::new(), || asked.is_unwanted.load(Relaxed));
             let watch = Watch { control: &control, halted: &asked.halted, is_unwanted: &is_unwanted };
-            let finished = supervisor.perform(false, &document, limits, &watch).await;
+            let finished = supervisor.perform(false, &document, limits, &watch, &mut io::sink()).await;
             checkers.resting().push(supervisor);
             drop(turn);
             finished

@@ -3,10 +3,10 @@
 use super::Death;
 use super::frame::{self, Decoder};
 use super::launcher::Start;
-use super::message::{Facts, Limits, Order, Report, Solved, VERSION};
+use super::message::{Facts, Limits, Order, Prints, Report, Solved, VERSION};
 use super::{Confinement, Loss};
 use problem::Control;
-use std::io::{self, Read};
+use std::io::{self, Read, Write};
 use std::process::{Child, ChildStderr};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
@@ -51,8 +51,8 @@ pub struct Watch<'a> {
 /// What has become of a task.
 #[derive(Debug)]
 pub enum Finished {
-    /// The solve returned, with its result as JSON.
-    Solved(Box<Solved>, Vec<u8>),
+    /// The solve returned.
+    Solved(Box<Solved>, Left),
     /// The document is correct; its summary as JSON.
     Checked(Facts, Vec<u8>),
     /// The document has errors, as JSON; or its check was interrupted.
@@ -61,6 +61,15 @@ pub enum Finished {
     TooMuchMemory(usize),
     /// The result would be longer than it may be.
     TooLarge,
+}
+
+/// The result of a solve.
+#[derive(Debug)]
+pub enum Left {
+    /// A short one, as JSON.
+    Text(Vec<u8>),
+    /// The columns of a long one have been written where they were to be, and are known by these.
+    Columns(Prints),
 }
 
 /// A worker at the other end of two pipes.
@@ -104,7 +113,7 @@ impl Link {
         while self.receive().await.is_ok() {}
     }
 
-    /// Has a document solved, or only checked, under watch.
+    /// Has a document solved, or only checked, under watch. The columns of a long result are written to `long`.
     ///
     /// # Errors
     /// The worker is lost.
@@ -114,6 +123,7 @@ impl Link {
         document: &[u8],
         limits: Limits,
         watch: &Watch<'_>,
+        long: &mut (dyn Write + Send),
     ) -> Result<Finished, Loss> {
         self.task += 1;
         let task = self.task;
@@ -129,7 +139,6 @@ impl Link {
         }
         let mut looks = interval_at(begun + LOOK, LOOK);
         looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
-        let mut json = Vec::new();
         loop {
             select! {
                 biased;
@@ -149,14 +158,18 @@ impl Link {
                     Ok((Report::Piece { .. }, bytes)) => {
                         // It has heeded what it was to heed, and is on its way out.
                         end = end.max(Instant::now() + OVERRUN);
-                        json.extend_from_slice(&bytes);
+                        if let Err(error) = long.write_all(&bytes) {
+                            return Err(self.not_kept(&error).await);
+                        }
                     }
-                    Ok((Report::Solved { solved, progress, resident, .. }, bytes)) => {
+                    Ok((Report::Solved { columns, solved, progress, resident, .. }, bytes)) => {
                         self.resident = resident;
                         progress.relay(watch.control);
-                        json.extend_from_slice(&bytes);
-                        json.shrink_to_fit();
-                        return Ok(Finished::Solved(solved, json));
+                        let Some(prints) = columns else { return Ok(Finished::Solved(solved, Left::Text(bytes))) };
+                        if let Err(error) = long.write_all(&bytes) {
+                            return Err(self.not_kept(&error).await);
+                        }
+                        return Ok(Finished::Solved(solved, Left::Columns(prints)));
                     }
                     Ok((Report::Checked { facts, resident, .. }, bytes)) => {
                         self.resident = resident;
@@ -202,6 +215,11 @@ impl Link {
                 return Err(io::ErrorKind::UnexpectedEof.into());
             }
         }
+    }
+
+    /// A long result could be kept neither on the disk nor in memory.
+    async fn not_kept(&mut self, error: &io::Error) -> Loss {
+        Loss::Died(self.defect(&format!("a result could not be kept: {error}")).await)
     }
 
     async fn overrun(&mut self) -> Loss {

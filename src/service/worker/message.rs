@@ -8,13 +8,14 @@
 //! front:  Look                          as often as somebody may want to know
 //! worker: Progress
 //! front:  Cancel                        the end comes soon, with the trajectory so far
-//! worker: Piece + bytes ..              a long result
+//! worker: Piece + bytes ..              a long result, as columns
 //! worker: Solved + bytes | Checked + bytes | Refused + bytes | TooMuchMemory | TooLarge | Defect
 //! ```
 //!
 //! Messages carry the number of their task: one that comes late is passed over.
 
 use super::Confinement;
+use crate::digest::Fingerprint;
 use problem::{Control, Event};
 use serde::{Deserialize, Serialize};
 use solution::{Failure, Solution, Status, Verdict};
@@ -24,7 +25,7 @@ use std::time::Duration;
 use utoipa::ToSchema;
 
 /// The version of these messages: a worker of another is not given anything.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 
 /// What a worker is asked.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -79,15 +80,17 @@ pub enum Report {
         /// How far.
         progress: Progress,
     },
-    /// The next bytes of the result come with it.
+    /// The next bytes of a long result, as columns, come with it.
     Piece {
         /// The number of the task.
         task: u64,
     },
-    /// The solve has returned; the last bytes of the result, as JSON, come with it.
+    /// The solve has returned; a short result, as JSON, comes with it, and the last bytes of a long one.
     Solved {
         /// The number of the task.
         task: u64,
+        /// What the columns of a long result are known by.
+        columns: Option<Prints>,
         /// How it ended.
         solved: Box<Solved>,
         /// How far it came.
@@ -182,7 +185,7 @@ impl Limits {
     /// # Errors
     /// All that is wrong with it.
     pub fn check(&self, draft: Draft, control: &Control) -> Result<Specification, Vec<SpecificationError>> {
-        Ok(draft.check(control)?.within_steps(self.steps).within_memory(self.memory))
+        Ok(draft.check_within(self.memory, control)?.within_steps(self.steps))
     }
 }
 
@@ -210,6 +213,15 @@ impl From<SpecificationError> for Finding {
         let SpecificationError { pointer, code, detail, expected, did_you_mean } = error;
         Self { pointer, code: code.into(), detail, expected, did_you_mean }
     }
+}
+
+/// What the columns of a long result are known by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Prints {
+    /// Of the JSON that they stand for.
+    pub json: Fingerprint,
+    /// Of their index, which is at their end.
+    pub index: Fingerprint,
 }
 
 /// How far a task is.

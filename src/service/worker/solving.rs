@@ -2,10 +2,13 @@
 //! that one has the same size whatever the shell of the front allows.
 
 use super::frame;
-use super::message::{Facts, Limits, Order, Progress, Report, Solved, VERSION};
+use super::message::{Facts, Limits, Order, Prints, Progress, Report, Solved, VERSION};
 use super::{Confinement, confinement};
+use crate::digest::Fingerprint;
+use crate::jobs::{Encoded, TooLarge};
 use problem::Control;
-use solution::{Solution, encodings};
+use solution::Solution;
+use solution::columnar::write_columns;
 use specification::Specification;
 use std::any::Any;
 use std::io::{self, BufWriter, Read, Write};
@@ -185,36 +188,33 @@ fn work<W: Write>(desk: &Desk<W>, solver: &Solver, assignment: Assignment) -> io
     let control = Arc::new(within(begun, asked.into_iter().chain(limits.wall()).min()));
     desk.replace(&control);
     let solution = solver(&specification, &control);
-    let mut pieces = BufWriter::with_capacity(PIECE, Pieces { desk, task, room: limits.result_bytes });
-    match encodings::write_json(&solution, &mut pieces) {
-        // Longer than the last piece may be, or than all may be.
-        Err(error) if error.kind() == io::ErrorKind::FileTooLarge => {
-            return desk.report(&Report::TooLarge { task }, &[]);
+    let encoded = match Encoded::of(&solution, limits.result_bytes) {
+        Ok(encoded) => encoded,
+        Err(TooLarge) => return desk.report(&Report::TooLarge { task }, &[]),
+    };
+    let (columns, rest) = match encoded {
+        Encoded::Text(json) => (None, json),
+        Encoded::Columns(json, skeleton) => {
+            let mut pieces = BufWriter::with_capacity(PIECE, Pieces { desk, task });
+            let index = Fingerprint::of(&write_columns(&solution.trajectory, &skeleton, &mut pieces)?);
+            // What is still in the buffer goes with the last report.
+            (Some(Prints { json, index }), pieces.into_parts().1.map_err(io::Error::other)?)
         }
-        written => written?,
-    }
-    // What is still in the buffer goes with the last report.
-    let (pieces, rest) = pieces.into_parts();
-    let rest = rest.map_err(io::Error::other)?;
-    if rest.len() > pieces.room {
-        return desk.report(&Report::TooLarge { task }, &[]);
-    }
+    };
     let solved = Box::new(Solved::of(specification.problem(), &solution));
     let progress = desk.progress(task).unwrap_or_default();
     drop((solution, specification));
-    desk.report(&Report::Solved { task, solved, progress, resident: confinement::resident() }, &rest)
+    desk.report(&Report::Solved { task, columns, solved, progress, resident: confinement::resident() }, &rest)
 }
 
-/// A result on its way, with so many bytes of room.
+/// A long result on its way.
 struct Pieces<'a, W> {
     desk: &'a Desk<W>,
     task: u64,
-    room: usize,
 }
 
 impl<W: Write> Write for Pieces<'_, W> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.room = self.room.checked_sub(bytes.len()).ok_or(io::ErrorKind::FileTooLarge)?;
         self.desk.report(&Report::Piece { task: self.task }, bytes)?;
         Ok(bytes.len())
     }

@@ -5,7 +5,7 @@ use super::link::{Finished, Link, Watch};
 use super::message::Limits;
 use super::{Confinement, Death};
 use std::future::pending;
-use std::io;
+use std::io::{self, Write};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::time::sleep;
@@ -90,7 +90,7 @@ impl Supervisor {
         self.lost(&death);
     }
 
-    /// Has a document solved, or only checked.
+    /// Has a document solved, or only checked. The columns of a long result are written to `long`.
     ///
     /// # Errors
     /// Why the worker that had it died.
@@ -100,12 +100,13 @@ impl Supervisor {
         document: &[u8],
         limits: Limits,
         watch: &Watch<'_>,
+        long: &mut (dyn Write + Send),
     ) -> Result<Finished, Death> {
         let mut attempts = 0;
         loop {
             self.ready().await;
             let Some(link) = &mut self.link else { continue };
-            match link.perform(solve, document, limits, watch).await {
+            match link.perform(solve, document, limits, watch, long).await {
                 Ok(finished) => {
                     let resident = link.resident;
                     if resident > self.keep {

@@ -71,8 +71,12 @@ pub fn numbers(model: &ConvolutionModel, specification: &Specification) -> usize
     let steps = match plan_of(model, specification).mesh {
         Mesh::Fixed(steps) | Mesh::Halved { first: steps, .. } => steps,
     };
-    steps.saturating_mul(numbers_a_step(model, specification.method().stages))
+    let adapted = if specification.method().step.is_none() { OF_MESHES * model.variables() } else { 0 };
+    steps.saturating_mul(numbers_a_step(model, specification.method().stages)).saturating_add(adapted)
 }
+
+/// The numbers of each variable in the meshes and singular functions of a run that chooses its steps, measured.
+const OF_MESHES: usize = 4000;
 
 /// Refuses a run that would not fit into memory.
 pub fn check(model: &ConvolutionModel, method: &Method, time: Time, errors: &mut Errors) {

@@ -7,16 +7,16 @@ use crate::method::MethodName;
 use crate::place::Place;
 use crate::stages::Stages;
 use crate::start;
-use analysis::Analysis;
+use analysis::{Analysis, analysis_numbers};
 use models::{DviModel, Parameters, Unbindable};
 use problem::{Control, ConvexSet, Warning};
-use radau::matrix_numbers;
+use radau::run_numbers;
 use solution::{Diagnostics, Plan, Solution};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// The stages that a run with a choice of them begins with.
-const FEWEST_STAGES: usize = 3;
+/// The most stages that a run with a choice of them comes to, which most do.
+const MOST_STAGES: usize = 7;
 
 impl Model for DviModel {
     fn state_names(&self) -> Vec<String> {
@@ -98,9 +98,12 @@ impl Model for DviModel {
     fn numbers(&self, specification: &Specification) -> usize {
         let stages = match specification.method().stages {
             Stages::Fixed(stages) => stages as usize,
-            Stages::Auto => FEWEST_STAGES,
+            Stages::Auto => MOST_STAGES,
         };
-        matrix_numbers(self.structure(), stages)
+        let structure = self.structure();
+        // On faces that are met the theory looks again, when the solvers are at rest.
+        let analysed = if structure.variables > 0 { analysis_numbers(structure.unknowns()) } else { 0 };
+        run_numbers(structure, stages).max(analysed)
     }
 
     fn describe(&self, specification: &Specification) -> Diagnostics {

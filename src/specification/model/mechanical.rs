@@ -16,6 +16,10 @@ use std::sync::Arc;
 /// The relative residual of the law of contact where none is given: bodies at rest are not to creep.
 const CONTACT_TOLERANCE: f64 = 1e-12;
 
+/// The numbers of each coordinate in a run that locates impacts, measured: the stages and interpolants of smooth arcs, with the
+/// forces of contacts beside the coordinates, and the events found.
+const OF_ARCS: usize = 5000;
+
 impl Model for MechanicalModel {
     fn state_names(&self) -> Vec<String> {
         self.state_names.clone()
@@ -76,11 +80,14 @@ impl Model for MechanicalModel {
         Some(NOT_COMPARED)
     }
 
-    fn numbers(&self, _specification: &Specification) -> usize {
+    fn numbers(&self, specification: &Specification) -> usize {
         let structure = self.structure();
         let (n, rows) = (structure.coordinates, structure.rows());
+        let located = specification.method().impacts() == Impacts::Locate;
+        let of_arcs = if located { OF_ARCS.saturating_mul(n) } else { 0 };
         // The mass, what is implicit, two Jacobians; the responses to impulses.
-        n.saturating_mul(n).saturating_mul(4).saturating_add(n.saturating_mul(rows))
+        let matrices = n.saturating_mul(n).saturating_mul(4).saturating_add(n.saturating_mul(rows));
+        matrices.saturating_add(of_arcs)
     }
 
     fn describe(&self, specification: &Specification) -> Diagnostics {

@@ -89,8 +89,8 @@ pub trait Model: Any + Debug + Send + Sync {
     /// Why the error at the end is not estimated; `None` where it is.
     fn no_global_error(&self) -> Option<&'static str>;
 
-    /// What its bodies come to where they touch at the start.
-    fn load(&self, _control: &Control) -> Load {
+    /// What its bodies come to where they touch at the start, counted until it is far beyond so many bytes.
+    fn load(&self, _most: usize, _control: &Control) -> Load {
         Load::default()
     }
 

@@ -13,8 +13,10 @@ use solution::{Diagnostics, Plan, Solution};
 
 /// The relative residual of the law of contact where none is given: many redundant contacts leave no more digits.
 const TOLERANCE: f64 = 1e-10;
-/// Bytes that no machine has: contacts that take as many are not counted to their end.
-const ENOUGH: usize = 1 << 50;
+/// Contacts that take so many times what a solve may are not counted to their end: no figure makes it fit.
+const FAR_BEYOND: usize = 1000;
+/// Bytes that no process has addresses for: contacts that take as many are not counted to their end.
+const ENOUGH: usize = 1 << 47;
 /// The numbers of one state of a body: position, quaternion, velocity, rotation.
 const NUMBERS_A_BODY: usize = 13;
 
@@ -76,8 +78,8 @@ impl Model for Scene {
         Some(NOT_COMPARED)
     }
 
-    fn load(&self, control: &Control) -> Load {
-        Scene::load(self, ENOUGH, control).unwrap_or_default()
+    fn load(&self, most: usize, control: &Control) -> Load {
+        Scene::load(self, most.saturating_mul(FAR_BEYOND).min(ENOUGH), control).unwrap_or_default()
     }
 
     fn numbers(&self, _specification: &Specification) -> usize {

@@ -1,17 +1,13 @@
 //! Digests of what is stored (SHA-256, FIPS 180-4): bytes that a disk has changed are told from those that were written.
-//!
-//! The row of a job carries a digest over its own bytes and its name, so that no row passes for another's; in it are those of
-//! its specification and of its results.
 
-use super::JobId;
-use super::idempotency::hexadecimal;
+use crate::jobs::hexadecimal;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use sha2::{Digest as _, Sha256};
 use std::fmt;
 use std::io;
 
 /// The bytes of a digest.
-const LENGTH: usize = 32;
+pub const LENGTH: usize = 32;
 
 /// What bytes are known by.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -64,41 +60,59 @@ impl<'de> Deserialize<'de> for Digest {
     }
 }
 
-/// The bytes of a row of `id` as they are stored: their digest, and then they themselves.
-pub fn seal(id: JobId, row: &[u8]) -> Vec<u8> {
-    let mut sealed = Vec::with_capacity(LENGTH + row.len());
-    sealed.extend_from_slice(&digest_of_row(id, row));
-    sealed.extend_from_slice(row);
-    sealed
+/// The length of bytes and their digest.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Fingerprint {
+    /// How many bytes.
+    pub bytes: usize,
+    /// That of those bytes.
+    pub digest: Digest,
 }
 
-/// The bytes of a row of `id`; nothing if they, the digest or the name are not what was written.
-pub fn unseal(id: JobId, sealed: &[u8]) -> Option<&[u8]> {
-    let (digest, row) = sealed.split_first_chunk::<LENGTH>()?;
-    (*digest == digest_of_row(id, row)).then_some(row)
+impl Fingerprint {
+    /// That of `bytes`.
+    pub fn of(bytes: &[u8]) -> Self {
+        Self { bytes: bytes.len(), digest: Digest::of(bytes) }
+    }
 }
 
-fn digest_of_row(id: JobId, row: &[u8]) -> [u8; LENGTH] {
-    Sha256::new().chain_update(id.number().to_be_bytes()).chain_update(row).finalize().into()
+/// Takes the fingerprint of what is written, and refuses to take more bytes than a limit.
+pub struct Measure {
+    limit: usize,
+    bytes: usize,
+    hash: Sha256,
+}
+
+impl Measure {
+    /// Nothing written yet.
+    pub fn new(limit: usize) -> Self {
+        Self { limit, bytes: 0, hash: Sha256::new() }
+    }
+
+    /// The fingerprint of all that was written.
+    pub fn fingerprint(self) -> Fingerprint {
+        Fingerprint { bytes: self.bytes, digest: Digest(self.hash.finalize().into()) }
+    }
+}
+
+impl io::Write for Measure {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if bytes.len() > self.limit - self.bytes {
+            return Err(io::ErrorKind::FileTooLarge.into());
+        }
+        self.bytes += bytes.len();
+        self.hash.update(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_flipped_bit_and_a_row_of_another_are_told() {
-        let id = JobId::of_number(7);
-        let sealed = seal(id, b"a row");
-        assert_eq!(unseal(id, &sealed), Some(&b"a row"[..]));
-        assert_eq!(unseal(JobId::of_number(8), &sealed), None);
-        for bit in 0..8 * sealed.len() {
-            let mut flipped = sealed.clone();
-            flipped[bit / 8] ^= 1 << (bit % 8);
-            assert_eq!(unseal(id, &flipped), None, "bit {bit}");
-        }
-        assert_eq!(unseal(id, b"short"), None);
-    }
 
     #[test]
     fn a_digest_is_written_as_its_digits_and_read_back() {

@@ -1,0 +1,169 @@
+//! The text of a specification without the numbers of its `parameters`. The text is scanned, not parsed: it stands for nothing
+//! until a text with the same structure has been read, and its parameters were found to be these.
+
+use std::ops::Range;
+
+/// A text with its parameters' numbers left out, and these.
+#[derive(Debug)]
+pub struct Structure<'a> {
+    /// The text with `#` in place of each number.
+    pub text: Vec<u8>,
+    parameters: Vec<(&'a str, f64)>,
+}
+
+const KEY: &[u8] = b"\"parameters\"";
+
+impl<'a> Structure<'a> {
+    /// That of `text`, if one object of parameters stands in it, and some of them are numbers.
+    pub fn of(text: &'a [u8]) -> Option<Self> {
+        let key = find(text, KEY)?;
+        let rest = key + KEY.len();
+        if find(&text[rest..], KEY).is_some() {
+            return None;
+        }
+        let mut scanner = Scanner { text, place: rest };
+        scanner.take(b':')?;
+        scanner.take(b'{')?;
+        let (mut numbers, mut parameters) = (Vec::new(), Vec::new());
+        loop {
+            let name = scanner.string()?;
+            scanner.take(b':')?;
+            if scanner.peek()? == b'"' {
+                scanner.string()?;
+            } else {
+                let (range, number) = scanner.number()?;
+                numbers.push(range);
+                parameters.push((name, number));
+            }
+            match scanner.peek()? {
+                b',' => scanner.place += 1,
+                b'}' => break,
+                _ => return None,
+            }
+        }
+        if numbers.is_empty() {
+            return None;
+        }
+        let mut left = Vec::with_capacity(text.len());
+        let mut copied = 0;
+        for Range { start, end } in numbers {
+            left.extend_from_slice(&text[copied..start]);
+            left.push(b'#');
+            copied = end;
+        }
+        left.extend_from_slice(&text[copied..]);
+        Some(Self { text: left, parameters })
+    }
+
+    /// The parameters that are numbers.
+    pub fn parameters(&self) -> impl Iterator<Item = (&'a str, f64)> {
+        self.parameters.iter().copied()
+    }
+}
+
+fn find(text: &[u8], sought: &[u8]) -> Option<usize> {
+    text.windows(sought.len()).position(|window| window == sought)
+}
+
+/// A place in a text.
+struct Scanner<'a> {
+    text: &'a [u8],
+    place: usize,
+}
+
+impl<'a> Scanner<'a> {
+    /// The next byte that is no white space.
+    fn peek(&mut self) -> Option<u8> {
+        while matches!(self.text.get(self.place)?, b' ' | b'\t' | b'\n' | b'\r') {
+            self.place += 1;
+        }
+        self.text.get(self.place).copied()
+    }
+
+    fn take(&mut self, byte: u8) -> Option<()> {
+        (self.peek()? == byte).then(|| self.place += 1)
+    }
+
+    /// A string without escapes.
+    fn string(&mut self) -> Option<&'a str> {
+        self.take(b'"')?;
+        let rest = &self.text[self.place..];
+        let length = rest.iter().position(|byte| matches!(byte, b'"' | b'\\'))?;
+        self.place += length;
+        self.take(b'"')?;
+        str::from_utf8(&rest[..length]).ok()
+    }
+
+    /// A number as JSON has it (RFC 8259, section 6), if a double holds it.
+    fn number(&mut self) -> Option<(Range<usize>, f64)> {
+        self.peek()?;
+        let start = self.place;
+        self.skip(b"-");
+        match self.digits() {
+            0 => return None,
+            count if count > 1 && self.text[self.place - count] == b'0' => return None,
+            _ => {}
+        }
+        if self.skip(b".") && self.digits() == 0 {
+            return None;
+        }
+        if self.skip(b"eE") {
+            self.skip(b"+-");
+            if self.digits() == 0 {
+                return None;
+            }
+        }
+        let number: f64 = str::from_utf8(&self.text[start..self.place]).ok()?.parse().ok()?;
+        number.is_finite().then_some((start..self.place, number))
+    }
+
+    /// Passes one of these bytes over, if it comes next.
+    fn skip(&mut self, any: &[u8]) -> bool {
+        let found = self.text.get(self.place).is_some_and(|byte| any.contains(byte));
+        self.place += usize::from(found);
+        found
+    }
+
+    /// Passes digits over, and says how many.
+    fn digits(&mut self) -> usize {
+        let count = self.text[self.place..].iter().take_while(|byte| byte.is_ascii_digit()).count();
+        self.place += count;
+        count
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_of_parameters_are_left_out_and_nothing_else() {
+        let text = br#"{"a": 1, "parameters": {"m": 1.5e-3, "k":"2*m" , "f" :-0}, "time": {"end": 20}}"#;
+        let structure = Structure::of(text).unwrap();
+        assert_eq!(structure.text, br##"{"a": 1, "parameters": {"m": #, "k":"2*m" , "f" :#}, "time": {"end": 20}}"##);
+        assert!(structure.parameters().eq([("m", 1.5e-3), ("f", -0.0)]));
+    }
+
+    #[test]
+    fn what_is_no_flat_object_of_numbers_and_texts_has_no_structure() {
+        for text in [
+            "",
+            "{}",
+            r#"{"parameters"#,
+            r#"{"parameters": {"#,
+            r#"{"parameters": {}}"#,
+            r#"{"parameters": {"m": "1"}}"#,
+            r#"{"parameters": {"m": 01}}"#,
+            r#"{"parameters": {"m": +1}}"#,
+            r#"{"parameters": {"m": 1.}}"#,
+            r#"{"parameters": {"m": 1e}}"#,
+            r#"{"parameters": {"m": 1e999}}"#,
+            r#"{"parameters": {"m": null}}"#,
+            r#"{"parameters": {"m": {"n": 1}}}"#,
+            r#"{"parameters": {"\u006d": 1}}"#,
+            r#"{"parameters": {"m": 1}, "parameters": {"m": 2}}"#,
+        ] {
+            assert!(Structure::of(text.as_bytes()).is_none(), "{text}");
+        }
+    }
+}

@@ -1,0 +1,187 @@
+//! Long results on their way from a worker, and where they are afterwards. What a durable service receives goes to a file as it
+//! comes, so that memory holds little of it whoever waits for it; where the disk is full or there is none, memory keeps it.
+
+use super::files::OWN;
+use solution::columnar::Source;
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Write};
+use std::os::unix::fs::{FileExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// So many bytes are kept in memory, whatever there is.
+const IN_MEMORY: usize = 1 << 20;
+
+/// Where long results are.
+#[derive(Clone, Debug)]
+pub enum Backing {
+    /// In memory.
+    Memory(Arc<Vec<u8>>),
+    /// In a file that goes when nobody needs it any more.
+    Scratch(Arc<Scratch>),
+    /// In a file that stays.
+    File(PathBuf),
+}
+
+impl Backing {
+    /// In memory.
+    pub fn memory(bytes: Vec<u8>) -> Self {
+        Self::Memory(Arc::new(bytes))
+    }
+
+    /// To be read at any place; and how many bytes there are.
+    ///
+    /// # Errors
+    /// Those of the disk; [`io::ErrorKind::InvalidData`] where the file is gone.
+    pub fn open(&self) -> io::Result<(Arc<dyn Source>, u64)> {
+        let path = match self {
+            Self::Memory(bytes) => return Ok((Arc::<Vec<u8>>::clone(bytes), bytes.len() as u64)),
+            Self::Scratch(scratch) => &scratch.0,
+            Self::File(path) => path,
+        };
+        let file = File::open(path).map_err(|error| match error.kind() {
+            io::ErrorKind::NotFound => io::Error::new(io::ErrorKind::InvalidData, "the file of results is gone"),
+            _ => error,
+        })?;
+        let length = file.metadata()?.len();
+        Ok((Arc::new(OnDisk(file)), length))
+    }
+}
+
+/// An open file: it can be read to its end even when its name is gone.
+struct OnDisk(File);
+
+impl Source for OnDisk {
+    fn read_at(&self, offset: u64, bytes: &mut [u8]) -> io::Result<()> {
+        self.0.read_exact_at(bytes, offset)
+    }
+}
+
+/// A file that is removed when this is dropped; a start removes what a crash has left.
+#[derive(Debug)]
+pub struct Scratch(PathBuf);
+
+impl Scratch {
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.0
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        // It may be in a folder that was removed.
+        let _ = fs::remove_file(&self.0);
+    }
+}
+
+/// Takes bytes as they come.
+#[derive(Debug)]
+pub struct Spool {
+    /// Where a file would be, if there is a folder for it.
+    path: Option<PathBuf>,
+    memory: Vec<u8>,
+    file: Option<(File, Scratch)>,
+}
+
+impl Spool {
+    /// Nothing yet; with a file at `path` when it becomes much.
+    pub fn new(path: Option<PathBuf>) -> Self {
+        Self { path, memory: Vec::new(), file: None }
+    }
+
+    /// Where it all is.
+    pub fn end(mut self) -> Backing {
+        match self.file.take() {
+            Some((_, scratch)) => Backing::Scratch(Arc::new(scratch)),
+            None => {
+                self.memory.shrink_to_fit();
+                Backing::memory(self.memory)
+            }
+        }
+    }
+
+    /// Goes over to a file, if there may be one.
+    fn begin_file(&mut self) {
+        let Some(path) = self.path.take() else { return };
+        let opened = OpenOptions::new().read(true).write(true).create(true).truncate(true).mode(OWN).open(&path);
+        let file = opened.map(|file| (file, Scratch(path)));
+        match file.and_then(|(mut file, scratch)| file.write_all(&self.memory).map(|()| (file, scratch))) {
+            Ok(file) => {
+                self.memory = Vec::new();
+                self.file = Some(file);
+            }
+            Err(error) => tracing::warn!(%error, "long results are kept in memory"),
+        }
+    }
+
+    /// Takes the first `length` bytes of the file back into memory.
+    fn take_back(&mut self, file: &File, length: u64) -> io::Result<()> {
+        self.memory.resize(usize::try_from(length).map_err(io::Error::other)?, 0);
+        file.read_exact_at(&mut self.memory, 0)
+    }
+}
+
+impl Write for Spool {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if self.file.is_none() && self.memory.len() + bytes.len() > IN_MEMORY {
+            self.begin_file();
+        }
+        let Some((mut file, scratch)) = self.file.take() else {
+            self.memory.extend_from_slice(bytes);
+            return Ok(bytes.len());
+        };
+        let before = file.metadata()?.len();
+        if let Err(error) = file.write_all(bytes) {
+            tracing::warn!(%error, "long results are kept in memory");
+            self.take_back(&file, before)?;
+            self.memory.extend_from_slice(bytes);
+        } else {
+            self.file = Some((file, scratch));
+        }
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn bytes(backing: &Backing) -> Vec<u8> {
+        let (source, length) = backing.open().unwrap();
+        let mut bytes = vec![0; usize::try_from(length).unwrap()];
+        source.read_at(0, &mut bytes).unwrap();
+        bytes
+    }
+
+    #[test]
+    fn what_was_written_is_there_as_long_as_it_is_needed() {
+        let path = std::env::temp_dir().join(format!("dvi-spool-{}", std::process::id()));
+        for (path, pieces, on_disk) in
+            [(None, 40, false), (Some(path.clone()), 2, false), (Some(path.clone()), 40, true)]
+        {
+            let mut spool = Spool::new(path.clone());
+            let mut written = Vec::new();
+            for k in 0..pieces {
+                let piece = vec![k; 100_000];
+                spool.write_all(&piece).unwrap();
+                written.extend(piece);
+            }
+            let backing = spool.end();
+            assert_eq!((bytes(&backing) == written, matches!(backing, Backing::Scratch(_))), (true, on_disk));
+            drop(backing);
+            assert!(path.is_none_or(|path| !path.exists()));
+        }
+    }
+
+    #[test]
+    fn where_no_file_can_be_made_memory_keeps_it() {
+        let mut spool = Spool::new(Some("/no/such/folder/file".into()));
+        spool.write_all(&vec![7; 3 << 20]).unwrap();
+        assert_eq!(bytes(&spool.end()), vec![7; 3 << 20]);
+    }
+}

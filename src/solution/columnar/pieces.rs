@@ -1,0 +1,160 @@
+//! Answers in pieces of bounded size: JSON a column after the other, tables a row after the other. The pieces of an answer in a
+//! row are what it would be as a whole.
+
+use super::{Columns, Rows, Skeleton};
+use crate::encodings::Table;
+use crate::excerpt::Selection;
+use crate::{Field, Trajectory};
+use std::io::{self, Write};
+
+/// Numbers in a piece, about 64 KiB of text.
+const PIECE: usize = 4096;
+
+/// JSON in the making.
+pub struct JsonPieces {
+    selection: Selection,
+    skeleton: Skeleton,
+    /// The column and the row that come next; nothing before the first.
+    next: Option<(usize, usize)>,
+}
+
+impl JsonPieces {
+    /// The JSON of a selection, the rest of it as in `skeleton`.
+    pub fn new(selection: Selection, skeleton: Skeleton) -> Self {
+        Self { selection, skeleton, next: None }
+    }
+
+    /// Writes the next piece; says whether there is more.
+    ///
+    /// # Errors
+    /// Those of the columns and of `out`.
+    pub fn write(&mut self, columns: &dyn Columns, out: &mut dyn Write) -> io::Result<bool> {
+        let [before, between, after] = self.skeleton.around_columns();
+        let (mut column, mut row) = self.next.unwrap_or_default();
+        if self.next.is_none() {
+            out.write_all(before.as_bytes())?;
+        }
+        let (rows, fields) = (self.selection.rows.len(), &self.selection.fields);
+        let mut room = PIECE;
+        while room > 0 && column <= fields.len() {
+            if row == 0 {
+                begin(column.checked_sub(1).map(|k| (k, columns.names()[fields[k]])), out)?;
+            }
+            let part = self.selection.rows.part(row, room);
+            let of = column.checked_sub(1).map_or(0, |k| fields[k] + 1);
+            for (k, value) in columns.values(of, part)?.iter().enumerate() {
+                if row + k > 0 {
+                    out.write_all(b",")?;
+                }
+                serde_json::to_writer(&mut *out, value)?;
+            }
+            // A column counts for one, so that many empty ones make more than one piece.
+            room = room.saturating_sub(part.len().max(1));
+            row += part.len();
+            if row < rows {
+                break;
+            }
+            out.write_all(b"]")?;
+            if column == 0 {
+                out.write_all(between.as_bytes())?;
+                out.write_all(b"{")?;
+            }
+            (column, row) = (column + 1, 0);
+        }
+        self.next = Some((column, row));
+        if column <= fields.len() {
+            return Ok(true);
+        }
+        out.write_all(b"}")?;
+        out.write_all(after.as_bytes())?;
+        Ok(false)
+    }
+}
+
+/// Writes what comes before the numbers of a column: of the times, or of a field with its place and its name.
+fn begin(field: Option<(usize, &str)>, out: &mut dyn Write) -> io::Result<()> {
+    if let Some((place, name)) = field {
+        if place > 0 {
+            out.write_all(b",")?;
+        }
+        serde_json::to_writer(&mut *out, name)?;
+        out.write_all(b":")?;
+    }
+    out.write_all(b"[")
+}
+
+/// A table in the making.
+pub struct TablePieces {
+    selection: Selection,
+    table: Box<dyn Table>,
+    /// The row that comes next.
+    next: usize,
+}
+
+impl TablePieces {
+    /// The table of a selection.
+    pub fn new(selection: Selection, table: Box<dyn Table>) -> Self {
+        Self { selection, table, next: 0 }
+    }
+
+    /// Writes the next piece; says whether there is more.
+    ///
+    /// # Errors
+    /// Those of the columns and of `out`.
+    pub fn write(&mut self, columns: &dyn Columns, out: &mut dyn Write) -> io::Result<bool> {
+        let count = (PIECE / (self.selection.fields.len() + 1)).max(1);
+        let rows = self.selection.rows.part(self.next, count);
+        let block = self.selection.block(columns, rows)?;
+        if self.next == 0 {
+            self.table.begin(&block, out)?;
+        }
+        if !rows.is_empty() {
+            self.table.rows(&block, 0..rows.len(), out)?;
+        }
+        self.next += rows.len();
+        let more = self.next < self.selection.rows.len();
+        if !more {
+            self.table.end(out)?;
+        }
+        Ok(more)
+    }
+}
+
+/// Writes the JSON of all that there is.
+///
+/// # Errors
+/// Those of the columns and of `out`.
+pub fn write_whole(columns: &dyn Columns, skeleton: &Skeleton, out: &mut dyn Write) -> io::Result<()> {
+    let mut pieces = JsonPieces::new(Selection::whole(columns), skeleton.clone());
+    while pieces.write(columns, out)? {}
+    Ok(())
+}
+
+impl Selection {
+    /// All that there is.
+    pub fn whole(columns: &dyn Columns) -> Self {
+        let rows = Rows { first: 0, end: columns.rows(), every: 1 };
+        Self { fields: (0..columns.names().len()).collect(), rows }
+    }
+
+    /// The selected fields at some rows, without events.
+    ///
+    /// # Errors
+    /// Those of the columns.
+    pub fn block(&self, columns: &dyn Columns, rows: Rows) -> io::Result<Trajectory> {
+        let names = columns.names();
+        let field =
+            |&field: &usize| Ok(Field { name: names[field].to_owned(), values: columns.values(field + 1, rows)? });
+        let fields = self.fields.iter().map(field).collect::<io::Result<_>>()?;
+        Ok(Trajectory { t: columns.values(0, rows)?, fields, events: Vec::new() })
+    }
+
+    /// That all of it is as it was written.
+    ///
+    /// # Errors
+    /// Those of the columns.
+    pub fn verify(&self, columns: &dyn Columns) -> io::Result<()> {
+        let all: Vec<usize> = std::iter::once(0).chain(self.fields.iter().map(|field| field + 1)).collect();
+        columns.verify(&all, self.rows)
+    }
+}

@@ -1,0 +1,115 @@
+//! A solution without its columns, as JSON: what an excerpt of it says beside the numbers.
+
+use crate::{Event, Failure, Solution, Status, Trajectory, Verdict, Version};
+use serde::{Deserialize, Serialize};
+use serde_json::value::RawValue;
+use std::borrow::Cow;
+use std::io;
+use std::ops::RangeInclusive;
+
+/// What stands between the two places where columns go.
+const EMPTY: &str = "\"trajectory\":{\"t\":[],\"fields\":{},";
+
+/// The text with the places of the columns empty.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Skeleton(String);
+
+/// A solution whose evidence stays text.
+#[derive(Serialize, Deserialize)]
+struct Parts<'a> {
+    #[serde(default)]
+    version: Version,
+    status: Status,
+    #[serde(default)]
+    verdict: Verdict,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    error: Option<Failure>,
+    trajectory: Trajectory,
+    #[serde(borrow, default, skip_serializing_if = "Option::is_none")]
+    diagnostics: Option<Cow<'a, RawValue>>,
+    #[serde(borrow, default, skip_serializing_if = "Option::is_none")]
+    study: Option<Cow<'a, RawValue>>,
+}
+
+impl Skeleton {
+    /// That of a solution.
+    ///
+    /// # Errors
+    /// A part of the solution has no JSON form, which there is not.
+    pub fn of(solution: &Solution) -> io::Result<Self> {
+        let Solution { version, status, verdict, error, trajectory, diagnostics, study } = solution;
+        let evidence = |text: serde_json::Result<Box<RawValue>>| text.map(Cow::Owned);
+        let parts = Parts {
+            version: *version,
+            status: *status,
+            verdict: verdict.clone(),
+            error: error.clone(),
+            trajectory: Trajectory { events: trajectory.events.clone(), ..Trajectory::default() },
+            diagnostics: Some(evidence(serde_json::value::to_raw_value(diagnostics))?),
+            study: study.as_ref().map(|study| evidence(serde_json::value::to_raw_value(study))).transpose()?,
+        };
+        Ok(Self(serde_json::to_string(&parts)?))
+    }
+
+    /// That of the JSON of a solution, and its trajectory.
+    ///
+    /// # Errors
+    /// The text is another.
+    pub fn read(json: &[u8]) -> io::Result<(Self, Trajectory)> {
+        let mut parts: Parts<'_> = serde_json::from_slice(json)?;
+        let events = parts.trajectory.events.clone();
+        let trajectory = std::mem::replace(&mut parts.trajectory, Trajectory { events, ..Trajectory::default() });
+        Ok((Self(serde_json::to_string(&parts)?), trajectory))
+    }
+
+    /// A text that was stored.
+    ///
+    /// # Errors
+    /// There are no places for columns in it.
+    pub fn of_text(text: String) -> io::Result<Self> {
+        let found = text.contains(EMPTY).then_some(Self(text));
+        found.ok_or_else(|| io::Error::new(io::ErrorKind::InvalidData, "a solution has a trajectory"))
+    }
+
+    /// The text.
+    pub fn text(&self) -> &str {
+        &self.0
+    }
+
+    /// What stands before the times, between them and the fields, and after the fields; within a string, quotes are not
+    /// without a backslash.
+    pub fn around_columns(&self) -> [&str; 3] {
+        let start = self.0.find(EMPTY).unwrap_or_default();
+        let (times, fields) = ("\"trajectory\":{\"t\":".len(), EMPTY.len() - "{},".len());
+        let between = start + times + "[]".len()..start + fields;
+        [&self.0[..start + times], &self.0[between], &self.0[start + EMPTY.len() - ",".len()..]]
+    }
+
+    /// The same with no events but those of a time within `times`.
+    ///
+    /// # Errors
+    /// The text is not that of a solution.
+    pub fn within(&self, times: &RangeInclusive<f64>) -> io::Result<Self> {
+        let mut parts: Parts<'_> = serde_json::from_str(&self.0)?;
+        parts.trajectory.events.retain(|event: &Event| times.contains(&event.t));
+        Ok(Self(serde_json::to_string(&parts)?))
+    }
+
+    /// The solution with `trajectory` for its columns.
+    ///
+    /// # Errors
+    /// The text is not that of a solution.
+    pub fn with(&self, trajectory: Trajectory) -> io::Result<Solution> {
+        let solution: Solution = serde_json::from_str(&self.0)?;
+        let events = solution.trajectory.events;
+        Ok(Solution { trajectory: Trajectory { events, ..trajectory }, ..solution })
+    }
+
+    /// The verdict on the solution.
+    ///
+    /// # Errors
+    /// The text is not that of a solution.
+    pub fn verdict(&self) -> io::Result<Verdict> {
+        Ok(serde_json::from_str::<Parts<'_>>(&self.0)?.verdict)
+    }
+}
