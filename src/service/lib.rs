@@ -4,6 +4,7 @@ pub mod access;
 mod context;
 pub mod http;
 pub mod jobs;
+mod log;
 mod metrics;
 mod options;
 mod page;
@@ -13,6 +14,7 @@ mod remainder;
 mod server;
 pub mod worker;
 
+pub use log::Log;
 pub use options::Options;
 
 use access::Tokens;
@@ -68,6 +70,11 @@ impl Service {
     /// The limits that hold for its workers.
     pub fn confinement(&self) -> &Confinement {
         self.pool.confinement()
+    }
+
+    /// Tells among its figures how many lines of the log were lost.
+    pub fn count_lost_lines(&self, log: &Log) {
+        self.shared.metrics.count_lost_lines(log);
     }
 
     /// Its jobs.
