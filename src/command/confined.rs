@@ -3,7 +3,7 @@
 
 use super::{BAD_SPECIFICATION, ENDED, Told, UNSERVABLE, report};
 use dvi::problem::Control;
-use dvi::service::worker::{Death, Event, Finished, Limits, Solved, Supervisor, Watch, program};
+use dvi::service::worker::{Death, Event, Finished, Limits, Origin, Solved, Supervisor, Watch, program};
 use std::io;
 use std::num::NonZeroUsize;
 use std::path::Path;
@@ -65,7 +65,8 @@ fn finish(document: &[u8], memory_mib: usize, memory: usize, control: &Control) 
         let mut supervisor = Supervisor::new(program(None, memory_mib), u64::MAX, Arc::new(|_: Event<'_>| {}));
         supervisor.start().await?;
         let halted = Notify::new();
-        let watch = Watch { control, halted: &halted, is_unwanted: &|| false };
+        let origin = Origin::default();
+        let watch = Watch { origin: &origin, control, halted: &halted, is_unwanted: &|| false };
         let performed = supervisor.perform(true, document, limits, &watch);
         let interrupted = async {
             if tokio::signal::ctrl_c().await.is_ok() {

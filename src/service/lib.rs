@@ -12,6 +12,7 @@ mod patience;
 mod process;
 mod remainder;
 mod server;
+mod trace;
 pub mod worker;
 
 pub use log::Log;

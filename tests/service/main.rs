@@ -1,6 +1,7 @@
 //! The service as its clients see it: without a socket where none is needed, over one where it is the matter.
 
 mod again;
+mod apart;
 mod bit_rot;
 mod bounds;
 mod browsers;
@@ -22,6 +23,7 @@ mod metrics;
 mod openapi;
 mod process;
 mod program;
+mod readiness;
 mod refusals;
 mod remote;
 mod results;

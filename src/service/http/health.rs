@@ -5,6 +5,7 @@ use super::problem::{Answer, Kind, Problem};
 use axum::Json;
 use axum::extract::State;
 use serde::Serialize;
+use std::time::Duration;
 use utoipa::ToSchema;
 
 /// That all is well.
@@ -47,6 +48,9 @@ pub async fn check_readiness(State(shared): State<Shared>) -> Answer<Json<Well>>
     }
     if !shared.jobs.is_writable() {
         return Err(Problem::plain(Kind::Unwritable));
+    }
+    if !shared.jobs.has_workers() {
+        return Err(Problem::plain(Kind::NoWorkers).after(Duration::from_secs(10)));
     }
     Ok(Json(Well { status: "ready" }))
 }

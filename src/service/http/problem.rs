@@ -121,6 +121,9 @@ problems! {
     Unwritable, "unwritable", SERVICE_UNAVAILABLE, "The store cannot be written",
         "The disk is full, or the data folder was removed or replaced: nothing is accepted for later until there is room, or the \
          folder is back. Jobs can be deleted meanwhile, and what is solved is kept and written then.";
+    NoWorkers, "no-workers", SERVICE_UNAVAILABLE, "No worker can be started",
+        "The system gives no process to solve in, for want of memory or processes; what was accepted waits until it does, and \
+         it is tried again every few seconds.";
     ResultTooLarge, "result-too-large", UNPROCESSABLE_ENTITY, "The result is too large",
         "The result is larger than `--result-mib` allows; ask for fewer output times or fields.";
     TooMuchMemory, "too-much-memory", UNPROCESSABLE_ENTITY, "The solve takes too much memory",

@@ -3,7 +3,7 @@
 use super::Death;
 use super::frame::{self, Decoder};
 use super::launcher::Start;
-use super::message::{Facts, Limits, Order, Report, Solved, VERSION};
+use super::message::{Facts, Limits, Order, Origin, Report, Solved, VERSION};
 use super::{Confinement, Loss};
 use problem::Control;
 use std::io::{self, Read};
@@ -38,8 +38,10 @@ const LAST_WORDS: usize = 4 << 10;
 /// Farther away than any deadline.
 const EVER: Duration = Duration::from_secs(1 << 30);
 
-/// Who watches over a task.
+/// Whose a task is, and who watches over it.
 pub struct Watch<'a> {
+    /// For the log of the worker.
+    pub origin: &'a Origin,
     /// Brought to where the solve is.
     pub control: &'a Control,
     /// Wakes when the task is to stop.
@@ -117,7 +119,8 @@ impl Link {
     ) -> Result<Finished, Loss> {
         self.task += 1;
         let task = self.task;
-        let order = if solve { Order::Solve { task, limits } } else { Order::Check { task, limits } };
+        let origin = watch.origin.clone();
+        let order = if solve { Order::Solve { task, limits, origin } } else { Order::Check { task, limits, origin } };
         let begun = Instant::now();
         let most = limits.wall().unwrap_or(EVER).min(EVER);
         let mut end = begun + most + OVERRUN;
