@@ -12,6 +12,7 @@ mod remote;
 pub mod report;
 pub mod serve;
 pub mod solve;
+mod spans;
 pub mod store;
 pub mod token;
 mod verdict;

@@ -1,6 +1,7 @@
 //! `dvi serve`: the service in this process, until a signal stops it.
 
 use super::data::Data;
+use super::spans::Spans;
 use super::{UNSERVABLE, USAGE};
 use clap::{Args, ValueEnum};
 use dvi::service::{Log, Options, Service, worker};
@@ -13,6 +14,7 @@ use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::mpsc::{Receiver, channel};
+use tracing_subscriber::Layer;
 use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
@@ -80,7 +82,14 @@ enum LogFormat {
 
 /// Serves until stopped; the exit code says whether it could start.
 pub fn run(arguments: Arguments) -> ExitCode {
-    let log = match log(arguments.log_format) {
+    let spans = match Spans::start() {
+        Ok(spans) => spans,
+        Err(error) => {
+            eprintln!("dvi: the collector of spans: {error}");
+            return ExitCode::from(USAGE);
+        }
+    };
+    let log = match log(arguments.log_format, &spans) {
         Ok(log) => log,
         Err(error) => {
             eprintln!("dvi: RUST_LOG: {error}");
@@ -100,6 +109,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
             ExitCode::from(UNSERVABLE)
         }
     };
+    spans.end();
     log.close(LAST_LINES);
     code
 }
@@ -144,7 +154,7 @@ fn signals() -> io::Result<Receiver<()>> {
 }
 
 /// Starts the log, on standard error.
-fn log(format: LogFormat) -> Result<Log, Box<dyn std::error::Error>> {
+fn log(format: LogFormat, spans: &Spans) -> Result<Log, Box<dyn std::error::Error>> {
     let filter: Targets = match env::var("RUST_LOG") {
         Ok(chosen) if !chosen.is_empty() => chosen.parse()?,
         Ok(_) | Err(VarError::NotPresent) => Targets::new().with_default(LevelFilter::INFO),
@@ -152,14 +162,13 @@ fn log(format: LogFormat) -> Result<Log, Box<dyn std::error::Error>> {
     };
     let log = Log::start(io::stderr())?;
     let lines = log.clone();
-    let subscriber = tracing_subscriber::fmt()
-        .with_max_level(LevelFilter::TRACE)
-        .with_writer(move || lines.line())
-        .with_ansi(io::stderr().is_terminal());
-    match format {
-        LogFormat::Text => subscriber.finish().with(filter).init(),
-        LogFormat::Json => subscriber.json().finish().with(filter).init(),
-    }
+    let lines =
+        tracing_subscriber::fmt::layer().with_writer(move || lines.line()).with_ansi(io::stderr().is_terminal());
+    let lines = match format {
+        LogFormat::Text => lines.with_filter(filter).boxed(),
+        LogFormat::Json => lines.json().with_filter(filter).boxed(),
+    };
+    tracing_subscriber::registry().with(lines).with(spans.layer()).init();
     // A log of JSON lines stays one; the place of a panic is known here alone, its job by the span.
     panic::set_hook(Box::new(|panic| {
         let place = panic.location().map(ToString::to_string).unwrap_or_default();

@@ -52,9 +52,37 @@ impl Display for Trace {
     }
 }
 
-/// Makes `span` part of the trace, and gives the trace with that span.
-pub fn join(_span: &Span, trace: Option<Trace>) -> Option<Trace> {
-    trace.map(Trace::continued)
+/// Makes `span` part of the trace, and gives the trace with that span; one that begins here, where spans go to a collector
+/// and the client gave none.
+pub fn join(span: &Span, trace: Option<Trace>) -> Option<Trace> {
+    exported(span, trace).or_else(|| trace.map(Trace::continued))
+}
+
+/// The span as a collector will know it; nothing where none does.
+#[cfg(feature = "otlp")]
+fn exported(span: &Span, trace: Option<Trace>) -> Option<Trace> {
+    use opentelemetry::trace::{SpanContext, SpanId, TraceContextExt, TraceFlags, TraceId, TraceState};
+    use tracing_opentelemetry::OpenTelemetrySpanExt;
+
+    if let Some(Trace { id, span: parent, flags }) = trace {
+        let (id, parent) = (TraceId::from(id), SpanId::from(parent));
+        let parent = SpanContext::new(id, parent, TraceFlags::new(flags), true, TraceState::default());
+        // Refused where no collector is asked for.
+        let _ = span.set_parent(opentelemetry::Context::new().with_remote_span_context(parent));
+    }
+    let context = span.context();
+    let here = Some(context.span().span_context().clone()).filter(SpanContext::is_valid)?;
+    Some(Trace {
+        id: u128::from_be_bytes(here.trace_id().to_bytes()),
+        span: u64::from_be_bytes(here.span_id().to_bytes()),
+        flags: here.trace_flags().to_u8(),
+    })
+}
+
+/// No collector knows it.
+#[cfg(not(feature = "otlp"))]
+fn exported(_span: &Span, _trace: Option<Trace>) -> Option<Trace> {
+    None
 }
 
 #[cfg(test)]

@@ -28,6 +28,8 @@ mod refusals;
 mod remote;
 mod results;
 mod solve;
+#[cfg(feature = "otlp")]
+mod spans;
 mod store;
 mod supervision;
 mod tokens;

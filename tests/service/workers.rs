@@ -94,6 +94,24 @@ fn a_job_that_takes_too_much_memory_ends_alone_and_says_how_much() {
 }
 
 #[test]
+fn a_result_beyond_its_bound_is_not_gathered_in_memory() {
+    let folder = Folder::new();
+    let server = Server::start(&folder, &["--workers", "1", "--result-mib", "1"]);
+    let before = server.resident_kib();
+    for _ in 0..4 {
+        // Some hundred thousand steps: ten MiB as JSON.
+        let path = server.accept(&oscillator(100_000));
+        let state = server.reaches(&path, &["failed", "successful"]);
+        assert!(message(&state).starts_with("result-too-large: "), "{state}");
+        server.get(&format!("{path}/results")).problem(422, "result-too-large");
+    }
+    let held = server.resident_kib() - before;
+    assert!(held < 16 << 10, "{held} KiB are held after results of 1 MiB at most");
+    assert_eq!(workers(&server).len(), 1);
+    server.reaches(&server.accept(DECAY), &["successful"]);
+}
+
+#[test]
 fn a_worker_that_is_killed_takes_one_job_with_it() {
     let folder = Folder::new();
     let server = Server::start(&folder, &["--workers", "2"]);

@@ -21,7 +21,7 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use std::mem;
 use std::time::Instant;
-use tracing::Instrument;
+use tracing::{Instrument, field};
 use uuid::Uuid;
 
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
@@ -44,7 +44,8 @@ pub async fn observe(State(shared): State<Shared>, request: Request, next: Next)
     let route = request.extensions().get::<MatchedPath>().map(|path| path.as_str().to_owned());
     let client = request.extensions().get::<Client>().copied();
     let origin = cors::allowed(request.headers(), &shared.options);
-    let span = tracing::debug_span!("request", request.id = text, http.method = %method, http.path = path);
+    let span = tracing::debug_span!("request", request.id = text, http.method = %method, http.path = path,
+        http.status = field::Empty);
     let trace = trace::join(&span, given);
     let context = Context { prefix: shared.options.prefix(), request: text.into(), trace };
     let start = Instant::now();
@@ -57,8 +58,11 @@ pub async fn observe(State(shared): State<Shared>, request: Request, next: Next)
             (Ok(()), None) => next.run(request).await,
         }
     };
-    let mut response = context.clone().around(serving.instrument(span)).await;
+    let mut response = context.clone().around(serving.instrument(span.clone())).await;
     let status = response.status();
+    span.record("http.status", status.as_u16());
+    // It ends with the beginning of the answer.
+    drop(span);
     if status == StatusCode::INTERNAL_SERVER_ERROR {
         let duration_ms = start.elapsed().as_secs_f64() * 1e3;
         tracing::error!(request.id = text, http.method = %method, http.path = path, duration_ms, "the service failed");
