@@ -15,6 +15,7 @@ pub mod solve;
 mod spans;
 pub mod store;
 pub mod token;
+pub mod usage;
 mod verdict;
 pub mod worker;
 

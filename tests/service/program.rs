@@ -172,6 +172,43 @@ fn a_command_line_without_sense_has_its_own_exit_code() {
 }
 
 #[test]
+fn a_flag_without_sense_is_told_with_what_to_write_instead() {
+    for (arguments, tip) in [
+        (["--workers", "0"], "the least is 1"),
+        (["--listen", "9000"], "as in '--listen 127.0.0.1:9000'"),
+        (["--listen", ":9000"], "as in '--listen 127.0.0.1:9000'"),
+        (["--port", "9000"], "'--listen 127.0.0.1:9000'"),
+    ] {
+        let output = run(&["serve", arguments[0], arguments[1]], "");
+        let told = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(64), "{told}");
+        assert!(told.contains(tip), "{told}");
+        assert!(!told.contains("environment"), "{told}");
+    }
+    for (variable, value) in [("DVI_ASK_TOKENS", "perhaps"), ("DVI_QUEUE", "0"), ("DVI_WORKERS", "two")] {
+        let told = String::from_utf8(dvi(&["serve"]).env(variable, value).output().unwrap().stderr).unwrap();
+        assert!(told.contains(&format!("environment variable {variable}")), "{told}");
+    }
+    // Whoever writes 1 for yes is understood.
+    let asks = dvi(&["serve", "--ephemeral", "--listen", "no address"]).env("DVI_ASK_TOKENS", "1").output().unwrap();
+    let told = String::from_utf8(asks.stderr).unwrap();
+    assert!(told.contains("--listen") && !told.contains("ask-tokens"), "{told}");
+}
+
+#[test]
+fn tokens_that_are_not_there_are_told() {
+    let folder = crate::process::Folder::new();
+    let path = folder.path().to_str().unwrap();
+    let output = run(&["token", "list", "--data", path], "");
+    assert_eq!(output.status.code(), Some(3), "{output:?}");
+    assert!(String::from_utf8(output.stderr).unwrap().contains(path));
+    std::fs::create_dir(folder.path()).unwrap();
+    let output = run(&["token", "list", "--data", path], "");
+    assert_eq!((output.status.code(), output.stdout.len()), (Some(0), 0));
+    assert!(String::from_utf8(output.stderr).unwrap().contains("dvi token create"));
+}
+
+#[test]
 fn help_shows_every_bound_with_its_default_and_its_variable() {
     let help = String::from_utf8(run(&["serve", "--help"], "").stdout).unwrap();
     for (flag, variable, default) in [
