@@ -13,13 +13,19 @@ mod durable;
 mod events;
 mod explanations;
 mod full_disk;
+mod fuzzed;
 mod glance;
 mod harness;
 mod hostile;
 mod job_list;
 mod jobs;
 mod killers;
+mod kills;
+#[path = "../bench/fuzz/messages.rs"]
+mod messages;
 mod metrics;
+#[path = "../bench/fuzz/mutation.rs"]
+mod mutation;
 mod openapi;
 mod process;
 mod program;

@@ -28,11 +28,7 @@ const LONG: u32 = 10_000_000;
 
 /// The processes that the server has started.
 fn workers(server: &Server) -> Vec<u32> {
-    let parent = format!("PPid:\t{}\n", server.child.id());
-    let processes = fs::read_dir("/proc").unwrap().filter_map(|entry| entry.ok()?.file_name().to_str()?.parse().ok());
-    let mut workers: Vec<u32> = processes.filter(|pid| status(*pid).contains(&parent)).collect();
-    workers.sort_unstable();
-    workers
+    server.workers()
 }
 
 /// What the system says of a process, nothing of one that has gone.

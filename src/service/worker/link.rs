@@ -153,6 +153,10 @@ impl Link {
                         // It has heeded what it was to heed, and is on its way out.
                         end = end.max(Instant::now() + OVERRUN);
                         json.extend_from_slice(&bytes);
+                        // The worker keeps to it by itself, unless something is wrong with it.
+                        if json.len() > limits.result_bytes {
+                            return Err(Loss::Died(self.defect("a result beyond its bound").await));
+                        }
                     }
                     Ok((Report::Solved { solved, progress, resident, .. }, bytes)) => {
                         self.resident = resident;
