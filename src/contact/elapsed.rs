@@ -79,6 +79,10 @@ impl Mechanical for Elapsed {
         self.problem.breaks(self.start + t)
     }
 
+    fn enclose_breaks(&mut self, t: Interval) -> &[Interval] {
+        self.problem.enclose_breaks(Interval::point(self.start) + t)
+    }
+
     fn energies(&mut self, t: f64, q: &[f64], v: &[f64]) -> Energies {
         self.problem.energies(self.start + t, q, v)
     }

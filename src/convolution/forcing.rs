@@ -77,8 +77,8 @@ impl<'p> Forcing<'p> {
         structure.moving.iter().position(|moving| *moving == bound).map(|place| self.zeros.len() + place)
     }
 
-    /// The quantities at whose changes of sign `q` or a bound has a kink or a jump.
-    pub fn breaks(&mut self, t: f64) -> &[f64] {
-        self.problem.breaks(t)
+    /// The problem that this is of.
+    pub fn problem(&mut self) -> &mut dyn Dvi {
+        self.problem
     }
 }

@@ -1,33 +1,46 @@
 //! Where expressions have a kink or a jump at a time that no state decides: at the changes of sign of the arguments of
 //! `abs`, `sign` and `heaviside`, and of the differences of those of `min` and `max`, that depend on one input alone.
 
+use super::enclosure::IntervalWorkspace;
 use super::graph::{Graph, Node};
 use super::operator::Operator;
 use super::tape::Tape;
+use numerics::Interval;
 
 /// The quantities whose changes of sign are the breaks of some expressions, compiled.
 #[derive(Clone, Debug)]
 pub struct Breaks {
     tape: Tape,
     values: Vec<f64>,
+    workspace: IntervalWorkspace,
+    ranges: Vec<Interval>,
 }
 
 impl Breaks {
     /// Those of `nodes` that depend on input 0 alone.
     pub fn new(graph: &mut Graph, nodes: &[Node]) -> Self {
         let quantities = graph.breaks(nodes);
-        Self { tape: Tape::compile(graph, &quantities), values: vec![0.0; quantities.len()] }
+        let tape = Tape::compile(graph, &quantities);
+        let (values, ranges) = (vec![0.0; quantities.len()], vec![Interval::LINE; quantities.len()]);
+        Self { values, workspace: IntervalWorkspace::new(&tape), ranges, tape }
     }
 
     /// Takes over other parameters.
     pub fn bind(&mut self, parameters: &[f64]) {
         self.tape.bind(parameters);
+        self.workspace.bind(&self.tape);
     }
 
     /// Their values where input 0 is `t`.
     pub fn at(&mut self, t: f64) -> &[f64] {
         self.tape.evaluate(t, &[], &mut self.values);
         &self.values
+    }
+
+    /// Intervals that hold them wherever input 0 is in an interval.
+    pub fn over(&mut self, t: Interval) -> &[Interval] {
+        self.tape.enclose(t, &[], &mut self.workspace, &mut self.ranges);
+        &self.ranges
     }
 }
 
@@ -69,5 +82,8 @@ mod tests {
         let mut values: Vec<f64> = breaks.at(2.25).iter().map(|value| value.abs()).collect();
         values.sort_by(f64::total_cmp);
         assert_eq!(values, [0.25, 0.5, 0.75]);
+        let signs: Vec<bool> = breaks.over(Interval::new(2.125, 2.25)).iter().map(|range| range.lo > 0.0).collect();
+        assert_eq!(signs.iter().filter(|sign| **sign).count(), 1, "of t - 2 alone");
+        assert!(breaks.over(Interval::new(1.0, 4.0)).iter().all(|range| range.contains(0.0)));
     }
 }

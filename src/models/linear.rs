@@ -283,6 +283,10 @@ impl Dvi for Linear {
     fn breaks(&mut self, t: f64) -> &[f64] {
         self.breaks.at(t)
     }
+
+    fn enclose_breaks(&mut self, t: Interval) -> &[Interval] {
+        self.breaks.over(t)
+    }
 }
 
 /// The number of partial sums of a row, which do not wait for each other.

@@ -504,6 +504,10 @@ impl Mechanical for SymbolicMechanics {
         self.breaks.at(t)
     }
 
+    fn enclose_breaks(&mut self, t: Interval) -> &[Interval] {
+        self.breaks.over(t)
+    }
+
     fn energies(&mut self, t: f64, q: &[f64], v: &[f64]) -> Energies {
         self.place(q, v);
         let mut values = [0.0; 4];

@@ -297,6 +297,10 @@ impl Dvi for Symbolic {
         self.breaks.at(t)
     }
 
+    fn enclose_breaks(&mut self, t: Interval) -> &[Interval] {
+        self.breaks.over(t)
+    }
+
     fn kinks(&mut self, t: f64, y: &[f64]) -> &[f64] {
         self.kinks.at(t, y)
     }

@@ -101,6 +101,11 @@ impl Interval {
         if radius >= 0.0 && middle.is_finite() { (middle, radius) } else { (0.0, f64::INFINITY) }
     }
 
+    /// How far its ends are apart.
+    pub fn width(self) -> f64 {
+        self.hi - self.lo
+    }
+
     /// The least and the largest size of a number in it.
     pub fn magnitudes(self) -> (f64, f64) {
         let near = if self.contains(0.0) { 0.0 } else { self.lo.abs().min(self.hi.abs()) };

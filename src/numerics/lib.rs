@@ -1,8 +1,10 @@
-//! The ground of the numerics, which knows of no problem: intervals, and the ranges of polynomials.
+//! The ground of the numerics, which knows of no problem: intervals, the ranges of polynomials, and roots.
 
 pub mod bernstein;
 mod interval;
+mod root;
 mod shown;
 
 pub use interval::{Interval, between};
+pub use root::Bracket;
 pub use shown::{is_seen, is_shown, variation};

@@ -235,6 +235,11 @@ pub trait Dvi: Send {
         &[]
     }
 
+    /// Intervals that hold these quantities wherever `t` is in an interval; none where they cannot be enclosed.
+    fn enclose_breaks(&mut self, _t: Interval) -> &[Interval] {
+        &[]
+    }
+
     /// The quantities at `(t, y)` at whose changes of sign a row has a kink or a jump that depends on `y`; as many anywhere.
     fn kinks(&mut self, _t: f64, _y: &[f64]) -> &[f64] {
         &[]

@@ -240,6 +240,11 @@ pub trait Mechanical: Send {
         &[]
     }
 
+    /// Intervals that hold the same wherever `t` is in an interval; none where they cannot be enclosed.
+    fn enclose_breaks(&mut self, _t: Interval) -> &[Interval] {
+        &[]
+    }
+
     /// Energies and power.
     fn energies(&mut self, t: f64, q: &[f64], v: &[f64]) -> Energies;
 

@@ -65,7 +65,7 @@ impl Radau<'_> {
     /// # Errors
     /// [`StepError::Chattering`].
     pub(super) fn watch_kinks(&mut self) -> Result<(), StepError> {
-        let values = self.system.problem().kinks(self.t, &self.y);
+        let values = self.system.problem().kinks(self.clock.t, &self.y);
         if values.is_empty() || self.settings.step.is_some() {
             return Ok(());
         }
@@ -82,7 +82,7 @@ impl Radau<'_> {
         let Some((kink, longest)) = suspect else { return Ok(()) };
         match self.jump_across(kink) {
             Some(Jump { size, attracts: true, .. }) if longest * size >= FELT => {
-                Err(StepError::Chattering { t: self.t, kink })
+                Err(StepError::Chattering { t: self.clock.t, kink })
             }
             _ => Ok(()),
         }
@@ -90,11 +90,11 @@ impl Radau<'_> {
 
     /// The kink at which steps have become too small to go on, if it is one.
     pub(super) fn collapsed_at(&mut self) -> Option<usize> {
-        let values = self.system.problem().kinks(self.t, &self.y).to_vec();
+        let values = self.system.problem().kinks(self.clock.t, &self.y).to_vec();
         let found = (0..values.len()).find(|&kink| {
             self.jump_across(kink).is_some_and(|jump| values[kink].abs() <= NEAR * jump.noise && jump.relative >= SHARP)
         });
-        self.system.evaluate(self.t, &self.y);
+        self.system.evaluate(self.clock.t, &self.y);
         found
     }
 
@@ -102,9 +102,9 @@ impl Radau<'_> {
     /// it, close together beside where the states are. What is smooth leaves nothing in it, and a mere kink hardly more.
     fn jump_across(&mut self, kink: usize) -> Option<Jump> {
         let n = self.system.states;
-        let value = *self.system.problem().kinks(self.t, &self.y).get(kink)?;
+        let value = *self.system.problem().kinks(self.clock.t, &self.y).get(kink)?;
         let mut gradient = std::mem::take(&mut self.chattering.gradient);
-        self.system.problem().kink_gradient(kink, self.t, &self.y, &mut gradient);
+        self.system.problem().kink_gradient(kink, self.clock.t, &self.y, &mut gradient);
         gradient.retain(|&(j, _)| j < n);
         let tolerance = |j: usize| 1.0 / self.control.weight[j];
         let noise = gradient.iter().map(|&(j, slope)| (slope * tolerance(j)).powi(2)).sum::<f64>().sqrt();
@@ -114,10 +114,10 @@ impl Radau<'_> {
             for &(j, slope) in &gradient {
                 y[j] += (side * distance - value) * slope * (tolerance(j) / noise).powi(2);
             }
-            self.system.evaluate(self.t, &y).then(|| self.system.values[..n].to_vec())
+            self.system.evaluate(self.clock.t, &y).then(|| self.system.values[..n].to_vec())
         });
         self.chattering.gradient = gradient;
-        self.system.evaluate(self.t, &self.y);
+        self.system.evaluate(self.clock.t, &self.y);
         let [Some(before), Some(here), Some(beyond)] = rows.each_mut().map(Option::take) else { return None };
         let (mut size, mut relative) = (0.0_f64, 0.0_f64);
         for j in 0..n {
@@ -129,7 +129,7 @@ impl Radau<'_> {
             relative = relative.max(if jump == 0.0 { 0.0 } else { jump / here[j].abs().max(beyond[j].abs()) });
         }
         let h = self.last.h;
-        let later = *self.system.problem().kinks(self.t + h, &self.y).get(kink)?;
+        let later = *self.system.problem().kinks(self.clock.t + h, &self.y).get(kink)?;
         let drift = (later - value) / h;
         let mass = &self.system.mass_diagonal;
         let speed = |rates: &[f64]| {

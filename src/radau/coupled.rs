@@ -53,7 +53,7 @@ impl Radau<'_> {
         let mut begin = self.y.clone();
         std::mem::swap(&mut self.system.face, &mut self.switching.before);
         if let Some(consistent) = &mut self.consistent {
-            consistent.solve(&mut self.system, &self.control, self.t, &mut begin);
+            consistent.solve(&mut self.system, &self.control, self.clock.t, &mut begin);
         }
         // On a face that has ended they may have left `K`, which the solution does not.
         self.system.project(&mut begin);
@@ -67,7 +67,8 @@ impl Radau<'_> {
             let rates =
                 (0..self.tableau().stages()).map(|i| rate(Some(&self.stages.z[i * unknowns..(i + 1) * unknowns])));
             let (lo, hi) = rates.fold((rate(None), rate(None)), |(lo, hi), rate| (lo.min(rate), hi.max(rate)));
-            let allowed = self.settings.atol[state] + self.settings.rtol * self.largest[state].max(self.y[state].abs());
+            let allowed =
+                self.settings.atol[state] + self.settings.rtol * self.extent.largest[state].max(self.y[state].abs());
             let mass = self.system.mass_diagonal[state].abs();
             worst = worst.max(h * (hi - lo) / (mass * allowed.max(f64::MIN_POSITIVE)));
         }

@@ -4,6 +4,7 @@ use super::face::{Monitor, monitors};
 use super::stepper::Radau;
 use super::switches::Switching;
 use super::tableau::MOST_STAGES;
+use numerics::Bracket;
 
 /// A monitor that changes sign within a step.
 #[derive(Clone, Copy, Debug)]
@@ -25,7 +26,7 @@ impl Radau<'_> {
     /// The values of all monitors on the collocation polynomial of the step at hand.
     pub(super) fn monitors_at(&mut self, theta: f64, h: f64, out: &mut Vec<Monitor>) {
         self.polynomial_at(theta);
-        let t = self.t + theta * h;
+        let t = self.clock.t + theta * h;
         let Switching { inside, constraints, scratch, .. } = &mut self.switching;
         constraints.correct(&mut self.system, &self.control, t, scratch);
         self.system.evaluate(t, scratch);
@@ -101,36 +102,23 @@ impl Radau<'_> {
     /// The zero of a monitor between two points where it has opposite signs, by the Illinois method; the left point if
     /// it is not positive there. A face begins where a monitor of it is zero to within noise, and may rise before it falls.
     fn root(&mut self, index: usize, left: (f64, Monitor), right: (f64, f64), h: f64) -> f64 {
-        let (mut b, mut fb) = right;
         // What crossed with the monitor that ended the last step is off by what is noise there, not here.
-        let start = if left.1.value > 0.0 { Some((left.0, left.1.value)) } else { self.rise(index, left, b, h) };
-        let Some((mut a, mut fa)) = start else { return left.0 };
+        let start = if left.1.value > 0.0 { Some((left.0, left.1.value)) } else { self.rise(index, left, right.0, h) };
+        let Some(start) = start else { return left.0 };
+        let mut bracket = Bracket::new(start, right);
         let mut values = Vec::new();
-        let mut kept = 0;
         for _ in 0..40 {
-            let theta = (a * fb - b * fa) / (fb - fa);
-            if !theta.is_finite() || (b - a).abs() <= 1e-9 * b.abs() {
+            let theta = bracket.guess();
+            if !theta.is_finite() || bracket.width() <= 1e-9 * bracket.behind.0 {
                 break;
             }
             self.monitors_at(theta, h, &mut values);
             let Monitor { value, .. } = values[index];
+            bracket.narrow(theta, value);
             if value == 0.0 {
-                return theta;
-            }
-            if value < 0.0 {
-                (b, fb) = (theta, value);
-                if kept < 0 {
-                    fa *= 0.5;
-                }
-                kept = -1;
-            } else {
-                (a, fa) = (theta, value);
-                if kept > 0 {
-                    fb *= 0.5;
-                }
-                kept = 1;
+                break;
             }
         }
-        b
+        bracket.behind.0
     }
 }

@@ -27,7 +27,7 @@ impl Radau<'_> {
     pub fn defect(&mut self) -> Option<(usize, f64)> {
         let (n, h) = (self.system.states, self.last.h);
         let errors = self.allowed_errors();
-        let tableau = self.methods[self.last_method].tableau;
+        let tableau = self.orders.last().tableau;
         let mut y = vec![0.0; self.system.unknowns];
         let mut values = vec![Interval::LINE; self.system.values.len()];
         let mut integral = vec![Interval::point(0.0); n];
@@ -82,7 +82,7 @@ impl Radau<'_> {
         let mut rates = vec![vec![Interval::LINE; self.system.values.len()]; tableau.stages()];
         for (i, (c, values)) in tableau.c.iter().zip(&mut rates).enumerate() {
             let y = self.stages.stage(&self.y, i).to_vec();
-            if !self.enclose_near(self.t + c * h, &y, &errors, values) {
+            if !self.enclose_near(self.clock.t + c * h, &y, &errors, values) {
                 return true;
             }
         }

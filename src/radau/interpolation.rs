@@ -28,7 +28,7 @@ impl Radau<'_> {
         }
         for theta in self.tableau().middles() {
             self.polynomial_at(theta);
-            self.system.evaluate(self.t + theta * h, &self.switching.scratch);
+            self.system.evaluate(self.clock.t + theta * h, &self.switching.scratch);
             for &row in &rows {
                 let entries = self.system.entries_of_row(row);
                 let allowed: f64 = entries.map(|(j, value)| value.abs() / self.control.weight[j]).sum();

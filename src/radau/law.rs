@@ -10,7 +10,7 @@
 //! has none, and is the same in any units: below one, the law holds for values within the tolerances.
 
 use super::screening::ALLOWED;
-use super::stepper::Radau;
+use super::stepper::{Extent, Radau};
 
 /// The variable that is furthest from its law.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,7 +62,7 @@ impl Radau<'_> {
                 self.system.time_derivative(t, y, &mut slopes);
                 slopes
             });
-            let of_g = of_g.max(by_time[k].abs() * self.rounding_of_time(self.last.h));
+            let of_g = of_g.max(by_time[k].abs() * self.clock.rounding(self.last.h));
             keep(k, natural_map(below / of_z, above / of_z, g / of_g));
         }
         for b in 0..self.system.set.blocks().len() {
@@ -80,20 +80,20 @@ impl Radau<'_> {
     /// largest value.
     pub(super) fn uncertainty(&self, j: usize) -> f64 {
         let atol = if j < self.system.states { self.settings.atol[j] } else { 0.0 };
-        atol + self.settings.rtol * self.largest[j]
+        atol + self.settings.rtol * self.extent.largest[j]
     }
 
     /// What the tolerances leave uncertain of variable `k` and of its `G`: errors of the states, the tolerance of the VI, and
     /// of a variable also what changes no state over the longest step so far, where the weights are those of a step of size
     /// `h`, or of a shorter one that finds a face behind it.
     pub(super) fn uncertainties(&self, k: usize, h: f64) -> [f64; 2] {
-        let Self { system, settings, largest, .. } = self;
+        let Self { system, settings, extent: Extent { largest, .. }, .. } = self;
         let n = system.states;
         let error = |j: usize| self.uncertainty(j);
         let [terms, by_errors] = system.terms(k, |j| [largest[j], error(j)]);
         let of_g = (settings.vi_tolerance * terms).max(by_errors);
-        let effect = self.control.weight[n + k] * self.methods[self.last_method].tolerance.factor;
-        let without_effect = if effect > 0.0 { h / (effect * self.longest.max(h)) } else { 0.0 };
+        let effect = self.control.weight[n + k] * self.orders.last().tolerance.factor;
+        let without_effect = if effect > 0.0 { h / (effect * self.extent.longest.max(h)) } else { 0.0 };
         // An error of the states moves the root of `G` as well.
         let own = system.entries_of_variable(k).find(|&(j, _)| j == n + k).map_or(0.0, |(_, value)| value.abs());
         let of_root = if own > 0.0 { by_errors / own } else { 0.0 };

@@ -11,6 +11,7 @@
 mod blocks;
 mod breaks;
 mod chattering;
+mod clock;
 mod conditions;
 mod consistent;
 mod constraints;
@@ -25,8 +26,10 @@ mod inside;
 mod interpolation;
 mod law;
 mod layout;
+mod location;
 mod memory;
 mod newton_control;
+mod orders;
 mod points;
 mod progress;
 mod ranges;

@@ -44,14 +44,14 @@ impl Radau<'_> {
         }
         let cause = self.progress.cause.unwrap_or(Cause::Slow);
         self.check_contradiction(cause)?;
-        Err(StepError::StepTooSmall { t: self.t, h, least: 0.0, cause })
+        Err(StepError::StepTooSmall { t: self.clock.t, h, least: 0.0, cause })
     }
 
     /// The largest change of a state over a step of size `h` that a term of its rate makes, in tolerances: at rest, terms may
     /// cancel.
     fn change(&mut self, h: f64) -> f64 {
         let n = self.system.states;
-        if !self.system.evaluate(self.t, &self.y) {
+        if !self.system.evaluate(self.clock.t, &self.y) {
             return 0.0;
         }
         let mut free: Vec<f64> = self.system.values[..n].to_vec();

@@ -27,7 +27,7 @@ impl Radau<'_> {
 
     /// The coefficients of each state over the last step, of degree `s + 1`.
     fn polynomials(&self) -> Vec<Vec<f64>> {
-        let tableau = self.methods[self.last_method].tableau;
+        let tableau = self.orders.last().tableau;
         let (s, n) = (tableau.stages(), self.system.unknowns);
         let (of_stages, bubble) = (tableau.bernstein(), tableau.bubble_in_bernstein());
         let state = |j: usize| {

@@ -104,9 +104,9 @@ impl Radau<'_> {
         if self.switching.recurrence.is_clear.iter().all(|is_clear| *is_clear) {
             return;
         }
-        let Self { system, switching, control, last, methods, last_method, .. } = self;
+        let Self { system, switching, control, last, orders, .. } = self;
         let (y, t) = (&mut switching.scratch, last.t + 0.5 * last.h);
-        last.at(methods[*last_method].tableau, t, y);
+        last.at(orders.last().tableau, t, y);
         if !system.evaluate(t, y) {
             return;
         }
@@ -128,7 +128,7 @@ impl Radau<'_> {
     /// # Errors
     /// [`StepError::Unresolved`].
     pub(super) fn watch_switches(&mut self) -> Result<(), StepError> {
-        let (t, accepted, remaining) = (self.t, self.counts.accepted, self.remaining());
+        let (t, accepted, remaining) = (self.clock.t, self.counts.accepted, self.clock.remaining());
         let Recurrence { within, variable, since, .. } = &mut self.switching.recurrence;
         if *within == 0 {
             *since = (t, accepted);

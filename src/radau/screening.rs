@@ -137,8 +137,8 @@ impl Radau<'_> {
         {
             parts += 1;
             // Shorter than that, no event could be told from the end of the step, where a break of the rows may stand.
-            if part.length * h > self.rounding_of_time(h) {
-                let span = (self.t + part.begin * h, part.length * h);
+            if part.length * h > self.clock.rounding(h) {
+                let span = (self.clock.t + part.begin * h, part.length * h);
                 let Self { system, control, switching, consistent, .. } = self;
                 let Switching { inside, constraints, .. } = switching;
                 let mut on = OnFace { system, control, inside, constraints, consistent: consistent.as_mut() };
@@ -187,7 +187,7 @@ impl Radau<'_> {
     /// its stages tell: in the middles between these they are off the polynomial through the values at them.
     fn is_unresolved_in_time(&mut self, h: f64) -> bool {
         let tableau = self.tableau();
-        let (t, y, evaluations) = (self.t, self.y.clone(), self.system.work.rates);
+        let (t, y, evaluations) = (self.clock.t, self.y.clone(), self.system.work.rates);
         let mut at = |theta: f64| {
             self.system.evaluate(t + theta * h, &y);
             self.system.values.clone()
@@ -274,7 +274,7 @@ impl Radau<'_> {
     /// face, whether `K` holds them or not.
     fn excess_within(&mut self, t: f64) -> Option<Excess> {
         let mut y = vec![0.0; self.system.unknowns];
-        self.last.at(self.methods[self.last_method].tableau, t, &mut y);
+        self.last.at(self.orders.last().tableau, t, &mut y);
         std::mem::swap(&mut self.system.face, &mut self.last.face);
         self.bring_onto_face(t, &mut y);
         let excess = self.law_excess(t, &y);

@@ -66,11 +66,11 @@ impl Radau<'_> {
             return Ok(());
         }
         // Variables have no guess; where they enter nonlinearly, theirs must not be far off.
-        inequality::solve(&mut self.system, self.t, &mut self.y);
+        inequality::solve(&mut self.system, self.clock.t, &mut self.y);
         if self.system.bounded.is_empty()
             && let Some(consistent) = &mut self.consistent
         {
-            consistent.solve(&mut self.system, &self.control, self.t, &mut self.y);
+            consistent.solve(&mut self.system, &self.control, self.clock.t, &mut self.y);
         }
         let Some(instant) = INSTANTS.into_iter().find(|instant| self.probe(instant * self.h, false)) else {
             return Err(self.no_start());
@@ -93,7 +93,7 @@ impl Radau<'_> {
             let jump = self.switching.probe.stages.z[..n].to_vec();
             if !self.is_steep(state, jump[state], instant) {
                 self.y.iter_mut().zip(&jump).for_each(|(y, jump)| *y += jump);
-                self.jumped.get_or_insert(self.t);
+                self.jumped.get_or_insert(self.clock.t);
             }
         }
         if self.choose_face(self.h) { Ok(()) } else { Err(self.no_start()) }
@@ -107,8 +107,10 @@ impl Radau<'_> {
 
     fn no_start(&self) -> StepError {
         match self.switching.probe.vi.as_ref().and_then(|vi| vi.contradiction) {
-            Some(variable) => StepError::NoSolution { t: self.t, variable, linear: self.system.constant_jacobian() },
-            None => StepError::NoStart { t: self.t },
+            Some(variable) => {
+                StepError::NoSolution { t: self.clock.t, variable, linear: self.system.constant_jacobian() }
+            }
+            None => StepError::NoStart { t: self.clock.t },
         }
     }
 
@@ -122,7 +124,7 @@ impl Radau<'_> {
             if !self.probe(length, true) {
                 return false;
             }
-            if !self.was_too_long() || length <= self.rounding_of_time(0.0) {
+            if !self.was_too_long() || length <= self.clock.rounding(0.0) {
                 break;
             }
             self.system.face = before;
@@ -151,7 +153,7 @@ impl Radau<'_> {
         let n = self.system.states;
         let Some(consistent) = &mut self.consistent else { return };
         let before = self.y[n..].to_vec();
-        consistent.solve(&mut self.system, &self.control, self.t, &mut self.y);
+        consistent.solve(&mut self.system, &self.control, self.clock.t, &mut self.y);
         let is_beyond = |k: usize| {
             let (lower, upper, z) = (self.system.set.lower[k], self.system.set.upper[k], self.y[n + k]);
             (lower - z).max(z - upper) > upper - lower
@@ -170,8 +172,8 @@ impl Radau<'_> {
             return false;
         }
         let n = self.system.states;
-        let Self { system, switching, control, y, t, .. } = self;
-        if !system.evaluate(*t, y) {
+        let Self { system, switching, control, y, clock, .. } = self;
+        if !system.evaluate(clock.t, y) {
             return false;
         }
         system.intervals.iter().filter(|&&k| !system.has_variables(k)).any(|&k| {
@@ -219,9 +221,9 @@ impl Radau<'_> {
     /// whose own tolerance is finer than the noise of others.
     fn remove_noise(&mut self) {
         let n = self.system.states;
-        let Self { system, switching, control, y, t, .. } = self;
+        let Self { system, switching, control, y, clock, .. } = self;
         let is_inside = |system: &System<'_>, k: usize| system.face.places[k] == Place::Inside;
-        if !system.intervals.iter().any(|&k| is_inside(system, k)) || !system.evaluate(*t, y) {
+        if !system.intervals.iter().any(|&k| is_inside(system, k)) || !system.evaluate(clock.t, y) {
             return;
         }
         let mut residuals =
@@ -230,7 +232,7 @@ impl Radau<'_> {
             return;
         }
         switching.scratch.copy_from_slice(y);
-        if switching.constraints.correct(system, control, *t, &mut switching.scratch) {
+        if switching.constraints.correct(system, control, clock.t, &mut switching.scratch) {
             y.copy_from_slice(&switching.scratch);
         }
     }
@@ -239,7 +241,7 @@ impl Radau<'_> {
     /// tell whether they stay: an ever longer step, up to `h`, is taken until it does. Whether one of them leaves.
     pub(super) fn choose_face_beyond_noise(&mut self, h: f64) -> bool {
         let n = self.system.states;
-        if !self.system.evaluate(self.t, &self.y) {
+        if !self.system.evaluate(self.clock.t, &self.y) {
             return false;
         }
         let mut open = undecided(&mut self.system, &self.control, &self.y);
@@ -249,7 +251,7 @@ impl Radau<'_> {
                 break;
             }
             let end: Vec<f64> = self.y.iter().zip(&self.switching.probe.stages.z).map(|(y, z)| y + z).collect();
-            if !self.system.evaluate(self.t + part * h, &end) {
+            if !self.system.evaluate(self.clock.t + part * h, &end) {
                 break;
             }
             let still = undecided(&mut self.system, &self.control, &end);
@@ -270,7 +272,7 @@ impl Radau<'_> {
             }
             if self.system.face != before {
                 if let Some(consistent) = &mut self.consistent {
-                    consistent.solve(&mut self.system, &self.control, self.t, &mut self.y);
+                    consistent.solve(&mut self.system, &self.control, self.clock.t, &mut self.y);
                 }
                 return true;
             }
@@ -283,7 +285,7 @@ impl Radau<'_> {
     /// inequalities that are zero to the tolerance start from zero exactly.
     fn probe(&mut self, eta: f64, snap: bool) -> bool {
         let n = self.system.states;
-        if !self.system.differentiate(self.t, &self.y) || !self.system.evaluate(self.t, &self.y) {
+        if !self.system.differentiate(self.clock.t, &self.y) || !self.system.evaluate(self.clock.t, &self.y) {
             return false;
         }
         self.set_tolerances(eta);
@@ -297,7 +299,7 @@ impl Radau<'_> {
                 &mut self.system,
                 probe.euler,
                 &mut probe.factors,
-                self.t,
+                self.clock.t,
                 eta,
                 &self.y,
                 &self.control,
@@ -310,6 +312,6 @@ impl Radau<'_> {
             let noise = self.control.noise_of_g(&self.system, k, &self.y);
             vi.offset[k] = if snap && g.abs() <= noise { -g } else { 0.0 };
         }
-        vi.solve(&mut self.system, probe.euler, &mut probe.stages, self.t, eta, &self.y, &self.control).is_ok()
+        vi.solve(&mut self.system, probe.euler, &mut probe.stages, self.clock.t, eta, &self.y, &self.control).is_ok()
     }
 }

@@ -1,19 +1,15 @@
 //! Switches: changes of the active face of `K`.
 //!
 //! A step keeps one face; it is the right one while its monitors stay nonnegative. Where one becomes negative the step
-//! is cut there: its zero on the collocation polynomial says about where, and the step is solved again with its size as
-//! the unknown, so that the end of the step, which has the full order, is the switch. (Interpolation alone would leave
-//! order `s + 1`.) The next face is not guessed: it is that of an implicit Euler step with the VI, so short that only
-//! the directions at the switch count, in which variables at their switch start exactly there.
+//! is cut there ([`location`](super::location)). The next face is not guessed: it is that of an implicit Euler step with the VI,
+//! so short that only the directions at the switch count, in which variables at their switch start exactly there.
 
 use super::constraints::Constraints;
-use super::crossings::Crossing;
-use super::face::{ActiveFace, Monitor, Place, monitors};
+use super::face::{ActiveFace, Monitor, Place};
 use super::inside::Inside;
 use super::recurrence::Recurrence;
-use super::screening::{Between, Screening};
+use super::screening::Screening;
 use super::settings::{Settings, StepError, Switches};
-use super::stages::Newton;
 use super::start::Probe;
 use super::stepper::Radau;
 use super::system::System;
@@ -32,27 +28,8 @@ pub struct Switch {
     pub to: Place,
 }
 
-/// Where a violated monitor changes sign.
-pub(super) enum Located {
-    /// At the end of a step of size `h`, whose stages are solved, with what screening found before it.
-    At { h: f64, between: Between },
-    /// At the beginning of the step: the face there is changed, and the step should be tried again.
-    Now,
-    /// Behind this part of the step, up to which none is proven to be; there may be another before it.
-    Behind(f64),
-    /// Not to be found, or not to be looked for.
-    Nowhere,
-}
-
 /// So many switches in a row, each after a shorter time than the last, are taken for an accumulation (Zeno).
 const ACCUMULATION: u32 = 8;
-/// By how much of its bracket on the polynomial a switch may be beside it, when the stages are solved again.
-const SLACK: f64 = 0.25;
-/// The most switches that are found in one step, each before the last.
-const ROUNDS: usize = 8;
-/// The most solves for one of them.
-const SOLVES: usize = 12;
-
 /// What finding switches needs and remembers.
 pub(super) struct Switching {
     locate: bool,
@@ -60,7 +37,7 @@ pub(super) struct Switching {
     /// The face before the step at hand.
     pub(super) before: ActiveFace,
     /// Whether the step at hand ends at a switch.
-    pending: bool,
+    pub(super) pending: bool,
     /// The time of the last switch, the time from it to the one before, and how often that shrank in a row.
     last: f64,
     gap: f64,
@@ -69,7 +46,7 @@ pub(super) struct Switching {
     pub(super) scratch: Vec<f64>,
     pub(super) inside: Inside,
     pub(super) constraints: Constraints,
-    monitors: Vec<Monitor>,
+    pub(super) monitors: Vec<Monitor>,
     /// Room for those between the stages.
     pub(super) between: Vec<Monitor>,
     pub(super) screening: Screening,
@@ -143,7 +120,8 @@ impl Switching {
         self.locate
     }
 
-    fn is_accumulating(&self) -> bool {
+    /// Whether switches follow each other too fast to be located.
+    pub(super) fn is_accumulating(&self) -> bool {
         self.shrinking >= ACCUMULATION || self.recurrence.is_pausing()
     }
 
@@ -164,191 +142,13 @@ impl Radau<'_> {
         self.switching.accumulations
     }
 
-    /// Finds where the first violated monitor of the step at hand, of size `h`, changes sign; `dip` is a fraction of the
-    /// step at which one is violated though at no stage.
-    pub(super) fn locate(&mut self, h: f64, mut dip: Option<f64>) -> Result<Located, StepError> {
-        if !self.switching.locates() {
-            return Ok(Located::Nowhere);
-        }
-        let mut size = h;
-        let (mut solves, mut rounds) = (0, 0);
-        // Each round takes the earliest sign change of the polynomial at hand; a later round is needed when the step
-        // that ends there shows an earlier one of another variable.
-        while let Some(crossing) = self.earliest(size, dip.map(|theta| theta * h / size)) {
-            let least = 1e3 * f64::EPSILON * self.t.abs().max(size);
-            // What crosses at the end that was found, to within rounding of the time, crosses with what it was found for.
-            let is_end = solves > 0 && (1.0 - crossing.theta) * size <= self.rounding_of_time(size);
-            let end = if is_end {
-                size
-            } else if crossing.theta * size <= least {
-                0.0
-            } else {
-                let Some(end) = self.solve_for_end(&crossing, size, &mut solves)? else { return Ok(Located::Nowhere) };
-                end
-            };
-            if end <= least {
-                self.switching.remember(&self.system.face);
-                let changed = self.choose_face(size) && !self.switching.before.is_same(&self.system.face)
-                    || self.choose_face_beyond_noise(size);
-                self.switching.record(self.t, &self.system.set, &self.system.face, &[]);
-                self.restart();
-                return Ok(if changed { Located::Now } else { Located::Nowhere });
-            }
-            size = end;
-            rounds += 1;
-            if rounds == ROUNDS {
-                return Ok(Located::Nowhere);
-            }
-            if dip.is_some() {
-                solves = solves.min(1);
-            }
-            if !is_end && self.is_violated_within(size, Some(&crossing)) {
-                continue;
-            }
-            // The stages of a curved face may be those of the VI, which looks at no monitors.
-            let between = if self.system.is_curved() { Between::Undecided } else { self.screen(size) };
-            // The first step on a face may have to bring the states onto it, which is no reason to leave it at once.
-            match between {
-                Between::Violated { theta, .. } if self.continues || self.rises_before(theta, size) => {
-                    dip = Some(theta * size / h);
-                }
-                Between::ProvenUpTo(theta) if self.settings.step.is_none() => {
-                    return Ok(Located::Behind(theta * size / h));
-                }
-                between => {
-                    self.switching.remember(&self.system.face);
-                    self.switching.pending = true;
-                    return Ok(Located::At { h: size, between });
-                }
-            }
-        }
-        Ok(Located::Nowhere)
-    }
-
-    /// What rounding makes of the end of a step of this size.
-    pub(super) fn rounding_of_time(&self, size: f64) -> f64 {
-        8.0 * f64::EPSILON * (self.t.abs() + size)
-    }
-
-    /// Solves the step again with its size as the unknown, so that one monitor is zero at its end; the size, or `None`
-    /// if the stages cannot be solved or the iteration on the size fails.
-    fn solve_for_end(
-        &mut self,
-        crossing: &Crossing,
-        mut size: f64,
-        solves: &mut usize,
-    ) -> Result<Option<f64>, StepError> {
-        let longest = 1.5 * size;
-        // Of a monitor with several zeros over the step the others are not meant.
-        let slack = |(begin, end): (f64, f64)| SLACK * (end - begin);
-        let mut bracket = crossing.bracket.map(|part| ((part.0 - slack(part)) * size, (part.1 + slack(part)) * size));
-        let mut trial = crossing.theta * size;
-        let mut slope = crossing.slope;
-        let mut last: Option<(f64, f64)> = None;
-        while *solves < SOLVES && trial > 0.0 && trial < longest {
-            *solves += 1;
-            self.prepare(trial)?;
-            self.stages.resample(self.tableau(), trial / size);
-            let before = std::mem::replace(&mut size, trial);
-            match self.stages_on_face(size) {
-                Some(true) => {}
-                Some(false) => {
-                    // Past the end of the face: back towards where it was still followed.
-                    let reached = last.map_or(0.0, |(h, _)| h);
-                    trial = reached + 0.5 * (size - reached);
-                    continue;
-                }
-                // Past the end of the face its equations need not have a solution.
-                None => {
-                    let reached = last.map_or(0.0, |(h, _)| h);
-                    trial = reached + 0.5 * (size - reached);
-                    self.predict(size);
-                    continue;
-                }
-            }
-            let Some(Monitor { value, noise }) = self.monitor_at(crossing, size) else { return Ok(None) };
-            if let Some((h, old)) = last
-                && (size - h).abs() > 1e-7 * size
-            {
-                slope = (value - old) / (size - h);
-            }
-            last = Some((size, value));
-            let correction = value / slope;
-            let rounding = self.rounding_of_time(size);
-            let stalled = (size - before).abs() <= correction.abs() && *solves > 3 && correction.abs() < 1e-6 * size;
-            if correction.abs() <= rounding || stalled {
-                return Ok(Some(size));
-            }
-            if value.abs() <= 0.1 * noise {
-                return Ok(Some(self.extend(crossing, size, value, correction)));
-            }
-            trial = size - correction;
-            if let Some((shortest, longest)) = &mut bracket {
-                let end = if value > 0.0 { shortest } else { longest };
-                *end = size;
-            }
-            if let Some((shortest, longest)) = bracket.filter(|part| !(trial > part.0 && trial < part.1)) {
-                trial = 0.5 * (shortest + longest);
-            }
-        }
-        Ok(None)
-    }
-
-    /// Takes the step at hand, of size `h`, along its collocation polynomial to where the monitor of `crossing` is zero, from
-    /// which it is off by a `value` within noise and thus by about `correction`; its size then. Other variables that switch at
-    /// the same instant are then off by what rounding leaves, and no longer by what the search was content with.
-    fn extend(&mut self, crossing: &Crossing, h: f64, value: f64, correction: f64) -> f64 {
-        let theta = 1.0 - correction / h;
-        // Further from the step than that its polynomial says nothing.
-        if !(0.5..=1.5).contains(&theta) {
-            return h;
-        }
-        let mut monitors = std::mem::take(&mut self.switching.monitors);
-        self.monitors_at(theta, h, &mut monitors);
-        let left = monitors.get(crossing.index).map_or(value, |monitor| monitor.value);
-        self.switching.monitors = monitors;
-        // The secant through both: the error of the polynomial behind its last stage is of second order.
-        let end = h - correction * value / (value - left);
-        // A secant through values as close as those of noise leads anywhere.
-        if left.is_nan() || left.abs() > 0.5 * value.abs() || !end.is_finite() {
-            return h;
-        }
-        self.stages.resample(self.tableau(), end / h);
-        end
-    }
-
-    /// Solves the stages of a step of size `h` on the present face by Newton's method; where it fails on a curved face,
-    /// with the VI at every stage, which asks for no more than that the step is not longer than the face: whether that
-    /// is so, or `None` if neither solves them.
-    fn stages_on_face(&mut self, h: f64) -> Option<bool> {
-        if matches!(self.newton(h), Newton::Converged { .. }) {
-            return Some(true);
-        }
-        if !self.system.is_curved() {
-            return None;
-        }
-        self.predict(h);
-        let face = self.system.face.clone();
-        let tableau = self.tableau();
-        let vi = self.stage_vi.as_mut()?;
-        let solved = vi.solve(&mut self.system, tableau, &mut self.stages, self.t, h, &self.y, &self.control);
-        let is_same = self.system.face.is_same(&face);
-        self.system.face = face;
-        if solved.is_err() {
-            return None;
-        }
-        let states = self.system.states;
-        let end = self.stages.stage(&self.y, tableau.stages() - 1);
-        Some(is_same && turned(&self.system, &self.system.face, &self.y[states..], &end[states..]).is_empty())
-    }
-
     /// After a step is accepted: the face at its end.
     pub(super) fn settle(&mut self, coupled: bool) {
         if self.system.bounded.is_empty() {
             return;
         }
         self.clear_switches();
-        if self.system.evaluate(self.t, &self.y) {
+        if self.system.evaluate(self.clock.t, &self.y) {
             self.system.put_on_bounds(&mut self.y);
             self.system.project(&mut self.y);
         }
@@ -358,14 +158,14 @@ impl Radau<'_> {
             self.choose_face(self.h.max(self.last.h));
             self.keep_better(&before);
             let turned = turned(&self.system, &self.switching.before, &before, &self.y[self.system.states..]);
-            let changed = self.switching.record(self.t, &self.system.set, &self.system.face, &turned);
+            let changed = self.switching.record(self.clock.t, &self.system.set, &self.system.face, &turned);
             if !changed && self.switching.recurrence.within_noise() {
                 self.switching.accumulations += 1;
             }
             self.rest();
             self.restart();
         } else if coupled {
-            self.switching.record(self.t, &self.system.set, &self.system.face, &[]);
+            self.switching.record(self.clock.t, &self.system.set, &self.system.face, &[]);
             self.rest();
             self.restart();
         } else if self.switching.is_accumulating() {
@@ -381,7 +181,7 @@ impl Radau<'_> {
         }
         self.switching.remember(&self.system.face);
         if self.pass_accumulation(self.last.h) {
-            self.switching.record(self.t, &self.system.set, &self.system.face, &[]);
+            self.switching.record(self.clock.t, &self.system.set, &self.system.face, &[]);
             self.switching.shrinking = 0;
             self.switching.recurrence.passed();
         }
@@ -404,7 +204,7 @@ impl Radau<'_> {
     /// that of the others says nothing of `z`.
     fn natural_map(&mut self) -> f64 {
         let n = self.system.states;
-        if !self.system.evaluate(self.t, &self.y) {
+        if !self.system.evaluate(self.clock.t, &self.y) {
             return f64::INFINITY;
         }
         let Self { system, switching, y, .. } = self;
@@ -416,49 +216,11 @@ impl Radau<'_> {
             (0..y.len() - n).filter(|&k| system.has_variables(k)).map(|k| (y[n + k] - switching.scratch[n + k]).abs());
         residuals.fold(0.0, f64::max)
     }
-
-    /// Whether a monitor, other than the one that ends it, is violated at a stage of the step at hand, of size `h`. Variables
-    /// that hidden constraints tell are those that belong to the states: at the stages themselves they are right to order `s`
-    /// only, and may leave their bounds while the others do not.
-    pub(super) fn is_violated_within(&mut self, h: f64, end: Option<&Crossing>) -> bool {
-        let tableau = self.tableau();
-        (0..tableau.stages()).any(|i| {
-            let t = self.t + tableau.c[i] * h;
-            self.switching.scratch.copy_from_slice(self.stages.stage(&self.y, i));
-            let Switching { inside, scratch, monitors: values, .. } = &mut self.switching;
-            if let Some(consistent) = &mut self.consistent
-                && consistent.is_cheap()
-                && !inside.tells_all(&self.system)
-            {
-                consistent.solve(&mut self.system, &self.control, t, scratch);
-            }
-            if !self.system.evaluate(t, scratch) {
-                return true;
-            }
-            monitors(&mut self.system, &self.control, scratch, values);
-            let mut others = values.iter().enumerate().filter(|(index, _)| end.is_none_or(|end| *index != end.index));
-            others.any(|(_, monitor)| monitor.is_violated())
-        })
-    }
-
-    /// One monitor at the end of the step at hand, with the variables that belong to the states there: their stage values
-    /// would give the time of the switch to order `s` only.
-    fn monitor_at(&mut self, crossing: &Crossing, h: f64) -> Option<Monitor> {
-        let y = self.stages.stage(&self.y, self.tableau().stages() - 1);
-        self.switching.scratch.copy_from_slice(y);
-        if let Some(consistent) = &mut self.consistent {
-            consistent.solve(&mut self.system, &self.control, self.t + h, &mut self.switching.scratch);
-        }
-        self.system.evaluate(self.t + h, &self.switching.scratch);
-        let Switching { scratch, monitors: values, .. } = &mut self.switching;
-        monitors(&mut self.system, &self.control, scratch, values);
-        values.get(crossing.index).copied()
-    }
 }
 
 /// The members of blocks that stay on their boundary between two values of the variables, but on the other side of it:
 /// friction where the motion turns back.
-fn turned(system: &System<'_>, from: &ActiveFace, before: &[f64], after: &[f64]) -> Vec<usize> {
+pub(super) fn turned(system: &System<'_>, from: &ActiveFace, before: &[f64], after: &[f64]) -> Vec<usize> {
     let faces = from.blocks.iter().zip(&system.face.blocks);
     let turned = system.set.blocks().iter().zip(faces).filter(|(block, faces)| {
         let product: f64 = block.members.iter().map(|&k| before[k] * after[k]).sum();

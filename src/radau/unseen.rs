@@ -126,7 +126,7 @@ impl Radau<'_> {
     /// How far the states would be off for what the stages of the step of size `h` do not show of the rows, in units of their
     /// tolerances; zero where rows neither depend on time nor have features, or cannot be enclosed.
     pub(super) fn missed(&mut self, h: f64) -> f64 {
-        let rounding = self.rounding_of_time(h);
+        let rounding = self.clock.rounding(h);
         self.unseen.is_open = false;
         if h <= 4.0 * rounding || !self.is_fast(h) && self.system.features.is_empty() {
             return 0.0;
@@ -227,7 +227,7 @@ impl Radau<'_> {
     }
 
     fn rows_at(&mut self, theta: f64, course: &Course, y: &[f64]) -> Vec<f64> {
-        self.system.evaluate(self.t + theta.clamp(course.end, 1.0 - course.end) * course.h, y);
+        self.system.evaluate(self.clock.t + theta.clamp(course.end, 1.0 - course.end) * course.h, y);
         self.system.values.clone()
     }
 
@@ -292,7 +292,7 @@ impl Radau<'_> {
                 let allowed = course.rows[i].allowed;
                 unseen[i] > allowed.max(largest) && unseen[i] * length > allowed
             };
-            let can_halve = enclosed + 2 <= MOST_PARTS && times.hi - times.lo > self.rounding_of_time(course.h);
+            let can_halve = enclosed + 2 <= MOST_PARTS && times.hi - times.lo > self.clock.rounding(course.h);
             if can_halve && (0..unseen.len()).any(is_open) {
                 enclosed += 2;
                 let mut second = Part::default();

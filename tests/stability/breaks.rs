@@ -46,3 +46,42 @@ fn kinks_of_time_do_not_lower_the_order() {
         assert!(error < bound, "{steps} steps: off by {error:e}");
     }
 }
+
+#[test]
+fn pulses_of_any_width_are_met_at_their_edges() {
+    // Of one quantity that changes its sign twice within a width of w, and drives x' = -x with an area of one: each edge at c
+    // adds exp(c - t)/w, with its sign. Times are known to a unit of rounding, which is that part of the width.
+    let centres = [2.1, 7.3];
+    for width in [1e-2_f64, 1e-5, 1e-7] {
+        let pulse = |c: f64| format!("heaviside({:e} - (t - {c})^2)/{width:e}", 0.25 * width * width);
+        let rate = format!("-x + {} + {}", pulse(centres[0]), pulse(centres[1]));
+        let exact = |t: f64| {
+            let pulses = centres.iter().filter(|c| **c < t);
+            pulses.map(|c| (c - t).exp() * 2.0 * (0.5 * width).sinh() / width).sum::<f64>()
+        };
+        let solution = Case::until(10.0).state("x", 0.0, &rate).method(json!({"rtol": 1e-8})).solve();
+        assert!(solution.verdict.trusted, "width {width:e}: {:?}", solution.verdict);
+        let error = (last(&solution, "x") - exact(10.0)).abs();
+        let bound = 1e-8 + 8.0 * f64::EPSILON * 7.3 / width;
+        assert!(error < bound, "width {width:e}: off by {error:e}");
+        // Each edge begins anew; nothing else costs.
+        let rates = solution.diagnostics.evaluations.rates;
+        assert!(rates < 250, "width {width:e}: {rates} evaluations");
+    }
+}
+
+#[test]
+fn periodic_edges_cost_no_more_than_the_steps_between_them() {
+    // A pulse of width w about each whole number; in the middle of each period enclosures tell that there is none.
+    let width: f64 = 0.01;
+    let level = (PI * width).cos();
+    let rate = format!("-x + heaviside(cos({:?}*t) - {level:?})", 2.0 * PI);
+    let edge = |k: f64, t: f64| (k + 0.5 * width - t).exp() - ((k - 0.5 * width).max(0.0) - t).exp();
+    let exact = (0..=10).map(|k| edge(f64::from(k), 10.5)).sum::<f64>();
+    let solution = Case::until(10.5).state("x", 0.0, &rate).method(json!({"rtol": 1e-8})).solve();
+    assert!(solution.verdict.trusted, "{:?}", solution.verdict);
+    let error = (last(&solution, "x") - exact).abs();
+    assert!(error < 1e-9, "off by {error:e}");
+    let rates = solution.diagnostics.evaluations.rates;
+    assert!(rates < 500, "{rates} evaluations");
+}

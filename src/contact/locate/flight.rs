@@ -472,4 +472,8 @@ impl Dvi for Flight {
     fn breaks(&mut self, t: f64) -> &[f64] {
         self.problem.breaks(t)
     }
+
+    fn enclose_breaks(&mut self, t: Interval) -> &[Interval] {
+        self.problem.enclose_breaks(t)
+    }
 }

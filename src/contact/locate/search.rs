@@ -15,6 +15,7 @@
 
 use super::leg::Leg;
 use super::monitors::{Ending, Monitor};
+use numerics::Bracket;
 
 /// Where a step is parted to begin with: no part is a multiple of another, which a period might be too.
 const PARTED: f64 = 0.381_966_011_250_105;
@@ -193,40 +194,35 @@ impl Leg<'_, '_> {
     /// Where a monitor falls to its origin between two points, by the method of Illinois.
     fn root(&mut self, index: usize, start: &Start, pair: &[Point]) -> Violation {
         let (left, right) = (&pair[0], &pair[1]);
-        let (mut a, mut fa) = (left.t, left.monitors[index].value);
-        let (mut b, mut fb) = (right.t, right.monitors[index].value);
-        let mut slope = (fb - fa) / (b - a);
-        let (range, mut above) = (fa - fb, fa);
-        let mut kept = 0;
+        let at = |point: &Point| (point.t, point.monitors[index].value);
+        let mut bracket = Bracket::new(at(left), at(right));
+        let (range, mut above) = (bracket.before.1 - bracket.behind.1, bracket.before.1);
+        let mut slope = -range / bracket.width();
         for _ in 0..80 {
-            if fa <= 0.0 || b - a <= 2.0 * f64::EPSILON * b.abs() {
+            let (a, b) = (bracket.before.0, bracket.behind.0);
+            if bracket.before.1 <= 0.0 || bracket.width() <= 2.0 * f64::EPSILON * b.abs() {
                 break;
             }
-            let t = (a * fb - b * fa) / (fb - fa);
+            let t = bracket.guess();
             let t = if t > a && t < b { t } else { 0.5 * (a + b) };
             if t <= a || t >= b {
                 break;
             }
             let value = self.point(start, t).monitors[index].value;
-            if value <= 0.0 {
-                if t < b {
-                    slope = (fb - value) / (b - t);
-                }
-                (b, fb) = (t, value);
-                fa *= if kept < 0 { 0.5 } else { 1.0 };
-                kept = -1;
+            if value > 0.0 {
+                above = value;
             } else {
-                (a, fa, above) = (t, value, value);
-                fb *= if kept > 0 { 0.5 } else { 1.0 };
-                kept = 1;
+                slope = (bracket.behind.1 - value) / (b - t);
             }
+            bracket.narrow(t, value);
             if value == 0.0 {
                 break;
             }
         }
+        let (a, b) = (bracket.before.0, bracket.behind.0);
         let below = self.point(start, b).monitors[index].value;
         let jumps = b - a <= 4.0 * f64::EPSILON * b.abs() && above - below > JUMP * range;
-        let t = if fa <= 0.0 { a } else { b };
+        let t = if bracket.before.1 <= 0.0 { a } else { b };
         let mut values = Vec::new();
         self.monitors_at(t, &mut values);
         let (Origin::Floor(origin) | Origin::Root(origin)) = start.origins[index];

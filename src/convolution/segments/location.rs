@@ -4,12 +4,17 @@
 use super::trial::{Trial, Violation};
 use super::{Place, Segments};
 use crate::stepper::StepError;
+use numerics::Bracket;
 
 /// Guesses: every other one halves the bracket at least, and a double has 53 binary digits.
 const GUESSES: usize = 120;
 /// By how much the bracket shrinks as long as only its upper end is known: four binary digits a guess. A factor nearer to one takes
 /// more guesses to a switch at the beginning of the element, a smaller one leaves a wider bracket to one that is not.
 const SHRINK: f64 = 1.0 / 16.0;
+
+/// The part of a bracket at either of its ends in which no guess is made: a value that is wrong by much leads no further than
+/// three decimal digits towards one end. A larger part costs guesses where the line is right, a smaller one where it is not.
+const MARGIN: f64 = 1e-3;
 
 /// A monitor is zero below this part of its noise, which allows for sixteen rounding errors of its largest term
 /// ([`trial`](super::trial)): it is then at most one of them, and no other guess would tell more. With all of the noise the time
@@ -23,30 +28,28 @@ type Located = (Option<Trial>, Option<(usize, Place)>);
 impl Segments<'_> {
     /// Locates the first loss of a sign in an element.
     pub(super) fn locate(&mut self, trial: Trial, violation: Violation) -> Result<Located, StepError> {
-        let mut high = violation.theta * trial.h;
         let mut lost = violation;
-        // What the monitor is at the upper end, as far as it counts for the next guess.
-        let mut value = violation.value;
-        let mut low: Option<(Trial, f64)> = None;
-        let mut side = 0;
+        // The shortest element that has lost the sign, and by how much.
+        let mut behind = (violation.theta * trial.h, violation.value);
+        // The longest element that has not, and the bracket that both make.
+        let mut before: Option<(Trial, Bracket)> = None;
         // Whether an element that ends at the upper end has lost its sign there: one that goes further, over a kink of a force,
         // may be wrong before the kink as well.
         let mut confirmed = violation.theta == 1.0;
         for _ in 0..GUESSES {
+            let high = behind.0;
             let resolution = self.resolution(high);
-            let guess = match &low {
+            let guess = match &before {
                 _ if !confirmed && high > resolution => high,
                 None if high <= resolution || high <= super::advance::TINY * self.usual.min(trial.h) => {
                     return Ok((None, Some((lost.variable, lost.to))));
                 }
                 None => SHRINK * high,
-                Some((before, left)) => {
-                    let width = high - before.h;
-                    if width <= resolution {
-                        break;
-                    }
-                    let part = if *left > 0.0 { left / (left - value) } else { 0.0 };
-                    before.h + width * part.clamp(1e-3, 1.0 - 1e-3)
+                Some((_, bracket)) if bracket.width() <= resolution => break,
+                Some((_, bracket)) => {
+                    let (low, margin) = (bracket.before.0, MARGIN * bracket.width());
+                    let guess = Some(bracket.guess()).filter(|guess| guess.is_finite());
+                    guess.unwrap_or(low).clamp(low + margin, high - margin)
                 }
             };
             let made = self.trial(guess)?;
@@ -61,31 +64,25 @@ impl Segments<'_> {
                 // What looked like a switch was none.
                 None if !confirmed && guess == high => return Ok((Some(made), None)),
                 None => {
-                    if side == -1 {
-                        value *= 0.5;
-                    }
-                    side = -1;
-                    low = Some((made, at_end));
+                    let mut bracket =
+                        before.map_or_else(|| Bracket::new((0.0, at_end), behind), |(_, bracket)| bracket);
+                    bracket.narrow(guess, at_end);
+                    before = Some((made, bracket));
                     continue;
                 }
                 Some(found) => found,
             };
-            if found.variable != lost.variable || found.to != lost.to {
-                if let Some((before, left)) = &mut low {
-                    *left = before.ends[found.variable].towards(found.to);
+            behind = (found.theta * guess, found.value);
+            if let Some((trial, bracket)) = &mut before {
+                if (found.variable, found.to) == (lost.variable, lost.to) {
+                    bracket.narrow(behind.0, behind.1);
+                } else {
+                    let value = trial.ends[found.variable].towards(found.to);
+                    *bracket = Bracket::new((trial.h, value), behind);
                 }
-                side = 0;
-            } else {
-                if let Some((_, left)) = low.as_mut().filter(|_| side == 1) {
-                    *left *= 0.5;
-                }
-                side = 1;
             }
-            (high, value, lost, confirmed) = (found.theta * guess, found.value, found, found.theta == 1.0);
+            (lost, confirmed) = (found, found.theta == 1.0);
         }
-        match low {
-            Some((trial, _)) => Ok((Some(trial), Some((lost.variable, lost.to)))),
-            None => Ok((None, Some((lost.variable, lost.to)))),
-        }
+        Ok((before.map(|(trial, _)| trial), Some((lost.variable, lost.to))))
     }
 }

@@ -21,7 +21,7 @@ mod watched;
 use super::forcing::Forcing;
 use super::kernel::Kernel;
 use super::stepper::StepError;
-use breaks::Breaks;
+use hybrid::Breaks;
 use lag::Lag;
 use panel::Interpolation;
 use past::Past;

@@ -255,8 +255,14 @@ impl Enclosure {
             }
             may_fail |= !is_proven && suspect;
             // The residual of a hidden constraint over a box shrinks with the box and no faster.
-            self.is_hopeless |=
-                with_hidden && part.length == 1.0 && error > MOST_PARTS as f64 * (middle + monitor.limit).abs();
+            self.is_hopeless |= with_hidden && part.length == 1.0 && {
+                // A monitor that happens to be zero in the middle is as large as it is elsewhere.
+                let elsewhere = match monitor.place {
+                    Place::Inside => self.ranges[n + monitor.variable].width(),
+                    _ => 0.0,
+                };
+                error > MOST_PARTS as f64 * (middle + monitor.limit).abs().max(elsewhere)
+            };
             !is_proven
         });
         may_fail

@@ -21,9 +21,10 @@
 //! leave free: what Newton's method or rounding leaves of other equations does not shrink with the step, and would hold up the
 //! run.
 
-use super::{Method, Radau};
+use super::Radau;
 use crate::layout::Storage;
 use crate::newton_control::mean_square_root;
+use crate::orders::Method;
 use std::ops::Range;
 
 /// The tolerances that one step may err by where its order is reduced.
@@ -31,6 +32,23 @@ const STIFF: f64 = 3.0;
 
 /// The part of the tolerance below which an error does not keep a step from growing: the next estimate sees what it becomes.
 const NEGLIGIBLE: f64 = 1e-3;
+
+/// Room for the estimate.
+pub(super) struct Estimates {
+    /// `e`
+    pub error: Vec<f64>,
+    /// The jump of the slope of the states into the step, times its size; empty where there is none to speak of.
+    jump: Vec<f64>,
+    embedded: Vec<f64>,
+    pub shifted: Vec<f64>,
+}
+
+impl Estimates {
+    pub fn new(unknowns: usize) -> Self {
+        let zeros = || vec![0.0; unknowns];
+        Self { error: zeros(), jump: Vec::new(), embedded: zeros(), shifted: zeros() }
+    }
+}
 
 impl Radau<'_> {
     /// The embedded estimate of the error of the states, in units of the tolerance,
@@ -55,40 +73,41 @@ impl Radau<'_> {
             Some(vi) if coupled => vi.factors(),
             _ => &mut self.factors,
         };
-        let weights = &self.methods[self.current].tableau.estimate;
-        self.shifted.fill(0.0);
+        let weights = &self.orders.current().tableau.estimate;
+        self.estimates.shifted.fill(0.0);
         for (weight, z) in weights.iter().zip(self.stages.z.chunks_exact(n)) {
             let weight = weight / h;
-            for (sum, z) in self.shifted[..states].iter_mut().zip(z) {
+            for (sum, z) in self.estimates.shifted[..states].iter_mut().zip(z) {
                 *sum += weight * z;
             }
         }
         if self.settings.interpolated && leaves_no_rest {
-            self.last.jump(h, &self.shifted[..states], &mut self.jump);
-            let Self { system, control, switching, y, jump, .. } = self;
+            self.last.jump(h, &self.estimates.shifted[..states], &mut self.estimates.jump);
+            let Self { system, control, switching, y, estimates: Estimates { jump, .. }, .. } = self;
             if is_bound && !jump.is_empty() && !switching.constraints.project(system, control, y, jump) {
                 jump.clear();
             }
         }
-        self.system.multiply_by_mass(&self.shifted, &mut self.embedded);
+        self.system.multiply_by_mass(&self.estimates.shifted, &mut self.estimates.embedded);
         let mut error = f64::INFINITY;
         for pass in 0..2 {
             if pass == 1 {
-                for (shifted, (y, e)) in self.shifted.iter_mut().zip(self.y.iter().zip(&self.estimate)) {
+                for (shifted, (y, e)) in self.estimates.shifted.iter_mut().zip(self.y.iter().zip(&self.estimates.error))
+                {
                     *shifted = y + e;
                 }
             }
-            let y = if pass == 0 { &self.y } else { &self.shifted };
-            if !self.system.phi(self.t, y, &mut self.estimate) {
+            let y = if pass == 0 { &self.y } else { &self.estimates.shifted };
+            if !self.system.phi(self.clock.t, y, &mut self.estimates.error) {
                 return f64::INFINITY;
             }
-            for (sum, e) in self.estimate.iter_mut().zip(&self.embedded) {
+            for (sum, e) in self.estimates.error.iter_mut().zip(&self.estimates.embedded) {
                 *sum += e;
             }
-            if !factors.solve_real(&mut self.estimate) {
+            if !factors.solve_real(&mut self.estimates.error) {
                 return f64::INFINITY;
             }
-            error = rms(&self.estimate[..states], &self.control.weight);
+            error = rms(&self.estimates.error[..states], &self.control.weight);
             if error < 1.0 || !(self.counts.accepted == 0 || self.controller.rejected) {
                 break;
             }
@@ -100,9 +119,9 @@ impl Radau<'_> {
             return error;
         }
         if let Some(gamma) = self.tableau().gamma
-            && !self.jump.is_empty()
+            && !self.estimates.jump.is_empty()
         {
-            error = error.max(rms(&self.jump, &self.control.weight) / gamma);
+            error = error.max(rms(&self.estimates.jump, &self.control.weight) / gamma);
         }
         let error = error.max(self.ripple_error());
         error.max(self.stiff_error(h, error, is_bound))
@@ -111,7 +130,7 @@ impl Radau<'_> {
     /// The norm of `r^(s-1) e` for the estimate `e` at hand, in units of the tolerance that is not rescaled, to the power by which
     /// the tolerance is rescaled.
     fn ripple_error(&self) -> f64 {
-        let Method { tableau, tolerance } = &self.methods[self.current];
+        let Method { tableau, tolerance } = self.orders.current();
         let (s, n) = (tableau.stages(), self.system.unknowns);
         if s < 3 {
             return 0.0;
@@ -130,7 +149,7 @@ impl Radau<'_> {
             if last < before { (last / before).powf((s - 1) as f64 / count as f64) } else { 1.0 }
         };
         let states = 0..self.system.states;
-        let terms = states.map(|j| self.estimate[j] * share(j) * self.control.weight[j]);
+        let terms = states.map(|j| self.estimates.error[j] * share(j) * self.control.weight[j]);
         let square: f64 = terms.clone().map(|term| term * term).sum();
         let norm = mean_square_root(square, self.system.states, || terms);
         let error = tolerance.factor * norm;
@@ -153,27 +172,27 @@ impl Radau<'_> {
     /// power by which the tolerance is rescaled; nothing where a lower power of `I - P` is below `enough` already. Where states
     /// are bound by constraints, in the directions that these leave free.
     fn stiff_error(&mut self, h: f64, enough: f64, is_bound: bool) -> f64 {
-        let Method { tableau, tolerance } = &self.methods[self.current];
+        let Method { tableau, tolerance } = self.orders.current();
         let Some(gamma) = tableau.gamma else { return 0.0 };
         let states = self.system.states;
-        self.shifted.copy_from_slice(&self.estimate);
+        self.estimates.shifted.copy_from_slice(&self.estimates.error);
         let exponent = tolerance.exponent;
         let enough = enough.powf(1.0 / exponent);
         let mut left = f64::INFINITY;
         for power in 0..tableau.stages() {
             if power > 0 {
-                self.system.multiply_by_mass(&self.shifted, &mut self.embedded);
-                self.embedded.iter_mut().for_each(|e| *e *= gamma / h);
-                if !self.factors.solve_real(&mut self.embedded) {
+                self.system.multiply_by_mass(&self.estimates.shifted, &mut self.estimates.embedded);
+                self.estimates.embedded.iter_mut().for_each(|e| *e *= gamma / h);
+                if !self.factors.solve_real(&mut self.estimates.embedded) {
                     return f64::INFINITY;
                 }
-                self.shifted.iter_mut().zip(&self.embedded).for_each(|(e, smooth)| *e -= smooth);
+                self.estimates.shifted.iter_mut().zip(&self.estimates.embedded).for_each(|(e, smooth)| *e -= smooth);
             }
-            let Self { system, control, switching, y, shifted, .. } = self;
+            let Self { system, control, switching, y, estimates: Estimates { shifted, .. }, .. } = self;
             if is_bound && !switching.constraints.project(system, control, y, shifted) {
                 return 0.0;
             }
-            left = left.min(tolerance.factor / STIFF * rms(&self.shifted[..states], &self.control.weight));
+            left = left.min(tolerance.factor / STIFF * rms(&self.estimates.shifted[..states], &self.control.weight));
             if left <= enough {
                 return 0.0;
             }

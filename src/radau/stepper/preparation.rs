@@ -14,10 +14,10 @@ impl Radau<'_> {
         }
         if self.factored != Some(h) {
             if !self.system.face.blocks.is_empty() {
-                self.system.evaluate(self.t, &self.y);
+                self.system.evaluate(self.clock.t, &self.y);
                 self.system.linearise_blocks(&self.y, None);
             }
-            let tableau = self.methods[self.current].tableau;
+            let tableau = self.orders.current().tableau;
             self.factors.compute(&self.system, &self.system.face, tableau, h);
             self.system.work.factorisations += 1;
             self.factored = Some(h);
@@ -29,7 +29,7 @@ impl Radau<'_> {
     /// Makes the derivatives those of this step where they are stale.
     pub(super) fn differentiate(&mut self) -> Result<(), StepError> {
         if self.jacobian == Freshness::Stale {
-            if !self.system.differentiate(self.t, &self.y) {
+            if !self.system.differentiate(self.clock.t, &self.y) {
                 let row = self.system.entries().find(|(_, _, value)| !value.is_finite()).map_or(0, |(row, _, _)| row);
                 let (what, component) = self.name_row(row);
                 let what = match what {
@@ -37,7 +37,7 @@ impl Radau<'_> {
                     "inequality" => "derivative of the inequality",
                     _ => "derivative of the bound",
                 };
-                return Err(StepError::NotFinite { what, component, t: self.t });
+                return Err(StepError::NotFinite { what, component, t: self.clock.t });
             }
             self.jacobian = Freshness::Fresh;
             self.factored = None;
@@ -48,7 +48,7 @@ impl Radau<'_> {
     /// The weights of the Newton norm at `y`: `1/sc` for states; for variables, what an error of theirs over a step
     /// does to the states (never `z` itself, which is of lower order and jumps).
     pub(crate) fn set_tolerances(&mut self, h: f64) {
-        let tolerance = &self.methods[self.current].tolerance;
+        let tolerance = &self.orders.current().tolerance;
         let n = self.system.states;
         for j in 0..n {
             let scale = tolerance.factor * self.settings.atol[j] + tolerance.rtol * self.y[j].abs();
@@ -63,8 +63,8 @@ impl Radau<'_> {
         self.control.kappa = tolerance.kappa;
         self.control.most = tolerance.most;
         if self.system.unknowns > n {
-            let rounding = self.rounding_of_time(0.0);
-            self.system.time_derivative(self.t, &self.y, &mut self.control.by_time);
+            let rounding = self.clock.rounding(0.0);
+            self.system.time_derivative(self.clock.t, &self.y, &mut self.control.by_time);
             for slope in &mut self.control.by_time {
                 *slope = if slope.is_finite() { slope.abs() * rounding } else { 0.0 };
             }
@@ -84,17 +84,17 @@ impl Radau<'_> {
     pub(crate) fn predict(&mut self, h: f64) {
         let n = self.system.unknowns;
         let tableau = self.tableau();
-        if !self.continues || self.last_method != self.current {
+        if !(self.continues && self.orders.is_kept()) {
             self.stages.z.fill(0.0);
             self.stages.w.fill(0.0);
             return;
         }
         let end = (tableau.stages() - 1) * n;
-        self.shifted.copy_from_slice(&self.last.z[end..end + n]);
+        self.estimates.shifted.copy_from_slice(&self.last.z[end..end + n]);
         for (i, c) in tableau.c.iter().enumerate() {
             let out = &mut self.stages.z[i * n..(i + 1) * n];
             self.last.increment_at(tableau, 1.0 + c * h / self.last.h, out);
-            for (out, end) in out.iter_mut().zip(&self.shifted) {
+            for (out, end) in out.iter_mut().zip(&self.estimates.shifted) {
                 *out -= end;
             }
         }
@@ -119,13 +119,13 @@ impl Radau<'_> {
     }
 
     pub(super) fn check_finite(&mut self) -> Result<(), StepError> {
-        self.system.evaluate(self.t, &self.y);
+        self.system.evaluate(self.clock.t, &self.y);
         self.check_evaluation()
     }
 
     /// Whether the last evaluation gave numbers, and intervals and balls that hold one.
     pub(super) fn check_evaluation(&self) -> Result<(), StepError> {
-        let t = self.t;
+        let t = self.clock.t;
         if let Some(row) = self.system.values.iter().position(|value| !value.is_finite()) {
             let (what, component) = self.name_row(row);
             return Err(StepError::NotFinite { what, component, t });
@@ -155,7 +155,7 @@ impl Radau<'_> {
     /// A first step over which the rates at the start change the states by about the tolerance to the power that the
     /// order asks for.
     pub(super) fn first_step(&mut self) -> f64 {
-        let span = self.end - self.t;
+        let span = self.clock.remaining();
         if let Some(h) = self.settings.step.or(self.settings.first_step) {
             return h.min(span);
         }
@@ -173,7 +173,7 @@ impl Radau<'_> {
         let s = self.tableau().stages() as f64;
         // One tolerance of change a step is far too careful; the order says by how much.
         let reach = (1.0 / self.settings.rtol).powf(1.0 - 1.0 / (s + 1.0)).sqrt();
-        let least = (1e-12 * span).max(f64::EPSILON * self.t.abs());
+        let least = (1e-12 * span).max(f64::EPSILON * self.clock.t.abs());
         (reach / speed).min(1e-3 * span).max(least).min(span)
     }
 }

@@ -22,7 +22,7 @@ pub struct Variables<'a> {
 impl Radau<'_> {
     /// The time reached.
     pub fn t(&self) -> f64 {
-        self.t
+        self.clock.t
     }
 
     /// `y = (x, z)` at the time reached.
@@ -37,7 +37,7 @@ impl Radau<'_> {
 
     /// Whether the end is reached.
     pub fn is_done(&self) -> bool {
-        self.t >= self.end
+        self.clock.is_done()
     }
 
     /// When the states first jumped, because the constraints did not allow them: at the start, or at a break of the rows.
@@ -47,7 +47,7 @@ impl Radau<'_> {
 
     /// The largest size of each unknown so far.
     pub fn largest(&self) -> &[f64] {
-        &self.largest
+        &self.extent.largest
     }
 
     /// The number of stages in use.
@@ -76,13 +76,13 @@ impl Radau<'_> {
     /// `y` at a time within the last accepted step, into `out`: the states from the collocation polynomial, the variables
     /// that belong to them; at the end of a step that is a switch, those after it.
     pub fn interpolate(&mut self, t: f64, out: &mut [f64]) {
-        let at_end = t == self.t;
+        let at_end = t == self.clock.t;
         let mut are_found = false;
         if at_end {
             out.copy_from_slice(&self.y);
             are_found = self.find_variables(t, out);
         } else {
-            self.last.at(self.methods[self.last_method].tableau, t, out);
+            self.last.at(self.orders.last().tableau, t, out);
             std::mem::swap(&mut self.system.face, &mut self.last.face);
             if self.last.is_smooth {
                 are_found = self.bring_onto_face(t, out);
@@ -118,7 +118,7 @@ impl Radau<'_> {
 
     /// What is needed to judge the variables at the time reached; `None` where no variable has a bound.
     pub fn variables(&mut self) -> Option<Variables<'_>> {
-        if self.system.bounded.is_empty() || !self.system.evaluate(self.t, &self.y) {
+        if self.system.bounded.is_empty() || !self.system.evaluate(self.clock.t, &self.y) {
             return None;
         }
         let (n, unknowns) = (self.system.states, self.system.unknowns);
@@ -137,7 +137,7 @@ impl Radau<'_> {
 
     /// The equations of the active face of each block at the time reached.
     pub fn equations_of_blocks(&mut self) -> Vec<FaceEquations> {
-        self.system.evaluate(self.t, &self.y);
+        self.system.evaluate(self.clock.t, &self.y);
         self.system.equations_for_z(&self.y)
     }
 

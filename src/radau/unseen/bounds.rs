@@ -116,7 +116,7 @@ impl Radau<'_> {
         let mut times = [0.0; 3];
         for ((u, time), y) in [0.0, 0.5, 1.0].into_iter().zip(&mut times).zip(room.points.chunks_exact_mut(unknowns)) {
             part.values(u, y);
-            *time = self.t + (part.begin + u * part.length).clamp(course.end, 1.0 - course.end) * course.h;
+            *time = self.clock.t + (part.begin + u * part.length).clamp(course.end, 1.0 - course.end) * course.h;
         }
         self.system.problem().vary_derivatives(times, &room.points, &mut room.variations);
     }
@@ -153,7 +153,7 @@ impl Radau<'_> {
 
     /// The times of a part.
     pub(super) fn times(&self, course: &Course, part: &Part) -> Interval {
-        let at = |theta: f64| self.t + theta.clamp(course.end, 1.0 - course.end) * course.h;
+        let at = |theta: f64| self.clock.t + theta.clamp(course.end, 1.0 - course.end) * course.h;
         Interval::new(at(part.begin), at(part.begin + part.length).max(at(part.begin).next_up()))
     }
 }

@@ -1,0 +1,166 @@
+//! The stages of one step: on the present face, up to where that ends, or with the variational inequality over all of them where
+//! no face is found to go on.
+
+use super::Radau;
+use crate::location::Located;
+use crate::screening::{Between, LEAST};
+use crate::settings::{Cause, StepError};
+use crate::stages::{Contraction, Newton};
+
+/// So many times a step along a curved face is halved, before its stages are solved without it.
+const HALVINGS: usize = 12;
+/// So many times a step is halved whose face is left at no point that can be found, before its stages are solved without it.
+const SEARCHES: usize = 4;
+
+/// How the stages of an attempt came out.
+pub(super) enum Attempt {
+    /// Solved, in so many Newton iterations; `coupled` over the stages, or on one face; with what screening found between
+    /// them.
+    Solved { h: f64, iterations: usize, coupled: bool, between: Option<Between> },
+    /// To be done again with the step times this factor, and why.
+    Failed(f64, Cause),
+}
+
+impl Radau<'_> {
+    /// Solves the stages of a step of size `h`, or of the shorter one that ends at a switch.
+    pub(super) fn attempt(&mut self, h: f64) -> Result<Attempt, StepError> {
+        let mut size = h;
+        let mut may_turn = true;
+        self.screened_short = false;
+        let (mut missed, mut proven) = (None, 0.0);
+        let mut searches = if self.settings.step.is_some() { 0 } else { SEARCHES };
+        for _ in 0..=self.system.bounded.len() + HALVINGS {
+            self.prepare(size)?;
+            self.predict(size);
+            let (located, iterations) = match self.newton(size) {
+                Newton::Converged { iterations, violated } => {
+                    let violated = violated && self.is_violated_within(size, None);
+                    let between = if violated || self.stage_vi.is_none() { None } else { Some(self.screen(size)) };
+                    let violation = between.and_then(Between::violation).filter(|_| self.switching.locates());
+                    if let Some(Between::ProvenUpTo(theta)) = between
+                        && self.settings.step.is_none()
+                        && self.switching.locates()
+                    {
+                        size *= theta;
+                        self.screened_short = true;
+                        continue;
+                    }
+                    if !violated && violation.is_none() {
+                        return Ok(Attempt::Solved { h: size, iterations, coupled: false, between });
+                    }
+                    missed = between;
+                    proven = violation.map_or(0.0, |(_, proven)| proven);
+                    let mut located = self.locate(size, violation.map(|(theta, _)| theta))?;
+                    // Of several switches within the step the stages need not show the first.
+                    if matches!(located, Located::Nowhere)
+                        && violation.is_none()
+                        && self.switching.locates()
+                        && let Some(first) = self.first_violation(size)?
+                    {
+                        proven = first.1;
+                        located = self.locate(size, Some(first.0))?;
+                    }
+                    (located, iterations)
+                }
+                Newton::Slow(factor) if self.stage_vi.is_none() => return Ok(Attempt::Failed(factor, Cause::Slow)),
+                Newton::Failed(cause) if self.stage_vi.is_none() => return Ok(Attempt::Failed(0.5, cause)),
+                // A curved face may end where it cannot be followed any further: as far as it goes, then.
+                Newton::Slow(_) | Newton::Failed(_) if self.system.is_curved() && self.switching.locates() => {
+                    if std::mem::take(&mut may_turn) && self.system.turn_cones() {
+                        self.factored = None;
+                        continue;
+                    }
+                    self.predict(size);
+                    match self.locate(size, None)? {
+                        Located::Nowhere => {
+                            size *= 0.5;
+                            continue;
+                        }
+                        located => (located, self.control.most),
+                    }
+                }
+                Newton::Slow(_) | Newton::Failed(_) => {
+                    self.shortened.unfollowed();
+                    break;
+                }
+            };
+            match located {
+                Located::At { h, between } => {
+                    return Ok(Attempt::Solved { h, iterations, coupled: false, between: Some(between) });
+                }
+                Located::Now => {}
+                Located::Behind(part) => {
+                    size *= part;
+                    self.screened_short = true;
+                }
+                // Up to shortly before it the step is proven.
+                Located::Nowhere if proven >= LEAST && self.settings.step.is_none() && self.switching.locates() => {
+                    size *= std::mem::take(&mut proven);
+                    self.screened_short = true;
+                }
+                Located::Nowhere if searches > 0 && self.switching.locates() => {
+                    searches -= 1;
+                    size *= 0.5;
+                }
+                Located::Nowhere => break,
+            }
+        }
+        self.predict(h);
+        Ok(self.couple(h, missed))
+    }
+
+    /// Where screening first sees a violation in a step of size `h`, whose stages are solved again, and up to where it sees
+    /// none for certain.
+    fn first_violation(&mut self, h: f64) -> Result<Option<(f64, f64)>, StepError> {
+        self.prepare(h)?;
+        self.predict(h);
+        if !matches!(self.newton(h), Newton::Converged { .. }) {
+            return Ok(None);
+        }
+        Ok(self.screen(h).violation())
+    }
+
+    /// Newton's method on the present face.
+    pub(crate) fn newton(&mut self, h: f64) -> Newton {
+        let tableau = self.tableau();
+        let newton = self.stages.newton(
+            &mut self.system,
+            tableau,
+            &mut self.factors,
+            self.clock.t,
+            h,
+            &self.y,
+            &self.control,
+            &mut self.contraction,
+        );
+        match newton {
+            Newton::Converged { .. } if !self.are_stages_solved(h) => Newton::Failed(Cause::Diverged),
+            newton => newton,
+        }
+    }
+
+    /// Solves the stages with the VI coupled over them, from their present increments; where a violation was seen between
+    /// them, it is still `missed`.
+    fn couple(&mut self, h: f64, missed: Option<Between>) -> Attempt {
+        let tableau = self.tableau();
+        let Some(stage_vi) = &mut self.stage_vi else { return Attempt::Failed(0.5, Cause::Unsolved) };
+        self.contraction = Contraction::default();
+        self.switching.remember(&self.system.face);
+        match stage_vi.solve(&mut self.system, tableau, &mut self.stages, self.clock.t, h, &self.y, &self.control) {
+            Ok(()) if !self.are_stages_solved(h) => {
+                self.system.face.clone_from(&self.switching.before);
+                Attempt::Failed(0.5, Cause::Diverged)
+            }
+            Ok(()) => {
+                // On one face all over it is a step like any other, which may have gone over switches that no stage shows; where
+                // these accumulate it is measured as a whole.
+                let is_one_face = self.system.face.is_same(&self.switching.before);
+                let is_alone = self.switching.locates() && self.accumulations() == 0;
+                let is_screened = is_one_face && is_alone && self.settings.step.is_none();
+                let between = missed.or_else(|| is_screened.then(|| self.screen(h)));
+                Attempt::Solved { h, iterations: self.control.most, coupled: true, between }
+            }
+            Err(cause) => Attempt::Failed(0.5, cause),
+        }
+    }
+}
