@@ -58,7 +58,7 @@ some 100 MiB beside; the service itself takes what it keeps and sends, most of i
 with --ephemeral, --kept-mib.
 
 A job that was accepted with 202 is on the disk. The next start takes up what has not ended;
-a job that was running at two ends in a row, other than by a signal to stop, is set aside.
+a job that alone was running at two ends, other than by a signal to stop, is set aside.
 
 SIGTERM or Ctrl-C: no more jobs are taken on; those that run have the grace time to end,
 then they are stopped and left to the next start. A second signal stops them at once.

@@ -112,7 +112,7 @@ problems! {
     KeyReused, "key-reused", UNPROCESSABLE_ENTITY, "The key stands for another specification",
         "Something else was posted under the same `Idempotency-Key`; give every specification a key of its own.";
     Poisoned, "poisoned", INTERNAL_SERVER_ERROR, "The job was set aside",
-        "The service ended twice while this job ran, so that it is not started again; please report its specification.";
+        "The service ended twice while this job ran and no other did, so that it is not started again; please report its specification.";
     Unreadable, "unreadable", INTERNAL_SERVER_ERROR, "The store could not be read",
         "What was stored is missing or of another version; the log has more under the id of the job.";
     Damaged, "damaged", INTERNAL_SERVER_ERROR, "What was stored is damaged",
