@@ -2,8 +2,8 @@
 
 mod command;
 
-use clap::{Parser, Subcommand};
-use command::{check, explain, healthcheck, methods, report, serve, solve, store, token, worker};
+use clap::{CommandFactory, Parser, Subcommand};
+use command::{check, explain, healthcheck, methods, report, serve, solve, store, token, usage, worker};
 use mimalloc::MiMalloc;
 use std::process::ExitCode;
 
@@ -50,6 +50,7 @@ fn main() -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(error) => {
+            let error = usage::with_tips(error, &Cli::command());
             // Nobody is left to be told of a closed standard output.
             let _ = error.print();
             return if error.use_stderr() { ExitCode::from(command::USAGE) } else { ExitCode::SUCCESS };

@@ -3,7 +3,7 @@
 
 use super::{BAD_SPECIFICATION, ENDED, Told, UNSERVABLE, report};
 use dvi::problem::Control;
-use dvi::service::worker::{Death, Event, Finished, Left, Limits, Prints, Solved, Supervisor, Watch, program};
+use dvi::service::worker::{Death, Event, Finished, Left, Limits, Origin, Prints, Solved, Supervisor, Watch, program};
 use dvi::solution::columnar::{Stored, write_whole};
 use std::io;
 use std::num::NonZeroUsize;
@@ -86,7 +86,8 @@ fn finish(
         let mut supervisor = Supervisor::new(program(None, memory_mib), u64::MAX, Arc::new(|_: Event<'_>| {}));
         supervisor.start().await?;
         let halted = Notify::new();
-        let watch = Watch { control, halted: &halted, is_unwanted: &|| false };
+        let origin = Origin::default();
+        let watch = Watch { origin: &origin, control, halted: &halted, is_unwanted: &|| false };
         let performed = supervisor.perform(true, document, limits, &watch, columns);
         let interrupted = async {
             if tokio::signal::ctrl_c().await.is_ok() {

@@ -12,8 +12,10 @@ mod remote;
 pub mod report;
 pub mod serve;
 pub mod solve;
+mod spans;
 pub mod store;
 pub mod token;
+pub mod usage;
 mod verdict;
 pub mod worker;
 

@@ -39,7 +39,11 @@ impl FromStr for Server {
     fn from_str(text: &str) -> Result<Self, String> {
         let uri: Uri = text.parse().map_err(|error| format!("{error}"))?;
         if uri.scheme() != Some(&Scheme::HTTP) {
-            return Err("an address such as http://localhost:8080; what is encrypted needs a proxy".to_owned());
+            return Err(
+                "an address such as http://localhost:8080; where the service answers to https alone, go past what \
+                        encrypts: ssh -L 8080:localhost:8080 HOST, and then --server http://localhost:8080"
+                    .to_owned(),
+            );
         }
         let authority = uri.authority().ok_or("there is no host")?;
         let address = format!("{}:{}", authority.host(), authority.port_u16().unwrap_or(80));

@@ -1,17 +1,20 @@
 //! `dvi serve`: the service in this process, until a signal stops it.
 
 use super::data::Data;
+use super::spans::Spans;
 use super::{UNSERVABLE, USAGE};
 use clap::{Args, ValueEnum};
-use dvi::service::{Options, Service, worker};
+use dvi::service::{Log, Options, Service, worker};
 use std::env::{self, VarError};
 use std::io::{self, IsTerminal};
 use std::panic;
 use std::process::ExitCode;
 use std::sync::Arc;
+use std::time::Duration;
 use tokio::net::TcpListener;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::mpsc::{Receiver, channel};
+use tracing_subscriber::Layer;
 use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
@@ -55,7 +58,7 @@ some 100 MiB beside; the service itself takes what it keeps and sends, most of i
 and, with --ephemeral, --kept-mib.
 
 A job that was accepted with 202 is on the disk. The next start takes up what has not ended;
-a job that was running at two ends in a row, other than by a signal to stop, is set aside.
+a job that alone was running at two ends, other than by a signal to stop, is set aside.
 
 SIGTERM or Ctrl-C: no more jobs are taken on; those that run have the grace time to end,
 then they are stopped and left to the next start. A second signal stops them at once.
@@ -64,6 +67,9 @@ Exit codes:
   0   it was stopped by a signal, in order
   5   it could not start, for example because the address or the folder is taken
   64  the command line or RUST_LOG makes no sense";
+
+/// The time that the end of the log has to go out, if somebody reads it.
+const LAST_LINES: Duration = Duration::from_secs(1);
 
 /// A form of the log.
 #[derive(Clone, Copy, ValueEnum)]
@@ -76,26 +82,39 @@ enum LogFormat {
 
 /// Serves until stopped; the exit code says whether it could start.
 pub fn run(arguments: Arguments) -> ExitCode {
-    if let Err(error) = log(arguments.log_format) {
-        eprintln!("dvi: RUST_LOG: {error}");
-        return ExitCode::from(USAGE);
-    }
+    let spans = match Spans::start() {
+        Ok(spans) => spans,
+        Err(error) => {
+            eprintln!("dvi: the collector of spans: {error}");
+            return ExitCode::from(USAGE);
+        }
+    };
+    let log = match log(arguments.log_format, &spans) {
+        Ok(log) => log,
+        Err(error) => {
+            eprintln!("dvi: RUST_LOG: {error}");
+            return ExitCode::from(USAGE);
+        }
+    };
     let listen = arguments.options.listen;
     let data = arguments.data.folder();
     if data.is_none() && (!arguments.options.ephemeral || arguments.options.asks_tokens()) {
         eprintln!("dvi: there is no home to keep jobs in: say --data DIR, or --ephemeral");
         return ExitCode::from(USAGE);
     }
-    match serve(Options { data, ..arguments.options }) {
+    let code = match serve(Options { data, ..arguments.options }, &log) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             tracing::error!(%listen, %error, "cannot serve on {listen}: {error}");
             ExitCode::from(UNSERVABLE)
         }
-    }
+    };
+    spans.end();
+    log.close(LAST_LINES);
+    code
 }
 
-fn serve(options: Options) -> io::Result<()> {
+fn serve(options: Options, log: &Log) -> io::Result<()> {
     let runtime = tokio::runtime::Builder::new_multi_thread().thread_name("dvi-http").enable_all().build()?;
     runtime.block_on(async {
         let listener = TcpListener::bind(options.listen).await?;
@@ -105,6 +124,7 @@ fn serve(options: Options) -> io::Result<()> {
         let asks_tokens = options.asks_tokens();
         let launcher = worker::program(None, options.memory_mib.get());
         let service = Service::start(options, Arc::new(dvi::solve), &launcher)?;
+        service.count_lost_lines(log);
         let confined_to = service.confinement();
         tracing::info!(%address, workers, %confined_to, data, asks_tokens, "serving on http://{address}");
         service.serve(listener, stop).await;
@@ -133,26 +153,26 @@ fn signals() -> io::Result<Receiver<()>> {
     Ok(stop)
 }
 
-fn log(format: LogFormat) -> Result<(), Box<dyn std::error::Error>> {
+/// Starts the log, on standard error.
+fn log(format: LogFormat, spans: &Spans) -> Result<Log, Box<dyn std::error::Error>> {
     let filter: Targets = match env::var("RUST_LOG") {
         Ok(chosen) if !chosen.is_empty() => chosen.parse()?,
         Ok(_) | Err(VarError::NotPresent) => Targets::new().with_default(LevelFilter::INFO),
         Err(error) => return Err(error.into()),
     };
-    let log = tracing_subscriber::fmt()
-        .with_max_level(LevelFilter::TRACE)
-        .with_writer(io::stderr)
-        // A log that nobody reads any more is no reason to stop.
-        .log_internal_errors(false)
-        .with_ansi(io::stderr().is_terminal());
-    match format {
-        LogFormat::Text => log.finish().with(filter).init(),
-        LogFormat::Json => log.json().finish().with(filter).init(),
-    }
+    let log = Log::start(io::stderr())?;
+    let lines = log.clone();
+    let lines =
+        tracing_subscriber::fmt::layer().with_writer(move || lines.line()).with_ansi(io::stderr().is_terminal());
+    let lines = match format {
+        LogFormat::Text => lines.with_filter(filter).boxed(),
+        LogFormat::Json => lines.json().with_filter(filter).boxed(),
+    };
+    tracing_subscriber::registry().with(lines).with(spans.layer()).init();
     // A log of JSON lines stays one; the place of a panic is known here alone, its job by the span.
     panic::set_hook(Box::new(|panic| {
         let place = panic.location().map(ToString::to_string).unwrap_or_default();
         tracing::error!(panic.place = place, "panicked at {place}");
     }));
-    Ok(())
+    Ok(log)
 }

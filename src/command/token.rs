@@ -4,9 +4,9 @@ use super::data::Data;
 use super::{UNREADABLE, UNWRITABLE, USAGE};
 use clap::{Args, Subcommand};
 use dvi::service::access::{self, Scope};
-use std::io;
 use std::path::Path;
 use std::process::ExitCode;
+use std::{fs, io};
 
 /// Create, list and revoke the tokens by which clients of the service are known
 ///
@@ -89,7 +89,12 @@ pub fn run(arguments: &Arguments) -> ExitCode {
 }
 
 fn list(folder: &Path) -> ExitCode {
-    let listed = access::list(folder).map(|rows| {
+    // A folder that is not there is a slip of the pen more often than one that will be made.
+    let rows = fs::metadata(folder).and_then(|_| access::list(folder));
+    let listed = rows.map(|rows| {
+        if rows.is_empty() {
+            eprintln!("dvi: {} has no tokens; dvi token create --name NAME makes one", folder.display());
+        }
         for row in rows {
             let scopes: Vec<String> = row.scopes.iter().map(ToString::to_string).collect();
             let expires = row.expires.map_or("never ends".to_owned(), |expires| {

@@ -7,6 +7,7 @@ use std::fs::File;
 use std::io;
 use std::num::NonZeroUsize;
 use std::os::fd::AsFd;
+use std::panic;
 use std::process::ExitCode;
 use std::sync::Arc;
 
@@ -24,6 +25,7 @@ pub struct Arguments {
 /// Solves until there are no more orders.
 pub fn run(arguments: &Arguments) -> ExitCode {
     let confinement = Confinement::impose(arguments.memory_mib.get().saturating_mul(1 << 20));
+    log();
     match work(confinement) {
         // What is still solved ends with the process.
         Ok(()) => ExitCode::SUCCESS,
@@ -38,4 +40,13 @@ fn work(confinement: Confinement) -> io::Result<()> {
     // Past the buffer of standard output, which waits for the end of a line.
     let output = File::from(io::stdout().as_fd().try_clone_to_owned()?);
     serve(io::stdin().lock(), output, Arc::new(dvi::solve), confinement)
+}
+
+/// Starts the log, on standard error: whoever started the worker keeps its last words.
+fn log() {
+    tracing_subscriber::fmt().with_writer(io::stderr).with_ansi(false).without_time().init();
+    panic::set_hook(Box::new(|panic| {
+        let place = panic.location().map(ToString::to_string).unwrap_or_default();
+        tracing::error!("panicked at {place}: {}", panic.payload_as_str().unwrap_or("no message"));
+    }));
 }

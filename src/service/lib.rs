@@ -6,6 +6,7 @@ mod context;
 mod digest;
 pub mod http;
 pub mod jobs;
+mod log;
 mod metrics;
 mod options;
 mod page;
@@ -13,8 +14,10 @@ mod patience;
 mod process;
 mod remainder;
 mod server;
+mod trace;
 pub mod worker;
 
+pub use log::Log;
 pub use options::Options;
 
 use access::Tokens;
@@ -84,6 +87,11 @@ impl Service {
     /// The limits that hold for its workers.
     pub fn confinement(&self) -> &Confinement {
         self.pool.confinement()
+    }
+
+    /// Tells among its figures how many lines of the log were lost.
+    pub fn count_lost_lines(&self, log: &Log) {
+        self.shared.metrics.count_lost_lines(log);
     }
 
     /// Its jobs.

@@ -4,6 +4,7 @@
 //! queue, is looked up when the figures are asked for.
 
 use super::jobs::Jobs;
+use super::log::Log;
 use super::process::Process;
 use super::worker::{Event, Solved};
 use axum::http::{Method, StatusCode};
@@ -16,6 +17,8 @@ use prometheus_client::metrics::info::Info;
 use prometheus_client::registry::{Registry, Unit};
 use solution::Status;
 use std::borrow::Cow;
+use std::sync::OnceLock;
+use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 
 /// A label and its value.
@@ -48,6 +51,8 @@ pub struct Metrics {
     orphaned: Gauge,
     kept: Gauge,
     kept_bytes: Gauge,
+    lost_lines: Counter,
+    log: OnceLock<Log>,
     process: Process,
 }
 
@@ -83,6 +88,8 @@ impl Default for Metrics {
             orphaned: Gauge::default(),
             kept: Gauge::default(),
             kept_bytes: Gauge::default(),
+            lost_lines: Counter::default(),
+            log: OnceLock::new(),
             process: Process::default(),
         };
         metrics.process.register(&mut metrics.registry);
@@ -146,6 +153,11 @@ impl Default for Metrics {
             "Specifications and results of ended jobs that are kept",
             Unit::Bytes,
             metrics.kept_bytes.clone(),
+        );
+        registry.register(
+            "log_lines_lost",
+            "Lines of the log that were lost because nobody read it",
+            metrics.lost_lines.clone(),
         );
         let version = [("version", env!("CARGO_PKG_VERSION"))];
         registry.register("build", "The program that runs", Info::new(version));
@@ -217,6 +229,12 @@ impl Metrics {
         self.damaged.inc();
     }
 
+    /// Tells how many lines that log has lost.
+    pub fn count_lost_lines(&self, log: &Log) {
+        // There is one log; a second one would not be told apart.
+        let _ = self.log.set(log.clone());
+    }
+
     /// Counts the answer to a request of this route, which began after this time, and why it refuses, if it does.
     pub fn answered(
         &self,
@@ -253,6 +271,7 @@ impl Metrics {
         self.writable.set(i64::from(jobs.is_writable()));
         self.unsaved.set(i64::try_from(jobs.unsaved()).unwrap_or(i64::MAX));
         self.panics.set(i64::try_from(jobs.panics()).unwrap_or(i64::MAX));
+        self.lost_lines.inner().fetch_max(self.log.get().map_or(0, Log::lost), Relaxed);
         let mut text = String::new();
         // Writing to a string does not fail.
         let _ = encode(&mut text, &self.registry);

@@ -2,6 +2,7 @@
 //! shared by a few people.
 
 use super::jobs::{Bounds, Retention, Room};
+use clap::builder::BoolishValueParser as FlagParser;
 use clap::{Args, Command};
 use serde::Serialize;
 use serde_json::Value;
@@ -40,15 +41,15 @@ pub struct Options {
     pub data: Option<PathBuf>,
 
     /// Keep jobs in memory and none after the end, whatever `--data` says
-    #[arg(long, env = "DVI_EPHEMERAL")]
+    #[arg(long, env = "DVI_EPHEMERAL", value_parser = FlagParser::new())]
     pub ephemeral: bool,
 
     /// Ask for tokens on a loopback address too, as behind a proxy
-    #[arg(long, env = "DVI_ASK_TOKENS", conflicts_with = "insecure")]
+    #[arg(long, env = "DVI_ASK_TOKENS", conflicts_with = "insecure", value_parser = FlagParser::new())]
     pub ask_tokens: bool,
 
     /// Ask for no tokens though others than this machine can connect
-    #[arg(long, env = "DVI_INSECURE")]
+    #[arg(long, env = "DVI_INSECURE", value_parser = FlagParser::new())]
     pub insecure: bool,
 
     /// A name by which pages may reach a loopback address without tokens, beside `localhost`; given once for each

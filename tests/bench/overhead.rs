@@ -5,13 +5,13 @@
 //! each group of them would allow, a group being one job of each connection: their bytes are appended to a file and synced, again
 //! and again.
 //!
-//! Words after `--` choose among these.
+//! *Unlogged* is a solve without its line in the log. Words after `--` choose among these.
 
 use axum::Router;
 use axum::body::Bytes;
 use axum::routing::post;
 use dvi::service::worker::program;
-use dvi::service::{Options, Service};
+use dvi::service::{Log, Options, Service};
 use hyper::body::Incoming;
 use hyper::service::service_fn;
 use hyper_util::rt::TokioIo;
@@ -27,6 +27,10 @@ use tokio::net::TcpListener;
 use tokio::runtime::{Builder, Runtime};
 use tokio::sync::mpsc::channel;
 use tower_service::Service as _;
+use tracing_subscriber::filter::LevelFilter;
+use tracing_subscriber::layer::SubscriberExt;
+use tracing_subscriber::reload;
+use tracing_subscriber::util::SubscriberInitExt;
 
 /// That of the program.
 #[global_allocator]
@@ -64,7 +68,10 @@ end"#;
 
 fn main() {
     // As the program logs, so that what is measured is what it does.
-    tracing_subscriber::fmt().with_max_level(tracing::Level::INFO).with_writer(std::io::stderr).init();
+    let log = Log::start(std::io::stderr()).expect("a thread");
+    let (filter, logged) = reload::Layer::new(LevelFilter::INFO);
+    let lines = tracing_subscriber::fmt::layer().with_writer(move || log.line());
+    tracing_subscriber::registry().with(filter).with(lines).init();
     let folder = std::env::temp_dir().join(format!("dvi-overhead-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder");
     let (waits, leaves) = (script(&folder, "waits", "", ""), script(&folder, "leaves", "respond-async", ""));
@@ -81,6 +88,7 @@ fn main() {
         let turns = [
             ("echo", echo, &waits),
             ("solve", service, &waits),
+            ("unlogged", service, &waits),
             ("other", service, &others),
             ("new", service, &news),
             ("queued", service, &queues),
@@ -93,6 +101,8 @@ fn main() {
         }
         let turns = turns.iter().filter(|(name, ..)| chosen.is_empty() || chosen.iter().any(|word| word == name));
         for (name, address, script) in (0..ROUNDS).flat_map(|_| turns.clone()) {
+            let level = if *name == "unlogged" { LevelFilter::OFF } else { LevelFilter::INFO };
+            logged.reload(level).expect("the log");
             let (before, start) = (cpu_seconds(), Instant::now());
             let report = Command::new("wrk")
                 .args(["--latency", "-t1", &format!("-c{connections}"), &format!("-d{SECONDS}s")])

@@ -7,6 +7,7 @@ mod driver;
 mod looks;
 mod numbers;
 mod places;
+mod prefix;
 mod server;
 mod solving;
 mod studies;

@@ -31,7 +31,7 @@ impl Server {
         (server, tokens)
     }
 
-    fn start_with(arguments: &[&str]) -> Self {
+    pub fn start_with(arguments: &[&str]) -> Self {
         let mut child = Command::new(env!("CARGO_BIN_EXE_dvi"))
             .arg("serve")
             .args(arguments)

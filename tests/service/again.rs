@@ -160,6 +160,33 @@ async fn charge_and_flux_go_on_in_a_circuit() {
 }
 
 #[tokio::test]
+async fn a_relay_goes_on_across_its_switches_and_along_them() {
+    // It reaches its surface at about 1.3: the first half ends before that, and then while it slides.
+    let problem = json!({"filippov": {"states": {"x": {"initial": 1.2, "plus": "-1 + 0.2*y", "minus": "1 + 0.2*y"},
+        "y": {"initial": 0.5, "plus": "cos(t) - 0.1*x", "minus": "cos(t) + 1"}}, "surface": "x"}});
+    let method = json!({"rtol": 1e-9, "atol": 1e-10});
+    for end in [2.0, 4.0] {
+        assert_continues(problem.clone(), method.clone(), end, &["x", "y"], 1e-6).await;
+    }
+    let three = json!({"filippov": {"states": {"x": {"initial": 0.9}, "y": {"initial": 0.4}}, "regions": [
+        {"indicator": "-x", "rates": {"x": -1, "y": 0.1}},
+        {"indicator": "x/2 - y", "rates": {"x": 0.5, "y": -0.8}},
+        {"indicator": "x/2 + y", "rates": {"x": 0.5, "y": 0.8}}
+    ]}});
+    assert_continues(three, method, 1.0, &["x", "y"], 1e-6).await;
+}
+
+#[tokio::test]
+async fn a_complementarity_system_goes_on_with_its_active_set() {
+    // A mass on a spring that meets a stiff one-sided spring at the origin: the first half ends within it, and without.
+    let problem = json!({"lcs": {"initial": ["0.2", "0"], "A": [[0, 1], [-1, -0.1]], "B": [[0], [1]], "C": [[1, 0]], "D": [[0.05]],
+        "set": [{"box": {"of": ["z1"], "lower": 0}}]}});
+    for end in [3.6, 6.0] {
+        assert_continues(problem.clone(), json!({"rtol": 1e-9, "atol": 1e-10}), end, &["x1", "x2"], 1e-6).await;
+    }
+}
+
+#[tokio::test]
 async fn what_its_states_do_not_determine_is_refused_with_the_reason() {
     let site = Site::new(one_worker(), instant());
     let example = |name: &str| {

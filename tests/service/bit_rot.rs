@@ -125,6 +125,58 @@ fn damaged_results_stay_where_they_are_and_are_shown_again_when_they_are_put_bac
     assert_eq!(server.get(&path).json()["trusted"], true);
 }
 
+/// The bytes of a page of redb, and the first of one that holds rows.
+const PAGE: usize = 4096;
+const LEAF: u8 = 1;
+
+#[test]
+fn rows_on_a_page_over_which_its_reader_panics_are_set_aside_alone() {
+    let folder = Folder::new();
+    let server = Server::start(&folder, &["--workers", "2"]);
+    let paths: Vec<String> = (0..60).map(|_| server.accept(DECAY)).collect();
+    let told: Vec<String> = paths
+        .iter()
+        .map(|path| {
+            server.reaches(path, &["successful"]);
+            server.get(path).body
+        })
+        .collect();
+    assert!(server.stop().0.success());
+    // A leaf begins with its kind and, from the third byte, how many rows it has; then come the ends of their values, which
+    // are looked up without a doubt, and the names. One end is now beyond the page, except on that of the latest jobs, to
+    // which the next is added.
+    let file = folder.path().join("jobs.redb");
+    let mut pages = fs::read(&file).unwrap();
+    let latest = paths.iter().map(|path| u128::from_str_radix(&path["/jobs/".len()..].replace('-', ""), 16).unwrap());
+    let latest = latest.max().unwrap().to_le_bytes();
+    let mut spoiled = 0;
+    for page in pages.chunks_mut(PAGE) {
+        let rows = usize::from(u16::from_le_bytes([page[2], page[3]]));
+        let holds_jobs = page.windows(9).any(|part| part == b"\"client\":");
+        let has_latest = page.windows(16).any(|part| part == latest);
+        if page[0] == LEAF && holds_jobs && !has_latest && (3..PAGE / 24).contains(&rows) {
+            let end = 4 + 4 * (rows / 2);
+            page[end..end + 4].copy_from_slice(&u32::MAX.to_le_bytes());
+            spoiled += 1;
+        }
+    }
+    assert!(spoiled > 0, "no page holds rows of jobs");
+    fs::write(&file, &pages).unwrap();
+    let server = Server::start(&folder, &["--workers", "1"]);
+    let answers: Vec<_> = paths.iter().map(|path| server.get(path)).collect();
+    let whole =
+        answers.iter().zip(&told).filter(|(answer, told)| answer.status == 200 && answer.body == **told).count();
+    // A row on either side of the end that leads astray.
+    let aside = answers.iter().filter(|answer| answer.status != 200 || answer.body.contains("damaged: ")).count();
+    println!("{whole} of {} rows are shown, {aside} set aside, after {spoiled} pages were spoiled", paths.len());
+    assert_eq!(whole + aside, paths.len(), "{answers:?}");
+    assert!((1..=2 * spoiled).contains(&aside), "{aside} set aside");
+    let figures = server.get("/metrics").body;
+    assert!(figures.contains(&format!("dvi_damaged_jobs {aside}\n")), "{figures}");
+    server.reaches(&server.accept(DECAY), &["successful"]);
+    assert!(server.beginning.contains("panicked at"), "{}", server.beginning);
+}
+
 /// The files in a folder and below, by their names in it.
 fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut found = BTreeMap::new();

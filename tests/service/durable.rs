@@ -1,13 +1,9 @@
 //! Jobs that outlive the process: what was accepted is there after a kill, and ends once.
 
 use crate::harness::DECAY;
-use crate::process::{Answer, DVI, Folder, Server, send};
-use serde_json::Value;
-use std::collections::HashMap;
+use crate::process::{DVI, Folder, Server, send};
 use std::process::Command;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread;
-use std::time::Duration;
 
 /// A harmonic oscillator.
 fn oscillator(end: u32) -> String {
@@ -164,78 +160,4 @@ fn a_folder_in_use_is_named() {
     assert_eq!(other.status.code(), Some(5));
     let told = String::from_utf8(other.stderr).unwrap();
     assert!(told.contains(folder.path().to_str().unwrap()), "{told}");
-}
-
-/// Kills of the program, at moments that differ from run to run; `DVI_KILLS` asks for more.
-const KILLS: u32 = 24;
-
-#[test]
-fn no_kill_at_any_moment_loses_doubles_or_spoils_an_accepted_job() {
-    let kills = std::env::var("DVI_KILLS").map_or(KILLS, |text| text.parse().unwrap());
-    let folder = Folder::new();
-    // All of them, tens of thousands where the kills are many: a job that is too old is forgotten with its key, and what
-    // a slow machine leaves over from life to life is not to fill the queue.
-    let many = "1000000";
-    let keeping = ["--workers", "2", "--kept-jobs", many, "--queue", many, "--client-share", many];
-    // By the key under which each was posted: its path, once that was told.
-    let mut accepted: HashMap<u32, Option<String>> = HashMap::new();
-    let mut random = std::process::id();
-    for round in 0..kills {
-        let server = Server::start(&folder, &keeping);
-        random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        let life = Duration::from_micros(u64::from(random >> 14) % 150_000);
-        let (address, stop) = (server.address().to_owned(), AtomicBool::new(false));
-        let told = thread::scope(|scope| {
-            let client = scope.spawn(|| {
-                let mut told = Vec::new();
-                for k in round * 10_000.. {
-                    if stop.load(Relaxed) {
-                        break;
-                    }
-                    let answer = post(&address, k).map(|answer| {
-                        assert_eq!(answer.status, 202, "{}", answer.body);
-                        answer.header("location")
-                    });
-                    told.push((k, answer));
-                }
-                told
-            });
-            thread::sleep(life);
-            server.kill();
-            stop.store(true, Relaxed);
-            client.join().unwrap()
-        });
-        accepted.extend(told);
-    }
-    let server = Server::start(&folder, &keeping);
-    let mut paths = HashMap::new();
-    for (k, path) in &accepted {
-        // What was being accepted at the kill may be known or not; asked again, it is there once.
-        let again = post(server.address(), *k).expect("an answer").header("location");
-        assert!(path.as_ref().is_none_or(|path| *path == again), "job {k} was {path:?} and is {again}");
-        assert_eq!(paths.insert(again, *k), None, "two keys have one job");
-    }
-    for (path, k) in paths {
-        // A kill that met it twice at work has set it aside, which loses nothing.
-        let state = server.reaches(&path, &["successful", "failed"]);
-        if state["status"] == "failed" {
-            assert!(state["message"].as_str().unwrap().starts_with("poisoned"), "{state}");
-            continue;
-        }
-        let results: Value = server.get(&format!("{path}/results")).json();
-        let last = results["trajectory"]["fields"]["x"].as_array().unwrap().last().unwrap().as_f64().unwrap();
-        let exact = (-rate(k)).exp();
-        assert!((last - exact).abs() < 1e-5, "job {k}: {last} for {exact}");
-    }
-}
-
-/// Posts the `k`th decay under the key `k`; nothing if the server goes away.
-fn post(address: &str, k: u32) -> Option<Answer> {
-    let headers = format!("prefer: respond-async\r\nidempotency-key: {k}\r\n");
-    send(address, "POST", "/solve", &headers, &DECAY.replace("-x", &format!("-{}*x", rate(k))))
-}
-
-/// A rate of its own for each job, by which its result is told from others.
-fn rate(k: u32) -> f64 {
-    1.0 + f64::from(k % 1000) / 1000.0
 }

@@ -1,6 +1,7 @@
 //! The service as its clients see it: without a socket where none is needed, over one where it is the matter.
 
 mod again;
+mod apart;
 mod bit_rot;
 mod bounds;
 mod browsers;
@@ -12,20 +13,29 @@ mod durable;
 mod events;
 mod explanations;
 mod full_disk;
+mod fuzzed;
 mod glance;
 mod harness;
 mod hostile;
 mod job_list;
 mod jobs;
 mod killers;
+mod kills;
+#[path = "../bench/fuzz/messages.rs"]
+mod messages;
 mod metrics;
+#[path = "../bench/fuzz/mutation.rs"]
+mod mutation;
 mod openapi;
 mod process;
 mod program;
+mod readiness;
 mod refusals;
 mod remote;
 mod results;
 mod solve;
+#[cfg(feature = "otlp")]
+mod spans;
 mod store;
 mod supervision;
 mod tokens;

@@ -110,6 +110,14 @@ async fn the_dashboard_and_the_alerts_ask_for_figures_and_labels_that_there_are(
     }
 }
 
+#[tokio::test]
+async fn every_figure_has_a_panel() {
+    let (text, dashboard) = (told().await, include_str!("../../deploy/grafana.json"));
+    for figure in text.lines().filter_map(|line| line.strip_prefix("# TYPE ")?.split(' ').next()) {
+        assert!(dashboard.contains(figure), "no panel shows {figure}");
+    }
+}
+
 fn assert_asks_for_what_there_is(dashboard: &str, text: &str) {
     let is_word = |c: char| c.is_ascii_alphanumeric() || c == '_';
     let names: Vec<&str> = dashboard

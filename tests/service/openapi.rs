@@ -30,6 +30,10 @@ async fn every_operation_is_described_in_full() {
         for (method, operation) in item.as_object().unwrap() {
             let place = format!("{method} {path}");
             assert!(operation["summary"].as_str().is_some_and(|text| text.ends_with('.')), "{place} has no summary");
+            assert!(
+                operation["description"].as_str().is_some_and(|text| text.ends_with('.')),
+                "{place} is not described"
+            );
             let responses = operation["responses"].as_object().unwrap();
             assert!(responses.keys().any(|status| status.starts_with('2')), "{place} never succeeds");
             for (status, response) in responses {

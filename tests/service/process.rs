@@ -39,6 +39,10 @@ impl Drop for Folder {
 pub struct Server {
     pub child: Child,
     pub address: String,
+    /// The limits of its workers, as its log says them.
+    pub confined_to: String,
+    /// Its log until it served.
+    pub beginning: String,
     pub log: BufReader<ChildStderr>,
 }
 
@@ -66,7 +70,8 @@ impl Server {
         command.env("RUST_LOG", "info,dvi::request=off,dvi::job=off");
         let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
         let log = BufReader::new(child.stderr.take().unwrap());
-        let mut server = Self { child, address: String::new(), log };
+        let mut server =
+            Self { child, address: String::new(), confined_to: String::new(), beginning: String::new(), log };
         let mut told = String::new();
         while server.address.is_empty() {
             let before = told.len();
@@ -74,8 +79,10 @@ impl Server {
                 return Err(told);
             }
             let entry: Value = serde_json::from_str(&told[before..]).unwrap();
-            server.address = entry["fields"]["address"].as_str().unwrap_or_default().to_owned();
+            let field = |name: &str| entry["fields"][name].as_str().unwrap_or_default().to_owned();
+            (server.address, server.confined_to) = (field("address"), field("confined_to"));
         }
+        server.beginning = told;
         Ok(server)
     }
 

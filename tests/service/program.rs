@@ -1,9 +1,11 @@
 //! The program: exit codes, streams, signals.
 
 use crate::harness::DECAY;
+use crate::process::{PATIENCE, send};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::process::{Child, ChildStdin, Command, Output, Stdio};
+use std::time::{Duration, Instant};
 
 const DVI: &str = env!("CARGO_BIN_EXE_dvi");
 
@@ -170,6 +172,43 @@ fn a_command_line_without_sense_has_its_own_exit_code() {
 }
 
 #[test]
+fn a_flag_without_sense_is_told_with_what_to_write_instead() {
+    for (arguments, tip) in [
+        (["--workers", "0"], "the least is 1"),
+        (["--listen", "9000"], "as in '--listen 127.0.0.1:9000'"),
+        (["--listen", ":9000"], "as in '--listen 127.0.0.1:9000'"),
+        (["--port", "9000"], "'--listen 127.0.0.1:9000'"),
+    ] {
+        let output = run(&["serve", arguments[0], arguments[1]], "");
+        let told = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(64), "{told}");
+        assert!(told.contains(tip), "{told}");
+        assert!(!told.contains("environment"), "{told}");
+    }
+    for (variable, value) in [("DVI_ASK_TOKENS", "perhaps"), ("DVI_QUEUE", "0"), ("DVI_WORKERS", "two")] {
+        let told = String::from_utf8(dvi(&["serve"]).env(variable, value).output().unwrap().stderr).unwrap();
+        assert!(told.contains(&format!("environment variable {variable}")), "{told}");
+    }
+    // Whoever writes 1 for yes is understood.
+    let asks = dvi(&["serve", "--ephemeral", "--listen", "no address"]).env("DVI_ASK_TOKENS", "1").output().unwrap();
+    let told = String::from_utf8(asks.stderr).unwrap();
+    assert!(told.contains("--listen") && !told.contains("ask-tokens"), "{told}");
+}
+
+#[test]
+fn tokens_that_are_not_there_are_told() {
+    let folder = crate::process::Folder::new();
+    let path = folder.path().to_str().unwrap();
+    let output = run(&["token", "list", "--data", path], "");
+    assert_eq!(output.status.code(), Some(3), "{output:?}");
+    assert!(String::from_utf8(output.stderr).unwrap().contains(path));
+    std::fs::create_dir(folder.path()).unwrap();
+    let output = run(&["token", "list", "--data", path], "");
+    assert_eq!((output.status.code(), output.stdout.len()), (Some(0), 0));
+    assert!(String::from_utf8(output.stderr).unwrap().contains("dvi token create"));
+}
+
+#[test]
 fn help_shows_every_bound_with_its_default_and_its_variable() {
     let help = String::from_utf8(run(&["serve", "--help"], "").stdout).unwrap();
     for (flag, variable, default) in [
@@ -233,6 +272,53 @@ fn a_service_says_where_it_listens_and_a_signal_ends_it_in_order() {
         for line in rest.lines() {
             assert!(serde_json::from_str::<serde_json::Value>(line).is_ok(), "{line}");
         }
+    }
+}
+
+#[test]
+fn a_log_that_nobody_reads_holds_up_no_request() {
+    let mut child = dvi(&["serve", "--ephemeral", "--listen", "127.0.0.1:0", "--log-format", "json"])
+        .env("RUST_LOG", "info,hyper=trace,tokio=trace")
+        .spawn()
+        .unwrap();
+    let mut log = BufReader::new(child.stderr.take().unwrap());
+    let mut line = String::new();
+    let address = loop {
+        line.clear();
+        log.read_line(&mut line).unwrap();
+        let entry: serde_json::Value = serde_json::from_str(&line).unwrap();
+        if let Some(address) = entry["fields"]["address"].as_str() {
+            break address.to_owned();
+        }
+    };
+    // An id as long as it may be makes long lines; the pipe and the room behind it hold some thousand of them.
+    let id = "x".repeat(128);
+    let get = |path: &str| send(&address, "GET", path, &format!("x-request-id: {id}\r\n"), "").expect("an answer");
+    let lost = || {
+        let text = get("/metrics").body;
+        let line = text.lines().find_map(|line| line.strip_prefix("dvi_log_lines_lost_total "));
+        line.unwrap().parse::<u64>().unwrap()
+    };
+    let start = Instant::now();
+    while lost() == 0 {
+        assert!(start.elapsed() < PATIENCE, "the log is read by somebody");
+        (0..200).for_each(|_| assert_eq!(get("/methods").status, 200));
+    }
+    let before = lost();
+    let start = Instant::now();
+    (0..100).for_each(|_| assert_eq!(get("/methods").status, 200));
+    println!("{before} lines were lost; 100 more requests took {:?}", start.elapsed());
+    signal(&child, "TERM");
+    let start = Instant::now();
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+    assert!(start.elapsed() < Duration::from_secs(20), "{:?}", start.elapsed());
+    // What the pipe still has begins with whole lines.
+    let mut rest = Vec::new();
+    log.read_to_end(&mut rest).unwrap();
+    let rest = String::from_utf8_lossy(&rest);
+    assert!(rest.lines().count() > 10);
+    for line in rest.lines().take(10) {
+        assert!(serde_json::from_str::<serde_json::Value>(line).is_ok(), "{line}");
     }
 }
 

@@ -2,6 +2,7 @@
 
 use crate::process::{Answer, DVI, Folder, PATIENCE, Server};
 use serde_json::Value;
+use std::fs;
 use std::io::Read;
 use std::process::{Command, ExitStatus, Output};
 use std::thread;
@@ -17,6 +18,18 @@ impl Server {
     pub fn kill(mut self) {
         self.child.kill().unwrap();
         self.child.wait().unwrap();
+    }
+
+    /// The processes that it has started.
+    pub fn workers(&self) -> Vec<u32> {
+        let parent = format!("PPid:\t{}\n", self.child.id());
+        let processes = fs::read_dir("/proc").unwrap();
+        let processes = processes.filter_map(|entry| entry.ok()?.file_name().to_str()?.parse().ok());
+        let is_worker =
+            |pid: &u32| fs::read_to_string(format!("/proc/{pid}/status")).is_ok_and(|it| it.contains(&parent));
+        let mut workers: Vec<u32> = processes.filter(is_worker).collect();
+        workers.sort_unstable();
+        workers
     }
 
     /// Asks it to stop, and gives how it did and what it said.

@@ -4,10 +4,11 @@ use crate::harness::DECAY;
 use crate::process::{DVI, Folder, Server};
 use dvi::service::worker::{Confinement, Death};
 use serde_json::Value;
-use std::fs;
-use std::io::Write;
+use std::fs::{self, File, OpenOptions};
+use std::io::{ErrorKind, Write};
 use std::net::TcpStream;
-use std::process::Command;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -27,11 +28,7 @@ const LONG: u32 = 10_000_000;
 
 /// The processes that the server has started.
 fn workers(server: &Server) -> Vec<u32> {
-    let parent = format!("PPid:\t{}\n", server.child.id());
-    let processes = fs::read_dir("/proc").unwrap().filter_map(|entry| entry.ok()?.file_name().to_str()?.parse().ok());
-    let mut workers: Vec<u32> = processes.filter(|pid| status(*pid).contains(&parent)).collect();
-    workers.sort_unstable();
-    workers
+    server.workers()
 }
 
 /// What the system says of a process, nothing of one that has gone.
@@ -90,6 +87,24 @@ fn a_job_that_takes_too_much_memory_ends_alone_and_says_how_much() {
         assert!(start.elapsed() < Duration::from_secs(20), "a worker is missing");
         thread::sleep(Duration::from_millis(5));
     }
+}
+
+#[test]
+fn a_result_beyond_its_bound_is_not_gathered_in_memory() {
+    let folder = Folder::new();
+    let server = Server::start(&folder, &["--workers", "1", "--result-mib", "1"]);
+    let before = server.resident_kib();
+    for _ in 0..4 {
+        // Some hundred thousand steps: ten MiB as JSON.
+        let path = server.accept(&oscillator(100_000));
+        let state = server.reaches(&path, &["failed", "successful"]);
+        assert!(message(&state).starts_with("result-too-large: "), "{state}");
+        server.get(&format!("{path}/results")).problem(422, "result-too-large");
+    }
+    let held = server.resident_kib() - before;
+    assert!(held < 16 << 10, "{held} KiB are held after results of 1 MiB at most");
+    assert_eq!(workers(&server).len(), 1);
+    server.reaches(&server.accept(DECAY), &["successful"]);
 }
 
 #[test]
@@ -163,6 +178,15 @@ fn a_worker_confines_itself() {
     assert_eq!((hard("Max core file size"), hard("Max open files")), (0, 16));
     assert_eq!(fs::read_to_string(format!("/proc/{pid}/oom_score_adj")).unwrap().trim(), "1000");
     assert!(fs::read(format!("/proc/{pid}/environ")).unwrap().len() < 100, "no secrets of the service");
+    // A process that has given up rights to files has given up the way to new ones first.
+    if has_landlock() {
+        assert!(status(pid).contains("NoNewPrivs:\t1"), "{}", status(pid));
+    }
+}
+
+/// Whether the kernel can take files from a process, so far as it says.
+fn has_landlock() -> bool {
+    fs::read_to_string("/sys/kernel/security/lsm").map_or(true, |modules| modules.contains("landlock"))
 }
 
 #[test]
@@ -240,14 +264,63 @@ fn a_check_stops_when_its_client_goes_away() {
     assert_eq!(server.get("/healthz").status, 200);
 }
 
-/// Runs the test of that name in a process of its own, and gives the cause of its end.
-fn death_in(name: &str) -> Death {
+/// Runs the test of that name in a process of its own, which finds `folder` in its environment.
+fn run_apart(name: &str, folder: &Path) -> Output {
     let name = format!("workers::{name}");
-    let run = Command::new(std::env::current_exe().unwrap())
+    Command::new(std::env::current_exe().unwrap())
         .args([&name, "--exact", "--ignored", "--nocapture"])
+        .env("DVI_TEST_FOLDER", folder)
         .output()
-        .unwrap();
+        .unwrap()
+}
+
+/// The cause of its end.
+fn death_in(name: &str) -> Death {
+    let run = run_apart(name, Path::new(""));
     Death::of(run.status, &String::from_utf8_lossy(&run.stderr))
+}
+
+#[test]
+#[ignore = "its process has no files afterwards; another test runs it in one of its own"]
+fn loses_its_files() {
+    let folder = PathBuf::from(std::env::var_os("DVI_TEST_FOLDER").unwrap());
+    let (database, made) = (folder.join("jobs.redb"), folder.join("made"));
+    let begun = File::open(&database).unwrap();
+    let confinement = Confinement::impose(64 << 20);
+    assert!(confinement.no_files || !has_landlock(), "{confinement}");
+    let refusals = [
+        File::open(&database).map(drop),
+        fs::read_dir(&folder).map(drop),
+        fs::write(&made, "made"),
+        fs::create_dir(&made),
+        fs::remove_file(&database),
+        fs::rename(&database, &made),
+        OpenOptions::new().write(true).truncate(true).open(&database).map(drop),
+        File::open("/etc/passwd").map(drop),
+        Command::new("/bin/true").status().map(drop),
+    ];
+    if confinement.no_files {
+        for (k, refusal) in refusals.iter().enumerate() {
+            let refused = refusal.as_ref().is_err_and(|error| error.kind() == ErrorKind::PermissionDenied);
+            assert!(refused, "attempt {k}: {refusal:?}");
+        }
+    }
+    // What it was given before it keeps, as a worker its pipes.
+    assert!(begun.metadata().unwrap().len() > 0);
+}
+
+#[test]
+fn a_worker_has_no_access_to_the_store() {
+    let folder = Folder::new();
+    let server = Server::start(&folder, &["--workers", "1"]);
+    server.reaches(&server.accept(DECAY), &["successful"]);
+    server.kill();
+    let run = run_apart("loses_its_files", folder.path());
+    assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+    // What `serve` says holds is what a worker has found to hold.
+    let server = Server::start(&folder, &["--workers", "1"]);
+    assert_eq!(server.confined_to.contains("no access to files"), has_landlock(), "{}", server.confined_to);
+    assert_eq!(server.accept(DECAY).len(), "/jobs/".len() + 36);
 }
 
 fn descend(depth: u64) -> u64 {

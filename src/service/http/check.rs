@@ -9,6 +9,9 @@ use axum::http::header;
 use axum::response::{IntoResponse, Response};
 
 /// Check a specification without solving it.
+///
+/// The answer has the size, the method and the warnings of a correct specification, or all errors of another, each with a JSON pointer.
+/// No job is made. It is stopped when its client goes away.
 #[utoipa::path(
     post,
     path = "/check",

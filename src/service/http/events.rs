@@ -34,6 +34,9 @@ const GLANCE: Duration = Duration::from_millis(200);
 const SILENCE: Duration = Duration::from_secs(15);
 
 /// Follow a job as it goes.
+///
+/// Server-sent events: `progress` with the time reached and the steps, `switch` for every change of an active set, a contact or a region,
+/// and `done` with the state of the job, after which the stream ends. After a break, `Last-Event-ID` goes on where it was.
 #[utoipa::path(
     get,
     path = "/jobs/{id}/events",

@@ -36,6 +36,8 @@ impl From<&Example> for Entry {
 }
 
 /// List the examples.
+///
+/// Names, titles and addresses of specifications that are ready to be posted to `/solve`.
 #[utoipa::path(
     get,
     path = "/examples",
@@ -47,6 +49,8 @@ pub async fn list_examples() -> Json<Vec<Entry>> {
 }
 
 /// Fetch an example.
+///
+/// A specification, ready to be posted to `/solve` or changed.
 #[utoipa::path(
     get,
     path = "/examples/{name}",

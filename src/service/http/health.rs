@@ -5,6 +5,7 @@ use super::problem::{Answer, Kind, Problem};
 use axum::Json;
 use axum::extract::State;
 use serde::Serialize;
+use std::time::Duration;
 use utoipa::ToSchema;
 
 /// That all is well.
@@ -24,6 +25,8 @@ pub struct Version {
 }
 
 /// Tell whether the service is alive.
+///
+/// For probes that restart what does not answer. It needs no token and answers to any `Host`, also while the service stops.
 #[utoipa::path(
     get,
     path = "/healthz",
@@ -35,6 +38,9 @@ pub async fn check_health() -> Json<Well> {
 }
 
 /// Tell whether the service takes on work.
+///
+/// For load balancers. It is 503 while the service stops (`draining`), while the store takes nothing (`unwritable`), and while no worker can
+/// be started (`no-workers`). It needs no token and answers to any `Host`.
 #[utoipa::path(
     get,
     path = "/readyz",
@@ -48,10 +54,15 @@ pub async fn check_readiness(State(shared): State<Shared>) -> Answer<Json<Well>>
     if !shared.jobs.is_writable() {
         return Err(Problem::plain(Kind::Unwritable));
     }
+    if !shared.jobs.has_workers() {
+        return Err(Problem::plain(Kind::NoWorkers).after(Duration::from_secs(10)));
+    }
     Ok(Json(Well { status: "ready" }))
 }
 
 /// Tell which version runs.
+///
+/// The name and the version of the program.
 #[utoipa::path(
     get,
     path = "/version",

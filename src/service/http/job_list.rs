@@ -40,6 +40,9 @@ pub struct JobList {
 }
 
 /// List your jobs, newest first.
+///
+/// Jobs of the client, known by its token or else its address, with those that have ended as long as they are kept. A page has a `Link`
+/// to the next where there is one.
 #[utoipa::path(
     get,
     path = "/jobs",

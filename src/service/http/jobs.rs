@@ -13,6 +13,9 @@ use axum::response::IntoResponse;
 use std::io;
 
 /// Show where a job stands.
+///
+/// The state has the words of OGC API - Processes: `accepted`, `running`, `successful`, `failed`, `dismissed`. What has ended also says
+/// whether the answer is trusted, or why there is none.
 #[utoipa::path(
     get,
     path = "/jobs/{id}",
@@ -25,6 +28,8 @@ pub async fn find_job(State(shared): State<Shared>, Named(job): Named) -> impl I
 }
 
 /// Show what was posted.
+///
+/// The specification, byte by byte as it was posted.
 #[utoipa::path(
     get,
     path = "/jobs/{id}/specification",
@@ -59,6 +64,8 @@ pub async fn cancel_job(State(shared): State<Shared>, Named(job): Named) -> Answ
 }
 
 /// Stop a job and forget it.
+///
+/// A running job stops at its next step. Nothing of it is kept: neither its specification, nor its results, nor its name.
 #[utoipa::path(
     delete,
     path = "/jobs/{id}",

@@ -17,6 +17,8 @@ pub struct Methods {
 }
 
 /// List what there is to choose from.
+///
+/// Types of problems, sets, methods with their tableaux and checked conditions, and the bounds of this service, each with its flag.
 #[utoipa::path(
     get,
     path = "/methods",

@@ -11,6 +11,8 @@ const CONTENT_TYPE: [(HeaderName, &str); 1] =
     [(header::CONTENT_TYPE, "application/openmetrics-text; version=1.0.0; charset=utf-8")];
 
 /// Fetch the figures of the service.
+///
+/// `OpenMetrics` text for Prometheus: jobs, workers, answers, the store, the process. It answers to any `Host`.
 #[utoipa::path(
     get,
     path = "/metrics",

@@ -11,8 +11,9 @@ use super::host::refuse_other_hosts;
 use super::origin::refuse_other_sites;
 use super::problem::Kind;
 use super::security::secure;
-use crate::context::{Context, TraceId};
+use crate::context::Context;
 use crate::jobs::{Client, JobId};
+use crate::trace::{self, Trace};
 use axum::body::Body;
 use axum::extract::{MatchedPath, Request, State};
 use axum::http::{HeaderName, HeaderValue, StatusCode, header};
@@ -20,7 +21,7 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use std::mem;
 use std::time::Instant;
-use tracing::Instrument;
+use tracing::{Instrument, field};
 use uuid::Uuid;
 
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
@@ -38,13 +39,15 @@ pub async fn observe(State(shared): State<Shared>, request: Request, next: Next)
         request.headers().get(&REQUEST_ID).filter(|id| (1..=LONGEST).contains(&id.len()) && id.to_str().is_ok());
     let id = given.cloned().or_else(|| HeaderValue::try_from(Uuid::now_v7().to_string()).ok());
     let text = id.as_ref().and_then(|id| id.to_str().ok()).unwrap_or_default();
-    let trace = request.headers().get(&TRACE).and_then(|trace| TraceId::read(trace.to_str().ok()?));
-    let context = Context { prefix: shared.options.prefix(), request: text.into(), trace };
+    let given = request.headers().get(&TRACE).and_then(|trace| Trace::read(trace.to_str().ok()?));
     let (method, path) = (request.method().clone(), request.uri().path().to_owned());
     let route = request.extensions().get::<MatchedPath>().map(|path| path.as_str().to_owned());
     let client = request.extensions().get::<Client>().copied();
     let origin = cors::allowed(request.headers(), &shared.options);
-    let span = tracing::debug_span!("request", request.id = text, http.method = %method, http.path = path);
+    let span = tracing::debug_span!("request", request.id = text, http.method = %method, http.path = path,
+        http.status = field::Empty);
+    let trace = trace::join(&span, given);
+    let context = Context { prefix: shared.options.prefix(), request: text.into(), trace };
     let start = Instant::now();
     let serving = async {
         let refused = refuse_other_hosts(&request, &shared.options)
@@ -55,8 +58,11 @@ pub async fn observe(State(shared): State<Shared>, request: Request, next: Next)
             (Ok(()), None) => next.run(request).await,
         }
     };
-    let mut response = context.clone().around(serving.instrument(span)).await;
+    let mut response = context.clone().around(serving.instrument(span.clone())).await;
     let status = response.status();
+    span.record("http.status", status.as_u16());
+    // It ends with the beginning of the answer.
+    drop(span);
     if status == StatusCode::INTERNAL_SERVER_ERROR {
         let duration_ms = start.elapsed().as_secs_f64() * 1e3;
         tracing::error!(request.id = text, http.method = %method, http.path = path, duration_ms, "the service failed");
@@ -73,7 +79,7 @@ pub async fn observe(State(shared): State<Shared>, request: Request, next: Next)
         cors::grant(headers, origin);
     }
     if let Some(trace) = trace
-        && let Ok(trace) = HeaderValue::try_from(traceparent(trace))
+        && let Ok(trace) = HeaderValue::try_from(trace.traceparent())
     {
         headers.insert(TRACE, trace);
     }
@@ -88,10 +94,4 @@ pub async fn observe(State(shared): State<Shared>, request: Request, next: Next)
         response.headers_mut().insert(REQUEST_ID, id);
     }
     response
-}
-
-/// The trace, with a parent of this service.
-fn traceparent(trace: TraceId) -> String {
-    let (_, parent) = Uuid::now_v7().as_u64_pair();
-    format!("00-{trace}-{parent:016x}-01")
 }

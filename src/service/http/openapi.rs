@@ -32,7 +32,11 @@ static PAGE: LazyLock<String> = LazyLock::new(|| docs::page(&DESCRIPTION));
 /// What is not said by the handlers.
 #[derive(OpenApi)]
 #[openapi(
-    info(title = "dvi", description = "Differential variational inequalities, solved with evidence."),
+    info(
+        title = "dvi",
+        description = "Differential variational inequalities, solved with evidence.",
+        contact(name = "Whoever runs this service")
+    ),
     components(schemas(specification::Document, Problem)),
     tags(
         (name = "solve", description = "Solve and check specifications"),
@@ -66,6 +70,8 @@ impl IntoResponses for Problem {
 }
 
 /// Fetch the description of the interface.
+///
+/// This description, from which clients are generated.
 #[utoipa::path(
     get,
     path = "/openapi.json",
@@ -77,6 +83,8 @@ pub async fn find_description() -> impl IntoResponse {
 }
 
 /// Read the description of the interface.
+///
+/// The description as a page for people, without scripts.
 #[utoipa::path(
     get,
     path = "/docs",
@@ -88,6 +96,8 @@ pub async fn read_description() -> impl IntoResponse {
 }
 
 /// The style of the page.
+///
+/// The style sheet of `/docs`.
 #[utoipa::path(
     get,
     path = "/docs/style.css",

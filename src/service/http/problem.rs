@@ -112,7 +112,7 @@ problems! {
     KeyReused, "key-reused", UNPROCESSABLE_ENTITY, "The key stands for another specification",
         "Something else was posted under the same `Idempotency-Key`; give every specification a key of its own.";
     Poisoned, "poisoned", INTERNAL_SERVER_ERROR, "The job was set aside",
-        "The service ended twice while this job ran, so that it is not started again; please report its specification.";
+        "The service ended twice while this job ran and no other did, so that it is not started again; please report its specification.";
     Unreadable, "unreadable", INTERNAL_SERVER_ERROR, "The store could not be read",
         "What was stored is missing or of another version; the log has more under the id of the job.";
     Damaged, "damaged", INTERNAL_SERVER_ERROR, "What was stored is damaged",
@@ -121,6 +121,9 @@ problems! {
     Unwritable, "unwritable", SERVICE_UNAVAILABLE, "The store cannot be written",
         "The disk is full, or the data folder was removed or replaced: nothing is accepted for later until there is room, or the \
          folder is back. Jobs can be deleted meanwhile, and what is solved is kept and written then.";
+    NoWorkers, "no-workers", SERVICE_UNAVAILABLE, "No worker can be started",
+        "The system gives no process to solve in, for want of memory or processes; what was accepted waits until it does, and \
+         it is tried again every few seconds.";
     ResultTooLarge, "result-too-large", UNPROCESSABLE_ENTITY, "The result is too large",
         "The result is larger than `--result-mib` allows; ask for fewer output times or fields.";
     TooMuchMemory, "too-much-memory", UNPROCESSABLE_ENTITY, "The solve takes too much memory",

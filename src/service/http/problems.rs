@@ -59,6 +59,8 @@ const FORMS: [(Form, MediaType); 3] =
     [(Form::Json, ("application", "json")), (Form::Html, ("text", "html")), (Form::Text, ("text", "plain"))];
 
 /// List the codes of errors, warnings, verdicts and refusals.
+///
+/// The whole table; the address of a row is the `type` of a problem.
 #[utoipa::path(
     get,
     path = "/problems",
@@ -76,6 +78,8 @@ pub async fn list_problems(headers: HeaderMap) -> Answer<Response> {
 }
 
 /// Explain a code: what it means, why it occurs, what to do, an example.
+///
+/// As JSON, as a page or as text, as `Accept` asks. A code may be written with underscores or hyphens.
 #[utoipa::path(
     get,
     path = "/problems/{code}",

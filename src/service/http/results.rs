@@ -28,6 +28,9 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 const TRUSTED: HeaderName = HeaderName::from_static("dvi-trusted");
 
 /// Fetch the results of a job.
+///
+/// As JSON, CSV, lines of JSON, an Arrow stream or a picture, as `Accept` asks; the whole of it, or some fields and times. The results of
+/// a job that failed or was cancelled on the way are those up to there. `ETag` is a digest of them.
 #[utoipa::path(
     get,
     path = "/jobs/{id}/results",

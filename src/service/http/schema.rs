@@ -8,6 +8,8 @@ const SCHEMA: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../../ap
 const CONTENT_TYPE: [(HeaderName, &str); 1] = [(header::CONTENT_TYPE, "application/schema+json")];
 
 /// Fetch the JSON Schema of a specification.
+///
+/// JSON Schema 2020-12, for editors that complete and check as one types.
 #[utoipa::path(
     get,
     path = "/schema",

@@ -25,6 +25,10 @@ use tokio::runtime::Handle;
 use tokio::time::timeout;
 
 /// Solve a specification.
+///
+/// A solve that ends within the time to wait (`Prefer: wait=SECONDS`, at most 60, 30 unless told) is answered with its results, in
+/// the form that `Accept` asks for; else, and with `Prefer: respond-async` at once, with 202 and the address of the job, which then outlives the
+/// service. `Accept: text/event-stream` streams progress, switches and the end. A client that goes away cancels what it waits for.
 #[utoipa::path(
     post,
     path = "/solve",

@@ -35,7 +35,8 @@ const ORPHANS: &str = "results.orphaned";
 /// What the names of marks begin with.
 const MARKS: &str = "running-";
 
-/// A job that was running this often when its process ended is not started again.
+/// A job that was the only one running this often when its process ended is not started again: beside others, any of them may have
+/// ended it.
 const MOST_CRASHES: u32 = 2;
 
 /// What a start found.
@@ -102,7 +103,8 @@ impl Disk {
         let running: HashSet<_> = Marks::read(&marks(folder, start))?.into_iter().collect();
         let mut changes = Vec::new();
         for (id, record) in &mut records {
-            if recover(record, running.contains(id)) {
+            let is_alone = running.iter().all(|other| other == id);
+            if recover(record, running.contains(id), is_alone) {
                 changes.push(Change::record(*id, record));
             }
         }
@@ -222,17 +224,19 @@ fn gone() -> io::Error {
     io::Error::new(io::ErrorKind::InvalidData, "it is not there any more")
 }
 
-/// Brings a row up to date after the end of its process, in which the job was `running` or not; says whether it has changed.
-fn recover(record: &mut Record, running: bool) -> bool {
+/// Brings a row up to date after the end of its process, in which the job was `running` or not, and no other if it `is_alone`;
+/// says whether it has changed.
+fn recover(record: &mut Record, running: bool, is_alone: bool) -> bool {
     if record.ended.is_some() {
         return false;
     }
     let crashed = running || record.underway;
     record.underway = false;
     record.crashes += u32::from(crashed);
+    record.crashes_alone += u32::from(crashed && is_alone);
     if record.dismissed {
         record.ended = Some(Ended::unsolved(Ending::Dismissed));
-    } else if record.crashes >= MOST_CRASHES {
+    } else if record.crashes_alone >= MOST_CRASHES {
         record.ended = Some(Ended::unsolved(Ending::Broken(Fault::Poisoned)));
     }
     crashed || record.ended.is_some()

@@ -48,7 +48,7 @@ pub enum Fault {
     },
     /// It did not stop at its deadline, and its worker was ended.
     Overran,
-    /// The process ended twice while it ran.
+    /// The process ended twice while it ran and no other did.
     Poisoned,
     /// The JSON would be longer than `limit` bytes.
     TooLarge {

@@ -143,6 +143,8 @@ pub struct Job {
     pub(super) key: Option<Key>,
     /// How often the process ended while it ran.
     pub(super) crashes: u32,
+    /// How often it was the only one that ran.
+    pub(super) crashes_alone: u32,
     /// The bytes of what was posted.
     pub(super) document_bytes: usize,
     /// What was posted, where the disk does not have it.
@@ -195,6 +197,7 @@ impl Job {
             created: Moment::now(),
             key,
             crashes: 0,
+            crashes_alone: 0,
             document_bytes: document.len(),
             document: (!lasting).then(|| Arc::clone(&document)),
             digest: OnceLock::new(),
@@ -207,8 +210,8 @@ impl Job {
 
     /// A job that an earlier process accepted.
     pub(super) fn recovered(id: JobId, record: Record) -> Self {
-        let Record { client, label, horizon, estimate, created, document_bytes, document, key, crashes, ended, .. } =
-            record;
+        let Record { client, label, horizon, estimate, created, document_bytes, document, key, ended, .. } = record;
+        let Record { crashes, crashes_alone, .. } = record;
         let state = ended.map_or(State::Accepted(None), |ended| State::Ended(Arc::new(ended)));
         Self {
             id,
@@ -219,6 +222,7 @@ impl Job {
             created: Moment { date: created, clock: Instant::now() },
             key,
             crashes,
+            crashes_alone,
             document_bytes,
             document: None,
             digest: document.map_or_else(OnceLock::new, OnceLock::from),

@@ -62,7 +62,7 @@ use specification::{Draft, Specification, SpecificationError};
 use std::collections::HashMap;
 use std::io;
 use std::path::Path;
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use store::Store;
@@ -157,6 +157,9 @@ pub struct Jobs {
     /// Wakes supervisors that wait for a worker when they are to go.
     dismissed: Notify,
     panics: AtomicU64,
+    /// Workers that live, and whether the last attempt to start one failed.
+    living: AtomicUsize,
+    unstartable: AtomicBool,
 }
 
 struct Intake {
@@ -196,6 +199,8 @@ impl Jobs {
             idle: Notify::new(),
             dismissed: Notify::new(),
             panics: AtomicU64::new(0),
+            living: AtomicUsize::new(0),
+            unstartable: AtomicBool::new(false),
         })
     }
 

@@ -6,7 +6,7 @@
 //! them is woken, which takes more time than a small solve.
 
 use super::Jobs;
-use crate::worker::{Confinement, Launcher, Supervisor};
+use crate::worker::{Confinement, Event, Launcher, Supervisor};
 use std::io;
 use std::num::NonZeroUsize;
 use std::sync::Arc;
@@ -32,8 +32,8 @@ impl Pool {
         let workers = workers.get();
         for place in 0..workers + relief {
             let (jobs, runtime) = (Arc::clone(jobs), Builder::new_current_thread().enable_all().build()?);
-            let metrics = Arc::clone(&jobs.metrics);
-            let notice = Arc::new(move |event: crate::worker::Event<'_>| metrics.notice(event));
+            let told = Arc::clone(&jobs);
+            let notice = Arc::new(move |event: Event<'_>| told.notice(event));
             let mut supervisor = Supervisor::new(Arc::clone(launcher), jobs.bounds.kept_by_worker(), notice);
             let starting = starting.clone();
             let work = move || {

@@ -32,6 +32,9 @@ pub struct Record {
     pub key: Option<Key>,
     /// How often the process ended while it ran.
     pub crashes: u32,
+    /// How often it was the only one that ran.
+    #[serde(default)]
+    pub crashes_alone: u32,
     /// It was running when it was first stored, so that no mark says so.
     pub underway: bool,
     /// Its client does not want it any more.
@@ -55,6 +58,7 @@ impl Record {
             document: None,
             key: None,
             crashes: 0,
+            crashes_alone: 0,
             underway: false,
             dismissed: false,
             ended: Some(ended),
@@ -79,6 +83,7 @@ impl Record {
             document: job.digest.get().copied(),
             key: job.key.clone(),
             crashes: job.crashes,
+            crashes_alone: job.crashes_alone,
             underway,
             dismissed,
             ended: None,

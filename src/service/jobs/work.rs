@@ -4,7 +4,7 @@ use super::ended::{Ended, Ending, Fault, Held};
 use super::job::{Halt, Job, State};
 use super::results::{Long, Results, TooLarge};
 use super::{Jobs, is_damage};
-use crate::worker::{Death, Finished, Left, Prints, Solved, Supervisor, Watch};
+use crate::worker::{Death, Event, Finished, Left, Origin, Prints, Solved, Supervisor, Watch};
 use problem::Control;
 use solution::{Status, Verdict};
 use std::borrow::Cow;
@@ -69,13 +69,15 @@ impl Jobs {
     }
 
     async fn see_through(&self, place: usize, supervisor: &mut Supervisor, job: &Arc<Job>, relief: bool) {
-        let span = tracing::info_span!("job", job.id = %job.id);
+        let mut origin = Origin::of(Some(job.id.to_string()), &job.context);
+        let span = origin.span();
+        origin.join(&span);
         let outcome = if job.crashes > 0 {
             let _alone = self.suspects.write().await;
-            self.attempt(place, supervisor, job).instrument(span).await
+            self.attempt(place, supervisor, job, &origin).instrument(span).await
         } else {
             let _beside_others = self.suspects.read().await;
-            self.attempt(place, supervisor, job).instrument(span).await
+            self.attempt(place, supervisor, job, &origin).instrument(span).await
         };
         match outcome {
             Outcome::Ended(ended) => {
@@ -90,6 +92,26 @@ impl Jobs {
         self.announce_if_idle(&intake);
         // Nothing may run for its client now.
         self.call_relief(&intake);
+    }
+
+    /// Notes what becomes of workers.
+    pub(super) fn notice(&self, event: Event<'_>) {
+        self.metrics.notice(event);
+        match event {
+            Event::Started(_) => {
+                self.living.fetch_add(1, Relaxed);
+                self.unstartable.store(false, Relaxed);
+            }
+            Event::Grown(_) | Event::Died(..) => {
+                self.living.fetch_sub(1, Relaxed);
+            }
+            Event::NotStarted(_) => self.unstartable.store(true, Relaxed),
+        }
+    }
+
+    /// Whether there is somebody to solve: false where no worker lives and none can be started.
+    pub fn has_workers(&self) -> bool {
+        self.living.load(Relaxed) > 0 || !self.unstartable.load(Relaxed)
     }
 
     /// Sends workers home, each at the end of the job in hand.
@@ -109,7 +131,7 @@ impl Jobs {
         }
     }
 
-    async fn attempt(&self, place: usize, supervisor: &mut Supervisor, job: &Job) -> Outcome {
+    async fn attempt(&self, place: usize, supervisor: &mut Supervisor, job: &Job, origin: &Origin) -> Outcome {
         let document = match self.posted(job) {
             Ok(document) => document,
             Err(error) => {
@@ -125,7 +147,7 @@ impl Jobs {
         };
         self.store.mark(place, job);
         let outcome = match job.start(self.bounds.wall) {
-            Some(control) => self.solve(supervisor, job, &document, &control).await,
+            Some(control) => self.solve(supervisor, job, origin, &document, &control).await,
             None => Outcome::Gone,
         };
         self.store.unmark(place, job);
@@ -133,10 +155,17 @@ impl Jobs {
         outcome
     }
 
-    async fn solve(&self, supervisor: &mut Supervisor, job: &Job, document: &[u8], control: &Control) -> Outcome {
+    async fn solve(
+        &self,
+        supervisor: &mut Supervisor,
+        job: &Job,
+        origin: &Origin,
+        document: &[u8],
+        control: &Control,
+    ) -> Outcome {
         self.metrics.waited(job.created.clock.elapsed());
         let begun = Instant::now();
-        let watch = Watch { control, halted: &job.halted, is_unwanted: &|| job.is_forgotten() };
+        let watch = Watch { origin, control, halted: &job.halted, is_unwanted: &|| job.is_forgotten() };
         let mut spool = self.store.spool(job.id);
         let finished = supervisor.perform(true, document, self.limits(), &watch, &mut spool).await;
         let halted = job.halted();

@@ -4,13 +4,15 @@
 use super::Death;
 use super::launcher::Launcher;
 use super::link::{Finished, Watch};
-use super::message::{Facts, Finding, Limits};
+use super::message::{Facts, Finding, Limits, Origin};
 use super::supervisor::{Notice, Supervisor};
+use crate::context::Context;
 use problem::Control;
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, PoisonError};
 use tokio::sync::Notify;
+use tracing::Instrument;
 
 /// What has become of a check.
 #[derive(Debug)]
@@ -44,16 +46,20 @@ impl Checkers {
     pub async fn check(self: &Arc<Self>, document: Arc<[u8]>, limits: Limits, turn: impl Send + 'static) -> Checked {
         let waits = Waits(Arc::default());
         let (checkers, asked) = (Arc::clone(self), Arc::clone(&waits.0));
-        let checking = tokio::spawn(async move {
+        let mut origin = Origin::of(None, &Context::current());
+        let span = origin.span();
+        origin.join(&span);
+        let checking = async move {
             let mut supervisor = checkers.take();
             let (control, is_unwanted) = (Control::new(), || asked.is_unwanted.load(Relaxed));
-            let watch = Watch { control: &control, halted: &asked.halted, is_unwanted: &is_unwanted };
+            let watch = Watch { origin: &origin, control: &control, halted: &asked.halted, is_unwanted: &is_unwanted };
             let finished = supervisor.perform(false, &document, limits, &watch, &mut io::sink()).await;
             checkers.resting().push(supervisor);
             drop(turn);
             finished
-        });
-        let finished = checking.await.unwrap_or_else(|error| Err(Death::Defect(error.to_string())));
+        };
+        let finished =
+            tokio::spawn(checking.instrument(span)).await.unwrap_or_else(|error| Err(Death::Defect(error.to_string())));
         match finished {
             Ok(Finished::Checked(facts, summary)) => Checked::Correct(facts, summary),
             Ok(Finished::Refused(_, true)) | Err(Death::Overran) => Checked::Interrupted,

@@ -8,7 +8,8 @@ use std::io::{self, Read, Write};
 /// The bytes of the two lengths.
 const HEAD: usize = 8;
 
-/// The longest message: some hundred events, or the reasons of a verdict. More is no message of ours.
+/// The longest message: some hundred events, or the reasons of a verdict. And the most bytes that come with a report: a piece of
+/// a result, a summary, or the errors of a document. More is no message of ours.
 const LONGEST: usize = 64 << 20;
 
 /// A frame up to the bytes that come with it, of which there are so many.
@@ -67,7 +68,7 @@ fn parts(lengths: [u8; HEAD]) -> io::Result<(usize, usize)> {
     Ok((message, bytes))
 }
 
-/// What has come in of a stream, from which frames are taken as they are complete.
+/// What has come in of a stream of reports, from which frames are taken as they are complete.
 #[derive(Debug, Default)]
 pub struct Decoder {
     /// To be filled at its end.
@@ -82,6 +83,9 @@ impl Decoder {
     pub fn take<M: DeserializeOwned>(&mut self) -> io::Result<Option<(M, Vec<u8>)>> {
         let Some((lengths, rest)) = self.buffer.split_first_chunk::<HEAD>() else { return Ok(None) };
         let (message, bytes) = parts(*lengths)?;
+        if bytes > LONGEST {
+            return Err(io::ErrorKind::InvalidData.into());
+        }
         if rest.len() < message + bytes {
             return Ok(None);
         }
@@ -124,6 +128,9 @@ mod tests {
     fn what_is_no_message_is_refused() {
         assert!(read::<String>(&mut &b"GET /solve HTTP/1.1\r\n"[..]).is_err());
         let mut decoder = Decoder { buffer: b"\x02\0\0\0\0\0\0\0{]".to_vec() };
+        assert!(decoder.take::<String>().is_err());
+        // What would never end is not waited for.
+        let mut decoder = Decoder { buffer: b"\x02\0\0\0\xff\xff\xff\xff".to_vec() };
         assert!(decoder.take::<String>().is_err());
     }
 }

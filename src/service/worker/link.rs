@@ -3,7 +3,7 @@
 use super::Death;
 use super::frame::{self, Decoder};
 use super::launcher::Start;
-use super::message::{Facts, Limits, Order, Prints, Report, Solved, VERSION};
+use super::message::{Facts, Limits, Order, Origin, Prints, Report, Solved, VERSION};
 use super::{Confinement, Loss};
 use problem::Control;
 use std::io::{self, Read, Write};
@@ -17,6 +17,10 @@ use tokio::select;
 use tokio::sync::Notify;
 use tokio::task::spawn_blocking;
 use tokio::time::{Instant, MissedTickBehavior, interval_at, sleep_until, timeout, timeout_at};
+
+/// The bytes that a result may take as columns for each that it may take as JSON: a number takes eight there and two here at least,
+/// and the index is no longer than they are.
+const COLUMNS: usize = 8;
 
 /// The time between two looks at a task.
 const LOOK: Duration = Duration::from_millis(100);
@@ -38,8 +42,10 @@ const LAST_WORDS: usize = 4 << 10;
 /// Farther away than any deadline.
 const EVER: Duration = Duration::from_secs(1 << 30);
 
-/// Who watches over a task.
+/// Whose a task is, and who watches over it.
 pub struct Watch<'a> {
+    /// For the log of the worker.
+    pub origin: &'a Origin,
     /// Brought to where the solve is.
     pub control: &'a Control,
     /// Wakes when the task is to stop.
@@ -127,11 +133,13 @@ impl Link {
     ) -> Result<Finished, Loss> {
         self.task += 1;
         let task = self.task;
-        let order = if solve { Order::Solve { task, limits } } else { Order::Check { task, limits } };
+        let origin = watch.origin.clone();
+        let order = if solve { Order::Solve { task, limits, origin } } else { Order::Check { task, limits, origin } };
         let begun = Instant::now();
         let most = limits.wall().unwrap_or(EVER).min(EVER);
         let mut end = begun + most + OVERRUN;
         let (mut taken, mut cancelled, mut looked) = (false, false, false);
+        let mut written = 0;
         match timeout_at(end, self.send(&order, document)).await {
             Ok(Ok(())) => {}
             Ok(Err(_)) => return Err(Loss::NotTaken(self.death().await)),
@@ -158,6 +166,11 @@ impl Link {
                     Ok((Report::Piece { .. }, bytes)) => {
                         // It has heeded what it was to heed, and is on its way out.
                         end = end.max(Instant::now() + OVERRUN);
+                        // The worker keeps to it by itself, unless something is wrong with it.
+                        written += bytes.len();
+                        if written > limits.result_bytes.saturating_mul(COLUMNS) {
+                            return Err(Loss::Died(self.defect("a result beyond its bound").await));
+                        }
                         if let Err(error) = long.write_all(&bytes) {
                             return Err(self.not_kept(&error).await);
                         }

@@ -15,13 +15,16 @@
 //! Messages carry the number of their task: one that comes late is passed over.
 
 use super::Confinement;
+use crate::context::Context;
 use crate::digest::Fingerprint;
+use crate::trace::{self, Trace};
 use problem::{Control, Event};
 use serde::{Deserialize, Serialize};
 use solution::{Failure, Solution, Status, Verdict};
 use specification::{Draft, Specification, SpecificationError, Time};
 use std::borrow::Cow;
 use std::time::Duration;
+use tracing::Span;
 use utoipa::ToSchema;
 
 /// The version of these messages: a worker of another is not given anything.
@@ -37,6 +40,8 @@ pub enum Order {
         task: u64,
         /// What it may take.
         limits: Limits,
+        /// Whose it is.
+        origin: Origin,
     },
     /// Check the document that comes with it.
     Check {
@@ -44,6 +49,8 @@ pub enum Order {
         task: u64,
         /// What it may take.
         limits: Limits,
+        /// Whose it is.
+        origin: Origin,
     },
     /// Report how far the task is.
     Look {
@@ -149,6 +156,44 @@ impl Report {
             | Self::TooMuchMemory { task, .. }
             | Self::TooLarge { task }
             | Self::Defect { task, .. } => Some(*task),
+        }
+    }
+}
+
+/// Whose a task is: the ids by which the lines of a worker's log are joined with those of the service.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Origin {
+    /// The job that is solved.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub job: Option<String>,
+    /// The request that posted it, where that is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub request: Option<String>,
+    /// The trace that it is part of, with its parent there, as W3C Trace Context writes it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub traceparent: Option<String>,
+}
+
+impl Origin {
+    /// That of a task for a job, or of a check, on behalf of a request. Its trace is still that of the request.
+    pub fn of(job: Option<String>, context: &Context) -> Self {
+        let request = Some(&*context.request).filter(|id| !id.is_empty()).map(str::to_owned);
+        Self { job, request, traceparent: context.trace.map(|trace| trace.traceparent()) }
+    }
+
+    /// Makes `span`, which is the task's, part of the trace.
+    pub fn join(&mut self, span: &Span) {
+        let trace = self.traceparent.as_deref().and_then(Trace::read);
+        self.traceparent = trace::join(span, trace).map(|trace| trace.traceparent());
+    }
+
+    /// A span with these ids.
+    pub fn span(&self) -> Span {
+        let trace = self.traceparent.as_deref().and_then(Trace::read);
+        let trace = trace.map(tracing::field::display);
+        match &self.job {
+            Some(job) => tracing::info_span!("job", job.id = job, request.id = self.request, trace.id = trace),
+            None => tracing::info_span!("check", request.id = self.request, trace.id = trace),
         }
     }
 }

@@ -26,6 +26,6 @@ pub use confinement::Confinement;
 pub use death::Death;
 pub use launcher::{Launcher, Start, program};
 pub use link::{Finished, Left, Watch};
-pub use message::{Facts, Failed, Finding, Limits, Order, Prints, Progress, Report, Solved, VERSION};
+pub use message::{Facts, Failed, Finding, Limits, Order, Origin, Prints, Progress, Report, Solved, VERSION};
 pub use solving::{Solver, serve};
 pub use supervisor::{Event, Loss, Notice, Supervisor};

@@ -2,7 +2,7 @@
 //! that one has the same size whatever the shell of the front allows.
 
 use super::frame;
-use super::message::{Facts, Limits, Order, Prints, Progress, Report, Solved, VERSION};
+use super::message::{Facts, Limits, Order, Origin, Prints, Progress, Report, Solved, VERSION};
 use super::{Confinement, confinement};
 use crate::digest::Fingerprint;
 use crate::jobs::{Encoded, TooLarge};
@@ -47,12 +47,12 @@ pub fn serve(
         .spawn(move || solve_all(&*solving, &solver, &assigned))?;
     while let Some((order, document)) = frame::read(&mut input)? {
         match order {
-            Order::Solve { task, limits } => {
-                let assignment = desk.begin(task, limits, document, true)?;
+            Order::Solve { task, limits, origin } => {
+                let assignment = desk.begin(task, limits, origin, document, true)?;
                 assign.send(assignment).map_err(io::Error::other)?;
             }
-            Order::Check { task, limits } => {
-                let assignment = desk.begin(task, limits, document, false)?;
+            Order::Check { task, limits, origin } => {
+                let assignment = desk.begin(task, limits, origin, document, false)?;
                 assign.send(assignment).map_err(io::Error::other)?;
             }
             Order::Look { task } => {
@@ -85,6 +85,7 @@ struct Task {
 struct Assignment {
     task: u64,
     limits: Limits,
+    origin: Origin,
     document: Vec<u8>,
     /// To be solved, or only checked.
     solve: bool,
@@ -97,12 +98,19 @@ impl<W: Write> Desk<W> {
         frame::write(&mut *self.output.lock().unwrap_or_else(PoisonError::into_inner), report, bytes)
     }
 
-    fn begin(&self, task: u64, limits: Limits, document: Vec<u8>, solve: bool) -> io::Result<Assignment> {
+    fn begin(
+        &self,
+        task: u64,
+        limits: Limits,
+        origin: Origin,
+        document: Vec<u8>,
+        solve: bool,
+    ) -> io::Result<Assignment> {
         let begun = Instant::now();
         let control = Arc::new(within(begun, limits.wall()));
         *self.task() = Some(Task { number: task, control: Arc::clone(&control), told: 0 });
         self.report(&Report::Taken { task }, &[])?;
-        Ok(Assignment { task, limits, document, solve, control, begun })
+        Ok(Assignment { task, limits, origin, document, solve, control, begun })
     }
 
     /// Goes on under another control, which is stopped if the one before was.
@@ -151,7 +159,8 @@ fn within(begun: Instant, time: Option<Duration>) -> Control {
 fn solve_all<W: Write>(desk: &Desk<W>, solver: &Solver, assigned: &Receiver<Assignment>) {
     for assignment in assigned {
         let task = assignment.task;
-        let done = catch_unwind(AssertUnwindSafe(|| work(desk, solver, assignment)));
+        let span = assignment.origin.span();
+        let done = span.in_scope(|| catch_unwind(AssertUnwindSafe(|| work(desk, solver, assignment))));
         let told = match done {
             Ok(told) => told,
             Err(panic) => {
@@ -166,7 +175,7 @@ fn solve_all<W: Write>(desk: &Desk<W>, solver: &Solver, assigned: &Receiver<Assi
 }
 
 fn work<W: Write>(desk: &Desk<W>, solver: &Solver, assignment: Assignment) -> io::Result<()> {
-    let Assignment { task, limits, document, solve, control, begun } = assignment;
+    let Assignment { task, limits, document, solve, control, begun, .. } = assignment;
     let specification = match limits.read(&document, &control) {
         Ok(specification) => specification,
         Err(errors) => {

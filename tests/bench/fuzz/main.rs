@@ -1,11 +1,12 @@
-//! Specifications that nobody would write: `cargo bench --bench fuzz` for ten minutes; `SECONDS=60 SEED=7` before it say
-//! otherwise.
+//! Specifications that nobody would write: `cargo bench --bench fuzz` for ten minutes; `SECONDS=60 COUNT=100000 SEED=7` before it
+//! say otherwise, whichever comes first. And a million [`messages`] between the service and its workers, or `MESSAGES=1000`.
 //!
 //! The examples are changed by [`mutation`] and read. A change whose errors have not been seen before is kept and changed
 //! further, so that errors behind errors are reached. What is correct is solved for a moment. A reading that panics, or takes
 //! longer or more memory than a document of its size may, ends the search; the document stands in the file that is named, as
 //! it does after an overflow of the stack, from which nothing returns.
 
+mod messages;
 mod mutation;
 
 use allocation_counter::measure;
@@ -34,17 +35,20 @@ const LARGEST: usize = 16 << 10;
 
 fn main() {
     let number = |name: &str, default| std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(default);
-    let (seconds, seed) = (number("SECONDS", 600), number("SEED", 1));
+    let (seconds, count, seed) = (number("SECONDS", 600), number("COUNT", u64::MAX), number("SEED", 1));
+    let (start, messages) = (Instant::now(), number("MESSAGES", 1_000_000));
+    let met = messages::meet(messages, seed);
+    println!("{met:?} in {:?}; no panic", start.elapsed());
     let current = std::env::temp_dir().join(format!("dvi-fuzz-{}.json", std::process::id()));
     println!("{seconds} s from seed {seed}; the document in hand stands in {}", current.display());
-    let search = move || search(Duration::from_secs(seconds), seed, &current);
+    let search = move || search(Duration::from_secs(seconds), count, seed, &current);
     let searching = thread::Builder::new().stack_size(STACK_BYTES).spawn(search).expect("a thread");
     if searching.join().is_err() {
         std::process::exit(1);
     }
 }
 
-fn search(time: Duration, seed: u64, current: &Path) {
+fn search(time: Duration, count: u64, seed: u64, current: &Path) {
     // Those that are correct, and those with errors.
     let mut corpus = [examples(), Vec::new()];
     let mut mutation = Mutation::new(seed, &corpus[0]);
@@ -52,7 +56,7 @@ fn search(time: Duration, seed: u64, current: &Path) {
     let (start, mut read, mut correct) = (Instant::now(), 0_u64, 0_u64);
     let mut told = Duration::ZERO;
     let (mut slowest, mut largest) = (Duration::ZERO, 0);
-    while start.elapsed() < time {
+    while start.elapsed() < time && read < count {
         let document = mutation.change(&corpus);
         fs::write(current, &document).expect("a temporary file");
         let (outcome, spent, bytes) = attempt(&document);

@@ -1,0 +1,86 @@
+//! Spans of requests and jobs for a collector of OpenTelemetry, in programs that are built with the feature `otlp`, where
+//! `OTEL_EXPORTER_OTLP_ENDPOINT` names one. Without either there are none.
+
+#[cfg(feature = "otlp")]
+pub use exported::Spans;
+#[cfg(not(feature = "otlp"))]
+pub use none::Spans;
+
+#[cfg(feature = "otlp")]
+mod exported {
+    use opentelemetry::trace::TracerProvider;
+    use opentelemetry_otlp::{Protocol, SpanExporter, WithExportConfig};
+    use opentelemetry_sdk::Resource;
+    use opentelemetry_sdk::trace::SdkTracerProvider;
+    use std::env;
+    use std::time::Duration;
+    use tracing::Subscriber;
+    use tracing_subscriber::Layer;
+    use tracing_subscriber::filter::filter_fn;
+    use tracing_subscriber::registry::LookupSpan;
+
+    /// The variables that name a collector.
+    const ENDPOINTS: [&str; 2] = ["OTEL_EXPORTER_OTLP_ENDPOINT", "OTEL_EXPORTER_OTLP_TRACES_ENDPOINT"];
+
+    /// The time that the last spans have to go out.
+    const LAST_SPANS: Duration = Duration::from_secs(3);
+
+    /// Where spans go, if anywhere.
+    pub struct Spans(Option<SdkTracerProvider>);
+
+    impl Spans {
+        /// Starts the thread that sends them.
+        ///
+        /// # Errors
+        /// What the variables name is no address.
+        pub fn start() -> Result<Self, Box<dyn std::error::Error>> {
+            if ENDPOINTS.iter().all(|name| env::var_os(name).is_none_or(|endpoint| endpoint.is_empty())) {
+                return Ok(Self(None));
+            }
+            let exporter = SpanExporter::builder().with_http().with_protocol(Protocol::HttpBinary).build()?;
+            let name = env::var("OTEL_SERVICE_NAME").unwrap_or_else(|_| "dvi".to_owned());
+            let resource = Resource::builder().with_service_name(name).build();
+            Ok(Self(Some(SdkTracerProvider::builder().with_resource(resource).with_batch_exporter(exporter).build())))
+        }
+
+        /// What takes the spans of the service, and none of the libraries.
+        pub fn layer<S>(&self) -> Option<impl Layer<S> + use<S>>
+        where
+            S: Subscriber + for<'a> LookupSpan<'a>,
+        {
+            let layer = tracing_opentelemetry::layer().with_tracer(self.0.as_ref()?.tracer("dvi"));
+            Some(layer.with_filter(filter_fn(|of| of.is_span() && of.target().starts_with("service"))))
+        }
+
+        /// Sends what there is.
+        pub fn end(self) {
+            if let Some(Err(error)) = self.0.map(|provider| provider.shutdown_with_timeout(LAST_SPANS)) {
+                tracing::warn!(%error, "the last spans did not reach the collector");
+            }
+        }
+    }
+}
+
+#[cfg(not(feature = "otlp"))]
+mod none {
+    use std::convert::Infallible;
+    use tracing_subscriber::layer::Identity;
+
+    /// Spans that go nowhere.
+    pub struct Spans;
+
+    impl Spans {
+        /// Starts nothing.
+        pub fn start() -> Result<Self, Infallible> {
+            Ok(Self)
+        }
+
+        /// Takes nothing.
+        pub fn layer(&self) -> Identity {
+            Identity::new()
+        }
+
+        /// There is nothing to send.
+        pub fn end(self) {}
+    }
+}

@@ -1,0 +1,115 @@
+//! The trace that a request is part of (W3C Trace Context): it comes from the client, names the lines of the log and the spans
+//! of the request and its job, and goes on to the worker and back to the client.
+
+use std::fmt::{self, Display};
+use tracing::Span;
+use uuid::Uuid;
+
+/// A span of a trace, as one program names it to the next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Trace {
+    /// That of the trace, 32 hexadecimal digits.
+    pub id: u128,
+    /// That of the span, 16.
+    pub span: u64,
+    /// Whether it is recorded, among others to come.
+    pub flags: u8,
+}
+
+impl Trace {
+    /// That of a `traceparent`, `VERSION-TRACE-PARENT-FLAGS`; nothing where it is malformed or zero.
+    pub fn read(traceparent: &str) -> Option<Self> {
+        let mut parts = traceparent.trim().split('-');
+        let hexadecimal = |part: &str, length| {
+            let fits = part.len() == length && part.bytes().all(|c| matches!(c, b'0'..=b'9' | b'a'..=b'f'));
+            if fits { u128::from_str_radix(part, 16).ok() } else { None }
+        };
+        let version = hexadecimal(parts.next()?, 2).filter(|version| *version != 0xff)?;
+        let id = hexadecimal(parts.next()?, 32).filter(|id| *id != 0)?;
+        let span =
+            hexadecimal(parts.next()?, 16).and_then(|span| u64::try_from(span).ok()).filter(|span| *span != 0)?;
+        let flags = hexadecimal(parts.next()?, 2).and_then(|flags| u8::try_from(flags).ok())?;
+        (version > 0 || parts.next().is_none()).then_some(Self { id, span, flags })
+    }
+
+    /// What the next program is given.
+    pub fn traceparent(&self) -> String {
+        let Self { id, span, flags } = self;
+        format!("00-{id:032x}-{span:016x}-{flags:02x}")
+    }
+
+    /// The part of this program in a trace that came from elsewhere.
+    fn continued(self) -> Self {
+        let (_, span) = Uuid::now_v7().as_u64_pair();
+        Self { span, ..self }
+    }
+}
+
+/// The id of the trace, by which lines of logs are joined.
+impl Display for Trace {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:032x}", self.id)
+    }
+}
+
+/// Makes `span` part of the trace, and gives the trace with that span; one that begins here, where spans go to a collector
+/// and the client gave none.
+pub fn join(span: &Span, trace: Option<Trace>) -> Option<Trace> {
+    exported(span, trace).or_else(|| trace.map(Trace::continued))
+}
+
+/// The span as a collector will know it; nothing where none does.
+#[cfg(feature = "otlp")]
+fn exported(span: &Span, trace: Option<Trace>) -> Option<Trace> {
+    use opentelemetry::trace::{SpanContext, SpanId, TraceContextExt, TraceFlags, TraceId, TraceState};
+    use tracing_opentelemetry::OpenTelemetrySpanExt;
+
+    if let Some(Trace { id, span: parent, flags }) = trace {
+        let (id, parent) = (TraceId::from(id), SpanId::from(parent));
+        let parent = SpanContext::new(id, parent, TraceFlags::new(flags), true, TraceState::default());
+        // Refused where no collector is asked for.
+        let _ = span.set_parent(opentelemetry::Context::new().with_remote_span_context(parent));
+    }
+    let context = span.context();
+    let here = Some(context.span().span_context().clone()).filter(SpanContext::is_valid)?;
+    Some(Trace {
+        id: u128::from_be_bytes(here.trace_id().to_bytes()),
+        span: u64::from_be_bytes(here.span_id().to_bytes()),
+        flags: here.trace_flags().to_u8(),
+    })
+}
+
+/// No collector knows it.
+#[cfg(not(feature = "otlp"))]
+fn exported(_span: &Span, _trace: Option<Trace>) -> Option<Trace> {
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The example of W3C Trace Context, section 3.2.2.
+    const EXAMPLE: &str = "00-4bf92f3577b34da6a3ce929d0e0e4736-00f067aa0ba902b7-01";
+
+    #[test]
+    fn a_trace_is_read_and_written_as_the_standard_does() {
+        let read = Trace::read(EXAMPLE).unwrap();
+        assert_eq!(read.to_string(), "4bf92f3577b34da6a3ce929d0e0e4736");
+        assert_eq!(read.traceparent(), EXAMPLE);
+        let next = read.continued();
+        assert_eq!((next.id, next.flags), (read.id, read.flags));
+        assert_ne!(next.span, read.span);
+        for broken in [
+            "",
+            "00-4bf92f3577b34da6a3ce929d0e0e4736-00f067aa0ba902b7",
+            "ff-4bf92f3577b34da6a3ce929d0e0e4736-00f067aa0ba902b7-01",
+            "00-00000000000000000000000000000000-00f067aa0ba902b7-01",
+            "00-4bf92f3577b34da6a3ce929d0e0e4736-0000000000000000-01",
+            "00-4BF92F3577B34DA6A3CE929D0E0E4736-00f067aa0ba902b7-01",
+            "00-4bf92f3577b34da6a3ce929d0e0e4736-00f067aa0ba902b7-01-more",
+        ] {
+            assert_eq!(Trace::read(broken), None, "{broken}");
+        }
+    }
+}

@@ -1,0 +1,186 @@
+//! Messages between the front and a worker that neither would send: orders to a worker, reports to the front. Whoever gets one
+//! refuses it, ends the task or passes it over; nobody panics, waits for ever, or takes the memory that a length declares.
+
+use super::mutation::Mutation;
+use dvi::problem::Control;
+use dvi::service::worker::{
+    Confinement, Event, Finished, Limits, Order, Origin, Start, Supervisor, Watch, frame, serve,
+};
+use serde_json::Value;
+use std::io::{self, Write};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
+use std::sync::{Arc, Mutex};
+use std::thread;
+use std::time::Duration;
+use tokio::runtime::Builder;
+use tokio::sync::Notify;
+use tokio::time::timeout;
+
+const DOCUMENT: &[u8] = br#"{"problem":{"dvi":{"states":{"x":{"initial":1,"rate":"-x"}}}},"time":{"end":1}}"#;
+
+/// Messages in one conversation.
+const TALK: usize = 12;
+
+/// What a task may take, so that a length which is believed is noticed.
+const LIMITS: Limits = Limits { steps: 100, memory: 16 << 20, wall_seconds: Some(2.0), result_bytes: 1 << 20 };
+
+/// Longer than any conversation takes.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// What was met.
+#[derive(Debug, Default)]
+pub struct Met {
+    pub orders: u64,
+    pub reports: u64,
+    /// Reports on which the front acted to the end of a task.
+    pub finished: u64,
+}
+
+/// Sends so many messages, half to a worker and half to the front.
+pub fn meet(count: u64, seed: u64) -> Met {
+    let mut met = Met::default();
+    let (orders, reports) = (orders(), reports());
+    let mut mutation = Mutation::new(seed, &[orders.clone(), reports.clone()].concat());
+    let (orders, reports) = ([orders, Vec::new()], [reports, Vec::new()]);
+    let said = Said::default();
+    let runtime = Builder::new_current_thread().enable_all().build().expect("a runtime");
+    while met.orders + met.reports < count {
+        let talk = talk(&mut mutation, &orders);
+        let to_worker = io::Cursor::new(talk);
+        // What it says of a message that is none is no matter, as long as it comes back.
+        let _ = serve(to_worker, said.clone(), Arc::new(dvi::solve), Confinement::default());
+        assert!(!said.1.load(Relaxed), "the solver panicked over an order");
+        said.0.lock().expect("a lock").clear();
+        met.orders += TALK as u64;
+        let talk = talk_of_worker(&mut mutation, &reports);
+        met.finished += u64::from(runtime.block_on(listen(talk)));
+        met.reports += TALK as u64;
+    }
+    met
+}
+
+/// Frames, some of them cut or with other lengths.
+fn talk(mutation: &mut Mutation, corpus: &[Vec<Vec<u8>>; 2]) -> Vec<u8> {
+    let mut talk = Vec::new();
+    for _ in 0..TALK {
+        let message = if mutation.below(3) == 0 {
+            mutation.change(corpus)
+        } else {
+            corpus[0][mutation.below(corpus[0].len())].clone()
+        };
+        let bytes = if mutation.below(2) == 0 { DOCUMENT } else { b"" };
+        let lengths = [message.len(), bytes.len()].map(|length| match mutation.below(40) {
+            0 => mutation.below(1 << 32) as u32,
+            _ => length as u32,
+        });
+        lengths.iter().for_each(|length| talk.extend_from_slice(&length.to_le_bytes()));
+        talk.extend_from_slice(&message);
+        talk.extend_from_slice(bytes);
+    }
+    talk
+}
+
+/// The same, after a beginning as it should be.
+fn talk_of_worker(mutation: &mut Mutation, reports: &[Vec<Vec<u8>>; 2]) -> Vec<u8> {
+    let mut begun = Vec::new();
+    for report in &reports[0][..if mutation.below(8) == 0 { 0 } else { 2 }] {
+        let message: Value = serde_json::from_slice(report).expect("a report");
+        frame::write(&mut begun, &message, &[]).expect("room");
+    }
+    begun.extend(talk(mutation, reports));
+    begun
+}
+
+/// Has the front give a task to a worker that says this, whatever it is told. True if the task came to an end.
+async fn listen(talk: Vec<u8>) -> bool {
+    let launches = AtomicU64::new(0);
+    let talk = Arc::new(talk);
+    let launcher = Arc::new(move || {
+        let ((mut input, orders), (reports, mut output)) = (io::pipe()?, io::pipe()?);
+        // One that dies before it has its task is replaced, by one that does as it should.
+        let (is_first, says) = (launches.fetch_add(1, Relaxed) == 0, Arc::clone(&talk));
+        thread::spawn(move || {
+            if !is_first {
+                return serve(input, output, Arc::new(dvi::solve), Confinement::default());
+            }
+            let _ = output.write_all(&says);
+            drop(output);
+            io::copy(&mut input, &mut io::sink()).map(drop)
+        });
+        Ok(Start { orders: orders.into(), reports: reports.into(), process: None })
+    });
+    let mut supervisor = Supervisor::new(launcher, u64::MAX, Arc::new(|_: Event<'_>| {}));
+    if timeout(PATIENCE, supervisor.start()).await.expect("an end").is_err() {
+        return false;
+    }
+    let (control, halted, origin) = (Control::new(), Notify::new(), Origin::default());
+    let watch = Watch { origin: &origin, control: &control, halted: &halted, is_unwanted: &|| false };
+    let performed = supervisor.perform(true, DOCUMENT, LIMITS, &watch);
+    match timeout(PATIENCE, performed).await.expect("an end") {
+        Ok(Finished::Solved(_, json)) => {
+            assert!(json.len() <= 2 * LIMITS.result_bytes, "{} bytes were gathered", json.len());
+            true
+        }
+        finished => finished.is_ok(),
+    }
+}
+
+fn orders() -> Vec<Vec<u8>> {
+    let origin = Origin { job: Some("job".to_owned()), request: None, traceparent: None };
+    let orders = [
+        Order::Solve { task: 1, limits: LIMITS, origin: origin.clone() },
+        Order::Check { task: 2, limits: LIMITS, origin },
+        Order::Look { task: 1 },
+        Order::Cancel { task: 1 },
+    ];
+    orders.iter().map(|order| serde_json::to_vec(order).expect("an order")).collect()
+}
+
+/// What a worker says of a solve, a check, a refusal and a panic: ready and taken first.
+fn reports() -> Vec<Vec<u8>> {
+    let mut orders = Vec::new();
+    let order = |task, solve| {
+        let origin = Origin::default();
+        if solve {
+            Order::Solve { task, limits: LIMITS, origin }
+        } else {
+            Order::Check { task, limits: LIMITS, origin }
+        }
+    };
+    for (task, solve, document) in [(1, true, DOCUMENT), (1, false, DOCUMENT), (1, true, &b"{}"[..])] {
+        frame::write(&mut orders, &order(task, solve), document).expect("room");
+    }
+    let said = Said::default();
+    serve(io::Cursor::new(orders), said.clone(), Arc::new(dvi::solve), Confinement::default()).expect("a worker");
+    // The thread that solves may still be at it.
+    thread::sleep(Duration::from_millis(200));
+    let said = said.0.lock().expect("a lock").clone();
+    let (mut said, mut reports) = (said.as_slice(), Vec::new());
+    while let Ok(Some((report, _))) = frame::read::<Value>(&mut said) {
+        reports.push(report.to_string().into_bytes());
+    }
+    for more in
+        [r#"{"piece":{"task":1}}"#, r#"{"defect":{"task":1,"message":"a panic"}}"#, r#"{"too_large":{"task":1}}"#]
+    {
+        reports.push(more.as_bytes().to_vec());
+    }
+    assert!(reports.len() >= 6, "{reports:?}");
+    reports
+}
+
+/// What a worker has said, and whether it said that its solver panicked.
+#[derive(Clone, Default)]
+struct Said(Arc<Mutex<Vec<u8>>>, Arc<AtomicBool>);
+
+impl Write for Said {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        // A frame comes in one piece, with the two lengths before its message.
+        self.1.fetch_or(bytes.get(8..).is_some_and(|message| message.starts_with(b"{\"defect\"")), Relaxed);
+        self.0.lock().expect("a lock").extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
