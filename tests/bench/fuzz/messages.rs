@@ -3,7 +3,9 @@
 
 use super::mutation::Mutation;
 use dvi::problem::Control;
-use dvi::service::worker::{Confinement, Event, Limits, Order, Origin, Start, Supervisor, Watch, frame, serve};
+use dvi::service::worker::{
+    Confinement, Event, Finished, Left, Limits, Order, Origin, Start, Supervisor, Watch, frame, serve,
+};
 use serde_json::Value;
 use std::io::{self, Write};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
@@ -118,6 +120,9 @@ async fn listen(talk: Vec<u8>) -> bool {
     let finished = timeout(PATIENCE, performed).await.expect("an end");
     // No worker can have the front keep much more than a result may have.
     assert!(long.len() <= 8 * LIMITS.result_bytes, "{} bytes were kept", long.len());
+    if let Ok(Finished::Solved(_, Left::Text(json))) = &finished {
+        assert!(json.len() <= 2 * LIMITS.result_bytes, "{} bytes were gathered", json.len());
+    }
     finished.is_ok()
 }
 
