@@ -113,7 +113,7 @@ async fn what_a_worker_logs_has_the_ids_of_its_job() {
     let (control, halted) = (Control::new(), Notify::new());
     let watch = Watch { origin: &origin, control: &control, halted: &halted, is_unwanted: &|| false };
     let limits = Limits { steps: 1000, memory: 1 << 28, wall_seconds: None, result_bytes: 1 << 20 };
-    let finished = supervisor.perform(true, labelled("panics").as_bytes(), limits, &watch, &mut std::io::sink()).await;
+    let finished = supervisor.perform(true, labelled("panics").as_bytes(), limits, &watch, &mut io::sink()).await;
     let Err(Death::Defect(words)) = finished else { panic!("{finished:?}") };
     let line = words.lines().find(|line| line.contains("what the worker logs")).unwrap_or_else(|| panic!("{words}"));
     for id in ["the-job", "the-request", trace] {
