@@ -15,11 +15,11 @@
 //! it: its slope then jumps from the last step to this one. The jump, which is `gamma e` where the problem is not stiff,
 //! is held to what `gamma e` is held to. And the order shows only where a step is short beside what the rates do: the
 //! coefficients of the slope of the collocation polynomial in Legendre polynomials then fall by some `r < 1` from one degree
-//! to the next, and the error of the result is about `r^(s-1) e`, where `e` is at least the next coefficient but one: as one
-//! number of the step it is zero for some size of it. This is held to the tolerance that is not rescaled, with the `r` of the
-//! last of them: a ripple that is small beside the rest of a rate, and has many periods within the step, has the error `e`.
-//! All three are for explicit equations, and for linear ones, in the directions that constraints leave free: what Newton's
-//! method or rounding leaves of other equations does not shrink with the step, and would hold up the run.
+//! to the next, and the error of the result is about `r^(s-1) e`. This is held to the tolerance that is not rescaled, with the
+//! `r` of the last of them: a ripple that is small beside the rest of a rate, and has many periods within the step, has the
+//! error `e`. All three are for explicit equations, and for linear ones, in the directions that constraints
+//! leave free: what Newton's method or rounding leaves of other equations does not shrink with the step, and would hold up the
+//! run.
 
 use super::Radau;
 use crate::consistent::{Consistent, InverseMass};
@@ -42,14 +42,19 @@ pub(super) struct Estimates {
     pub error: Vec<f64>,
     /// The jump of the slope of the states into the step, times its size; empty where there is none to speak of.
     jump: Vec<f64>,
+    /// What rounding leaves of the rates where a first step begins.
+    noise: Vec<f64>,
     embedded: Vec<f64>,
     pub shifted: Vec<f64>,
 }
 
+/// What rounding may make of a rate, in parts of its terms.
+const ROUNDING: f64 = 4.0 * f64::EPSILON;
+
 impl Estimates {
     pub fn new(unknowns: usize) -> Self {
         let zeros = || vec![0.0; unknowns];
-        Self { error: zeros(), jump: Vec::new(), embedded: zeros(), shifted: zeros() }
+        Self { error: zeros(), jump: Vec::new(), noise: Vec::new(), embedded: zeros(), shifted: zeros() }
     }
 }
 
@@ -93,7 +98,11 @@ impl Radau<'_> {
         self.estimates.jump.clear();
         if has_slope {
             self.last.jump(h, &self.estimates.shifted[..states], &mut self.estimates.jump);
-            let Self { system, control, switching, y, estimates: Estimates { jump, .. }, .. } = self;
+            let Self { system, control, switching, y, estimates: Estimates { jump, noise, .. }, .. } = self;
+            if !self.continues {
+                let noise = noise.iter().map(|noise| h * noise);
+                jump.iter_mut().zip(noise).for_each(|(jump, noise)| *jump -= jump.clamp(-noise, noise));
+            }
             if is_bound && !jump.is_empty() && !switching.constraints.project(system, control, y, jump) {
                 jump.clear();
             }
@@ -158,18 +167,13 @@ impl Radau<'_> {
         };
         let largest =
             |degrees: Range<usize>, j: usize| degrees.map(|degree| coefficient(degree, j).abs()).fold(0.0, f64::max);
-        let gamma = tableau.gamma.unwrap_or(f64::INFINITY);
-        let term = |j: usize| {
+        let share = |j: usize| {
             let first = s - count;
             let (last, before) = (largest(first..s, j), largest(first - count.max(2)..first, j));
-            let fall = if last < before { last / before } else { 1.0 };
-            // The estimate is one number of the step, which is zero for some size of it whatever the rest of the rate is. Where
-            // constraints bind states, the coefficients have what they leave of rounding.
-            let expected = if is_bound { 0.0 } else { fall * last / gamma };
-            self.estimates.shifted[j].abs().max(expected) * fall.powf((s - 1) as f64 / count as f64)
+            if last < before { (last / before).powf((s - 1) as f64 / count as f64) } else { 1.0 }
         };
         let states = 0..self.system.states;
-        let terms = states.map(|j| term(j) * self.control.weight[j]);
+        let terms = states.map(|j| self.estimates.shifted[j] * share(j) * self.control.weight[j]);
         let square: f64 = terms.clone().map(|term| term * term).sum();
         let norm = mean_square_root(square, self.system.states, || terms);
         let error = tolerance.factor * norm;
@@ -186,15 +190,17 @@ impl Radau<'_> {
         if !are_found && !switching.inside.tells_all(system) || !system.evaluate(t, &y) {
             return;
         }
-        let rates = &system.values[..system.states];
-        let slope = &mut self.last.end_slope;
-        match (system.mass(), consistent.as_ref().and_then(Consistent::inverse_mass)) {
-            (Mass::Identity, _) => slope.extend_from_slice(rates),
-            (_, Some(InverseMass::Entries(inverse))) => {
-                slope.extend_from_slice((inverse * DVector::from_column_slice(rates)).as_slice());
-            }
-            _ => {}
-        }
+        let n = system.states;
+        let noise = (0..n).map(|row| ROUNDING * system.terms_of_row(row, |j| [y[j].abs()])[0]);
+        let (rates, noise) = (DVector::from_column_slice(&system.values[..n]), DVector::from_iterator(n, noise));
+        let (slope, noise) = match (system.mass(), consistent.as_ref().and_then(Consistent::inverse_mass)) {
+            (Mass::Identity, _) => (rates, noise),
+            (_, Some(InverseMass::Entries(inverse))) => (inverse * rates, inverse.abs() * noise),
+            _ => return,
+        };
+        self.last.end_slope.extend_from_slice(slope.as_slice());
+        self.estimates.noise.clear();
+        self.estimates.noise.extend_from_slice(noise.as_slice());
     }
 
     /// Whether the equations are explicit, or would be with the variables eliminated, and Newton's method leaves nothing of what
