@@ -146,7 +146,8 @@ mod tests {
         let threads: Vec<_> = (0..4)
             .map(|thread| {
                 let log = log.clone();
-                thread::spawn(move || (0..1000).for_each(|k| writeln!(log.line(), "{thread} {k}").unwrap()))
+                let write = move |k| log.line().write_all(format!("{thread} {k}\n").as_bytes()).unwrap();
+                thread::spawn(move || (0..1000).for_each(write))
             })
             .collect();
         threads.into_iter().for_each(|thread| thread.join().unwrap());
