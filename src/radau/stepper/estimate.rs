@@ -40,7 +40,7 @@ const NEGLIGIBLE: f64 = 1e-3;
 pub(super) struct Estimates {
     /// `e`
     pub error: Vec<f64>,
-    /// The jump of the slope of the states into the step, times its size; empty where there is none to speak of.
+    /// The jump of the slope of the states into the step, times its size; empty where the slope before is not known.
     jump: Vec<f64>,
     /// What rounding leaves of the rates where a first step begins.
     noise: Vec<f64>,
@@ -48,7 +48,7 @@ pub(super) struct Estimates {
     pub shifted: Vec<f64>,
 }
 
-/// What rounding may make of a rate, in parts of its terms.
+/// What rounding may make of a rate, in parts of its terms: each is off by a unit or two, and they cancel in part.
 const ROUNDING: f64 = 4.0 * f64::EPSILON;
 
 impl Estimates {
@@ -76,10 +76,11 @@ impl Radau<'_> {
         let n = self.system.unknowns;
         let states = self.system.states;
         let leaves_no_rest = !coupled && self.leaves_no_rest();
-        let tells_all = self.switching.inside.tells_all(&self.system);
-        let is_bound = leaves_no_rest && self.consistent.is_some() && !tells_all;
+        let is_bound = leaves_no_rest && self.consistent.is_some() && !self.switching.inside.tells_all(&self.system);
+        let has_output = self.settings.interpolated && !coupled;
         // What is left of equations that tell their variables shrinks with the step, and a first step has no other slope.
-        let has_slope = self.settings.interpolated && !coupled && (leaves_no_rest || !self.continues && tells_all);
+        let has_slope =
+            has_output && (leaves_no_rest || !self.continues && self.switching.inside.tells_all(&self.system));
         if has_slope && !self.continues && self.last.end_slope.is_empty() {
             self.find_first_slope();
         }
