@@ -5,6 +5,7 @@ use super::settings::{Settings, StageChoice};
 use super::tableau::Tableau;
 
 /// A method with its tolerances.
+#[derive(Clone, Copy)]
 pub(super) struct Method {
     pub tableau: &'static Tableau,
     pub tolerance: Rescaled,

@@ -4,6 +4,7 @@ mod attempt;
 mod estimate;
 mod preparation;
 mod report;
+mod ripple;
 
 use attempt::Attempt;
 use estimate::Estimates;
