@@ -48,6 +48,7 @@ pub struct Metrics {
     damaged: Gauge,
     writable: Gauge,
     unsaved: Gauge,
+    rebuilds: Counter,
     orphaned: Gauge,
     kept: Gauge,
     kept_bytes: Gauge,
@@ -85,6 +86,7 @@ impl Default for Metrics {
             damaged: Gauge::default(),
             writable: Gauge::default(),
             unsaved: Gauge::default(),
+            rebuilds: Counter::default(),
             orphaned: Gauge::default(),
             kept: Gauge::default(),
             kept_bytes: Gauge::default(),
@@ -144,6 +146,11 @@ impl Default for Metrics {
             "unsaved_results",
             "Ends of jobs that wait in memory for room on the disk",
             metrics.unsaved.clone(),
+        );
+        registry.register(
+            "store_rebuilds",
+            "Times that a damaged database was built anew since the start",
+            metrics.rebuilds.clone(),
         );
         registry.register("orphaned_results", "Results that the start set aside", metrics.orphaned.clone());
         registry.register("panics", "Solves that broke down since the start", metrics.panics.clone());
@@ -270,6 +277,7 @@ impl Metrics {
         self.connections.set(i64::try_from(connections).unwrap_or(i64::MAX));
         self.writable.set(i64::from(jobs.is_writable()));
         self.unsaved.set(i64::try_from(jobs.unsaved()).unwrap_or(i64::MAX));
+        self.rebuilds.inner().fetch_max(jobs.rebuilds(), Relaxed);
         self.panics.set(i64::try_from(jobs.panics()).unwrap_or(i64::MAX));
         self.lost_lines.inner().fetch_max(self.log.get().map_or(0, Log::lost), Relaxed);
         let mut text = String::new();

@@ -6,10 +6,13 @@
 
 use super::JobId;
 use super::files::OWN;
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, DirEntry, File, OpenOptions};
 use std::io;
 use std::os::unix::fs::{FileExt, OpenOptionsExt};
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+/// What the names of their files begin with; the number of the start follows.
+const PREFIX: &str = "running-";
 
 /// The name of a job and a line feed.
 const SLOT: usize = 37;
@@ -21,6 +24,21 @@ pub struct Marks {
 }
 
 impl Marks {
+    /// Their file in `folder`, of that start.
+    pub fn path(folder: &Path, start: u64) -> PathBuf {
+        folder.join(format!("{PREFIX}{start}"))
+    }
+
+    /// The files of all starts in `folder`, with the numbers of those.
+    ///
+    /// # Errors
+    /// Those of the disk.
+    pub fn all(folder: &Path) -> io::Result<Vec<(u64, PathBuf)>> {
+        let number = |entry: &DirEntry| entry.file_name().to_str()?.strip_prefix(PREFIX)?.parse().ok();
+        let entries = fs::read_dir(folder)?.collect::<io::Result<Vec<_>>>()?;
+        Ok(entries.iter().filter_map(|entry| Some((number(entry)?, entry.path()))).collect())
+    }
+
     /// No marks yet, in a new file.
     ///
     /// # Errors

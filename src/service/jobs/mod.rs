@@ -8,6 +8,7 @@
 //! [`Jobs::cancel`] and [`Jobs::forget`] pass the queue by: they work when it is full. In a durable service a job that
 //! was accepted to be waited for elsewhere outlives the process: see [`store`](self).
 
+mod change;
 mod client;
 mod database;
 mod disk;
@@ -15,6 +16,7 @@ mod drain_rate;
 mod ended;
 mod files;
 mod glance;
+mod home;
 mod idempotency;
 mod index;
 mod inspection;
@@ -26,6 +28,7 @@ mod queue;
 mod record;
 mod reserve;
 mod results;
+mod salvage;
 mod seal;
 mod spool;
 mod store;
@@ -44,6 +47,7 @@ pub use inspection::Inspection;
 pub use job::{Halt, Job, JobId, Moment, Order, State};
 pub use pool::Pool;
 pub use queue::Room;
+pub use salvage::{Salvaged, repair};
 pub use results::{Encoded, Opened, Results, SHORT, TooLarge};
 pub use turns::{Turn, Turns};
 pub use writer::Unwritable;
@@ -362,6 +366,11 @@ impl Jobs {
             self.lock().queue.push(job.client, job);
             self.waiting.add_permits(1);
         }
+    }
+
+    /// How often the database was built anew.
+    pub fn rebuilds(&self) -> u64 {
+        self.store.rebuilds()
     }
 
     /// How many ends of jobs wait for room on the disk.

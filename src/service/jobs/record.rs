@@ -1,9 +1,9 @@
 //! What the disk knows of a job, beside its specification and its results: JSON, a row a job.
 
 use super::Client;
-use super::ended::Ended;
+use super::ended::{Ended, Held};
 use super::idempotency::Key;
-use super::job::{Estimate, Halt, Job, Life, State};
+use super::job::{Estimate, Halt, Job, Keeping, Life, State};
 use crate::digest::Digest;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -62,6 +62,20 @@ impl Record {
             underway: false,
             dismissed: false,
             ended: Some(ended),
+        }
+    }
+}
+
+impl Job {
+    /// Its row, if the disk has one.
+    pub(super) fn row(&self) -> Option<Record> {
+        let life = self.lock();
+        let record = Record::of(self, &life);
+        match (life.keeping, life.ended()) {
+            (Keeping::Disk, Some(ended)) if !matches!(ended.held, Some(Held::Memory(_))) => Some(record.ended(ended)),
+            // One that waits to be written.
+            (Keeping::Disk, _) => Some(record),
+            (Keeping::Memory | Keeping::Storing | Keeping::Forgotten, _) => None,
         }
     }
 }

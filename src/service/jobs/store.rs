@@ -4,7 +4,7 @@
 //! or when it outlives the wait. From then on each of its states is on the disk before anyone is told of it. All changes of
 //! one job are handed to the disk under the lock of its life, so that they are made in the order in which they came about.
 
-use super::database::Change;
+use super::change::Change;
 use super::disk::{Disk, Found};
 use super::ended::{Ended, Ending, Held};
 use super::index::{Index, Retention};
@@ -25,7 +25,7 @@ use tokio::task::spawn_blocking;
 /// Jobs by name.
 #[derive(Debug)]
 pub struct Store {
-    index: Index,
+    index: Arc<Index>,
     disk: Option<Arc<Disk>>,
     /// Jobs on the disk of which nothing is known, since their rows are not as they were written.
     damaged: HashSet<JobId>,
@@ -45,7 +45,7 @@ impl Store {
         unsaved: usize,
         metrics: &Metrics,
     ) -> io::Result<(Self, Vec<Arc<Job>>)> {
-        let index = Index::new(retention);
+        let index = Arc::new(Index::new(retention));
         let unsaved = Arc::new(Unsaved::new(unsaved));
         let Some(folder) = folder else {
             return Ok((Self { index, disk: None, damaged: HashSet::new(), unsaved }, Vec::new()));
@@ -76,12 +76,19 @@ impl Store {
         }
         forgotten.extend(index.expire(Timestamp::now()));
         disk.erase(forgotten.iter().map(|job| job.id).collect())?;
+        let known = Arc::clone(&index);
+        disk.remember(Box::new(move || known.all().iter().filter_map(|job| job.row().map(|row| (job.id, row))).collect()));
         Ok((Self { index, disk: Some(Arc::new(disk)), damaged, unsaved }, waiting))
     }
 
     /// Whether the disk, if there is one, takes changes, and has all that it is to have.
     pub fn is_writable(&self) -> bool {
         !self.disk.as_ref().is_some_and(|disk| disk.has_failed() || !self.unsaved.is_empty())
+    }
+
+    /// How often the database was built anew.
+    pub fn rebuilds(&self) -> u64 {
+        self.disk.as_ref().map_or(0, |disk| disk.rebuilds())
     }
 
     /// The index.
