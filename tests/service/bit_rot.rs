@@ -63,6 +63,7 @@ fn no_flipped_bit_is_served_as_truth() {
             Ok(server) => server,
             Err(said) => {
                 assert!(said.contains("damaged") || said.contains("cannot serve"), "{said}");
+                println!("{}", said.lines().last().unwrap_or_default());
                 refused += 1;
                 continue;
             }
@@ -204,10 +205,8 @@ fn a_damaged_page_in_the_way_of_a_new_job_is_healed_while_the_service_runs() {
     let server = Server::start(&folder, &["--workers", "2"]);
     let (paths, told) = solve_many(&server, 60);
     assert!(server.stop().0.success());
-    let rotten = {
-        spoil(&folder, &paths, b"\"dvi\":{\"states\"", true);
-        fs::read(folder.path().join("jobs.redb")).unwrap()
-    };
+    spoil(&folder, &paths, b"\"dvi\":{\"states\"", true);
+    let rotten = fs::read(folder.path().join("jobs.redb")).unwrap();
     // A start reads no specifications, the next job is written beside them.
     let server = Server::start(&folder, &["--workers", "1"]);
     assert!(server.get("/metrics").body.contains("dvi_store_rebuilds_total 0\n"));
@@ -220,9 +219,11 @@ fn a_damaged_page_in_the_way_of_a_new_job_is_healed_while_the_service_runs() {
     }
     let lost = paths.iter().filter(|path| server.get(&format!("{path}/specification")).status == 500).count();
     assert!((1..60).contains(&lost), "{lost} specifications are lost");
-    // What was there stays beside, but for the mark of having been opened.
+    // What was there stays beside: the pages of the rows, up to those that were free at the end.
     let kept = fs::read(&aside(&folder)[0]).unwrap();
-    assert_eq!((aside(&folder).len(), kept.len()), (1, rotten.len()));
+    let is_same = |place: usize| kept.get(place..place + PAGE) == rotten.get(place..place + PAGE);
+    let same = (0..kept.len()).step_by(PAGE).filter(|place| is_same(*place)).count();
+    assert!(aside(&folder).len() == 1 && 2 * same > kept.len() / PAGE, "{same} of {} pages", kept.len() / PAGE);
     let said = server.stop().1;
     assert!(said.contains("have lost something, and the damaged file stays as"), "{said}");
     let server = Server::start(&folder, &["--workers", "1"]);

@@ -35,9 +35,14 @@ use std::{fs, io};
 /// The folder of results that no job names.
 const ORPHANS: &str = "results.orphaned";
 
-/// A job that was the only one running this often when its process ended is not started again: beside others, any of them may have
-/// ended it.
-const MOST_CRASHES: u32 = 2;
+/// A job that was the only one running this often when its process ended, and the system had run out of memory, is not started
+/// again: beside others, any of them may have taken it.
+const MOST_SHORTAGES: u32 = 2;
+
+/// The same where nothing says that it had: who ends a process from outside, by a signal or the power, says nothing of the
+/// job that runs. One that is met by two kills of five, as short jobs are where a service is killed every 50 ms, is met by
+/// so many in a row once in two million times.
+pub const MOST_KILLS: u32 = 16;
 
 /// What a start found.
 #[derive(Debug, Default)]
@@ -101,11 +106,12 @@ impl Disk {
             };
             records.iter().filter(|(_, record)| is_columns(record)).for_each(|(id, _)| files.remove_json(*id));
         }
-        let running: HashSet<_> = Marks::read(&Marks::path(folder, start))?.into_iter().collect();
+        let (running, was_short) = Marks::read(&Marks::path(folder, start))?;
+        let running: HashSet<_> = running.into_iter().collect();
         let mut changes = Vec::new();
         for (id, record) in &mut records {
             let is_alone = running.iter().all(|other| other == id);
-            if recover(record, running.contains(id), is_alone) {
+            if recover(record, running.contains(id), is_alone, was_short) {
                 changes.push(Change::record(*id, record));
             }
         }
@@ -236,9 +242,9 @@ fn gone() -> io::Error {
     io::Error::new(io::ErrorKind::InvalidData, "it is not there any more")
 }
 
-/// Brings a row up to date after the end of its process, in which the job was `running` or not, and no other if it `is_alone`;
-/// says whether it has changed.
-fn recover(record: &mut Record, running: bool, is_alone: bool) -> bool {
+/// Brings a row up to date after the end of its process, in which the job was `running` or not, no other if it `is_alone`, and
+/// memory `was_short` or not; says whether it has changed.
+fn recover(record: &mut Record, running: bool, is_alone: bool, was_short: bool) -> bool {
     if record.ended.is_some() {
         return false;
     }
@@ -246,9 +252,10 @@ fn recover(record: &mut Record, running: bool, is_alone: bool) -> bool {
     record.underway = false;
     record.crashes += u32::from(crashed);
     record.crashes_alone += u32::from(crashed && is_alone);
+    record.shortages_alone += u32::from(crashed && is_alone && was_short);
     if record.dismissed {
         record.ended = Some(Ended::unsolved(Ending::Dismissed));
-    } else if record.crashes_alone >= MOST_CRASHES {
+    } else if record.shortages_alone >= MOST_SHORTAGES || record.crashes_alone >= MOST_KILLS {
         record.ended = Some(Ended::unsolved(Ending::Broken(Fault::Poisoned)));
     }
     crashed || record.ended.is_some()
@@ -310,6 +317,17 @@ mod tests {
             }
             thread::sleep(Duration::from_millis(1));
         }
+    }
+
+    #[test]
+    fn kills_say_less_against_a_job_than_want_of_memory() {
+        let crashes_until_aside = |is_alone: bool, was_short: bool| {
+            let mut record = Record { ended: None, ..Record::example(Held::Table(Fingerprint::of(b""))) };
+            (1..100).find(|_| recover(&mut record, true, is_alone, was_short) && record.ended.is_some())
+        };
+        assert_eq!(crashes_until_aside(true, true), Some(2));
+        assert_eq!(crashes_until_aside(true, false), Some(16));
+        assert_eq!(crashes_until_aside(false, true), None);
     }
 
     #[test]

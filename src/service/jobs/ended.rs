@@ -48,7 +48,7 @@ pub enum Fault {
     },
     /// It did not stop at its deadline, and its worker was ended.
     Overran,
-    /// The process ended twice while it ran and no other did.
+    /// The process ended while it ran and no other did: twice for want of memory, or many times.
     Poisoned,
     /// The JSON would be longer than `limit` bytes.
     TooLarge {

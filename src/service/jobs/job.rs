@@ -145,6 +145,8 @@ pub struct Job {
     pub(super) crashes: u32,
     /// How often it was the only one that ran.
     pub(super) crashes_alone: u32,
+    /// How often memory had run out then.
+    pub(super) shortages_alone: u32,
     /// The bytes of what was posted.
     pub(super) document_bytes: usize,
     /// What was posted, where the disk does not have it.
@@ -198,6 +200,7 @@ impl Job {
             key,
             crashes: 0,
             crashes_alone: 0,
+            shortages_alone: 0,
             document_bytes: document.len(),
             document: (!lasting).then(|| Arc::clone(&document)),
             digest: OnceLock::new(),
@@ -211,7 +214,7 @@ impl Job {
     /// A job that an earlier process accepted.
     pub(super) fn recovered(id: JobId, record: Record) -> Self {
         let Record { client, label, horizon, estimate, created, document_bytes, document, key, ended, .. } = record;
-        let Record { crashes, crashes_alone, .. } = record;
+        let Record { crashes, crashes_alone, shortages_alone, .. } = record;
         let state = ended.map_or(State::Accepted(None), |ended| State::Ended(Arc::new(ended)));
         Self {
             id,
@@ -223,6 +226,7 @@ impl Job {
             key,
             crashes,
             crashes_alone,
+            shortages_alone,
             document_bytes,
             document: None,
             digest: document.map_or_else(OnceLock::new, OnceLock::from),

@@ -30,6 +30,7 @@ mod reserve;
 mod results;
 mod salvage;
 mod seal;
+mod shortage;
 mod spool;
 mod store;
 mod tables;
@@ -62,6 +63,7 @@ use job::Keeping;
 use problem::Control;
 use queue::{FairQueue, Full, Heavy};
 use record::Record;
+use shortage::Shortage;
 use specification::{Draft, Specification, SpecificationError};
 use std::collections::HashMap;
 use std::io;
@@ -161,6 +163,7 @@ pub struct Jobs {
     /// Wakes supervisors that wait for a worker when they are to go.
     dismissed: Notify,
     panics: AtomicU64,
+    shortage: Shortage,
     /// Workers that live, and whether the last attempt to start one failed.
     living: AtomicUsize,
     unstartable: AtomicBool,
@@ -203,6 +206,7 @@ impl Jobs {
             idle: Notify::new(),
             dismissed: Notify::new(),
             panics: AtomicU64::new(0),
+            shortage: Shortage::default(),
             living: AtomicUsize::new(0),
             unstartable: AtomicBool::new(false),
         })
@@ -359,6 +363,9 @@ impl Jobs {
 
     /// Tries to write again what a full disk did not take, and has solved again what there was no memory to keep.
     pub async fn heal(&self) {
+        if let Some(taken) = self.shortage.look() {
+            self.store.account(&taken);
+        }
         for job in self.store.heal().await {
             if job.is_forgotten() {
                 continue;

@@ -35,6 +35,9 @@ pub struct Record {
     /// How often it was the only one that ran.
     #[serde(default)]
     pub crashes_alone: u32,
+    /// How often memory had run out then.
+    #[serde(default)]
+    pub shortages_alone: u32,
     /// It was running when it was first stored, so that no mark says so.
     pub underway: bool,
     /// Its client does not want it any more.
@@ -59,6 +62,7 @@ impl Record {
             key: None,
             crashes: 0,
             crashes_alone: 0,
+            shortages_alone: 0,
             underway: false,
             dismissed: false,
             ended: Some(ended),
@@ -98,6 +102,7 @@ impl Record {
             key: job.key.clone(),
             crashes: job.crashes,
             crashes_alone: job.crashes_alone,
+            shortages_alone: job.shortages_alone,
             underway,
             dismissed,
             ended: None,

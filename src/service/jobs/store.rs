@@ -9,6 +9,7 @@ use super::disk::{Disk, Found};
 use super::ended::{Ended, Ending, Held};
 use super::index::{Index, Retention};
 use super::job::{Halt, Job, JobId, Keeping, Life, State};
+use super::shortage::Taken;
 use super::spool::Spool;
 use super::unsaved::Unsaved;
 use super::writer::{Answer, Place, Unwritable};
@@ -155,6 +156,15 @@ impl Store {
             && let Err(error) = disk.marks().set(worker, job.id)
         {
             tracing::error!(job.id = %job.id, %error, "job {} could not be marked", job.id);
+        }
+    }
+
+    /// Notes what the system has ended for want of memory, up to now.
+    pub fn account(&self, taken: &Taken) {
+        if let Some(disk) = &self.disk
+            && let Err(error) = disk.marks().account(taken)
+        {
+            tracing::error!(%error, "what the system ended for want of memory could not be noted");
         }
     }
 

@@ -1,5 +1,6 @@
 //! What becomes of a job that has its turn: it is marked, a worker solves it, and its end comes to the store.
 
+use super::disk::MOST_KILLS;
 use super::ended::{Ended, Ending, Fault, Held};
 use super::job::{Halt, Job, State};
 use super::results::{Long, Results, TooLarge};
@@ -166,8 +167,18 @@ impl Jobs {
         self.metrics.waited(job.created.clock.elapsed());
         let begun = Instant::now();
         let watch = Watch { origin, control, halted: &job.halted, is_unwanted: &|| job.is_forgotten() };
-        let mut spool = self.store.spool(job.id);
-        let finished = supervisor.perform(true, document, self.limits(), &watch, &mut spool).await;
+        let mut kills = 0;
+        let (finished, spool) = loop {
+            let mut spool = self.store.spool(job.id);
+            let finished = supervisor.perform(true, document, self.limits(), &watch, &mut spool).await;
+            let Err(Death::Killed(signal)) = finished else { break (finished, spool) };
+            kills += 1;
+            // Who ends a worker while there is memory says nothing of the job.
+            if self.was_memory_short() || kills > MOST_KILLS || job.halted().is_some() || self.is_draining() {
+                break (finished, spool);
+            }
+            tracing::warn!(signal, "the worker of job {} was ended from outside; the job begins again", job.id);
+        };
         let halted = job.halted();
         let broken = |fault, code: &'static str| {
             self.metrics.ended(job.problem(), code.into(), begun.elapsed());
@@ -217,6 +228,15 @@ impl Jobs {
                 broken(Fault::of(&death, self.bounds.memory, estimate), death.code())
             }
         }
+    }
+
+    /// Whether the system has ended a process for want of memory, which may have been the worker that is lost.
+    fn was_memory_short(&self) -> bool {
+        let (was_short, taken) = self.shortage.account();
+        if let Some(taken) = taken {
+            self.store.account(&taken);
+        }
+        was_short
     }
 
     pub(super) fn ended(
