@@ -90,7 +90,8 @@ fn check(path: &Path) -> ExitCode {
 }
 
 fn mend(path: &Path) -> ExitCode {
-    let mended = Inspection::of(path).and_then(|found| if found.is_whole() { Ok(None) } else { repair(path).map(Some) });
+    let mended =
+        Inspection::of(path).and_then(|found| if found.is_whole() { Ok(None) } else { repair(path).map(Some) });
     match mended {
         Ok(None) => {
             println!("{}: whole, and left as it is", path.display());
@@ -126,7 +127,8 @@ fn tell_repair(path: &Path, salvaged: &Salvaged, out: &mut impl Write) -> io::Re
 }
 
 fn tell(path: &Path, found: &Inspection, out: &mut impl Write) -> io::Result<()> {
-    let Inspection { format, jobs, ended, results, result_bytes, damaged, unreadable, lost, orphaned, is_sound } = found;
+    let Inspection { format, jobs, ended, results, result_bytes, damaged, unreadable, lost, orphaned, is_sound } =
+        found;
     let word = if found.is_whole() { "whole" } else { "damaged" };
     writeln!(out, "{}: {word}", path.display())?;
     let unsealed = if *format < 2 { ", which has no digests: what can be read counts as whole" } else { "" };

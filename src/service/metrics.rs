@@ -49,6 +49,7 @@ pub struct Metrics {
     writable: Gauge,
     unsaved: Gauge,
     rebuilds: Counter,
+    repeated: Counter,
     orphaned: Gauge,
     kept: Gauge,
     kept_bytes: Gauge,
@@ -87,6 +88,7 @@ impl Default for Metrics {
             writable: Gauge::default(),
             unsaved: Gauge::default(),
             rebuilds: Counter::default(),
+            repeated: Counter::default(),
             orphaned: Gauge::default(),
             kept: Gauge::default(),
             kept_bytes: Gauge::default(),
@@ -109,6 +111,11 @@ impl Default for Metrics {
             metrics.wait_seconds.clone(),
         );
         registry.register("solves", "Solves by the type of the problem and how they ended", metrics.ended.clone());
+        registry.register(
+            "answers_repeated",
+            "Solves that were answered as the same text was before",
+            metrics.repeated.clone(),
+        );
         registry.register("steps", "Accepted steps, by the type of the problem", metrics.steps.clone());
         registry.register("vi_solves", "Variational inequalities solved at stages", metrics.vi_solves.clone());
         registry.register("answers", "Answers by their status", metrics.answers.clone());
@@ -187,6 +194,11 @@ impl Metrics {
             self.vi_solves.get_or_create(&label).inc_by(vi_solves);
         }
         self.ended(solved.problem.clone(), code, time);
+    }
+
+    /// Counts an answer that was given before.
+    pub fn repeated(&self) {
+        self.repeated.inc();
     }
 
     /// Counts the end of a solve, after this time, that left no solution.

@@ -149,7 +149,7 @@ fn wrong(pointer: &str, code: &'static str, detail: &impl ToString) -> Box<Probl
 /// The new job. Its key stands for what follows from this job, not for what was posted first.
 async fn successor(shared: &Shared, job: &Job, document: Arc<[u8]>, key: IdempotencyKey) -> Answer<Response> {
     let key = key.0.map(|name| Key::new(name, &[job.id.to_string().as_bytes(), &document].concat()));
-    let next = job_under(shared, job.client, key, &Document::of(document), true).await?;
+    let next = job_under(shared, job.client, key, &Document::of(document), true, true).await?;
     let mut response = accepted(&shared.jobs, &next);
     if let Ok(link) =
         HeaderValue::try_from(format!("<{}>; rel=\"predecessor-version\"", address(format_args!("/jobs/{}", job.id))))

@@ -1,7 +1,7 @@
 //! Changes to the tables of jobs, and how many of them are made in one transaction.
 
 use super::seal::seal;
-use super::tables::{JOBS, RESULTS, SPECIFICATIONS, STARTS};
+use super::tables::{FORGOTTEN, JOBS, RESULTS, SPECIFICATIONS, STARTS};
 use super::{JobId, Record, Results};
 use redb::{Database, ReadableTable, WriteTransaction};
 use std::sync::Arc;
@@ -15,8 +15,10 @@ pub struct Change {
     pub document: Option<Arc<[u8]>>,
     /// What came of it.
     pub results: Option<Arc<Results>>,
-    /// Jobs of which nothing is to be left.
+    /// Jobs of which nothing is to be left. Their names stay until their files are removed.
     pub forgotten: Vec<JobId>,
+    /// Those of which nothing is left.
+    pub discarded: Vec<JobId>,
 }
 
 impl Change {
@@ -67,6 +69,7 @@ fn make<'a>(
     let mut specifications = transaction.open_table(SPECIFICATIONS)?;
     let mut results = transaction.open_table(RESULTS)?;
     let mut starts = transaction.open_table(STARTS)?;
+    let mut forgotten = transaction.open_table(FORGOTTEN)?;
     for change in changes {
         if let Some((id, record)) = &change.record {
             if let Some(document) = &change.document {
@@ -83,7 +86,12 @@ fn make<'a>(
         for id in &change.forgotten {
             jobs.remove(id.number())?;
             specifications.remove(id.number())?;
-            results.remove(id.number())?;
+            if results.remove(id.number())?.is_none() {
+                forgotten.insert(id.number(), ())?;
+            }
+        }
+        for id in &change.discarded {
+            forgotten.remove(id.number())?;
         }
     }
     if let Some(start) = start {

@@ -4,7 +4,7 @@ use super::change::{Change, write};
 use super::home::{Home, Memory};
 use super::salvage::Salvaged;
 use super::seal::unseal;
-use super::tables::{self, FORMAT, InFile, JOBS, LOST, RESULTS, SPECIFICATIONS, STARTS};
+use super::tables::{self, FORGOTTEN, FORMAT, InFile, JOBS, LOST, RESULTS, SPECIFICATIONS, STARTS};
 use super::{JobId, Record, is_damage};
 use redb::{Builder, Database as Redb, ReadableDatabase, ReadableTable, TableDefinition, TableError};
 use std::cell::RefCell;
@@ -224,12 +224,25 @@ impl Database {
 
     /// The jobs whose rows were lost when the database was built anew.
     pub(super) fn lost(&self) -> io::Result<Vec<JobId>> {
+        self.named(LOST)
+    }
+
+    /// Forgotten jobs whose files were not removed before the process ended.
+    ///
+    /// # Errors
+    /// Those of the disk.
+    pub fn forgotten(&self) -> io::Result<Vec<JobId>> {
+        self.named(FORGOTTEN)
+    }
+
+    /// The names in a table that has nothing else, and may be absent.
+    fn named(&self, table: TableDefinition<'_, u128, ()>) -> io::Result<Vec<JobId>> {
         self.with(|redb| {
-            let lost = match redb.begin_read()?.open_table(LOST) {
+            let names = match redb.begin_read()?.open_table(table) {
                 Err(TableError::TableDoesNotExist(_)) => return Ok(Vec::new()),
-                lost => lost?,
+                names => names?,
             };
-            lost.iter()?.map(|row| Ok(JobId::of_number(row?.0.value()))).collect()
+            names.iter()?.map(|row| Ok(JobId::of_number(row?.0.value()))).collect()
         })
     }
 

@@ -5,7 +5,7 @@
 //! jobs.redb.damaged-TIME what it was before it was built anew
 //! results/ID.columns a long result
 //! results/ID.json   one of a version before format 3, that could not be made one of columns
-//! results.orphaned  results that no row names: of a database that was lost, or of jobs that were being forgotten
+//! results.orphaned  results that no row names, as of a database that was lost
 //! reserve           room held back, for deletes where the disk is full
 //! running-N         what the workers of the Nth start are at
 //! ```
@@ -15,9 +15,9 @@
 
 use super::change::Change;
 use super::database::{Database, Rows};
-use super::home::Memory;
 use super::ended::{Ended, Ending, Fault, Held};
 use super::files::{self, Files};
+use super::home::Memory;
 use super::marks::Marks;
 use super::reserve::Reserve;
 use super::results::Long;
@@ -108,7 +108,10 @@ impl Disk {
         }
         let (running, was_short) = Marks::read(&Marks::path(folder, start))?;
         let running: HashSet<_> = running.into_iter().collect();
-        let mut changes = Vec::new();
+        // What the last process did not come to.
+        let forgotten = database.forgotten().unwrap_or_default();
+        forgotten.iter().try_for_each(|id| files.remove(*id))?;
+        let mut changes = vec![Change { discarded: forgotten, ..Change::default() }];
         for (id, record) in &mut records {
             let is_alone = running.iter().all(|other| other == id);
             if recover(record, running.contains(id), is_alone, was_short) {

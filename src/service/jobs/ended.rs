@@ -155,6 +155,9 @@ pub struct Ended {
     /// What it left is no longer what was stored.
     #[serde(default)]
     pub damaged: bool,
+    /// It is the answer to the same specification, of an earlier solve.
+    #[serde(skip)]
+    pub repeated: bool,
 }
 
 impl Ended {
@@ -171,6 +174,7 @@ impl Ended {
             verdict: None,
             held: None,
             damaged: false,
+            repeated: false,
         }
     }
 

@@ -14,13 +14,14 @@
 use super::ended::{Ended, Ending, Timing};
 use super::idempotency::Key;
 use super::{Client, Record};
+use crate::compiled::Known;
 use crate::context::Context;
 use crate::digest::Digest;
 use crate::worker::Facts;
 use jiff::Timestamp;
 use problem::Control;
 use serde::{Deserialize, Serialize};
-use specification::{Specification, Time};
+use specification::Time;
 use std::borrow::Cow;
 use std::fmt;
 use std::str::FromStr;
@@ -178,7 +179,9 @@ pub struct Order {
     /// What is to be solved.
     pub facts: Facts,
     /// The same, where it has been read here.
-    pub specification: Option<Arc<Specification>>,
+    pub known: Option<Arc<Known>>,
+    /// It is to be solved though the answer to it may be known.
+    pub anew: bool,
     /// What was posted.
     pub document: Arc<[u8]>,
     /// Under which it may be asked for again.
@@ -315,6 +318,7 @@ impl Job {
                 verdict: None,
                 held: None,
                 damaged: false,
+                repeated: false,
             },
             State::Accepted(_) | State::Ended(_) => Ended::unsolved(ending),
         }

@@ -48,8 +48,8 @@ pub use inspection::Inspection;
 pub use job::{Halt, Job, JobId, Moment, Order, State};
 pub use pool::Pool;
 pub use queue::Room;
-pub use salvage::{Salvaged, repair};
 pub use results::{Encoded, Opened, Results, SHORT, TooLarge};
+pub use salvage::{Salvaged, repair};
 pub use turns::{Turn, Turns};
 pub use writer::Unwritable;
 

@@ -90,18 +90,16 @@ pub fn salvage(
     lost.extend(from.lost().unwrap_or_default());
     let parts = parts.into_inner();
     let of = |id: JobId, bytes: &[u8], part: fn(&Parts) -> Option<Digest>| {
-        parts.get(&id).is_some_and(|parts| {
-            parts.is_foreign || part(parts).is_some_and(|digest| digest.vouch(bytes).is_ok())
-        })
+        parts
+            .get(&id)
+            .is_some_and(|parts| parts.is_foreign || part(parts).is_some_and(|digest| digest.vouch(bytes).is_ok()))
     };
     let wanted = |part: fn(&Parts) -> Option<Digest>| {
         parts.iter().filter(|(_, parts)| part(parts).is_some()).map(|(id, _)| *id).collect()
     };
     type Part = (&'static str, TableDefinition<'static, u128, &'static [u8]>, fn(&Parts) -> Option<Digest>);
-    let tables: [Part; 2] = [
-        ("specification", SPECIFICATIONS, |parts| parts.document),
-        ("results", RESULTS, |parts| parts.results),
-    ];
+    let tables: [Part; 2] =
+        [("specification", SPECIFICATIONS, |parts| parts.document), ("results", RESULTS, |parts| parts.results)];
     for id in &lost {
         salvaged.lost.entry(*id).or_default().push("row");
     }

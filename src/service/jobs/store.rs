@@ -78,7 +78,9 @@ impl Store {
         forgotten.extend(index.expire(Timestamp::now()));
         disk.erase(forgotten.iter().map(|job| job.id).collect())?;
         let known = Arc::clone(&index);
-        disk.remember(Box::new(move || known.all().iter().filter_map(|job| job.row().map(|row| (job.id, row))).collect()));
+        disk.remember(Box::new(move || {
+            known.all().iter().filter_map(|job| job.row().map(|row| (job.id, row))).collect()
+        }));
         Ok((Self { index, disk: Some(Arc::new(disk)), damaged, unsaved }, waiting))
     }
 

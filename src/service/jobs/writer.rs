@@ -11,6 +11,7 @@ use super::database::Database;
 use super::files::Files;
 use super::reserve::Reserve;
 use std::io;
+use std::mem::take;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread;
@@ -114,13 +115,17 @@ struct Scribe {
 
 impl Scribe {
     fn write(&mut self, mut changes: Receiver<(Change, Then)>) {
-        let mut group = Vec::with_capacity(WAITING);
+        let mut group = Vec::with_capacity(WAITING + 1);
+        let mut discarded = Vec::new();
         while changes.blocking_recv_many(&mut group, WAITING) > 0 {
+            let told = Change { discarded: take(&mut discarded), ..Change::default() };
+            group.push((told, Box::new(drop)));
             let (changes, then): (Vec<_>, Vec<_>) = group.drain(..).unzip();
             let written = self.make(&changes);
             for (change, written) in changes.iter().zip(&written) {
                 if written.is_ok() {
                     change.forgotten.iter().for_each(|id| self.files.discard(*id));
+                    discarded.extend_from_slice(&change.forgotten);
                 }
             }
             for (then, written) in then.into_iter().zip(written) {
