@@ -1,7 +1,8 @@
 //! A specification that was read, and the answer to it once it was solved at a glance: a solve depends on nothing but the
-//! specification, so that who sends it again is given the same bytes.
+//! specification, so that who sends it again is given the same bytes. Who sends what another has sent is not: that somebody
+//! did is nobody's business.
 
-use crate::jobs::{Ended, Held, Results};
+use crate::jobs::{Client, Ended, Held, Results};
 use crate::worker::Facts;
 use solution::Verdict;
 use specification::Specification;
@@ -27,6 +28,8 @@ pub struct Known {
 /// The answer to it, of a solve that reached the end.
 #[derive(Clone, Debug)]
 pub struct Repeated {
+    /// Who asked.
+    client: Client,
     /// Steps that it took.
     pub steps: u64,
     /// The verdict on it.
@@ -48,19 +51,19 @@ impl Known {
         self.is_small
     }
 
-    /// The answer to it, if there was one.
-    pub fn answer(&self) -> Option<&Repeated> {
-        self.answer.get()
+    /// The answer to it, if there was one to that client.
+    pub fn answer(&self, client: Client) -> Option<&Repeated> {
+        self.answer.get().filter(|answer| answer.client == client)
     }
 
     /// Keeps the answer to it, if it is short.
-    pub fn keep(&self, ended: &Ended) {
+    pub fn keep(&self, client: Client, ended: &Ended) {
         if let Some(Held::Memory(results)) = &ended.held
             && results.text().is_some_and(|json| json.len() <= SHORT)
         {
             let (steps, verdict, results) = (ended.steps, ended.verdict.clone(), Arc::clone(results));
             // Another solve of it gave the same.
-            let _ = self.answer.set(Repeated { steps, verdict, results });
+            let _ = self.answer.set(Repeated { client, steps, verdict, results });
         }
     }
 }

@@ -26,7 +26,7 @@ impl Jobs {
     /// A job that has been solved, if that is done at once.
     pub(super) async fn solve_at_a_glance(&self, order: &Order) -> Option<Arc<Job>> {
         let known = order.known.as_deref().filter(|_| order.key.is_none())?;
-        if let Some(answer) = known.answer().filter(|_| !order.anew && !self.is_draining()) {
+        if let Some(answer) = known.answer(order.client).filter(|_| !order.anew && !self.is_draining()) {
             return Some(self.answer_again(order, answer).await);
         }
         if !known.is_small() || !self.is_free(order.client) {
@@ -44,7 +44,7 @@ impl Jobs {
         self.metrics.solved(&Solved::of(specification.problem(), &solution), job.created.clock.elapsed());
         let (ending, verdict) = (Ending::Successful, Some(solution.verdict.clone()));
         let ended = self.ended(&job, ending, verdict, Results::of(&solution, self.bounds.result_bytes));
-        known.keep(&ended);
+        known.keep(order.client, &ended);
         self.end_at_once(&job, ended).await;
         Some(job)
     }
@@ -53,7 +53,7 @@ impl Jobs {
     async fn answer_again(&self, order: &Order, answer: &Repeated) -> Arc<Job> {
         let job = Arc::new(Job::new(order.clone(), false));
         job.start_within(Control::new());
-        let Repeated { steps, verdict, results } = answer.clone();
+        let Repeated { steps, verdict, results, .. } = answer.clone();
         let held = Some(Held::Memory(results));
         let ended = Ended { fraction: 1.0, steps, verdict, held, repeated: true, ..job.ended(Ending::Successful) };
         self.metrics.repeated();
