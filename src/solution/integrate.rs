@@ -10,6 +10,7 @@ use super::{
 };
 use analysis::Analysis;
 use models::{DviModel, KinkAdvice, Outputs};
+use numerics::Interval;
 use problem::{Control, Mass, Structure};
 use radau::{Cause, Place, Radau, Settings, StageChoice, StepError, Switch, Switches, Variables};
 use vi::Attempt;
@@ -107,11 +108,22 @@ impl Stepper for Course<'_> {
         })
     }
 
-    fn outputs(&mut self, t: f64, out: &mut [f64]) {
+    fn values(&mut self, t: f64, out: &mut [f64]) {
         let unknowns = out.len() - self.outputs.names.len();
         self.radau.interpolate(t, &mut out[..unknowns]);
-        self.audit.output(&mut self.radau, t, &out[..unknowns]);
         self.outputs.append(t, out);
+    }
+
+    fn outputs(&mut self, t: f64, out: &mut [f64]) {
+        self.values(t, out);
+        let unknowns = out.len() - self.outputs.names.len();
+        self.audit.output(&mut self.radau, t, &out[..unknowns]);
+    }
+
+    fn enclose(&mut self, from: f64, to: f64, out: &mut [Interval]) -> bool {
+        let ranges = self.radau.enclose_states(from, to);
+        out.iter_mut().zip(ranges).for_each(|(out, range)| *out = range);
+        true
     }
 
     fn take_events(&mut self, events: &mut Vec<Event>) {

@@ -8,6 +8,7 @@ use super::filippov::FilippovProblem;
 use super::lcs::LcsProblem;
 use super::mechanical::MechanicalProblem;
 use super::method::Method;
+use super::observables::Stop;
 use super::obstacle::ObstacleProblem;
 use super::output::Output;
 use super::rigid_bodies::RigidBodiesProblem;
@@ -37,6 +38,9 @@ pub struct Document {
     /// When to stop early.
     #[serde(default)]
     pub limits: Limits,
+    /// What ends the run before `time.end`, or is only told as an event.
+    #[serde(default)]
+    pub stop: Vec<Stop>,
     /// A study of error against run time.
     pub study: Option<StudyRequest>,
     /// Free text, at most 200 characters.

@@ -36,6 +36,7 @@ mod memory;
 mod method;
 mod mismatch;
 mod model;
+mod observables;
 mod obstacle;
 mod ordered;
 mod output;

@@ -35,6 +35,7 @@ pub fn halving(status: Status) -> Solution {
         status,
         verdict,
         error: None,
+        ended_by: None,
         trajectory,
         diagnostics: Diagnostics::default(),
         study: None,

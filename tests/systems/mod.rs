@@ -14,6 +14,7 @@ pub mod memory;
 mod memory_switches;
 mod netlists;
 mod nonunique;
+mod observables;
 mod obstacle;
 mod pendulum;
 mod queues;
