@@ -72,7 +72,10 @@ async fn the_same_text_of_the_same_client_is_answered_with_the_same_bytes_unless
     assert_ne!(first.header("link"), again.header("link"));
     let job = again.header("link").trim_start_matches('<').split('>').next().unwrap().to_owned();
     let state = Call::new("GET", &job).client(1).send(&site).await.json();
-    assert_eq!((&state["status"], &state["progress"], &state["trusted"]), (&"successful".into(), &100.into(), &true.into()));
+    assert_eq!(
+        (&state["status"], &state["progress"], &state["trusted"]),
+        (&"successful".into(), &100.into(), &true.into())
+    );
     // Another client learns nothing of the first, and one that asks for a solve is given one.
     let other = light().client(2).send(&site).await;
     let anew = light().client(1).header("cache-control", "max-age=0, no-cache").send(&site).await;
