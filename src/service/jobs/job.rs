@@ -156,6 +156,8 @@ pub struct Job {
     pub(super) digest: OnceLock<Digest>,
     /// The request that posted it, in this process.
     pub(super) context: Context,
+    /// What it is of, until it starts, where that was read here; and whether it is to be solved though the answer may be known.
+    glance: Mutex<Option<(Arc<Known>, bool)>>,
     life: Mutex<Life>,
     settled: Notify,
     /// Wakes whoever supervises its worker when it is to stop.
@@ -191,7 +193,7 @@ pub struct Order {
 impl Job {
     /// A job that has been accepted this moment, to be kept by memory or by the disk.
     pub(super) fn new(order: Order, lasting: bool) -> Self {
-        let Order { client, facts: Facts { label, horizon, problem, memory }, document, key, .. } = order;
+        let Order { client, facts: Facts { label, horizon, problem, memory }, document, key, known, anew } = order;
         let keeping = if lasting { Keeping::Storing } else { Keeping::Memory };
         Self {
             id: JobId(Uuid::now_v7()),
@@ -208,6 +210,7 @@ impl Job {
             document: (!lasting).then(|| Arc::clone(&document)),
             digest: OnceLock::new(),
             context: Context::current(),
+            glance: Mutex::new(known.map(|known| (known, anew))),
             life: Mutex::new(Life { state: State::Accepted(Some(document)), keeping, parked: false }),
             settled: Notify::new(),
             halted: Notify::new(),
@@ -234,6 +237,7 @@ impl Job {
             document: None,
             digest: document.map_or_else(OnceLock::new, OnceLock::from),
             context: Context::default(),
+            glance: Mutex::default(),
             life: Mutex::new(Life { state, keeping: Keeping::Disk, parked: false }),
             settled: Notify::new(),
             halted: Notify::new(),
@@ -282,6 +286,23 @@ impl Job {
         let (started, control) = (Moment::now(), Arc::new(control));
         life.state = State::Running { started, control: Arc::clone(&control), halt: None };
         Some(control)
+    }
+
+    /// What it is of, once, where that is in hand.
+    pub(super) fn glance(&self) -> Option<(Arc<Known>, bool)> {
+        self.glance.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+
+    /// Running to accepted, with what was posted, unless it was asked to stop meanwhile; what it is to become then.
+    pub(super) fn go_back(&self, document: &Arc<[u8]>) -> Option<Halt> {
+        let mut life = self.lock();
+        if let State::Running { halt, .. } = &life.state {
+            if halt.is_some() {
+                return *halt;
+            }
+            life.state = State::Accepted(Some(Arc::clone(document)));
+        }
+        None
     }
 
     /// Asks a running job to stop at its next step, and says whether it runs. What its client wants goes before.

@@ -8,6 +8,7 @@
 //! [`Jobs::cancel`] and [`Jobs::forget`] pass the queue by: they work when it is full. In a durable service a job that
 //! was accepted to be waited for elsewhere outlives the process: see [`store`](self).
 
+mod bounds;
 mod change;
 mod client;
 mod database;
@@ -20,6 +21,7 @@ mod home;
 mod idempotency;
 mod index;
 mod inspection;
+mod intake;
 mod job;
 mod marks;
 mod overlay;
@@ -39,6 +41,7 @@ mod unsaved;
 mod work;
 mod writer;
 
+pub use bounds::{Bounds, Refusal};
 pub use client::Client;
 pub use ended::{Ended, Ending, Fault, Held, Timing};
 pub use idempotency::Key;
@@ -57,93 +60,21 @@ pub use super::worker::Solver;
 
 use super::metrics::Metrics;
 use super::worker::Limits;
-use drain_rate::DrainRate;
+use intake::Intake;
 use jiff::Timestamp;
 use job::Keeping;
 use problem::Control;
-use queue::{FairQueue, Full, Heavy};
+use queue::{FairQueue, Full};
 use record::Record;
 use shortage::Shortage;
 use specification::{Draft, Specification, SpecificationError};
-use std::collections::HashMap;
 use std::io;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use store::Store;
 use tokio::sync::{Notify, RwLock, Semaphore};
-
-/// How much is taken on.
-#[derive(Clone, Copy, Debug)]
-pub struct Bounds {
-    /// Solves at a time, beside those in relief.
-    pub workers: usize,
-    /// What may wait.
-    pub queue: Room,
-    /// Accepted steps that a solve may make.
-    pub steps: u64,
-    /// Bytes that a solve may take, by the estimate.
-    pub memory: usize,
-    /// Time a job may run.
-    pub wall: Duration,
-    /// Bytes of the JSON of one result.
-    pub result_bytes: usize,
-    /// How much of the past is kept.
-    pub retention: Retention,
-}
-
-impl Bounds {
-    /// The memory that a worker may hold between jobs: an eighth of what a solve may take, and of what is left behind by
-    /// small ones.
-    pub fn kept_by_worker(&self) -> u64 {
-        (self.memory / 8 + (64 << 20)) as u64
-    }
-}
-
-/// Why a job is not taken on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Refusal {
-    /// Every place in the queue is taken; there should be one after this time.
-    QueueFull(Duration),
-    /// The specifications that wait are as large as they may be; there should be room after this time.
-    QueueBytes(Duration),
-    /// The client has its share of the queue; it should have a place after this time.
-    ClientShare(Duration),
-    /// The solve would take this many bytes, which are more than it may.
-    Memory(usize),
-    /// The service is about to stop.
-    Draining,
-    /// Something else was posted under the key.
-    KeyReused,
-    /// The first job under the key is still being stored.
-    KeyInUse,
-    /// The disk takes nothing.
-    Unwritable,
-}
-
-/// There is no room to wait for a check either.
-impl From<Full> for Refusal {
-    fn from(full: Full) -> Self {
-        match full {
-            Full::Queue => Self::QueueFull(UNMEASURED),
-            Full::Bytes => Self::QueueBytes(UNMEASURED),
-            Full::Share => Self::ClientShare(UNMEASURED),
-        }
-    }
-}
-
-impl From<Unwritable> for Refusal {
-    fn from(_: Unwritable) -> Self {
-        Self::Unwritable
-    }
-}
-
-impl From<Mismatch> for Refusal {
-    fn from(_: Mismatch) -> Self {
-        Self::KeyReused
-    }
-}
 
 /// All jobs of a service.
 pub struct Jobs {
@@ -168,20 +99,6 @@ pub struct Jobs {
     living: AtomicUsize,
     unstartable: AtomicBool,
 }
-
-struct Intake {
-    queue: FairQueue<Arc<Job>>,
-    running: usize,
-    /// The same, of each client that has any.
-    running_of: HashMap<Client, usize>,
-    /// Of those, jobs in the hands of relief workers.
-    relieved: usize,
-    draining: bool,
-    drain_rate: DrainRate,
-}
-
-/// What a refused client is told before any job has ended.
-const UNMEASURED: Duration = Duration::from_secs(5);
 
 impl Jobs {
     /// The jobs of `folder`, those that have not ended in the queue; without a folder none, and none will outlive the
@@ -507,68 +424,6 @@ impl Jobs {
 
     fn lock(&self) -> MutexGuard<'_, Intake> {
         self.intake.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-impl Heavy for Arc<Job> {
-    fn bytes(&self) -> usize {
-        self.document_bytes
-    }
-}
-
-impl Intake {
-    fn new(queue: FairQueue<Arc<Job>>) -> Self {
-        let (running_of, drain_rate) = (HashMap::new(), DrainRate::default());
-        Self { queue, running: 0, running_of, relieved: 0, draining: false, drain_rate }
-    }
-
-    /// Takes a job for a worker: the first of the client for whom the least runs.
-    fn take(&mut self) -> Option<Arc<Job>> {
-        let job = self.queue.pop(|client| self.running_of.get(&client).copied().unwrap_or(0))?;
-        self.begin(&job);
-        Some(job)
-    }
-
-    /// Whether all of so many workers are taken, and a job waits of a client for whom nothing runs.
-    fn wants_relief(&self, workers: usize) -> bool {
-        self.running - self.relieved >= workers && self.queue.any(|client| !self.running_of.contains_key(&client))
-    }
-
-    /// Takes a job for a relief worker: the first of a client for whom nothing runs.
-    fn relieve(&mut self, workers: usize) -> Option<Arc<Job>> {
-        if !self.wants_relief(workers) {
-            return None;
-        }
-        let job = self.queue.pop_below(1, |client| self.running_of.get(&client).copied().unwrap_or(0))?;
-        self.relieved += 1;
-        self.begin(&job);
-        Some(job)
-    }
-
-    fn begin(&mut self, job: &Job) {
-        self.running += 1;
-        *self.running_of.entry(job.client).or_default() += 1;
-    }
-
-    /// A worker is free of a job.
-    fn depart(&mut self, job: &Job, relief: bool) {
-        self.running -= 1;
-        self.relieved -= usize::from(relief);
-        if let Some(running) = self.running_of.get_mut(&job.client) {
-            *running -= 1;
-            if *running == 0 {
-                self.running_of.remove(&job.client);
-            }
-        }
-        self.drain_rate.departed(Instant::now());
-    }
-
-    fn is_idle(&self) -> bool {
-        self.queue.is_empty() && self.running == 0
-    }
-
-    fn time_for(&self, jobs: usize) -> Duration {
-        self.drain_rate.time_for(jobs, Instant::now()).unwrap_or(UNMEASURED)
     }
 }
 

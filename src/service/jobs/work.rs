@@ -17,7 +17,7 @@ use tokio::select;
 use tracing::Instrument;
 
 /// What has become of a job that had its turn.
-enum Outcome {
+pub(super) enum Outcome {
     Ended(Box<Ended>),
     /// It is to be left to the next process.
     Stopped,
@@ -146,6 +146,9 @@ impl Jobs {
                 return Outcome::Ended(Ended::unsolved(Ending::Broken(fault)).into());
             }
         };
+        if let Some(outcome) = self.glance_in_turn(job, &document) {
+            return outcome;
+        }
         self.store.mark(place, job);
         let outcome = match job.start(self.bounds.wall) {
             Some(control) => self.solve(supervisor, job, origin, &document, &control).await,
