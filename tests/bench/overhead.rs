@@ -1,11 +1,12 @@
 //! What the service costs beside an echo of the same body: `cargo bench --bench overhead`, which drives both with `wrk`
 //! in turns, so that both see the same machine. A *repeated* text is answered as it was before; a *solve* is made of it at a glance
-//! all the same, as `Cache-Control: no-cache` asks; *other* ones have other numbers for the parameters of a structure that was seen before, and *new* ones are read anew; *queued* ones have a key, so
-//! that a worker makes them; *stored* jobs are asynchronous: on the disk before they are answered. *flush* is what one flush for
-//! each group of them would allow, a group being one job of each connection: their bytes are appended to a file and synced, again
-//! and again.
+//! all the same, as `Cache-Control: no-cache` asks; *other* ones have other numbers for the parameters of a structure that was
+//! seen before, and *new* ones are read anew; *queued* ones have a key, so that they wait for their turn; *stored* jobs are
+//! asynchronous: on the disk before they are answered. *Flush* is what one flush for each group of them would allow, a group
+//! being one job of each connection: their bytes are appended to a file and synced, again and again.
 //!
-//! *Unlogged* is a solve without its lines in the log. Words after `--` choose among these, and numbers among those of connections.
+//! *Unlogged* is a solve without its lines in the log. Words after `--` choose among these, and numbers among those of
+//! connections.
 
 use axum::Router;
 use axum::body::Bytes;
@@ -41,6 +42,9 @@ const BODY: &str =
 const SECONDS: u32 = 3;
 const ROUNDS: usize = 3;
 
+/// A solve for every request, whatever came before.
+const ANEW: &str = "wrk.headers[\"cache-control\"] = \"no-cache\"\n";
+
 /// Another value of the parameter for every request.
 const OTHER: &str = r#"
 local n = 0
@@ -74,9 +78,9 @@ fn main() {
     tracing_subscriber::registry().with(filter).with(lines).init();
     let folder = std::env::temp_dir().join(format!("dvi-overhead-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder");
-    let (waits, leaves) = (script(&folder, "waits", "", ""), script(&folder, "leaves", "respond-async", ""));
-    let solves = script(&folder, "solves", "", "wrk.headers[\"cache-control\"] = \"no-cache\"");
-    let queues = script(&folder, "queues", "", KEYS);
+    let waits = script(&folder, "waits", "", "");
+    let (solves, leaves) = (script(&folder, "solves", "", ANEW), script(&folder, "leaves", "respond-async", ANEW));
+    let queues = script(&folder, "queues", "", &format!("{ANEW}{KEYS}"));
     let (others, news) = (script(&folder, "others", "", OTHER), script(&folder, "news", "", NEW));
     let words: Vec<String> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
     let (numbers, chosen): (Vec<_>, Vec<_>) = words.into_iter().partition(|word| word.parse::<u32>().is_ok());

@@ -5,7 +5,7 @@ use super::ended::{Ended, Ending, Fault, Held};
 use super::job::{Halt, Job, State};
 use super::results::{Long, Results, TooLarge};
 use super::{Jobs, is_damage};
-use crate::worker::{Death, Event, Finished, Left, Origin, Prints, Solved, Supervisor, Watch};
+use crate::worker::{Death, Event, Finished, Left, Origin, Prints, Solved, Supervisor, Task, Watch};
 use problem::Control;
 use solution::{Status, Verdict};
 use std::borrow::Cow;
@@ -173,7 +173,8 @@ impl Jobs {
         let mut kills = 0;
         let (finished, spool) = loop {
             let mut spool = self.store.spool(job.id);
-            let finished = supervisor.perform(true, document, self.limits(), &watch, &mut spool).await;
+            let mut task = Task { solve: true, document, limits: self.limits(), watch: &watch, long: &mut spool };
+            let finished = supervisor.perform(&mut task).await;
             let Err(Death::Killed(signal)) = finished else { break (finished, spool) };
             kills += 1;
             // Who ends a worker while there is memory says nothing of the job.
