@@ -1,7 +1,7 @@
 //! How much a service takes on, and why it takes on no more.
 
 use super::index::Mismatch;
-use super::intake::UNMEASURED;
+use super::intake::{Intake, UNMEASURED};
 use super::queue::Full;
 use super::writer::Unwritable;
 use super::{Retention, Room};
@@ -31,6 +31,18 @@ impl Bounds {
     /// small ones.
     pub fn kept_by_worker(&self) -> u64 {
         (self.memory / 8 + (64 << 20)) as u64
+    }
+
+    /// Why nothing more goes in, and when there should be room again.
+    pub fn refusal(&self, intake: &Intake, full: Full) -> Refusal {
+        // One in ten of the places: whoever comes back then finds one, even if others come back too.
+        match full {
+            Full::Queue => Refusal::QueueFull(intake.time_for(self.queue.places.div_ceil(10))),
+            Full::Bytes => Refusal::QueueBytes(intake.time_for(intake.queue.len().div_ceil(10))),
+            Full::Share => {
+                Refusal::ClientShare(intake.time_for(self.queue.share.div_ceil(10) * intake.queue.clients()))
+            }
+        }
     }
 }
 

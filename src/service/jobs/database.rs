@@ -1,6 +1,7 @@
 //! The tables of jobs, and the changes that are made to them, many in one transaction.
 
 use super::change::{Change, write};
+use super::guarded::guarded;
 use super::home::{Home, Memory};
 use super::salvage::Salvaged;
 use super::seal::unseal;
@@ -12,7 +13,6 @@ use std::collections::BTreeSet;
 use std::fmt;
 use std::io;
 use std::ops::ControlFlow;
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{PoisonError, RwLock};
@@ -394,29 +394,5 @@ impl Rows {
 impl fmt::Debug for Database {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Database").finish_non_exhaustive()
-    }
-}
-
-/// Does work with the library; a panic of it, as over a damaged page, is an error like others. The log has its place.
-pub fn guarded<T>(work: impl FnOnce() -> Result<T, redb::Error>) -> io::Result<T> {
-    match catch_unwind(AssertUnwindSafe(work)) {
-        Ok(Ok(done)) => Ok(done),
-        Ok(Err(redb::Error::DatabaseAlreadyOpen)) => {
-            Err(io::Error::new(io::ErrorKind::ResourceBusy, "the store is in use by another process"))
-        }
-        Ok(Err(redb::Error::Io(error))) if error.kind() != io::ErrorKind::UnexpectedEof => Err(error),
-        // Tables that were made have the types that they were made with.
-        Ok(Err(
-            error @ (redb::Error::Corrupted(_)
-            | redb::Error::Io(_)
-            | redb::Error::UnorderedKey
-            | redb::Error::TransactionPoisoned
-            | redb::Error::TableDoesNotExist(_)
-            | redb::Error::TableIsMultimap(_)
-            | redb::Error::TableTypeMismatch { .. }
-            | redb::Error::TypeDefinitionChanged { .. }),
-        )) => Err(io::Error::new(io::ErrorKind::InvalidData, format!("the database is damaged: {error}"))),
-        Ok(Err(error)) => Err(io::Error::other(error)),
-        Err(_) => Err(io::Error::new(io::ErrorKind::InvalidData, "a page of the database is damaged")),
     }
 }

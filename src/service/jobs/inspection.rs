@@ -1,9 +1,10 @@
 //! A look at all that a store holds, as by `dvi store check`: nothing of it is changed, and one in use is left alone.
 
 use super::JobId;
-use super::database::{Database, Rows, guarded};
+use super::database::{Database, Rows};
 use super::ended::Held;
 use super::files::Files;
+use super::guarded::guarded;
 use super::overlay::Overlay;
 use crate::digest::Fingerprint;
 use redb::Builder;

@@ -11,12 +11,14 @@
 mod bounds;
 mod change;
 mod client;
+mod crashes;
 mod database;
 mod disk;
 mod drain_rate;
 mod ended;
 mod files;
 mod glance;
+mod guarded;
 mod home;
 mod idempotency;
 mod index;
@@ -34,6 +36,7 @@ mod salvage;
 mod seal;
 mod shortage;
 mod spool;
+mod stopping;
 mod store;
 mod tables;
 mod turns;
@@ -64,7 +67,7 @@ use intake::Intake;
 use jiff::Timestamp;
 use job::Keeping;
 use problem::Control;
-use queue::{FairQueue, Full};
+use queue::FairQueue;
 use record::Record;
 use shortage::Shortage;
 use specification::{Draft, Specification, SpecificationError};
@@ -141,7 +144,7 @@ impl Jobs {
         if intake.draining {
             return Err(Refusal::Draining);
         }
-        intake.queue.admits(client, document_bytes).map_err(|full| self.refusal(intake, full))
+        intake.queue.admits(client, document_bytes).map_err(|full| self.bounds.refusal(intake, full))
     }
 
     /// The job that the client has already posted under that key.
@@ -353,45 +356,6 @@ impl Jobs {
         self.store.is_writable()
     }
 
-    /// Stops the intake. Jobs that run or are waited for go on; those that the disk keeps are left to the next process.
-    pub fn drain(&self) {
-        let mut intake = self.lock();
-        intake.draining = true;
-        intake.queue.retain(|job| !job.is_lasting());
-        self.announce_if_idle(&intake);
-    }
-
-    /// Leaves every job that has not ended to the next process, asking those that run to stop. Without a disk, dismisses
-    /// them.
-    pub async fn park_all(&self) {
-        for job in self.store.index().all() {
-            // What the disk does not take is dismissed like what has no disk.
-            let _ = self.store.outlive(&job).await;
-            if !job.is_lasting() {
-                let _ = self.cancel(&job).await;
-            } else if !job.halt(Halt::Park) {
-                self.take_out(&job);
-                self.store.park(&job).await;
-            }
-        }
-    }
-
-    /// Returns when all that has happened is on the disk.
-    pub async fn flush(&self) {
-        self.store.flush().await;
-    }
-
-    /// Returns when no job waits or runs.
-    pub async fn idle(&self) {
-        loop {
-            let idle = self.idle.notified();
-            if self.lock().is_idle() {
-                return;
-            }
-            idle.await;
-        }
-    }
-
     /// Wakes a relief worker, if there is something for it.
     fn call_relief(&self, intake: &Intake) {
         if intake.wants_relief(self.bounds.workers) {
@@ -403,17 +367,6 @@ impl Jobs {
         let mut intake = self.lock();
         intake.queue.remove(job.client, |waiting| waiting.id == job.id);
         self.announce_if_idle(&intake);
-    }
-
-    fn refusal(&self, intake: &Intake, full: Full) -> Refusal {
-        // One in ten of the places: whoever comes back then finds one, even if others come back too.
-        match full {
-            Full::Queue => Refusal::QueueFull(intake.time_for(self.bounds.queue.places.div_ceil(10))),
-            Full::Bytes => Refusal::QueueBytes(intake.time_for(intake.queue.len().div_ceil(10))),
-            Full::Share => {
-                Refusal::ClientShare(intake.time_for(self.bounds.queue.share.div_ceil(10) * intake.queue.clients()))
-            }
-        }
     }
 
     fn announce_if_idle(&self, intake: &Intake) {

@@ -2,8 +2,9 @@
 //! vouch for of specifications and results. A row that a process still knows by heart is written as it knows it. The names of
 //! jobs whose rows are lost are kept, so that they are told as damaged and not as unknown.
 
-use super::database::{CACHE_BYTES, Database, guarded};
+use super::database::{CACHE_BYTES, Database};
 use super::ended::Held;
+use super::guarded::guarded;
 use super::seal::{seal, unseal};
 use super::tables::{self, FORMAT, JOBS, LOST, RESULTS, SPECIFICATIONS, STARTS};
 use super::{Inspection, JobId, Record};

@@ -9,6 +9,7 @@ use super::disk::{Disk, Found};
 use super::ended::{Ended, Ending, Held};
 use super::index::{Index, Retention};
 use super::job::{Halt, Job, JobId, Keeping, Life, State};
+use super::marks::Marks;
 use super::shortage::Taken;
 use super::spool::Spool;
 use super::unsaved::Unsaved;
@@ -154,28 +155,28 @@ impl Store {
 
     /// Marks `job`, if the disk keeps it, as the one that a worker is at.
     pub fn mark(&self, worker: usize, job: &Job) {
-        if let Some(disk) = self.disk.as_ref().filter(|_| job.is_lasting())
-            && let Err(error) = disk.marks().set(worker, job.id)
-        {
-            tracing::error!(job.id = %job.id, %error, "job {} could not be marked", job.id);
-        }
-    }
-
-    /// Notes what the system has ended for want of memory, up to now.
-    pub fn account(&self, taken: &Taken) {
-        if let Some(disk) = &self.disk
-            && let Err(error) = disk.marks().account(taken)
-        {
-            tracing::error!(%error, "what the system ended for want of memory could not be noted");
+        if job.is_lasting() {
+            self.note("the start of a job", |marks| marks.set(worker, job.id));
         }
     }
 
     /// Takes the mark of a worker away.
     pub fn unmark(&self, worker: usize, job: &Job) {
-        if let Some(disk) = self.disk.as_ref().filter(|_| job.is_lasting())
-            && let Err(error) = disk.marks().clear(worker)
+        if job.is_lasting() {
+            self.note("the end of a job", |marks| marks.clear(worker));
+        }
+    }
+
+    /// Notes what the system has ended for want of memory, up to now.
+    pub fn account(&self, taken: &Taken) {
+        self.note("what the system has ended", |marks| marks.account(taken));
+    }
+
+    fn note(&self, what: &str, note: impl FnOnce(&Marks) -> io::Result<()>) {
+        if let Some(disk) = &self.disk
+            && let Err(error) = note(disk.marks())
         {
-            tracing::error!(job.id = %job.id, %error, "the mark of job {} could not be removed", job.id);
+            tracing::error!(%error, "{what} could not be noted");
         }
     }
 

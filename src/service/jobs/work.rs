@@ -1,6 +1,6 @@
 //! What becomes of a job that has its turn: it is marked, a worker solves it, and its end comes to the store.
 
-use super::disk::MOST_KILLS;
+use super::crashes::MOST_KILLS;
 use super::ended::{Ended, Ending, Fault, Held};
 use super::job::{Halt, Job, State};
 use super::results::{Long, Results, TooLarge};
