@@ -4,6 +4,8 @@
 //! or when it outlives the wait. From then on each of its states is on the disk before anyone is told of it. All changes of
 //! one job are handed to the disk under the lock of its life, so that they are made in the order in which they came about.
 
+mod healing;
+
 use super::change::Change;
 use super::disk::{Disk, Found};
 use super::ended::{Ended, Ending, Held};
@@ -83,16 +85,6 @@ impl Store {
             known.all().iter().filter_map(|job| job.row().map(|row| (job.id, row))).collect()
         }));
         Ok((Self { index, disk: Some(Arc::new(disk)), damaged, unsaved }, waiting))
-    }
-
-    /// Whether the disk, if there is one, takes changes, and has all that it is to have.
-    pub fn is_writable(&self) -> bool {
-        !self.disk.as_ref().is_some_and(|disk| disk.has_failed() || !self.unsaved.is_empty())
-    }
-
-    /// How often the database was built anew.
-    pub fn rebuilds(&self) -> u64 {
-        self.disk.as_ref().map_or(0, |disk| disk.rebuilds())
     }
 
     /// The index.
@@ -211,7 +203,13 @@ impl Store {
     /// Writes the end of a job, and tells it then; what the disk does not take is told all the same, and kept for later.
     async fn conclude_on_disk(&self, disk: &Disk, job: &Arc<Job>, ended: Ended) {
         let kept = ended.clone();
-        let put_away = disk.put_away(job.id, ended);
+        let is_long = matches!(&ended.held, Some(Held::Memory(results)) if results.text().is_none());
+        // No file without a row: a kill in between would leave one that nobody knows.
+        if is_long && job.lock().keeping == Keeping::Storing {
+            self.flush().await;
+        }
+        let is_forgotten = job.lock().keeping == Keeping::Forgotten;
+        let put_away = if is_forgotten { Ok((ended, None)) } else { disk.put_away(job.id, ended) };
         let place = disk.place().await;
         let life = job.lock();
         if life.keeping == Keeping::Forgotten {
@@ -234,33 +232,6 @@ impl Store {
             }
             Err(Unwritable) => unsaved.keep(&concluded, kept),
         });
-    }
-
-    /// How many ends of jobs wait for room on the disk.
-    pub fn unsaved(&self) -> usize {
-        self.unsaved.len()
-    }
-
-    /// Tries to write again where the last change could not be made, and what could not be written where it could. Gives
-    /// the jobs that are to be solved again.
-    pub async fn heal(&self) -> Vec<Arc<Job>> {
-        let Some(disk) = &self.disk else { return Vec::new() };
-        if disk.has_failed()
-            && let Ok(place) = disk.place().await
-        {
-            // What comes of it shows.
-            let _ = place.send(Change::default(), drop).written().await;
-        }
-        if disk.has_failed() {
-            return Vec::new();
-        }
-        for job in self.unsaved.jobs() {
-            let ended = job.lock().ended().map(|ended| Ended::clone(ended));
-            if let Some(ended) = ended {
-                self.conclude_on_disk(disk, &job, ended).await;
-            }
-        }
-        self.unsaved.take_again()
     }
 
     /// Dismisses a waiting job, asks a running one to stop at its next step, leaves an ended one as it is.
