@@ -16,6 +16,7 @@ mod obstacle;
 pub mod pictures;
 mod rigid_bodies;
 mod run;
+mod sensitivities;
 mod study;
 mod trajectory;
 mod uniqueness;
@@ -34,6 +35,7 @@ pub use obstacle::{describe_obstacle, integrate_obstacle};
 pub use problem::{Event, EventKind, Warning};
 pub use rigid_bodies::{describe_rigid_bodies, step_rigid_bodies};
 pub use run::{Plan, Stepper, run};
+pub use sensitivities::{By, Checked, Sensitivities};
 pub use study::{Series, Study, StudyRun};
 pub use trajectory::{Field, Trajectory};
 pub use uniqueness::uniqueness_caveat;
@@ -94,6 +96,9 @@ pub struct Solution {
     /// The evidence, which is not read back: it is written for people.
     #[serde(default, deserialize_with = "passed_over")]
     pub diagnostics: Diagnostics,
+    /// How derivatives at the end compare with a difference of runs, where they were asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensitivities: Option<Checked>,
     /// Error against run time, where it was asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub study: Option<Study>,

@@ -1,9 +1,11 @@
 //! Runs a stepper from start to end: outputs, limits, events, evidence. Written once, outside the methods.
 
 use super::observables::{EndedBy, Observables, Observed};
+use super::sensitivities::Sensitivities;
 use super::{Diagnostics, Event, EventKind, Failure, Field, Solution, Status, Trajectory, Verdict, Version};
 use numerics::Interval;
 use problem::{Control, Stop};
+use std::collections::HashMap;
 use std::time::Instant;
 
 /// What to run and what to keep of it.
@@ -21,7 +23,9 @@ pub struct Plan {
     pub end: f64,
     /// The times to report at, increasing, within `[start, end]`; none is at every step.
     pub times: Option<Vec<f64>>,
-    /// The fields to keep, as indices into `names` and the names of the observables behind them.
+    /// The derivatives that are asked for; their columns come behind the observables.
+    pub sensitivities: Option<Sensitivities>,
+    /// The fields to keep, as indices into `names` and the names of observables and derivatives behind them.
     pub fields: Vec<usize>,
     /// Whether the error at the end is to be estimated.
     pub global_error: bool,
@@ -67,6 +71,9 @@ pub trait Stepper {
         false
     }
 
+    /// Writes the derivatives that are asked for at a time within the last step.
+    fn derivatives(&mut self, _t: f64, _out: &mut [f64]) {}
+
     /// Hands over what happened in the last step, in the order of time.
     fn take_events(&mut self, events: &mut Vec<Event>);
 
@@ -81,6 +88,8 @@ pub trait Stepper {
 pub(super) struct Ended {
     pub solution: Solution,
     pub x: Vec<f64>,
+    /// The derivatives there, by their names.
+    pub derivatives: HashMap<String, f64>,
 }
 
 /// Starts a stepper and drives it to the end; whatever happens, the trajectory so far is in the answer.
@@ -167,7 +176,10 @@ impl<'a> Run<'a> {
             Ok(()) => (Status::Completed, None),
             Err((status, failure)) => (status, Some(failure)),
         };
-        let Recorder { trajectory, ended_by, observed, .. } = self.recorder;
+        let Recorder { trajectory, ended_by, observed, y, .. } = self.recorder;
+        let names = self.plan.sensitivities.iter().flat_map(|sensitivities| sensitivities.names.iter().cloned());
+        let first = self.plan.names.len() + self.plan.observables.names.len();
+        let derivatives = names.zip(y[first..].iter().copied()).collect();
         let switches = trajectory.events.iter().filter(|event| event.kind != EventKind::Crossed);
         self.diagnostics.switches = switches.count() as u64;
         if let Some(open) = observed.map(|observed| observed.open()).filter(|open| *open > 0) {
@@ -188,9 +200,11 @@ impl<'a> Run<'a> {
                 ended_by,
                 trajectory,
                 diagnostics: self.diagnostics,
+                sensitivities: None,
                 study: None,
             },
             x: self.x,
+            derivatives,
         }
     }
 }
@@ -267,7 +281,8 @@ struct Recorded<'r> {
 impl<'a> Recorder<'a> {
     fn new(plan: &'a Plan) -> Self {
         let capacity = plan.times.as_ref().map_or(0, Vec::len);
-        let names: Vec<&String> = plan.names.iter().chain(&plan.observables.names).collect();
+        let derivatives = plan.sensitivities.iter().flat_map(|sensitivities| &sensitivities.names);
+        let names: Vec<&String> = plan.names.iter().chain(&plan.observables.names).chain(derivatives).collect();
         let field = |&index: &usize| Field { name: names[index].clone(), values: Vec::with_capacity(capacity) };
         let fields = plan.fields.iter().map(field).collect();
         let trajectory = Trajectory { t: Vec::with_capacity(capacity), fields, events: Vec::new() };
@@ -331,6 +346,8 @@ impl<'a> Recorder<'a> {
 
     fn sample(&mut self, stepper: &mut impl Stepper, t: f64) {
         let (outputs, own) = self.y.split_at_mut(self.plan.names.len());
+        let (own, derivatives) = own.split_at_mut(self.plan.observables.names.len());
+        stepper.derivatives(t, derivatives);
         stepper.outputs(t, outputs);
         if let Some(observed) = &mut self.observed {
             observed.write(stepper, t, own);

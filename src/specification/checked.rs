@@ -16,7 +16,7 @@ use super::wording::abridged;
 use analysis::Analysis;
 use models::rigid_bodies::Load;
 use problem::{Control, ConvexSet};
-use solution::Observables;
+use solution::{Observables, Sensitivities};
 use std::sync::Arc;
 
 /// A specification that has passed every check, lowered and ready to be solved any number of times.
@@ -31,6 +31,7 @@ pub struct Specification {
     pub(super) output_times: Option<Vec<f64>>,
     pub(super) output_fields: Vec<usize>,
     pub(super) observables: Observables,
+    pub(super) sensitivities: Option<Sensitivities>,
     pub(super) global_error: bool,
     pub(super) study: Option<StudyPlan>,
     limits: Limits,
@@ -72,7 +73,7 @@ impl Specification {
         control: &Control,
         errors: &mut Errors,
     ) -> Option<Self> {
-        let Document { version, problem, time, method, output, limits, stop, study, label } = document;
+        let Document { version, problem, time, method, output, limits, stop, sensitivities, study, label } = document;
         let mut found = Errors::default();
         let root = Place::Root;
         check_version(version, &root.key("version"), &mut found);
@@ -97,7 +98,15 @@ impl Specification {
             let are_inputs = model.parameters().is_some();
             let observables = request.lower(&names, are_inputs, (&of_problem, start), &mut found);
             request.check(&*model, (output.global_error, study.is_some()), &mut found);
-            let columns = Columns { outputs: &names, default: model.default_outputs(), observables: &observables };
+            let sensitivities =
+                sensitivities.and_then(|asked| asked.check(&*model, &root.key("sensitivities"), &mut found));
+            if study.is_some() && sensitivities.is_some() {
+                let why = "a `study` compares runs, of which one alone has derivatives";
+                found.report(&root.key("sensitivities"), "conflict", why);
+            }
+            let derivatives = sensitivities.as_ref().map_or(&[][..], |sensitivities| &sensitivities.names);
+            let default = model.default_outputs();
+            let columns = Columns { outputs: &names, default, observables: &observables, derivatives };
             let output_fields = output.fields(&columns, &place_of_output, &mut found);
             if let Some(set) = model.set() {
                 check_solver(set, method.vi_solver, &place, &mut found);
@@ -122,6 +131,7 @@ impl Specification {
                 output_times,
                 output_fields,
                 observables,
+                sensitivities,
                 global_error: output.global_error,
                 study,
                 limits,
@@ -200,6 +210,11 @@ impl Specification {
     /// Definitions, integrals, and what ends the run.
     pub fn observables(&self) -> &Observables {
         &self.observables
+    }
+
+    /// The derivatives that are asked for.
+    pub fn sensitivities(&self) -> Option<&Sensitivities> {
+        self.sensitivities.as_ref()
     }
 
     /// Whether the error at the end is to be estimated.

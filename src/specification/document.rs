@@ -12,6 +12,7 @@ use super::observables::Stop;
 use super::obstacle::ObstacleProblem;
 use super::output::Output;
 use super::rigid_bodies::RigidBodiesProblem;
+use super::sensitivities::SensitivitiesRequest;
 use super::study::StudyRequest;
 use super::written::Written;
 use serde::{Deserialize, Serialize};
@@ -41,6 +42,8 @@ pub struct Document {
     /// What ends the run before `time.end`, or is only told as an event.
     #[serde(default)]
     pub stop: Vec<Stop>,
+    /// Derivatives by parameters and initial values.
+    pub sensitivities: Option<SensitivitiesRequest>,
     /// A study of error against run time.
     pub study: Option<StudyRequest>,
     /// Free text, at most 200 characters.

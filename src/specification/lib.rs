@@ -48,6 +48,7 @@ mod reading;
 mod repairs;
 mod rigid_bodies;
 mod schema;
+mod sensitivities;
 mod set;
 mod stages;
 mod start;

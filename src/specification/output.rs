@@ -120,17 +120,21 @@ pub(super) struct Columns<'a> {
     pub default: Range<usize>,
     /// What the user defines; integrals are kept where nothing is asked for.
     pub observables: &'a Observables,
+    /// The names of derivatives, which are kept where nothing is asked for.
+    pub derivatives: &'a [String],
 }
 
 impl Columns<'_> {
     fn names(&self) -> impl Iterator<Item = &str> + Clone {
-        self.outputs.iter().copied().chain(self.observables.names.iter().map(String::as_str))
+        let further = self.observables.names.iter().chain(self.derivatives);
+        self.outputs.iter().copied().chain(further.map(String::as_str))
     }
 
     /// What is kept where nothing is asked for.
     fn kept(&self) -> Vec<usize> {
-        let all = self.outputs.len() + self.observables.names.len();
-        self.default.clone().chain(all - self.observables.integrals..all).collect()
+        let observables = self.outputs.len() + self.observables.names.len();
+        let further = observables - self.observables.integrals..observables + self.derivatives.len();
+        self.default.clone().chain(further).collect()
     }
 }
 

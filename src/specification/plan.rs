@@ -24,6 +24,7 @@ impl Specification {
         Plan {
             names: model.output_names(),
             observables: self.observables().clone(),
+            sensitivities: self.sensitivities().cloned(),
             initial: model.initial(),
             start: self.time().start,
             end: self.time().end,

@@ -36,6 +36,7 @@ pub fn halving(status: Status) -> Solution {
         verdict,
         error: None,
         ended_by: None,
+        sensitivities: None,
         trajectory,
         diagnostics: Diagnostics::default(),
         study: None,

@@ -22,6 +22,7 @@ pub mod reference;
 mod relays;
 mod report;
 mod rigid_bodies;
+mod sensitivities;
 mod sets;
 mod size;
 mod sliding;

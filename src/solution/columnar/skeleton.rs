@@ -1,6 +1,6 @@
 //! A solution without its columns, as JSON: what an excerpt of it says beside the numbers.
 
-use crate::{EndedBy, Event, Failure, Solution, Status, Trajectory, Verdict, Version};
+use crate::{Checked, EndedBy, Event, Failure, Solution, Status, Trajectory, Verdict, Version};
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
 use std::borrow::Cow;
@@ -29,6 +29,8 @@ struct Parts<'a> {
     trajectory: Trajectory,
     #[serde(borrow, default, skip_serializing_if = "Option::is_none")]
     diagnostics: Option<Cow<'a, RawValue>>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    sensitivities: Option<Checked>,
     #[serde(borrow, default, skip_serializing_if = "Option::is_none")]
     study: Option<Cow<'a, RawValue>>,
 }
@@ -39,7 +41,8 @@ impl Skeleton {
     /// # Errors
     /// A part of the solution has no JSON form, which there is not.
     pub fn of(solution: &Solution) -> io::Result<Self> {
-        let Solution { version, status, verdict, error, ended_by, trajectory, diagnostics, study } = solution;
+        let Solution { version, status, verdict, error, ended_by, trajectory, diagnostics, sensitivities, study } =
+            solution;
         let evidence = |text: serde_json::Result<Box<RawValue>>| text.map(Cow::Owned);
         let parts = Parts {
             version: *version,
@@ -49,6 +52,7 @@ impl Skeleton {
             ended_by: ended_by.clone(),
             trajectory: Trajectory { events: trajectory.events.clone(), ..Trajectory::default() },
             diagnostics: Some(evidence(serde_json::value::to_raw_value(diagnostics))?),
+            sensitivities: sensitivities.clone(),
             study: study.as_ref().map(|study| evidence(serde_json::value::to_raw_value(study))).transpose()?,
         };
         Ok(Self(serde_json::to_string(&parts)?))
