@@ -29,7 +29,8 @@ impl Jobs {
     pub(super) async fn solve_at_a_glance(&self, order: &Order) -> Option<Arc<Job>> {
         let known = order.known.as_deref().filter(|_| order.key.is_none())?;
         let is_known = known.answer(order.client).is_some() && !order.anew;
-        if is_known && self.is_draining() || !is_known && !(known.is_small() && self.is_free(order.client)) {
+        let may_be_tried = if is_known { !self.is_draining() } else { known.is_small() && self.is_free(order.client) };
+        if !may_be_tried {
             return None;
         }
         let job = Arc::new(Job::new(Order { known: None, ..order.clone() }, false));
