@@ -217,6 +217,8 @@ mod tests {
             status: Status::Completed,
             verdict: Verdict::default(),
             error: None,
+            ended_by: None,
+            sensitivities: None,
             trajectory: Trajectory { t, fields, events },
             diagnostics: Diagnostics { switches: 7, ..Diagnostics::default() },
             study: None,

@@ -12,6 +12,8 @@ fn solution(t: Vec<f64>, columns: Vec<Vec<f64>>) -> Solution {
         status: Status::Completed,
         verdict: Verdict::default(),
         error: None,
+        ended_by: None,
+        sensitivities: None,
         trajectory,
         diagnostics: Diagnostics::default(),
         study: None,
