@@ -1,13 +1,16 @@
 //! Steps of a scene: find the contacts, let forces act, solve each island, move.
 //!
 //! ```text
-//! v_free = v + (h_last + h)/2 g,    v+ = v_free + M^-1 (J^T r + G^T lambda),    q+ = q (+) h v+
+//! v_free = v + (h_last + h)/2 g,    v+ = v_free + M^-1 J^T r,    q+ = q (+) h v+
 //! ```
 //!
 //! Velocities are those of the middles of steps, the first step after `h_last = 0`: this is the leapfrog, exact in free
-//! fall, of second order with joints (Andersen 1983), and at the end of a step bodies have the other half of the kick, as
-//! their joints let them. A body that a contact holds has its velocity to the end of the step, as friction and the
-//! contact left it, and `h_last = h`: of first order, as impacts are.
+//! fall, and at the end of a step bodies have the other half of the kick. A body that a contact holds has its velocity to
+//! the end of the step, as friction and the contact left it, and `h_last = h`: of first order, as impacts are.
+//!
+//! Bodies that joints hold together, and those that touch them, move by the midpoint rule with the forces of the joints at
+//! their means, of second order, and have the velocities of the ends of steps. Where the step is too long for them it is
+//! halved.
 //!
 //! The contacts are those of the start of the step, with their gaps: an open one closes no further than to touch
 //! (Stewart and Trinkle 1996). What curvature makes bodies overlap at the end is moved apart at the start of the next
@@ -18,7 +21,7 @@ mod overlaps;
 
 use super::collision::{BroadPhase, ContactPoint, contacts};
 use super::contact::Contact;
-use super::island::Island;
+use super::island::{Island, Mechanism, Unsolved};
 use super::joint::{Joint, joined};
 use super::load::Load;
 use super::motion::Motion;
@@ -27,7 +30,7 @@ use super::touches::Touches;
 use contact::islands::{Islands, solve_apart, threads};
 use contact::law::{self, Law};
 use contact::{ImpactLaw, Settings};
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Vector3, Vector6};
 use problem::{Control, EventKind, Interrupted};
 use rustc_hash::FxHashMap;
 use std::collections::HashSet;
@@ -77,6 +80,9 @@ impl From<Interrupted> for StepFailure {
     }
 }
 
+/// Halvings of a step that is too long for the joints of a scene with contacts.
+const HALVINGS: u32 = 16;
+
 /// A residual of the contact law above this is no answer.
 const UNSOLVED: f64 = 0.1;
 
@@ -103,6 +109,8 @@ pub struct ContactReport {
     pub drifted: usize,
     /// Islands with contacts or joints.
     pub islands: usize,
+    /// The most steps that an island took.
+    pub parts: u64,
     /// Contact problems solved.
     pub solves: u64,
     /// Pivots or iterations in all.
@@ -139,8 +147,13 @@ pub struct Simulation<'a> {
     held: Vec<bool>,
     /// Whether a contact pushed them in the last step, or what they are joined to.
     pub pushed: Vec<bool>,
-    /// The length of the last step.
-    last: f64,
+    /// Whether a step was made.
+    has_begun: bool,
+    /// Which of them are in an island with joints.
+    jointed: Vec<bool>,
+    mechanism: Mechanism<'a>,
+    /// Of each linkage the forces of its joints in the last step, and its largest kinetic energy so far.
+    tensions: Vec<(Vec<Vector6<f64>>, f64)>,
     /// The places of the scene's bodies among them.
     places: Vec<Option<u32>>,
     /// The contacts of the step.
@@ -177,12 +190,16 @@ impl<'a> Simulation<'a> {
                 moving.len() as u32 - 1
             }));
         }
+        let mechanism = Mechanism::new(scene, &places, moving.len());
         Self {
             scene,
             ends: moving.clone(),
             held: vec![false; moving.len()],
             pushed: vec![false; moving.len()],
-            last: 0.0,
+            has_begun: false,
+            jointed: vec![false; moving.len()],
+            tensions: mechanism.linkages.iter().map(|of| (vec![Vector6::zeros(); of.joints.len()], 0.0)).collect(),
+            mechanism,
             moving,
             places,
             contacts: Vec::new(),
@@ -218,24 +235,41 @@ impl<'a> Simulation<'a> {
     /// # Errors
     /// If the bodies cannot go on.
     pub fn step(&mut self, h: f64, control: &Control) -> Result<(), StepFailure> {
+        self.report = ContactReport::default();
+        self.happenings.clear();
+        self.advance(h, HALVINGS, control)?;
+        self.measure_joints();
+        self.check()
+    }
+
+    /// Makes a step of length `h`, or halves of it where that is too long.
+    fn advance(&mut self, h: f64, halvings: u32, control: &Control) -> Result<(), StepFailure> {
         self.detect(h, control)?;
-        self.report = ContactReport {
-            penetration: self.depth(0.0).max(0.0),
-            overlap: self.overlap(),
-            ..ContactReport::default()
-        };
+        self.report.penetration = self.report.penetration.max(self.depth(0.0));
+        self.report.overlap = self.report.overlap.max(self.overlap());
         self.part_overlaps(h, control)?;
-        if self.last == 0.0 {
-            self.hold(h, |_| true);
+        if !self.has_begun {
+            self.foresee(h);
+            self.hold(|_| true);
+            self.has_begun = true;
         }
-        let [held, free] = [h, 0.5 * (self.last + h)].map(|time| self.scene.gravity * time);
-        for (motion, is_held) in self.moving.iter_mut().zip(&self.held) {
-            motion.velocity += if *is_held { held } else { free };
-        }
-        self.report.kinetic = self.moving.iter().map(Motion::kinetic_energy).sum();
+        let start = self.moving.clone();
+        self.group();
+        self.kick(h);
+        let kinetic: f64 = self.moving.iter().map(Motion::kinetic_energy).sum();
+        self.report.kinetic = self.report.kinetic.max(kinetic);
         self.remember();
         self.close();
-        self.solve(h, control)?;
+        self.part();
+        match self.solve_each(|island, mechanism, law| island.solve(h, mechanism, law, control)) {
+            Err(Unsolved::TooLong) if halvings > 0 => {
+                self.moving = start;
+                self.advance(0.5 * h, halvings - 1, control)?;
+                return self.advance(0.5 * h, halvings - 1, control);
+            }
+            Err(_) => return Err(StepFailure::Joints),
+            Ok(()) => {}
+        }
         // What was left half-way is no step.
         control.go_on()?;
         if self.report.residual > UNSOLVED {
@@ -243,14 +277,25 @@ impl<'a> Simulation<'a> {
         }
         self.follow(h);
         self.judge();
-        self.hold(h, |contact| contact.impulse.x > 0.0);
-        for motion in &mut self.moving {
-            motion.drift(h);
+        self.hold(|contact| contact.impulse.x > 0.0);
+        for ((motion, is_jointed), is_held) in self.moving.iter_mut().zip(&self.jointed).zip(&self.held) {
+            if !is_jointed {
+                motion.drift(h);
+                motion.lag = if *is_held { 0.0 } else { 0.5 * h };
+            }
         }
-        self.last = h;
-        self.measure_joints();
         self.arrive();
-        self.check()
+        Ok(())
+    }
+
+    /// Lets forces act on the velocities of bodies without joints.
+    fn kick(&mut self, h: f64) {
+        let gravity = self.scene.gravity;
+        for ((motion, is_jointed), is_held) in self.moving.iter_mut().zip(&self.jointed).zip(&self.held) {
+            if !is_jointed {
+                motion.velocity += gravity * if *is_held { h } else { motion.lag + 0.5 * h };
+            }
+        }
     }
 
     /// Finds the contacts that may close within `h`.
@@ -308,7 +353,8 @@ impl<'a> Simulation<'a> {
             check(load)?;
             let law = scene.laws.of(scene.bodies[i].material, scene.bodies[j].material);
             let new = |point| Contact::new(point, [places[i], places[j]], moving, law, (a, b));
-            self.contacts.extend(self.points.iter().map(new));
+            let room = overlaps::no_gap(scene, i, j);
+            self.contacts.extend(self.points.iter().map(new).map(|contact| Contact { no_gap: room, ..contact }));
         }
         Ok(())
     }
@@ -322,40 +368,38 @@ impl<'a> Simulation<'a> {
         }
     }
 
-    /// Solves every island, from the velocities and the contacts as they stand.
-    fn solve(&mut self, h: f64, control: &Control) -> Result<(), StepFailure> {
-        self.part();
-        self.solve_each(|island, joints, places, law| island.solve(h, joints, places, law, control))
-    }
-
-    /// Gives every island to `solve`, with the joints, the places of the bodies and a solver of the contact law.
+    /// Gives every island to `solve`, with a solver of the contact law, and takes over what came of it.
     fn solve_each(
         &mut self,
-        solve: impl Fn(&mut Island, &[Joint], &[Option<u32>], &mut Law) + Sync,
-    ) -> Result<(), StepFailure> {
-        let (joints, places, tasks) = (&self.scene.joints, &self.places, &mut self.tasks[..self.islands.len()]);
+        solve: impl Fn(&mut Island, &Mechanism<'_>, &mut Law) + Sync,
+    ) -> Result<(), Unsolved> {
+        let (mechanism, tasks) = (&self.mechanism, &mut self.tasks[..self.islands.len()]);
         let weight = |island: &Island| island.contacts.len() + 2 * island.joints.len();
-        solve_apart(tasks, &mut self.laws, weight, WORTH_A_THREAD, |island, law| solve(island, joints, places, law));
+        solve_apart(tasks, &mut self.laws, weight, WORTH_A_THREAD, |island, law| solve(island, mechanism, law));
         self.report.islands = tasks.len();
+        if let Some(unsolved) = tasks.iter().find_map(|island| island.unsolved) {
+            return Err(unsolved);
+        }
         for island in tasks {
-            if island.is_singular {
-                return Err(StepFailure::Joints);
-            }
             if let Some(law) = &island.report {
                 self.report.take(law);
             }
+            self.report.parts = self.report.parts.max(island.steps);
             for (&body, motion) in island.bodies.iter().zip(&island.moving) {
                 self.moving[body as usize] = *motion;
             }
             for (&source, contact) in island.sources.iter().zip(&island.contacts) {
-                self.contacts[source as usize].impulse = contact.impulse;
+                self.contacts[source as usize] = Contact { bodies: self.contacts[source as usize].bodies, ..*contact };
+            }
+            for (&linkage, tensions) in island.linkages.iter().zip(&mut island.tensions) {
+                self.tensions[linkage as usize] = (std::mem::take(tensions), island.largest_energy);
             }
         }
         Ok(())
     }
 
-    /// Parts contacts and joints into islands, and copies out what belongs to each.
-    fn part(&mut self) {
+    /// Groups contacts and joints into islands, and notes which bodies are in one with joints.
+    fn group(&mut self) {
         let (contacts, joints, places) = (&self.contacts, &self.scene.joints, &self.places);
         let of_contact = |contact: &Contact| match contact.bodies {
             [Some(a), b] => (a as usize, b.map(|b| b as usize)),
@@ -366,7 +410,24 @@ impl<'a> Simulation<'a> {
             (a.unwrap_or(0) as usize, b.map(|b| b as usize))
         };
         let links = contacts.iter().map(of_contact).chain(joints.iter().map(of_joint));
-        self.islands.group(self.moving.len(), links.clone());
+        self.islands.group(self.moving.len(), links);
+        self.jointed.fill(false);
+        for island in (0..self.islands.len()).map(|k| self.islands.links(k)) {
+            // Joints come behind contacts.
+            if island.last().is_some_and(|&link| link as usize >= contacts.len()) {
+                for &link in island {
+                    let link = link as usize;
+                    let (a, b) = contacts.get(link).map_or_else(|| of_joint(&joints[link - contacts.len()]), of_contact);
+                    self.jointed[a] = true;
+                    b.into_iter().for_each(|b| self.jointed[b] = true);
+                }
+            }
+        }
+    }
+
+    /// Copies out what belongs to each island.
+    fn part(&mut self) {
+        let (contacts, joints, places) = (&self.contacts, &self.scene.joints, &self.places);
         let (cone, impact_law) = (self.scene.cone, self.impact_law);
         self.tasks.resize_with(self.tasks.len().max(self.islands.len()), || Island::new(cone, impact_law));
         for (k, island) in self.tasks.iter_mut().take(self.islands.len()).enumerate() {
@@ -378,10 +439,19 @@ impl<'a> Simulation<'a> {
                     island.sources.push(link as u32);
                     contact.bodies
                 } else {
-                    island.joints.push((link - contacts.len()) as u32);
-                    joints[link - contacts.len()].places(&|body| places[body])
+                    let joint = link - contacts.len();
+                    island.joints.push(joint as u32);
+                    island.linkages.push(self.mechanism.of_joint[joint]);
+                    joints[joint].places(&|body| places[body])
                 };
                 island.bodies.extend(bodies.into_iter().flatten());
+            }
+            island.linkages.sort_unstable();
+            island.linkages.dedup();
+            for &linkage in &island.linkages {
+                let (tensions, largest) = &self.tensions[linkage as usize];
+                island.tensions.push(tensions.clone());
+                island.largest_energy = island.largest_energy.max(*largest);
             }
             island.bodies.sort_unstable();
             island.bodies.dedup();
@@ -398,22 +468,22 @@ impl<'a> Simulation<'a> {
     fn judge(&mut self) {
         self.kept.clear();
         self.pushed.fill(false);
-        let (moving, report) = (&self.moving, &mut self.report);
+        let report = &mut self.report;
         let mut is_elastic = !report.is_limited;
+        let mut work = 0.0;
+        report.closed = 0;
         for contact in self.contacts.iter().filter(|contact| contact.impulse.x > 0.0) {
             self.kept.insert(contact.key, contact.frame.tr_mul(&contact.impulse));
             contact.bodies.iter().flatten().for_each(|&body| self.pushed[body as usize] = true);
-            let of = |body: u32| (moving[body as usize].velocity, moving[body as usize].omega);
-            let mean = 0.5 * (contact.velocity(of) + contact.before);
-            let powers = contact.impulse.component_mul(&mean);
             report.closed += 1;
             report.normal_impulse += contact.impulse.x;
-            report.work[0] += powers.x;
-            report.work[1] += powers.y + powers.z;
+            report.work[0] += contact.work.x;
+            report.work[1] += contact.work.y + contact.work.z;
+            work += contact.work.x;
             is_elastic &= contact.law.restitution == 1.0;
         }
         if is_elastic {
-            report.elastic_work = report.work[0];
+            report.elastic_work += work;
         }
     }
 
