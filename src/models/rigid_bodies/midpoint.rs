@@ -14,6 +14,10 @@ use super::frame::Frame;
 use super::motion::Motion;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
+/// Rounding of positions, in parts of them, as Newton's method compares it with changes of velocities a billion times as
+/// small as these.
+const ROUNDING: f64 = 1e9 * 32.0 * f64::EPSILON;
+
 /// Bodies on their way through a step.
 #[derive(Debug)]
 pub struct Midpoint {
@@ -151,11 +155,14 @@ impl Midpoint {
     }
 
     /// The square of the velocities that changes of them compare with, in the norm of the masses: those of the start, the mean
-    /// ones, and what forces make of them.
+    /// ones, what forces make of them, and what rounding of positions does in so short a step.
     pub fn size(&self) -> f64 {
+        let far = self.start.iter().map(|motion| motion.pose.translation.vector.amax()).fold(0.0, f64::max);
+        let mass: f64 = self.start.iter().map(|motion| motion.mass).sum();
+        let rounding = mass * (ROUNDING * far / self.h).powi(2);
         let kicked = |k: usize| self.forces[k].fixed_rows::<3>(0).norm_squared() / self.start[k].mass;
         let start: Vec<Vector6<f64>> = self.start.iter().map(twist).collect();
-        self.weigh(&start) + self.weigh(&self.mean) + (0..self.start.len()).map(kicked).sum::<f64>()
+        rounding + self.weigh(&start) + self.weigh(&self.mean) + (0..self.start.len()).map(kicked).sum::<f64>()
     }
 
     /// The kinetic energy of these velocities at the start, twice.

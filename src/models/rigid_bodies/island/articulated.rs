@@ -28,6 +28,7 @@ use super::{Island, Mechanism, Unsolved};
 use contact::law::Law;
 use nalgebra::{Matrix3, Vector3, Vector6};
 use problem::Control;
+use vi::Outcome;
 use vi::coulomb::BlockMatrix;
 
 /// The part of the largest kinetic energy that the projection of velocities may take in a step. A larger one lets a long run
@@ -168,26 +169,29 @@ impl Island {
         let gaps: Vec<f64> = self.contacts.iter().map(|contact| contact.gap).collect();
         let mut p: Vec<Vector3<f64>> = self.contacts.iter().map(|contact| contact.impulse).collect();
         for iteration in 0.. {
+            let mut is_solved = false;
             midpoint.push(&self.contacts, &p);
             let is_over = iterate(&mut midpoint, linked, |midpoint, linked| {
-                let Some(matrix) = compliance(&self.contacts, linked, homes, control) else { return false };
+                let kept: Vec<Vec<Vector6<f64>>> = linked.iter().map(|linked| linked.x.clone()).collect();
                 let mut changed = midpoint.mean.clone();
                 linked.iter().for_each(|linked| linked.add(&mut changed));
-                let free = self.free_velocities(&changed, &matrix, &p);
-                let next = self.impulses(&matrix, free, &gaps, false, h, p.clone(), law, control);
+                let Some(compliance) = Compliance::new(&self.contacts, linked, homes, control) else { return false };
+                let Some(next) = self.position_impulses(&compliance, &changed, &gaps, &p, h, law, control) else {
+                    return false;
+                };
                 let changes: Vec<Vector3<f64>> = next.iter().zip(&p).map(|(next, p)| next - p).collect();
-                let kept: Vec<Vec<Vector6<f64>>> = linked.iter().map(|linked| linked.x.clone()).collect();
                 respond(&self.contacts, linked, homes, &changes);
                 for (linked, kept) in linked.iter_mut().zip(kept) {
                     linked.x.iter_mut().zip(kept).for_each(|(x, kept)| *x += kept);
                 }
                 p = next;
+                is_solved = true;
                 true
             });
             if control.go_on().is_err() {
                 return true;
             }
-            if linked.iter().any(|linked| !linked.is_solved) || iteration + 1 == ITERATIONS && !is_over {
+            if !is_solved || iteration + 1 == ITERATIONS && !is_over {
                 return false;
             }
             if is_over {
@@ -208,6 +212,44 @@ impl Island {
             self.arrive(&midpoint, linked, &velocities, h, energy);
         }
         are_replaced
+    }
+
+    /// The impulses of the law, with velocities that change with them by a compliance which is not symmetric, from those of
+    /// the impulses `p`: its symmetric part takes the law, and the rest is found by iteration.
+    #[expect(clippy::too_many_arguments, reason = "the terms of the law")]
+    fn position_impulses(
+        &mut self,
+        compliance: &Compliance,
+        velocities: &[Vector6<f64>],
+        gaps: &[f64],
+        p: &[Vector3<f64>],
+        h: f64,
+        law: &mut Law,
+        control: &Control,
+    ) -> Option<Vec<Vector3<f64>>> {
+        let start = self.free_velocities(velocities, &compliance.whole, p);
+        let (mut next, mut last) = (p.to_vec(), f64::INFINITY);
+        for _ in 0..ITERATIONS {
+            let of = |k: usize| {
+                start[k] + compliance.whole.row_product(k, &next) - compliance.symmetric.row_product(k, &next)
+            };
+            let free: Vec<Vector3<f64>> = (0..p.len()).map(of).collect();
+            let impulses = self.impulses(&compliance.symmetric, free, gaps, false, h, next.clone(), law, control);
+            if self.report.is_some_and(|report| report.outcome != Outcome::Solved) {
+                return None;
+            }
+            let change = impulses.iter().zip(&next).map(|(a, b)| (a - b).norm_squared()).sum::<f64>().sqrt();
+            let size = impulses.iter().map(Vector3::norm_squared).sum::<f64>().sqrt();
+            next = impulses;
+            if change <= CONVERGED * size {
+                return Some(next);
+            }
+            if change >= last {
+                return None;
+            }
+            last = change;
+        }
+        Some(next)
     }
 
     /// Velocities at the contacts but for the impulses.
@@ -255,7 +297,8 @@ impl Island {
         }
         self.contacts = kept;
         let p: Vec<Vector3<f64>> = places.iter().map(|&place| p[place]).collect();
-        let matrix = compliance(&self.contacts, linked, homes, control);
+        let compliance = Compliance::new(&self.contacts, linked, homes, control);
+        let matrix = compliance.map(|compliance| compliance.symmetric);
         let mut r = p.clone();
         if let Some(matrix) = &matrix {
             let free = self.free_velocities(velocities, matrix, &p);
@@ -293,7 +336,8 @@ impl Island {
         let (mut linked, homes) = self.linked(mechanism);
         let Some(mut velocities) = self.obeying(&mut linked, true) else { return };
         if !self.contacts.is_empty() {
-            let Some(matrix) = compliance(&self.contacts, &mut linked, &homes, control) else { return };
+            let Some(compliance) = Compliance::new(&self.contacts, &mut linked, &homes, control) else { return };
+            let matrix = compliance.symmetric;
             let none = vec![Vector3::zeros(); self.contacts.len()];
             let free = self.free_velocities(&velocities, &matrix, &none);
             let gaps: Vec<f64> = self.contacts.iter().map(|contact| contact.gap).collect();
@@ -381,13 +425,21 @@ fn respond(contacts: &[Contact], linked: &mut [Linked<'_>], homes: &[Home], impu
     linked.iter_mut().for_each(Linked::respond);
 }
 
-/// The symmetric part of `J A^-1 J^T` with the factors that the linkages have; nothing if `control` asks to stop.
-fn compliance(
-    contacts: &[Contact],
-    linked: &mut [Linked<'_>],
-    homes: &[Home],
-    control: &Control,
-) -> Option<BlockMatrix> {
+/// `J A^-1 J^T` with the factors that the linkages have, and its symmetric part: `A` is symmetric but for rotations within a
+/// step.
+struct Compliance {
+    whole: BlockMatrix,
+    symmetric: BlockMatrix,
+}
+
+impl Compliance {
+    /// That of these contacts; nothing if `control` asks to stop.
+    fn new(
+        contacts: &[Contact],
+        linked: &mut [Linked<'_>],
+        homes: &[Home],
+        control: &Control,
+    ) -> Option<Self> {
     let mut touching = vec![Vec::new(); linked.len()];
     for (k, contact) in contacts.iter().enumerate() {
         for body in contact.bodies.iter().flatten() {
@@ -424,9 +476,11 @@ fn compliance(
             }
         }
         for (&other, block) in others.iter().zip(columns) {
-            blocks.push((other, k, block * 0.5));
-            blocks.push((k, other, block.transpose() * 0.5));
+            blocks.push((other, k, block));
         }
     }
-    BlockMatrix::from_blocks(contacts.len(), blocks.into_iter())
+    let whole = BlockMatrix::from_blocks(contacts.len(), blocks.iter().copied())?;
+    let both = blocks.iter().flat_map(|(i, j, block)| [(*i, *j, block * 0.5), (*j, *i, block.transpose() * 0.5)]);
+    Some(Self { whole, symmetric: BlockMatrix::from_blocks(contacts.len(), both)? })
+}
 }
