@@ -17,10 +17,8 @@ pub struct Frame {
 
 impl Frame {
     /// The frame of the world.
-    pub const WORLD: Self = Self {
-        at: Vector3::new(0.0, 0.0, 0.0),
-        axes: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
-    };
+    pub const WORLD: Self =
+        Self { at: Vector3::new(0.0, 0.0, 0.0), axes: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0) };
 
     /// The frame of a body at a pose.
     pub fn of(pose: &Isometry3<f64>) -> Self {

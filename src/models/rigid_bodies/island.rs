@@ -183,8 +183,7 @@ impl Island {
         let mut struck = vec![Vector3::zeros(); gap.len()];
         let (mu, restitution, cone) = (&mu[..], &restitution[..], &cone[..]);
         if rebounds && self.impact_law == ImpactLaw::Sequential {
-            let contacts =
-                Contacts { delassus: matrix, free: &free, before: &before, gap, mu, restitution, cone, h };
+            let contacts = Contacts { delassus: matrix, free: &free, before: &before, gap, mu, restitution, cone, h };
             struck = sequential(&contacts).0;
             for k in 0..gap.len() {
                 let change = matrix.row_product(k, &struck);

@@ -102,8 +102,7 @@ impl Joint {
         let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()];
         let point = [x, y, z].map(|e| Equation { alpha: Alpha::World(e), beta: Beta::Apart });
         let sliding = across.map(|e| Equation { alpha: Alpha::Second(second(e)), beta: Beta::Apart });
-        let parallel =
-            |e, f| Equation { alpha: Alpha::Second(second(e)), beta: Beta::First(first(f)) };
+        let parallel = |e, f| Equation { alpha: Alpha::Second(second(e)), beta: Beta::First(first(f)) };
         let along = across.map(|t| parallel(t, axis.into_inner()));
         let aligned = [parallel(y, x), parallel(z, y), parallel(x, z)];
         let equations = match kind {

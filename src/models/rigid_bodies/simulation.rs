@@ -83,6 +83,10 @@ impl From<Interrupted> for StepFailure {
 /// Halvings of a step that is too long for the joints of a scene with contacts.
 const HALVINGS: u32 = 16;
 
+/// The overlap at the end of a step, in parts of the smaller body's size, that bodies with joints may come to: half of what
+/// the verdict allows.
+const UNSEEN: f64 = 5e-4;
+
 /// A residual of the contact law above this is no answer.
 const UNSOLVED: f64 = 0.1;
 
@@ -133,6 +137,11 @@ impl ContactReport {
         self.residual = self.residual.max(residual);
         self.is_limited |= law.restitution < 1.0;
     }
+}
+
+/// How far around a body contacts are looked for: as far as it comes in a step `h` in which forces make it faster by `fall`.
+fn margin(motion: &Motion, reach: f64, fall: f64, h: f64) -> f64 {
+    h * (motion.velocity.norm() + fall + motion.omega.norm() * reach) + NEAR * reach
 }
 
 /// A scene in motion.
@@ -261,17 +270,17 @@ impl<'a> Simulation<'a> {
         self.remember();
         self.close();
         self.part();
-        match self.solve_each(|island, mechanism, law| island.solve(h, mechanism, law, control)) {
-            Err(Unsolved::TooLong) if halvings > 0 => {
-                self.moving = start;
-                self.advance(0.5 * h, halvings - 1, control)?;
-                return self.advance(0.5 * h, halvings - 1, control);
-            }
-            Err(_) => return Err(StepFailure::Joints),
-            Ok(()) => {}
-        }
-        // What was left half-way is no step.
+        let report = self.report;
+        let solved = self.solve_each(|island, mechanism, law| island.solve(h, mechanism, law, control));
+        // Who stops it throws away what was left half-way.
         control.go_on()?;
+        let is_too_long = solved == Err(Unsolved::TooLong) || self.meets_unseen(&start, h, control)?;
+        if is_too_long && halvings > 0 {
+            (self.moving, self.report) = (start, report);
+            self.advance(0.5 * h, halvings - 1, control)?;
+            return self.advance(0.5 * h, halvings - 1, control);
+        }
+        solved.map_err(|_| StepFailure::Joints)?;
         if self.report.residual > UNSOLVED {
             return Err(StepFailure::Unsolved { residual: self.report.residual });
         }
@@ -310,13 +319,9 @@ impl<'a> Simulation<'a> {
             }
             Err(StepFailure::TooMuchMemory { contacts: load.contacts, most_touched: load.most_touched(), bytes })
         };
-        let fall = scene.gravity.norm() * h;
         let margin = |body: usize| {
-            places[body].map_or(0.0, |place| {
-                let motion = &moving[place as usize];
-                let reach = scene.bodies[body].collider.shape.reach();
-                h * (motion.velocity.norm() + fall + motion.omega.norm() * reach) + NEAR * reach
-            })
+            let reach = scene.bodies[body].collider.shape.reach();
+            places[body].map_or(0.0, |place| margin(&moving[place as usize], reach, h * scene.gravity.norm(), h))
         };
         let pose = |body: usize| places[body].map_or(&scene.bodies[body].pose, |place| &moving[place as usize].pose);
         let bounds = |body: usize| {
@@ -359,6 +364,50 @@ impl<'a> Simulation<'a> {
         Ok(())
     }
 
+    /// Whether bodies with joints overlap at the end of a step: by the curvature of their way, or as their joints moved them
+    /// further than contacts were looked for.
+    fn meets_unseen(&self, start: &[Motion], h: f64, control: &Control) -> Result<bool, StepFailure> {
+        if !self.jointed.contains(&true) {
+            return Ok(false);
+        }
+        let (scene, places) = (self.scene, &self.places);
+        let is_jointed = |body: usize| places[body].is_some_and(|place| self.jointed[place as usize]);
+        let reach = |body: usize| scene.bodies[body].collider.shape.reach();
+        let strays = |body: usize| {
+            places[body].is_some_and(|place| {
+                let (from, to) = (&start[place as usize], &self.moving[place as usize]);
+                let way = (to.pose.translation.vector - from.pose.translation.vector).norm()
+                    + from.pose.rotation.angle_to(&to.pose.rotation) * reach(body);
+                self.jointed[place as usize] && way > margin(from, reach(body), h * scene.gravity.norm(), h)
+            })
+        };
+        let overlap = |a: u32, b: u32| {
+            let [a, b] = [a as usize, b as usize];
+            if !is_jointed(a) && !is_jointed(b) || self.joined.contains(&(a as u32, b as u32)) {
+                return false;
+            }
+            let [first, second] = [a, b].map(|body| (&scene.bodies[body].collider, self.pose(body)));
+            let mut points = Vec::new();
+            contacts(first, second, 0.0, &mut points);
+            points.iter().any(|point| -point.gap > UNSEEN * reach(a).min(reach(b)))
+        };
+        if !(0..scene.bodies.len()).any(strays) {
+            return Ok(self.pairs.iter().any(|&(a, b)| overlap(a, b)));
+        }
+        let mut is_any = false;
+        BroadPhase::default().sweep(
+            scene.bodies.len(),
+            |body| scene.bodies[body].collider.shape.bounds(self.pose(body)),
+            |body| places[body].is_some(),
+            control,
+            |a, b| {
+                is_any |= overlap(a, b);
+                Ok::<(), StepFailure>(())
+            },
+        )?;
+        Ok(is_any)
+    }
+
     /// Gives each contact the impulse that it had in the last step.
     fn remember(&mut self) {
         for contact in &mut self.contacts {
@@ -369,10 +418,7 @@ impl<'a> Simulation<'a> {
     }
 
     /// Gives every island to `solve`, with a solver of the contact law, and takes over what came of it.
-    fn solve_each(
-        &mut self,
-        solve: impl Fn(&mut Island, &Mechanism<'_>, &mut Law) + Sync,
-    ) -> Result<(), Unsolved> {
+    fn solve_each(&mut self, solve: impl Fn(&mut Island, &Mechanism<'_>, &mut Law) + Sync) -> Result<(), Unsolved> {
         let (mechanism, tasks) = (&self.mechanism, &mut self.tasks[..self.islands.len()]);
         let weight = |island: &Island| island.contacts.len() + 2 * island.joints.len();
         solve_apart(tasks, &mut self.laws, weight, WORTH_A_THREAD, |island, law| solve(island, mechanism, law));
@@ -417,7 +463,8 @@ impl<'a> Simulation<'a> {
             if island.last().is_some_and(|&link| link as usize >= contacts.len()) {
                 for &link in island {
                     let link = link as usize;
-                    let (a, b) = contacts.get(link).map_or_else(|| of_joint(&joints[link - contacts.len()]), of_contact);
+                    let (a, b) =
+                        contacts.get(link).map_or_else(|| of_joint(&joints[link - contacts.len()]), of_contact);
                     self.jointed[a] = true;
                     b.into_iter().for_each(|b| self.jointed[b] = true);
                 }

@@ -306,9 +306,8 @@ impl Island {
             let gaps = vec![0.0; p.len()];
             r = self.impulses(matrix, free, &gaps, true, h, p.clone(), law, control);
         }
-        let work = |contact: &Contact, velocities: &[Vector6<f64>]| {
-            contact.velocity(|body| apart(&velocities[body as usize]))
-        };
+        let work =
+            |contact: &Contact, velocities: &[Vector6<f64>]| contact.velocity(|body| apart(&velocities[body as usize]));
         let before: Vec<Vector3<f64>> = self.contacts.iter().map(|contact| work(contact, velocities)).collect();
         let changes: Vec<Vector3<f64>> = r.iter().zip(&p).map(|(r, p)| r - p).collect();
         respond(&self.contacts, linked, homes, &changes);
@@ -434,53 +433,48 @@ struct Compliance {
 
 impl Compliance {
     /// That of these contacts; nothing if `control` asks to stop.
-    fn new(
-        contacts: &[Contact],
-        linked: &mut [Linked<'_>],
-        homes: &[Home],
-        control: &Control,
-    ) -> Option<Self> {
-    let mut touching = vec![Vec::new(); linked.len()];
-    for (k, contact) in contacts.iter().enumerate() {
-        for body in contact.bodies.iter().flatten() {
-            let of: &mut Vec<usize> = &mut touching[homes[*body as usize].0];
-            if of.last() != Some(&k) {
-                of.push(k);
+    fn new(contacts: &[Contact], linked: &mut [Linked<'_>], homes: &[Home], control: &Control) -> Option<Self> {
+        let mut touching = vec![Vec::new(); linked.len()];
+        for (k, contact) in contacts.iter().enumerate() {
+            for body in contact.bodies.iter().flatten() {
+                let of: &mut Vec<usize> = &mut touching[homes[*body as usize].0];
+                if of.last() != Some(&k) {
+                    of.push(k);
+                }
             }
         }
-    }
-    let mut blocks = Vec::new();
-    for (k, contact) in contacts.iter().enumerate() {
-        control.go_on().ok()?;
-        let mut near: Vec<usize> = contact.bodies.iter().flatten().map(|body| homes[*body as usize].0).collect();
-        near.dedup();
-        let mut others: Vec<usize> = near.iter().flat_map(|&home| touching[home].iter().copied()).collect();
-        others.sort_unstable();
-        others.dedup();
-        let mut columns = vec![Matrix3::zeros(); others.len()];
-        for axis in 0..3 {
-            near.iter().for_each(|&home| linked[home].x.fill(Vector6::zeros()));
-            for side in [0, 1] {
-                let Some(body) = contact.bodies[side] else { continue };
-                let (home, place) = homes[body as usize];
-                let (impulse, angular) = contact.wrench(side, &Vector3::ith(axis, 1.0));
-                linked[home].x[place] += join(&impulse, &angular);
-            }
-            near.iter().for_each(|&home| linked[home].respond());
-            for (other, block) in others.iter().zip(&mut columns) {
-                let of = |body: u32| {
+        let mut blocks = Vec::new();
+        for (k, contact) in contacts.iter().enumerate() {
+            control.go_on().ok()?;
+            let mut near: Vec<usize> = contact.bodies.iter().flatten().map(|body| homes[*body as usize].0).collect();
+            near.dedup();
+            let mut others: Vec<usize> = near.iter().flat_map(|&home| touching[home].iter().copied()).collect();
+            others.sort_unstable();
+            others.dedup();
+            let mut columns = vec![Matrix3::zeros(); others.len()];
+            for axis in 0..3 {
+                near.iter().for_each(|&home| linked[home].x.fill(Vector6::zeros()));
+                for side in [0, 1] {
+                    let Some(body) = contact.bodies[side] else { continue };
                     let (home, place) = homes[body as usize];
-                    if near.contains(&home) { apart(&linked[home].x[place]) } else { Default::default() }
-                };
-                block.set_column(axis, &contacts[*other].velocity(of));
+                    let (impulse, angular) = contact.wrench(side, &Vector3::ith(axis, 1.0));
+                    linked[home].x[place] += join(&impulse, &angular);
+                }
+                near.iter().for_each(|&home| linked[home].respond());
+                for (other, block) in others.iter().zip(&mut columns) {
+                    let of = |body: u32| {
+                        let (home, place) = homes[body as usize];
+                        if near.contains(&home) { apart(&linked[home].x[place]) } else { Default::default() }
+                    };
+                    block.set_column(axis, &contacts[*other].velocity(of));
+                }
+            }
+            for (&other, block) in others.iter().zip(columns) {
+                blocks.push((other, k, block));
             }
         }
-        for (&other, block) in others.iter().zip(columns) {
-            blocks.push((other, k, block));
-        }
+        let whole = BlockMatrix::from_blocks(contacts.len(), blocks.iter().copied())?;
+        let both = blocks.iter().flat_map(|(i, j, block)| [(*i, *j, block * 0.5), (*j, *i, block.transpose() * 0.5)]);
+        Some(Self { whole, symmetric: BlockMatrix::from_blocks(contacts.len(), both)? })
     }
-    let whole = BlockMatrix::from_blocks(contacts.len(), blocks.iter().copied())?;
-    let both = blocks.iter().flat_map(|(i, j, block)| [(*i, *j, block * 0.5), (*j, *i, block.transpose() * 0.5)]);
-    Some(Self { whole, symmetric: BlockMatrix::from_blocks(contacts.len(), both)? })
-}
 }

@@ -143,9 +143,7 @@ mod tests {
     /// Any matrix with the pattern of a graph, joints without a diagonal, against the product with what came out.
     #[test]
     fn a_solution_times_the_matrix_is_the_right_hand_side_for_chains_stars_and_loops() {
-        let chain = |n: u32| -> Vec<[Option<u32>; 2]> {
-            (0..n).map(|k| [Some(k), k.checked_sub(1)]).collect()
-        };
+        let chain = |n: u32| -> Vec<[Option<u32>; 2]> { (0..n).map(|k| [Some(k), k.checked_sub(1)]).collect() };
         let mut ring = chain(5);
         ring.push([Some(0), Some(4)]);
         let star: Vec<[Option<u32>; 2]> = (1..6).map(|k| [Some(k), Some(0)]).collect();

@@ -56,9 +56,9 @@ impl Simulation<'_> {
     pub(super) fn measure_joints(&mut self) {
         let scene = self.scene;
         for (place, joint) in scene.joints.iter().enumerate() {
-            let frames = joint.places(&|body| self.places[body]).map(|body| {
-                body.map_or(Frame::WORLD, |body| Frame::of(&self.moving[body as usize].pose))
-            });
+            let frames = joint
+                .places(&|body| self.places[body])
+                .map(|body| body.map_or(Frame::WORLD, |body| Frame::of(&self.moving[body as usize].pose)));
             let size = joint.size(&scene.bodies);
             for row in joint.rows([&frames[0], &frames[1]]) {
                 let unit = if row.force == Vector3::zeros() { 1.0 } else { size };
