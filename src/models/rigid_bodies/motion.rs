@@ -2,7 +2,7 @@
 
 use super::rotation::rotate;
 use super::scene::Body;
-use nalgebra::{Isometry3, Matrix3, Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Quaternion, UnitQuaternion, Vector3, Vector6};
 
 /// A body that moves.
 #[derive(Clone, Copy, Debug)]
@@ -100,6 +100,13 @@ impl Motion {
     pub fn arrive(&mut self, pose: &Isometry3<f64>, velocity: &Vector3<f64>, omega: &Vector3<f64>) {
         (self.pose, self.velocity, self.omega, self.lag) = (*pose, *velocity, *omega, 0.0);
         self.turn_mobility();
+    }
+
+    /// The displacement and the rotation vector to another pose.
+    pub fn way_to(&self, other: &Self) -> Vector6<f64> {
+        let by = other.pose.translation.vector - self.pose.translation.vector;
+        let turn = (other.pose.rotation * self.pose.rotation.inverse()).scaled_axis();
+        Vector6::new(by.x, by.y, by.z, turn.x, turn.y, turn.z)
     }
 
     /// Moves by a displacement and a rotation vector, without a change of velocity.

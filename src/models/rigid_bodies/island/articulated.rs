@@ -73,20 +73,94 @@ impl Island {
         (linked, homes)
     }
 
-    /// Makes a step of the island; one without contacts may take it in parts.
+    /// Makes a step of the island: without its contacts, in parts where it is too long, as long as none of them closes; else
+    /// with those that do.
     pub(super) fn solve_joined(&mut self, h: f64, mechanism: &Mechanism<'_>, law: &mut Law, control: &Control) {
         let (mut linked, homes) = self.linked(mechanism);
-        let is_solved = if self.contacts.is_empty() {
-            self.advance_in_parts(&mut linked, h, mechanism, HALVINGS, control)
-        } else {
-            self.advance(&mut linked, &homes, h, mechanism, law, control)
-        };
+        let is_solved = self.step_without_contacts(&mut linked, h, mechanism, control).unwrap_or_else(|closing| {
+            self.step_with_contacts(closing, &mut linked, &homes, h, mechanism, law, control)
+        });
         if !is_solved {
             self.unsolved = Some(Unsolved::TooLong);
         }
         for (tensions, linked) in self.tensions.iter_mut().zip(linked) {
             *tensions = linked.forces;
         }
+    }
+
+    /// Whether there is a step without contacts; or, by contact, which of them close in it, and nothing has moved.
+    fn step_without_contacts(
+        &mut self,
+        linked: &mut [Linked<'_>],
+        h: f64,
+        mechanism: &Mechanism<'_>,
+        control: &Control,
+    ) -> Result<bool, Vec<bool>> {
+        let carries = |contact: &Contact| contact.impulse != Vector3::zeros();
+        let start = self.moving.clone();
+        if self.contacts.iter().any(carries) {
+            let mean: Vec<Vector6<f64>> = self.midpoint(h, mechanism).mean;
+            self.judge_positions(&mean, h);
+        } else {
+            let tensions: Vec<_> = linked.iter().map(|linked| linked.forces.clone()).collect();
+            let is_solved = self.advance_in_parts(linked, h, mechanism, HALVINGS, control);
+            if self.contacts.is_empty() || control.go_on().is_err() {
+                return Ok(is_solved);
+            }
+            let mean: Vec<Vector6<f64>> =
+                start.iter().zip(&self.moving).map(|(from, to)| from.way_to(to) / h).collect();
+            self.judge_positions(&mean, h);
+            if is_solved && !self.contacts.iter().any(Contact::stays_closed) {
+                return Ok(true);
+            }
+            (self.moving, self.steps) = (start, 0);
+            linked.iter_mut().zip(tensions).for_each(|(linked, forces)| linked.forces = forces);
+        }
+        Err(self.contacts.iter().map(|contact| carries(contact) || contact.stays_closed()).collect())
+    }
+
+    /// A step with these contacts, and with others that turn out to close.
+    #[expect(clippy::too_many_arguments, reason = "the parts of an island")]
+    fn step_with_contacts(
+        &mut self,
+        mut closing: Vec<bool>,
+        linked: &mut [Linked<'_>],
+        homes: &[Home],
+        h: f64,
+        mechanism: &Mechanism<'_>,
+        law: &mut Law,
+        control: &Control,
+    ) -> bool {
+        let mut all = std::mem::take(&mut self.contacts);
+        let start = self.moving.clone();
+        let tensions: Vec<_> = linked.iter().map(|linked| linked.forces.clone()).collect();
+        let is_solved = loop {
+            self.contacts =
+                all.iter().zip(&closing).filter(|(_, closes)| **closes).map(|(contact, _)| *contact).collect();
+            if !self.advance(linked, homes, h, mechanism, law, control) || control.go_on().is_err() {
+                break false;
+            }
+            let mut solved = std::mem::take(&mut self.contacts).into_iter();
+            let of = |body: u32| apart(&(start[body as usize].way_to(&self.moving[body as usize]) / h));
+            let mut is_closed = true;
+            for (contact, closes) in all.iter_mut().zip(&mut closing) {
+                if *closes {
+                    solved.next().into_iter().for_each(|solved| *contact = solved);
+                } else {
+                    contact.gap_at_end = contact.gap + h * contact.velocity(of).x;
+                    (contact.impulse, contact.work) = Default::default();
+                    *closes = contact.stays_closed();
+                    is_closed &= !*closes;
+                }
+            }
+            if is_closed {
+                break true;
+            }
+            (self.moving, self.steps) = (start.clone(), 0);
+            linked.iter_mut().zip(&tensions).for_each(|(linked, forces)| linked.forces.clone_from(forces));
+        };
+        self.contacts = all;
+        is_solved
     }
 
     /// A step without contacts, or halves of it.
