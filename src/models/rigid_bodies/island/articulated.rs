@@ -44,6 +44,9 @@ const ITERATIONS: usize = 12;
 /// The change of velocities, in the norm of the masses, after which the next one is rounding.
 const CONVERGED: f64 = 1e-9;
 
+/// The change below which iterations that no longer gain are at what the tolerance of the contact law leaves.
+const STAGNANT: f64 = 1e-6;
+
 /// Halvings of a step: shorter ones resolve nothing that longer ones do not.
 const HALVINGS: u32 = 20;
 
@@ -194,8 +197,8 @@ impl Island {
     fn advance_freely(&mut self, linked: &mut [Linked<'_>], h: f64, mechanism: &Mechanism<'_>) -> bool {
         let mut midpoint = self.midpoint(h, mechanism);
         linked.iter_mut().for_each(|linked| linked.begin(h));
-        let mut iterations = 0;
-        while !iterate(&mut midpoint, linked, |_, _| true) {
+        let (mut iterations, mut last) = (0, f64::INFINITY);
+        while !iterate(&mut midpoint, linked, &mut last, |_, _| true) {
             iterations += 1;
             if iterations == ITERATIONS || linked.iter().any(|linked| !linked.is_solved) {
                 return false;
@@ -242,10 +245,11 @@ impl Island {
         linked.iter_mut().for_each(|linked| linked.begin(h));
         let gaps: Vec<f64> = self.contacts.iter().map(|contact| contact.gap).collect();
         let mut p: Vec<Vector3<f64>> = self.contacts.iter().map(|contact| contact.impulse).collect();
+        let mut last = f64::INFINITY;
         for iteration in 0.. {
             let mut is_solved = false;
             midpoint.push(&self.contacts, &p);
-            let is_over = iterate(&mut midpoint, linked, |midpoint, linked| {
+            let is_over = iterate(&mut midpoint, linked, &mut last, |midpoint, linked| {
                 let kept: Vec<Vec<Vector6<f64>>> = linked.iter().map(|linked| linked.x.clone()).collect();
                 let mut changed = midpoint.mean.clone();
                 linked.iter().for_each(|linked| linked.add(&mut changed));
@@ -302,6 +306,7 @@ impl Island {
         control: &Control,
     ) -> Option<Vec<Vector3<f64>>> {
         let start = self.free_velocities(velocities, &compliance.whole, p);
+        let size = start.iter().map(Vector3::norm).fold(0.0, f64::max);
         let (mut next, mut last) = (p.to_vec(), f64::INFINITY);
         for _ in 0..ITERATIONS {
             let of = |k: usize| {
@@ -312,10 +317,11 @@ impl Island {
             if self.report.is_some_and(|report| report.outcome != Outcome::Solved) {
                 return None;
             }
-            let change = impulses.iter().zip(&next).map(|(a, b)| (a - b).norm_squared()).sum::<f64>().sqrt();
-            let size = impulses.iter().map(Vector3::norm_squared).sum::<f64>().sqrt();
+            // Redundant contacts have impulses that are not unique: what they do to velocities is.
+            let changes: Vec<Vector3<f64>> = impulses.iter().zip(&next).map(|(a, b)| a - b).collect();
+            let change = (0..p.len()).map(|k| compliance.whole.row_product(k, &changes).norm()).fold(0.0, f64::max);
             next = impulses;
-            if change <= CONVERGED * size {
+            if change <= CONVERGED * size || change >= 0.5 * last && change <= STAGNANT * size {
                 return Some(next);
             }
             if change >= last {
@@ -449,10 +455,12 @@ impl Island {
     }
 }
 
-/// Newton's step for the mean velocities, which `contacts` may change; whether it was the last.
+/// Newton's step for the mean velocities, which `contacts` may change; whether it was the last. `last` is the change of the one
+/// before, in parts of the velocities.
 fn iterate(
     midpoint: &mut Midpoint,
     linked: &mut [Linked<'_>],
+    last: &mut f64,
     mut contacts: impl FnMut(&Midpoint, &mut [Linked<'_>]) -> bool,
 ) -> bool {
     if !linked.iter_mut().all(|linked| linked.linearise(midpoint)) || !contacts(midpoint, linked) {
@@ -466,7 +474,10 @@ fn iterate(
         linked.add_impulses();
     }
     midpoint.arrive();
-    midpoint.weigh(&changes) <= CONVERGED * CONVERGED * size
+    let change = (midpoint.weigh(&changes) / size).sqrt();
+    let is_over = change <= CONVERGED || change >= 0.5 * *last && change <= STAGNANT;
+    *last = change;
+    is_over
 }
 
 /// The velocities at the end as joints let them be, and the energy that this takes; the linkages hold their bodies there.

@@ -5,12 +5,16 @@
 //! ( C  -e ) ( nu ) = ( joint rows )
 //! ```
 //!
-//! where `A` couples bodies that share a joint. A joint has no diagonal of its own: it comes after one of its bodies. The
-//! order is that of least degree, so that a tree takes linear time, from its leaves to its root: these are the recursions
-//! of articulated bodies (Featherstone 1983), for any graph.
+//! where `A` couples bodies that share a joint. A joint has no diagonal of its own: it comes after its bodies, or after one
+//! that it is the last joint of. (After one of two bodies that others hold too it might have more equations than that body has
+//! freedoms.) The order is else that of least degree, so that a tree takes linear time, from its leaves to its root: these are
+//! the recursions of articulated bodies (Featherstone 1983), for any graph.
 
 use nalgebra::{Matrix6, Vector6};
 use std::collections::{BTreeMap, BTreeSet};
+
+/// Iterations that take the diagonals of joints out of a solution again.
+const REFINEMENTS: usize = 2;
 
 /// The order of an elimination, and where its blocks are.
 #[derive(Clone, Debug, Default)]
@@ -44,19 +48,34 @@ impl Plan {
             }
         }
         let mut plan = Self { nodes, ..Self::default() };
+        let mut joints_of: Vec<BTreeSet<usize>> = vec![BTreeSet::new(); bodies];
+        let mut missing: Vec<usize> = joints.iter().map(|pair| pair.iter().flatten().count()).collect();
+        for (k, pair) in joints.iter().enumerate() {
+            for body in pair.iter().flatten() {
+                joints_of[*body as usize].insert(k);
+            }
+        }
         let mut ready: BTreeSet<(usize, u32)> = (0..bodies).map(|k| (near[k].len(), k as u32)).collect();
         let mut is_ready: Vec<bool> = (0..nodes).map(|k| k < bodies).collect();
         while let Some((_, node)) = ready.pop_first() {
             let later: Vec<u32> = std::mem::take(&mut near[node as usize]).into_iter().collect();
             for &a in &later {
-                if is_ready[a as usize] {
-                    ready.remove(&(near[a as usize].len(), a));
-                }
+                ready.remove(&(near[a as usize].len(), a));
                 near[a as usize].remove(&node);
                 near[a as usize].extend(later.iter().filter(|b| **b != a));
-                is_ready[a as usize] = true;
-                ready.insert((near[a as usize].len(), a));
             }
+            if let Some(joint) = (node as usize).checked_sub(bodies) {
+                for body in joints[joint].iter().flatten() {
+                    joints_of[*body as usize].remove(&joint);
+                }
+            } else {
+                let of_body = &joints_of[node as usize];
+                for &joint in of_body {
+                    missing[joint] -= 1;
+                    is_ready[bodies + joint] |= missing[joint] == 0 || of_body.len() == 1;
+                }
+            }
+            ready.extend(later.iter().filter(|a| is_ready[**a as usize]).map(|a| (near[*a as usize].len(), *a)));
             plan.order.push(node);
             plan.later.push(later);
         }
@@ -86,6 +105,8 @@ impl Plan {
 #[derive(Clone, Debug, Default)]
 pub struct Blocks {
     blocks: Vec<Matrix6<f64>>,
+    /// The same before the elimination.
+    whole: Vec<Matrix6<f64>>,
 }
 
 impl Blocks {
@@ -102,6 +123,7 @@ impl Blocks {
 
     /// Factorises in place; false where a pivot has no inverse.
     pub fn factorise(&mut self, plan: &Plan) -> bool {
+        self.whole.clone_from(&self.blocks);
         for (k, node) in plan.order.iter().enumerate() {
             let Some(inverse) = self.blocks[*node as usize].try_inverse() else { return false };
             self.blocks[*node as usize] = inverse;
@@ -116,6 +138,29 @@ impl Blocks {
             }
         }
         true
+    }
+
+    /// Solves with the factors, and takes out again what the diagonals of joints (all but `bodies`) changed: `x` comes to solve
+    /// the equations without them, as far as these have a solution.
+    pub fn solve_without_diagonals(&self, plan: &Plan, bodies: usize, x: &mut [Vector6<f64>]) {
+        let right = x.to_vec();
+        self.solve(plan, x);
+        for _ in 0..REFINEMENTS {
+            let mut rest = right.clone();
+            for (node, rest) in rest.iter_mut().enumerate() {
+                let mut block = self.whole[node];
+                if node >= bodies {
+                    // Rows that a joint does not have keep theirs.
+                    block = block.map(|entry| if entry == 1.0 { 1.0 } else { 0.0 });
+                }
+                *rest -= block * x[node];
+            }
+            for (&(row, column), &slot) in &plan.slots {
+                rest[row as usize] -= self.whole[slot as usize] * x[column as usize];
+            }
+            self.solve(plan, &mut rest);
+            x.iter_mut().zip(&rest).for_each(|(x, rest)| *x += rest);
+        }
     }
 
     /// Solves in place with the factors.

@@ -41,6 +41,8 @@ pub struct Linkage {
     /// The bodies of each joint, as places in `bodies`.
     pairs: Vec<[Option<u32>; 2]>,
     plan: Plan,
+    /// Whether joints close a loop, and may say the same twice.
+    has_loops: bool,
 }
 
 impl Linkage {
@@ -60,7 +62,9 @@ impl Linkage {
             bodies.dedup();
             let place = |body: u32| bodies.binary_search(&body).ok().map(|place| place as u32);
             let pairs: Vec<_> = joints_of.iter().map(|joint| ends(joint).map(|body| body.and_then(place))).collect();
-            Self { plan: Plan::new(bodies.len(), &pairs), bodies, joints: joints_of, pairs }
+            let nodes = bodies.len() + usize::from(pairs.iter().any(|pair| pair.contains(&None)));
+            let has_loops = pairs.len() >= nodes;
+            Self { plan: Plan::new(bodies.len(), &pairs), bodies, joints: joints_of, pairs, has_loops }
         };
         (0..islands.len()).map(linkage).collect()
     }
@@ -131,7 +135,7 @@ impl<'a> Linked<'a> {
         tangent::assemble(self, midpoint);
         self.is_solved = self.matrix.factorise(&self.linkage.plan);
         if self.is_solved {
-            self.matrix.solve(&self.linkage.plan, &mut self.x);
+            self.respond();
             self.is_solved = self.x.iter().all(|x| x.iter().all(|x| x.is_finite()));
         }
         self.is_solved
@@ -186,14 +190,19 @@ impl<'a> Linked<'a> {
                     self.x[self.bodies.len() + k][i] = -row.velocity(of) - if closes { row.value } else { 0.0 };
                 }
             }
-            self.matrix.solve(&self.linkage.plan, &mut self.x);
+            self.respond();
             self.add(velocities);
         }
     }
 
     /// Solves with the factors for what is in `x`.
     pub fn respond(&mut self) {
-        self.matrix.solve(&self.linkage.plan, &mut self.x);
+        let plan = &self.linkage.plan;
+        if self.linkage.has_loops {
+            self.matrix.solve_without_diagonals(plan, self.bodies.len(), &mut self.x);
+        } else {
+            self.matrix.solve(plan, &mut self.x);
+        }
     }
 
     /// Adds the changes of velocities in `x`.
