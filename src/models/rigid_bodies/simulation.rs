@@ -113,7 +113,7 @@ pub struct ContactReport {
     pub drifted: usize,
     /// Islands with contacts or joints.
     pub islands: usize,
-    /// The most steps that an island took.
+    /// The steps in which it was made: more than one where it was too long for the joints.
     pub parts: u64,
     /// Contact problems solved.
     pub solves: u64,
@@ -281,6 +281,8 @@ impl<'a> Simulation<'a> {
             return self.advance(0.5 * h, halvings - 1, control);
         }
         solved.map_err(|_| StepFailure::Joints)?;
+        let parts = self.tasks[..self.islands.len()].iter().map(|island| island.steps).max();
+        self.report.parts += parts.unwrap_or(1).max(1);
         if self.report.residual > UNSOLVED {
             return Err(StepFailure::Unsolved { residual: self.report.residual });
         }
@@ -430,7 +432,6 @@ impl<'a> Simulation<'a> {
             if let Some(law) = &island.report {
                 self.report.take(law);
             }
-            self.report.parts = self.report.parts.max(island.steps);
             for (&body, motion) in island.bodies.iter().zip(&island.moving) {
                 self.moving[body as usize] = *motion;
             }
