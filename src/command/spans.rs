@@ -1,5 +1,5 @@
 //! Spans of requests and jobs for a collector of OpenTelemetry, in programs that are built with the feature `otlp`, where
-//! `OTEL_EXPORTER_OTLP_ENDPOINT` names one. Without either there are none.
+//! `OTEL_EXPORTER_OTLP_ENDPOINT` names one. Without either no span is made.
 
 #[cfg(feature = "otlp")]
 pub use exported::Spans;

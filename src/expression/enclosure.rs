@@ -178,7 +178,7 @@ fn wave(a: Interval, crest: f64, function: impl Fn(f64) -> f64) -> Interval {
 
 /// Whether `first + k period` may be in `a` for a whole `k`. Far out, where a period is lost in rounding, it may.
 fn reaches(a: Interval, first: f64, period: f64) -> bool {
-    if !(a.lo.is_finite() && a.hi.is_finite()) || a.hi - a.lo >= period {
+    if !(a.lo.is_finite() && a.hi.is_finite()) || a.width() >= period {
         return true;
     }
     let (from, to) = ((a.lo - first) / period, (a.hi - first) / period);

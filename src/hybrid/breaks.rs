@@ -18,13 +18,16 @@ const SAMPLES: u32 = 16;
 /// a few units, or for as many as digits cancel in a longer expression. Fewer would take such a pair for a step of its own;
 /// many more would take two breaks for one where what lies between them counts.
 const ONE: f64 = 1e3;
-/// A break within this many units of rounding of either end of a step is at that end.
+/// A break within this many units of rounding of either end of a step is at that end: the sums that give the end, and the time of
+/// the break, are off by a unit or two each. Fewer would leave steps of some units; many more would move breaks.
 const AT_END: f64 = 8.0;
 
 /// What is remembered of breaks.
 #[derive(Debug)]
 pub struct Breaks {
     signs: Vec<bool>,
+    /// The parts of a step that are left to be enclosed, the first last.
+    left: Vec<(f64, f64)>,
     /// The last break or the start, and the time to it from the one before.
     last: f64,
     gap: f64,
@@ -35,7 +38,7 @@ pub struct Breaks {
 impl Breaks {
     /// For a run that starts at `t`.
     pub fn new(t: f64) -> Self {
-        Self { signs: Vec::new(), last: t, gap: f64::INFINITY, after: None }
+        Self { signs: Vec::new(), left: Vec::new(), last: t, gap: f64::INFINITY, after: None }
     }
 
     /// The first number after the break before which the present step ends, if it ends at one.
@@ -87,10 +90,11 @@ impl Breaks {
     }
 
     /// The numbers before and after the first change of a sign; `None` where enclosures do not tell whether there is one.
-    fn first_enclosed(&self, problem: &mut dyn Dvi, begin: f64, end: f64, h: f64) -> Option<Option<(f64, f64)>> {
-        let mut left = vec![(begin, end)];
+    fn first_enclosed(&mut self, problem: &mut dyn Dvi, begin: f64, end: f64, h: f64) -> Option<Option<(f64, f64)>> {
+        self.left.clear();
+        self.left.push((begin, end));
         let mut parts = 0;
-        while let Some((a, b)) = left.pop() {
+        while let Some((a, b)) = self.left.pop() {
             parts += 1;
             if parts > MOST_PARTS {
                 return None;
@@ -105,7 +109,7 @@ impl Breaks {
             }
             let middle = a + 0.5 * (b - a);
             if middle > a && middle < b && b - a > f64::EPSILON * h {
-                left.extend([(middle, b), (a, middle)]);
+                self.left.extend([(middle, b), (a, middle)]);
             } else if self.has_broken(problem, b) {
                 return Some(Some((a, b)));
             }

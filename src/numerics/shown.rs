@@ -19,7 +19,7 @@ pub fn is_shown(width: f64, range: f64, bent: f64) -> bool {
 /// The same of values `seen` at the beginning, in the middle and at the end, where some more is allowed.
 pub fn is_seen(enclosure: Interval, seen: [f64; 3], allowed: f64) -> bool {
     let (range, bent) = variation(seen);
-    enclosure.defined && is_shown(enclosure.hi - enclosure.lo - allowed, range, bent - allowed)
+    enclosure.defined && is_shown(enclosure.width() - allowed, range, bent - allowed)
 }
 
 /// The range of three values one after the other, and by how much the one in the middle differs from the mean of the others.

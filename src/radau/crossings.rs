@@ -23,7 +23,7 @@ pub(super) struct Crossing {
 const RISES: i32 = 16;
 
 impl Radau<'_> {
-    /// The values of all monitors on the collocation polynomial of the step at hand.
+    /// The values of all monitors on the collocation polynomial of the present step.
     pub(super) fn monitors_at(&mut self, theta: f64, h: f64, out: &mut Vec<Monitor>) {
         self.polynomial_at(theta);
         let t = self.clock.t + theta * h;
@@ -40,7 +40,7 @@ impl Radau<'_> {
         monitors(&mut self.system, &self.control, scratch, out);
     }
 
-    /// The collocation polynomial of the step at hand, into the scratch of the switches.
+    /// The collocation polynomial of the present step, into the scratch of the switches.
     pub(super) fn polynomial_at(&mut self, theta: f64) {
         let tableau = self.tableau();
         let mut basis = [0.0; MOST_STAGES];
@@ -54,7 +54,7 @@ impl Radau<'_> {
         }
     }
 
-    /// The earliest sign change of a violated monitor on the collocation polynomial of the step at hand.
+    /// The earliest sign change of a violated monitor on the collocation polynomial of the present step.
     pub(super) fn earliest(&mut self, h: f64, dip: Option<f64>) -> Option<Crossing> {
         // The stages, the middles between them, and where a dip was seen.
         let mut left = 0.0;

@@ -22,7 +22,8 @@ pub(super) struct Step {
     pub z: Vec<f64>,
     /// What the slope of the states lacks at the beginning, times `h`; empty where it is not known.
     pub slope: Vec<f64>,
-    /// The slope of the states at its end; empty where the next step need not begin with it.
+    /// The slope of the states with which the next step is to begin: that at its end, or that of the rates where a run or a face
+    /// begins; empty where neither is known.
     pub end_slope: Vec<f64>,
     /// The face that it kept.
     pub face: ActiveFace,

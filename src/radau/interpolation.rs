@@ -16,7 +16,7 @@ use super::layout::Storage;
 use super::stepper::Radau;
 
 impl Radau<'_> {
-    /// The largest defect of a constraint between the stages of the step at hand, in units of the tolerance.
+    /// The largest defect of a constraint between the stages of the present step, in units of the tolerance.
     pub(super) fn constraint_error(&mut self, h: f64) -> f64 {
         if !self.settings.interpolated || matches!(self.system.layout.storage, Storage::Dense) {
             return 0.0;

@@ -31,7 +31,7 @@ const ROUNDS: usize = 8;
 const SOLVES: usize = 12;
 
 impl Radau<'_> {
-    /// Finds where the first violated monitor of the step at hand, of size `h`, changes sign; `dip` is a fraction of the
+    /// Finds where the first violated monitor of the present step, of size `h`, changes sign; `dip` is a fraction of the
     /// step at which one is violated though at no stage.
     pub(super) fn locate(&mut self, h: f64, mut dip: Option<f64>) -> Result<Located, StepError> {
         if !self.switching.locates() {
@@ -72,8 +72,7 @@ impl Radau<'_> {
             if !is_end && self.is_violated_within(size, Some(&crossing)) {
                 continue;
             }
-            // The stages of a curved face may be those of the VI, which looks at no monitors.
-            let between = if self.system.is_curved() { Between::Undecided } else { self.screen(size) };
+            let between = self.screen(size);
             // The first step on a face may have to bring the states onto it, which is no reason to leave it at once.
             match between {
                 Between::Violated { theta, .. } if self.continues || self.rises_before(theta, size) => {
@@ -156,7 +155,7 @@ impl Radau<'_> {
         Ok(None)
     }
 
-    /// Takes the step at hand, of size `h`, along its collocation polynomial to where the monitor of `crossing` is zero, from
+    /// Takes the present step, of size `h`, along its collocation polynomial to where the monitor of `crossing` is zero, from
     /// which it is off by a `value` within noise and thus by about `correction`; its size then. Other variables that switch at
     /// the same instant are then off by what rounding leaves, and no longer by what the search was content with.
     fn extend(&mut self, crossing: &Crossing, h: f64, value: f64, correction: f64) -> f64 {
@@ -204,7 +203,7 @@ impl Radau<'_> {
         Some(is_same && turned(&self.system, &self.system.face, &self.y[states..], &end[states..]).is_empty())
     }
 
-    /// Whether a monitor, other than the one that ends it, is violated at a stage of the step at hand, of size `h`. Variables
+    /// Whether a monitor, other than the one that ends it, is violated at a stage of the present step, of size `h`. Variables
     /// that hidden constraints tell are those that belong to the states: at the stages themselves they are right to order `s`
     /// only, and may leave their bounds while the others do not.
     pub(super) fn is_violated_within(&mut self, h: f64, end: Option<&Crossing>) -> bool {
@@ -228,7 +227,7 @@ impl Radau<'_> {
         })
     }
 
-    /// One monitor at the end of the step at hand, with the variables that belong to the states there: their stage values
+    /// One monitor at the end of the present step, with the variables that belong to the states there: their stage values
     /// would give the time of the switch to order `s` only.
     fn monitor_at(&mut self, crossing: &Crossing, h: f64) -> Option<Monitor> {
         let y = self.stages.stage(&self.y, self.tableau().stages() - 1);

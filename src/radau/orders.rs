@@ -1,16 +1,17 @@
-//! The numbers of stages that a run may have, and that of the step at hand.
+//! The numbers of stages that a run may have, and that of the present step.
 
 use super::error_control::Rescaled;
 use super::settings::{Settings, StageChoice};
 use super::tableau::Tableau;
 
 /// A method with its tolerances.
+#[derive(Clone, Copy)]
 pub(super) struct Method {
     pub tableau: &'static Tableau,
     pub tolerance: Rescaled,
 }
 
-/// The methods of a run, of which one makes the present step.
+/// The methods of a run, and which of them makes the present step.
 pub(super) struct Orders {
     methods: Vec<Method>,
     current: usize,
@@ -61,7 +62,15 @@ impl Orders {
 
     /// Takes more stages (1), fewer (-1) or as many (0) from now on; whether that makes a difference.
     pub fn change(&mut self, wish: isize) -> bool {
-        let new = self.current.saturating_add_signed(wish).min(self.methods.len() - 1);
+        self.set(self.current.saturating_add_signed(wish).min(self.methods.len() - 1))
+    }
+
+    /// Takes the fewest stages from now on; whether that makes a difference.
+    pub fn take_fewest(&mut self) -> bool {
+        self.set(0)
+    }
+
+    fn set(&mut self, new: usize) -> bool {
         std::mem::replace(&mut self.current, new) != new
     }
 }

@@ -43,6 +43,7 @@ impl Radau<'_> {
             return Ok(());
         }
         let cause = self.progress.cause.unwrap_or(Cause::Slow);
+        self.check_evaluation()?;
         self.check_contradiction(cause)?;
         Err(StepError::StepTooSmall { t: self.clock.t, h, least: 0.0, cause })
     }

@@ -4,6 +4,7 @@ mod attempt;
 mod estimate;
 mod preparation;
 mod report;
+mod ripple;
 
 use attempt::Attempt;
 use estimate::Estimates;
@@ -80,7 +81,7 @@ pub struct Radau<'p> {
     pub counts: Counts,
 }
 
-/// How far a run has come.
+/// The largest step and unknowns of a run so far.
 pub(super) struct Extent {
     /// The size of the longest step.
     pub longest: f64,
@@ -194,9 +195,9 @@ impl<'p> Radau<'p> {
     /// If the step size falls below what `t` or the settings allow, with the cause.
     pub fn step(&mut self) -> Result<(), StepError> {
         loop {
-            if self.switching.is_accumulating() {
-                // What is left between switches is too short for more stages to tell more of it.
-                self.set_order(isize::MIN);
+            // What is left between switches that accumulate is too short for more stages to tell more of it.
+            if self.switching.is_accumulating() && self.orders.take_fewest() {
+                self.forget_order();
             }
             let remaining = self.clock.remaining();
             let Settings { step, min_step, max_step, .. } = self.settings;
@@ -292,7 +293,7 @@ impl<'p> Radau<'p> {
         }
     }
 
-    /// Makes the step at hand part of the trajectory.
+    /// Makes the present step part of the trajectory.
     fn accept(&mut self, h: f64, coupled: bool, between: Option<Between>) {
         let n = self.system.unknowns;
         let s = self.tableau().stages();
@@ -338,16 +339,17 @@ impl<'p> Radau<'p> {
     fn change_order(&mut self, contraction: Contraction) {
         if self.orders.are_several() {
             let wish = self.controller.order_change(contraction);
-            self.set_order(wish);
+            if self.orders.change(wish) {
+                self.forget_order();
+            }
         }
     }
 
-    fn set_order(&mut self, wish: isize) {
-        if self.orders.change(wish) {
-            self.factored = None;
-            self.contraction = Contraction::default();
-            self.controller.order_changed();
-        }
+    /// Forgets what holds for one number of stages alone.
+    fn forget_order(&mut self) {
+        self.factored = None;
+        self.contraction = Contraction::default();
+        self.controller.order_changed();
     }
 
     /// Makes the next attempt smaller than `h`; fails where the step is fixed or would be too small to go on with.

@@ -34,9 +34,9 @@ const ACCUMULATION: u32 = 8;
 pub(super) struct Switching {
     locate: bool,
     pub(super) probe: Probe,
-    /// The face before the step at hand.
+    /// The face before the present step.
     pub(super) before: ActiveFace,
-    /// Whether the step at hand ends at a switch.
+    /// Whether the present step ends at a switch.
     pub(super) pending: bool,
     /// The time of the last switch, the time from it to the one before, and how often that shrank in a row.
     last: f64,
@@ -82,7 +82,7 @@ impl Switching {
         self.before.clone_from(face);
     }
 
-    /// Whether the step at hand ends at a switch.
+    /// Whether the present step ends at a switch.
     pub(super) fn ends_at_switch(&self) -> bool {
         self.pending
     }

@@ -292,7 +292,7 @@ impl Radau<'_> {
                 let allowed = course.rows[i].allowed;
                 unseen[i] > allowed.max(largest) && unseen[i] * length > allowed
             };
-            let can_halve = enclosed + 2 <= MOST_PARTS && times.hi - times.lo > self.clock.rounding(course.h);
+            let can_halve = enclosed + 2 <= MOST_PARTS && times.width() > self.clock.rounding(course.h);
             if can_halve && (0..unseen.len()).any(is_open) {
                 enclosed += 2;
                 let mut second = Part::default();

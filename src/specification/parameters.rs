@@ -1,18 +1,26 @@
-//! Parameters may be expressions in each other. The members of a JSON object have no order that every writer keeps, so
+//! Parameters may be expressions in each other, and so may definitions. The members of a JSON object have no order that every writer keeps, so
 //! theirs is found here: each after those that it depends on.
 
 use super::expression::Expression;
 use super::ordered::Ordered;
 use expression::{Graph, Scope};
 
-/// The parameters with what they depend on first; those in a cycle come last, as they stand.
-pub(super) fn in_order(parameters: &Ordered<Expression>) -> Vec<(&str, &Expression)> {
-    let entries: Vec<(&str, &Expression)> = parameters.iter().collect();
+/// The entries with those first that others depend on; those in a cycle come last, as they stand. They may name what is
+/// `known` as well.
+pub(super) fn in_order<'a>(
+    entries: &'a Ordered<Expression>,
+    known: impl Iterator<Item = &'a str>,
+) -> Vec<(&'a str, &'a Expression)> {
+    let entries: Vec<(&str, &Expression)> = entries.iter().collect();
     let (mut graph, mut scope) = (Graph::new(), Scope::new());
     for (i, (name, _)) in entries.iter().enumerate() {
         let node = graph.input(i);
         // A name that cannot be bound is reported when its value is.
         let _ = scope.bind(name, node);
+    }
+    for (i, name) in known.enumerate() {
+        let node = graph.input(entries.len() + i);
+        let _ = scope.bind_output(name, node);
     }
     let mut waiting = vec![0_usize; entries.len()];
     let mut dependents = vec![Vec::new(); entries.len()];
@@ -20,7 +28,7 @@ pub(super) fn in_order(parameters: &Ordered<Expression>) -> Vec<(&str, &Expressi
         if let Expression::Text(text) = expression
             && let Ok(node) = graph.parse(text, &scope)
         {
-            for needed in graph.inputs(node) {
+            for needed in graph.inputs(node).into_iter().filter(|needed| *needed < entries.len()) {
                 waiting[i] += 1;
                 dependents[needed].push(i);
             }

@@ -18,6 +18,12 @@ pub(super) trait Written {
     /// Its parameters.
     fn parameters(&self) -> &Ordered<Expression>;
 
+    /// Its definitions.
+    fn definitions(&self) -> &Ordered<Expression>;
+
+    /// Its integrals.
+    fn integrals(&self) -> &Ordered<Expression>;
+
     /// The states and variables that it declares, about.
     fn unknowns(&self) -> usize;
 

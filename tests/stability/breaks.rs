@@ -1,7 +1,6 @@
 //! Forcing, bounds and obstacles that jump at given times: no step goes across, and none overlooks one.
 
 use crate::stability::harness::{Case, distance, last};
-use crate::systems::harness::solve;
 use serde_json::json;
 use std::f64::consts::PI;
 
@@ -105,22 +104,11 @@ fn outputs_within_a_transient_behind_a_switch_are_right() {
     times.push(1.0);
     for (kind, rate, exact) in &rates {
         for stages in [3, 5, 7] {
-            let mut states = json!({"x": {"initial": 1, "rate": rate}});
-            let mut problem = json!({"dvi": {"states": states}});
+            let mut case = Case::until(1.0).state("x", 1.0, rate);
             if *kind == "switch" {
-                states["y"] = json!({"initial": 0, "rate": "1"});
-                problem["dvi"] = json!({
-                    "states": states,
-                    "variables": {"z": {"inequality": "0.5 - y"}},
-                    "set": [{"box": {"of": ["z"], "lower": 0, "upper": 1}}]
-                });
+                case = case.state("y", 0.0, "1").between("z", "0.5 - y", "0", "1");
             }
-            let solution = solve(&json!({
-                "problem": problem,
-                "time": {"end": 1},
-                "method": {"stages": stages, "rtol": 1e-6},
-                "output": {"times": times}
-            }));
+            let solution = case.method(json!({"stages": stages, "rtol": 1e-6})).times(json!(times)).solve();
             assert!(solution.verdict.trusted, "{rate}: {:?}", solution.verdict);
             let error = distance(&solution, "x", |t| exact((t - 0.5).max(0.0)));
             assert!(error < 1e-5, "{rate} with {stages} stages: off by {error:e}");

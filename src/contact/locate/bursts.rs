@@ -82,7 +82,7 @@ impl Leg<'_, '_> {
         let (q, v) = x.split_at(x.len() / 2);
         let mut enclosed = vec![Interval::LINE; allowed.len()];
         self.watch.problem().enclose_in_time(Interval::new(a, b), q, v, &mut enclosed);
-        let is_narrow = |(value, allowed): (&Interval, &f64)| value.defined && value.hi - value.lo <= *allowed;
+        let is_narrow = |(value, allowed): (&Interval, &f64)| value.defined && value.width() <= *allowed;
         if enclosed.iter().zip(allowed).all(is_narrow) {
             return true;
         }

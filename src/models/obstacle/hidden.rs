@@ -117,7 +117,7 @@ impl Hidden {
     fn suspect(&self, field: &mut Field, times: [f64; 3]) -> Option<f64> {
         let mut at = |t: f64| field.over(Interval::point(t), &self.domain);
         let seen = times.into_iter().map(&mut at).reduce(Interval::hull)?;
-        let room = BEYOND * (seen.hi - seen.lo) + f64::EPSILON * seen.lo.abs().max(seen.hi.abs());
+        let room = BEYOND * seen.width() + f64::EPSILON * seen.lo.abs().max(seen.hi.abs());
         let excess = |range: Interval| (range.hi - seen.hi).max(seen.lo - range.lo) - room;
         let mut parts = vec![(times[0], times[1]), (times[1], times[2])];
         let mut ranked: Vec<(f64, f64, f64)> = Vec::with_capacity(PARTS);

@@ -13,48 +13,49 @@
 //! stages: it is held to the tolerance that is not rescaled, but for a factor, since stiff errors do not add up. And `e`
 //! vanishes as `1/z` though between the ends of the step the collocation polynomial may miss a solution that varies over
 //! it: its slope then jumps from the last step to this one. The jump, which is `gamma e` where the problem is not stiff,
-//! is held to what `gamma e` is held to. And the order shows only where a step is short beside what the rates do: the
-//! coefficients of the slope of the collocation polynomial in Legendre polynomials then fall by some `r < 1` from one degree
-//! to the next, and the error of the result is about `r^(s-1) e`. This is held to the tolerance that is not rescaled, with the
-//! `r` of the last of them: a ripple that is small beside the rest of a rate, and has many periods within the step, has the
-//! error `e`. All three are for explicit equations, and for linear ones, in the directions that constraints
-//! leave free: what Newton's method or rounding leaves of other equations does not shrink with the step, and would hold up the
-//! run.
+//! is held to what `gamma e` is held to. And the order shows only where a step is short beside what the rates do (`ripple`).
+//! All three are for explicit equations, and for linear ones, in the directions that constraints leave free: what Newton's
+//! method or rounding leaves of other equations does not shrink with the step, and would hold up the run.
 
 use super::Radau;
+use super::ripple::Ripple;
 use crate::consistent::{Consistent, InverseMass};
 use crate::layout::Storage;
 use crate::newton_control::mean_square_root;
 use crate::orders::Method;
 use nalgebra::DVector;
 use problem::Mass;
-use std::ops::Range;
 
 /// The tolerances that one step may err by where its order is reduced.
 const STIFF: f64 = 3.0;
-
-/// The part of the tolerance below which an error does not keep a step from growing: the next estimate sees what it becomes.
-const NEGLIGIBLE: f64 = 1e-3;
 
 /// Room for the estimate.
 pub(super) struct Estimates {
     /// `e`
     pub error: Vec<f64>,
-    /// The jump of the slope of the states into the step, times its size; empty where there is none to speak of.
+    /// The jump of the slope of the states into the step, times its size; empty where the slope before is not known.
     jump: Vec<f64>,
     /// What rounding leaves of the rates where a first step begins.
     noise: Vec<f64>,
-    embedded: Vec<f64>,
+    pub ripple: Ripple,
+    pub embedded: Vec<f64>,
     pub shifted: Vec<f64>,
 }
 
-/// What rounding may make of a rate, in parts of its terms.
+/// What rounding may make of a rate, in parts of its terms: each is off by a unit or two, and they cancel in part.
 const ROUNDING: f64 = 4.0 * f64::EPSILON;
 
 impl Estimates {
     pub fn new(unknowns: usize) -> Self {
         let zeros = || vec![0.0; unknowns];
-        Self { error: zeros(), jump: Vec::new(), noise: Vec::new(), embedded: zeros(), shifted: zeros() }
+        Self {
+            error: zeros(),
+            jump: Vec::new(),
+            noise: Vec::new(),
+            ripple: Ripple::new(unknowns),
+            embedded: zeros(),
+            shifted: zeros(),
+        }
     }
 }
 
@@ -76,10 +77,11 @@ impl Radau<'_> {
         let n = self.system.unknowns;
         let states = self.system.states;
         let leaves_no_rest = !coupled && self.leaves_no_rest();
-        let tells_all = self.switching.inside.tells_all(&self.system);
-        let is_bound = leaves_no_rest && self.consistent.is_some() && !tells_all;
+        let is_bound = leaves_no_rest && self.consistent.is_some() && !self.switching.inside.tells_all(&self.system);
+        let has_output = self.settings.interpolated && !coupled;
         // What is left of equations that tell their variables shrinks with the step, and a first step has no other slope.
-        let has_slope = self.settings.interpolated && !coupled && (leaves_no_rest || !self.continues && tells_all);
+        let has_slope =
+            has_output && (leaves_no_rest || !self.continues && self.switching.inside.tells_all(&self.system));
         if has_slope && !self.continues && self.last.end_slope.is_empty() {
             self.find_first_slope();
         }
@@ -142,43 +144,8 @@ impl Radau<'_> {
         if !leaves_no_rest {
             return error;
         }
-        let error = error.max(self.ripple_error(is_bound));
+        let error = error.max(self.ripple_error(h, is_bound));
         error.max(self.stiff_error(h, error, is_bound))
-    }
-
-    /// The norm of `r^(s-1) e` for the estimate `e` at hand, in units of the tolerance that is not rescaled, to the power by which
-    /// the tolerance is rescaled. Where states are bound by constraints, in the directions that these leave free.
-    fn ripple_error(&mut self, is_bound: bool) -> f64 {
-        let Method { tableau, tolerance } = self.orders.current();
-        let (s, n) = (tableau.stages(), self.system.unknowns);
-        if s < 3 {
-            return 0.0;
-        }
-        self.estimates.shifted.copy_from_slice(&self.estimates.error);
-        let Self { system, control, switching, y, estimates: Estimates { shifted, .. }, .. } = self;
-        if is_bound && !switching.constraints.project(system, control, y, shifted) {
-            return 0.0;
-        }
-        // Several degrees each, as one coefficient may vanish by chance.
-        let count = (s - 1) / 2;
-        let coefficient = |degree: usize, j: usize| -> f64 {
-            let stages = self.stages.z.chunks_exact(n).take(s);
-            stages.enumerate().map(|(i, z)| tableau.spectrum[(degree, i)] * z[j]).sum()
-        };
-        let largest =
-            |degrees: Range<usize>, j: usize| degrees.map(|degree| coefficient(degree, j).abs()).fold(0.0, f64::max);
-        let share = |j: usize| {
-            let first = s - count;
-            let (last, before) = (largest(first..s, j), largest(first - count.max(2)..first, j));
-            if last < before { (last / before).powf((s - 1) as f64 / count as f64) } else { 1.0 }
-        };
-        let states = 0..self.system.states;
-        let terms = states.map(|j| self.estimates.shifted[j] * share(j) * self.control.weight[j]);
-        let square: f64 = terms.clone().map(|term| term * term).sum();
-        let norm = mean_square_root(square, self.system.states, || terms);
-        let error = tolerance.factor * norm;
-        // What rounding leaves of the increments has coefficients of all degrees.
-        if error < NEGLIGIBLE { 0.0 } else { error.powf(tolerance.exponent) }
     }
 
     /// Takes the rates where a run or a face begins for the slope that its first step is to begin with: behind a switch there
@@ -248,7 +215,7 @@ impl Radau<'_> {
 }
 
 /// The root of the mean square of `e`, weighted.
-fn rms(e: &[f64], weight: &[f64]) -> f64 {
+pub(super) fn rms(e: &[f64], weight: &[f64]) -> f64 {
     let terms = e.iter().zip(weight).map(|(e, w)| e * w);
     mean_square_root(terms.clone().map(|e| e * e).sum(), e.len(), || terms)
 }

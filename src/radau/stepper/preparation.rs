@@ -124,7 +124,7 @@ impl Radau<'_> {
     }
 
     /// Whether the last evaluation gave numbers, and intervals and balls that hold one.
-    pub(super) fn check_evaluation(&self) -> Result<(), StepError> {
+    pub(crate) fn check_evaluation(&self) -> Result<(), StepError> {
         let t = self.clock.t;
         if let Some(row) = self.system.values.iter().position(|value| !value.is_finite()) {
             let (what, component) = self.name_row(row);

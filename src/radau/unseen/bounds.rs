@@ -34,7 +34,7 @@ impl Radau<'_> {
         for (unseen, row) in unseen.iter_mut().zip(&course.rows) {
             let range = room.values[row.at];
             if !is_seen(range, [first[row.at], values[1][row.at], last[row.at]], row.allowed) {
-                *unseen += if range.defined { range.hi - range.lo } else { f64::INFINITY };
+                *unseen += if range.defined { range.width() } else { f64::INFINITY };
             }
         }
         Some(unseen)
@@ -89,7 +89,7 @@ impl Radau<'_> {
         }
         for (unseen, row) in unseen.iter_mut().zip(&course.rows).filter(is_open) {
             let range = room.values[row.at];
-            *unseen = if range.defined { unseen.min(range.hi - range.lo) } else { *unseen };
+            *unseen = if range.defined { unseen.min(range.width()) } else { *unseen };
         }
         Some(unseen)
     }
@@ -138,7 +138,7 @@ impl Radau<'_> {
         self.enclose_in_time(course, part, room)?;
         Some(course.rows.iter().all(|row| {
             let range = room.values[row.at];
-            range.defined && range.hi - range.lo <= row.allowed
+            range.defined && range.width() <= row.allowed
         }))
     }
 

@@ -1,6 +1,6 @@
 //! Pages of other origins that may use the service (`--cors-origin`), as browsers ask for it (Fetch, "CORS protocol").
 //!
-//! An origin is compared as a whole. Cookies play no part: who may do what is told by a token in a header.
+//! An origin is compared as a whole. Cookies play no part: a token in a header says who may do what.
 
 use crate::Options;
 use axum::body::Body;

@@ -14,8 +14,8 @@ use std::io;
 
 /// Show where a job stands.
 ///
-/// The state has the words of OGC API - Processes: `accepted`, `running`, `successful`, `failed`, `dismissed`. What has ended also says
-/// whether the answer is trusted, or why there is none.
+/// The state has the words of OGC API - Processes: `accepted`, `running`, `successful`, `failed`, `dismissed`. A job that has ended
+/// also says whether its answer is trusted, or why it has no answer.
 #[utoipa::path(
     get,
     path = "/jobs/{id}",

@@ -1,0 +1,108 @@
+//! The error of a step that is long beside what the rates do.
+//!
+//! Where the step is short, the coefficients of the slope of the collocation polynomial in Legendre polynomials fall by some
+//! `r < 1` from one degree to the next, and the error of the result is about `r^(s-1) e` for the embedded estimate `e`. This
+//! is held to the tolerance that is not rescaled: a ripple that is small beside the rest of a rate, and has many periods
+//! within the step, has `r = 1` and the error `e`.
+//!
+//! Each of both numbers vanishes for some size of a step by chance, whatever the rates are, so each is found twice. The first
+//! coefficient that the stages do not show is about `r` times the last one, so that `e` is no less than `P/gamma` times
+//! this, with the filter `P = E^-1 (gamma/h) M` of stiff directions that `e` has passed as well. And `r` is no less than
+//! `gamma e` over the last coefficient.
+
+use super::Radau;
+use super::estimate::{Estimates, rms};
+use crate::orders::Method;
+use std::ops::Range;
+
+/// The part of the tolerance below which an error does not keep a step from growing: the next estimate sees what it becomes.
+const NEGLIGIBLE: f64 = 1e-3;
+
+/// The last Legendre coefficients of the slope of each state, times the size of the step, and room for what they let expect.
+pub(super) struct Ripple {
+    /// The largest of the last coefficients, with the sign of the last.
+    last: Vec<f64>,
+    /// By how much they fall over the last half of the degrees.
+    fall: Vec<f64>,
+    expected: Vec<f64>,
+}
+
+impl Ripple {
+    pub fn new(unknowns: usize) -> Self {
+        let zeros = || vec![0.0; unknowns];
+        Self { last: zeros(), fall: zeros(), expected: zeros() }
+    }
+}
+
+impl Radau<'_> {
+    /// The norm of `r^(s-1) e`, in units of the tolerance that is not rescaled, to the power by which the tolerance is
+    /// rescaled. Where constraints bind states, in the directions that these leave free.
+    pub(super) fn ripple_error(&mut self, h: f64, is_bound: bool) -> f64 {
+        let Method { tableau, tolerance } = *self.orders.current();
+        let Some(gamma) = tableau.gamma.filter(|_| tableau.stages() >= 3) else { return 0.0 };
+        let states = self.system.states;
+        self.estimates.shifted.copy_from_slice(&self.estimates.error);
+        let Self { system, control, switching, y, estimates: Estimates { shifted, .. }, .. } = self;
+        if is_bound && !switching.constraints.project(system, control, y, shifted) {
+            return 0.0;
+        }
+        self.find_falls();
+        // What constraints leave of rounding is in the coefficients too.
+        if !is_bound {
+            self.take_expected(h, gamma);
+        }
+        let degrees = tableau.stages() - 1;
+        let power = degrees as f64 / half(degrees) as f64;
+        let Estimates { shifted, ripple, .. } = &mut self.estimates;
+        for ((e, last), fall) in shifted[..states].iter_mut().zip(&ripple.last).zip(&ripple.fall) {
+            *e *= fall.max((gamma * *e / last).abs().min(1.0)).powf(power);
+        }
+        let error = tolerance.factor * rms(&shifted[..states], &self.control.weight);
+        // What rounding leaves of the increments has coefficients of all degrees.
+        if error < NEGLIGIBLE { 0.0 } else { error.powf(tolerance.exponent) }
+    }
+
+    /// Finds the last Legendre coefficients of the slopes, and how they fall.
+    fn find_falls(&mut self) {
+        let (tableau, n) = (self.tableau(), self.system.unknowns);
+        let s = tableau.stages();
+        // Several degrees each, as one coefficient may vanish by chance.
+        let count = half(s - 1);
+        let (first, before) = (s - count, s - count - count.max(2));
+        let coefficient = |degree: usize, j: usize| -> f64 {
+            let stages = self.stages.z.chunks_exact(n).take(s);
+            stages.enumerate().map(|(i, z)| tableau.spectrum[(degree, i)] * z[j]).sum()
+        };
+        let largest =
+            |degrees: Range<usize>, j: usize| degrees.map(|degree| coefficient(degree, j).abs()).fold(0.0, f64::max);
+        let Ripple { last, fall, .. } = &mut self.estimates.ripple;
+        for j in 0..self.system.states {
+            let (largest, before) = (largest(first..s, j), largest(before..first, j));
+            fall[j] = if largest < before { largest / before } else { 1.0 };
+            last[j] = largest.copysign(coefficient(s - 1, j));
+        }
+    }
+
+    /// Makes the estimate no less than what the coefficients let expect.
+    fn take_expected(&mut self, h: f64, gamma: f64) {
+        let Self { system, factors, estimates: Estimates { shifted, embedded, ripple, .. }, .. } = self;
+        let states = system.states;
+        let Ripple { last, fall, expected } = ripple;
+        for ((expected, last), fall) in expected[..states].iter_mut().zip(last).zip(fall) {
+            *expected = *fall * *last / h;
+        }
+        // The filter only makes them smaller.
+        if expected[..states].iter().zip(&*shifted).all(|(expected, e)| h * expected.abs() <= gamma * e.abs()) {
+            return;
+        }
+        system.multiply_by_mass(expected, embedded);
+        if factors.solve_real(embedded) {
+            shifted[..states].iter_mut().zip(embedded).for_each(|(e, expected)| *e = e.abs().max(expected.abs()));
+        }
+    }
+}
+
+/// Half of the degrees, from where on they count as the last.
+fn half(degrees: usize) -> usize {
+    degrees / 2
+}
