@@ -185,7 +185,8 @@ impl Blocks {
 mod tests {
     use super::*;
 
-    /// Any matrix with the pattern of a graph, joints without a diagonal, against the product with what came out.
+    /// Any matrix with the pattern of a graph, against the product with what came out. Joints have a diagonal: loops of six
+    /// equations each have more equations than their bodies have freedoms.
     #[test]
     fn a_solution_times_the_matrix_is_the_right_hand_side_for_chains_stars_and_loops() {
         let chain = |n: u32| -> Vec<[Option<u32>; 2]> { (0..n).map(|k| [Some(k), k.checked_sub(1)]).collect() };
@@ -212,6 +213,7 @@ mod tests {
             }
             for (k, pair) in joints.iter().enumerate() {
                 let joint = (bodies + k) as u32;
+                put(&mut blocks, joint, joint, Matrix6::from_diagonal_element(-1.0));
                 for body in pair.iter().flatten() {
                     for (i, j) in [(*body, joint), (joint, *body)] {
                         put(&mut blocks, i, j, Matrix6::from_fn(|_, _| random()));
