@@ -34,6 +34,7 @@ pub fn describe_rigid_bodies(scene: &Scene, settings: &Settings, analysis: &Anal
         ("friction", scene.laws.any(|law| law.friction > 0.0), "no pair of materials has a coefficient"),
         ("restitution", scene.laws.any(|law| law.restitution > 0.0), "every coefficient is zero"),
         ("joints", !scene.joints.is_empty(), "there are none"),
+        ("midpoint rule", !scene.joints.is_empty(), "no joints hold bodies together"),
         ("moving apart at the start", scene.resolve, "it was not asked for"),
     ];
     for (part, needed, reason) in parts {
@@ -69,6 +70,8 @@ struct Course<'a> {
     work: ViCounts,
     /// Steps in which a restitution was cut.
     limited: u64,
+    /// Steps that were too long for the joints, and taken in parts.
+    halved: u64,
     /// Events so far.
     events: usize,
     checks: Checks,
@@ -103,6 +106,7 @@ impl<'a> Course<'a> {
             energy: Energy::default(),
             work: ViCounts::default(),
             limited: 0,
+            halved: 0,
             events: 0,
             checks: Checks::default(),
         };
@@ -130,6 +134,7 @@ impl<'a> Course<'a> {
             self.work.solver = report.solver;
         }
         self.limited += u64::from(report.is_limited);
+        self.halved += u64::from(report.parts > 1);
     }
 
     /// Notes what the last step may have made wrong of the energy: bodies that contacts push move at first order, and their
@@ -267,6 +272,10 @@ impl Stepper for Course<'_> {
 
     fn finish(&mut self, diagnostics: &mut Diagnostics) {
         diagnostics.steps.accepted = self.steps;
+        if self.halved > 0 {
+            diagnostics.steps.rejected = self.halved;
+            diagnostics.steps.rejected_for.insert("joints", self.halved);
+        }
         if self.work.largest_residual > UNSATISFACTORY {
             let message = format!(
                 "the law of contact and friction was solved to a relative residual of {:e} at worst",

@@ -33,6 +33,7 @@ pub const EXAMPLES: &[Example] = examples! {
     "fluid_queue"
     "friction_belt"
     "friction_disk"
+    "heavy_chain"
     "hires"
     "memory_abel"
     "memory_relaxation"

@@ -80,6 +80,26 @@ pub struct Report {
     pub restitution: f64,
 }
 
+impl Report {
+    /// The report of a law that was solved after another: its own, with the work of both.
+    #[must_use]
+    pub fn after(self, earlier: &Self) -> Self {
+        Self { solves: self.solves + earlier.solves, iterations: self.iterations + earlier.iterations, ..self }
+    }
+
+    /// The report of a step that takes two laws to be solved: that of the worse.
+    #[must_use]
+    pub fn beside(self, other: &Self) -> Self {
+        let worse = if other.outcome != Outcome::Solved { other } else { &self };
+        Self {
+            outcome: worse.outcome,
+            residual: self.residual.max(other.residual),
+            restitution: self.restitution.min(other.restitution),
+            ..self
+        }
+    }
+}
+
 /// The solvers of the law, with their room.
 #[derive(Debug)]
 pub struct Law {

@@ -30,6 +30,12 @@ pub struct Contact {
     pub before: Vector3<f64>,
     /// Added to the normal velocity without impulses.
     pub bias: f64,
+    /// A gap that is none.
+    pub no_gap: f64,
+    /// The gap at the end of the step.
+    pub gap_at_end: f64,
+    /// What it did over the step, by normal and tangents, in joules.
+    pub work: Vector3<f64>,
 }
 
 impl Contact {
@@ -48,6 +54,9 @@ impl Contact {
             impulse: Vector3::zeros(),
             before: Vector3::zeros(),
             bias: 0.0,
+            no_gap: 0.0,
+            gap_at_end: point.gap,
+            work: Vector3::zeros(),
         };
         contact.before = contact.velocity(|body| (moving[body as usize].velocity, moving[body as usize].omega));
         contact
@@ -67,6 +76,11 @@ impl Contact {
     /// The frictionless contact at which velocities are displacements, and an overlap is a velocity that closes it.
     pub fn of_displacements(self) -> Self {
         Self { gap: self.gap.max(0.0), bias: self.gap.min(0.0), law: Law::default(), before: Vector3::zeros(), ..self }
+    }
+
+    /// Whether its bodies touch at the end of the step.
+    pub fn stays_closed(&self) -> bool {
+        self.gap_at_end <= self.no_gap
     }
 
     /// `J^T r` for one side: impulse and angular impulse on that body.

@@ -1,36 +1,69 @@
-//! One step of one island. With `v_free = v + h M^-1 f` and the contact law `r = L(W, J v_free, ..)`
+//! One step of one island, whose bodies are solved together.
+//!
+//! Without joints, with `v_free = v + h M^-1 f` and the contact law `r = L(W, J v_free, ..)`,
 //!
 //! ```text
-//! v+ = v_free + M^-1 (J^T r + G^T lambda),    c(q (+) h v+) = 0
+//! v+ = v_free + M^-1 J^T r,    q+ = q (+) h v+
 //! ```
 //!
-//! The equations of the joints are asked to hold at the end of the step, as in SHAKE (Ryckaert, Ciccotti and Berendsen
-//! 1977), which is symplectic: joints neither drift nor feed energy. Newton with the derivative `G` of the start finds
-//! `G v+ = -b`, a few iterations in which `b` takes up the curvature of `c`.
+//! With joints the motion is that of [`articulated`](self::articulated).
 
-use super::constraints::{Constraints, poses};
+mod articulated;
+
 use super::contact::Contact;
 use super::delassus;
-use super::joint::{Joint, Row};
+use super::joint::Joint;
+use super::linkage::Linkage;
 use super::motion::Motion;
+use super::scene::Scene;
 use contact::ImpactLaw;
 use contact::law::{Cone, Contacts, Law, Report, sequential};
-use nalgebra::Vector3;
+use nalgebra::{Vector3, Vector6};
 use problem::Control;
 use vi::coulomb::BlockMatrix;
 
-/// Iterations for the curvature of joints; each gains the digits of `h w`.
-const ITERATIONS: usize = 8;
+/// What all islands of a scene share.
+#[derive(Debug)]
+pub struct Mechanism<'a> {
+    /// All joints.
+    pub joints: &'a [Joint],
+    /// All linkages, and one for bodies without joints.
+    pub linkages: Vec<Linkage>,
+    pub alone: Linkage,
+    /// Of each joint its linkage.
+    pub of_joint: Vec<u32>,
+    /// Metres a second squared.
+    pub gravity: Vector3<f64>,
+}
 
-/// Errors of joints that are rounding, in parts of the lengths about.
-const ROUNDING: f64 = 1e-14;
+impl<'a> Mechanism<'a> {
+    /// That of a scene; `places` are those of its bodies among the `moving`.
+    pub fn new(scene: &'a Scene, places: &[Option<u32>], moving: usize) -> Self {
+        let linkages = Linkage::all(&scene.joints, places, moving);
+        let mut of_joint = vec![0; scene.joints.len()];
+        for (k, linkage) in linkages.iter().enumerate() {
+            linkage.joints.iter().for_each(|&joint| of_joint[joint as usize] = k as u32);
+        }
+        Self { joints: &scene.joints, linkages, alone: Linkage::alone(), of_joint, gravity: scene.gravity }
+    }
+}
+
+/// Why an island was not solved.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unsolved {
+    /// The equations of the joints have no solution.
+    Joints,
+    /// The step is too long for them.
+    TooLong,
+}
 
 /// The bodies, contacts and joints of an island, copied out so that islands can be solved side by side.
 #[derive(Debug)]
 pub struct Island {
     /// Which of the moving bodies these are.
     pub bodies: Vec<u32>,
-    /// The bodies, forces already in their velocities; after the solve with the velocities at the end of the step.
+    /// The bodies: forces are in their velocities where there are no joints. After the solve with the velocities at the end of
+    /// the step and, where there are joints, there.
     pub moving: Vec<Motion>,
     /// The contacts, between places in `moving`.
     pub contacts: Vec<Contact>,
@@ -38,14 +71,22 @@ pub struct Island {
     pub sources: Vec<u32>,
     /// The joints, as places among all.
     pub joints: Vec<u32>,
+    /// The linkages likewise, in ascending order.
+    pub linkages: Vec<u32>,
+    /// The forces of the joints in the last step, by linkage.
+    pub tensions: Vec<Vec<Vector6<f64>>>,
+    /// The largest kinetic energy that they had, in joules.
+    pub largest_energy: f64,
+    /// The steps that it took.
+    pub steps: u64,
     /// The set that friction is taken from.
     pub cone: Cone,
     /// How simultaneous impacts come about.
     pub impact_law: ImpactLaw,
     /// How the contact law was solved, if there were contacts.
     pub report: Option<Report>,
-    /// Whether the rows of the joints could not be solved.
-    pub is_singular: bool,
+    /// Why it was not solved.
+    pub unsolved: Option<Unsolved>,
 }
 
 impl Island {
@@ -57,10 +98,14 @@ impl Island {
             contacts: Vec::new(),
             sources: Vec::new(),
             joints: Vec::new(),
+            linkages: Vec::new(),
+            tensions: Vec::new(),
+            largest_energy: 0.0,
+            steps: 0,
             cone,
             impact_law,
             report: None,
-            is_singular: false,
+            unsolved: None,
         }
     }
 
@@ -71,58 +116,74 @@ impl Island {
         self.contacts.clear();
         self.sources.clear();
         self.joints.clear();
-        (self.report, self.is_singular) = (None, false);
+        self.linkages.clear();
+        self.tensions.clear();
+        (self.largest_energy, self.steps) = (0.0, 0);
+        (self.report, self.unsolved) = (None, None);
     }
 
-    /// The joints, each with the places of its bodies here; `places` are those among all that move.
-    fn joined<'j>(&self, joints: &'j [Joint], places: &[Option<u32>]) -> Vec<(&'j Joint, [Option<u32>; 2])> {
-        let place = |body: usize| places[body].and_then(|body| self.bodies.binary_search(&body).ok()).map(|k| k as u32);
-        let joint = |&k: &u32| (&joints[k as usize], joints[k as usize].places(&place));
-        self.joints.iter().map(joint).collect()
+    /// Whether bodies of it are joined.
+    pub fn has_joints(&self) -> bool {
+        !self.joints.is_empty()
     }
 
-    /// Solves for the impulses and puts them into the velocities.
-    pub fn solve(&mut self, h: f64, joints: &[Joint], places: &[Option<u32>], law: &mut Law, control: &Control) {
-        let joined = self.joined(joints, places);
-        let constraints = Constraints::new(&joined, &self.moving);
-        match constraints {
-            None => {
-                // Who stops it throws away what the island was left with.
-                let Some(matrix) = delassus::matrix(&self.contacts, &self.moving, control) else { return };
-                self.impulses(&matrix, h, law, control);
-                push_contacts(&self.contacts, &mut self.moving);
-            }
-            Some(constraints) => self.solve_joined(constraints, h, &joined, law, control),
-        }
-    }
-
-    /// Takes out of the velocities what the joints do not let be, by impulses of theirs alone.
-    pub fn obey_joints(&mut self, joints: &[Joint], places: &[Option<u32>]) {
-        if let Some(mut constraints) = Constraints::new(&self.joined(joints, places), &self.moving) {
-            let none = vec![0.0; constraints.values().count()];
-            self.is_singular = !constraints.hold(&none, &mut self.moving);
-        }
-    }
-
-    /// The contact law, from the velocities as they stand.
-    fn impulses(&mut self, matrix: &BlockMatrix, h: f64, law: &mut Law, control: &Control) {
-        if self.contacts.is_empty() {
+    /// Solves for the impulses and puts them into the velocities; moves what joints hold together.
+    pub fn solve(&mut self, h: f64, mechanism: &Mechanism<'_>, law: &mut Law, control: &Control) {
+        if self.has_joints() {
+            self.solve_joined(h, mechanism, law, control);
             return;
         }
+        self.steps = 1;
+        // Who stops it throws away what the island was left with.
+        let Some(matrix) = delassus::matrix(&self.contacts, &self.moving, control) else { return };
         let moving = &self.moving;
         let of = |body: u32| (moving[body as usize].velocity, moving[body as usize].omega);
-        let free = self.contacts.iter().map(|contact| contact.velocity(of) + Vector3::x() * contact.bias);
-        let mut free: Vec<Vector3<f64>> = free.collect();
+        let free = self.contacts.iter().map(|contact| contact.velocity(of) + Vector3::x() * contact.bias).collect();
+        let gaps: Vec<f64> = self.contacts.iter().map(|contact| contact.gap).collect();
+        let impulses = self.contacts.iter().map(|contact| contact.impulse).collect();
+        let impulses = self.impulses(&matrix, free, &gaps, true, h, impulses, law, control);
+        for (contact, impulse) in self.contacts.iter_mut().zip(impulses) {
+            contact.impulse = impulse;
+            for side in [0, 1] {
+                if let Some(body) = contact.bodies[side] {
+                    let (impulse, angular) = contact.wrench(side, &contact.impulse);
+                    self.moving[body as usize].push(&impulse, &angular);
+                }
+            }
+        }
+        let moving = &self.moving;
+        for contact in &mut self.contacts {
+            let after = contact.velocity(|body| (moving[body as usize].velocity, moving[body as usize].omega));
+            contact.gap_at_end = contact.gap + h * after.x;
+            contact.work = contact.impulse.component_mul(&(0.5 * (after + contact.before)));
+        }
+    }
+
+    /// The contact law with these velocities without impulses, from impulses that may be near.
+    #[expect(clippy::too_many_arguments, reason = "the terms of the law")]
+    fn impulses(
+        &mut self,
+        matrix: &BlockMatrix,
+        mut free: Vec<Vector3<f64>>,
+        gap: &[f64],
+        rebounds: bool,
+        h: f64,
+        mut r: Vec<Vector3<f64>>,
+        law: &mut Law,
+        control: &Control,
+    ) -> Vec<Vector3<f64>> {
+        if self.contacts.is_empty() {
+            return r;
+        }
         let mut before: Vec<Vector3<f64>> = self.contacts.iter().map(|contact| contact.before).collect();
-        let gap: Vec<f64> = self.contacts.iter().map(|contact| contact.gap).collect();
         let mu: Vec<f64> = self.contacts.iter().map(|contact| contact.law.friction).collect();
-        let restitution: Vec<f64> = self.contacts.iter().map(|contact| contact.law.restitution).collect();
+        let of = |contact: &Contact| if rebounds { contact.law.restitution } else { 0.0 };
+        let restitution: Vec<f64> = self.contacts.iter().map(of).collect();
         let cone = vec![self.cone; gap.len()];
         let mut struck = vec![Vector3::zeros(); gap.len()];
         let (mu, restitution, cone) = (&mu[..], &restitution[..], &cone[..]);
-        if self.impact_law == ImpactLaw::Sequential {
-            let contacts =
-                Contacts { delassus: matrix, free: &free, before: &before, gap: &gap, mu, restitution, cone, h };
+        if rebounds && self.impact_law == ImpactLaw::Sequential {
+            let contacts = Contacts { delassus: matrix, free: &free, before: &before, gap, mu, restitution, cone, h };
             struck = sequential(&contacts).0;
             for k in 0..gap.len() {
                 let change = matrix.row_product(k, &struck);
@@ -130,74 +191,10 @@ impl Island {
                 free[k] += change;
             }
         }
-        let contacts = Contacts { delassus: matrix, free: &free, before: &before, gap: &gap, mu, restitution, cone, h };
-        let mut r: Vec<Vector3<f64>> = self.contacts.iter().map(|contact| contact.impulse).collect();
-        self.report = Some(law.impulses(&contacts, &mut r, control));
+        let contacts = Contacts { delassus: matrix, free: &free, before: &before, gap, mu, restitution, cone, h };
+        let report = law.impulses(&contacts, &mut r, control);
+        self.report = Some(self.report.map_or(report, |last| report.after(&last)));
         r.iter_mut().zip(&struck).for_each(|(r, struck)| *r += struck);
-        for (contact, r) in self.contacts.iter_mut().zip(r) {
-            contact.impulse = r;
-        }
-    }
-
-    fn solve_joined(
-        &mut self,
-        mut constraints: Constraints,
-        h: f64,
-        joints: &[(&Joint, [Option<u32>; 2])],
-        law: &mut Law,
-        control: &Control,
-    ) {
-        let n = self.contacts.len();
-        let Some(blocks) = delassus::blocks(&self.contacts, &self.moving, control) else { return };
-        let coupling = constraints.coupling(&self.contacts, &self.moving, control);
-        let matrix = coupling.and_then(|coupling| BlockMatrix::from_blocks(n, blocks.into_iter().chain(coupling)));
-        let Some(matrix) = matrix else {
-            self.is_singular = true;
-            return;
-        };
-        let start = self.moving.clone();
-        let mut b: Vec<f64> = constraints.values().map(|c| c / h).collect();
-        let mut last = f64::INFINITY;
-        for _ in 0..ITERATIONS {
-            self.moving.copy_from_slice(&start);
-            self.is_singular |= !constraints.hold(&b, &mut self.moving);
-            self.impulses(&matrix, h, law, control);
-            self.moving.copy_from_slice(&start);
-            push_contacts(&self.contacts, &mut self.moving);
-            self.is_singular |= !constraints.hold(&b, &mut self.moving);
-            let (error, size) = self.errors(h, joints, &mut b);
-            if self.is_singular || error <= ROUNDING * size || error >= 0.5 * last {
-                return;
-            }
-            last = error;
-        }
-    }
-
-    /// Adds the errors of the joints at the end of the step to `b`; the greatest of them, and the size of the coordinates.
-    fn errors(&self, h: f64, joints: &[(&Joint, [Option<u32>; 2])], b: &mut [f64]) -> (f64, f64) {
-        let mut end = self.moving.clone();
-        end.iter_mut().for_each(|motion| motion.drift(h));
-        let mut rows: Vec<Row> = Vec::with_capacity(b.len());
-        for (joint, bodies) in joints {
-            joint.rows(poses(*bodies, &end), &mut rows);
-        }
-        let mut greatest = 0.0_f64;
-        for (b, row) in b.iter_mut().zip(&rows) {
-            *b += row.value / h;
-            greatest = greatest.max(row.value.abs());
-        }
-        let size = end.iter().map(|motion| motion.pose.translation.vector.amax()).fold(1e-3, f64::max);
-        (greatest, size)
-    }
-}
-
-fn push_contacts(contacts: &[Contact], moving: &mut [Motion]) {
-    for contact in contacts {
-        for side in [0, 1] {
-            if let Some(body) = contact.bodies[side] {
-                let (impulse, angular) = contact.wrench(side, &contact.impulse);
-                moving[body as usize].push(&impulse, &angular);
-            }
-        }
+        r
     }
 }

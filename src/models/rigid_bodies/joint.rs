@@ -4,13 +4,16 @@
 //! |---|---|
 //! | ball | the anchors coincide |
 //! | hinge | and the axes are parallel: `t_1 . a = t_2 . a = 0` with `t_1, t_2` across the axis in one body, `a` the axis in the other |
-//! | slider | the relative rotation is none, and the anchors differ along the axis only |
-//! | fixed | neither rotation nor difference of anchors |
+//! | slider | there is no relative rotation, and the anchors differ along the axis only |
+//! | fixed | there is neither rotation nor difference of anchors |
 //!
-//! The derivative of `c` along a motion is `G v`, row by row a wrench on each body.
+//! Every equation is a product `alpha . beta` of two vectors: `alpha` is constant or turns with the second body, `beta` is
+//! the difference of the anchors or turns with the first. The derivative of `c` along a motion is `G v`, row by row a
+//! wrench on each body; in the mean frames of a step it is the discrete gradient of `c`.
 
+use super::frame::Frame;
 use super::scene::Body;
-use nalgebra::{Isometry3, Unit, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Unit, Vector3};
 use std::collections::HashSet;
 
 /// What a joint leaves free.
@@ -29,17 +32,37 @@ pub enum JointKind {
 /// A joint between a moving body and another or the world.
 #[derive(Clone, Debug)]
 pub struct Joint {
-    kind: JointKind,
     /// The bodies; none is the world.
     pub bodies: (usize, Option<usize>),
     /// The anchor, in the frames of the bodies or the world.
-    anchors: [Vector3<f64>; 2],
-    /// The axis likewise.
-    axes: [Vector3<f64>; 2],
-    /// Two directions across the axis, in the frame of the second.
-    across: [Vector3<f64>; 2],
-    /// The orientation of the first in the frame of the second.
-    turn: UnitQuaternion<f64>,
+    pub(super) anchors: [Vector3<f64>; 2],
+    /// What it asks for; no more than six.
+    pub(super) equations: Vec<Equation>,
+}
+
+/// One equation, `alpha . beta = 0`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Equation {
+    pub alpha: Alpha,
+    pub beta: Beta,
+}
+
+/// The first factor of an equation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Alpha {
+    /// A direction of the world.
+    World(Vector3<f64>),
+    /// A direction in the frame of the second body.
+    Second(Vector3<f64>),
+}
+
+/// The second factor of an equation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Beta {
+    /// The anchor of the first body less that of the second.
+    Apart,
+    /// A direction in the frame of the first body.
+    First(Vector3<f64>),
 }
 
 /// One equation: its value, and the derivative by the velocity and the angular velocity of each body.
@@ -72,24 +95,34 @@ impl Joint {
     ) -> Self {
         let poses = [all[bodies.0].pose, bodies.1.map_or(Isometry3::identity(), |b| all[b].pose)];
         let anchors = poses.map(|pose| pose.rotation.inverse() * (at - pose.translation.vector));
-        let axes = poses.map(|pose| pose.rotation.inverse() * axis.into_inner());
-        let least = Vector3::ith(axes[1].iamin(), 1.0);
-        let t = axes[1].cross(&least).normalize();
-        let turn = poses[1].rotation.inverse() * poses[0].rotation;
-        Self { kind, bodies, anchors, axes, across: [t, axes[1].cross(&t)], turn }
+        let [first, second] = poses.map(|pose| move |e: Vector3<f64>| pose.rotation.inverse() * e);
+        let least = Vector3::ith(axis.iamin(), 1.0);
+        let t = axis.cross(&least).normalize();
+        let across = [t, axis.cross(&t)];
+        let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()];
+        let point = [x, y, z].map(|e| Equation { alpha: Alpha::World(e), beta: Beta::Apart });
+        let sliding = across.map(|e| Equation { alpha: Alpha::Second(second(e)), beta: Beta::Apart });
+        let parallel = |e, f| Equation { alpha: Alpha::Second(second(e)), beta: Beta::First(first(f)) };
+        let along = across.map(|t| parallel(t, axis.into_inner()));
+        let aligned = [parallel(y, x), parallel(z, y), parallel(x, z)];
+        let equations = match kind {
+            JointKind::Ball => point.to_vec(),
+            JointKind::Hinge => [&point[..], &along].concat(),
+            JointKind::Slider => [&sliding[..], &aligned].concat(),
+            JointKind::Fixed => [point, aligned].concat(),
+        };
+        Self { bodies, anchors, equations }
     }
 
     /// How fast its points part, in metres a second, and how fast its bodies turn as it does not let them, in radians a
     /// second, as they all are at the start; `None` if that is less than `fraction` of their velocities.
     pub fn torn(&self, all: &[Body], fraction: f64) -> Option<[f64; 2]> {
-        let world = (Isometry3::identity(), (Vector3::zeros(), Vector3::zeros()));
-        let start = |body: &Body| (body.pose, (body.velocity, body.omega));
+        let world = (Frame::WORLD, (Vector3::zeros(), Vector3::zeros()));
+        let start = |body: &Body| (Frame::of(&body.pose), (body.velocity, body.omega));
         let [first, second] = [start(&all[self.bodies.0]), self.bodies.1.map_or(world, |b| start(&all[b]))];
-        let mut rows = Vec::new();
-        self.rows([&first.0, &second.0], &mut rows);
         let of = [first.1, second.1];
         let (mut speeds, mut torn) = ([0.0_f64; 2], false);
-        for row in &rows {
+        for row in self.rows([&first.0, &second.0]) {
             let speed = row.velocity(of).abs();
             let size: f64 =
                 (0..2).map(|k| row.force.norm() * of[k].0.norm() + row.torques[k].norm() * of[k].1.norm()).sum();
@@ -115,45 +148,47 @@ impl Joint {
         [places(self.bodies.0), self.bodies.1.and_then(places)]
     }
 
-    /// The equations at these poses.
-    pub fn rows(&self, poses: [&Isometry3<f64>; 2], rows: &mut Vec<Row>) {
-        let [p, q] = poses;
-        let arms = [p.rotation * self.anchors[0], q.rotation * self.anchors[1]];
-        let apart = p.translation.vector + arms[0] - q.translation.vector - arms[1];
-        // d/dt (e . apart) for a direction e that turns with the second body.
-        let mut point = |e: Vector3<f64>, turns: bool| {
-            let lever = if turns { arms[1] + apart } else { arms[1] };
-            rows.push(Row { value: e.dot(&apart), force: e, torques: [arms[0].cross(&e), -lever.cross(&e)] });
-        };
-        match self.kind {
-            JointKind::Ball | JointKind::Hinge | JointKind::Fixed => {
-                for e in [Vector3::x(), Vector3::y(), Vector3::z()] {
-                    point(e, false);
-                }
-            }
-            JointKind::Slider => {
-                for e in self.across {
-                    point(q.rotation * e, true);
-                }
-            }
+    /// The anchors as seen from the centres of mass, and their difference.
+    pub(super) fn arms(&self, [p, q]: [&Frame; 2]) -> ([Vector3<f64>; 2], Vector3<f64>) {
+        let arms = [p.axes * self.anchors[0], q.axes * self.anchors[1]];
+        (arms, p.at + arms[0] - q.at - arms[1])
+    }
+
+    /// The equations in these frames.
+    pub fn rows<'j>(&'j self, frames: [&'j Frame; 2]) -> impl Iterator<Item = Row> + 'j {
+        let (arms, apart) = self.arms(frames);
+        self.equations.iter().map(move |equation| equation.row(frames, arms, apart))
+    }
+}
+
+impl Alpha {
+    /// The direction in the world, with the frame of the second body.
+    pub fn in_world(&self, second: &Frame) -> Vector3<f64> {
+        match self {
+            Self::World(e) => *e,
+            Self::Second(e) => second.axes * e,
         }
-        match self.kind {
-            JointKind::Ball => {}
-            JointKind::Hinge => {
-                let axis = p.rotation * self.axes[0];
-                for t in self.across {
-                    let t = q.rotation * t;
-                    // d/dt (t . a) = (w_1 - w_2) . (a x t).
-                    let torque = axis.cross(&t);
-                    rows.push(Row { value: t.dot(&axis), force: Vector3::zeros(), torques: [torque, -torque] });
-                }
+    }
+
+    /// Whether it turns with the second body.
+    pub fn turns(&self) -> bool {
+        matches!(self, Self::Second(_))
+    }
+}
+
+impl Equation {
+    fn row(&self, [p, q]: [&Frame; 2], arms: [Vector3<f64>; 2], apart: Vector3<f64>) -> Row {
+        let alpha = self.alpha.in_world(q);
+        match self.beta {
+            Beta::Apart => {
+                let lever = if self.alpha.turns() { arms[1] + apart } else { arms[1] };
+                Row { value: alpha.dot(&apart), force: alpha, torques: [arms[0].cross(&alpha), -lever.cross(&alpha)] }
             }
-            JointKind::Slider | JointKind::Fixed => {
-                // The rotation vector of what the first has turned more than the second, in the world.
-                let excess = (p.rotation * (q.rotation * self.turn).inverse()).scaled_axis();
-                for e in [Vector3::x(), Vector3::y(), Vector3::z()] {
-                    rows.push(Row { value: e.dot(&excess), force: Vector3::zeros(), torques: [e, -e] });
-                }
+            Beta::First(b) => {
+                // d/dt (alpha . b) = (w_1 - w_2) . (b x alpha).
+                let b = p.axes * b;
+                let torque = b.cross(&alpha);
+                Row { value: alpha.dot(&b), force: Vector3::zeros(), torques: [torque, -torque] }
             }
         }
     }

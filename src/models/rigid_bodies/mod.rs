@@ -4,12 +4,14 @@
 //! obey Coulomb's law itself, and joints are eliminated exactly.
 
 pub mod collision;
-mod constraints;
 mod contact;
 mod delassus;
+mod frame;
 mod island;
 mod joint;
+mod linkage;
 mod load;
+mod midpoint;
 mod motion;
 mod outputs;
 mod polyhedron;

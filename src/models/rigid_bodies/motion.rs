@@ -2,7 +2,7 @@
 
 use super::rotation::rotate;
 use super::scene::Body;
-use nalgebra::{Isometry3, Matrix3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Quaternion, UnitQuaternion, Vector3, Vector6};
 
 /// A body that moves.
 #[derive(Clone, Copy, Debug)]
@@ -20,6 +20,8 @@ pub struct Motion {
     inertia_inverse: Matrix3<f64>,
     /// The inverse inertia in the world, at this pose.
     pub mobility: Matrix3<f64>,
+    /// The time by which its velocity is behind its pose: half a step where the velocity is that of a step's middle.
+    pub lag: f64,
     /// Whether the inertia is the same about every axis.
     is_round: bool,
 }
@@ -37,6 +39,7 @@ impl Motion {
             inertia: body.inertia,
             inertia_inverse,
             mobility: inertia_inverse,
+            lag: 0.0,
             is_round: round.amax() <= 1e-14 * body.inertia[(0, 0)],
         };
         motion.turn_mobility();
@@ -75,6 +78,35 @@ impl Motion {
         self.pose.rotation = UnitQuaternion::new_normalize((self.pose.rotation * turn).into_inner());
         self.omega = self.pose.rotation * omega;
         self.turn_mobility();
+    }
+
+    /// The inertia in the world, at this pose.
+    pub fn inertia_in_world(&self) -> Matrix3<f64> {
+        if self.is_round {
+            return self.inertia;
+        }
+        let rotation = self.pose.rotation.to_rotation_matrix();
+        rotation.matrix() * self.inertia * rotation.matrix().transpose()
+    }
+
+    /// The pose after a time `h` with these mean velocities, as centre and directions move on chords: by Cayley's rotation.
+    pub fn moved_by_chords(&self, velocity: &Vector3<f64>, omega: &Vector3<f64>, h: f64) -> Isometry3<f64> {
+        let turn = UnitQuaternion::new_normalize(Quaternion::from_parts(1.0, omega * (0.5 * h)));
+        let rotation = UnitQuaternion::new_normalize((turn * self.pose.rotation).into_inner());
+        Isometry3::from_parts((self.pose.translation.vector + velocity * h).into(), rotation)
+    }
+
+    /// Comes to be at a pose with these velocities.
+    pub fn arrive(&mut self, pose: &Isometry3<f64>, velocity: &Vector3<f64>, omega: &Vector3<f64>) {
+        (self.pose, self.velocity, self.omega, self.lag) = (*pose, *velocity, *omega, 0.0);
+        self.turn_mobility();
+    }
+
+    /// The displacement and the rotation vector to another pose.
+    pub fn way_to(&self, other: &Self) -> Vector6<f64> {
+        let by = other.pose.translation.vector - self.pose.translation.vector;
+        let turn = (other.pose.rotation * self.pose.rotation.inverse()).scaled_axis();
+        Vector6::new(by.x, by.y, by.z, turn.x, turn.y, turn.z)
     }
 
     /// Moves by a displacement and a rotation vector, without a change of velocity.

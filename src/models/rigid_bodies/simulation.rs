@@ -1,13 +1,16 @@
 //! Steps of a scene: find the contacts, let forces act, solve each island, move.
 //!
 //! ```text
-//! v_free = v + (h_last + h)/2 g,    v+ = v_free + M^-1 (J^T r + G^T lambda),    q+ = q (+) h v+
+//! v_free = v + (h_last + h)/2 g,    v+ = v_free + M^-1 J^T r,    q+ = q (+) h v+
 //! ```
 //!
 //! Velocities are those of the middles of steps, the first step after `h_last = 0`: this is the leapfrog, exact in free
-//! fall, of second order with joints (Andersen 1983), and at the end of a step bodies have the other half of the kick, as
-//! their joints let them. A body that a contact holds has its velocity to the end of the step, as friction and the
-//! contact left it, and `h_last = h`: of first order, as impacts are.
+//! fall, and at the end of a step bodies have the other half of the kick. A body that a contact holds has its velocity to
+//! the end of the step, as friction and the contact left it, and `h_last = h`: of first order, as impacts are.
+//!
+//! Bodies that joints hold together, and those that touch them, move by the midpoint rule with the forces of the joints at
+//! their means, of second order, and have the velocities of the ends of steps. Where the step is too long for them it is
+//! halved.
 //!
 //! The contacts are those of the start of the step, with their gaps: an open one closes no further than to touch
 //! (Stewart and Trinkle 1996). What curvature makes bodies overlap at the end is moved apart at the start of the next
@@ -18,7 +21,7 @@ mod overlaps;
 
 use super::collision::{BroadPhase, ContactPoint, contacts};
 use super::contact::Contact;
-use super::island::Island;
+use super::island::{Island, Mechanism, Unsolved};
 use super::joint::{Joint, joined};
 use super::load::Load;
 use super::motion::Motion;
@@ -27,7 +30,7 @@ use super::touches::Touches;
 use contact::islands::{Islands, solve_apart, threads};
 use contact::law::{self, Law};
 use contact::{ImpactLaw, Settings};
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Vector3, Vector6};
 use problem::{Control, EventKind, Interrupted};
 use rustc_hash::FxHashMap;
 use std::collections::HashSet;
@@ -77,6 +80,13 @@ impl From<Interrupted> for StepFailure {
     }
 }
 
+/// Halvings of a step that is too long for the joints of a scene with contacts.
+const HALVINGS: u32 = 16;
+
+/// The overlap at the end of a step, in parts of the smaller body's size, that bodies with joints may come to: half of what
+/// the verdict allows.
+const UNSEEN: f64 = 5e-4;
+
 /// A residual of the contact law above this is no answer.
 const UNSOLVED: f64 = 0.1;
 
@@ -103,6 +113,8 @@ pub struct ContactReport {
     pub drifted: usize,
     /// Islands with contacts or joints.
     pub islands: usize,
+    /// The steps in which it was made: more than one where it was too long for the joints.
+    pub parts: u64,
     /// Contact problems solved.
     pub solves: u64,
     /// Pivots or iterations in all.
@@ -127,6 +139,11 @@ impl ContactReport {
     }
 }
 
+/// How far around a body contacts are looked for: as far as it comes in a step `h` in which forces make it faster by `fall`.
+fn margin(motion: &Motion, reach: f64, fall: f64, h: f64) -> f64 {
+    h * (motion.velocity.norm() + fall + motion.omega.norm() * reach) + NEAR * reach
+}
+
 /// A scene in motion.
 #[derive(Debug)]
 pub struct Simulation<'a> {
@@ -139,8 +156,13 @@ pub struct Simulation<'a> {
     held: Vec<bool>,
     /// Whether a contact pushed them in the last step, or what they are joined to.
     pub pushed: Vec<bool>,
-    /// The length of the last step.
-    last: f64,
+    /// Whether a step was made.
+    has_begun: bool,
+    /// Which of them are in an island with joints.
+    jointed: Vec<bool>,
+    mechanism: Mechanism<'a>,
+    /// Of each linkage the forces of its joints in the last step, and its largest kinetic energy so far.
+    tensions: Vec<(Vec<Vector6<f64>>, f64)>,
     /// The places of the scene's bodies among them.
     places: Vec<Option<u32>>,
     /// The contacts of the step.
@@ -177,12 +199,16 @@ impl<'a> Simulation<'a> {
                 moving.len() as u32 - 1
             }));
         }
+        let mechanism = Mechanism::new(scene, &places, moving.len());
         Self {
             scene,
             ends: moving.clone(),
             held: vec![false; moving.len()],
             pushed: vec![false; moving.len()],
-            last: 0.0,
+            has_begun: false,
+            jointed: vec![false; moving.len()],
+            tensions: mechanism.linkages.iter().map(|of| (vec![Vector6::zeros(); of.joints.len()], 0.0)).collect(),
+            mechanism,
             moving,
             places,
             contacts: Vec::new(),
@@ -218,39 +244,69 @@ impl<'a> Simulation<'a> {
     /// # Errors
     /// If the bodies cannot go on.
     pub fn step(&mut self, h: f64, control: &Control) -> Result<(), StepFailure> {
+        self.report = ContactReport::default();
+        self.happenings.clear();
+        self.advance(h, HALVINGS, control)?;
+        self.measure_joints();
+        self.check()
+    }
+
+    /// Makes a step of length `h`, or halves of it where that is too long.
+    fn advance(&mut self, h: f64, halvings: u32, control: &Control) -> Result<(), StepFailure> {
         self.detect(h, control)?;
-        self.report = ContactReport {
-            penetration: self.depth(0.0).max(0.0),
-            overlap: self.overlap(),
-            ..ContactReport::default()
-        };
+        self.report.penetration = self.report.penetration.max(self.depth(0.0));
+        self.report.overlap = self.report.overlap.max(self.overlap());
         self.part_overlaps(h, control)?;
-        if self.last == 0.0 {
-            self.hold(h, |_| true);
+        if !self.has_begun {
+            self.foresee(h);
+            self.hold(|_| true);
+            self.has_begun = true;
         }
-        let [held, free] = [h, 0.5 * (self.last + h)].map(|time| self.scene.gravity * time);
-        for (motion, is_held) in self.moving.iter_mut().zip(&self.held) {
-            motion.velocity += if *is_held { held } else { free };
-        }
-        self.report.kinetic = self.moving.iter().map(Motion::kinetic_energy).sum();
+        let start = self.moving.clone();
+        self.group();
+        self.kick(h);
+        let kinetic: f64 = self.moving.iter().map(Motion::kinetic_energy).sum();
+        self.report.kinetic = self.report.kinetic.max(kinetic);
         self.remember();
         self.close();
-        self.solve(h, control)?;
-        // What was left half-way is no step.
+        self.part();
+        let report = self.report;
+        let solved = self.solve_each(|island, mechanism, law| island.solve(h, mechanism, law, control));
+        // Who stops it throws away what was left half-way.
         control.go_on()?;
+        let is_too_long = solved == Err(Unsolved::TooLong) || self.meets_unseen(&start, h, control)?;
+        if is_too_long && halvings > 0 {
+            (self.moving, self.report) = (start, report);
+            self.advance(0.5 * h, halvings - 1, control)?;
+            return self.advance(0.5 * h, halvings - 1, control);
+        }
+        solved.map_err(|_| StepFailure::Joints)?;
+        let parts = self.tasks[..self.islands.len()].iter().map(|island| island.steps).max();
+        self.report.parts += parts.unwrap_or(1).max(1);
         if self.report.residual > UNSOLVED {
             return Err(StepFailure::Unsolved { residual: self.report.residual });
         }
         self.follow(h);
         self.judge();
-        self.hold(h, |contact| contact.impulse.x > 0.0);
-        for motion in &mut self.moving {
-            motion.drift(h);
+        self.hold(|contact| contact.impulse.x > 0.0);
+        for ((motion, is_jointed), is_held) in self.moving.iter_mut().zip(&self.jointed).zip(&self.held) {
+            if !is_jointed {
+                motion.drift(h);
+                motion.lag = if *is_held { 0.0 } else { 0.5 * h };
+            }
         }
-        self.last = h;
-        self.measure_joints();
         self.arrive();
-        self.check()
+        Ok(())
+    }
+
+    /// Lets forces act on the velocities of bodies without joints.
+    fn kick(&mut self, h: f64) {
+        let gravity = self.scene.gravity;
+        for ((motion, is_jointed), is_held) in self.moving.iter_mut().zip(&self.jointed).zip(&self.held) {
+            if !is_jointed {
+                motion.velocity += gravity * if *is_held { h } else { motion.lag + 0.5 * h };
+            }
+        }
     }
 
     /// Finds the contacts that may close within `h`.
@@ -265,13 +321,9 @@ impl<'a> Simulation<'a> {
             }
             Err(StepFailure::TooMuchMemory { contacts: load.contacts, most_touched: load.most_touched(), bytes })
         };
-        let fall = scene.gravity.norm() * h;
         let margin = |body: usize| {
-            places[body].map_or(0.0, |place| {
-                let motion = &moving[place as usize];
-                let reach = scene.bodies[body].collider.shape.reach();
-                h * (motion.velocity.norm() + fall + motion.omega.norm() * reach) + NEAR * reach
-            })
+            let reach = scene.bodies[body].collider.shape.reach();
+            places[body].map_or(0.0, |place| margin(&moving[place as usize], reach, h * scene.gravity.norm(), h))
         };
         let pose = |body: usize| places[body].map_or(&scene.bodies[body].pose, |place| &moving[place as usize].pose);
         let bounds = |body: usize| {
@@ -308,9 +360,54 @@ impl<'a> Simulation<'a> {
             check(load)?;
             let law = scene.laws.of(scene.bodies[i].material, scene.bodies[j].material);
             let new = |point| Contact::new(point, [places[i], places[j]], moving, law, (a, b));
-            self.contacts.extend(self.points.iter().map(new));
+            let room = overlaps::no_gap(scene, i, j);
+            self.contacts.extend(self.points.iter().map(new).map(|contact| Contact { no_gap: room, ..contact }));
         }
         Ok(())
+    }
+
+    /// Whether bodies with joints overlap at the end of a step: by the curvature of their way, or as their joints moved them
+    /// further than contacts were looked for.
+    fn meets_unseen(&self, start: &[Motion], h: f64, control: &Control) -> Result<bool, StepFailure> {
+        if !self.jointed.contains(&true) {
+            return Ok(false);
+        }
+        let (scene, places) = (self.scene, &self.places);
+        let is_jointed = |body: usize| places[body].is_some_and(|place| self.jointed[place as usize]);
+        let reach = |body: usize| scene.bodies[body].collider.shape.reach();
+        let strays = |body: usize| {
+            places[body].is_some_and(|place| {
+                let (from, to) = (&start[place as usize], &self.moving[place as usize]);
+                let way = (to.pose.translation.vector - from.pose.translation.vector).norm()
+                    + from.pose.rotation.angle_to(&to.pose.rotation) * reach(body);
+                self.jointed[place as usize] && way > margin(from, reach(body), h * scene.gravity.norm(), h)
+            })
+        };
+        let overlap = |a: u32, b: u32| {
+            let [a, b] = [a as usize, b as usize];
+            if !is_jointed(a) && !is_jointed(b) || self.joined.contains(&(a as u32, b as u32)) {
+                return false;
+            }
+            let [first, second] = [a, b].map(|body| (&scene.bodies[body].collider, self.pose(body)));
+            let mut points = Vec::new();
+            contacts(first, second, 0.0, &mut points);
+            points.iter().any(|point| -point.gap > UNSEEN * reach(a).min(reach(b)))
+        };
+        if !(0..scene.bodies.len()).any(strays) {
+            return Ok(self.pairs.iter().any(|&(a, b)| overlap(a, b)));
+        }
+        let mut is_any = false;
+        BroadPhase::default().sweep(
+            scene.bodies.len(),
+            |body| scene.bodies[body].collider.shape.bounds(self.pose(body)),
+            |body| places[body].is_some(),
+            control,
+            |a, b| {
+                is_any |= overlap(a, b);
+                Ok::<(), StepFailure>(())
+            },
+        )?;
+        Ok(is_any)
     }
 
     /// Gives each contact the impulse that it had in the last step.
@@ -322,25 +419,16 @@ impl<'a> Simulation<'a> {
         }
     }
 
-    /// Solves every island, from the velocities and the contacts as they stand.
-    fn solve(&mut self, h: f64, control: &Control) -> Result<(), StepFailure> {
-        self.part();
-        self.solve_each(|island, joints, places, law| island.solve(h, joints, places, law, control))
-    }
-
-    /// Gives every island to `solve`, with the joints, the places of the bodies and a solver of the contact law.
-    fn solve_each(
-        &mut self,
-        solve: impl Fn(&mut Island, &[Joint], &[Option<u32>], &mut Law) + Sync,
-    ) -> Result<(), StepFailure> {
-        let (joints, places, tasks) = (&self.scene.joints, &self.places, &mut self.tasks[..self.islands.len()]);
+    /// Gives every island to `solve`, with a solver of the contact law, and takes over what came of it.
+    fn solve_each(&mut self, solve: impl Fn(&mut Island, &Mechanism<'_>, &mut Law) + Sync) -> Result<(), Unsolved> {
+        let (mechanism, tasks) = (&self.mechanism, &mut self.tasks[..self.islands.len()]);
         let weight = |island: &Island| island.contacts.len() + 2 * island.joints.len();
-        solve_apart(tasks, &mut self.laws, weight, WORTH_A_THREAD, |island, law| solve(island, joints, places, law));
+        solve_apart(tasks, &mut self.laws, weight, WORTH_A_THREAD, |island, law| solve(island, mechanism, law));
         self.report.islands = tasks.len();
+        if let Some(unsolved) = tasks.iter().find_map(|island| island.unsolved) {
+            return Err(unsolved);
+        }
         for island in tasks {
-            if island.is_singular {
-                return Err(StepFailure::Joints);
-            }
             if let Some(law) = &island.report {
                 self.report.take(law);
             }
@@ -348,14 +436,17 @@ impl<'a> Simulation<'a> {
                 self.moving[body as usize] = *motion;
             }
             for (&source, contact) in island.sources.iter().zip(&island.contacts) {
-                self.contacts[source as usize].impulse = contact.impulse;
+                self.contacts[source as usize] = Contact { bodies: self.contacts[source as usize].bodies, ..*contact };
+            }
+            for (&linkage, tensions) in island.linkages.iter().zip(&mut island.tensions) {
+                self.tensions[linkage as usize] = (std::mem::take(tensions), island.largest_energy);
             }
         }
         Ok(())
     }
 
-    /// Parts contacts and joints into islands, and copies out what belongs to each.
-    fn part(&mut self) {
+    /// Groups contacts and joints into islands, and notes which bodies are in one with joints.
+    fn group(&mut self) {
         let (contacts, joints, places) = (&self.contacts, &self.scene.joints, &self.places);
         let of_contact = |contact: &Contact| match contact.bodies {
             [Some(a), b] => (a as usize, b.map(|b| b as usize)),
@@ -366,7 +457,25 @@ impl<'a> Simulation<'a> {
             (a.unwrap_or(0) as usize, b.map(|b| b as usize))
         };
         let links = contacts.iter().map(of_contact).chain(joints.iter().map(of_joint));
-        self.islands.group(self.moving.len(), links.clone());
+        self.islands.group(self.moving.len(), links);
+        self.jointed.fill(false);
+        for island in (0..self.islands.len()).map(|k| self.islands.links(k)) {
+            // Joints come behind contacts.
+            if island.last().is_some_and(|&link| link as usize >= contacts.len()) {
+                for &link in island {
+                    let link = link as usize;
+                    let (a, b) =
+                        contacts.get(link).map_or_else(|| of_joint(&joints[link - contacts.len()]), of_contact);
+                    self.jointed[a] = true;
+                    b.into_iter().for_each(|b| self.jointed[b] = true);
+                }
+            }
+        }
+    }
+
+    /// Copies out what belongs to each island.
+    fn part(&mut self) {
+        let (contacts, joints, places) = (&self.contacts, &self.scene.joints, &self.places);
         let (cone, impact_law) = (self.scene.cone, self.impact_law);
         self.tasks.resize_with(self.tasks.len().max(self.islands.len()), || Island::new(cone, impact_law));
         for (k, island) in self.tasks.iter_mut().take(self.islands.len()).enumerate() {
@@ -378,10 +487,19 @@ impl<'a> Simulation<'a> {
                     island.sources.push(link as u32);
                     contact.bodies
                 } else {
-                    island.joints.push((link - contacts.len()) as u32);
-                    joints[link - contacts.len()].places(&|body| places[body])
+                    let joint = link - contacts.len();
+                    island.joints.push(joint as u32);
+                    island.linkages.push(self.mechanism.of_joint[joint]);
+                    joints[joint].places(&|body| places[body])
                 };
                 island.bodies.extend(bodies.into_iter().flatten());
+            }
+            island.linkages.sort_unstable();
+            island.linkages.dedup();
+            for &linkage in &island.linkages {
+                let (tensions, largest) = &self.tensions[linkage as usize];
+                island.tensions.push(tensions.clone());
+                island.largest_energy = island.largest_energy.max(*largest);
             }
             island.bodies.sort_unstable();
             island.bodies.dedup();
@@ -398,22 +516,22 @@ impl<'a> Simulation<'a> {
     fn judge(&mut self) {
         self.kept.clear();
         self.pushed.fill(false);
-        let (moving, report) = (&self.moving, &mut self.report);
+        let report = &mut self.report;
         let mut is_elastic = !report.is_limited;
+        let mut work = 0.0;
+        report.closed = 0;
         for contact in self.contacts.iter().filter(|contact| contact.impulse.x > 0.0) {
             self.kept.insert(contact.key, contact.frame.tr_mul(&contact.impulse));
             contact.bodies.iter().flatten().for_each(|&body| self.pushed[body as usize] = true);
-            let of = |body: u32| (moving[body as usize].velocity, moving[body as usize].omega);
-            let mean = 0.5 * (contact.velocity(of) + contact.before);
-            let powers = contact.impulse.component_mul(&mean);
             report.closed += 1;
             report.normal_impulse += contact.impulse.x;
-            report.work[0] += powers.x;
-            report.work[1] += powers.y + powers.z;
+            report.work[0] += contact.work.x;
+            report.work[1] += contact.work.y + contact.work.z;
+            work += contact.work.x;
             is_elastic &= contact.law.restitution == 1.0;
         }
         if is_elastic {
-            report.elastic_work = report.work[0];
+            report.elastic_work += work;
         }
     }
 

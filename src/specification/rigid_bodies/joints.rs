@@ -13,7 +13,8 @@ use serde::Deserialize;
 use std::collections::HashMap;
 use utoipa::ToSchema;
 
-/// What holds two bodies together, or one to the world. Bodies on a common joint do not touch each other.
+/// What holds two bodies together, or one to the world. Bodies on a common joint do not touch each other. Joints hold in
+/// positions and velocities and add no energy, whatever the step; one that is too long for them is taken in parts.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum BodyJoint {

@@ -3,6 +3,8 @@
 //! ```text
 //! M (v+ - v) = h f + J^T r,    u = J v,    r_k in the friction cone of contact k, by Coulomb's law;    q+ = q (+) h v+
 //! ```
+//!
+//! Joints are bilateral: `c(q) = 0` and `G v = 0` at the ends of all steps.
 
 mod bodies;
 mod contacts;

@@ -1,6 +1,7 @@
 //! Rigid bodies in space, from specification to trajectory, each against a closed form.
 
 mod arches;
+mod chains;
 mod events;
 mod free;
 mod friction;

@@ -23,8 +23,9 @@ impl Simulation<'_> {
         for _ in 0..ROUNDS_AT_START {
             self.detect(0.0, control)?;
             if self.depth(OVERLAP) <= 0.0 {
+                self.group();
                 self.part();
-                let obeyed = self.solve_each(|island, joints, places, _| island.obey_joints(joints, places)).is_ok();
+                let obeyed = self.solve_each(|island, mechanism, _| island.obey_joints(mechanism)).is_ok();
                 self.ends.clone_from(&self.moving);
                 return Ok(obeyed);
             }
@@ -64,7 +65,7 @@ impl Simulation<'_> {
     /// at once: velocities `gap/h` that no motion has would drive impulses up without end.
     pub(super) fn close(&mut self) {
         for contact in &mut self.contacts {
-            if contact.gap < no_gap(self.scene, contact) {
+            if contact.gap < contact.no_gap {
                 contact.gap = contact.gap.min(0.0);
             }
         }
@@ -80,23 +81,29 @@ impl Simulation<'_> {
         for contact in &mut self.contacts {
             *contact = contact.of_displacements();
         }
-        let solved = self.solve(1.0, control);
+        self.group();
+        self.part();
+        let solved = self.solve_each(|island, mechanism, law| island.displace(mechanism, law, control));
         for (motion, (velocity, omega)) in self.moving.iter_mut().zip(kept) {
             let (by, rotation) = (motion.velocity, motion.omega);
             (motion.velocity, motion.omega) = (velocity, omega);
             motion.displace(&by, &rotation);
         }
-        solved
+        solved.map_err(|_| StepFailure::Joints)
     }
 }
 
-/// A gap that is none.
-pub(super) fn no_gap(scene: &Scene, contact: &Contact) -> f64 {
-    OVERLAP * size(scene, contact)
+/// A gap between two bodies of a scene that is none.
+pub(super) fn no_gap(scene: &Scene, a: usize, b: usize) -> f64 {
+    OVERLAP * smaller(scene, a, b)
 }
 
 /// The size of the smaller body at a contact.
 fn size(scene: &Scene, contact: &Contact) -> f64 {
-    let reach = |body: u32| scene.bodies[body as usize].collider.shape.reach();
-    reach(contact.key.0).min(reach(contact.key.1))
+    smaller(scene, contact.key.0 as usize, contact.key.1 as usize)
+}
+
+fn smaller(scene: &Scene, a: usize, b: usize) -> f64 {
+    let reach = |body: usize| scene.bodies[body].collider.shape.reach();
+    reach(a).min(reach(b))
 }

@@ -1,0 +1,32 @@
+//! Frames of bodies at an instant, and their means over a step.
+//!
+//! A mean frame is no rotation. Equations that are bilinear in the vectors of two frames have in it their discrete
+//! gradient: `c(q+) - c(q) = G(mean) . (change of the vectors)`, exactly (Gonzalez 1996, *Time integration and discrete
+//! Hamiltonian systems*; Betsch and Steinmann 2002, for joints).
+
+use nalgebra::{Isometry3, Matrix3, Vector3};
+
+/// An origin, and the directions of a body's own axes as columns.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Frame {
+    /// The centre of mass.
+    pub at: Vector3<f64>,
+    /// The axes.
+    pub axes: Matrix3<f64>,
+}
+
+impl Frame {
+    /// The frame of the world.
+    pub const WORLD: Self =
+        Self { at: Vector3::new(0.0, 0.0, 0.0), axes: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0) };
+
+    /// The frame of a body at a pose.
+    pub fn of(pose: &Isometry3<f64>) -> Self {
+        Self { at: pose.translation.vector, axes: pose.rotation.to_rotation_matrix().into_inner() }
+    }
+
+    /// The mean of two.
+    pub fn mean(&self, other: &Self) -> Self {
+        Self { at: 0.5 * (self.at + other.at), axes: 0.5 * (self.axes + other.axes) }
+    }
+}

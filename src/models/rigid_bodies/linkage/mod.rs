@@ -1,0 +1,221 @@
+//! Linkages: bodies that joints hold together, and the linear systems of their motion.
+//!
+//! Over a step the mean velocities `w` and the impulses `lambda` of joints solve, with `q+ = q (+) h w` (see
+//! [`midpoint`](super::midpoint)),
+//!
+//! ```text
+//! 2 M (w - v) = h f + J^T r + G(mean)^T lambda,    c(q+) = 0
+//! ```
+//!
+//! A joint force does no work over the step, as `G` in the mean frames is the discrete gradient of `c`. Newton's method has
+//! the exact derivative, with that of `G^T lambda`, the geometric stiffness: tension is implicit, and a light link between
+//! heavy ones asks for no small step. At the end velocities are projected on `G(q+) v+ = 0`, by the least change in the norm
+//! of the masses, which takes energy and never adds any.
+
+mod elimination;
+mod tangent;
+
+pub use elimination::{Blocks, Plan};
+
+use super::frame::Frame;
+use super::joint::Joint;
+use super::midpoint::Midpoint;
+use super::motion::Motion;
+use contact::islands::Islands;
+use nalgebra::{Matrix3, Vector6};
+
+/// The diagonal of a joint, in parts of what its bodies give it: joints of a loop that say the same twice then have an
+/// inverse, and what it changes is found again in two iterations.
+const REDUNDANT: f64 = 1e-11;
+
+/// Passes of the projection of velocities, the second and third against rounding.
+const PASSES: usize = 3;
+
+/// Bodies that joints hold together.
+#[derive(Clone, Debug, Default)]
+pub struct Linkage {
+    /// Places among the bodies that move, in ascending order.
+    pub bodies: Vec<u32>,
+    /// Places among the joints, in ascending order.
+    pub joints: Vec<u32>,
+    /// The bodies of each joint, as places in `bodies`.
+    pairs: Vec<[Option<u32>; 2]>,
+    plan: Plan,
+    /// Whether joints close a loop, and may say the same twice.
+    has_loops: bool,
+}
+
+impl Linkage {
+    /// All linkages of these joints; `places` are those of the bodies of the scene among the `moving`.
+    pub fn all(joints: &[Joint], places: &[Option<u32>], moving: usize) -> Vec<Self> {
+        let of = |joint: &Joint| {
+            let [a, b] = joint.places(&|body| places[body]);
+            (a.unwrap_or(0) as usize, b.map(|b| b as usize))
+        };
+        let mut islands = Islands::default();
+        islands.group(moving, joints.iter().map(of));
+        let linkage = |k: usize| {
+            let joints_of = islands.links(k).to_vec();
+            let ends = |joint: &u32| joints[*joint as usize].places(&|body| places[body]);
+            let mut bodies: Vec<u32> = joints_of.iter().flat_map(ends).flatten().collect();
+            bodies.sort_unstable();
+            bodies.dedup();
+            let place = |body: u32| bodies.binary_search(&body).ok().map(|place| place as u32);
+            let pairs: Vec<_> = joints_of.iter().map(|joint| ends(joint).map(|body| body.and_then(place))).collect();
+            let nodes = bodies.len() + usize::from(pairs.iter().any(|pair| pair.contains(&None)));
+            let has_loops = pairs.len() >= nodes;
+            Self { plan: Plan::new(bodies.len(), &pairs), bodies, joints: joints_of, pairs, has_loops }
+        };
+        (0..islands.len()).map(linkage).collect()
+    }
+
+    /// A body without joints.
+    pub fn alone() -> Self {
+        Self { bodies: vec![0], plan: Plan::new(1, &[]), ..Self::default() }
+    }
+}
+
+/// A linkage within an island.
+#[derive(Debug)]
+pub struct Linked<'a> {
+    linkage: &'a Linkage,
+    joints: Vec<&'a Joint>,
+    /// The places of its bodies in the island.
+    pub bodies: Vec<u32>,
+    /// The forces of the joints, and their impulses `lambda` in this step.
+    pub forces: Vec<Vector6<f64>>,
+    impulses: Vec<Vector6<f64>>,
+    /// Whether the last system of equations had a solution.
+    pub is_solved: bool,
+    matrix: Blocks,
+    /// The last solution, or what is to be solved for.
+    pub x: Vec<Vector6<f64>>,
+}
+
+impl<'a> Linked<'a> {
+    /// A linkage whose bodies have these places in the island, with the forces that its joints had.
+    pub fn new(linkage: &'a Linkage, joints: &'a [Joint], bodies: Vec<u32>, forces: Vec<Vector6<f64>>) -> Self {
+        let joints: Vec<&Joint> = linkage.joints.iter().map(|&joint| &joints[joint as usize]).collect();
+        let x = vec![Vector6::zeros(); bodies.len() + joints.len()];
+        let impulses = forces.clone();
+        Self { linkage, joints, bodies, forces, impulses, is_solved: true, matrix: Blocks::default(), x }
+    }
+
+    /// Begins a step: forces are taken to stay what they were.
+    pub fn begin(&mut self, h: f64) {
+        self.impulses.iter_mut().zip(&self.forces).for_each(|(impulse, force)| *impulse = force * h);
+        self.is_solved = true;
+    }
+
+    /// Ends a step.
+    pub fn end(&mut self, h: f64) {
+        self.forces.iter_mut().zip(&self.impulses).for_each(|(force, impulse)| *force = impulse / h);
+    }
+
+    /// Whether it has joints.
+    pub fn has_joints(&self) -> bool {
+        !self.joints.is_empty()
+    }
+
+    fn frames<'f>(&self, frames: &'f [Frame], joint: usize) -> [&'f Frame; 2] {
+        self.linkage.pairs[joint]
+            .map(|body| body.map_or(&Frame::WORLD, |body| &frames[self.bodies[body as usize] as usize]))
+    }
+
+    /// Solves the equations of the mean velocities, linearised where they are: the changes come to be in `x`. False if they
+    /// have no solution.
+    pub fn linearise(&mut self, midpoint: &Midpoint) -> bool {
+        let plan = &self.linkage.plan;
+        self.matrix.clear(plan);
+        for (k, &body) in self.bodies.iter().enumerate() {
+            let (rest, matrix) = midpoint.balance(body as usize);
+            self.x[k] = -rest;
+            *self.matrix.at(k as u32) = matrix;
+        }
+        tangent::assemble(self, midpoint);
+        self.is_solved = self.matrix.factorise(&self.linkage.plan);
+        if self.is_solved {
+            self.respond();
+            self.is_solved = self.x.iter().all(|x| x.iter().all(|x| x.is_finite()));
+        }
+        self.is_solved
+    }
+
+    /// Makes the matrix that of velocities at rest in these frames, and its factors.
+    pub fn hold(&mut self, frames: &[Frame], moving: &[Motion]) -> bool {
+        let plan = &self.linkage.plan;
+        self.matrix.clear(plan);
+        let inertia = |motion: &Motion| (motion.mass, motion.inertia_in_world());
+        for (k, &body) in self.bodies.iter().enumerate() {
+            let (mass, inertia) = inertia(&moving[body as usize]);
+            let block = self.matrix.at(k as u32);
+            block.fixed_view_mut::<3, 3>(0, 0).copy_from(&Matrix3::from_diagonal_element(mass));
+            block.fixed_view_mut::<3, 3>(3, 3).copy_from(&inertia);
+        }
+        for k in 0..self.joints.len() {
+            let joint = (self.bodies.len() + k) as u32;
+            let mut gradients = [nalgebra::Matrix6::zeros(); 2];
+            for (i, row) in self.joints[k].rows(self.frames(frames, k)).enumerate() {
+                for (side, sign) in [(0, 1.0), (1, -1.0)] {
+                    gradients[side].fixed_view_mut::<1, 3>(i, 0).copy_from(&(row.force * sign).transpose());
+                    gradients[side].fixed_view_mut::<1, 3>(i, 3).copy_from(&row.torques[side].transpose());
+                }
+            }
+            let mut diagonal = Vector6::zeros();
+            for (side, body) in self.linkage.pairs[k].into_iter().enumerate() {
+                let Some(body) = body else { continue };
+                let motion = &moving[self.bodies[body as usize] as usize];
+                diagonal += tangent::mobilities(&gradients[side], motion);
+                *self.matrix.at(plan.slot(joint, body)) = gradients[side];
+                *self.matrix.at(plan.slot(body, joint)) = gradients[side].transpose();
+            }
+            *self.matrix.at(joint) = tangent::regularised(&diagonal, self.joints[k].equations.len());
+        }
+        self.matrix.factorise(plan)
+    }
+
+    /// Takes out of velocities what joints do not let be, and lets equations whose values are given close within a unit of
+    /// time. The matrix is that of [`Linked::hold`].
+    pub fn project(&mut self, frames: &[Frame], velocities: &mut [Vector6<f64>], closes: bool) {
+        for _ in 0..if self.has_joints() { PASSES } else { 0 } {
+            self.x.iter_mut().for_each(|x| *x = Vector6::zeros());
+            for k in 0..self.joints.len() {
+                let of = self.linkage.pairs[k].map(|body| {
+                    body.map_or_else(Default::default, |body| {
+                        let v = &velocities[self.bodies[body as usize] as usize];
+                        (v.fixed_rows::<3>(0).into_owned(), v.fixed_rows::<3>(3).into_owned())
+                    })
+                });
+                for (i, row) in self.joints[k].rows(self.frames(frames, k)).enumerate() {
+                    self.x[self.bodies.len() + k][i] = -row.velocity(of) - if closes { row.value } else { 0.0 };
+                }
+            }
+            self.respond();
+            self.add(velocities);
+        }
+    }
+
+    /// Solves with the factors for what is in `x`.
+    pub fn respond(&mut self) {
+        let plan = &self.linkage.plan;
+        if self.linkage.has_loops {
+            self.matrix.solve_without_diagonals(plan, self.bodies.len(), &mut self.x);
+        } else {
+            self.matrix.solve(plan, &mut self.x);
+        }
+    }
+
+    /// Adds the changes of velocities in `x`.
+    pub fn add(&self, velocities: &mut [Vector6<f64>]) {
+        for (&body, x) in self.bodies.iter().zip(&self.x) {
+            velocities[body as usize] += x;
+        }
+    }
+
+    /// Adds the changes of the impulses of joints in `x`.
+    pub fn add_impulses(&mut self) {
+        for (impulse, x) in self.impulses.iter_mut().zip(&self.x[self.bodies.len()..]) {
+            *impulse -= x;
+        }
+    }
+}

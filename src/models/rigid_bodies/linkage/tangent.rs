@@ -1,0 +1,135 @@
+//! The derivative of the equations of joints over a step, with the geometric stiffness of their impulses.
+//!
+//! With the angular velocity `w` of a body over the step, `s = h w`, a vector `d` of the body has the mean
+//! `d_m = (d + d+)/2 = B d` over the step, `B = (1 - [s]x/2)^-1`, and
+//!
+//! ```text
+//! d(d_m) = D dw,    D = -(h/2) B [d_m]x,    d(d+) = 2 D dw
+//! ```
+//!
+//! so that every product `alpha . beta` of an equation, and the wrenches of its impulse, have derivatives in closed form.
+
+use super::super::joint::Beta;
+use super::super::midpoint::Midpoint;
+use super::super::motion::Motion;
+use super::{Linked, REDUNDANT};
+use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
+
+/// Rows and columns of velocities and of angular velocities.
+const V: usize = 0;
+const W: usize = 3;
+
+/// Adds the joints to the balances of the bodies, and their equations.
+pub fn assemble(linked: &mut Linked<'_>, midpoint: &Midpoint) {
+    for k in 0..linked.joints.len() {
+        assemble_joint(linked, midpoint, k);
+    }
+}
+
+fn assemble_joint(linked: &mut Linked<'_>, midpoint: &Midpoint, k: usize) {
+    let (joint, h) = (linked.joints[k], midpoint.h);
+    let [mean, end] = [&midpoint.means, &midpoint.ends].map(|frames| linked.frames(frames, k));
+    let (arms, apart) = joint.arms(mean);
+    let (_, apart_at_end) = joint.arms(end);
+    let places = linked.linkage.pairs[k].map(|body| body.map(|body| linked.bodies[body as usize] as usize));
+    // D, for a vector of one of the bodies.
+    let turning = |side: usize, d: &Vector3<f64>| {
+        places[side].map_or_else(Matrix3::zeros, |body| midpoint.turning[body] * d.cross_matrix() * (-0.5 * h))
+    };
+    let levers = [turning(0, &arms[0]), turning(1, &arms[1])];
+    let mut stiffness = [[Matrix6::<f64>::zeros(); 2]; 2];
+    let mut wrenches = [Matrix6::<f64>::zeros(); 2];
+    let mut gradients = [Matrix6::<f64>::zeros(); 2];
+    let mut rests = Vector6::zeros();
+    // The force of all equations between anchors along directions of the world.
+    let mut pull = Vector3::zeros();
+    let mut add = |at: [usize; 2], row: usize, column: usize, block: &Matrix3<f64>| {
+        let mut view = stiffness[at[0]][at[1]].fixed_view_mut::<3, 3>(row, column);
+        view += block;
+    };
+    for (i, equation) in joint.equations.iter().enumerate() {
+        let lambda = linked.impulses[k][i];
+        let [alpha, alpha_at_end] = [mean[1], end[1]].map(|second| equation.alpha.in_world(second));
+        let turns = equation.alpha.turns();
+        let of_alpha = if turns { turning(1, &alpha) } else { Matrix3::zeros() };
+        let (beta, beta_at_end, of_beta, is_point) = match equation.beta {
+            Beta::Apart => (apart, apart_at_end, levers[0], true),
+            Beta::First(b) => {
+                let [beta, at_end] = [mean[0], end[0]].map(|first| first.axes * b);
+                (beta, at_end, turning(0, &beta), false)
+            }
+        };
+        let force = if is_point { alpha } else { Vector3::zeros() };
+        let lever = if is_point { arms[0] } else { beta };
+        let opposite = if is_point { arms[1] } else { Vector3::zeros() };
+        let back = if turns { alpha.cross(&beta) } else { Vector3::zeros() } - opposite.cross(&alpha);
+        put(&mut wrenches[0], i, &force, &lever.cross(&alpha));
+        put(&mut wrenches[1], i, &-force, &back);
+        // Over h: 2 D belongs to the change over the step.
+        let per_time = 2.0 / h;
+        let end_force = if is_point { alpha_at_end } else { Vector3::zeros() };
+        let mut second = if turns { of_alpha.tr_mul(&beta_at_end) * per_time } else { Vector3::zeros() };
+        if is_point {
+            second -= levers[1].tr_mul(&alpha_at_end) * per_time;
+        }
+        put(&mut gradients[0], i, &end_force, &(of_beta.tr_mul(&alpha_at_end) * per_time));
+        put(&mut gradients[1], i, &-end_force, &second);
+        rests[i] = -alpha_at_end.dot(&beta_at_end) / h;
+        if !turns {
+            pull += alpha * lambda;
+            continue;
+        }
+        let (a, b) = (alpha.cross_matrix() * lambda, (opposite + beta).cross_matrix() * lambda);
+        add([0, 0], W, W, &(a * of_beta));
+        add([0, 1], W, W, &(lever.cross_matrix() * of_alpha * -lambda));
+        add([1, 1], W, W, &(b * of_alpha));
+        add([1, 0], W, W, &(a * -of_beta));
+        if is_point {
+            add([0, 1], V, W, &(of_alpha * -lambda));
+            add([1, 1], V, W, &(of_alpha * lambda));
+            add([1, 0], W, V, &(a * (-0.5 * h)));
+            add([1, 1], W, V, &(a * (0.5 * h)));
+        }
+    }
+    if pull != Vector3::zeros() {
+        add([0, 0], W, W, &(pull.cross_matrix() * levers[0]));
+        add([1, 1], W, W, &(pull.cross_matrix() * -levers[1]));
+    }
+    let plan = &linked.linkage.plan;
+    let node = (linked.bodies.len() + k) as u32;
+    let pair = linked.linkage.pairs[k];
+    let mut diagonal = Vector6::zeros();
+    for (side, body) in pair.into_iter().enumerate() {
+        let (Some(body), Some(place)) = (body, places[side]) else { continue };
+        linked.x[body as usize] += wrenches[side].tr_mul(&linked.impulses[k]);
+        *linked.matrix.at(plan.slot(node, body)) = gradients[side];
+        *linked.matrix.at(plan.slot(body, node)) = wrenches[side].transpose();
+        diagonal += mobilities(&wrenches[side], &midpoint.start[place]) * 0.5;
+        for (other_side, other) in pair.into_iter().enumerate() {
+            let Some(other) = other else { continue };
+            *linked.matrix.at(plan.slot(body, other)) += stiffness[side][other_side];
+        }
+    }
+    linked.x[node as usize] = rests;
+    *linked.matrix.at(node) = regularised(&diagonal, joint.equations.len());
+}
+
+fn put(matrix: &mut Matrix6<f64>, row: usize, force: &Vector3<f64>, torque: &Vector3<f64>) {
+    matrix.fixed_view_mut::<1, 3>(row, V).copy_from(&force.transpose());
+    matrix.fixed_view_mut::<1, 3>(row, W).copy_from(&torque.transpose());
+}
+
+/// The diagonal of `G M^-1 G^T` that a body gives to the rows of a joint.
+pub fn mobilities(rows: &Matrix6<f64>, motion: &Motion) -> Vector6<f64> {
+    Vector6::from_fn(|i, _| {
+        let row = rows.row(i);
+        let force = Vector3::new(row[0], row[1], row[2]);
+        let torque = Vector3::new(row[3], row[4], row[5]);
+        force.norm_squared() / motion.mass + torque.dot(&(motion.mobility * torque))
+    })
+}
+
+/// The block of a joint itself; rows that it does not have say that their unknowns are zero.
+pub fn regularised(diagonal: &Vector6<f64>, rows: usize) -> Matrix6<f64> {
+    Matrix6::from_diagonal(&Vector6::from_fn(|i, _| if i < rows { -REDUNDANT * diagonal[i] } else { 1.0 }))
+}

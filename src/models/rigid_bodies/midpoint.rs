@@ -1,0 +1,176 @@
+//! The motion of bodies over a step by their mean velocities: the midpoint rule on the group,
+//!
+//! ```text
+//! x+ = x + h v,    Q+ = cay(h w) Q,    2 m (v - v-) = p,    Q+ J W+ - Q J W- = l,    (W- + W+) / 2 = Q^T w
+//! ```
+//!
+//! with the impulse `p` and the angular impulse `l` of all forces over the step. The kinetic energy changes by
+//! `p . v + l . w` exactly, and the angular momentum by `l` (Simo and Wong 1991, *Unconditionally stable algorithms for rigid
+//! body dynamics that exactly preserve energy and momentum*). A vector that is fixed in a body turns by its chord, as the
+//! centres of bodies move on chords: a linkage that turns as one body turns so exactly.
+
+use super::contact::Contact;
+use super::frame::Frame;
+use super::motion::Motion;
+use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
+
+/// Rounding of positions, in parts of them, as Newton's method compares it with changes of velocities a billion times as
+/// small as these.
+const ROUNDING: f64 = 1e9 * 32.0 * f64::EPSILON;
+
+/// Bodies on their way through a step.
+#[derive(Debug)]
+pub struct Midpoint {
+    /// The length of the step.
+    pub h: f64,
+    /// The bodies at its start.
+    pub start: Vec<Motion>,
+    /// Their mean velocities and angular velocities.
+    pub mean: Vec<Vector6<f64>>,
+    /// The impulses of forces, and those of contacts.
+    pub forces: Vec<Vector6<f64>>,
+    pub pushes: Vec<Vector6<f64>>,
+    /// The bodies at the end, but for their velocities.
+    pub moved: Vec<Motion>,
+    /// Frames at the start and the end, and their means.
+    starts: Vec<Frame>,
+    pub ends: Vec<Frame>,
+    pub means: Vec<Frame>,
+    /// `B`, by body.
+    pub turning: Vec<Matrix3<f64>>,
+    inertia: Vec<Matrix3<f64>>,
+}
+
+/// The velocity and the angular velocity of a body in one.
+pub fn twist(motion: &Motion) -> Vector6<f64> {
+    join(&motion.velocity, &motion.omega)
+}
+
+/// Both in one.
+pub fn join(velocity: &Vector3<f64>, omega: &Vector3<f64>) -> Vector6<f64> {
+    Vector6::new(velocity.x, velocity.y, velocity.z, omega.x, omega.y, omega.z)
+}
+
+/// The velocity and the angular velocity.
+pub fn apart(twist: &Vector6<f64>) -> (Vector3<f64>, Vector3<f64>) {
+    (twist.fixed_rows::<3>(0).into_owned(), twist.fixed_rows::<3>(3).into_owned())
+}
+
+impl Midpoint {
+    /// Bodies at the start of a step with the impulses of forces over it.
+    pub fn new(start: Vec<Motion>, forces: Vec<Vector6<f64>>, h: f64) -> Self {
+        let mean = start.iter().zip(&forces).map(|(motion, force)| {
+            let (push, twist_push) = apart(force);
+            twist(motion) + join(&(push * (0.5 / motion.mass)), &(motion.mobility * twist_push * 0.5))
+        });
+        let starts: Vec<Frame> = start.iter().map(|motion| Frame::of(&motion.pose)).collect();
+        let mut midpoint = Self {
+            h,
+            mean: mean.collect(),
+            pushes: vec![Vector6::zeros(); start.len()],
+            moved: start.clone(),
+            ends: starts.clone(),
+            means: starts.clone(),
+            turning: vec![Matrix3::identity(); start.len()],
+            inertia: start.iter().map(Motion::inertia_in_world).collect(),
+            start,
+            forces,
+            starts,
+        };
+        midpoint.arrive();
+        midpoint
+    }
+
+    /// Moves the bodies as their mean velocities say.
+    pub fn arrive(&mut self) {
+        for k in 0..self.start.len() {
+            let (velocity, omega) = apart(&self.mean[k]);
+            self.moved[k].pose = self.start[k].moved_by_chords(&velocity, &omega, self.h);
+            self.ends[k] = Frame::of(&self.moved[k].pose);
+            self.means[k] = self.starts[k].mean(&self.ends[k]);
+            let half = omega * (0.5 * self.h);
+            let numerator = Matrix3::identity() + half.cross_matrix() + half * half.transpose();
+            self.turning[k] = numerator / (1.0 + half.norm_squared());
+        }
+    }
+
+    /// The left side less the right side of the balances of a body without joints, and its derivative.
+    pub fn balance(&self, k: usize) -> (Vector6<f64>, Matrix6<f64>) {
+        let (motion, inertia, h) = (&self.start[k], &self.inertia[k], self.h);
+        let (velocity, omega) = apart(&self.mean[k]);
+        let momentum = inertia * omega;
+        let change = self.turning[k] * (omega.cross(&momentum) * h + inertia * (omega - motion.omega) * 2.0);
+        let linear = (velocity - motion.velocity) * (2.0 * motion.mass);
+        // With dB = B [h dw / 2]x B.
+        let inner = change.cross_matrix() * (-0.5 * h) - momentum.cross_matrix() * h
+            + omega.cross_matrix() * inertia * h
+            + inertia * 2.0;
+        let mut matrix = Matrix6::zeros();
+        matrix.fixed_view_mut::<3, 3>(0, 0).copy_from(&Matrix3::from_diagonal_element(2.0 * motion.mass));
+        matrix.fixed_view_mut::<3, 3>(3, 3).copy_from(&(self.turning[k] * inner));
+        (join(&linear, &change) - self.forces[k] - self.pushes[k], matrix)
+    }
+
+    /// The velocities at the end.
+    pub fn end_velocities(&self) -> Vec<Vector6<f64>> {
+        let end = |k: usize| {
+            let (motion, (velocity, omega)) = (&self.start[k], apart(&self.mean[k]));
+            let turn = self.moved[k].pose.rotation * motion.pose.rotation.inverse();
+            join(&(velocity * 2.0 - motion.velocity), &(turn * (omega * 2.0 - motion.omega)))
+        };
+        (0..self.start.len()).map(end).collect()
+    }
+
+    /// The bodies at the end, with the velocities of the start.
+    pub fn moved_bodies(&self) -> Vec<Motion> {
+        let moved = |motion: &Motion| {
+            let mut moved = *motion;
+            moved.arrive(&motion.pose, &motion.velocity, &motion.omega);
+            moved
+        };
+        self.moved.iter().map(moved).collect()
+    }
+
+    /// The kinetic energy of these velocities at the end.
+    pub fn kinetic_energy_at_end(&self, velocities: &[Vector6<f64>]) -> f64 {
+        let energy = |(motion, velocities): (&Motion, &Vector6<f64>)| {
+            let mut motion = *motion;
+            (motion.velocity, motion.omega) = apart(velocities);
+            motion.kinetic_energy()
+        };
+        self.moved.iter().zip(velocities).map(energy).sum()
+    }
+
+    /// Sets the impulses of contacts.
+    pub fn push(&mut self, contacts: &[Contact], impulses: &[Vector3<f64>]) {
+        self.pushes.fill(Vector6::zeros());
+        for (contact, impulse) in contacts.iter().zip(impulses) {
+            for side in [0, 1] {
+                if let Some(body) = contact.bodies[side] {
+                    let (impulse, angular) = contact.wrench(side, impulse);
+                    self.pushes[body as usize] += join(&impulse, &angular);
+                }
+            }
+        }
+    }
+
+    /// The square of the velocities that changes of them compare with, in the norm of the masses: those of the start, the mean
+    /// ones, what forces make of them, and what rounding of positions does in so short a step.
+    pub fn size(&self) -> f64 {
+        let far = self.start.iter().map(|motion| motion.pose.translation.vector.amax()).fold(0.0, f64::max);
+        let mass: f64 = self.start.iter().map(|motion| motion.mass).sum();
+        let rounding = mass * (ROUNDING * far / self.h).powi(2);
+        let kicked = |k: usize| self.forces[k].fixed_rows::<3>(0).norm_squared() / self.start[k].mass;
+        let start: Vec<Vector6<f64>> = self.start.iter().map(twist).collect();
+        rounding + self.weigh(&start) + self.weigh(&self.mean) + (0..self.start.len()).map(kicked).sum::<f64>()
+    }
+
+    /// The kinetic energy of these velocities at the start, twice.
+    pub fn weigh(&self, velocities: &[Vector6<f64>]) -> f64 {
+        let twice = |k: usize| {
+            let (velocity, omega) = apart(&velocities[k]);
+            self.start[k].mass * velocity.norm_squared() + omega.dot(&(self.inertia[k] * omega))
+        };
+        (0..velocities.len()).map(twice).sum()
+    }
+}
