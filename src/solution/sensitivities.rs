@@ -161,7 +161,13 @@ pub(super) fn check(
     control: &Control,
     ended: &mut Ended,
 ) {
-    let Some(asked) = plan.sensitivities.as_ref().filter(|_| ended.solution.ended_by.is_none()) else { return };
+    let Some(asked) = &plan.sensitivities else { return };
+    if ended.solution.ended_by.is_some() {
+        let message =
+            "`stop` ended the run, and runs with other parameters, which derivatives are compared with, end elsewhere";
+        ended.solution.diagnostics.checks.caveat("derivatives_not_checked", message.to_owned());
+        return;
+    }
     let rows: Vec<Vec<f64>> = asked
         .names
         .chunks(asked.by.len())

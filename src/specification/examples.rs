@@ -52,6 +52,7 @@ pub const EXAMPLES: &[Example] = examples! {
     "string_obstacle"
     "switching_circle"
     "three_regions"
+    "torn_off"
     "van_der_pol"
     "viscoelastic_block"
     "woodpecker"
