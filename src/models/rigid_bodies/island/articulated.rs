@@ -31,7 +31,7 @@ use problem::Control;
 use vi::Outcome;
 use vi::coulomb::BlockMatrix;
 
-/// The part of the largest kinetic energy that the projection of velocities may take in a step. A larger one lets a long run
+/// The part of the largest kinetic energy, or of that which forces give in a step, that the projection of velocities may take. A larger one lets a long run
 /// of a whipping chain lose what is seen; a smaller one costs steps.
 const LOSS: f64 = 1e-7;
 
@@ -206,7 +206,7 @@ impl Island {
         }
         let Some((velocities, lost)) = end(&midpoint, linked) else { return false };
         let energy = 0.5 * midpoint.weigh(&midpoint.end_velocities());
-        if lost > LOSS * self.largest_energy.max(energy) {
+        if lost > LOSS * self.largest_energy.max(energy).max(0.5 * midpoint.size()) {
             return false;
         }
         self.arrive(&midpoint, linked, &velocities, h, energy);
@@ -253,7 +253,9 @@ impl Island {
                 let kept: Vec<Vec<Vector6<f64>>> = linked.iter().map(|linked| linked.x.clone()).collect();
                 let mut changed = midpoint.mean.clone();
                 linked.iter().for_each(|linked| linked.add(&mut changed));
-                let Some(compliance) = Compliance::new(&self.contacts, linked, homes, control) else { return false };
+                let Some(compliance) = Compliance::new(&self.contacts, linked, homes, control) else {
+                    return false;
+                };
                 let Some(next) = self.position_impulses(&compliance, &changed, &gaps, &p, h, law, control) else {
                     return false;
                 };
@@ -279,7 +281,7 @@ impl Island {
         let Some((mut velocities, lost)) = end(&midpoint, linked) else { return false };
         let energy = 0.5 * midpoint.weigh(&midpoint.end_velocities());
         let most = if p.iter().any(|p| p.x > 0.0) { LOSS_IN_IMPACTS } else { LOSS };
-        if lost > most * self.largest_energy.max(energy) {
+        if lost > most * self.largest_energy.max(energy).max(0.5 * midpoint.size()) {
             return false;
         }
         self.judge_positions(&midpoint.mean, h);
@@ -415,7 +417,9 @@ impl Island {
         let (mut linked, homes) = self.linked(mechanism);
         let Some(mut velocities) = self.obeying(&mut linked, true) else { return };
         if !self.contacts.is_empty() {
-            let Some(compliance) = Compliance::new(&self.contacts, &mut linked, &homes, control) else { return };
+            let Some(compliance) = Compliance::new(&self.contacts, &mut linked, &homes, control) else {
+                return;
+            };
             let matrix = compliance.symmetric;
             let none = vec![Vector3::zeros(); self.contacts.len()];
             let free = self.free_velocities(&velocities, &matrix, &none);
