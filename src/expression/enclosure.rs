@@ -66,7 +66,7 @@ impl Operator {
     /// The values at `(a, b)`; `same` if both operands are one term, which then has one value and not two.
     pub(super) fn enclose(self, a: Interval, b: Interval, same: bool) -> Interval {
         // What a closed gate does not let through need not exist; comparisons and some powers of NaN have a value.
-        if !matches!(self, Self::Gate | Self::Greater | Self::Power) && (a.is_empty() || b.is_empty()) {
+        if !matches!(self, Self::Gate | Self::Choose | Self::Greater | Self::Power) && (a.is_empty() || b.is_empty()) {
             return Interval::EMPTY;
         }
         let defined = a.defined && b.defined;
@@ -92,7 +92,12 @@ impl Operator {
             Self::Sqrt => within(a, 0.0, f64::INFINITY, |a| clamped(increasing(a, f64::sqrt), 0.0, f64::INFINITY)),
             Self::Cbrt => increasing(a, f64::cbrt),
             Self::Abs => a.abs(),
-            Self::Sign | Self::Heaviside => between(self.apply(a.lo, a.lo), self.apply(a.hi, a.hi), defined),
+            Self::Sign | Self::Heaviside | Self::Floor | Self::Round => {
+                between(self.apply(a.lo, a.lo), self.apply(a.hi, a.hi), defined)
+            }
+            Self::Parity if a.lo == a.hi => Interval::point(self.apply(a.lo, a.lo)).defined_if(defined),
+            Self::Parity => Interval::new(-1.0, 1.0).defined_if(defined),
+            Self::Modulo => modulo(a, b),
             Self::Add => a + b,
             Self::Subtract if same => Interval::point(0.0).defined_if(defined),
             Self::Subtract => a - b,
@@ -112,7 +117,7 @@ impl Operator {
             Self::Greater if defined && a.lo > b.hi => Interval::point(1.0),
             Self::Greater if same || a.hi <= b.lo => Interval::point(0.0).defined_if(defined),
             Self::Greater => Interval::new(0.0, 1.0).defined_if(defined),
-            Self::Gate => gate(a, b),
+            Self::Gate | Self::Choose => gate(a, b),
         }
     }
 }
@@ -125,6 +130,18 @@ fn product(a: Interval, b: Interval) -> Interval {
         (true, _) => b.defined_if(a.defined),
         _ => a * b,
     }
+}
+
+/// `a - b floor(a / b)`: between 0 and `b`, but for rounding where the quotient is a whole number or nearly one.
+fn modulo(a: Interval, b: Interval) -> Interval {
+    let quotient = a / b;
+    let whole = Operator::Floor.enclose(quotient, quotient, true);
+    if whole.lo == whole.hi {
+        return a - b * whole;
+    }
+    // The quotient and its product with `b` are off by a unit each.
+    let rounding = 4.0 * f64::EPSILON * a.magnitudes().1;
+    between(b.lo.min(0.0) - rounding, b.hi.max(0.0) + rounding, whole.defined)
 }
 
 /// `b` where `a` is not 0, else 0.

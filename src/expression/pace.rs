@@ -107,8 +107,16 @@ impl Graph {
                 let is_fixed = self.inputs(slope).is_empty();
                 is_fixed.then(|| Course { degree: 0, pace: Some(self.unary(Operator::Abs, slope)) })
             }
-            // One break in time alone, where the argument, of first degree, is zero: steps end there.
-            Operator::Abs | Operator::Sign | Operator::Heaviside | Operator::Min | Operator::Max
+            // Breaks in time alone, the one where an argument of first degree is zero, or all where it is a whole number:
+            // steps end there.
+            Operator::Abs
+            | Operator::Sign
+            | Operator::Heaviside
+            | Operator::Min
+            | Operator::Max
+            | Operator::Floor
+            | Operator::Round
+            | Operator::Modulo
                 if self.inputs_of(&[a, b]) == [0] && of_a.degree.max(of_b.degree) == 1 =>
             {
                 let is_smooth = of_a.pace.or(of_b.pace).is_none();

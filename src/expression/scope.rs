@@ -1,18 +1,23 @@
 //! Names and what they stand for.
 
 use super::function::Function;
-use super::graph::Node;
+use super::graph::{Graph, Node};
 use rustc_hash::FxHashMap;
 use strsim::osa_distance;
 
 /// The constant that every scope knows.
 pub(super) const PI: &str = "pi";
 
+/// The words that join conditions.
+pub(super) const WORDS: [&str; 3] = ["and", "or", "not"];
+
 /// Names bound to nodes, in the order of binding.
 #[derive(Clone, Debug, Default)]
 pub struct Scope {
     names: Vec<String>,
     nodes: FxHashMap<String, Node>,
+    /// The first of the inputs that are solved for.
+    unknowns: Option<usize>,
 }
 
 /// Why a name cannot be bound.
@@ -25,7 +30,7 @@ pub enum NameError {
         name: String,
     },
     /// It belongs to the language.
-    #[error("`{name}` is a reserved word: the functions of the language and `pi` cannot be names")]
+    #[error("`{name}` is a reserved word: `pi`, `and`, `or`, `not` and the functions of the language cannot be names")]
     Reserved {
         /// The offender.
         name: String,
@@ -53,7 +58,7 @@ impl Scope {
         if !is_name(name) {
             return Err(NameError::Malformed { name: owned() });
         }
-        if name == PI || Function::named(name).is_some() {
+        if name == PI || WORDS.contains(&name) || Function::named(name).is_some_and(Function::is_reserved) {
             return Err(NameError::Reserved { name: owned() });
         }
         if self.nodes.contains_key(name) {
@@ -62,6 +67,23 @@ impl Scope {
         self.nodes.insert(owned(), node);
         self.names.push(owned());
         Ok(())
+    }
+
+    /// Takes the inputs from this one on for unknowns that are solved for: functions and comparisons that jump are refused of
+    /// them, as no step could end where they do.
+    pub fn solve_for(&mut self, first: usize) {
+        self.unknowns = Some(first);
+    }
+
+    /// The first of the inputs that are solved for.
+    pub(super) fn unknowns(&self) -> Option<usize> {
+        self.unknowns
+    }
+
+    /// The name of an input.
+    pub(super) fn name_of_input(&self, graph: &Graph, input: usize) -> &str {
+        let is_it = |name: &&str| self.get(name).is_some_and(|node| graph.is_input(node, |index| index == input));
+        self.names().find(is_it).unwrap_or("?")
     }
 
     /// What `name` stands for.
@@ -109,7 +131,6 @@ pub fn nearest<'a>(name: &str, candidates: impl Iterator<Item = &'a str>) -> Opt
 
 #[cfg(test)]
 mod tests {
-    use super::super::Graph;
     use super::*;
 
     #[test]

@@ -11,7 +11,7 @@ impl Graph {
         self.inputs_of(&[node])
     }
 
-    /// The functions in `node` that are not smooth (`abs`, `sign`, `heaviside`, `min`, `max`), each with the sorted
+    /// The functions in `node` that are not smooth (`abs`, `sign`, `heaviside`, `min`, `max`, ..), each with the sorted
     /// inputs its arguments depend on, without repetition. A `min` of several arguments counts once.
     pub fn kinks(&self, node: Node) -> Vec<(&'static str, Vec<usize>)> {
         let mut absorbed = FxHashSet::default();

@@ -111,8 +111,18 @@ impl<'c> Lowering<'c> {
         goes_on
     }
 
-    /// Gives the states and then the variables their names, in order.
+    /// Gives the states and then the variables their names, in order; no function that jumps takes them.
     pub(super) fn bind_unknowns<'a>(
+        &mut self,
+        names: impl Iterator<Item = &'a str>,
+        pointer: impl Fn(usize) -> String,
+    ) {
+        self.names.solve_for(1);
+        self.bind_coordinates(names, pointer);
+    }
+
+    /// Gives the coordinates in space their names, in order.
+    pub(super) fn bind_coordinates<'a>(
         &mut self,
         names: impl Iterator<Item = &'a str>,
         pointer: impl Fn(usize) -> String,
@@ -236,6 +246,7 @@ impl<'c> Lowering<'c> {
         let detail = format!("{}\n{}", error.message, error.caret(text));
         let mut report =
             SpecificationError::new(place.to_string(), error.code, detail).did_you_mean(error.did_you_mean);
+        report.expected = error.expected;
         if constant && error.code == "unknown_name" {
             report = report.expected("a constant: a number, or an expression in parameters, in no circle");
         }

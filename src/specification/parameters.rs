@@ -10,7 +10,8 @@ pub(super) fn in_order(parameters: &Ordered<Expression>) -> Vec<(&str, &Expressi
     let entries: Vec<(&str, &Expression)> = parameters.iter().collect();
     let (mut graph, mut scope) = (Graph::new(), Scope::new());
     for (i, (name, _)) in entries.iter().enumerate() {
-        let node = graph.input(i);
+        // Its value is not known yet.
+        let node = graph.parameter(i, f64::NAN);
         // A name that cannot be bound is reported when its value is.
         let _ = scope.bind(name, node);
     }
@@ -20,7 +21,7 @@ pub(super) fn in_order(parameters: &Ordered<Expression>) -> Vec<(&str, &Expressi
         if let Expression::Text(text) = expression
             && let Ok(node) = graph.parse(text, &scope)
         {
-            for needed in graph.inputs(node) {
+            for needed in graph.parameters(node) {
                 waiting[i] += 1;
                 dependents[needed].push(i);
             }

@@ -115,7 +115,7 @@ impl Written for ElasticProblem {
         let mut lowering = Lowering::new(start, &self.parameters, place);
         let Some(geometry) = self.geometry(place, &mut lowering) else { return (lowering, None) };
         let names = DIRECTIONS.into_iter().take(geometry.grid.dimension());
-        lowering.bind_unknowns(names, |_| place.to_string());
+        lowering.bind_coordinates(names, |_| place.to_string());
         let clamped = self.clamped(&geometry, place, &mut lowering);
         let loads = self.loads(&geometry, place, &mut lowering);
         let (displacement, velocity) = self.initial.lower(&geometry, &place.key("initial"), &mut lowering);

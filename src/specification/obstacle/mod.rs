@@ -106,7 +106,7 @@ impl Written for ObstacleProblem {
         let dimension = self.domain.dimension();
         let place_of_domain = place.key("domain");
         let coordinates = &DIRECTIONS[..dimension];
-        lowering.bind_unknowns(coordinates.iter().copied(), |k| place_of_domain.key(DIRECTIONS[k]).to_string());
+        lowering.bind_coordinates(coordinates.iter().copied(), |k| place_of_domain.key(DIRECTIONS[k]).to_string());
         let grid = self.domain.grid(&self.elements, place, &mut lowering);
         let diffusion = self.diffusion.lower(dimension, true, &place.key("diffusion"), &mut lowering);
         let advection = self.advection.as_ref().map_or_else(Vec::new, |advection| {
