@@ -221,7 +221,14 @@ impl Graph {
             Operator::Sign | Operator::Heaviside | Operator::Greater | Operator::Gate | Operator::Choose => {
                 self.constant(0.0)
             }
-            Operator::Floor | Operator::Round | Operator::Parity => self.constant(0.0),
+            Operator::Floor | Operator::Round | Operator::Parity | Operator::Piece => self.constant(0.0),
+            Operator::Lookup => match self.table_of(operator, b).map(|table| table.derivative().clone()) {
+                Some(table) => {
+                    let slope = self.of_table(Operator::Lookup, &table, a);
+                    self.multiply(w, slope)
+                }
+                None => self.constant(0.0),
+            },
             Operator::Add | Operator::Subtract | Operator::Modulo => w,
             Operator::Multiply => self.multiply(w, b),
             Operator::Divide => self.divide(w, b),

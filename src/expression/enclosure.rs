@@ -53,7 +53,7 @@ impl Tape {
         }
         let mut next = self.program.first;
         self.for_each_operation(|operator, a, b| {
-            registers[next] = operator.enclose(registers[a], registers[b], a == b);
+            registers[next] = self.program.tables.enclose(operator, registers[a], registers[b], a == b);
             next += 1;
         });
         for (output, &register) in outputs.iter_mut().zip(&self.program.outputs) {
@@ -98,6 +98,7 @@ impl Operator {
             Self::Parity if a.lo == a.hi => Interval::point(self.apply(a.lo, a.lo)).defined_if(defined),
             Self::Parity => Interval::new(-1.0, 1.0).defined_if(defined),
             Self::Modulo => modulo(a, b),
+            Self::Lookup | Self::Piece => Interval { defined: false, ..Interval::LINE },
             Self::Add => a + b,
             Self::Subtract if same => Interval::point(0.0).defined_if(defined),
             Self::Subtract => a - b,

@@ -95,7 +95,7 @@ impl Function {
         FUNCTIONS.iter().find(|(known, _)| *known == name).map(|&(_, function)| function)
     }
 
-    pub(super) fn names() -> impl Iterator<Item = &'static str> {
+    pub(super) fn names<'a>() -> impl Iterator<Item = &'a str> {
         FUNCTIONS.iter().map(|&(name, _)| name)
     }
 

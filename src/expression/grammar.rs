@@ -11,6 +11,7 @@ use super::graph::{Graph, Node};
 use super::remedies::{self, found};
 use super::scope::{PI, Scope, WORDS, excerpt, nearest};
 use super::stepped::{OutOfRange, Stepped};
+use super::table::Table;
 use std::f64::consts;
 use winnow::combinator::Infix::{Left, Neither, Right};
 use winnow::combinator::{Infix, Prefix, alt, dispatch, expression, fail, not, opt, peek, preceded, terminated};
@@ -21,6 +22,10 @@ use winnow::token::{any, one_of, take_while};
 
 /// The longest text of one expression, in bytes.
 const LONGEST: usize = 64 * 1024;
+
+/// What to write in the place of a table of states that jumps.
+const TABLE_AS_SET: &str = "\"linear\" or \"pchip\"; or a variable in a set for each jump: at a = k the table rises by its \
+     height times z, with z in the box [0, 1] and the inequality k - a";
 
 /// The deepest nesting.
 const DEEPEST: usize = 200;
@@ -275,6 +280,10 @@ fn name(input: &mut Input) -> Result<Read, Failure> {
     {
         return call(input, start, name, function);
     }
+    let scope = input.state.scope;
+    if let Some(table) = scope.table(name) {
+        return look_up(input, start, name, table);
+    }
     if name == PI {
         return keep(input, start, |graph| graph.constant(consts::PI));
     }
@@ -283,10 +292,10 @@ fn name(input: &mut Input) -> Result<Read, Failure> {
     }
     blank(input)?;
     let (code, message, near) = if called {
-        ("unknown_function", format!("there is no function `{}`", excerpt(name)), nearest(name, Function::names()))
+        let names = Function::names().chain(scope.tables());
+        ("unknown_function", format!("there is no function `{}`", excerpt(name)), nearest(name, names))
     } else {
-        let names = input.state.scope.names().chain([PI]);
-        ("unknown_name", format!("nothing is called `{}` here", excerpt(name)), nearest(name, names))
+        ("unknown_name", format!("nothing is called `{}` here", excerpt(name)), nearest(name, scope.names().chain([PI])))
     };
     let did_you_mean = synonym(name, called).or(near).map(str::to_owned);
     Err(failure(ExpressionError { did_you_mean, ..ExpressionError::new(code, start, message) }))
@@ -311,6 +320,24 @@ fn call(input: &mut Input, start: usize, name: &str, function: Function) -> Resu
         check_stepped(input, start, name, stepped, &arguments)?;
     }
     keep(input, start, |graph| function.apply(graph, &nodes))
+}
+
+/// A table at its argument.
+fn look_up(input: &mut Input, start: usize, name: &str, table: &Table) -> Result<Read, Failure> {
+    blank(input)?;
+    if !input.input.starts_with('(') {
+        return Err(syntax(input, &format!("`(` and the argument of the table `{}`", excerpt(name))));
+    }
+    let arguments = arguments(input)?;
+    let [argument] = arguments[..] else {
+        let message = format!("the table `{}` takes one argument, found {}", excerpt(name), arguments.len());
+        return Err(failure(ExpressionError::new("wrong_arity", start, message)));
+    };
+    if table.jumps() {
+        let what = format!("the table `{}`, with its interpolation \"previous\",", excerpt(name));
+        refuse_jump(input, start, &what, &[argument.node], TABLE_AS_SET)?;
+    }
+    keep(input, start, |graph| graph.lookup(table, argument.node))
 }
 
 /// Refuses arguments that a function that jumps does not take.

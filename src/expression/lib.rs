@@ -36,6 +36,7 @@ mod stepped;
 mod structure;
 mod substitution;
 mod switches;
+mod table;
 mod tape;
 #[cfg(test)]
 mod tests;
@@ -52,4 +53,5 @@ pub use parameters::{Assumption, Assumptions, Broken};
 pub use points::MOST_LANES;
 pub use scope::nearest;
 pub use scope::{NameError, Scope};
+pub use table::{Interpolation, Table, TableError};
 pub use tape::Tape;

@@ -177,7 +177,7 @@ impl Tape {
         let mut known: Vec<Regularity> = self.registers[..first].iter().enumerate().map(leaf).collect();
         self.for_each_operation(|operator, a, b| {
             let (first, second) = (known[a], known[b]);
-            let range = operator.enclose(first.range, second.range, a == b);
+            let range = self.program.tables.enclose(operator, first.range, second.range, a == b);
             let of_states = first.of_states || second.of_states;
             let smooth = first.smooth && second.smooth && operator.is_smooth(first.range, second.range);
             known.push(Regularity { range, smooth: smooth || !of_states, of_states });
@@ -251,7 +251,9 @@ impl Graph {
                 | Operator::Gate
                 | Operator::Choose
                 | Operator::Parity
-                | Operator::Modulo => (true, true),
+                | Operator::Modulo
+                | Operator::Lookup
+                | Operator::Piece => (true, true),
                 Operator::Divide => (false, true),
                 _ => (false, false),
             };
@@ -314,7 +316,7 @@ impl Operator {
             Self::Min | Self::Max => a.hi < b.lo || b.hi < a.lo,
             Self::Atan2 => b.lo > 0.0,
             Self::Greater | Self::Gate => false,
-            Self::Floor | Self::Round | Self::Parity | Self::Modulo => false,
+            Self::Floor | Self::Round | Self::Parity | Self::Modulo | Self::Lookup | Self::Piece => false,
             // Of a condition that no state decides, which is what there is: time may jump.
             Self::Choose => true,
             _ => true,

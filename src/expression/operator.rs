@@ -47,12 +47,22 @@ pub(super) enum Operator {
     Choose,
     /// `a - b floor(a / b)`, which has the sign of `b`.
     Modulo,
+    // Of a table from here on, whose place is the second operand.
+    /// The value of a table.
+    Lookup,
+    /// How many of its pieces have begun.
+    Piece,
 }
 
 impl Operator {
     /// Whether the second operand is ignored.
     pub(super) fn is_unary(self) -> bool {
         self < Self::Add
+    }
+
+    /// Whether it takes a table, which [`Tables`](super::table::Tables) have.
+    pub(super) fn takes_table(self) -> bool {
+        self >= Self::Lookup
     }
 
     /// Whether the operands may be exchanged.
@@ -133,6 +143,8 @@ impl Operator {
             Self::Choose if a == 0.0 || a.is_nan() => a,
             Self::Choose => b,
             Self::Modulo => a - b * (a / b).floor(),
+            // The table is not known here.
+            Self::Lookup | Self::Piece => f64::NAN,
         }
     }
 }

@@ -122,6 +122,9 @@ impl Graph {
                 let is_smooth = of_a.pace.or(of_b.pace).is_none();
                 is_smooth.then_some(Course { degree: 1, pace: None })
             }
+            Operator::Lookup if self.inputs(a) == [0] && of_a.degree == 1 && of_a.pace.is_none() => {
+                Some(Course { degree: self.table_of(operator, b)?.degree(), pace: None })
+            }
             _ => (is_still(of_a) && is_still(of_b)).then_some(Course { degree: 0, pace: None }),
         }
     }

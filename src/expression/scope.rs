@@ -2,6 +2,7 @@
 
 use super::function::Function;
 use super::graph::{Graph, Node};
+use super::table::Table;
 use rustc_hash::FxHashMap;
 use strsim::osa_distance;
 
@@ -18,6 +19,7 @@ pub struct Scope {
     nodes: FxHashMap<String, Node>,
     /// The first of the inputs that are solved for.
     unknowns: Option<usize>,
+    tables: FxHashMap<String, Table>,
 }
 
 /// Why a name cannot be bound.
@@ -54,6 +56,27 @@ impl Scope {
     /// # Errors
     /// If it is malformed, reserved or already bound.
     pub fn bind(&mut self, name: &str, node: Node) -> Result<(), NameError> {
+        self.claim(name)?;
+        self.nodes.insert(name.to_owned(), node);
+        self.names.push(name.to_owned());
+        Ok(())
+    }
+
+    /// Lets `name` stand for a table, to be called as a function of one argument.
+    ///
+    /// # Errors
+    /// If it is malformed, bound, or the name of a function.
+    pub fn bind_table(&mut self, name: &str, table: Table) -> Result<(), NameError> {
+        if Function::named(name).is_some() {
+            return Err(NameError::Reserved { name: name.to_owned() });
+        }
+        self.claim(name)?;
+        self.tables.insert(name.to_owned(), table);
+        Ok(())
+    }
+
+    /// Whether a name can be bound.
+    fn claim(&self, name: &str) -> Result<(), NameError> {
         let owned = || name.to_owned();
         if !is_name(name) {
             return Err(NameError::Malformed { name: owned() });
@@ -61,11 +84,9 @@ impl Scope {
         if name == PI || WORDS.contains(&name) || Function::named(name).is_some_and(Function::is_reserved) {
             return Err(NameError::Reserved { name: owned() });
         }
-        if self.nodes.contains_key(name) {
+        if self.nodes.contains_key(name) || self.tables.contains_key(name) {
             return Err(NameError::Bound { name: owned() });
         }
-        self.nodes.insert(owned(), node);
-        self.names.push(owned());
         Ok(())
     }
 
@@ -89,6 +110,16 @@ impl Scope {
     /// What `name` stands for.
     pub fn get(&self, name: &str) -> Option<Node> {
         self.nodes.get(name).copied()
+    }
+
+    /// The table of this name.
+    pub(super) fn table(&self, name: &str) -> Option<&Table> {
+        self.tables.get(name)
+    }
+
+    /// The names of the tables.
+    pub(super) fn tables(&self) -> impl Iterator<Item = &str> {
+        self.tables.keys().map(String::as_str)
     }
 
     /// The names, in the order of binding.

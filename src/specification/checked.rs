@@ -98,7 +98,7 @@ impl Specification {
             }
             let study = study.and_then(|study| {
                 let of_problem = root.key("problem");
-                let parameters = (problem.written().parameters(), &of_problem.key(problem.name()));
+                let parameters = (problem.written().givens(), &of_problem.key(problem.name()));
                 study.check((&*model, &method, time), parameters, &root.key("study"), &mut found)
             });
             let load = model.load(most_memory, control);

@@ -15,6 +15,7 @@ use super::lowering::{Lowering, Start};
 use super::mass;
 use super::matrix::Matrix;
 use super::ordered::Ordered;
+use super::tables::TableOfPoints;
 use super::place::Place;
 use super::set::{self, Block, LoweredSet};
 use super::start;
@@ -34,6 +35,10 @@ pub struct DviProblem {
     #[serde(default, skip_serializing_if = "Ordered::is_empty")]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub parameters: Ordered<Expression>,
+    /// Tables by name: functions of one argument, called as `load(t)`.
+    #[serde(default, skip_serializing_if = "Ordered::is_empty")]
+    #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
+    pub tables: Ordered<TableOfPoints>,
     /// The states `x` by name, at least one. Their order is that of the output.
     #[schema(value_type = std::collections::BTreeMap<String, State>)]
     pub states: Ordered<State>,
@@ -78,12 +83,16 @@ impl Written for DviProblem {
         &self.parameters
     }
 
+    fn tables(&self) -> &Ordered<TableOfPoints> {
+        &self.tables
+    }
+
     fn unknowns(&self) -> usize {
         self.states.len() + self.variables.len()
     }
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
-        let mut lowering = Lowering::with_inputs(start, &self.parameters, place);
+        let mut lowering = Lowering::with_inputs(start, self.givens(), place);
         let (n, m) = (self.states.len(), self.variables.len());
         if n == 0 {
             let error = SpecificationError::new(place.key("states").to_string(), "empty_states", "there are no states");

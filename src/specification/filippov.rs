@@ -7,6 +7,7 @@ use super::expression::Expression;
 use super::kinks;
 use super::lowering::{Lowering, Start};
 use super::ordered::Ordered;
+use super::tables::TableOfPoints;
 use super::place::Place;
 use super::start;
 use super::wording::{abridged, listed};
@@ -27,6 +28,10 @@ pub struct FilippovProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub parameters: Ordered<Expression>,
+    /// Tables by name: functions of one argument, called as `load(t)`.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
+    pub tables: Ordered<TableOfPoints>,
     /// The states `x` by name, at least one. Their order is that of the output.
     #[schema(value_type = std::collections::BTreeMap<String, FilippovState>)]
     pub states: Ordered<FilippovState>,
@@ -76,12 +81,16 @@ impl Written for FilippovProblem {
         &self.parameters
     }
 
+    fn tables(&self) -> &Ordered<TableOfPoints> {
+        &self.tables
+    }
+
     fn unknowns(&self) -> usize {
         self.states.len() + self.variables()
     }
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
-        let mut lowering = Lowering::with_inputs(start, &self.parameters, place);
+        let mut lowering = Lowering::with_inputs(start, self.givens(), place);
         let n = self.states.len();
         let states = place.key("states");
         if n == 0 {

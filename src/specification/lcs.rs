@@ -10,6 +10,7 @@ use super::lowering::{Lowering, Start};
 use super::mass;
 use super::matrix::{Entries, Matrix};
 use super::ordered::Ordered;
+use super::tables::TableOfPoints;
 use super::place::Place;
 use super::set::{self, Block};
 use super::start;
@@ -29,6 +30,10 @@ pub struct LcsProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub parameters: Ordered<Expression>,
+    /// Tables by name: functions of one argument, called as `load(t)`.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
+    pub tables: Ordered<TableOfPoints>,
     /// The states at the start, expressions in the parameters; their number is `n`.
     pub initial: Vec<Expression>,
     /// `n x n`.
@@ -76,12 +81,16 @@ impl Written for LcsProblem {
         &self.parameters
     }
 
+    fn tables(&self) -> &Ordered<TableOfPoints> {
+        &self.tables
+    }
+
     fn unknowns(&self) -> usize {
         self.initial.len() + self.variables()
     }
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
-        let mut lowering = Lowering::with_inputs(start, &self.parameters, place);
+        let mut lowering = Lowering::with_inputs(start, self.givens(), place);
         let (n, m) = (self.initial.len(), self.variables());
         if n == 0 {
             let error =

@@ -11,6 +11,7 @@ use super::expression::Expression;
 use super::ordered::Ordered;
 use super::parameters;
 use super::place::Place;
+use super::tables::TableOfPoints;
 use super::wording::abridged;
 use expression::{Assumption, Graph, NameError, Node, Scope};
 use models::{Parameters, ParametricTerms};
@@ -25,6 +26,13 @@ pub(super) struct Start<'c> {
     /// The start time; absent if the start is not to be evaluated.
     pub time: Option<f64>,
     pub control: &'c Control,
+}
+
+/// What all expressions of a problem may use.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Givens<'a> {
+    pub parameters: &'a Ordered<Expression>,
+    pub tables: &'a Ordered<TableOfPoints>,
 }
 
 /// A problem in the course of being lowered.
@@ -54,16 +62,16 @@ const BETWEEN_POLLS: usize = 256;
 
 impl<'c> Lowering<'c> {
     /// A lowering in which `t` and the parameters have their names, these as constants.
-    pub(super) fn new(start: Start<'c>, parameters: &Ordered<Expression>, problem: &Place<'_>) -> Self {
-        Self::named(start, parameters, problem, false)
+    pub(super) fn new(start: Start<'c>, givens: Givens<'_>, problem: &Place<'_>) -> Self {
+        Self::named(start, givens, problem, false)
     }
 
     /// A lowering in which `t` and the parameters have their names, these as inputs.
-    pub(super) fn with_inputs(start: Start<'c>, parameters: &Ordered<Expression>, problem: &Place<'_>) -> Self {
-        Self::named(start, parameters, problem, true)
+    pub(super) fn with_inputs(start: Start<'c>, givens: Givens<'_>, problem: &Place<'_>) -> Self {
+        Self::named(start, givens, problem, true)
     }
 
-    fn named(start: Start<'c>, parameters: &Ordered<Expression>, problem: &Place<'_>, are_inputs: bool) -> Self {
+    fn named(start: Start<'c>, givens: Givens<'_>, problem: &Place<'_>, are_inputs: bool) -> Self {
         let mut lowering = Self {
             graph: Graph::default(),
             errors: Errors::default(),
@@ -76,8 +84,9 @@ impl<'c> Lowering<'c> {
         };
         let t = lowering.graph.input(0);
         lowering.bind("t", t, problem);
+        lowering.bind_tables(givens.tables, &problem.key("tables"));
         let place = problem.key("parameters");
-        for (name, value) in parameters::in_order(parameters) {
+        for (name, value) in parameters::in_order(givens.parameters, &lowering.constants) {
             let place = place.key(name);
             let value = lowering.parametric(value, &place);
             let node = match value {
@@ -100,6 +109,22 @@ impl<'c> Lowering<'c> {
             }
         }
         lowering
+    }
+
+    /// Gives the tables their names. One that cannot be is left out, and what calls it is not read further.
+    fn bind_tables(&mut self, tables: &Ordered<TableOfPoints>, place: &Place<'_>) {
+        for (name, points) in tables.iter() {
+            let place = place.key(name);
+            let Some(table) = points.table(&place, &mut self.errors) else {
+                self.misnamed = true;
+                continue;
+            };
+            match self.names.bind_table(name, table.clone()) {
+                // Bound in the larger scope, the name is valid and new in the smaller one.
+                Ok(()) => drop(self.constants.bind_table(name, table)),
+                Err(error) => self.report_name(error, place.to_string()),
+            }
+        }
     }
 
     /// Whether reading goes on before item number `item` of a long list; if not, that is reported.
@@ -145,6 +170,11 @@ impl<'c> Lowering<'c> {
 
     fn bind_at(&mut self, name: &str, node: Node, pointer: impl FnOnce() -> String) -> bool {
         let Err(error) = self.names.bind(name, node) else { return true };
+        self.report_name(error, pointer());
+        false
+    }
+
+    fn report_name(&mut self, error: NameError, pointer: String) {
         let code = match error {
             NameError::Malformed { .. } => "malformed_name",
             NameError::Reserved { .. } => "reserved_name",
@@ -152,8 +182,7 @@ impl<'c> Lowering<'c> {
         };
         self.misnamed |= !matches!(error, NameError::Bound { .. });
         let expected = "a name of its own: letters, digits and _, not beginning with a digit, and no reserved word";
-        self.errors.push(SpecificationError::new(pointer(), code, error.to_string()).expected(expected));
-        false
+        self.errors.push(SpecificationError::new(pointer, code, error.to_string()).expected(expected));
     }
 
     /// An expression in `t`, the parameters, the states and the variables.

@@ -5,10 +5,10 @@ use super::expression::Expression;
 use super::ordered::Ordered;
 use expression::{Graph, Scope};
 
-/// The parameters with what they depend on first; those in a cycle come last, as they stand.
-pub(super) fn in_order(parameters: &Ordered<Expression>) -> Vec<(&str, &Expression)> {
+/// The parameters, which may use tables, with what they depend on first; those in a cycle come last, as they stand.
+pub(super) fn in_order<'p>(parameters: &'p Ordered<Expression>, tables: &Scope) -> Vec<(&'p str, &'p Expression)> {
     let entries: Vec<(&str, &Expression)> = parameters.iter().collect();
-    let (mut graph, mut scope) = (Graph::new(), Scope::new());
+    let (mut graph, mut scope) = (Graph::new(), tables.clone());
     for (i, (name, _)) in entries.iter().enumerate() {
         // Its value is not known yet.
         let node = graph.parameter(i, f64::NAN);

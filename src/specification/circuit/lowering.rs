@@ -8,6 +8,7 @@ use crate::expression::Expression;
 use crate::lowering::{Constant, Lowering, Start};
 use crate::model::Model;
 use crate::ordered::Ordered;
+use crate::tables::TableOfPoints;
 use crate::place::Place;
 use crate::wording::abridged;
 use crate::written::{Lowered, Written};
@@ -27,12 +28,16 @@ impl Written for CircuitProblem {
         &self.parameters
     }
 
+    fn tables(&self) -> &Ordered<TableOfPoints> {
+        &self.tables
+    }
+
     fn unknowns(&self) -> usize {
         self.components.as_ref().map_or(0, Vec::len)
     }
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
-        let mut lowering = Lowering::with_inputs(start, &self.parameters, place);
+        let mut lowering = Lowering::with_inputs(start, self.givens(), place);
         let model = match (&self.components, &self.netlist) {
             (Some(components), None) => {
                 let circuit = Circuit { components, place: place.key("components"), lines: None };

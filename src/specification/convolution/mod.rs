@@ -13,6 +13,7 @@ use super::lowering::{Lowering, Start};
 use super::matrix::Matrix;
 use super::model::Model;
 use super::ordered::Ordered;
+use super::tables::TableOfPoints;
 use super::place::Place;
 use super::set::{self, Block, LoweredSet};
 use super::start;
@@ -33,6 +34,10 @@ pub struct ConvolutionProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub parameters: Ordered<Expression>,
+    /// Tables by name: functions of one argument, called as `load(t)`.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
+    pub tables: Ordered<TableOfPoints>,
     /// The variables `z` by name, at least one. Their order is that of the kernel's rows and columns.
     #[schema(value_type = std::collections::BTreeMap<String, ConvolutionVariable>)]
     pub variables: Ordered<ConvolutionVariable>,
@@ -81,12 +86,16 @@ impl Written for ConvolutionProblem {
         &self.parameters
     }
 
+    fn tables(&self) -> &Ordered<TableOfPoints> {
+        &self.tables
+    }
+
     fn unknowns(&self) -> usize {
         self.variables.len()
     }
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
-        let mut lowering = Lowering::new(start, &self.parameters, place);
+        let mut lowering = Lowering::new(start, self.givens(), place);
         let m = self.variables.len();
         let variables = place.key("variables");
         if m == 0 {

@@ -18,6 +18,7 @@ use super::error::SpecificationError;
 use super::expression::Expression;
 use super::lowering::{Lowering, Start};
 use super::ordered::Ordered;
+use super::tables::TableOfPoints;
 use super::place::Place;
 use super::start;
 use super::written::{Lowered, Written};
@@ -42,6 +43,10 @@ pub struct ElasticProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub parameters: Ordered<Expression>,
+    /// Tables by name: functions of one argument, called as `load(t)`.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
+    pub tables: Ordered<TableOfPoints>,
     /// The shape of the body.
     pub body: ElasticBody,
     /// The number of elements, equal ones, in each direction; one number for all, or `{"x": .., "y": ..}`.
@@ -103,6 +108,10 @@ impl Written for ElasticProblem {
         &self.parameters
     }
 
+    fn tables(&self) -> &Ordered<TableOfPoints> {
+        &self.tables
+    }
+
     fn unknowns(&self) -> usize {
         self.displacements().saturating_mul(2)
     }
@@ -112,7 +121,7 @@ impl Written for ElasticProblem {
     }
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
-        let mut lowering = Lowering::new(start, &self.parameters, place);
+        let mut lowering = Lowering::new(start, self.givens(), place);
         let Some(geometry) = self.geometry(place, &mut lowering) else { return (lowering, None) };
         let names = DIRECTIONS.into_iter().take(geometry.grid.dimension());
         lowering.bind_coordinates(names, |_| place.to_string());

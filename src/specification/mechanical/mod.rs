@@ -17,6 +17,7 @@ use super::kinks;
 use super::lowering::{Lowering, Start};
 use super::matrix::Matrix;
 use super::ordered::Ordered;
+use super::tables::TableOfPoints;
 use super::place::Place;
 use super::written::{Lowered, Written};
 use contact::LoweredContacts;
@@ -35,6 +36,10 @@ pub struct MechanicalProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub parameters: Ordered<Expression>,
+    /// Tables by name: functions of one argument, called as `load(t)`.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
+    pub tables: Ordered<TableOfPoints>,
     /// The coordinates `q` by name, at least one. The velocity of `q` is named `q_dot`.
     #[schema(value_type = std::collections::BTreeMap<String, Coordinate>)]
     pub coordinates: Ordered<Coordinate>,
@@ -91,12 +96,16 @@ impl Written for MechanicalProblem {
         &self.parameters
     }
 
+    fn tables(&self) -> &Ordered<TableOfPoints> {
+        &self.tables
+    }
+
     fn unknowns(&self) -> usize {
         2 * self.coordinates.len()
     }
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
-        let mut lowering = Lowering::with_inputs(start, &self.parameters, place);
+        let mut lowering = Lowering::with_inputs(start, self.givens(), place);
         if self.interpenetration == Interpenetration::Resolve {
             // Where a start is moved to is no expression in parameters.
             lowering.keep_values();

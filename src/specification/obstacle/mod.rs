@@ -16,6 +16,7 @@ use super::error::SpecificationError;
 use super::expression::Expression;
 use super::lowering::{Lowering, Start};
 use super::ordered::Ordered;
+use super::tables::TableOfPoints;
 use super::place::Place;
 use super::written::{Lowered, Written};
 use models::finite_elements::{Grid, Quadrature};
@@ -36,6 +37,10 @@ pub struct ObstacleProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub parameters: Ordered<Expression>,
+    /// Tables by name: functions of one argument, called as `load(t)`.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
+    pub tables: Ordered<TableOfPoints>,
     /// An interval, a rectangle or a box.
     pub domain: Domain,
     /// The number of elements, equal ones, in each direction; one number for all, or `{"x": .., "y": ..}`.
@@ -93,6 +98,10 @@ impl Written for ObstacleProblem {
         &self.parameters
     }
 
+    fn tables(&self) -> &Ordered<TableOfPoints> {
+        &self.tables
+    }
+
     fn unknowns(&self) -> usize {
         self.nodes()
     }
@@ -102,7 +111,7 @@ impl Written for ObstacleProblem {
     }
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
-        let mut lowering = Lowering::new(start, &self.parameters, place);
+        let mut lowering = Lowering::new(start, self.givens(), place);
         let dimension = self.domain.dimension();
         let place_of_domain = place.key("domain");
         let coordinates = &DIRECTIONS[..dimension];

@@ -23,6 +23,7 @@ use super::expression::Expression;
 use super::lowering::{Lowering, Start};
 use super::mechanical::Interpenetration;
 use super::ordered::Ordered;
+use super::tables::TableOfPoints;
 use super::place::Place;
 use super::written::{Lowered, Written};
 use models::rigid_bodies::Scene;
@@ -43,6 +44,10 @@ pub struct RigidBodiesProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub parameters: Ordered<Expression>,
+    /// Tables by name: functions of one argument, called as `load(t)`.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
+    pub tables: Ordered<TableOfPoints>,
     /// Default `[0, 0, 0]`.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub gravity: Option<Vector>,
@@ -75,6 +80,10 @@ impl Written for RigidBodiesProblem {
         &self.parameters
     }
 
+    fn tables(&self) -> &Ordered<TableOfPoints> {
+        &self.tables
+    }
+
     fn unknowns(&self) -> usize {
         self.bodies.len()
     }
@@ -85,7 +94,7 @@ impl Written for RigidBodiesProblem {
     }
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
-        let mut lowering = Lowering::new(start, &self.parameters, place);
+        let mut lowering = Lowering::new(start, self.givens(), place);
         let place_of_bodies = place.key("bodies");
         if self.bodies.len() > MOST_BODIES {
             let detail = format!("{} bodies", self.bodies.len());
