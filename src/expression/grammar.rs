@@ -269,6 +269,11 @@ fn number(input: &mut Input) -> Result<Read, Failure> {
 /// A name of the scope, or a function with its arguments.
 fn name(input: &mut Input) -> Result<Read, Failure> {
     let start = offset(input);
+    if let Some(output) = input.state.scope.output_at(input.input) {
+        let node = input.state.scope.get(output);
+        take_while(output.len()..=output.len(), |_| true).void().parse_next(input)?;
+        return node.map(|node| Read { node, kind: Kind::Number, start }).ok_or(Failure::Elsewhere);
+    }
     let name = identifier.parse_next(input)?;
     if WORDS.contains(&name) {
         return Err(Failure::Elsewhere);

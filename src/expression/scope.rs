@@ -107,9 +107,48 @@ impl Scope {
         self.names().find(is_it).unwrap_or("?")
     }
 
+    /// Lets the name of an output stand for `node`, of the form of a name, with parts that are joined by dots, or `v(R1)`.
+    ///
+    /// # Errors
+    /// If it is none of these, reserved or already bound.
+    pub fn bind_output(&mut self, name: &str, node: Node) -> Result<(), NameError> {
+        let parts = name.strip_suffix(')').and_then(|call| call.split_once('('));
+        let (first, second) = parts.unwrap_or((name, "_"));
+        if !(first.split('.').all(is_name) && second.split('.').all(is_part)) {
+            return Err(NameError::Malformed { name: name.to_owned() });
+        }
+        let is_of_language = name == PI || Function::named(name).is_some_and(Function::is_reserved);
+        if self.nodes.contains_key(name) || self.tables.contains_key(name) || is_of_language {
+            return Err(NameError::Bound { name: name.to_owned() });
+        }
+        self.nodes.insert(name.to_owned(), node);
+        self.names.push(name.to_owned());
+        Ok(())
+    }
+
+    /// The longest name of an output at the beginning of a text, where it is no plain name.
+    pub(super) fn output_at<'t>(&self, text: &'t str) -> Option<&'t str> {
+        let plain = text.bytes().position(|byte| !is_letter(byte)).unwrap_or(text.len());
+        let mut end = plain;
+        let mut found = None;
+        while let Some(byte @ (b'.' | b'(')) = text.as_bytes().get(end) {
+            let length = text[end + 1..].bytes().position(|byte| !(is_letter(byte) || byte == b'.'));
+            let rest = end + 1 + length.unwrap_or(text.len() - end - 1);
+            end = if *byte == b'(' { rest + 1 } else { rest };
+            let candidate = text.get(..end)?;
+            found = self.nodes.contains_key(candidate).then_some(candidate).or(found);
+        }
+        found
+    }
+
     /// What `name` stands for.
     pub fn get(&self, name: &str) -> Option<Node> {
         self.nodes.get(name).copied()
+    }
+
+    /// A scope with the tables of this one, and nothing else.
+    pub fn with_tables_alone(&self) -> Self {
+        Self { tables: self.tables.clone(), ..Self::default() }
     }
 
     /// The table of this name.
@@ -129,9 +168,15 @@ impl Scope {
 }
 
 fn is_name(name: &str) -> bool {
-    let mut bytes = name.bytes();
-    bytes.next().is_some_and(|first| first.is_ascii_alphabetic() || first == b'_')
-        && bytes.all(|byte| byte.is_ascii_alphanumeric() || byte == b'_')
+    name.bytes().next().is_some_and(|first| !first.is_ascii_digit()) && is_part(name)
+}
+
+fn is_part(part: &str) -> bool {
+    !part.is_empty() && part.bytes().all(is_letter)
+}
+
+fn is_letter(byte: u8) -> bool {
+    byte.is_ascii_alphanumeric() || byte == b'_'
 }
 
 /// The start of a text that may be very long.

@@ -2,5 +2,7 @@
 //! shares that follows one, whatever its modes are: faces of `K`, modes of contacts, faces of a problem with memory.
 
 mod breaks;
+mod monitors;
 
 pub use breaks::Breaks;
+pub use monitors::{Crossing, Followed, Monitors};

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// What happened to a variable at a switch of the active face of `K`, or to a contact.
+/// What happened to a variable at a switch of the active face of `K`, to a contact, or to what the user watches.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum EventKind {
@@ -19,15 +19,17 @@ pub enum EventKind {
     Stick,
     /// A contact began to slip.
     Slip,
+    /// What `stop` watches changed its sign.
+    Crossed,
 }
 
-/// A switch of the active face.
+/// A switch of the active face, or what else happened.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Event {
     /// When.
     pub t: f64,
     /// What.
     pub kind: EventKind,
-    /// The variable or the contact; between bodies both, as in `ground and ball`.
+    /// The variable or the contact; between bodies both, as in `ground and ball`; of what `stop` watches its label.
     pub of: String,
 }

@@ -45,6 +45,7 @@ mod stepper;
 mod switches;
 mod system;
 mod tableau;
+mod tangents;
 mod unseen;
 mod work;
 
@@ -57,4 +58,5 @@ pub use settings::{Cause, Settings, StageChoice, StepError, Switches};
 pub use stepper::{Counts, Radau, Variables};
 pub use switches::Switch;
 pub use tableau::{MOST_STAGES, Tableau};
+pub use tangents::{Directions, NoDerivative, RowsBy, Shifted, Tangents};
 pub use work::{Rates, Work};

@@ -72,8 +72,7 @@ impl Radau<'_> {
             if !is_end && self.is_violated_within(size, Some(&crossing)) {
                 continue;
             }
-            // The stages of a curved face may be those of the VI, which looks at no monitors.
-            let between = if self.system.is_curved() { Between::Undecided } else { self.screen(size) };
+            let between = self.screen(size);
             // The first step on a face may have to bring the states onto it, which is no reason to leave it at once.
             match between {
                 Between::Violated { theta, .. } if self.continues || self.rises_before(theta, size) => {

@@ -82,6 +82,9 @@ impl Between {
     }
 }
 
+/// What counts as zero of a block whose monitors are left out.
+const LEFT_OUT: [f64; 2] = [f64::INFINITY; 2];
+
 /// Room for screening.
 #[derive(Debug, Default)]
 pub(super) struct Screening {
@@ -168,7 +171,13 @@ impl Radau<'_> {
                         left.push(part);
                         continue;
                     }
-                    // Boxes alone are too wide for the curved monitors of blocks.
+                    // Boxes alone are too wide for the curved monitors of blocks; flat ones are still to be proven.
+                    _ if self.leave_out_curved(of_blocks) => {
+                        given_up.get_or_insert(Between::Undecided);
+                        (most, least) = (parts + MOST_PARTS, SHORTEST);
+                        left.push(part);
+                        continue;
+                    }
                     Found::Unproven { .. } if is_proof && self.are_monitors_flat() => return Between::Open,
                     Found::Unproven { .. } | Found::Hopeless | Found::Unknown => return Between::Undecided,
                 }
@@ -176,6 +185,19 @@ impl Radau<'_> {
             spare.push(part);
         }
         given_up.unwrap_or(if is_proof { Between::Proven } else { Between::Undecided })
+    }
+
+    /// Leaves blocks on curved faces out of what is to be proven; whether one was not left out before.
+    fn leave_out_curved(&self, of_blocks: &mut [[f64; 2]]) -> bool {
+        let blocks = self.system.set.blocks().iter().zip(&self.system.face.blocks);
+        let mut is_new = false;
+        for ((block, face), limits) in blocks.zip(of_blocks) {
+            if !block.shape.is_flat(face) && !self.system.face.holds(&block.members) {
+                is_new |= *limits != LEFT_OUT;
+                *limits = LEFT_OUT;
+            }
+        }
+        is_new
     }
 
     fn are_monitors_flat(&self) -> bool {

@@ -15,6 +15,7 @@ use contact::{
 };
 use models::{ENERGIES, MechanicalModel};
 use nalgebra::Vector3;
+use numerics::Interval;
 use problem::{Constraints, Control, Mechanical};
 
 /// How a mechanical system is integrated.
@@ -60,7 +61,7 @@ pub fn integrate_contact(
     let ended = loop {
         let leg = Leg::new(&mut located, &mut flights, control);
         let driven = run.drive(&mut Flown { leg, clock, outputs: &mut outputs });
-        if driven.is_err() || located.is_done() {
+        if driven.is_err() || located.is_done() || run.is_ended() {
             break driven;
         }
     };
@@ -221,7 +222,7 @@ impl Stepper for Stepped<'_> {
     }
 
     /// Within a step velocities are those of its end, as the scheme has it: `q+ = q + h v+`.
-    fn outputs(&mut self, t: f64, out: &mut [f64]) {
+    fn values(&mut self, t: f64, out: &mut [f64]) {
         let TimeStepping { state, last, impulses, impulses_before, energy, energy_before, .. } = &self.stepper;
         let h = state.t - last.t;
         let part = if h > 0.0 { (t - last.t) / h } else { 1.0 };
@@ -304,13 +305,20 @@ impl Stepper for Flown<'_, '_, '_> {
         made.map_err(|error| self.outputs.failure(error.ahead(self.clock.start), self.t()))
     }
 
-    fn outputs(&mut self, t: f64, out: &mut [f64]) {
+    fn values(&mut self, t: f64, out: &mut [f64]) {
         let n = self.leg.located.state.q.len();
         let (q, v) = out[..2 * n].split_at_mut(n);
         // A time that the clock cannot tell from that of the step is within it.
         let elapsed = self.clock.elapsed(t).max(self.leg.located.last.t);
         let (impulses, energy) = self.leg.outputs(elapsed, q, v);
         self.outputs.write(t, &impulses, &energy, out);
+    }
+
+    fn enclose(&mut self, from: f64, to: f64, out: &mut [Interval]) -> bool {
+        let [from, to] = [from, to].map(|t| self.clock.elapsed(t));
+        let ranges = self.leg.ranges(from, to);
+        out.iter_mut().zip(&ranges).for_each(|(out, range)| *out = *range);
+        !ranges.is_empty()
     }
 
     fn take_events(&mut self, events: &mut Vec<Event>) {

@@ -282,7 +282,7 @@ impl Stepper for Course<'_> {
         Ok(())
     }
 
-    fn outputs(&mut self, t: f64, out: &mut [f64]) {
+    fn values(&mut self, t: f64, out: &mut [f64]) {
         let last = self.convolution.steps();
         let theta = if t == self.t() && self.told == last {
             1.0

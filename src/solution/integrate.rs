@@ -3,13 +3,15 @@
 use super::audit::Audit;
 use super::energy_balance::EnergyBalance;
 use super::run::{Ended, Plan, Stepper, run_to_end};
+use super::sensitivities::Followed;
 use super::uniqueness::{FaceWatch, LipschitzWatch, analysis_of_face, uniqueness_caveat};
 use super::{
     Contraction, Diagnostics, Evaluations, Event, EventKind, Face, Failure, Solution, Status, Steps, Tried, ViCounts,
-    Warning, global_error,
+    Warning, global_error, sensitivities,
 };
 use analysis::Analysis;
 use models::{DviModel, KinkAdvice, Outputs};
+use numerics::Interval;
 use problem::{Control, Mass, Structure};
 use radau::{Cause, Place, Radau, Settings, StageChoice, StepError, Switch, Switches, Variables};
 use vi::Attempt;
@@ -27,6 +29,9 @@ pub fn integrate(
 ) -> Solution {
     let share = if plan.global_error { global_error::SHARE } else { 1.0 };
     let mut ended = control.part(0.0..share, || integrate_once(model, plan, settings, analysis, control));
+    if ended.solution.status == Status::Completed {
+        sensitivities::check(model, plan, settings, analysis, control, &mut ended);
+    }
     if plan.global_error && ended.solution.status == Status::Completed {
         global_error::estimate(model, plan, settings, analysis, control, &mut ended);
     }
@@ -59,13 +64,28 @@ pub(super) fn integrate_once(
         let faces = FaceWatch::new(model.structure(), analysis);
         let (kinks, outputs) = (&model.kinks, model.outputs.clone());
         let rtol = settings.step.is_none().then_some(settings.rtol);
-        Ok(Course { radau, plan, kinks, atol: &settings.atol, rtol, audit, outputs, balance, lipschitz, faces })
+        let followed = plan.sensitivities.as_ref().map(|asked| Followed::new(model, asked)).transpose();
+        let followed = followed.map_err(|why| sensitivities::failure(&why, plan.start, &plan.initial))?;
+        Ok(Course {
+            followed,
+            radau,
+            plan,
+            kinks,
+            atol: &settings.atol,
+            rtol,
+            audit,
+            outputs,
+            balance,
+            lipschitz,
+            faces,
+        })
     })
 }
 
 /// A run of Radau IIA with the names that its columns go by.
 struct Course<'p> {
     radau: Radau<'p>,
+    followed: Option<Followed>,
     plan: &'p Plan,
     kinks: &'p KinkAdvice,
     atol: &'p [f64],
@@ -104,14 +124,34 @@ impl Stepper for Course<'_> {
                 failure.message += &self.atol_below_rounding();
             }
             failure
-        })
+        })?;
+        let Self { followed: Some(followed), radau, plan, .. } = self else { return Ok(()) };
+        let n = plan.initial.len();
+        followed.step(radau).map_err(|why| sensitivities::failure(&why.to_string(), radau.t(), &radau.y()[..n]))
+    }
+
+    fn derivatives(&mut self, t: f64, out: &mut [f64]) {
+        if let Some(followed) = &self.followed {
+            followed.write(&self.radau, t, out);
+        }
+    }
+
+    fn values(&mut self, t: f64, out: &mut [f64]) {
+        let unknowns = out.len() - self.outputs.names.len();
+        self.radau.interpolate(t, &mut out[..unknowns]);
+        self.outputs.append(t, out);
     }
 
     fn outputs(&mut self, t: f64, out: &mut [f64]) {
+        self.values(t, out);
         let unknowns = out.len() - self.outputs.names.len();
-        self.radau.interpolate(t, &mut out[..unknowns]);
         self.audit.output(&mut self.radau, t, &out[..unknowns]);
-        self.outputs.append(t, out);
+    }
+
+    fn enclose(&mut self, from: f64, to: f64, out: &mut [Interval]) -> bool {
+        let ranges = self.radau.enclose_states(from, to);
+        out.iter_mut().zip(ranges).for_each(|(out, range)| *out = range);
+        true
     }
 
     fn take_events(&mut self, events: &mut Vec<Event>) {

@@ -11,10 +11,12 @@ mod excerpt;
 mod global_error;
 mod integrate;
 mod mechanical_checks;
+mod observables;
 mod obstacle;
 pub mod pictures;
 mod rigid_bodies;
 mod run;
+mod sensitivities;
 mod study;
 mod trajectory;
 mod uniqueness;
@@ -28,10 +30,12 @@ pub use diagnostics::{
 };
 pub use excerpt::{Excerpt, ExcerptError, Selection};
 pub use integrate::{describe, integrate};
+pub use observables::{Direction, EndedBy, Monitored, Observables};
 pub use obstacle::{describe_obstacle, integrate_obstacle};
 pub use problem::{Event, EventKind, Warning};
 pub use rigid_bodies::{describe_rigid_bodies, step_rigid_bodies};
 pub use run::{Plan, Stepper, run};
+pub use sensitivities::{By, Checked, Sensitivities};
 pub use study::{Series, Study, StudyRun};
 pub use trajectory::{Field, Trajectory};
 pub use uniqueness::uniqueness_caveat;
@@ -47,7 +51,7 @@ use utoipa::ToSchema;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Status {
-    /// The end time was reached.
+    /// The end time was reached, or what `stop` asks for happened.
     Completed,
     /// A limit or a cancel; the trajectory so far is kept.
     Stopped,
@@ -84,11 +88,17 @@ pub struct Solution {
     /// Why it stopped or failed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error: Option<Failure>,
+    /// The monitor of `stop` that ended it, where one did before the end time.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ended_by: Option<EndedBy>,
     /// Values over time.
     pub trajectory: Trajectory,
     /// The evidence, which is not read back: it is written for people.
     #[serde(default, deserialize_with = "passed_over")]
     pub diagnostics: Diagnostics,
+    /// How derivatives at the end compare with a difference of runs, where they were asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensitivities: Option<Checked>,
     /// Error against run time, where it was asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub study: Option<Study>,

@@ -127,7 +127,7 @@ impl Stepper for Course<'_> {
 
     /// Within a step, values of `u` are those of the stepper; those of the contact set, whose rate jumps, are on the line
     /// between the ends.
-    fn outputs(&mut self, t: f64, out: &mut [f64]) {
+    fn values(&mut self, t: f64, out: &mut [f64]) {
         let Self { stepper, told: [before, now], probes, .. } = self;
         let (start, end) = (stepper.last.0, stepper.t);
         let part = if end > start { (t - start) / (end - start) } else { 1.0 };

@@ -226,7 +226,7 @@ impl Stepper for Course<'_> {
         stepped.map_err(|cause| failure(&cause, self.scene, self.plan, next, &self.states))
     }
 
-    fn outputs(&mut self, t: f64, out: &mut [f64]) {
+    fn values(&mut self, t: f64, out: &mut [f64]) {
         let end = self.t;
         if t < end {
             self.write_states(t);

@@ -1,7 +1,11 @@
 //! Runs a stepper from start to end: outputs, limits, events, evidence. Written once, outside the methods.
 
-use super::{Diagnostics, Event, Failure, Field, Solution, Status, Trajectory, Verdict, Version};
+use super::observables::{EndedBy, Observables, Observed};
+use super::sensitivities::Sensitivities;
+use super::{Diagnostics, Event, EventKind, Failure, Field, Solution, Status, Trajectory, Verdict, Version};
+use numerics::Interval;
 use problem::{Control, Stop};
+use std::collections::HashMap;
 use std::time::Instant;
 
 /// What to run and what to keep of it.
@@ -9,6 +13,8 @@ use std::time::Instant;
 pub struct Plan {
     /// The names of the states, then of the other outputs.
     pub names: Vec<String>,
+    /// What the user defines in these; its names come behind them.
+    pub observables: Observables,
     /// The initial states.
     pub initial: Vec<f64>,
     /// The time to start from.
@@ -17,7 +23,9 @@ pub struct Plan {
     pub end: f64,
     /// The times to report at, increasing, within `[start, end]`; none is at every step.
     pub times: Option<Vec<f64>>,
-    /// The fields to keep, as indices into `names`.
+    /// The derivatives that are asked for; their columns come behind the observables.
+    pub sensitivities: Option<Sensitivities>,
+    /// The fields to keep, as indices into `names` and the names of observables and derivatives behind them.
     pub fields: Vec<usize>,
     /// Whether the error at the end is to be estimated.
     pub global_error: bool,
@@ -50,7 +58,21 @@ pub trait Stepper {
     fn step(&mut self) -> Result<(), Failure>;
 
     /// Writes all outputs, in the order of [`Plan::names`], at a time within the last step.
-    fn outputs(&mut self, t: f64, out: &mut [f64]);
+    fn values(&mut self, t: f64, out: &mut [f64]);
+
+    /// The same where the user is given them, as evidence is taken of what is given.
+    fn outputs(&mut self, t: f64, out: &mut [f64]) {
+        self.values(t, out);
+    }
+
+    /// Writes intervals that hold the outputs between two times within the last step, to those of which it is known; false
+    /// where none is.
+    fn enclose(&mut self, _from: f64, _to: f64, _out: &mut [Interval]) -> bool {
+        false
+    }
+
+    /// Writes the derivatives that are asked for at a time within the last step.
+    fn derivatives(&mut self, _t: f64, _out: &mut [f64]) {}
 
     /// Hands over what happened in the last step, in the order of time.
     fn take_events(&mut self, events: &mut Vec<Event>);
@@ -66,6 +88,8 @@ pub trait Stepper {
 pub(super) struct Ended {
     pub solution: Solution,
     pub x: Vec<f64>,
+    /// The derivatives there, by their names.
+    pub derivatives: HashMap<String, f64>,
 }
 
 /// Starts a stepper and drives it to the end; whatever happens, the trajectory so far is in the answer.
@@ -103,7 +127,6 @@ pub(super) struct Run<'a> {
     recorder: Recorder<'a>,
     x: Vec<f64>,
     began: Instant,
-    started: bool,
     /// The evidence so far.
     pub diagnostics: Diagnostics,
 }
@@ -111,30 +134,35 @@ pub(super) struct Run<'a> {
 impl<'a> Run<'a> {
     pub fn new(plan: &'a Plan, control: &'a Control, diagnostics: Diagnostics) -> Self {
         let (recorder, x) = (Recorder::new(plan), plan.initial.clone());
-        Self { plan, control, recorder, x, began: Instant::now(), started: false, diagnostics }
+        Self { plan, control, recorder, x, began: Instant::now(), diagnostics }
     }
 
-    /// Drives a stepper until it is done; why it did not come so far, if it did not.
+    /// Whether a monitor of the user has ended it.
+    pub fn is_ended(&self) -> bool {
+        self.recorder.ended_by.is_some()
+    }
+
+    /// Drives a stepper until it is done, or a monitor of the user ends the run; why it did not come so far, if it did not.
     pub fn drive(&mut self, stepper: &mut impl Stepper) -> Result<(), (Status, Failure)> {
         let plan = self.plan;
-        if !self.started {
-            self.recorder.start(stepper);
-            self.started = true;
-        }
+        self.recorder.start(stepper);
         let driven = loop {
-            if stepper.is_done() {
+            if let Some(failure) = self.recorder.not_finite(stepper) {
+                break Err((Status::Failed, failure));
+            }
+            if stepper.is_done() || self.recorder.ended_by.is_some() {
                 break Ok(());
             }
             if let Some((code, message)) = limit(stepper, plan, self.control, &self.recorder) {
                 let state = stepper.states().to_vec();
                 break Err((Status::Stopped, Failure { code: code.into(), message, time: stepper.t(), state }));
             }
+            let begin = stepper.t();
             if let Err(failure) = stepper.step() {
                 break Err(ending(self.control, failure));
             }
-            let events = self.recorder.step(stepper);
+            let Recorded { events, switched } = self.recorder.step(stepper, begin);
             self.control.tell(events);
-            let switched = !events.is_empty();
             stepper.observe(switched, &mut self.diagnostics);
             let done = (stepper.t() - plan.start) / (plan.end - plan.start);
             self.control.report(done, stepper.accepted());
@@ -148,8 +176,19 @@ impl<'a> Run<'a> {
             Ok(()) => (Status::Completed, None),
             Err((status, failure)) => (status, Some(failure)),
         };
-        let trajectory = self.recorder.trajectory;
-        self.diagnostics.switches = trajectory.events.len() as u64;
+        let Recorder { trajectory, ended_by, observed, y, .. } = self.recorder;
+        let names = self.plan.sensitivities.iter().flat_map(|sensitivities| sensitivities.names.iter().cloned());
+        let first = self.plan.names.len() + self.plan.observables.names.len();
+        let derivatives = names.zip(y[first..].iter().copied()).collect();
+        let switches = trajectory.events.iter().filter(|event| event.kind != EventKind::Crossed);
+        self.diagnostics.switches = switches.count() as u64;
+        if let Some(open) = observed.map(|observed| observed.open()).filter(|open| *open > 0) {
+            let message = format!(
+                "in {open} steps what `stop` watches is not enclosed, and was looked at here and there: a change of its sign and \
+                 back within a step would not be seen"
+            );
+            self.diagnostics.checks.caveat("stop_not_proven", message);
+        }
         self.diagnostics.wall_seconds = self.began.elapsed().as_secs_f64();
         let verdict = Verdict::default();
         Ended {
@@ -158,11 +197,14 @@ impl<'a> Run<'a> {
                 status,
                 verdict,
                 error,
+                ended_by,
                 trajectory,
                 diagnostics: self.diagnostics,
+                sensitivities: None,
                 study: None,
             },
             x: self.x,
+            derivatives,
         }
     }
 }
@@ -219,26 +261,48 @@ struct Recorder<'a> {
     trajectory: Trajectory,
     /// The next of the times asked for.
     next: usize,
+    /// The outputs of the problem, then those of the user.
     y: Vec<f64>,
+    /// The observables of the user, from the start of the run on.
+    observed: Option<Observed>,
+    is_started: bool,
+    ended_by: Option<EndedBy>,
+    /// The column that is not finite, and when.
+    broken: Option<(usize, f64)>,
+}
+
+/// What a step has brought.
+struct Recorded<'r> {
+    events: &'r [Event],
+    /// Whether the method itself has had an event.
+    switched: bool,
 }
 
 impl<'a> Recorder<'a> {
     fn new(plan: &'a Plan) -> Self {
         let capacity = plan.times.as_ref().map_or(0, Vec::len);
-        let fields = plan
-            .fields
-            .iter()
-            .map(|&index| Field { name: plan.names[index].clone(), values: Vec::with_capacity(capacity) })
-            .collect();
+        let derivatives = plan.sensitivities.iter().flat_map(|sensitivities| &sensitivities.names);
+        let names: Vec<&String> = plan.names.iter().chain(&plan.observables.names).chain(derivatives).collect();
+        let field = |&index: &usize| Field { name: names[index].clone(), values: Vec::with_capacity(capacity) };
+        let fields = plan.fields.iter().map(field).collect();
         let trajectory = Trajectory { t: Vec::with_capacity(capacity), fields, events: Vec::new() };
-        Self { plan, trajectory, next: 0, y: vec![0.0; plan.names.len()] }
+        let y = vec![0.0; names.len()];
+        Self { plan, trajectory, next: 0, y, observed: None, is_started: false, ended_by: None, broken: None }
     }
 
     fn values(&self) -> usize {
         self.trajectory.t.len() * (1 + self.trajectory.fields.len()) + self.trajectory.events.len()
     }
 
+    /// Begins, unless that is done.
     fn start(&mut self, stepper: &mut impl Stepper) {
+        if std::mem::replace(&mut self.is_started, true) {
+            return;
+        }
+        let of = &self.plan.observables;
+        if !(of.names.is_empty() && of.monitors.is_empty()) {
+            self.observed = Some(Observed::new(of, self.plan.names.len(), stepper));
+        }
         match &self.plan.times {
             None => self.sample(stepper, self.plan.start),
             Some(times) => {
@@ -250,29 +314,64 @@ impl<'a> Recorder<'a> {
         }
     }
 
-    /// Takes over the outputs of the last step and its events, which it gives.
-    fn step(&mut self, stepper: &mut impl Stepper) -> &[Event] {
+    /// Takes over the outputs of the last step, which began at `begin`, and its events.
+    fn step(&mut self, stepper: &mut impl Stepper, begin: f64) -> Recorded<'_> {
         let before = self.trajectory.events.len();
-        stepper.take_events(&mut self.trajectory.events);
-        let end = stepper.t();
-        let Some(times) = &self.plan.times else {
-            self.sample(stepper, end);
-            return &self.trajectory.events[before..];
-        };
-        while let Some(&t) = times.get(self.next)
-            && t <= end
-        {
-            self.sample(stepper, t);
-            self.next += 1;
+        let mut events = Vec::new();
+        stepper.take_events(&mut events);
+        let switched = !events.is_empty();
+        if let Some(observed) = &mut self.observed {
+            self.ended_by = observed.follow(stepper, begin, &mut events);
         }
-        &self.trajectory.events[before..]
+        self.trajectory.events.append(&mut events);
+        let end = self.ended_by.as_ref().map_or(stepper.t(), |ended| ended.t);
+        if let Some(times) = &self.plan.times {
+            while let Some(&t) = times.get(self.next)
+                && t <= end
+            {
+                self.sample(stepper, t);
+                self.next += 1;
+            }
+        }
+        // Where a run is ended the user wants to know what is there.
+        let is_last = self.ended_by.is_some() && self.trajectory.t.last().is_none_or(|last| *last < end);
+        if self.plan.times.is_none() || is_last {
+            self.sample(stepper, end);
+        }
+        if let Some(observed) = &mut self.observed {
+            observed.integrate(stepper, end);
+        }
+        Recorded { events: &self.trajectory.events[before..], switched }
     }
 
     fn sample(&mut self, stepper: &mut impl Stepper, t: f64) {
-        stepper.outputs(t, &mut self.y);
+        let (outputs, own) = self.y.split_at_mut(self.plan.names.len());
+        let (own, derivatives) = own.split_at_mut(self.plan.observables.names.len());
+        stepper.derivatives(t, derivatives);
+        stepper.outputs(t, outputs);
+        if let Some(observed) = &mut self.observed {
+            observed.write(stepper, t, own);
+            let wrong = own.iter().position(|value| !value.is_finite());
+            self.broken = self.broken.or(wrong.map(|place| (place, t)));
+        }
         self.trajectory.t.push(t);
         for (field, &index) in self.trajectory.fields.iter_mut().zip(&self.plan.fields) {
             field.values.push(self.y[index]);
         }
+    }
+
+    /// The failure of an observable that has no value; the rows with it are left out.
+    fn not_finite(&mut self, stepper: &impl Stepper) -> Option<Failure> {
+        let (place, t) = self.broken?;
+        let Trajectory { t: times, fields, .. } = &mut self.trajectory;
+        let rows = times.partition_point(|time| *time < t);
+        times.truncate(rows);
+        fields.iter_mut().for_each(|field| field.values.truncate(rows));
+        let message = format!(
+            "`{}` is not finite at t = {t:?}: a division by zero, a function outside its domain, or a number too large",
+            self.plan.observables.names[place]
+        );
+        let state = stepper.states().to_vec();
+        Some(Failure { code: "not_finite".into(), message, time: stepper.t(), state })
     }
 }

@@ -30,6 +30,8 @@ pub enum CheckCode {
     LocalError,
     /// The error at the end, where it was asked for.
     GlobalError,
+    /// How far derivatives are from a difference of runs.
+    Derivatives,
     /// The distance by which an accumulation of events was stepped over.
     AccumulationPassed,
     /// The time that is missing to the end asked for.
@@ -38,7 +40,7 @@ pub enum CheckCode {
 
 impl CheckCode {
     /// All codes, in the order in which they are reported.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::LawResidual,
         Self::ConstraintResidual,
         Self::JointDrift,
@@ -46,6 +48,7 @@ impl CheckCode {
         Self::EventsUnproven,
         Self::LocalError,
         Self::GlobalError,
+        Self::Derivatives,
         Self::AccumulationPassed,
         Self::NotAtEnd,
     ];
@@ -60,6 +63,7 @@ impl CheckCode {
             Self::EventsUnproven => "events_unproven",
             Self::LocalError => "local_error",
             Self::GlobalError => "global_error",
+            Self::Derivatives => "derivatives",
             Self::AccumulationPassed => "accumulation_passed",
             Self::NotAtEnd => "not_at_end",
         }
@@ -94,6 +98,10 @@ impl CheckCode {
             }
             Self::GlobalError => {
                 "Estimate of the error at the end in units of `atol + rtol |x|`; measured where `output.global_error` asks for it."
+            }
+            Self::Derivatives => {
+                "How far the derivatives at the end are from the difference of two runs, in units of the uncertainty of this; \
+                 measured where `sensitivities` asks for them."
             }
             Self::AccumulationPassed => {
                 "How far an accumulation of events (Zeno) was from its limit when the run passed over it: a distance of the \

@@ -33,7 +33,7 @@ struct Replaced {
 /// The problem with the kinks of its rates and inequalities written as a set; `None` if there are none, too many, or if
 /// there is one that is not understood.
 pub(super) fn rewritten(problem: &DviProblem) -> Option<DviProblem> {
-    let names = problem.states.names().chain(problem.variables.names());
+    let names = problem.states.names().chain(problem.variables.names()).chain(problem.definitions.names());
     let mut rewriting = Rewriting {
         unknowns: names.map(str::to_owned).collect(),
         parameters: problem.parameters.names().chain(problem.tables.names()).map(str::to_owned).collect(),
@@ -47,6 +47,10 @@ pub(super) fn rewritten(problem: &DviProblem) -> Option<DviProblem> {
     let mut variables = Vec::with_capacity(problem.variables.len());
     for (name, variable) in problem.variables.iter() {
         variables.push((name.to_owned(), Variable { inequality: rewriting.expression(&variable.inequality)? }));
+    }
+    let mut definitions = Vec::with_capacity(problem.definitions.len());
+    for (name, definition) in problem.definitions.iter() {
+        definitions.push((name.to_owned(), rewriting.expression(definition)?));
     }
     let mut set = problem.set.clone().unwrap_or_default();
     if rewriting.replaced.is_empty() {
@@ -64,6 +68,8 @@ pub(super) fn rewritten(problem: &DviProblem) -> Option<DviProblem> {
     Some(DviProblem {
         parameters: problem.parameters.clone(),
         tables: problem.tables.clone(),
+        definitions: definitions.into_iter().collect(),
+        integrals: problem.integrals.clone(),
         states: states.into_iter().collect(),
         variables: variables.into_iter().collect(),
         set: Some(set),

@@ -52,7 +52,7 @@ impl Specification {
         let analysis = model.analyse(time.start);
         model.check_method(&Asked { analysis: &analysis, method: self.method(), time }, &mut errors);
         match errors.is_empty() {
-            true => Ok(self.with_model(model, analysis)),
+            true => Ok(self.with_model(model, &values, analysis)),
             false => Err(errors.into_list()),
         }
     }

@@ -6,6 +6,8 @@ use super::error::{Errors, SpecificationError};
 use super::lowering::{Lowering, MOST_UNKNOWNS, Start};
 use super::method::{Method, ViSolverName, out_of_range};
 use super::model::{Asked, Model};
+use super::observables;
+use super::output::Columns;
 use super::place::Place;
 use super::plan::MOST_STEPS;
 use super::repairs::Repairs;
@@ -14,6 +16,7 @@ use super::wording::abridged;
 use analysis::Analysis;
 use models::rigid_bodies::Load;
 use problem::{Control, ConvexSet};
+use solution::{Observables, Sensitivities};
 use std::sync::Arc;
 
 /// A specification that has passed every check, lowered and ready to be solved any number of times.
@@ -27,6 +30,8 @@ pub struct Specification {
     pub(super) absolute_tolerances: Vec<f64>,
     pub(super) output_times: Option<Vec<f64>>,
     pub(super) output_fields: Vec<usize>,
+    pub(super) observables: Observables,
+    pub(super) sensitivities: Option<Sensitivities>,
     pub(super) global_error: bool,
     pub(super) study: Option<StudyPlan>,
     limits: Limits,
@@ -68,7 +73,7 @@ impl Specification {
         control: &Control,
         errors: &mut Errors,
     ) -> Option<Self> {
-        let Document { version, problem, time, method, output, limits, study, label } = document;
+        let Document { version, problem, time, method, output, limits, stop, sensitivities, study, label } = document;
         let mut found = Errors::default();
         let root = Place::Root;
         check_version(version, &root.key("version"), &mut found);
@@ -87,7 +92,22 @@ impl Specification {
             let absolute_tolerances = method.absolute_tolerances(&model.state_names(), &place, &mut found);
             let names = model.output_names();
             let names: Vec<&str> = names.iter().map(String::as_str).collect();
-            let output_fields = output.fields(&names, model.default_outputs(), &place_of_output, &mut found);
+            let of_problem = root.key("problem");
+            let of_problem = of_problem.key(problem.name());
+            let request = observables::Request { problem: problem.written(), stop: &stop };
+            let are_inputs = model.parameters().is_some();
+            let observables = request.lower(&names, are_inputs, (&of_problem, start), &mut found);
+            request.check(&*model, (output.global_error, study.is_some()), &mut found);
+            let sensitivities =
+                sensitivities.and_then(|asked| asked.check(&*model, &root.key("sensitivities"), &mut found));
+            if study.is_some() && sensitivities.is_some() {
+                let why = "a `study` compares runs, of which one alone has derivatives";
+                found.report(&root.key("sensitivities"), "conflict", why);
+            }
+            let derivatives = sensitivities.as_ref().map_or(&[][..], |sensitivities| &sensitivities.names);
+            let default = model.default_outputs();
+            let columns = Columns { outputs: &names, default, observables: &observables, derivatives };
+            let output_fields = output.fields(&columns, &place_of_output, &mut found);
             if let Some(set) = model.set() {
                 check_solver(set, method.vi_solver, &place, &mut found);
             }
@@ -97,8 +117,7 @@ impl Specification {
                 found.report(&place_of_output.key("global_error"), "conflict", why);
             }
             let study = study.and_then(|study| {
-                let of_problem = root.key("problem");
-                let parameters = (problem.written().givens(), &of_problem.key(problem.name()));
+                let parameters = (problem.written().givens(), &of_problem);
                 study.check((&*model, &method, time), parameters, &root.key("study"), &mut found)
             });
             let load = model.load(most_memory, control);
@@ -111,6 +130,8 @@ impl Specification {
                 absolute_tolerances,
                 output_times,
                 output_fields,
+                observables,
+                sensitivities,
                 global_error: output.global_error,
                 study,
                 limits,
@@ -127,9 +148,11 @@ impl Specification {
         specification
     }
 
-    /// The same with another model of the same names.
-    pub(super) fn with_model(&self, model: Arc<dyn Model>, analysis: Analysis) -> Self {
-        Self { model, analysis, ..self.clone() }
+    /// The same with another model of the same names, which has these values of its parameters.
+    pub(super) fn with_model(&self, model: Arc<dyn Model>, parameters: &[f64], analysis: Analysis) -> Self {
+        let mut bound = Self { model, analysis, ..self.clone() };
+        bound.observables.program.bind(parameters);
+        bound
     }
 
     /// The same problem, to be solved in at most so many accepted steps.
@@ -179,9 +202,19 @@ impl Specification {
         self.output_times.as_deref()
     }
 
-    /// The fields to keep, as places in `(x, z)`.
+    /// The fields to keep, as places in the outputs of the problem and in the definitions and integrals behind them.
     pub fn output_fields(&self) -> &[usize] {
         &self.output_fields
+    }
+
+    /// Definitions, integrals, and what ends the run.
+    pub fn observables(&self) -> &Observables {
+        &self.observables
+    }
+
+    /// The derivatives that are asked for.
+    pub fn sensitivities(&self) -> Option<&Sensitivities> {
+        self.sensitivities.as_ref()
     }
 
     /// Whether the error at the end is to be estimated.

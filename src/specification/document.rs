@@ -8,9 +8,11 @@ use super::filippov::FilippovProblem;
 use super::lcs::LcsProblem;
 use super::mechanical::MechanicalProblem;
 use super::method::Method;
+use super::observables::Stop;
 use super::obstacle::ObstacleProblem;
 use super::output::Output;
 use super::rigid_bodies::RigidBodiesProblem;
+use super::sensitivities::SensitivitiesRequest;
 use super::study::StudyRequest;
 use super::written::Written;
 use serde::{Deserialize, Serialize};
@@ -37,6 +39,11 @@ pub struct Document {
     /// When to stop early.
     #[serde(default)]
     pub limits: Limits,
+    /// What ends the run before `time.end`, or is only told as an event.
+    #[serde(default)]
+    pub stop: Vec<Stop>,
+    /// Derivatives by parameters and initial values.
+    pub sensitivities: Option<SensitivitiesRequest>,
     /// A study of error against run time.
     pub study: Option<StudyRequest>,
     /// Free text, at most 200 characters.

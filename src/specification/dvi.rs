@@ -39,6 +39,15 @@ pub struct DviProblem {
     #[serde(default, skip_serializing_if = "Ordered::is_empty")]
     #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
     pub tables: Ordered<TableOfPoints>,
+    /// Expressions by name in states, variables, parameters, `t` and each other, in no circle: further columns, and names to be
+    /// used in other expressions.
+    #[serde(default, skip_serializing_if = "Ordered::is_empty")]
+    #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
+    pub definitions: Ordered<Expression>,
+    /// Integrals over time of expressions by name, from zero at the start: further columns.
+    #[serde(default, skip_serializing_if = "Ordered::is_empty")]
+    #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
+    pub integrals: Ordered<Expression>,
     /// The states `x` by name, at least one. Their order is that of the output.
     #[schema(value_type = std::collections::BTreeMap<String, State>)]
     pub states: Ordered<State>,
@@ -87,6 +96,14 @@ impl Written for DviProblem {
         &self.tables
     }
 
+    fn definitions(&self) -> &Ordered<Expression> {
+        &self.definitions
+    }
+
+    fn integrals(&self) -> &Ordered<Expression> {
+        &self.integrals
+    }
+
     fn unknowns(&self) -> usize {
         self.states.len() + self.variables.len()
     }
@@ -107,6 +124,7 @@ impl Written for DviProblem {
             };
             place.key(section).key(name).to_string()
         });
+        lowering.use_definitions(&self.definitions);
         let (initial, start_terms) = self.initial(place, &mut lowering);
         let rates = self.rates(place, &mut lowering);
         let inequality = self.inequality(place, &mut lowering);

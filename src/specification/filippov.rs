@@ -32,6 +32,15 @@ pub struct FilippovProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
     pub tables: Ordered<TableOfPoints>,
+    /// Expressions by name in states, variables, parameters, `t` and each other, in no circle: further columns, and names to be
+    /// used in other expressions.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
+    pub definitions: Ordered<Expression>,
+    /// Integrals over time of expressions by name, from zero at the start: further columns.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
+    pub integrals: Ordered<Expression>,
     /// The states `x` by name, at least one. Their order is that of the output.
     #[schema(value_type = std::collections::BTreeMap<String, FilippovState>)]
     pub states: Ordered<FilippovState>,
@@ -85,6 +94,14 @@ impl Written for FilippovProblem {
         &self.tables
     }
 
+    fn definitions(&self) -> &Ordered<Expression> {
+        &self.definitions
+    }
+
+    fn integrals(&self) -> &Ordered<Expression> {
+        &self.integrals
+    }
+
     fn unknowns(&self) -> usize {
         self.states.len() + self.variables()
     }
@@ -98,6 +115,7 @@ impl Written for FilippovProblem {
             lowering.errors.push(error.expected("at least one state"));
         }
         lowering.bind_unknowns(self.states.names(), |i| states.key(self.states.name(i)).to_string());
+        lowering.use_definitions(&self.definitions);
         let values = self.states.iter();
         let (initial, start_terms): (Vec<f64>, Vec<Node>) =
             values.map(|(name, state)| lowering.initial(&state.initial, &states.key(name).key("initial"))).unzip();

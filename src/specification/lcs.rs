@@ -34,6 +34,15 @@ pub struct LcsProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
     pub tables: Ordered<TableOfPoints>,
+    /// Expressions by name in states, variables, parameters, `t` and each other, in no circle: further columns, and names to be
+    /// used in other expressions.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
+    pub definitions: Ordered<Expression>,
+    /// Integrals over time of expressions by name, from zero at the start: further columns.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
+    pub integrals: Ordered<Expression>,
     /// The states at the start, expressions in the parameters; their number is `n`.
     pub initial: Vec<Expression>,
     /// `n x n`.
@@ -83,6 +92,14 @@ impl Written for LcsProblem {
 
     fn tables(&self) -> &Ordered<TableOfPoints> {
         &self.tables
+    }
+
+    fn definitions(&self) -> &Ordered<Expression> {
+        &self.definitions
+    }
+
+    fn integrals(&self) -> &Ordered<Expression> {
+        &self.integrals
     }
 
     fn unknowns(&self) -> usize {

@@ -16,6 +16,7 @@ use super::wording::abridged;
 use expression::{Assumption, Graph, NameError, Node, Scope};
 use models::{Parameters, ParametricTerms};
 use problem::{Control, Mass};
+use std::collections::HashMap;
 
 /// States and variables that one specification may have in all.
 pub(super) const MOST_UNKNOWNS: usize = 2_000_000;
@@ -86,7 +87,7 @@ impl<'c> Lowering<'c> {
         lowering.bind("t", t, problem);
         lowering.bind_tables(givens.tables, &problem.key("tables"));
         let place = problem.key("parameters");
-        for (name, value) in parameters::in_order(givens.parameters, &lowering.constants) {
+        for (name, value) in parameters::in_order(givens.parameters, std::iter::empty(), &lowering.constants) {
             let place = place.key(name);
             let value = lowering.parametric(value, &place);
             let node = match value {
@@ -156,6 +157,48 @@ impl<'c> Lowering<'c> {
             let node = self.graph.input(i + 1);
             self.bind_at(name, node, || pointer(i));
         }
+    }
+
+    /// Gives the outputs of a problem, which stand in for states and variables, the names that they have.
+    pub(super) fn bind_outputs(&mut self, names: &[&str]) {
+        for (i, name) in names.iter().enumerate() {
+            let node = self.graph.input(i + 1);
+            let _ = self.names.bind_output(name, node);
+        }
+    }
+
+    /// Lets expressions use definitions, as far as these are made of what has a name here. What is wrong with one is found
+    /// where it is told as a column.
+    pub(super) fn use_definitions(&mut self, definitions: &Ordered<Expression>) {
+        let known: Vec<String> = self.names.names().map(String::from).collect();
+        for (name, expression) in parameters::in_order(definitions, known.iter().map(String::as_str), &self.names) {
+            let node = match expression {
+                Expression::Number(value) => Some(self.graph.constant(*value)),
+                Expression::Text(text) => self.graph.parse(text, &self.names).ok(),
+            };
+            if let Some(node) = node {
+                let _ = self.names.bind(name, node);
+            }
+        }
+    }
+
+    /// Gives definitions their names, and gives their nodes in the order of the document.
+    pub(super) fn define(&mut self, definitions: &Ordered<Expression>, problem: &Place<'_>) -> Vec<Node> {
+        let place = problem.key("definitions");
+        let known: Vec<String> = self.names.names().map(String::from).collect();
+        let mut nodes = HashMap::with_capacity(definitions.len());
+        for (name, expression) in parameters::in_order(definitions, known.iter().map(String::as_str), &self.names) {
+            let place = place.key(name);
+            let node = self.node_or_zero(expression, &place);
+            self.bind(name, node, &place);
+            nodes.insert(name, node);
+        }
+        definitions.names().filter_map(|name| nodes.get(name).copied()).collect()
+    }
+
+    /// An expression in all that has a name; zero where it cannot be read.
+    pub(super) fn node_or_zero(&mut self, expression: &Expression, place: &Place<'_>) -> Node {
+        self.node(expression, place).unwrap_or_else(|| self.graph.constant(0.0))
     }
 
     /// Keeps a name for something that no expression can refer to.
@@ -277,7 +320,11 @@ impl<'c> Lowering<'c> {
             SpecificationError::new(place.to_string(), error.code, detail).did_you_mean(error.did_you_mean);
         report.expected = error.expected;
         if constant && error.code == "unknown_name" {
-            report = report.expected("a constant: a number, or an expression in parameters, in no circle");
+            report = report.expected(if self.graph.parse(text, &self.names).is_ok() {
+                "a constant: a parameter cannot depend on `t`; put it under `definitions`"
+            } else {
+                "a constant: a number, or an expression in parameters, in no circle"
+            });
         }
         self.errors.push(report);
         None

@@ -3,11 +3,11 @@
 use super::lowering::Lowering;
 use super::matrix::{Entries, Matrix};
 use super::place::Place;
-use expression::{Assumption, Node};
+use expression::Node;
 use problem::Mass;
 
 /// Lowers the mass matrix of a problem with `n` states, with the terms of entries that depend on parameters; an identity
-/// that is written out is still an identity.
+/// that is written out in numbers is still an identity.
 pub(super) fn lower(
     mass: Option<&Matrix>,
     n: usize,
@@ -16,10 +16,6 @@ pub(super) fn lower(
 ) -> (Mass, Vec<(usize, usize, Node)>) {
     let Some(mass) = mass else { return (Mass::Identity, Vec::new()) };
     let Entries { values, terms } = mass.parametric((n, n), &problem.key("mass"), lowering);
-    let identity = values.len() == n && values.iter().all(|&(i, j, value)| i == j && value == 1.0);
-    if identity {
-        terms.into_iter().for_each(|(.., node)| lowering.graph.assume(node, Assumption::Value));
-        return (Mass::Identity, Vec::new());
-    }
-    (Mass::Constant(values), terms)
+    let is_identity = values.len() == n && values.iter().all(|&(i, j, value)| i == j && value == 1.0);
+    if is_identity && terms.is_empty() { (Mass::Identity, terms) } else { (Mass::Constant(values), terms) }
 }

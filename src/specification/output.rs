@@ -8,6 +8,7 @@ use super::times::Times;
 use super::wording::{abridged, listed};
 use expression::nearest;
 use serde::Deserialize;
+use solution::Observables;
 use std::collections::HashMap;
 use std::ops::Range;
 use utoipa::ToSchema;
@@ -19,14 +20,17 @@ pub struct Output {
     /// The times to report at. Default `"steps"`.
     #[serde(default)]
     pub times: Times,
-    /// The states, variables and further outputs to keep, by name. Default all; of problems in space, those that tell of
-    /// the whole.
+    /// The states, variables, further outputs, definitions and integrals to keep, by name. Default all but the definitions; of
+    /// problems in space, those that tell of the whole. `"*"` stands for the default.
     pub fields: Option<Vec<String>>,
     /// Estimate the error of the states at the end, by a second, more accurate run: about twice the work.
     #[serde(default)]
     #[schema(default = false)]
     pub global_error: bool,
 }
+
+/// Stands for what is kept where nothing is asked for.
+const ALL: &str = "*";
 
 /// The most output times.
 pub(super) const MOST_TIMES: usize = 2_000_000;
@@ -72,21 +76,21 @@ impl Output {
         }
     }
 
-    /// The places in `(x, z)` of the fields to keep.
-    pub(super) fn fields(
-        &self,
-        names: &[&str],
-        default: Range<usize>,
-        place: &Place<'_>,
-        errors: &mut Errors,
-    ) -> Vec<usize> {
-        let Some(fields) = &self.fields else { return default.collect() };
+    /// The places of the fields to keep.
+    pub(super) fn fields(&self, columns: &Columns<'_>, place: &Place<'_>, errors: &mut Errors) -> Vec<usize> {
+        let Some(fields) = &self.fields else { return columns.kept() };
         let place = place.key("fields");
-        let positions: HashMap<&str, usize> = names.iter().copied().zip(0..).collect();
-        let mut taken = vec![false; names.len()];
+        let names = || columns.names();
+        let positions: HashMap<&str, usize> = names().zip(0..).collect();
+        let mut taken = vec![false; positions.len()];
         let mut kept = Vec::with_capacity(fields.len());
         for (i, field) in fields.iter().enumerate() {
             let place = place.index(i);
+            if field == ALL {
+                let fresh = columns.kept().into_iter().filter(|&found| !std::mem::replace(&mut taken[found], true));
+                kept.extend(fresh);
+                continue;
+            }
             match positions.get(field.as_str()) {
                 Some(&found) if taken[found] => {
                     errors.report(&place, "duplicate_name", format!("`{field}` is kept already"));
@@ -96,14 +100,41 @@ impl Output {
                     kept.push(found);
                 }
                 None => errors.push_with(|| {
-                    let detail = format!("`{}` is neither a state nor a variable", abridged(field));
+                    let detail =
+                        format!("`{}` is no output: neither a state, a variable nor a definition", abridged(field));
                     SpecificationError::new(place.to_string(), "unknown_name", detail)
-                        .expected(listed(names.iter().copied()))
-                        .did_you_mean(nearest(field, names.iter().copied()))
+                        .expected(listed(names()))
+                        .did_you_mean(nearest(field, names()))
                 }),
             }
         }
         kept
+    }
+}
+
+/// All that may be kept of a trajectory.
+pub(super) struct Columns<'a> {
+    /// The names of the outputs of the problem.
+    pub outputs: &'a [&'a str],
+    /// Those of them that are kept where nothing is asked for.
+    pub default: Range<usize>,
+    /// What the user defines; integrals are kept where nothing is asked for.
+    pub observables: &'a Observables,
+    /// The names of derivatives, which are kept where nothing is asked for.
+    pub derivatives: &'a [String],
+}
+
+impl Columns<'_> {
+    fn names(&self) -> impl Iterator<Item = &str> + Clone {
+        let further = self.observables.names.iter().chain(self.derivatives);
+        self.outputs.iter().copied().chain(further.map(String::as_str))
+    }
+
+    /// What is kept where nothing is asked for.
+    fn kept(&self) -> Vec<usize> {
+        let observables = self.outputs.len() + self.observables.names.len();
+        let further = observables - self.observables.integrals..observables + self.derivatives.len();
+        self.default.clone().chain(further).collect()
     }
 }
 

@@ -1,19 +1,28 @@
-//! Parameters may be expressions in each other. The members of a JSON object have no order that every writer keeps, so
-//! theirs is found here: each after those that it depends on.
+//! Parameters may be expressions in each other, and so may definitions. The members of a JSON object have no order that every
+//! writer keeps, so theirs is found here: each after those that it depends on.
 
 use super::expression::Expression;
 use super::ordered::Ordered;
 use expression::{Graph, Scope};
 
-/// The parameters, which may use tables, with what they depend on first; those in a cycle come last, as they stand.
-pub(super) fn in_order<'p>(parameters: &'p Ordered<Expression>, tables: &Scope) -> Vec<(&'p str, &'p Expression)> {
-    let entries: Vec<(&str, &Expression)> = parameters.iter().collect();
-    let (mut graph, mut scope) = (Graph::new(), tables.clone());
+/// The entries with those first that others depend on; those in a cycle come last, as they stand. They may name what is
+/// `known` as well, and the tables of a scope.
+pub(super) fn in_order<'a>(
+    entries: &'a Ordered<Expression>,
+    known: impl Iterator<Item = &'a str>,
+    tables: &Scope,
+) -> Vec<(&'a str, &'a Expression)> {
+    let entries: Vec<(&str, &Expression)> = entries.iter().collect();
+    let (mut graph, mut scope) = (Graph::new(), tables.with_tables_alone());
     for (i, (name, _)) in entries.iter().enumerate() {
         // Its value is not known yet.
         let node = graph.parameter(i, f64::NAN);
         // A name that cannot be bound is reported when its value is.
         let _ = scope.bind(name, node);
+    }
+    for (i, name) in known.enumerate() {
+        let node = graph.input(i);
+        let _ = scope.bind_output(name, node);
     }
     let mut waiting = vec![0_usize; entries.len()];
     let mut dependents = vec![Vec::new(); entries.len()];

@@ -23,6 +23,8 @@ impl Specification {
         let model = self.model();
         Plan {
             names: model.output_names(),
+            observables: self.observables().clone(),
+            sensitivities: self.sensitivities().cloned(),
             initial: model.initial(),
             start: self.time().start,
             end: self.time().end,
@@ -51,7 +53,8 @@ impl Specification {
             first_step: method.first_step,
             max_step: method.max_step.unwrap_or(f64::INFINITY),
             min_step: method.min_step.unwrap_or(0.0),
-            interpolated: self.output_times().is_some_and(|times| times.iter().any(|t| is_inside(*t))),
+            interpolated: self.output_times().is_some_and(|times| times.iter().any(|t| is_inside(*t)))
+                || self.observables().is_followed(),
             switches: match method.switches {
                 Switches::Locate => radau::Switches::Locate,
                 Switches::StepOver => radau::Switches::StepOver,

@@ -27,6 +27,12 @@ pub(super) trait Written {
         Givens { parameters: self.parameters(), tables: self.tables() }
     }
 
+    /// Its definitions.
+    fn definitions(&self) -> &Ordered<Expression>;
+
+    /// Its integrals.
+    fn integrals(&self) -> &Ordered<Expression>;
+
     /// The states and variables that it declares, about.
     fn unknowns(&self) -> usize;
 

@@ -35,6 +35,8 @@ pub fn halving(status: Status) -> Solution {
         status,
         verdict,
         error: None,
+        ended_by: None,
+        sensitivities: None,
         trajectory,
         diagnostics: Diagnostics::default(),
         study: None,

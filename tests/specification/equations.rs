@@ -122,8 +122,10 @@ fn the_number_of_variables_follows_from_any_matrix_that_tells() {
 
 #[test]
 fn an_identity_that_is_written_out_is_an_identity() {
-    let document = with(block(), "/problem/dvi/mass", json!([["m", 0], [0, "k"]]));
-    assert_eq!(read(&document).model().dvi().unwrap().structure().mass, Mass::Identity);
+    let mass = |mass| read(&with(block(), "/problem/dvi/mass", mass)).model().dvi().unwrap().structure().mass.clone();
+    assert_eq!(mass(json!([[1, 0], [0, 1]])), Mass::Identity);
+    // Parameters that are one may be bound to other values.
+    assert_eq!(mass(json!([["m", 0], [0, "k"]])), Mass::Constant(vec![(0, 0, 1.0), (1, 1, 1.0)]));
 }
 
 #[test]

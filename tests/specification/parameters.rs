@@ -269,10 +269,11 @@ fn what_cannot_be_bound_says_which_parameter_changes_what() {
     let mut repelling = with_numbers(&regions(), &[("s", 0.0)]);
     repelling["problem"]["filippov"]["surface"] = json!("x");
     told(&repelling, &[("up", -1.0), ("down", 2.0)], "structure_changes", "repels");
-    // A mass of one is the identity; nothing is known of another.
+    // A mass that happens to be one is no identity.
     let mut identity = linear();
     identity["problem"]["lcs"]["mass"] = json!([["2*l", 0], [0, 1]]);
-    told(&identity, &[("l", 0.75)], "structure_changes", "taken for 1");
+    let bound = read(&identity).with_parameters(&[("l", 0.75)]).expect("another mass");
+    assert_same(&bound, &read(&with_numbers(&identity, &[("l", 0.75)])), "a mass");
     let folded = json!({"problem": {"convolution": {
         "parameters": {"a": 1}, "variables": {"z": {"q": "-a*t"}}, "kernel": {"fractional": {"exponent": 0.5}},
         "set": [{"nonnegative": ["z"]}]}}, "time": {"end": 1}, "method": {"step": 0.1}});

@@ -345,7 +345,7 @@ fn output_fields_are_states_and_variables() {
     assert_errors(
         &document,
         &[
-            ("/output/fields/2", "unknown_name", "`k` is neither a state nor a variable"),
+            ("/output/fields/2", "unknown_name", "`k` is no output: neither a state, a variable nor a definition"),
             ("/output/fields/3", "duplicate_name", "`x` is kept already"),
         ],
     );

@@ -72,7 +72,7 @@ fn an_unknown_key_lists_the_valid_ones() {
     let document = with(block(), "/colour", json!("red"));
     assert_errors(&document, &[("/colour", "unknown_key", "`colour` is not a key here")]);
     let expected = errors_of(document.to_string())[0].expected.clone().unwrap();
-    assert_eq!(expected, "one of `version`, `problem`, `time`, `method`, `output`, `limits`, `study`, `label`");
+    assert_eq!(expected, "one of `version`, `problem`, `time`, `method`, `output`, `limits`, `stop`, `sensitivities`, `study`, `label`");
 }
 
 #[test]

@@ -233,8 +233,8 @@ impl<'l, 'p> Leg<'l, 'p> {
         }
     }
 
-    /// Intervals that hold `x` between two times within the last step.
-    pub(super) fn ranges(&self, from: f64, to: f64) -> Vec<Interval> {
+    /// Intervals that hold `x` between two times within the last step; none where it is not smooth motion.
+    pub fn ranges(&self, from: f64, to: f64) -> Vec<Interval> {
         let radau = self.cut.as_ref().or(self.radau.as_ref());
         radau.map_or_else(Vec::new, |radau| radau.enclose_states(from, to))
     }

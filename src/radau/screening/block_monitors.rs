@@ -2,6 +2,7 @@
 //! is too wide from their slopes (see [`Reduced`]): on flat faces, where monitors are linear, from those of the monitors, in
 //! the interior of curved sets and at their vertices from those of `z` and `G`. Curved faces have the box alone.
 
+use super::LEFT_OUT;
 use super::on_face::{OnFace, Told};
 use super::part::Part;
 use super::point::Point;
@@ -48,7 +49,7 @@ impl BlockMonitors {
     /// Marks all blocks as open; whether the set has no block.
     pub fn leave_open(&mut self, limits: &[[f64; 2]]) -> bool {
         self.open.clear();
-        self.open.extend(0..limits.len());
+        self.open.extend((0..limits.len()).filter(|&b| limits[b] != LEFT_OUT));
         self.open.is_empty()
     }
 
@@ -76,7 +77,8 @@ impl BlockMonitors {
             let of_g = |k: usize| ball(system.terms(k, |j| [error(j)])[0]);
             g.extend(block.members.iter().map(|&k| rows[n + k] + of_g(k)));
             let [of_z, of_g] = *limits;
-            let is_proven = system.face.holds(&block.members)
+            let is_proven = *limits == LEFT_OUT
+                || system.face.holds(&block.members)
                 || match block.shape.is_flat(face) {
                     true => self.moving[b].iter().all(|(monitor, _)| {
                         let limit = if monitor.of_g.is_empty() { of_z } else { of_g };

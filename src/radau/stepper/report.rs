@@ -116,6 +116,17 @@ impl Radau<'_> {
         are_found
     }
 
+    /// The unknowns at the end of the last step on the face that it kept.
+    pub(crate) fn before_switch(&mut self) -> Vec<f64> {
+        let t = self.last.t + self.last.h;
+        let mut y = vec![0.0; self.system.unknowns];
+        self.last.at(self.orders.last().tableau, t, &mut y);
+        std::mem::swap(&mut self.system.face, &mut self.last.face);
+        self.find_variables(t, &mut y);
+        std::mem::swap(&mut self.system.face, &mut self.last.face);
+        y
+    }
+
     /// What is needed to judge the variables at the time reached; `None` where no variable has a bound.
     pub fn variables(&mut self) -> Option<Variables<'_>> {
         if self.system.bounded.is_empty() || !self.system.evaluate(self.clock.t, &self.y) {

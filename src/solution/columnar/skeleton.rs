@@ -1,6 +1,6 @@
 //! A solution without its columns, as JSON: what an excerpt of it says beside the numbers.
 
-use crate::{Event, Failure, Solution, Status, Trajectory, Verdict, Version};
+use crate::{Checked, EndedBy, Event, Failure, Solution, Status, Trajectory, Verdict, Version};
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
 use std::borrow::Cow;
@@ -24,9 +24,13 @@ struct Parts<'a> {
     verdict: Verdict,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     error: Option<Failure>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    ended_by: Option<EndedBy>,
     trajectory: Trajectory,
     #[serde(borrow, default, skip_serializing_if = "Option::is_none")]
     diagnostics: Option<Cow<'a, RawValue>>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    sensitivities: Option<Checked>,
     #[serde(borrow, default, skip_serializing_if = "Option::is_none")]
     study: Option<Cow<'a, RawValue>>,
 }
@@ -37,15 +41,18 @@ impl Skeleton {
     /// # Errors
     /// A part of the solution has no JSON form, which there is not.
     pub fn of(solution: &Solution) -> io::Result<Self> {
-        let Solution { version, status, verdict, error, trajectory, diagnostics, study } = solution;
+        let Solution { version, status, verdict, error, ended_by, trajectory, diagnostics, sensitivities, study } =
+            solution;
         let evidence = |text: serde_json::Result<Box<RawValue>>| text.map(Cow::Owned);
         let parts = Parts {
             version: *version,
             status: *status,
             verdict: verdict.clone(),
             error: error.clone(),
+            ended_by: ended_by.clone(),
             trajectory: Trajectory { events: trajectory.events.clone(), ..Trajectory::default() },
             diagnostics: Some(evidence(serde_json::value::to_raw_value(diagnostics))?),
+            sensitivities: sensitivities.clone(),
             study: study.as_ref().map(|study| evidence(serde_json::value::to_raw_value(study))).transpose()?,
         };
         Ok(Self(serde_json::to_string(&parts)?))

@@ -185,7 +185,7 @@ impl Stepper for Course<'_> {
         Ok(())
     }
 
-    fn outputs(&mut self, t: f64, out: &mut [f64]) {
+    fn values(&mut self, t: f64, out: &mut [f64]) {
         if self.segments.outputs(t, out).is_err() {
             // What is not finite between two nodes has no say here: what was found at the nodes is told.
             out[..self.names.len()].copy_from_slice(&self.ends);

@@ -32,12 +32,21 @@ impl Written for CircuitProblem {
         &self.tables
     }
 
+    fn definitions(&self) -> &Ordered<Expression> {
+        &self.definitions
+    }
+
+    fn integrals(&self) -> &Ordered<Expression> {
+        &self.integrals
+    }
+
     fn unknowns(&self) -> usize {
         self.components.as_ref().map_or(0, Vec::len)
     }
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
         let mut lowering = Lowering::with_inputs(start, self.givens(), place);
+        lowering.use_definitions(&self.definitions);
         let model = match (&self.components, &self.netlist) {
             (Some(components), None) => {
                 let circuit = Circuit { components, place: place.key("components"), lines: None };

@@ -35,6 +35,15 @@ pub struct CircuitProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
     pub tables: Ordered<TableOfPoints>,
+    /// Expressions by name in states, variables, parameters, `t` and each other, in no circle: further columns, and names to be
+    /// used in other expressions.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
+    pub definitions: Ordered<Expression>,
+    /// Integrals over time of expressions by name, from zero at the start: further columns.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
+    pub integrals: Ordered<Expression>,
     /// At most 10000 components.
     pub components: Option<Vec<Component>>,
     /// A netlist as SPICE reads it, at most 64 KiB: lines of `R`, `C`, `L`, `V`, `I` and `D` (ideal), sources `DC`, `SIN`,

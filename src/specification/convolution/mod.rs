@@ -38,6 +38,15 @@ pub struct ConvolutionProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
     pub tables: Ordered<TableOfPoints>,
+    /// Expressions by name in states, variables, parameters, `t` and each other, in no circle: further columns, and names to be
+    /// used in other expressions.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
+    pub definitions: Ordered<Expression>,
+    /// Integrals over time of expressions by name, from zero at the start: further columns.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
+    pub integrals: Ordered<Expression>,
     /// The variables `z` by name, at least one. Their order is that of the kernel's rows and columns.
     #[schema(value_type = std::collections::BTreeMap<String, ConvolutionVariable>)]
     pub variables: Ordered<ConvolutionVariable>,
@@ -90,12 +99,21 @@ impl Written for ConvolutionProblem {
         &self.tables
     }
 
+    fn definitions(&self) -> &Ordered<Expression> {
+        &self.definitions
+    }
+
+    fn integrals(&self) -> &Ordered<Expression> {
+        &self.integrals
+    }
+
     fn unknowns(&self) -> usize {
         self.variables.len()
     }
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
         let mut lowering = Lowering::new(start, self.givens(), place);
+        lowering.use_definitions(&self.definitions);
         let m = self.variables.len();
         let variables = place.key("variables");
         if m == 0 {

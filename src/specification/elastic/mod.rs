@@ -47,6 +47,15 @@ pub struct ElasticProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
     pub tables: Ordered<TableOfPoints>,
+    /// Expressions by name in states, variables, parameters, `t` and each other, in no circle: further columns, and names to be
+    /// used in other expressions.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
+    pub definitions: Ordered<Expression>,
+    /// Integrals over time of expressions by name, from zero at the start: further columns.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
+    pub integrals: Ordered<Expression>,
     /// The shape of the body.
     pub body: ElasticBody,
     /// The number of elements, equal ones, in each direction; one number for all, or `{"x": .., "y": ..}`.
@@ -110,6 +119,14 @@ impl Written for ElasticProblem {
 
     fn tables(&self) -> &Ordered<TableOfPoints> {
         &self.tables
+    }
+
+    fn definitions(&self) -> &Ordered<Expression> {
+        &self.definitions
+    }
+
+    fn integrals(&self) -> &Ordered<Expression> {
+        &self.integrals
     }
 
     fn unknowns(&self) -> usize {

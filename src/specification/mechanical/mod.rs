@@ -40,6 +40,15 @@ pub struct MechanicalProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
     pub tables: Ordered<TableOfPoints>,
+    /// Expressions by name in states, variables, parameters, `t` and each other, in no circle: further columns, and names to be
+    /// used in other expressions.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
+    pub definitions: Ordered<Expression>,
+    /// Integrals over time of expressions by name, from zero at the start: further columns.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
+    pub integrals: Ordered<Expression>,
     /// The coordinates `q` by name, at least one. The velocity of `q` is named `q_dot`.
     #[schema(value_type = std::collections::BTreeMap<String, Coordinate>)]
     pub coordinates: Ordered<Coordinate>,
@@ -100,6 +109,14 @@ impl Written for MechanicalProblem {
         &self.tables
     }
 
+    fn definitions(&self) -> &Ordered<Expression> {
+        &self.definitions
+    }
+
+    fn integrals(&self) -> &Ordered<Expression> {
+        &self.integrals
+    }
+
     fn unknowns(&self) -> usize {
         2 * self.coordinates.len()
     }
@@ -129,6 +146,7 @@ impl Written for MechanicalProblem {
         lowering.bind_unknowns(coordinates.iter().chain(&velocities).map(String::as_str), |i| {
             place.key("coordinates").key(self.coordinates.name(i % n.max(1))).to_string()
         });
+        lowering.use_definitions(&self.definitions);
         let (initial, start_terms) = self.initial(place, &mut lowering);
         let mass = self.mass.nodes((n, n), &place.key("mass"), &mut lowering);
         let of_place = |what: &str, node: Node, pointer: &Place<'_>, lowering: &mut Lowering| {

@@ -58,6 +58,10 @@ impl Model for ConvolutionModel {
         refuse_impacts(asked.method, errors);
     }
 
+    fn no_stop(&self) -> Option<&'static str> {
+        Some("a problem with memory is solved over its whole time several times, until two runs agree")
+    }
+
     fn no_global_error(&self) -> Option<&'static str> {
         Some("with memory the error is estimated where there is no `step`, and only there")
     }

@@ -86,6 +86,11 @@ pub trait Model: Any + Debug + Send + Sync {
     /// Refuses what no method here solves as it is posed, and methods that are not for it.
     fn check_method(&self, asked: &Asked<'_>, errors: &mut Errors);
 
+    /// Why nothing may end a run of it before its end; `None` where it may.
+    fn no_stop(&self) -> Option<&'static str> {
+        None
+    }
+
     /// Why the error at the end is not estimated; `None` where it is.
     fn no_global_error(&self) -> Option<&'static str>;
 

@@ -41,6 +41,15 @@ pub struct ObstacleProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
     pub tables: Ordered<TableOfPoints>,
+    /// Expressions by name in states, variables, parameters, `t` and each other, in no circle: further columns, and names to be
+    /// used in other expressions.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
+    pub definitions: Ordered<Expression>,
+    /// Integrals over time of expressions by name, from zero at the start: further columns.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
+    pub integrals: Ordered<Expression>,
     /// An interval, a rectangle or a box.
     pub domain: Domain,
     /// The number of elements, equal ones, in each direction; one number for all, or `{"x": .., "y": ..}`.
@@ -100,6 +109,14 @@ impl Written for ObstacleProblem {
 
     fn tables(&self) -> &Ordered<TableOfPoints> {
         &self.tables
+    }
+
+    fn definitions(&self) -> &Ordered<Expression> {
+        &self.definitions
+    }
+
+    fn integrals(&self) -> &Ordered<Expression> {
+        &self.integrals
     }
 
     fn unknowns(&self) -> usize {

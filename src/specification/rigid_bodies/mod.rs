@@ -48,6 +48,15 @@ pub struct RigidBodiesProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
     pub tables: Ordered<TableOfPoints>,
+    /// Expressions by name in states, variables, parameters, `t` and each other, in no circle: further columns, and names to be
+    /// used in other expressions.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
+    pub definitions: Ordered<Expression>,
+    /// Integrals over time of expressions by name, from zero at the start: further columns.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
+    pub integrals: Ordered<Expression>,
     /// Default `[0, 0, 0]`.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub gravity: Option<Vector>,
@@ -84,6 +93,14 @@ impl Written for RigidBodiesProblem {
         &self.tables
     }
 
+    fn definitions(&self) -> &Ordered<Expression> {
+        &self.definitions
+    }
+
+    fn integrals(&self) -> &Ordered<Expression> {
+        &self.integrals
+    }
+
     fn unknowns(&self) -> usize {
         self.bodies.len()
     }
@@ -95,6 +112,7 @@ impl Written for RigidBodiesProblem {
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
         let mut lowering = Lowering::new(start, self.givens(), place);
+        lowering.use_definitions(&self.definitions);
         let place_of_bodies = place.key("bodies");
         if self.bodies.len() > MOST_BODIES {
             let detail = format!("{} bodies", self.bodies.len());

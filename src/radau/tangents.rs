@@ -1,0 +1,255 @@
+//! The derivatives of a run by its parameters and initial values.
+//!
+//! Within a step they are those of the stages on their face, with the exact Jacobian of each stage,
+//!
+//! ```text
+//! M dX_i = M dx_n + h sum_j a_ij (F_x dX_j + F_z dZ_j + F_p),    G_x dX_i + G_z dZ_i + G_p = 0 or dZ_i = dl,    dx_{n+1} = dX_s
+//! ```
+//!
+//! so that they have the order of the states. Where the face changes, or the rows break, at a time `tau` at which a monitor
+//! `phi` vanishes, states are continuous and their rates need not be:
+//!
+//! ```text
+//! dtau = -(phi_x dx + phi_z dz + phi_p) / phi',    dx+ = dx- + (x'- - x'+) dtau
+//! ```
+//!
+//! (Rozenvasser 1967; Hiskens and Pai 2000, *Trajectory sensitivity analysis of hybrid systems*), with `dz` and `phi'` of the
+//! face before. Where `phi'` vanishes, where several monitors vanish at one time, and where no time of a switch was found there
+//! is no derivative, and none is made up.
+
+mod monitors;
+mod stages;
+
+use super::dense_output::Step;
+use super::face::Place;
+use super::stepper::Radau;
+use super::tableau::Tableau;
+use nalgebra::{DMatrix, Dyn, LU};
+use problem::{Dvi, Mass, MovingBound};
+
+/// Rates that jump by less than this part of their terms do not jump: variables are as exact as the tolerances make them, and
+/// the times of switches too.
+const CONTINUOUS: f64 = 1e-9;
+
+/// What a run is differentiated by, one direction a column.
+pub struct Directions {
+    /// The derivatives of the states at the start.
+    pub initial: DMatrix<f64>,
+    /// Writes those of `F`, `G` and the moving bounds at `(t, y)`, one row each.
+    pub rows: RowsBy,
+    /// Those of the mass matrix that are not zero, as `((row, column), direction, value)`.
+    pub mass: Vec<((usize, usize), usize, f64)>,
+    /// Those of constant bounds that are not zero.
+    pub bounds: Vec<(MovingBound, usize, f64)>,
+    /// The problem a little further in a direction and as far back; none where the equations do not change with it.
+    pub shifted: Vec<Option<Shifted>>,
+}
+
+/// Writes the derivatives of the rows of a problem at `(t, y)` by each direction.
+pub type RowsBy = Box<dyn FnMut(f64, &[f64], &mut DMatrix<f64>) + Send>;
+
+/// A problem with a parameter above and below its value.
+pub struct Shifted {
+    /// By how much.
+    pub by: f64,
+    /// Above and below.
+    pub problems: [Box<dyn Dvi>; 2],
+}
+
+/// Why there is no derivative.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NoDerivative {
+    /// States without mass.
+    #[error("the mass matrix is singular: the rates of some states are not known")]
+    SingularMass,
+    /// The states jumped.
+    #[error("the states jump, as constraints do not allow them where they are")]
+    Jump,
+    /// Switches were stepped over.
+    #[error("a switch could not be located, and was stepped over")]
+    Unlocated,
+    /// A block of variables is on the boundary of its set.
+    #[error(
+        "variables are on the boundary of a ball, a cone, a simplex or a polyhedron, of which no derivatives are made"
+    )]
+    Block,
+    /// Several monitors vanish at one time.
+    #[error("several switches happen at one time, and which is the first depends on the direction")]
+    Several,
+    /// A monitor touches zero.
+    #[error("a switch is touched and not crossed (grazing), so that its time has no derivative")]
+    Grazing,
+    /// The equations of a step, or of the variables, are singular.
+    #[error("the equations for the derivatives are singular")]
+    Singular,
+}
+
+/// The derivatives on the way of a run.
+pub struct Tangents {
+    problem: Box<dyn Dvi>,
+    directions: Directions,
+    mass: DMatrix<f64>,
+    inverse_mass: LU<f64, Dyn, Dyn>,
+    /// Those of the states at the time reached, one direction a column.
+    now: DMatrix<f64>,
+    /// The same where the last step began, and at its stages.
+    before: DMatrix<f64>,
+    stages: Vec<DMatrix<f64>>,
+    /// What the slope lacks with which the last step began, times its size, and the slope with which it ended.
+    slopes: [Option<DMatrix<f64>>; 2],
+}
+
+impl Tangents {
+    /// Begins at the start of a run of a problem.
+    ///
+    /// # Errors
+    /// A singular mass matrix.
+    pub fn new(problem: Box<dyn Dvi>, directions: Directions) -> Result<Self, NoDerivative> {
+        let structure = problem.structure();
+        let n = structure.states;
+        let mut mass = DMatrix::identity(n, n);
+        if let Mass::Constant(entries) = &structure.mass {
+            mass.fill(0.0);
+            entries.iter().for_each(|&(i, j, value)| mass[(i, j)] += value);
+        }
+        let inverse_mass = mass.clone().lu();
+        if !inverse_mass.is_invertible() {
+            return Err(NoDerivative::SingularMass);
+        }
+        let now = directions.initial.clone();
+        Ok(Self {
+            problem,
+            before: now.clone(),
+            stages: Vec::new(),
+            slopes: [None, None],
+            now,
+            directions,
+            mass,
+            inverse_mass,
+        })
+    }
+
+    /// Follows the last accepted step of a run.
+    ///
+    /// # Errors
+    /// Why there is no derivative from the end of this step on.
+    pub fn follow(&mut self, radau: &mut Radau<'_>) -> Result<(), NoDerivative> {
+        if !radau.last.is_smooth {
+            return Err(NoDerivative::Unlocated);
+        }
+        self.before.copy_from(&self.now);
+        let tableau = radau.orders.last().tableau;
+        self.solve_stages(&radau.last, tableau)?;
+        self.find_slopes(&radau.last, tableau);
+        if let Some(last) = self.stages.last() {
+            self.now.copy_from(last);
+        }
+        if radau.jumped().is_some() {
+            return Err(NoDerivative::Jump);
+        }
+        if radau.continues || radau.is_done() {
+            return Ok(());
+        }
+        self.slopes[1] = None;
+        self.pass_switch(radau)
+    }
+
+    /// The derivatives of a state at a time within the last step of the run, one a direction.
+    pub fn write(&self, radau: &Radau<'_>, t: f64, state: usize, out: &mut [f64]) {
+        let Step { t: begin, h, .. } = radau.last;
+        let is_known = t < radau.t() && !self.stages.is_empty();
+        if !is_known {
+            out.iter_mut().zip(self.now.row(state).iter()).for_each(|(out, value)| *out = *value);
+            return;
+        }
+        let tableau: &Tableau = radau.orders.last().tableau;
+        let mut weights = vec![0.0; tableau.stages()];
+        let theta = (t - begin) / h;
+        tableau.increments_at(theta, &mut weights);
+        for (direction, out) in out.iter_mut().enumerate() {
+            let first = self.before[(state, direction)];
+            let stages = weights.iter().zip(&self.stages);
+            *out = first + stages.map(|(weight, stage)| weight * (stage[(state, direction)] - first)).sum::<f64>();
+            if let Some(lacking) = &self.slopes[0] {
+                *out += tableau.bubble_at(theta) * lacking[(state, direction)];
+            }
+        }
+    }
+
+    /// What the slope of the polynomial through the stages of a step lacks at the beginning, times its size, and the slope at
+    /// the end: where there are no variables that of the rates is known, else that at the end of the step before.
+    fn find_slopes(&mut self, step: &Step, tableau: &Tableau) {
+        let s = tableau.stages();
+        let combine = |weight: &dyn Fn(usize) -> f64, stages: &[DMatrix<f64>], first: &DMatrix<f64>| {
+            let mut sum = DMatrix::zeros(first.nrows(), first.ncols());
+            stages.iter().enumerate().for_each(|(j, stage)| sum += (stage - first) * weight(j));
+            sum
+        };
+        let begin = match self.mass.nrows() == step.y.len() {
+            true => {
+                let (rows, (rates, _)) = (self.rows_at(step.t, &step.y), self.rates(step.t, &step.y));
+                let mut right = rows.by_y * &self.before + rows.by_directions;
+                for &((row, column), direction, value) in &self.directions.mass {
+                    right[(row, direction)] -= value * rates[column];
+                }
+                self.inverse_mass.solve(&right).map(|slope| slope * step.h)
+            }
+            false => self.slopes[1].take().map(|slope| slope * step.h),
+        };
+        let at_begin = |j: usize| {
+            let others = (0..s).filter(|i| *i != j);
+            others.map(|i| -tableau.c[i] / (tableau.c[j] - tableau.c[i])).product::<f64>() / tableau.c[j]
+        };
+        let lacking = begin.map(|begin| begin - combine(&at_begin, &self.stages, &self.before));
+        let at_end = |j: usize| tableau.a_inverse[(s - 1, j)] / step.h;
+        self.slopes = [lacking, Some(combine(&at_end, &self.stages, &self.before))];
+    }
+
+    fn count(&self) -> usize {
+        self.now.ncols()
+    }
+
+    /// Goes over the end of a step where the next does not continue it.
+    fn pass_switch(&mut self, radau: &mut Radau<'_>) -> Result<(), NoDerivative> {
+        let (before, after) = (radau.before_switch(), radau.y().to_vec());
+        let ends = [radau.last.t + radau.last.h, radau.t()];
+        let [(left, terms), (right, _)] = [self.rates(ends[0], &before), self.rates(ends[1], &after)];
+        let jump: Vec<f64> = left.iter().zip(&right).map(|(left, right)| left - right).collect();
+        let size = |i: usize| CONTINUOUS * terms[i].max(left[i].abs()).max(right[i].abs());
+        if jump.iter().enumerate().all(|(i, jump)| jump.abs() <= size(i)) {
+            return Ok(());
+        }
+        let times = self.switch_times(radau, ends, &before)?;
+        for (direction, time) in times.iter().enumerate() {
+            jump.iter().enumerate().for_each(|(i, jump)| self.now[(i, direction)] += jump * time);
+        }
+        Ok(())
+    }
+
+    /// `M^-1 F` at a place, and the largest of the terms of each.
+    fn rates(&mut self, t: f64, y: &[f64]) -> (Vec<f64>, Vec<f64>) {
+        let n = self.mass.nrows();
+        let mut values = vec![0.0; self.problem.structure().rows()];
+        self.problem.evaluate(t, y, &mut values);
+        let mut rates = DMatrix::from_column_slice(n, 1, &values[..n]);
+        self.inverse_mass.solve_mut(&mut rates);
+        let structure = self.problem.structure();
+        let pattern = structure.pattern.clone();
+        let mut derivatives = vec![0.0; pattern.len()];
+        self.problem.jacobian(t, y, &mut derivatives);
+        let mut terms = vec![0.0; n];
+        for (&(row, column), value) in pattern.iter().zip(&derivatives).filter(|((row, _), _)| *row < n) {
+            terms[row] = f64::max(terms[row], (value * y[column]).abs());
+        }
+        let scale = terms.iter().fold(0.0_f64, |most, term| most.max(*term));
+        if self.problem.structure().mass != Mass::Identity {
+            terms.fill(scale);
+        }
+        (rates.as_slice().to_vec(), terms)
+    }
+}
+
+/// The variables whose place differs between two faces.
+fn changed(from: &[Place], to: &[Place]) -> Vec<usize> {
+    (0..from.len()).filter(|&k| from[k] != to[k]).collect()
+}

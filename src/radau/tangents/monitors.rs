@@ -1,0 +1,262 @@
+//! How the time of a switch, or of a break of the rows, depends on the directions.
+
+use super::stages::Rows;
+use super::{NoDerivative, Tangents, changed};
+use crate::face::{ActiveFace, Place};
+use crate::stepper::Radau;
+use nalgebra::DMatrix;
+use problem::{Dvi, Side};
+
+/// A monitor whose rate is below this part of its terms touches zero.
+const TOUCHES: f64 = 1e-9;
+/// Times of several switches at one time agree to this part: they are one switch, told by several variables.
+const AGREE: f64 = 1e-6;
+/// The cube root of the rounding of doubles: by this part of its size a place is moved for a central difference.
+const MOVED: f64 = 6e-6;
+
+impl Tangents {
+    /// The derivative of the time at which a step ended by each direction, where `before` are the unknowns of its face.
+    pub(super) fn switch_times(
+        &mut self,
+        radau: &mut Radau<'_>,
+        ends: [f64; 2],
+        before: &[f64],
+    ) -> Result<Vec<f64>, NoDerivative> {
+        let face = radau.last.face.clone();
+        let variables = changed(&face.places, &radau.face().places);
+        if variables.is_empty() {
+            return self.break_times(ends);
+        }
+        let t = ends[0];
+        let rows = self.rows_at(t, before);
+        // The last column is that of time.
+        let (rates, _) = self.rates(t, before);
+        let mut states = self.now.clone().insert_column(self.count(), 0.0);
+        states.column_mut(self.count()).copy_from_slice(&rates);
+        let by_time = self.rows_by_time(t, before);
+        let sizes: Vec<f64> = before.iter().zip(radau.largest()).map(|(y, largest)| y.abs().max(*largest)).collect();
+        let slopes = self.variables_along((t, before), &face, &rows, (&states, &by_time), &sizes)?;
+        let mut found: Option<Vec<f64>> = None;
+        for k in variables {
+            let times = self.times_of(k, (&face, radau.face()), &rows, (&states, &slopes, &by_time))?;
+            if let Some(found) = &found {
+                let differ = |(a, b): (&f64, &f64)| (a - b).abs() > AGREE * a.abs().max(b.abs());
+                if found.iter().zip(&times).any(differ) {
+                    return Err(NoDerivative::Several);
+                }
+            }
+            found.get_or_insert(times);
+        }
+        found.ok_or(NoDerivative::Several)
+    }
+
+    /// The same of the monitor of one variable.
+    fn times_of(
+        &self,
+        k: usize,
+        (face, next): (&ActiveFace, &ActiveFace),
+        rows: &Rows,
+        (states, variables, by_time): (&DMatrix<f64>, &DMatrix<f64>, &[f64]),
+    ) -> Result<Vec<f64>, NoDerivative> {
+        let (n, count) = (states.nrows(), self.count());
+        let structure = self.problem.structure();
+        let side = match (face.places[k], next.places[k]) {
+            (Place::Inside, Place::Lower) => Some(Side::Lower),
+            (Place::Inside, Place::Upper) => Some(Side::Upper),
+            (Place::Lower | Place::Upper, _) => None,
+            _ => return Err(NoDerivative::Block),
+        };
+        // The derivative of a row along a column, and the largest of its terms.
+        let along = |row: usize, column: usize| -> (f64, f64) {
+            let unknowns =
+                states.column(column).iter().chain(variables.column(column).iter()).copied().collect::<Vec<_>>();
+            let products =
+                rows.by_y.row(row).iter().zip(&unknowns).map(|(slope, change)| slope * change).collect::<Vec<_>>();
+            let own = if column == count { by_time[row] } else { rows.by_directions[(row, column)] };
+            let largest = products.iter().fold(own.abs(), |most, product| most.max(product.abs()));
+            (products.iter().sum::<f64>() + own, largest)
+        };
+        let of_monitor = |column: usize| -> (f64, f64) {
+            let Some(side) = side else { return along(n + k, column) };
+            let own = variables[(k, column)];
+            let moving = structure.moving.iter().position(|moving| moving.variable == k && moving.side == side);
+            let moved = moving.map_or((0.0, 0.0), |p| along(structure.unknowns() + p, column));
+            let constant: f64 = self
+                .directions
+                .bounds
+                .iter()
+                .filter(|(bound, direction, _)| bound.variable == k && bound.side == side && *direction == column)
+                .map(|(.., value)| value)
+                .sum();
+            (own - moved.0 - constant, own.abs().max(moved.1))
+        };
+        let (rate, terms) = of_monitor(count);
+        if rate.abs() <= TOUCHES * terms || rate == 0.0 {
+            return Err(NoDerivative::Grazing);
+        }
+        Ok((0..count).map(|direction| -of_monitor(direction).0 / rate).collect())
+    }
+
+    /// How the variables of a face go with the states, directions and time, one column each as in `states`: told by `G` where its
+    /// derivative by them is regular, else by the derivative of `G` in time.
+    fn variables_along(
+        &mut self,
+        (t, y): (f64, &[f64]),
+        face: &ActiveFace,
+        rows: &Rows,
+        (states, by_time): (&DMatrix<f64>, &[f64]),
+        sizes: &[f64],
+    ) -> Result<DMatrix<f64>, NoDerivative> {
+        let (n, columns) = (states.nrows(), states.ncols());
+        let m = y.len() - n;
+        let (mut matrix, mut right) = (DMatrix::zeros(m, m), DMatrix::zeros(m, columns));
+        let mut inside = Vec::new();
+        for k in 0..m {
+            let (by_y, by_directions) = self.equation(face, k, rows)?;
+            if face.places[k] == Place::Inside {
+                inside.push(k);
+            }
+            for column in 0..columns {
+                let own = match column == self.count() {
+                    false => by_directions[column],
+                    true if face.places[k] == Place::Inside => by_time[n + k],
+                    true => -self.bound_by_time(face, k, by_time),
+                };
+                let way = states.column(column);
+                let moved: f64 = by_y[..n].iter().zip(way.iter()).map(|(slope, change)| slope * change).sum();
+                right[(k, column)] = -own - moved;
+            }
+            by_y[n..].iter().enumerate().for_each(|(column, value)| matrix[(k, column)] = *value);
+        }
+        let is_hidden = |k: &usize| inside.iter().all(|l| matrix[(*k, *l)] == 0.0);
+        let hidden: Vec<usize> = inside.iter().copied().filter(is_hidden).collect();
+        if !hidden.is_empty() {
+            // Those on bounds first: the others go with them.
+            let mut fixed = DMatrix::zeros(m, columns);
+            (0..m).filter(|k| !inside.contains(k)).for_each(|k| fixed.set_row(k, &right.row(k)));
+            let by_variables = self.inverse_mass.solve(&rows.by_y.view((0, n), (n, m)).into_owned());
+            let by_variables = by_variables.ok_or(NoDerivative::Singular)?;
+            let slopes = self.hidden_slopes((t, y), states, &fixed, sizes);
+            for &k in &hidden {
+                let row = rows.by_y.view((n + k, 0), (1, n)) * &by_variables;
+                (0..m).for_each(|l| matrix[(k, l)] = if inside.contains(&l) { row[l] } else { 0.0 });
+                (0..columns).for_each(|column| right[(k, column)] = -slopes[(k, column)]);
+            }
+        }
+        let factors = matrix.full_piv_lu();
+        if !factors.solve_mut(&mut right) || right.iter().any(|value| !value.is_finite()) {
+            return Err(NoDerivative::Singular);
+        }
+        Ok(right)
+    }
+
+    /// The derivatives of `dG/dt = G_t + G_x M^-1 F` along columns of states with variables, with the directions, and with time
+    /// for the last, by central differences.
+    fn hidden_slopes(
+        &mut self,
+        (t, y): (f64, &[f64]),
+        states: &DMatrix<f64>,
+        variables: &DMatrix<f64>,
+        sizes: &[f64],
+    ) -> DMatrix<f64> {
+        let (m, columns) = (variables.nrows(), states.ncols());
+        let mut slopes = DMatrix::zeros(m, columns);
+        for column in 0..columns {
+            let way: Vec<f64> = states.column(column).iter().chain(variables.column(column).iter()).copied().collect();
+            let parts = way.iter().zip(sizes).filter(|(way, _)| **way != 0.0).map(|(way, size)| size / way.abs());
+            let mut by = MOVED * parts.fold(f64::INFINITY, f64::min);
+            let in_time = if column + 1 == columns { 1.0 } else { 0.0 };
+            if !by.is_finite() {
+                by = MOVED * t.abs().max(1.0);
+            }
+            let [above, below] = [by, -by].map(|by| {
+                let moved: Vec<f64> = y.iter().zip(&way).map(|(y, way)| y + by * way).collect();
+                hidden(&mut *self.problem, &self.inverse_mass, t + in_time * by, &moved)
+            });
+            for k in 0..m {
+                slopes[(k, column)] = (above[k] - below[k]) / (2.0 * by);
+            }
+            if let Some(Some(shifted)) = self.directions.shifted.get_mut(column) {
+                let [above, below] =
+                    shifted.problems.each_mut().map(|problem| hidden(&mut **problem, &self.inverse_mass, t, y));
+                for k in 0..m {
+                    slopes[(k, column)] += (above[k] - below[k]) / (2.0 * shifted.by);
+                }
+            }
+        }
+        slopes
+    }
+
+    /// How the rows vary with time alone: `G` exactly, bounds by central differences.
+    fn rows_by_time(&mut self, t: f64, y: &[f64]) -> Vec<f64> {
+        let structure = self.problem.structure();
+        let (n, unknowns, rows) = (structure.states, structure.unknowns(), structure.rows());
+        let mut by_time = vec![0.0; rows];
+        self.problem.time_derivative(t, y, &mut by_time[n..unknowns]);
+        if rows > unknowns {
+            let by = MOVED * t.abs().max(f64::MIN_POSITIVE.sqrt());
+            let mut at = |t: f64| {
+                let mut values = vec![0.0; rows];
+                self.problem.evaluate(t, y, &mut values);
+                values
+            };
+            let (above, below) = (at(t + by), at(t - by));
+            (unknowns..rows).for_each(|row| by_time[row] = (above[row] - below[row]) / (2.0 * by));
+        }
+        by_time
+    }
+
+    fn bound_by_time(&self, face: &ActiveFace, k: usize, by_time: &[f64]) -> f64 {
+        let structure = self.problem.structure();
+        let side = if face.places[k] == Place::Lower { Side::Lower } else { Side::Upper };
+        let moving = structure.moving.iter().position(|moving| moving.variable == k && moving.side == side);
+        moving.map_or(0.0, |p| by_time[structure.unknowns() + p])
+    }
+
+    /// How the time of a break depends on the directions: that of the quantity that changes its sign there.
+    fn break_times(&mut self, [before, after]: [f64; 2]) -> Result<Vec<f64>, NoDerivative> {
+        let first = self.problem.breaks(before).to_vec();
+        let broken = self
+            .problem
+            .breaks(after)
+            .iter()
+            .zip(&first)
+            .position(|(after, before)| (*after >= 0.0) != (*before >= 0.0));
+        let Some(place) = broken else { return Ok(vec![0.0; self.count()]) };
+        let by = MOVED * before.abs().max(after.abs()).max(f64::MIN_POSITIVE.sqrt());
+        let rate = (self.problem.breaks(after + by)[place] - self.problem.breaks(before - by)[place]) / (2.0 * by);
+        let times = self.directions.shifted.iter_mut().map(|shifted| {
+            let Some(shifted) = shifted else { return 0.0 };
+            let [above, below] = shifted.problems.each_mut().map(|problem| problem.breaks(before)[place]);
+            -(above - below) / (2.0 * shifted.by) / rate
+        });
+        let times: Vec<f64> = times.collect();
+        if times.iter().all(|time| time.is_finite()) { Ok(times) } else { Err(NoDerivative::Grazing) }
+    }
+}
+
+/// `G_t + G_x M^-1 F`
+fn hidden(
+    problem: &mut dyn Dvi,
+    inverse_mass: &nalgebra::LU<f64, nalgebra::Dyn, nalgebra::Dyn>,
+    t: f64,
+    y: &[f64],
+) -> Vec<f64> {
+    let structure = problem.structure();
+    let (n, m, rows) = (structure.states, structure.variables, structure.rows());
+    let pattern = structure.pattern.clone();
+    let mut values = vec![0.0; rows];
+    problem.evaluate(t, y, &mut values);
+    let mut rates = DMatrix::from_column_slice(n, 1, &values[..n]);
+    inverse_mass.solve_mut(&mut rates);
+    let mut derivatives = vec![0.0; pattern.len()];
+    problem.jacobian(t, y, &mut derivatives);
+    let mut slopes = vec![0.0; m];
+    problem.time_derivative(t, y, &mut slopes);
+    for (&(row, column), value) in pattern.iter().zip(&derivatives) {
+        if (n..n + m).contains(&row) && column < n {
+            slopes[row - n] += value * rates[column];
+        }
+    }
+    slopes
+}

@@ -1,0 +1,111 @@
+//! The derivatives of the stages of one step.
+
+use super::{NoDerivative, Tangents};
+use crate::dense_output::Step;
+use crate::face::{ActiveFace, Place};
+use crate::tableau::Tableau;
+use nalgebra::DMatrix;
+use problem::{Face, Side};
+
+/// The derivatives of the rows at one place.
+pub(super) struct Rows {
+    /// By `y`: `F`, `G`, moving bounds.
+    pub by_y: DMatrix<f64>,
+    /// By the directions.
+    pub by_directions: DMatrix<f64>,
+}
+
+impl Tangents {
+    /// The derivatives of the rows at `(t, y)`.
+    pub(super) fn rows_at(&mut self, t: f64, y: &[f64]) -> Rows {
+        let structure = self.problem.structure();
+        let (rows, unknowns) = (structure.rows(), structure.unknowns());
+        let pattern = structure.pattern.clone();
+        let mut values = vec![0.0; pattern.len()];
+        self.problem.jacobian(t, y, &mut values);
+        let mut by_y = DMatrix::zeros(rows, unknowns);
+        pattern.iter().zip(values).for_each(|(&place, value)| by_y[place] = value);
+        let mut by_directions = DMatrix::zeros(rows, self.count());
+        (self.directions.rows)(t, y, &mut by_directions);
+        Rows { by_y, by_directions }
+    }
+
+    /// The equation of variable `k` on a face as a row of derivatives by `y`, and what the directions add to it.
+    pub(super) fn equation(
+        &self,
+        face: &ActiveFace,
+        k: usize,
+        rows: &Rows,
+    ) -> Result<(Vec<f64>, Vec<f64>), NoDerivative> {
+        let structure = self.problem.structure();
+        let (n, unknowns) = (structure.states, structure.unknowns());
+        if let Some(b) = structure.set.block_of(k)
+            && face.blocks[b] != Face::Interior
+        {
+            return Err(NoDerivative::Block);
+        }
+        let side = match face.places[k] {
+            Place::Inside => {
+                let row = |matrix: &DMatrix<f64>| matrix.row(n + k).iter().copied().collect();
+                return Ok((row(&rows.by_y), row(&rows.by_directions)));
+            }
+            Place::Lower => Side::Lower,
+            Place::Upper => Side::Upper,
+            Place::Held | Place::Boundary(_) | Place::Vertex => return Err(NoDerivative::Block),
+        };
+        let (mut by_y, mut by_directions) = (vec![0.0; unknowns], vec![0.0; self.count()]);
+        by_y[n + k] = 1.0;
+        for (p, _) in
+            structure.moving.iter().enumerate().filter(|(_, moving)| moving.variable == k && moving.side == side)
+        {
+            let row = unknowns + p;
+            by_y.iter_mut().zip(rows.by_y.row(row).iter()).for_each(|(sum, value)| *sum -= value);
+            by_directions.iter_mut().zip(rows.by_directions.row(row).iter()).for_each(|(sum, value)| *sum -= value);
+        }
+        for &(bound, direction, value) in &self.directions.bounds {
+            if bound.variable == k && bound.side == side {
+                by_directions[direction] -= value;
+            }
+        }
+        Ok((by_y, by_directions))
+    }
+
+    /// Solves for the derivatives of the states at the stages of a step.
+    pub(super) fn solve_stages(&mut self, step: &Step, tableau: &Tableau) -> Result<(), NoDerivative> {
+        let (n, unknowns, s, h) = (self.mass.nrows(), step.y.len(), tableau.stages(), step.h);
+        let mut matrix = DMatrix::zeros(s * unknowns, s * unknowns);
+        let mut right = DMatrix::zeros(s * unknowns, self.count());
+        let first = &self.mass * &self.before;
+        for (j, z) in step.z.chunks_exact(unknowns).enumerate() {
+            let y: Vec<f64> = step.y.iter().zip(z).map(|(y, z)| y + z).collect();
+            let rows = self.rows_at(step.t + tableau.c[j] * h, &y);
+            let (of_rates, by_directions) = (rows.by_y.rows(0, n), rows.by_directions.rows(0, n));
+            for i in 0..s {
+                let weight = h * tableau.a[(i, j)];
+                let mut block = matrix.view_mut((i * unknowns, j * unknowns), (n, unknowns));
+                block -= of_rates * weight;
+                let mut block = right.rows_mut(i * unknowns, n);
+                block += by_directions * weight;
+            }
+            let mut own = matrix.view_mut((j * unknowns, j * unknowns), (n, n));
+            own += &self.mass;
+            let mut own = right.rows_mut(j * unknowns, n);
+            own += &first;
+            for &((row, column), direction, value) in &self.directions.mass {
+                right[(j * unknowns + row, direction)] -= value * z[column];
+            }
+            for k in 0..unknowns - n {
+                let (by_y, by_directions) = self.equation(&step.face, k, &rows)?;
+                let row = j * unknowns + n + k;
+                by_y.iter().enumerate().for_each(|(column, value)| matrix[(row, j * unknowns + column)] = *value);
+                by_directions.iter().enumerate().for_each(|(column, value)| right[(row, column)] = -value);
+            }
+        }
+        if !matrix.lu().solve_mut(&mut right) || right.iter().any(|value| !value.is_finite()) {
+            return Err(NoDerivative::Singular);
+        }
+        self.stages.clear();
+        self.stages.extend((0..s).map(|i| right.rows(i * unknowns, n).into_owned()));
+        Ok(())
+    }
+}

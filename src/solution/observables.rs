@@ -1,0 +1,227 @@
+//! What a user defines beside the outputs of a problem, followed along the dense output of any method: definitions, which
+//! are further columns; integrals of expressions over time; and monitors, whose changes of sign are located and told, or end
+//! the run.
+
+use super::run::Stepper;
+use super::{Event, EventKind};
+use expression::{IntervalWorkspace, Tape};
+use hybrid::{Crossing, Followed, Monitors};
+use numerics::{Interval, kronrod};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// The difference of both rules of quadrature, in parts of the integral of the size, at which they agree.
+const AGREE: f64 = 1e-13;
+/// The parts of a step that are integrated apart at most, as where an integrand has a kink: each halving takes two digits.
+const MOST_PARTS: usize = 64;
+
+/// Definitions, integrals and monitors of a user.
+#[derive(Clone, Debug, Default)]
+pub struct Observables {
+    /// The names of the definitions, then of the integrals.
+    pub names: Vec<String>,
+    /// The number of integrals.
+    pub integrals: usize,
+    /// The monitors.
+    pub monitors: Vec<Monitored>,
+    /// Definitions, integrands and monitors as a program in `t` and all outputs of the problem.
+    pub program: Tape,
+}
+
+/// A monitor.
+#[derive(Clone, Debug)]
+pub struct Monitored {
+    /// What it is called where it is told.
+    pub label: String,
+    /// Which of its changes count.
+    pub direction: Direction,
+    /// Whether they end the run.
+    pub ends: bool,
+}
+
+/// The changes of a monitor that count.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Direction {
+    /// From below zero to zero or above.
+    Rising,
+    /// From above zero to zero or below.
+    Falling,
+    /// Both.
+    #[default]
+    Either,
+}
+
+/// The monitor that ended a run.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
+pub struct EndedBy {
+    /// Its label; where it has none, its expression.
+    pub label: String,
+    /// When.
+    pub t: f64,
+}
+
+impl Observables {
+    /// Whether something is taken within steps, whatever the output times are.
+    pub fn is_followed(&self) -> bool {
+        self.integrals > 0 || !self.monitors.is_empty()
+    }
+
+    fn definitions(&self) -> usize {
+        self.names.len() - self.integrals
+    }
+}
+
+/// Observables on the way of one run.
+pub(super) struct Observed {
+    of: Observables,
+    monitors: Monitors,
+    place: Place,
+    /// The integrals up to `reached`.
+    integrals: Vec<f64>,
+    reached: f64,
+}
+
+/// Room for one evaluation.
+struct Place {
+    program: Tape,
+    boxes: IntervalWorkspace,
+    outputs: Vec<f64>,
+    values: Vec<f64>,
+    output_ranges: Vec<Interval>,
+    ranges: Vec<Interval>,
+    /// The first monitor among the values.
+    first: usize,
+}
+
+/// The monitors along the last step of a method.
+struct Along<'a, S> {
+    stepper: &'a mut S,
+    place: &'a mut Place,
+}
+
+impl<S: Stepper> Followed for Along<'_, S> {
+    fn monitors(&mut self, t: f64, out: &mut [f64]) {
+        let first = self.place.first;
+        out.copy_from_slice(&self.place.at(self.stepper, t)[first..]);
+    }
+
+    fn enclose(&mut self, from: f64, to: f64, out: &mut [Interval]) -> bool {
+        let Place { program, boxes, output_ranges, ranges, first, .. } = &mut *self.place;
+        output_ranges.fill(Interval::LINE);
+        if !self.stepper.enclose(from, to, output_ranges) {
+            return false;
+        }
+        program.enclose(Interval::new(from, to), output_ranges, boxes, ranges);
+        out.copy_from_slice(&ranges[*first..]);
+        true
+    }
+}
+
+impl Place {
+    /// Definitions, integrands and monitors at a time within the last step.
+    fn at(&mut self, stepper: &mut impl Stepper, t: f64) -> &[f64] {
+        stepper.values(t, &mut self.outputs);
+        self.program.evaluate(t, &self.outputs, &mut self.values);
+        &self.values
+    }
+}
+
+impl Observed {
+    /// Begins at the start of a run with so many outputs of the problem.
+    pub fn new(of: &Observables, outputs: usize, stepper: &mut impl Stepper) -> Self {
+        let count = of.names.len() + of.monitors.len();
+        let mut place = Place {
+            program: of.program.clone(),
+            boxes: IntervalWorkspace::new(&of.program),
+            outputs: vec![0.0; outputs],
+            values: vec![0.0; count],
+            output_ranges: vec![Interval::LINE; outputs],
+            ranges: vec![Interval::LINE; count],
+            first: of.names.len(),
+        };
+        let t = stepper.t();
+        let monitors = Monitors::new(&place.at(stepper, t)[of.names.len()..]);
+        Self { monitors, place, integrals: vec![0.0; of.integrals], reached: t, of: of.clone() }
+    }
+
+    /// Follows the monitors over the last step, from `begin` on: adds what they tell to the events, and gives what ends the run,
+    /// behind which there are no events.
+    pub fn follow(&mut self, stepper: &mut impl Stepper, begin: f64, events: &mut Vec<Event>) -> Option<EndedBy> {
+        let end = stepper.t();
+        let (mut from, first) = (begin, events.len());
+        let mut ended = None;
+        let mut along = Along { stepper, place: &mut self.place };
+        while let Some(Crossing { t, monitor, is_rising }) = self.monitors.next(&mut along, from, end) {
+            from = t;
+            let Monitored { label, direction, ends } = &self.of.monitors[monitor];
+            let counts = match direction {
+                Direction::Rising => is_rising,
+                Direction::Falling => !is_rising,
+                Direction::Either => true,
+            };
+            if !counts {
+                continue;
+            }
+            events.push(Event { t, kind: EventKind::Crossed, of: label.clone() });
+            if *ends {
+                ended = Some(EndedBy { label: label.clone(), t });
+                break;
+            }
+        }
+        if events.len() > first {
+            events.sort_by(|a, b| a.t.total_cmp(&b.t));
+        }
+        if let Some(EndedBy { t, .. }) = &ended {
+            events.retain(|event| event.t <= *t);
+        }
+        ended
+    }
+
+    /// Writes definitions and integrals at a time within the last step, to which outputs come in order.
+    pub fn write(&mut self, stepper: &mut impl Stepper, t: f64, out: &mut [f64]) {
+        self.integrate(stepper, t);
+        let definitions = self.of.definitions();
+        let (of_definitions, of_integrals) = out.split_at_mut(definitions);
+        of_definitions.copy_from_slice(&self.place.at(stepper, t)[..definitions]);
+        of_integrals.copy_from_slice(&self.integrals);
+    }
+
+    /// Takes the integrals up to a time within the last step.
+    pub fn integrate(&mut self, stepper: &mut impl Stepper, t: f64) {
+        let (first, count) = (self.of.definitions(), self.of.integrals);
+        if count == 0 || t <= self.reached {
+            return;
+        }
+        let mut left = vec![(self.reached, t)];
+        let mut parts = 0;
+        let mut sums = vec![[0.0; 3]; count];
+        while let Some((a, b)) = left.pop() {
+            parts += 1;
+            sums.fill([0.0; 3]);
+            for (t, weight, excess) in kronrod(a, b) {
+                let values = &self.place.at(stepper, t)[first..];
+                for ([sum, difference, size], value) in sums.iter_mut().zip(values) {
+                    *sum += weight * value;
+                    *difference += excess * value;
+                    *size += (weight * value).abs();
+                }
+            }
+            let middle = a + 0.5 * (b - a);
+            let agree = sums.iter().zip(&self.integrals).all(|([_, difference, size], integral)| {
+                difference.abs() <= AGREE * size.max(f64::EPSILON / AGREE * integral.abs())
+            });
+            if !agree && parts + left.len() < MOST_PARTS && a < middle && middle < b {
+                left.extend([(middle, b), (a, middle)]);
+            } else {
+                self.integrals.iter_mut().zip(&sums).for_each(|(integral, [sum, ..])| *integral += sum);
+            }
+        }
+        self.reached = t;
+    }
+
+    /// Steps in which a monitor may have changed its sign and back unseen.
+    pub fn open(&self) -> u64 {
+        self.monitors.open
+    }
+}

@@ -1,0 +1,128 @@
+//! What a user defines beside the outputs of a problem: `definitions`, `integrals` and `stop`.
+//!
+//! All are expressions in `t`, the parameters, the outputs of the problem and the definitions. Outputs with names that no user
+//! could give, such as `v(C1)` or `ball.x`, are written as they are named.
+
+use super::error::{Errors, SpecificationError};
+use super::expression::Expression;
+use super::lowering::{Lowering, Start};
+use super::model::Model;
+use super::place::Place;
+use super::wording::abridged;
+use super::written::Written;
+use expression::{Node, Tape};
+use serde::{Deserialize, Serialize};
+use solution::{Direction, Monitored, Observables};
+use utoipa::ToSchema;
+
+/// The most definitions, integrals and monitors.
+const MOST: usize = 10_000;
+
+/// The longest label, in characters.
+const LONGEST_LABEL: usize = 200;
+
+/// Something to watch: where it changes its sign the run ends, or only an event is told.
+#[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Stop {
+    /// What is watched: an expression in `t`, parameters, outputs and definitions that is zero where it happens.
+    pub when: Expression,
+    /// Which changes of its sign count. Default `either`.
+    #[serde(default)]
+    #[schema(value_type = Direction, default = "either")]
+    pub direction: Direction,
+    /// What it is called where it is told. Default the expression.
+    #[schema(max_length = 200)]
+    pub label: Option<String>,
+    /// Only tell it, as an event `crossed`, and go on.
+    #[serde(default)]
+    #[schema(default = false)]
+    pub record: bool,
+}
+
+/// What is observed, as it is written.
+pub(super) struct Request<'a> {
+    pub problem: &'a dyn Written,
+    pub stop: &'a [Stop],
+}
+
+impl Request<'_> {
+    /// Compiles it over outputs of these names; whether parameters are inputs is as in the model.
+    pub fn lower(
+        &self,
+        outputs: &[&str],
+        are_inputs: bool,
+        (place, start): (&Place<'_>, Start<'_>),
+        errors: &mut Errors,
+    ) -> Observables {
+        let (definitions, integrals) = (self.problem.definitions(), self.problem.integrals());
+        let count = definitions.len() + integrals.len() + self.stop.len();
+        if count == 0 {
+            return Observables::default();
+        }
+        if count > MOST {
+            let detail = format!("{count} definitions, integrals and entries of `stop`");
+            let error = SpecificationError::new(place.to_string(), "too_many_unknowns", detail);
+            errors.push(error.expected(format!("at most {MOST}")));
+            return Observables::default();
+        }
+        let givens = self.problem.givens();
+        let mut lowering = match are_inputs {
+            true => Lowering::with_inputs(start, givens, place),
+            false => Lowering::new(start, givens, place),
+        };
+        lowering.bind_outputs(outputs);
+        let mut nodes: Vec<Node> = lowering.define(definitions, place);
+        let of_integrals = place.key("integrals");
+        for (name, integrand) in integrals.iter() {
+            let place = of_integrals.key(name);
+            nodes.push(lowering.node_or_zero(integrand, &place));
+            lowering.keep_name(name, &place);
+        }
+        let of_stop = Place::Root.key("stop");
+        let mut monitors = Vec::with_capacity(self.stop.len());
+        for (i, stop) in self.stop.iter().enumerate() {
+            let place = of_stop.index(i);
+            nodes.push(lowering.node_or_zero(&stop.when, &place.key("when")));
+            monitors.push(stop.monitored(&place, &mut lowering.errors));
+        }
+        let names = definitions.names().chain(integrals.names()).map(String::from).collect();
+        let program = Tape::compile(&lowering.graph, &nodes);
+        errors.append(lowering.errors);
+        Observables { names, integrals: integrals.len(), monitors, program }
+    }
+
+    /// Refuses what cannot go with a run that may end before its end.
+    pub fn check(&self, model: &dyn Model, (global_error, study): (bool, bool), errors: &mut Errors) {
+        let Some(i) = self.stop.iter().position(|stop| !stop.record) else { return };
+        let why = match model.no_stop() {
+            Some(why) => why,
+            None if global_error => "`output.global_error` compares two runs at `time.end`",
+            None if study => "a `study` compares runs at `time.end`",
+            None => return,
+        };
+        let error = SpecificationError::new(Place::Root.key("stop").index(i).to_string(), "conflict", why);
+        errors.push(error.expected("`\"record\": true`, which only tells it, or no `stop`"));
+    }
+}
+
+impl Stop {
+    fn monitored(&self, place: &Place<'_>, errors: &mut Errors) -> Monitored {
+        let label = self.label.clone().unwrap_or_else(|| match &self.when {
+            Expression::Number(value) => value.to_string(),
+            Expression::Text(text) => abridged(text).to_string(),
+        });
+        let length = label.chars().count();
+        if length > LONGEST_LABEL {
+            let detail = format!("the label has {length} characters: {}", abridged(&label));
+            let error = SpecificationError::new(place.key("label").to_string(), "label_too_long", detail);
+            errors.push(error.expected(format!("at most {LONGEST_LABEL} characters")));
+        }
+        if let Expression::Number(_) = self.when {
+            let error =
+                SpecificationError::new(place.key("when").to_string(), "constant", "a number never changes its sign");
+            errors.push(error.expected("an expression that is zero where the run is to end, such as \"x - 1\""));
+        }
+        Monitored { label, direction: self.direction, ends: !self.record }
+    }
+}

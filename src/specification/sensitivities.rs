@@ -1,0 +1,112 @@
+//! What is to be differentiated, and by what.
+
+use super::error::{Errors, SpecificationError};
+use super::model::Model;
+use super::place::Place;
+use super::wording::{abridged, listed};
+use expression::nearest;
+use serde::{Deserialize, Serialize};
+use solution::{By, Sensitivities};
+use utoipa::ToSchema;
+
+/// The most unknowns of a problem that is differentiated: the equations of the derivatives of all stages are one full matrix.
+const MOST_UNKNOWNS: usize = 100;
+/// The most columns.
+const MOST_COLUMNS: usize = 10_000;
+
+/// What an initial value is named by, behind the name of its state.
+const INITIAL: &str = ".initial";
+
+/// Derivatives of states by parameters and initial values, as columns `dx/dm` beside the states.
+#[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SensitivitiesRequest {
+    /// By what: parameters, and initial values as `x.initial`.
+    pub to: Vec<String>,
+    /// Of what: states. Default all.
+    pub of: Option<Vec<String>>,
+}
+
+impl SensitivitiesRequest {
+    /// Checks it for a model.
+    pub(super) fn check(&self, model: &dyn Model, place: &Place<'_>, errors: &mut Errors) -> Option<Sensitivities> {
+        let Some(dvi) = model.dvi() else {
+            let detail = "derivatives are followed by Radau IIA alone, on the faces of a set";
+            let error = SpecificationError::new(place.to_string(), "conflict", detail);
+            errors.push(error.expected("a problem of type `dvi`, `lcs`, `filippov`, `circuit` or `elastic`"));
+            return None;
+        };
+        let unknowns = dvi.structure().unknowns();
+        if unknowns > MOST_UNKNOWNS {
+            let error = SpecificationError::new(place.to_string(), "too_many_unknowns", format!("{unknowns} unknowns"));
+            errors.push(error.expected(format!("at most {MOST_UNKNOWNS} states and variables, for derivatives")));
+            return None;
+        }
+        if dvi.has_kinks() {
+            let detail = "a rate has a kink or a jump of a state, across which there is no derivative";
+            let error = SpecificationError::new(place.to_string(), "conflict", detail);
+            errors.push(error.expected("the kink written as a set, as the warning `kink_in_rate` shows"));
+            return None;
+        }
+        let parameters = model.parameters().map_or(&[][..], |parameters| parameters.names());
+        let initial: Vec<String> = dvi.state_names.iter().map(|name| format!("{name}{INITIAL}")).collect();
+        let mut found = Errors::default();
+        let by = places(&self.to, parameters.iter().chain(&initial), &place.key("to"), &mut found);
+        let by: Vec<By> =
+            by.into_iter().map(|at| at.checked_sub(parameters.len()).map_or(By::Parameter(at), By::Initial)).collect();
+        let of = match &self.of {
+            Some(of) => places(of, dvi.state_names.iter(), &place.key("of"), &mut found),
+            None => (0..dvi.state_names.len()).collect(),
+        };
+        if self.to.is_empty() {
+            let error =
+                SpecificationError::new(place.key("to").to_string(), "empty", "there is nothing to differentiate by");
+            found.push(error.expected("parameters, or initial values such as `x.initial`"));
+        }
+        if by.len().saturating_mul(of.len()) > MOST_COLUMNS {
+            let detail = format!("{} times {} derivatives", of.len(), by.len());
+            let error = SpecificationError::new(place.to_string(), "too_many_unknowns", detail);
+            found.push(error.expected(format!("at most {MOST_COLUMNS}")));
+        }
+        if !found.is_empty() {
+            errors.append(found);
+            return None;
+        }
+        let name_of = |by: &By| match *by {
+            By::Parameter(k) => &parameters[k],
+            By::Initial(state) => &initial[state],
+        };
+        let names = of
+            .iter()
+            .flat_map(|&state| by.iter().map(move |by| (state, by)))
+            .map(|(state, by)| format!("d{}/d{}", dvi.state_names[state], name_of(by)))
+            .collect();
+        Some(Sensitivities { by, of, names })
+    }
+}
+
+/// The places of names among those that there are.
+fn places<'a>(
+    asked: &[String],
+    known: impl Iterator<Item = &'a String> + Clone,
+    place: &Place<'_>,
+    errors: &mut Errors,
+) -> Vec<usize> {
+    let names = || known.clone().map(String::as_str);
+    let mut found = Vec::with_capacity(asked.len());
+    for (i, name) in asked.iter().enumerate() {
+        let place = place.index(i);
+        match names().position(|known| known == name) {
+            Some(at) if found.contains(&at) => {
+                errors.report(&place, "duplicate_name", format!("`{}` is named already", abridged(name)));
+            }
+            Some(at) => found.push(at),
+            None => {
+                let detail = format!("there is no derivative of or by `{}`", abridged(name));
+                let error = SpecificationError::new(place.to_string(), "unknown_name", detail);
+                errors.push(error.expected(listed(names())).did_you_mean(nearest(name, names())));
+            }
+        }
+    }
+    found
+}

@@ -1,0 +1,217 @@
+//! Definitions, integrals and `stop`, held to closed forms: through switches, impacts, and what comes and goes within a step.
+
+use crate::systems::harness::{column, events, last, solve};
+use dvi::solution::{EventKind, Solution};
+use dvi::specification::Specification;
+use serde_json::{Value, json};
+use std::f64::consts::{LN_2, PI};
+
+fn assert_trusted(solution: &Solution) {
+    assert!(solution.verdict.trusted, "{:?}", solution.verdict);
+}
+
+#[track_caller]
+fn assert_near(found: f64, expected: f64, tolerance: f64) {
+    assert!((found - expected).abs() <= tolerance, "{found:?} instead of {expected:?}");
+}
+
+/// `x'' = -4 x` from `x = 1`: `x = cos 2t`.
+fn oscillator(stop: &Value) -> Value {
+    json!({"problem": {"dvi": {
+        "parameters": {"k": 4, "v_belt": 0.5},
+        "definitions": {"twice": "2*energy", "energy": "kinetic + k*x^2/2", "kinetic": "v^2/2", "slip": "v - v_belt"},
+        "integrals": {"path": "abs(v)", "sliding": "slip", "action": "twice"},
+        "states": {"x": {"initial": 1, "rate": "v"}, "v": {"initial": 0, "rate": "-k*x"}}}},
+        "time": {"end": 10}, "method": {"rtol": 1e-10, "atol": 1e-12},
+        "output": {"fields": ["*", "twice", "slip"], "times": {"count": 5}}, "stop": stop})
+}
+
+#[test]
+fn a_run_ends_where_a_monitor_rises_and_tells_what_else_is_watched() {
+    let stop = json!([{"when": "x", "direction": "rising", "label": "through"}, {"when": "slip", "record": true}]);
+    let solution = solve(&oscillator(&stop));
+    assert_trusted(&solution);
+    let ended = solution.ended_by.as_ref().expect("an end before the end");
+    let end = 0.75 * PI;
+    assert_eq!(ended.label, "through");
+    assert_near(ended.t, end, 1e-9);
+    // It falls through zero at a quarter of `pi`, and `v = -2 sin 2t` is a half at `sin 2t = -1/4`.
+    assert_near(events(&solution, "slip")[0], 0.5 * (PI + 0.25_f64.asin()), 1e-9);
+    assert_eq!(events(&solution, "through"), [ended.t]);
+    assert!(solution.trajectory.events.iter().all(|event| event.kind == EventKind::Crossed));
+    assert_eq!(solution.diagnostics.switches, 0);
+    // The grid, and the end.
+    assert_eq!(solution.trajectory.t, [0.0, ended.t]);
+    assert_near(last(&solution, "x"), 0.0, 1e-9);
+    assert_near(last(&solution, "twice"), 4.0, 1e-8);
+    assert_near(last(&solution, "slip"), 1.5, 1e-8);
+    assert_near(last(&solution, "action"), 4.0 * end, 1e-8);
+    assert_near(last(&solution, "sliding"), -1.0 - 0.5 * end, 1e-8);
+    // From 1 to -1 and back to zero.
+    assert_near(last(&solution, "path"), 3.0, 1e-8);
+    assert!(solution.trajectory.field("energy").is_none());
+}
+
+#[test]
+fn what_is_only_told_changes_nothing() {
+    let plain = solve(&oscillator(&json!([])));
+    let told = solve(&oscillator(&json!([{"when": "x", "record": true}])));
+    assert_eq!(plain.trajectory.fields, told.trajectory.fields);
+    assert_eq!(plain.diagnostics.steps.accepted, told.diagnostics.steps.accepted);
+    assert!(told.ended_by.is_none());
+    let expected: Vec<f64> = (0..6).map(|k| PI * (0.25 + 0.5 * f64::from(k))).collect();
+    let found = events(&told, "x");
+    assert_eq!(found.len(), expected.len());
+    found.iter().zip(expected).for_each(|(found, expected)| assert_near(*found, expected, 1e-9));
+}
+
+/// `x' = 1` takes a few long steps.
+#[test]
+fn what_changes_its_sign_and_back_within_a_step_is_seen() {
+    for gap in [1e-1, 1e-3, 1e-6] {
+        for (when, first) in [
+            (format!("(x - 3)*(x - 3 - {gap:e})"), 3.0),
+            (format!("exp(-((t - 5)/{gap:e})^2) - 0.5"), 5.0 - gap * LN_2.sqrt()),
+        ] {
+            let solution = solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": 0, "rate": 1}}}},
+                "time": {"end": 100}, "stop": [{"when": when, "record": true, "label": "w"}, {"when": "x - 50"}]}));
+            assert_trusted(&solution);
+            let times = events(&solution, "w");
+            assert_eq!(times.len(), 2, "{when}: {times:?}");
+            assert_near(times[0], first, 1e-12);
+            assert_near(solution.ended_by.expect("an end").t, 50.0, 1e-12);
+        }
+    }
+}
+
+#[test]
+fn a_ball_is_stopped_in_its_second_flight_and_after_its_third_impact() {
+    let ball = |stop: Value| {
+        solve(&json!({"problem": {"mechanical": {
+            "parameters": {"g": 10, "e": 0.5}, "coordinates": {"y": {"initial": 5}}, "mass": [[2]], "potential": "2*g*y",
+            "definitions": {"momentum": "2*y_dot", "height": "floor_gap"},
+            "integrals": {"area": "height", "thrust": "momentum"},
+            "contacts": [{"name": "floor", "gap": "y", "restitution": "e"}]}},
+            "time": {"start": 7, "end": 27}, "method": {"rtol": 1e-10, "atol": 1e-12},
+            "output": {"fields": ["*", "momentum"]}, "stop": [stop]}))
+    };
+    // Impacts at 8, 9, 9.5; velocities 10, 5, 2.5, 1.25.
+    let solution = ball(json!({"when": "y_dot", "direction": "falling"}));
+    assert_trusted(&solution);
+    // It comes to rest upwards at 8.5, 1.25 high; at 8 its velocity jumps upwards.
+    assert_near(solution.ended_by.as_ref().expect("an end").t, 8.5, 1e-9);
+    assert_near(last(&solution, "y"), 1.25, 1e-9);
+    assert_near(last(&solution, "area"), 5.0 - 10.0 / 6.0 + (0.625 - 0.125 * 10.0 / 6.0), 1e-8);
+    assert_near(last(&solution, "thrust"), 2.0 * (1.25 - 5.0), 1e-8);
+    let solution = ball(json!({"when": "floor_impulse - 50", "label": "third"}));
+    assert_near(solution.ended_by.as_ref().expect("an end").t, 9.5, 1e-9);
+    assert_near(last(&solution, "momentum"), 2.5, 1e-8);
+    let solution = ball(json!({"when": "y_dot", "direction": "rising"}));
+    assert_near(solution.ended_by.as_ref().expect("an end").t, 8.0, 1e-9);
+}
+
+#[test]
+fn integrals_are_as_exact_as_states_where_variables_switch() {
+    // z = max(sin t, 0): the mean of its square, and of its product with itself shifted, by quadrature of smooth parts.
+    let solution = solve(&json!({"problem": {"dvi": {
+        "definitions": {"power": "z*z"}, "integrals": {"energy": "power", "twice": "2*z"},
+        "states": {"x": {"initial": 0, "rate": "z"}}, "variables": {"z": {"inequality": "z - sin(t)"}},
+        "set": [{"nonnegative": ["z"]}]}}, "time": {"end": 4.0 * PI}, "method": {"rtol": 1e-9, "atol": 1e-11},
+        "output": {"times": {"count": 3}}}));
+    assert_trusted(&solution);
+    for (found, expected) in column(&solution, "energy").iter().zip([0.0, 0.5 * PI, PI]) {
+        assert_near(*found, expected, 1e-8);
+    }
+    assert_near(last(&solution, "twice"), 8.0, 1e-8);
+    // A run that rests in between: x' = 0, and a pulse of time alone.
+    let solution = solve(&json!({"problem": {"dvi": {"integrals": {"pulse": "heaviside(t - 3)*heaviside(3.5 - t)"},
+        "states": {"x": {"initial": 1, "rate": 0}}}}, "time": {"end": 10}}));
+    assert_near(last(&solution, "pulse"), 0.5, 1e-8);
+}
+
+#[test]
+fn outputs_are_written_as_they_are_named() {
+    let solution = solve(&json!({"problem": {"circuit": {"integrals": {"heat": "(1 - v(C))^2/1000"},
+        "netlist": "* a charge\nV1 in 0 1\nR in out 1k\nC out 0 1u\n"}}, "time": {"end": 1},
+        "method": {"rtol": 1e-9}, "stop": [{"when": "v(C) - 1/2"}]}));
+    assert_near(solution.ended_by.as_ref().expect("an end").t, 1e-3 * LN_2, 1e-11);
+    assert_near(last(&solution, "heat"), 0.375e-6, 1e-13);
+    let solution = solve(&json!({"problem": {"rigid_bodies": {"integrals": {"area": "ball.z"}, "gravity": [0, 0, -10],
+        "bodies": [{"name": "ball", "shape": {"sphere": {"radius": 0.1}}, "mass": 1, "position": [0, 0, 20]}]}},
+        "time": {"end": 3}, "method": {"step": 1e-3}, "stop": [{"when": "ball.z", "direction": "falling"}]}));
+    assert_near(solution.ended_by.as_ref().expect("an end").t, 2.0, 1e-3);
+    assert_near(last(&solution, "area"), 40.0 - 80.0 / 6.0, 0.05);
+}
+
+#[test]
+fn definitions_stand_in_rates_forces_and_surfaces() {
+    let solution = solve(&json!({"problem": {"dvi": {"definitions": {"decay": "-rate*x", "rate": "1 + t"},
+        "states": {"x": {"initial": 1, "rate": "decay"}}}}, "time": {"end": 1}, "method": {"rtol": 1e-10}}));
+    assert_near(last(&solution, "x"), (-1.5_f64).exp(), 1e-9);
+    let solution = solve(&json!({"problem": {"mechanical": {"definitions": {"push": "3*q", "drag": "4*q_dot"},
+        "coordinates": {"q": {"initial": 1, "velocity": -1}}, "mass": [[1]], "forces": {"q": "-push - drag"}}},
+        "time": {"end": 2}, "method": {"rtol": 1e-10}}));
+    assert_near(last(&solution, "q"), (-2.0_f64).exp(), 1e-8);
+    // It slides along s = 0 from 1 on.
+    let solution = solve(&json!({"problem": {"filippov": {"definitions": {"s": "x - y", "fall": "-1"},
+        "states": {"x": {"initial": 1, "plus": "fall", "minus": 1}, "y": {"initial": 0, "plus": 0, "minus": 0}},
+        "surface": "s"}}, "time": {"end": 2}, "output": {"fields": ["x", "s"]}}));
+    assert_near(last(&solution, "x"), 0.0, 1e-6);
+    assert_near(last(&solution, "s"), 0.0, 1e-6);
+}
+
+#[test]
+fn other_parameters_are_bound_in_all_that_is_observed() {
+    let document = oscillator(&json!([{"when": "slip - k"}]));
+    let specification = Specification::from_json(document.to_string().as_bytes()).expect("a specification");
+    let bound = specification.with_parameters(&[("k", 1.0), ("v_belt", -1.5)]).expect("other values");
+    let solution = dvi::solve(&bound, &dvi::problem::Control::new());
+    // x = cos t, v = -sin t, and v + 1.5 falls to 1 where sin t = 1/2.
+    assert_near(solution.ended_by.as_ref().expect("an end").t, PI / 6.0, 1e-8);
+    assert_near(last(&solution, "twice"), 1.0, 1e-8);
+}
+
+#[test]
+fn what_has_no_value_ends_the_run_and_is_left_out() {
+    let document = json!({"problem": {"dvi": {"definitions": {"inverse": "1/(x - 1)"}, "integrals": {"log": "inverse"},
+        "states": {"x": {"initial": 1, "rate": 1}}}}, "time": {"end": 2}, "output": {"fields": ["x", "inverse"]}});
+    let specification = Specification::from_json(document.to_string().as_bytes()).expect("a specification");
+    let solution = dvi::solve(&specification, &dvi::problem::Control::new());
+    let failure = solution.error.as_ref().expect("a failure");
+    assert_eq!(failure.code, "not_finite");
+    assert!(failure.message.contains("`inverse` is not finite at t = 0"), "{}", failure.message);
+    assert!(solution.trajectory.t.is_empty() && !solution.verdict.trusted);
+}
+
+#[test]
+fn what_is_wrong_is_told_with_its_place() {
+    let codes = |document: Value| -> Vec<(String, String)> {
+        let errors = Specification::from_json(document.to_string().as_bytes()).expect_err("errors");
+        errors.iter().map(|error| (error.pointer.clone(), error.code.to_string())).collect()
+    };
+    let with = |problem: Value, rest: Value| {
+        let mut document =
+            json!({"problem": {"dvi": {"states": {"x": {"initial": 1, "rate": "-x"}}}}, "time": {"end": 1}});
+        let members = |value: &Value| value.as_object().expect("an object").clone();
+        document["problem"]["dvi"].as_object_mut().expect("an object").extend(members(&problem));
+        document.as_object_mut().expect("an object").extend(members(&rest));
+        document
+    };
+    let assert_told = |problem: Value, rest: Value, pointer: &str, code: &str| {
+        let found = codes(with(problem, rest));
+        assert_eq!(found, [(pointer.to_owned(), code.to_owned())]);
+    };
+    let at = |rest: &str| format!("/problem/dvi/{rest}");
+    assert_told(json!({"definitions": {"a": "y"}}), json!({}), &at("definitions/a"), "unknown_name");
+    assert_told(json!({"definitions": {"x": "t"}}), json!({}), &at("definitions/x"), "duplicate_name");
+    assert_told(json!({"integrals": {"x": "t"}}), json!({}), &at("integrals/x"), "duplicate_name");
+    assert_told(json!({"parameters": {"a": "2*t"}}), json!({}), &at("parameters/a"), "unknown_name");
+    assert_told(json!({}), json!({"stop": [{"when": "x -"}]}), "/stop/0/when", "syntax");
+    assert_told(json!({}), json!({"stop": [{"when": 1}]}), "/stop/0/when", "constant");
+    assert_told(json!({}), json!({"output": {"fields": ["y"]}}), "/output/fields/0", "unknown_name");
+    let stop = json!([{"when": "x - 0.5"}]);
+    assert_told(json!({}), json!({"stop": stop, "output": {"global_error": true}}), "/stop/0", "conflict");
+    assert_told(json!({}), json!({"stop": stop, "study": {"rtol": [1e-3, 1e-6]}}), "/stop/0", "conflict");
+    let circle = codes(with(json!({"definitions": {"a": "b", "b": "a"}}), json!({})));
+    assert!(circle.iter().any(|(pointer, _)| pointer.starts_with(&at("definitions"))), "{circle:?}");
+}

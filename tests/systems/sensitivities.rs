@@ -1,0 +1,163 @@
+//! Derivatives by parameters and initial values, held to closed forms: on smooth motion, through switches at which rates jump,
+//! along sliding and sticking, across breaks of time that follow a parameter; and refused where there are none.
+
+use crate::systems::harness::{column, last, solve};
+use dvi::problem::Control;
+use dvi::solution::{Solution, Status};
+use dvi::specification::Specification;
+use serde_json::{Value, json};
+
+fn derived(problem: Value, end: f64, to: &[&str]) -> Solution {
+    solve(&json!({"problem": problem, "time": {"end": end}, "method": {"rtol": 1e-10, "atol": 1e-12},
+        "output": {"times": {"count": 9}}, "sensitivities": {"to": to}}))
+}
+
+#[track_caller]
+fn assert_column(solution: &Solution, name: &str, exact: impl Fn(f64) -> f64) {
+    assert!(solution.verdict.trusted, "{:?}", solution.verdict);
+    for (&t, &found) in solution.trajectory.t.iter().zip(column(solution, name)) {
+        let expected = exact(t);
+        assert!((found - expected).abs() <= 1e-8 * expected.abs().max(1.0), "{name} at {t}: {found} for {expected}");
+    }
+}
+
+#[test]
+fn derivatives_of_a_linear_oscillator_are_those_of_its_solution() {
+    // m x'' + k x = 0 from x = a: x = a cos wt, w^2 = k/m.
+    let problem = json!({"dvi": {"parameters": {"k": 4, "m": 1, "a": 2}, "mass": [[1, 0], [0, "m"]],
+        "states": {"x": {"initial": "a", "rate": "v"}, "v": {"initial": 0, "rate": "-k*x"}}}});
+    let solution = derived(problem, 3.0, &["k", "m", "a", "v.initial"]);
+    let w = 2.0;
+    // dw/dk = w/2k, dw/dm = -w/2m.
+    let by_w = |t: f64| -2.0 * t * (w * t).sin();
+    assert_column(&solution, "dx/dk", |t| by_w(t) * w / 8.0);
+    assert_column(&solution, "dx/dm", |t| -by_w(t) * w / 2.0);
+    assert_column(&solution, "dx/da", |t| (w * t).cos());
+    assert_column(&solution, "dx/dv.initial", |t| (w * t).sin() / w);
+    assert_column(&solution, "dv/da", |t| -w * (w * t).sin());
+    let checked = solution.sensitivities.expect("a check");
+    assert!((checked.derivative - checked.finite_difference).abs() <= 20.0 * checked.uncertainty);
+}
+
+#[test]
+fn where_sliding_begins_the_rate_jumps_and_the_derivatives_with_it() {
+    // x falls at the rate mu to zero, and slides; y is its integral, x0^2/2mu in the end.
+    let problem = json!({"filippov": {"parameters": {"mu": 2, "x0": 3}, "surface": "x",
+        "states": {"x": {"initial": "x0", "plus": "-mu", "minus": "mu"}, "y": {"initial": 0, "plus": "x", "minus": "x"}}}});
+    let solution = derived(problem, 4.0, &["mu", "x0"]);
+    let slides = |t: f64| t >= 1.5;
+    assert_column(&solution, "dx/dmu", |t| if slides(t) { 0.0 } else { -t });
+    assert_column(&solution, "dx/dx0", |t| if slides(t) { 0.0 } else { 1.0 });
+    assert_column(&solution, "dy/dmu", |t| if slides(t) { -9.0 / 8.0 } else { -0.5 * t * t });
+    assert_column(&solution, "dy/dx0", |t| if slides(t) { 1.5 } else { t });
+}
+
+#[test]
+fn friction_that_sticks_and_lets_go_again() {
+    // v' = 4 - 3t - z with z in mu Sgn(v), mu = 1: it slides with v = 3t - 3t^2/2 to t = 2, sticks there while |4 - 3t| <= mu,
+    // which is over at once: backwards v' = 4 - 3t + mu.
+    let problem = json!({"dvi": {"parameters": {"a": 4, "b": 3, "mu": 1},
+        "states": {"v": {"initial": 0, "rate": "a - b*t - F"}}, "variables": {"F": {"inequality": "-v"}},
+        "set": [{"box": {"of": ["F"], "lower": "-mu", "upper": "mu"}}]}});
+    let solution = derived(problem, 4.0, &["a", "b", "mu"]);
+    let stop = 2.0;
+    // v(stop) = 0 with rate -3: d(stop) = dv/3; then v = (a + mu)(t - stop) - b(t^2 - stop^2)/2, with rate -1 at the stop.
+    let before = |t: f64, [a, b, mu]: [f64; 3]| a * t - 0.5 * b * t * t - mu * t;
+    let after = |t: f64, direction: [f64; 3]| {
+        let [a, b, mu] = direction;
+        let moved = before(stop, direction) / 3.0;
+        (a + mu) * (t - stop) - 0.5 * b * (t * t - stop * stop) + moved
+    };
+    for (name, direction) in [("dv/da", [1.0, 0.0, 0.0]), ("dv/db", [0.0, 1.0, 0.0]), ("dv/dmu", [0.0, 0.0, 1.0])] {
+        assert_column(&solution, name, |t| if t <= stop { before(t, direction) } else { after(t, direction) });
+    }
+}
+
+#[test]
+fn a_body_that_is_torn_off_and_pulled_ever_harder() {
+    // v' = a t - z with z in mu Sgn(v): it sticks up to t = mu/a, where z reaches its bound, and is pulled off smoothly.
+    let problem = json!({"dvi": {"parameters": {"a": 2, "mu": 3},
+        "states": {"x": {"initial": 0, "rate": "v"}, "v": {"initial": 0, "rate": "a*t - F"}},
+        "variables": {"F": {"inequality": "-v"}}, "set": [{"box": {"of": ["F"], "lower": "-mu", "upper": "mu"}}]}});
+    let solution = derived(problem, 4.0, &["a", "mu"]);
+    // v = a (t - s)^2/2, x = a (t - s)^3/6, s = mu/a = 3/2, ds/dmu = 1/a, ds/da = -s/a.
+    let s = 1.5;
+    let since = |t: f64| f64::max(t - s, 0.0);
+    assert_column(&solution, "dv/dmu", |t| -since(t));
+    assert_column(&solution, "dx/dmu", |t| -0.5 * since(t).powi(2));
+    assert_column(&solution, "dv/da", |t| 0.5 * since(t).powi(2) + since(t) * s);
+    assert_column(&solution, "dx/da", |t| since(t).powi(3) / 6.0 + 0.5 * since(t).powi(2) * s);
+}
+
+#[test]
+fn breaks_and_bounds_that_follow_a_parameter() {
+    // x' = b from t = p on.
+    let problem = json!({"dvi": {"parameters": {"p": 1.25, "b": 3},
+        "states": {"x": {"initial": 0, "rate": "b*heaviside(t - p)"}}}});
+    let solution = derived(problem, 4.0, &["p", "b"]);
+    assert_column(&solution, "dx/dp", |t| if t > 1.25 { -3.0 } else { 0.0 });
+    assert_column(&solution, "dx/db", |t| f64::max(t - 1.25, 0.0));
+    // z = min(c t, t^2) from above, c = 2: x = t^3/3 to t = c, c t^2/2 - c^3/6 beyond.
+    let problem = json!({"dvi": {"parameters": {"c": 2}, "states": {"x": {"initial": 0, "rate": "z"}},
+        "variables": {"z": {"inequality": "z - t^2"}}, "set": [{"box": {"of": ["z"], "upper": "c*t"}}]}});
+    let solution = derived(problem, 4.0, &["c"]);
+    assert_column(&solution, "dx/dc", |t| if t > 2.0 { 0.5 * t * t - 2.0 } else { 0.0 });
+}
+
+#[test]
+fn a_rectifier_that_conducts_until_its_current_dies() {
+    // A diode charges a capacitor from rest through an inductor: half a turn of i = sqrt(C/L) sin wt, and v = 2 stays.
+    let problem = json!({"dvi": {"parameters": {"l": 1, "c": 1, "e": 1},
+        "states": {"i": {"initial": 0, "rate": "(e - v + u)/l"}, "v": {"initial": 0, "rate": "i/c"}},
+        "variables": {"u": {"inequality": "i"}}, "set": [{"nonnegative": ["u"]}]}});
+    let solution = derived(problem, 6.0, &["l", "c", "e"]);
+    assert!((last(&solution, "v") - 2.0).abs() < 1e-8);
+    let t = |name: &str| last(&solution, name);
+    assert!(t("dv/de").mul_add(1.0, -2.0).abs() < 1e-8 && t("dv/dl").abs() < 1e-8 && t("dv/dc").abs() < 1e-8);
+    assert!(t("di/de").abs() < 1e-8 && t("di/dl").abs() < 1e-8);
+}
+
+fn failure(document: &Value) -> String {
+    let specification = Specification::from_json(document.to_string().as_bytes())
+        .unwrap_or_else(|errors| panic!("the specification has errors: {errors:#?}"));
+    let solution = dvi::solve(&specification, &Control::new());
+    assert_eq!(solution.status, Status::Failed);
+    assert!(!solution.verdict.trusted);
+    let failure = solution.error.expect("a failure");
+    assert_eq!(failure.code, "no_derivative");
+    failure.message
+}
+
+#[test]
+fn where_there_is_no_derivative_the_run_says_so() {
+    // Two relays reach their surfaces at one time.
+    let relays = |b: f64| {
+        json!({"problem": {"dvi": {"parameters": {"a": 1, "b": b},
+            "states": {"x": {"initial": "a", "rate": "-z"}, "y": {"initial": "b", "rate": "-w"},
+                "q": {"initial": 0, "rate": "z + w"}},
+            "variables": {"z": {"inequality": "-x"}, "w": {"inequality": "-y"}},
+            "set": [{"box": {"of": ["z", "w"], "lower": -1, "upper": 1}}]}},
+            "time": {"end": 3}, "sensitivities": {"to": ["a", "b"]}})
+    };
+    let message = failure(&relays(1.0));
+    assert!(message.contains("several switches") && message.contains("t = 1"), "{message}");
+    assert_eq!(last(&solve(&relays(1.5)), "dy/db"), 0.0);
+}
+
+#[test]
+fn what_cannot_be_differentiated_is_refused_with_its_place() {
+    let codes = |problem: Value, asked: Value| -> Vec<(String, String)> {
+        let document = json!({"problem": problem, "time": {"end": 1}, "sensitivities": asked});
+        let errors = Specification::from_json(document.to_string().as_bytes()).expect_err("errors");
+        errors.iter().map(|error| (error.pointer.clone(), error.code.to_string())).collect()
+    };
+    let told = |pointer: &str, code: &str| vec![(pointer.to_owned(), code.to_owned())];
+    let decay = |rate: &str| json!({"dvi": {"parameters": {"k": 1}, "states": {"x": {"initial": 1, "rate": rate}}}});
+    assert_eq!(codes(decay("-k*x"), json!({"to": ["c"]})), told("/sensitivities/to/0", "unknown_name"));
+    assert_eq!(codes(decay("-k*x"), json!({"to": ["k", "k"]})), told("/sensitivities/to/1", "duplicate_name"));
+    assert_eq!(codes(decay("-k*x"), json!({"to": []})), told("/sensitivities/to", "empty"));
+    assert_eq!(codes(decay("-k*x"), json!({"to": ["k"], "of": ["y"]})), told("/sensitivities/of/0", "unknown_name"));
+    assert_eq!(codes(decay("-k*sign(x)"), json!({"to": ["k"]})), told("/sensitivities", "conflict"));
+    let fall = json!({"mechanical": {"coordinates": {"y": {"initial": 1}}, "mass": [[1]]}});
+    assert_eq!(codes(fall, json!({"to": ["y.initial"]})), told("/sensitivities", "conflict"));
+}
