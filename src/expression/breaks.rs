@@ -121,6 +121,11 @@ mod tests {
         assert_eq!(changes("floor(1000*t)").len(), 10_000);
         // Of a duty that follows time: t/4 - k < 0.5 + t/40 until t = 40 (k + 0.5)/9.
         let ends = [0.5, 1.5].map(|k: f64| 40.0 * k / 9.0);
-        assert!(changes("pwm(t, 4, 0.5 + t/40)").iter().zip([ends[0], 4.0, ends[1], 8.0]).all(|(a, b)| (a - b).abs() < 1e-14));
+        assert!(
+            changes("pwm(t, 4, 0.5 + t/40)")
+                .iter()
+                .zip([ends[0], 4.0, ends[1], 8.0])
+                .all(|(a, b)| (a - b).abs() < 1e-14)
+        );
     }
 }

@@ -134,13 +134,7 @@ impl Graph {
 
     /// What `a` where a condition holds, with adjoint `w`, gives to what is differentiated by: the derivatives of `a` as they
     /// are chosen. Where it is not they may not exist, and an adjoint of 0 would not hide that.
-    fn by_chosen(
-        &mut self,
-        condition: Node,
-        a: Node,
-        w: Node,
-        by: &By,
-    ) -> Result<Vec<(Node, Node)>, ExpressionError> {
+    fn by_chosen(&mut self, condition: Node, a: Node, w: Node, by: &By) -> Result<Vec<(Node, Node)>, ExpressionError> {
         let mut contributions = Vec::new();
         if self.varies(a, by) {
             for (index, derivative) in self.sweep(a, by)? {

@@ -234,7 +234,8 @@ fn conditions<const N: usize>(joint: &str, found: [Read; N]) -> Result<[Read; N]
 fn bare_comparison(read: Read) -> Failure {
     let message = "this is a condition and no number".to_owned();
     let error = ExpressionError::new("misplaced_condition", read.start, message);
-    let expected = "of an inequality the left side alone, as `>= 0` is understood; a choice is written `if(t > 1, a, b)`";
+    let expected =
+        "of an inequality the left side alone, as `>= 0` is understood; a choice is written `if(t > 1, a, b)`";
     failure(error.expected(expected))
 }
 
@@ -244,7 +245,8 @@ fn refuse_jump(input: &Input, start: usize, what: &str, of: &[Node], as_set: &st
     let Some(first) = scope.unknowns() else { return Ok(()) };
     let Some(unknown) = graph.inputs_of(of).into_iter().find(|input| *input >= first) else { return Ok(()) };
     let name = excerpt(scope.name_of_input(graph, unknown));
-    let message = format!("{what} of `{name}` jumps with it, where no step of a solve ends: these are of time and parameters");
+    let message =
+        format!("{what} of `{name}` jumps with it, where no step of a solve ends: these are of time and parameters");
     Err(failure(ExpressionError::new("jump_of_unknown", start, message).expected(as_set)))
 }
 
@@ -300,7 +302,11 @@ fn name(input: &mut Input) -> Result<Read, Failure> {
         let names = Function::names().chain(scope.tables());
         ("unknown_function", format!("there is no function `{}`", excerpt(name)), nearest(name, names))
     } else {
-        ("unknown_name", format!("nothing is called `{}` here", excerpt(name)), nearest(name, scope.names().chain([PI])))
+        (
+            "unknown_name",
+            format!("nothing is called `{}` here", excerpt(name)),
+            nearest(name, scope.names().chain([PI])),
+        )
     };
     let did_you_mean = synonym(name, called).or(near).map(str::to_owned);
     Err(failure(ExpressionError { did_you_mean, ..ExpressionError::new(code, start, message) }))

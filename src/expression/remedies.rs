@@ -17,8 +17,8 @@ const SUFFIXES: [(&str, &str); 9] = [
 
 /// Units that people write behind numbers.
 const UNITS: [&str; 36] = [
-    "m", "mm", "cm", "km", "um", "s", "ms", "us", "ns", "min", "h", "kg", "g", "N", "kN", "Nm", "J", "kJ", "W", "kW", "V",
-    "mV", "kV", "A", "mA", "F", "uF", "nF", "H", "mH", "uH", "Hz", "kHz", "MHz", "Pa", "K",
+    "m", "mm", "cm", "km", "um", "s", "ms", "us", "ns", "min", "h", "kg", "g", "N", "kN", "Nm", "J", "kJ", "W", "kW",
+    "V", "mV", "kV", "A", "mA", "F", "uF", "nF", "H", "mH", "uH", "Hz", "kHz", "MHz", "Pa", "K",
 ];
 
 /// The next token, as people would name it.

@@ -146,12 +146,7 @@ fn slope_at_end(width: [f64; 2], chord: [f64; 2]) -> f64 {
 }
 
 impl Pieces {
-    fn new(
-        knots: Arc<[f64]>,
-        coefficients: Vec<[f64; 4]>,
-        switches: Arc<[f64]>,
-        interpolation: Interpolation,
-    ) -> Self {
+    fn new(knots: Arc<[f64]>, coefficients: Vec<[f64; 4]>, switches: Arc<[f64]>, interpolation: Interpolation) -> Self {
         let count = coefficients.len();
         let (derivative, zigzag) = (OnceLock::new(), OnceLock::new());
         let mut pieces = Self { knots, coefficients, ranges: Vec::new(), switches, interpolation, derivative, zigzag };
@@ -208,11 +203,8 @@ impl Pieces {
                 [sign * (origin - zero), sign, 0.0, 0.0]
             };
             let count = zeros.len().max(2);
-            let coefficients = if zeros.len() > 1 {
-                (0..count).map(piece).collect()
-            } else {
-                vec![[0.0, 1.0, 0.0, 0.0]; 2]
-            };
+            let coefficients =
+                if zeros.len() > 1 { (0..count).map(piece).collect() } else { vec![[0.0, 1.0, 0.0, 0.0]; 2] };
             Arc::new(Self::new(knots.clone(), coefficients, knots, Interpolation::Linear))
         })
     }

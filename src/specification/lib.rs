@@ -25,6 +25,7 @@ mod error;
 mod examples;
 mod expression;
 mod filippov;
+mod foreign;
 mod json;
 mod kinks;
 mod lcs;

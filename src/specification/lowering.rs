@@ -49,6 +49,8 @@ pub(super) struct Lowering<'c> {
     constants: Scope,
     names: Scope,
     misnamed: bool,
+    /// Definitions that jump with a state or a variable: columns, and no part of an equation.
+    jumping: Vec<String>,
 }
 
 /// A constant, with its term where it depends on parameters that are inputs.
@@ -57,6 +59,9 @@ pub(super) struct Constant {
     pub value: f64,
     pub node: Option<Node>,
 }
+
+/// The code of what jumps with something that is solved for.
+const JUMP: &str = "jump_of_unknown";
 
 /// Nodes or rows lowered between two polls of [`Control`]: below a millisecond's work for a short expression.
 const BETWEEN_POLLS: usize = 256;
@@ -82,6 +87,7 @@ impl<'c> Lowering<'c> {
             constants: Scope::default(),
             names: Scope::default(),
             misnamed: false,
+            jumping: Vec::new(),
         };
         let t = lowering.graph.input(0);
         lowering.bind("t", t, problem);
@@ -173,11 +179,13 @@ impl<'c> Lowering<'c> {
         let known: Vec<String> = self.names.names().map(String::from).collect();
         for (name, expression) in parameters::in_order(definitions, known.iter().map(String::as_str), &self.names) {
             let node = match expression {
-                Expression::Number(value) => Some(self.graph.constant(*value)),
-                Expression::Text(text) => self.graph.parse(text, &self.names).ok(),
+                Expression::Number(value) => Ok(self.graph.constant(*value)),
+                Expression::Text(text) => self.graph.parse(text, &self.names),
             };
-            if let Some(node) = node {
-                let _ = self.names.bind(name, node);
+            match node {
+                Ok(node) => drop(self.names.bind(name, node)),
+                Err(error) if error.code == JUMP => self.jumping.push(name.to_owned()),
+                Err(_) => {}
             }
         }
     }
@@ -311,10 +319,22 @@ impl<'c> Lowering<'c> {
             return None;
         }
         let scope = if constant { &self.constants } else { &self.names };
-        let error = match self.graph.parse(text, scope) {
+        let mut error = match self.graph.parse(text, scope) {
             Ok(node) => return Some(node),
             Err(error) => error,
         };
+        let goes_on = |c: char| c.is_ascii_alphanumeric() || c == '_';
+        let word = text[error.offset..].split(|c| !goes_on(c)).next().filter(|_| error.code == "unknown_name");
+        let is_name = |name: &&String| word == Some(name.as_str());
+        if let Some(name) = self.jumping.iter().find(is_name) {
+            error.message = format!(
+                "`{}` jumps with a state or a variable: it is reported, and no equation takes it",
+                abridged(name)
+            );
+            error.code = JUMP;
+            error.expected =
+                Some("a variable in a set, whose switches are located, in the place of what jumps".to_owned());
+        }
         let detail = format!("{}\n{}", error.message, error.caret(text));
         let mut report =
             SpecificationError::new(place.to_string(), error.code, detail).did_you_mean(error.did_you_mean);

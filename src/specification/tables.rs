@@ -48,13 +48,14 @@ impl TableOfPoints {
             Err(error) => error,
         };
         let (code, place, expected) = match error {
-            TableError::Lengths { .. } => ("length_mismatch", place.key("y"), "a value for each argument"),
-            TableError::TooFew(_) => ("too_few_points", place.key("x"), "two points or more"),
+            TableError::Lengths { .. } => ("wrong_count", place.key("y"), "a value for each argument"),
+            TableError::TooFew(_) => ("too_few_members", place.key("x"), "two points or more"),
             TableError::Unsorted(k) => {
                 let message = format!("{} comes after {}", self.x[k], self.x[k - 1]);
                 let list = place.key("x");
-                let error = SpecificationError::new(list.index(k).to_string(), "unsorted", message);
-                let expected = "increasing numbers; a jump is two points close together, or \"interpolation\": \"previous\"";
+                let error = SpecificationError::new(list.index(k).to_string(), "not_increasing", message);
+                let expected =
+                    "increasing numbers; a jump is two points close together, or \"interpolation\": \"previous\"";
                 errors.push(error.expected(expected));
                 return None;
             }

@@ -69,7 +69,11 @@ fn functions_that_jump_say_what_they_take() {
     ] {
         let error = parse(text).unwrap_err();
         assert_eq!(error.message, message, "{text}");
-        assert!(error.expected.as_deref().is_some_and(|found| found.contains(expected)), "{text}: {:?}", error.expected);
+        assert!(
+            error.expected.as_deref().is_some_and(|found| found.contains(expected)),
+            "{text}: {:?}",
+            error.expected
+        );
     }
 }
 
@@ -86,7 +90,11 @@ fn what_jumps_with_an_unknown_is_refused_with_the_set_to_write() {
         let error = graph.parse(text, &scope).unwrap_err();
         assert_eq!((error.code, error.offset), ("jump_of_unknown", offset), "{text}: {}", error.message);
         assert!(error.message.starts_with(message), "{text}: {}", error.message);
-        assert!(error.expected.as_deref().is_some_and(|found| found.contains(expected)), "{text}: {:?}", error.expected);
+        assert!(
+            error.expected.as_deref().is_some_and(|found| found.contains(expected)),
+            "{text}: {:?}",
+            error.expected
+        );
     }
     for text in ["if(t > 1, x, y)", "floor(t)*x", "abs(x) + max(x, y)", "pwm(t, 2, 0.5 + 0.1*sin(t))*z", "sign(x)"] {
         assert!(graph.parse(text, &scope).is_ok(), "{text}");
