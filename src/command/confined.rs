@@ -3,7 +3,9 @@
 
 use super::{BAD_SPECIFICATION, ENDED, Told, UNSERVABLE, report};
 use dvi::problem::Control;
-use dvi::service::worker::{Death, Event, Finished, Left, Limits, Origin, Prints, Solved, Supervisor, Watch, program};
+use dvi::service::worker::{
+    Death, Event, Finished, Left, Limits, Origin, Prints, Solved, Supervisor, Task, Watch, program,
+};
 use dvi::solution::columnar::{Stored, write_whole};
 use std::io;
 use std::num::NonZeroUsize;
@@ -88,7 +90,8 @@ fn finish(
         let halted = Notify::new();
         let origin = Origin::default();
         let watch = Watch { origin: &origin, control, halted: &halted, is_unwanted: &|| false };
-        let performed = supervisor.perform(true, document, limits, &watch, columns);
+        let task = &mut Task { solve: true, document, limits, watch: &watch, long: columns };
+        let performed = supervisor.perform(task);
         let interrupted = async {
             if tokio::signal::ctrl_c().await.is_ok() {
                 halted.notify_one();

@@ -125,11 +125,14 @@ impl Monitors {
         are_clear
     }
 
-    /// The first monitor that is on another side at `t` than it was.
+    /// The first monitor that is on another side at `t` than it was; one without a value stays where it was.
     fn changed_at(&mut self, step: &mut impl Followed, t: f64) -> Option<usize> {
         step.monitors(t, &mut self.values);
         let mut changed = None;
         for k in (0..self.sides.len()).rev() {
+            if self.values[k].is_nan() {
+                continue;
+            }
             let now = side(self.values[k]);
             if self.sides[k] == 0.0 {
                 self.sides[k] = now;

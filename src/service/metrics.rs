@@ -48,6 +48,8 @@ pub struct Metrics {
     damaged: Gauge,
     writable: Gauge,
     unsaved: Gauge,
+    rebuilds: Counter,
+    repeated: Counter,
     orphaned: Gauge,
     kept: Gauge,
     kept_bytes: Gauge,
@@ -85,6 +87,8 @@ impl Default for Metrics {
             damaged: Gauge::default(),
             writable: Gauge::default(),
             unsaved: Gauge::default(),
+            rebuilds: Counter::default(),
+            repeated: Counter::default(),
             orphaned: Gauge::default(),
             kept: Gauge::default(),
             kept_bytes: Gauge::default(),
@@ -107,6 +111,11 @@ impl Default for Metrics {
             metrics.wait_seconds.clone(),
         );
         registry.register("solves", "Solves by the type of the problem and how they ended", metrics.ended.clone());
+        registry.register(
+            "answers_repeated",
+            "Solves that were answered as the same text was before",
+            metrics.repeated.clone(),
+        );
         registry.register("steps", "Accepted steps, by the type of the problem", metrics.steps.clone());
         registry.register("vi_solves", "Variational inequalities solved at stages", metrics.vi_solves.clone());
         registry.register("answers", "Answers by their status", metrics.answers.clone());
@@ -145,6 +154,11 @@ impl Default for Metrics {
             "Ends of jobs that wait in memory for room on the disk",
             metrics.unsaved.clone(),
         );
+        registry.register(
+            "store_rebuilds",
+            "Times that a damaged database was built anew since the start",
+            metrics.rebuilds.clone(),
+        );
         registry.register("orphaned_results", "Results that the start set aside", metrics.orphaned.clone());
         registry.register("panics", "Solves that broke down since the start", metrics.panics.clone());
         registry.register("jobs_kept", "Ended jobs that are kept", metrics.kept.clone());
@@ -180,6 +194,11 @@ impl Metrics {
             self.vi_solves.get_or_create(&label).inc_by(vi_solves);
         }
         self.ended(solved.problem.clone(), code, time);
+    }
+
+    /// Counts an answer that was given before.
+    pub fn repeated(&self) {
+        self.repeated.inc();
     }
 
     /// Counts the end of a solve, after this time, that left no solution.
@@ -270,6 +289,7 @@ impl Metrics {
         self.connections.set(i64::try_from(connections).unwrap_or(i64::MAX));
         self.writable.set(i64::from(jobs.is_writable()));
         self.unsaved.set(i64::try_from(jobs.unsaved()).unwrap_or(i64::MAX));
+        self.rebuilds.inner().fetch_max(jobs.rebuilds(), Relaxed);
         self.panics.set(i64::try_from(jobs.panics()).unwrap_or(i64::MAX));
         self.lost_lines.inner().fetch_max(self.log.get().map_or(0, Log::lost), Relaxed);
         let mut text = String::new();

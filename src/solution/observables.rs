@@ -80,6 +80,8 @@ pub(super) struct Observed {
     /// The integrals up to `reached`.
     integrals: Vec<f64>,
     reached: f64,
+    /// The monitor without a value.
+    lost: Option<usize>,
 }
 
 /// Room for one evaluation.
@@ -142,17 +144,25 @@ impl Observed {
         };
         let t = stepper.t();
         let monitors = Monitors::new(&place.at(stepper, t)[of.names.len()..]);
-        Self { monitors, place, integrals: vec![0.0; of.integrals], reached: t, of: of.clone() }
+        Self { monitors, place, integrals: vec![0.0; of.integrals], reached: t, lost: None, of: of.clone() }
     }
 
-    /// Follows the monitors over the last step, from `begin` on: adds what they tell to the events, and gives what ends the run,
-    /// behind which there are no events.
-    pub fn follow(&mut self, stepper: &mut impl Stepper, begin: f64, events: &mut Vec<Event>) -> Option<EndedBy> {
+    /// Follows the monitors over the last step, from `begin` on: adds what they tell to the events, for as long as their number
+    /// lets it, and gives what ends the run, behind which there are no events.
+    pub fn follow(
+        &mut self,
+        stepper: &mut impl Stepper,
+        begin: f64,
+        events: &mut Vec<Event>,
+        goes_on: impl Fn(usize) -> bool,
+    ) -> Option<EndedBy> {
         let end = stepper.t();
         let (mut from, first) = (begin, events.len());
         let mut ended = None;
         let mut along = Along { stepper, place: &mut self.place };
-        while let Some(Crossing { t, monitor, is_rising }) = self.monitors.next(&mut along, from, end) {
+        while goes_on(events.len())
+            && let Some(Crossing { t, monitor, is_rising }) = self.monitors.next(&mut along, from, end)
+        {
             from = t;
             let Monitored { label, direction, ends } = &self.of.monitors[monitor];
             let counts = match direction {
@@ -169,6 +179,7 @@ impl Observed {
                 break;
             }
         }
+        self.lost = ended.is_none().then(|| self.lost_at(stepper, end)).flatten();
         if events.len() > first {
             events.sort_by(|a, b| a.t.total_cmp(&b.t));
         }
@@ -176,6 +187,17 @@ impl Observed {
             events.retain(|event| event.t <= *t);
         }
         ended
+    }
+
+    /// The monitor that has no value at a time within the last step.
+    fn lost_at(&mut self, stepper: &mut impl Stepper, t: f64) -> Option<usize> {
+        let first = self.place.first;
+        self.place.at(stepper, t)[first..].iter().position(|value| !value.is_finite())
+    }
+
+    /// The label of a monitor that had no value at the end of the last step.
+    pub fn lost(&self) -> Option<&str> {
+        self.lost.map(|monitor| self.of.monitors[monitor].label.as_str())
     }
 
     /// Writes definitions and integrals at a time within the last step, to which outputs come in order.

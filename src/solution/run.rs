@@ -161,7 +161,7 @@ impl<'a> Run<'a> {
             if let Err(failure) = stepper.step() {
                 break Err(ending(self.control, failure));
             }
-            let Recorded { events, switched } = self.recorder.step(stepper, begin);
+            let Recorded { events, switched } = self.recorder.step(stepper, begin, self.control);
             self.control.tell(events);
             stepper.observe(switched, &mut self.diagnostics);
             let done = (stepper.t() - plan.start) / (plan.end - plan.start);
@@ -315,13 +315,14 @@ impl<'a> Recorder<'a> {
     }
 
     /// Takes over the outputs of the last step, which began at `begin`, and its events.
-    fn step(&mut self, stepper: &mut impl Stepper, begin: f64) -> Recorded<'_> {
+    fn step(&mut self, stepper: &mut impl Stepper, begin: f64, control: &Control) -> Recorded<'_> {
         let before = self.trajectory.events.len();
         let mut events = Vec::new();
         stepper.take_events(&mut events);
         let switched = !events.is_empty();
         if let Some(observed) = &mut self.observed {
-            self.ended_by = observed.follow(stepper, begin, &mut events);
+            let goes_on = |count| before + count <= self.plan.most_values && control.poll().is_none();
+            self.ended_by = observed.follow(stepper, begin, &mut events, goes_on);
         }
         self.trajectory.events.append(&mut events);
         let end = self.ended_by.as_ref().map_or(stepper.t(), |ended| ended.t);
@@ -362,14 +363,18 @@ impl<'a> Recorder<'a> {
 
     /// The failure of an observable that has no value; the rows with it are left out.
     fn not_finite(&mut self, stepper: &impl Stepper) -> Option<Failure> {
-        let (place, t) = self.broken?;
+        let lost = self.observed.as_ref().and_then(Observed::lost).map(str::to_owned);
+        let (name, t) = match (self.broken, lost) {
+            (Some((place, t)), _) => (self.plan.observables.names[place].clone(), t),
+            (None, Some(lost)) => (lost, stepper.t()),
+            (None, None) => return None,
+        };
         let Trajectory { t: times, fields, .. } = &mut self.trajectory;
         let rows = times.partition_point(|time| *time < t);
         times.truncate(rows);
         fields.iter_mut().for_each(|field| field.values.truncate(rows));
         let message = format!(
-            "`{}` is not finite at t = {t:?}: a division by zero, a function outside its domain, or a number too large",
-            self.plan.observables.names[place]
+            "`{name}` is not finite at t = {t:?}: a division by zero, a function outside its domain, or a number too large"
         );
         let state = stepper.states().to_vec();
         Some(Failure { code: "not_finite".into(), message, time: stepper.t(), state })

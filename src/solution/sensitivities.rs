@@ -14,8 +14,9 @@ use utoipa::ToSchema;
 
 /// The cube root of the rounding of doubles: by this part of its size a parameter is moved for a central difference.
 const MOVED: f64 = 6e-6;
-/// Differences of whole runs are as exact as the tolerances: by this power of them parameters are moved.
-const POWER: f64 = 1.0 / 3.0;
+/// Differences of whole runs are as exact as the tolerances: by the root of them parameters are moved, which leaves half of
+/// their digits. Farther off a phase may have gone round, and both differences agree on what is no derivative.
+const POWER: f64 = 0.5;
 /// The part of a parameter by which it is moved at most.
 const MOST_MOVED: f64 = 1e-2;
 /// By how much derivatives may differ from the difference of runs, beside what two differences differ by.

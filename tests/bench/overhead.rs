@@ -1,11 +1,12 @@
 //! What the service costs beside an echo of the same body: `cargo bench --bench overhead`, which drives both with `wrk`
-//! in turns, so that both see the same machine. A *solve* is made at a glance, of a text that was seen before; *other* ones have
-//! other numbers for the parameters of a structure that was seen before, and *new* ones are read anew; *queued* ones have a key, so
-//! that a worker makes them; *stored* jobs are asynchronous: on the disk before they are answered. *flush* is what one flush for
-//! each group of them would allow, a group being one job of each connection: their bytes are appended to a file and synced, again
-//! and again.
+//! in turns, so that both see the same machine. A *repeated* text is answered as it was before; a *solve* is made of it at a glance
+//! all the same, as `Cache-Control: no-cache` asks; *other* ones have other numbers for the parameters of a structure that was
+//! seen before, and *new* ones are read anew; *queued* ones have a key, so that they wait for their turn; *stored* jobs are
+//! asynchronous: on the disk before they are answered. *Flush* is what one flush for each group of them would allow, a group
+//! being one job of each connection: their bytes are appended to a file and synced, again and again.
 //!
-//! *Unlogged* is a solve without its line in the log. Words after `--` choose among these.
+//! *Unlogged* is a solve without its lines in the log. Words after `--` choose among these, and numbers among those of
+//! connections.
 
 use axum::Router;
 use axum::body::Bytes;
@@ -41,6 +42,9 @@ const BODY: &str =
 const SECONDS: u32 = 3;
 const ROUNDS: usize = 3;
 
+/// A solve for every request, whatever came before.
+const ANEW: &str = "wrk.headers[\"cache-control\"] = \"no-cache\"\n";
+
 /// Another value of the parameter for every request.
 const OTHER: &str = r#"
 local n = 0
@@ -70,32 +74,36 @@ fn main() {
     // As the program logs, so that what is measured is what it does.
     let log = Log::start(std::io::stderr()).expect("a thread");
     let (filter, logged) = reload::Layer::new(LevelFilter::INFO);
-    let lines = tracing_subscriber::fmt::layer().with_writer(move || log.line());
+    let lines = tracing_subscriber::fmt::layer().with_writer(move || log.line()).with_ansi(false);
     tracing_subscriber::registry().with(filter).with(lines).init();
     let folder = std::env::temp_dir().join(format!("dvi-overhead-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder");
-    let (waits, leaves) = (script(&folder, "waits", "", ""), script(&folder, "leaves", "respond-async", ""));
-    let queues = script(&folder, "queues", "", KEYS);
+    let waits = script(&folder, "waits", "", "");
+    let (solves, leaves) = (script(&folder, "solves", "", ANEW), script(&folder, "leaves", "respond-async", ANEW));
+    let queues = script(&folder, "queues", "", &format!("{ANEW}{KEYS}"));
     let (others, news) = (script(&folder, "others", "", OTHER), script(&folder, "news", "", NEW));
-    let chosen: Vec<String> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
+    let words: Vec<String> = std::env::args().skip(1).filter(|word| !word.starts_with('-')).collect();
+    let (numbers, chosen): (Vec<_>, Vec<_>) = words.into_iter().partition(|word| word.parse::<u32>().is_ok());
     let runtime = Builder::new_multi_thread().enable_all().build().expect("a runtime");
     let (echo, (service, _)) = (start_echo(&runtime), start_service(&runtime, Options::default()));
     let many = NonZeroUsize::new(10_000_000).expect("more than one");
     let stored = Options { data: Some(folder.clone()), queue: many, client_share: many, ..Options::default() };
     let (store, jobs) = start_service(&runtime, stored);
     println!("{:>12} {:>8} {:>10} {:>12} {:>16}", "connections", "", "p50", "requests/s", "CPU us a request");
-    for connections in [1, 16, 64, 512] {
+    let is_asked = |count: &u32| numbers.is_empty() || numbers.contains(&count.to_string());
+    for connections in [1, 16, 64, 512].into_iter().filter(is_asked) {
         let turns = [
             ("echo", echo, &waits),
-            ("solve", service, &waits),
-            ("unlogged", service, &waits),
+            ("repeated", service, &waits),
+            ("solve", service, &solves),
+            ("unlogged", service, &solves),
             ("other", service, &others),
             ("new", service, &news),
             ("queued", service, &queues),
             ("stored", store, &leaves),
         ];
         if chosen.is_empty() || chosen.iter().any(|word| word == "flush") {
-            let (seconds, rate) = flushes(&folder, connections);
+            let (seconds, rate) = flushes(&folder, connections as usize);
             let p50 = format!("{:.2}ms", 1e3 * seconds);
             println!("{connections:>12} {:>8} {p50:>10} {rate:>12.0}", "flush");
         }

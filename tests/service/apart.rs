@@ -5,7 +5,9 @@ use crate::harness::{Call, DECAY, Site, one_worker};
 use crate::process::Folder;
 use dvi::problem::Control;
 use dvi::service::jobs::Solver;
-use dvi::service::worker::{Confinement, Death, Event, Launcher, Limits, Origin, Start, Supervisor, Watch, serve};
+use dvi::service::worker::{
+    Confinement, Death, Event, Launcher, Limits, Origin, Start, Supervisor, Task, Watch, serve,
+};
 use dvi::service::{Options, Service};
 use std::fs::{self, File, OpenOptions};
 use std::hint::black_box;
@@ -113,7 +115,9 @@ async fn what_a_worker_logs_has_the_ids_of_its_job() {
     let (control, halted) = (Control::new(), Notify::new());
     let watch = Watch { origin: &origin, control: &control, halted: &halted, is_unwanted: &|| false };
     let limits = Limits { steps: 1000, memory: 1 << 28, wall_seconds: None, result_bytes: 1 << 20 };
-    let finished = supervisor.perform(true, labelled("panics").as_bytes(), limits, &watch, &mut io::sink()).await;
+    let (document, long) = (labelled("panics"), &mut io::sink());
+    let task = &mut Task { solve: true, document: document.as_bytes(), limits, watch: &watch, long };
+    let finished = supervisor.perform(task).await;
     let Err(Death::Defect(words)) = finished else { panic!("{finished:?}") };
     let line = words.lines().find(|line| line.contains("what the worker logs")).unwrap_or_else(|| panic!("{words}"));
     for id in ["the-job", "the-request", trace] {

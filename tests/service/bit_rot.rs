@@ -12,6 +12,10 @@ const FLIPS: usize = 200;
 /// Flips between one start and the next.
 const AT_ONCE: usize = 10;
 
+/// What the runtime says where a page has become its own ancestor: the library of the database goes down without end, which
+/// nobody can catch. One flip of some thousands does that in a store of a hundred pages, and the fewer the more there are.
+const ASTRAY: &str = "has overflowed its stack";
+
 /// What is asked of every job.
 const PARTS: [&str; 3] = ["", "/specification", "/results"];
 
@@ -41,8 +45,8 @@ fn no_flipped_bit_is_served_as_truth() {
     let bytes: usize = whole.values().map(Vec::len).sum();
 
     let mut random = Random(std::process::id().into());
-    let (mut served, mut damaged, mut unknown, mut refused, mut closed) = (0, 0, 0, 0, 0);
-    for round in 0..flips / at_once {
+    let (mut served, mut damaged, mut unknown, mut refused, mut rebuilt, mut ended) = (0, 0, 0, 0, 0, 0);
+    'rounds: for round in 0..flips / at_once {
         let rotten = Folder::new();
         let mut files = whole.clone();
         for _ in 0..at_once {
@@ -62,14 +66,21 @@ fn no_flipped_bit_is_served_as_truth() {
         let server = match Server::try_start_at("127.0.0.1:0", &rotten, &["--workers", "1"]) {
             Ok(server) => server,
             Err(said) => {
-                assert!(said.contains("damaged") || said.contains("cannot serve"), "{said}");
+                assert!(said.contains("damaged") || said.contains("cannot serve") || said.contains(ASTRAY), "{said}");
+                println!("{}", said.lines().last().unwrap_or_default());
                 refused += 1;
                 continue;
             }
         };
         for (path, told) in paths.iter().zip(&told) {
             for (part, told) in PARTS.iter().zip(told) {
-                let answer = server.get(&format!("{path}{part}"));
+                let Some(answer) = server.try_send("GET", &format!("{path}{part}"), "", "") else {
+                    let said = server.stop().1;
+                    assert!(said.contains(ASTRAY), "round {round}: no answer to {path}{part}: {said}");
+                    println!("round {round}: {path}{part} led the library in a circle");
+                    ended += 1;
+                    continue 'rounds;
+                };
                 match answer.status {
                     // A job of which something is damaged says so.
                     200 if answer.body.contains("damaged: ") && part.is_empty() => damaged += 1,
@@ -85,19 +96,14 @@ fn no_flipped_bit_is_served_as_truth() {
                 }
             }
         }
-        // It goes on working: what comes in now is solved, or refused where a page that is damaged is in the way of its row.
-        let answer = server.send("POST", "/solve", "prefer: respond-async\r\n", DECAY);
-        if answer.status == 503 {
-            answer.problem(503, "unwritable");
-            closed += 1;
-        } else {
-            server.reaches(&answer.header("location"), &["successful", "failed"]);
-        }
+        // It goes on working: what comes in now is solved, also where a page that is damaged was in the way of its row.
+        server.reaches(&server.accept(DECAY), &["successful"]);
+        rebuilt += u32::from(!server.get("/metrics").body.contains("dvi_store_rebuilds_total 0\n"));
     }
     println!(
-        "{served} served as they were, {damaged} told as damaged, {unknown} unknown, {refused} starts refused, {closed} stores closed"
+        "{served} served as they were, {damaged} told as damaged, {unknown} unknown, {refused} starts refused, {rebuilt} stores built anew, {ended} services ended"
     );
-    assert!(5 * closed <= flips / at_once, "{closed} stores take no job any more");
+    assert!(10 * (ended + refused) <= flips / at_once + 10, "{ended} services ended, {refused} starts refused");
     assert!(served > 0 && damaged > 0, "{served} served, {damaged} damaged");
 }
 
@@ -137,52 +143,102 @@ fn damaged_results_stay_where_they_are_and_are_shown_again_when_they_are_put_bac
 const PAGE: usize = 4096;
 const LEAF: u8 = 1;
 
-#[test]
-fn rows_on_a_page_over_which_its_reader_panics_are_set_aside_alone() {
-    let folder = Folder::new();
-    let server = Server::start(&folder, &["--workers", "2"]);
-    let paths: Vec<String> = (0..60).map(|_| server.accept(DECAY)).collect();
-    let told: Vec<String> = paths
-        .iter()
-        .map(|path| {
-            server.reaches(path, &["successful"]);
-            server.get(path).body
-        })
-        .collect();
-    assert!(server.stop().0.success());
-    // A leaf begins with its kind and, from the third byte, how many rows it has; then come the ends of their values, which
-    // are looked up without a doubt, and the names. One end is now beyond the page, except on that of the latest jobs, to
-    // which the next is added.
+/// Leads the reader of pages astray which hold rows with these bytes, and says how many pages that were; `latest` jobs are on
+/// pages that are taken, or left out.
+///
+/// A leaf begins with its kind and, from the third byte, how many rows it has; then come the ends of their values, which are
+/// looked up without a doubt, and the names. One end is now beyond the page.
+fn spoil(folder: &Folder, paths: &[String], held: &[u8], latest: bool) -> usize {
     let file = folder.path().join("jobs.redb");
     let mut pages = fs::read(&file).unwrap();
-    let latest = paths.iter().map(|path| u128::from_str_radix(&path["/jobs/".len()..].replace('-', ""), 16).unwrap());
-    let latest = latest.max().unwrap().to_le_bytes();
+    let names = paths.iter().map(|path| u128::from_str_radix(&path["/jobs/".len()..].replace('-', ""), 16).unwrap());
+    let last = names.max().unwrap().to_le_bytes();
     let mut spoiled = 0;
     for page in pages.chunks_mut(PAGE) {
         let rows = usize::from(u16::from_le_bytes([page[2], page[3]]));
-        let holds_jobs = page.windows(9).any(|part| part == b"\"client\":");
-        let has_latest = page.windows(16).any(|part| part == latest);
-        if page[0] == LEAF && holds_jobs && !has_latest && (3..PAGE / 24).contains(&rows) {
+        let is_held = page.windows(held.len()).any(|part| part == held);
+        let has_latest = page.windows(16).any(|part| part == last);
+        if page[0] == LEAF && is_held && has_latest == latest && (3..PAGE / 24).contains(&rows) {
             let end = 4 + 4 * (rows / 2);
             page[end..end + 4].copy_from_slice(&u32::MAX.to_le_bytes());
             spoiled += 1;
         }
     }
-    assert!(spoiled > 0, "no page holds rows of jobs");
+    assert!(spoiled > 0, "no page holds such rows");
     fs::write(&file, &pages).unwrap();
+    spoiled
+}
+
+/// Solves the decay so often; gives the paths of the jobs and their states.
+fn solve_many(server: &Server, count: usize) -> (Vec<String>, Vec<String>) {
+    let paths: Vec<String> = (0..count).map(|_| server.accept(DECAY)).collect();
+    paths.iter().for_each(|path| drop(server.reaches(path, &["successful"])));
+    let told = paths.iter().map(|path| server.get(path).body).collect();
+    (paths, told)
+}
+
+/// The files that were put aside.
+fn aside(folder: &Folder) -> Vec<PathBuf> {
+    let names = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path());
+    names.filter(|path| path.to_string_lossy().contains("jobs.redb.damaged-")).collect()
+}
+
+#[test]
+fn rows_on_a_page_over_which_its_reader_panics_are_set_aside_alone() {
+    let folder = Folder::new();
+    let server = Server::start(&folder, &["--workers", "2"]);
+    let (paths, told) = solve_many(&server, 60);
+    assert!(server.stop().0.success());
+    let spoiled = spoil(&folder, &paths, b"\"client\":", false);
+    // The start builds the database anew; the next one finds it so.
+    for start in 0..2 {
+        let server = Server::start(&folder, &["--workers", "1"]);
+        let answers: Vec<_> = paths.iter().map(|path| server.get(path)).collect();
+        let whole =
+            answers.iter().zip(&told).filter(|(answer, told)| answer.status == 200 && answer.body == **told).count();
+        // A row on either side of the end that leads astray.
+        let lost = answers.iter().filter(|answer| answer.status != 200 || answer.body.contains("damaged: ")).count();
+        println!("{whole} of {} rows are shown, {lost} are lost, after {spoiled} pages were spoiled", paths.len());
+        assert_eq!(whole + lost, paths.len(), "{answers:?}");
+        assert!((1..=2 * spoiled).contains(&lost), "{lost} are lost");
+        let figures = server.get("/metrics").body;
+        assert!(figures.contains(&format!("dvi_damaged_jobs {lost}\n")), "{figures}");
+        assert!(figures.contains(&format!("dvi_store_rebuilds_total {}\n", 1 - start)), "{figures}");
+        server.reaches(&server.accept(DECAY), &["successful"]);
+        assert_eq!((server.beginning.contains("panicked at"), aside(&folder).len()), (start == 0, 1));
+        assert!(server.stop().0.success());
+    }
+}
+
+#[test]
+fn a_damaged_page_in_the_way_of_a_new_job_is_healed_while_the_service_runs() {
+    let folder = Folder::new();
+    let server = Server::start(&folder, &["--workers", "2"]);
+    let (paths, told) = solve_many(&server, 60);
+    assert!(server.stop().0.success());
+    spoil(&folder, &paths, b"\"dvi\":{\"states\"", true);
+    let rotten = fs::read(folder.path().join("jobs.redb")).unwrap();
+    // A start reads no specifications, the next job is written beside them.
     let server = Server::start(&folder, &["--workers", "1"]);
-    let answers: Vec<_> = paths.iter().map(|path| server.get(path)).collect();
-    let whole =
-        answers.iter().zip(&told).filter(|(answer, told)| answer.status == 200 && answer.body == **told).count();
-    // A row on either side of the end that leads astray.
-    let aside = answers.iter().filter(|answer| answer.status != 200 || answer.body.contains("damaged: ")).count();
-    println!("{whole} of {} rows are shown, {aside} set aside, after {spoiled} pages were spoiled", paths.len());
-    assert_eq!(whole + aside, paths.len(), "{answers:?}");
-    assert!((1..=2 * spoiled).contains(&aside), "{aside} set aside");
-    let figures = server.get("/metrics").body;
-    assert!(figures.contains(&format!("dvi_damaged_jobs {aside}\n")), "{figures}");
+    assert!(server.get("/metrics").body.contains("dvi_store_rebuilds_total 0\n"));
     server.reaches(&server.accept(DECAY), &["successful"]);
-    assert!(server.beginning.contains("panicked at"), "{}", server.beginning);
+    assert!(server.get("/metrics").body.contains("dvi_store_rebuilds_total 1\n"));
+    assert_eq!(server.get("/readyz").status, 200);
+    for (path, told) in paths.iter().zip(&told) {
+        assert_eq!(server.get(path).body, *told);
+        assert_eq!(server.get(&format!("{path}/results")).status, 200);
+    }
+    let lost = paths.iter().filter(|path| server.get(&format!("{path}/specification")).status == 500).count();
+    assert!((1..60).contains(&lost), "{lost} specifications are lost");
+    // What was there stays beside: the pages of the rows, up to those that were free at the end.
+    let kept = fs::read(&aside(&folder)[0]).unwrap();
+    let is_same = |place: usize| kept.get(place..place + PAGE) == rotten.get(place..place + PAGE);
+    let same = (0..kept.len()).step_by(PAGE).filter(|place| is_same(*place)).count();
+    assert!(aside(&folder).len() == 1 && 2 * same > kept.len() / PAGE, "{same} of {} pages", kept.len() / PAGE);
+    let said = server.stop().1;
+    assert!(said.contains("have lost something, and the damaged file stays as"), "{said}");
+    let server = Server::start(&folder, &["--workers", "1"]);
+    assert!(paths.iter().zip(&told).all(|(path, told)| server.get(path).body == *told));
 }
 
 /// The files in a folder and below, by their names in it.

@@ -95,16 +95,18 @@ fn who_waits_when_the_service_stops_is_told_where_to_ask_later() {
 }
 
 #[test]
-fn a_job_that_was_running_at_two_crashes_is_set_aside_and_another_is_not() {
+fn a_job_that_ran_alone_at_many_kills_is_set_aside_and_another_is_not() {
     let folder = Folder::new();
     let server = Server::start(&folder, &["--workers", "1"]);
     let culprit = server.accept(&oscillator(ENDLESS));
     server.reaches(&culprit, &["running"]);
     let waiting = server.accept(&oscillator(ENDLESS));
     server.kill();
-    let server = Server::start(&folder, &["--workers", "1"]);
-    server.reaches(&culprit, &["running"]);
-    server.kill();
+    for attempt in 2..=16 {
+        let server = Server::start(&folder, &["--workers", "1"]);
+        assert_eq!(server.reaches(&culprit, &["running"])["attempt"], attempt);
+        server.kill();
+    }
     let server = Server::start(&folder, &["--workers", "1"]);
     let state = server.get(&culprit).json();
     assert_eq!(state["status"], "failed", "{state}");

@@ -7,6 +7,7 @@ use dvi::service::jobs::Solver;
 use dvi::solution::Status;
 use dvi::specification::Specification;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 /// A solver that is held by the gate, except for what is labelled as light.
 fn light_or_held(gate: &Arc<Gate>) -> Solver {
@@ -51,6 +52,41 @@ async fn a_small_solve_does_not_pass_jobs_that_wait() {
     let reply = light().header("prefer", "wait=1").send(&site).await;
     assert_eq!((reply.status, &reply.json()["queue_position"]), (StatusCode::ACCEPTED, &1.into()));
     gate.let_through(2);
+}
+
+#[tokio::test]
+async fn the_same_text_of_the_same_client_is_answered_with_the_same_bytes_unless_a_solve_is_asked_for() {
+    let solves = Arc::new(AtomicUsize::new(0));
+    let counted = Arc::clone(&solves);
+    let solver: Solver = Arc::new(move |_, _| {
+        counted.fetch_add(1, Relaxed);
+        halving(Status::Completed)
+    });
+    let site = Site::new(one_worker(), solver);
+    let first = light().client(1).send(&site).await;
+    let again = light().client(1).send(&site).await;
+    assert_eq!((first.headers.get("dvi-repeated"), again.header("dvi-repeated")), (None, "true"));
+    assert_eq!((&again.body, again.header("dvi-trusted")), (&first.body, first.header("dvi-trusted")));
+    assert_eq!(solves.load(Relaxed), 1);
+    // A job of its own all the same.
+    assert_ne!(first.header("link"), again.header("link"));
+    let job = again.header("link").trim_start_matches('<').split('>').next().unwrap().to_owned();
+    let state = Call::new("GET", &job).client(1).send(&site).await.json();
+    assert_eq!(
+        (&state["status"], &state["progress"], &state["trusted"]),
+        (&"successful".into(), &100.into(), &true.into())
+    );
+    // Another client learns nothing of the first, and one that asks for a solve is given one.
+    let other = light().client(2).send(&site).await;
+    let anew = light().client(1).header("cache-control", "max-age=0, no-cache").send(&site).await;
+    for reply in [&other, &anew] {
+        assert_eq!((reply.headers.get("dvi-repeated"), &reply.body), (None, &first.body));
+    }
+    let csv = light().client(1).header("accept", "text/csv").send(&site).await;
+    assert_eq!((csv.header("dvi-repeated"), csv.text().lines().next()), ("true", Some("t,x")));
+    assert_eq!(solves.load(Relaxed), 3);
+    let figures = site.get("/metrics").await;
+    assert!(figures.text().contains("dvi_answers_repeated_total 2\n"), "{}", figures.text());
 }
 
 #[tokio::test]

@@ -78,7 +78,8 @@ impl Server {
             if server.log.read_line(&mut told).unwrap() == 0 {
                 return Err(told);
             }
-            let entry: Value = serde_json::from_str(&told[before..]).unwrap();
+            // What the runtime says before it aborts is no JSON.
+            let Ok(entry) = serde_json::from_str::<Value>(&told[before..]) else { continue };
             let field = |name: &str| entry["fields"][name].as_str().unwrap_or_default().to_owned();
             (server.address, server.confined_to) = (field("address"), field("confined_to"));
         }

@@ -52,6 +52,41 @@ fn a_store_is_left_alone_while_it_is_in_use_and_what_is_damaged_is_named() {
 }
 
 #[test]
+fn a_damaged_store_is_built_anew_and_one_that_is_whole_is_left_alone() {
+    let folder = Folder::new();
+    let repair = || Command::new(DVI).args(["store", "repair"]).arg(folder.path()).output().unwrap();
+    let server = Server::start(&folder, &["--workers", "1"]);
+    let paths = ["-x", "-2*x", "-3*x"].map(|rate| server.accept(&DECAY.replace("-x", rate)));
+    paths.iter().for_each(|path| drop(server.reaches(path, &["successful"])));
+    assert_eq!(repair().status.code(), Some(3));
+    assert!(server.stop().0.success());
+    let database = folder.path().join("jobs.redb");
+    let before = fs::read(&database).unwrap();
+    let whole = repair();
+    assert_eq!((whole.status.code(), fs::read(&database).unwrap() == before), (Some(0), true), "{whole:?}");
+
+    let mut rotten = before.clone();
+    let text = DECAY.replace("-x", "-2*x");
+    let places = before.windows(text.len()).enumerate().filter(|(_, bytes)| *bytes == text.as_bytes());
+    places.for_each(|(at, _)| rotten[at + 30] ^= 4);
+    fs::write(&database, &rotten).unwrap();
+    let mended = repair();
+    let id = paths[1].rsplit('/').next().unwrap();
+    assert_eq!(mended.status.code(), Some(1), "{mended:?}");
+    assert!(told(&mended.stdout).contains(&format!("lost: {id}: specification\n")), "{mended:?}");
+    let aside = told(&mended.stdout).lines().find_map(|line| Some(line.split_once("file is ")?.1.to_owned())).unwrap();
+    let rot: Vec<u8> = text.bytes().enumerate().map(|(at, byte)| if at == 30 { byte ^ 4 } else { byte }).collect();
+    assert!(fs::read(aside).unwrap().windows(rot.len()).any(|bytes| bytes == rot));
+    let server = Server::start(&folder, &["--workers", "1"]);
+    for path in &paths {
+        assert_eq!(server.get(path).json()["status"], "successful");
+        assert_eq!(server.get(&format!("{path}/results")).status, 200);
+    }
+    assert_eq!(server.get(&format!("{}/specification", paths[0])).status, 200);
+    server.get(&format!("{}/specification", paths[1])).problem(500, "damaged");
+}
+
+#[test]
 fn where_there_is_no_store_nothing_is_made() {
     let folder = Folder::new();
     let output = check(&folder);

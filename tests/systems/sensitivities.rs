@@ -117,6 +117,40 @@ fn a_rectifier_that_conducts_until_its_current_dies() {
     assert!(t("di/de").abs() < 1e-8 && t("di/dl").abs() < 1e-8);
 }
 
+/// All of a converter of ideal switches is proportional to its source; edges of the switch follow the period and the duty.
+#[test]
+fn a_converter_whose_switch_follows_parameters() {
+    let problem = json!({"circuit": {"parameters": {"period": 2e-5, "duty": 0.4, "E": 12}, "components": [
+        {"voltage_source": {"name": "V1", "nodes": ["in", "0"], "volts": "E"}},
+        {"switch": {"name": "S1", "nodes": ["in", "x"], "closed": "cos(2*pi*t/period) - cos(pi*duty)",
+            "withstand_volts": 1000}},
+        {"diode": {"name": "D1", "nodes": ["0", "x"]}},
+        {"inductor": {"name": "L1", "nodes": ["x", "out"], "henries": 1e-4}},
+        {"capacitor": {"name": "C1", "nodes": ["out", "0"], "farads": 1e-5}},
+        {"resistor": {"name": "R1", "nodes": ["out", "0"], "ohms": 2}}]}});
+    let solution = |problem: &Value, to: Value| {
+        solve(&json!({"problem": problem, "time": {"end": 3e-4}, "method": {"rtol": 1e-10},
+            "output": {"times": {"count": 2}}, "sensitivities": {"to": to}}))
+    };
+    let derived = solution(&problem, json!(["period", "duty", "E"]));
+    assert!(derived.verdict.trusted, "{:?}", derived.verdict);
+    for name in ["v(C1)", "i(L1)"] {
+        let (value, slope) = (last(&derived, name), last(&derived, &format!("d{name}/dE")));
+        assert!((12.0 * slope / value - 1.0).abs() < 1e-9, "{name}: {slope} for {value}");
+        for (parameter, value, change) in [("period", 2e-5, 1e-9), ("duty", 0.4, 1e-5)] {
+            let moved = |change: f64| {
+                let mut moved = problem.clone();
+                moved["circuit"]["parameters"][parameter] = json!(value + change);
+                last(&solution(&moved, json!(["E"])), name)
+            };
+            let difference = (moved(change) - moved(-change)) / (2.0 * change);
+            let slope = last(&derived, &format!("d{name}/d{parameter}"));
+            // Of the two errors of the difference, rounding of the times is the larger.
+            assert!((slope / difference - 1.0).abs() < 1e-4, "{name} by {parameter}: {slope} for {difference}");
+        }
+    }
+}
+
 fn failure(document: &Value) -> String {
     let specification = Specification::from_json(document.to_string().as_bytes())
         .unwrap_or_else(|errors| panic!("the specification has errors: {errors:#?}"));

@@ -11,6 +11,8 @@ use problem::{Dvi, Side};
 const TOUCHES: f64 = 1e-9;
 /// Times of several switches at one time agree to this part: they are one switch, told by several variables.
 const AGREE: f64 = 1e-6;
+/// Singular values below this part of the largest vanish.
+const SINGULAR: f64 = 1e-10;
 /// The cube root of the rounding of doubles: by this part of its size a place is moved for a central difference.
 const MOVED: f64 = 6e-6;
 
@@ -23,9 +25,13 @@ impl Tangents {
         before: &[f64],
     ) -> Result<Vec<f64>, NoDerivative> {
         let face = radau.last.face.clone();
+        // At a break the rows jump, and variables with them: none of their monitors has told the time.
+        if let Some(times) = self.break_times(ends) {
+            return times;
+        }
         let variables = changed(&face.places, &radau.face().places);
         if variables.is_empty() {
-            return self.break_times(ends);
+            return Ok(vec![0.0; self.count()]);
         }
         let t = ends[0];
         let rows = self.rows_at(t, before);
@@ -97,8 +103,8 @@ impl Tangents {
         Ok((0..count).map(|direction| -of_monitor(direction).0 / rate).collect())
     }
 
-    /// How the variables of a face go with the states, directions and time, one column each as in `states`: told by `G` where its
-    /// derivative by them is regular, else by the derivative of `G` in time.
+    /// How the variables of a face go with the states, directions and time, one column each as in `states`: told by `G` as far as
+    /// its derivative by them is regular, else by the derivative of `G` in time.
     fn variables_along(
         &mut self,
         (t, y): (f64, &[f64]),
@@ -128,19 +134,31 @@ impl Tangents {
             }
             by_y[n..].iter().enumerate().for_each(|(column, value)| matrix[(k, column)] = *value);
         }
-        let is_hidden = |k: &usize| inside.iter().all(|l| matrix[(*k, *l)] == 0.0);
-        let hidden: Vec<usize> = inside.iter().copied().filter(is_hidden).collect();
-        if !hidden.is_empty() {
+        if let Some(hidden) = hidden_combinations(&matrix, &inside) {
             // Those on bounds first: the others go with them.
             let mut fixed = DMatrix::zeros(m, columns);
             (0..m).filter(|k| !inside.contains(k)).for_each(|k| fixed.set_row(k, &right.row(k)));
             let by_variables = self.inverse_mass.solve(&rows.by_y.view((0, n), (n, m)).into_owned());
             let by_variables = by_variables.ok_or(NoDerivative::Singular)?;
             let slopes = self.hidden_slopes((t, y), states, &fixed, sizes);
-            for &k in &hidden {
-                let row = rows.by_y.view((n + k, 0), (1, n)) * &by_variables;
-                (0..m).for_each(|l| matrix[(k, l)] = if inside.contains(&l) { row[l] } else { 0.0 });
-                (0..columns).for_each(|column| right[(k, column)] = -slopes[(k, column)]);
+            let own = matrix.clone();
+            let own_right = right.clone();
+            for (row, Combination { weights, is_hidden }) in inside.iter().copied().zip(hidden) {
+                let sum = |of: &dyn Fn(usize) -> f64| weights.iter().zip(&inside).map(|(w, &k)| w * of(k)).sum::<f64>();
+                for l in 0..m {
+                    let of_hidden = |k: usize| (rows.by_y.view((n + k, 0), (1, n)) * by_variables.column(l))[(0, 0)];
+                    matrix[(row, l)] = match is_hidden {
+                        true if inside.contains(&l) => sum(&of_hidden),
+                        true => 0.0,
+                        false => sum(&|k| own[(k, l)]),
+                    };
+                }
+                for column in 0..columns {
+                    right[(row, column)] = match is_hidden {
+                        true => -sum(&|k| slopes[(k, column)]),
+                        false => sum(&|k| own_right[(k, column)]),
+                    };
+                }
             }
         }
         let factors = matrix.full_piv_lu();
@@ -213,16 +231,11 @@ impl Tangents {
         moving.map_or(0.0, |p| by_time[structure.unknowns() + p])
     }
 
-    /// How the time of a break depends on the directions: that of the quantity that changes its sign there.
-    fn break_times(&mut self, [before, after]: [f64; 2]) -> Result<Vec<f64>, NoDerivative> {
+    /// How the time of a break depends on the directions: that of the quantity that changes its sign there. None where none does.
+    fn break_times(&mut self, [before, after]: [f64; 2]) -> Option<Result<Vec<f64>, NoDerivative>> {
         let first = self.problem.breaks(before).to_vec();
-        let broken = self
-            .problem
-            .breaks(after)
-            .iter()
-            .zip(&first)
-            .position(|(after, before)| (*after >= 0.0) != (*before >= 0.0));
-        let Some(place) = broken else { return Ok(vec![0.0; self.count()]) };
+        let changes = |(after, before): (&f64, &f64)| (*after >= 0.0) != (*before >= 0.0);
+        let place = self.problem.breaks(after).iter().zip(&first).position(changes)?;
         let by = MOVED * before.abs().max(after.abs()).max(f64::MIN_POSITIVE.sqrt());
         let rate = (self.problem.breaks(after + by)[place] - self.problem.breaks(before - by)[place]) / (2.0 * by);
         let times = self.directions.shifted.iter_mut().map(|shifted| {
@@ -231,8 +244,39 @@ impl Tangents {
             -(above - below) / (2.0 * shifted.by) / rate
         });
         let times: Vec<f64> = times.collect();
-        if times.iter().all(|time| time.is_finite()) { Ok(times) } else { Err(NoDerivative::Grazing) }
+        Some(if times.iter().all(|time| time.is_finite()) { Ok(times) } else { Err(NoDerivative::Grazing) })
     }
+}
+
+/// A combination of the equations of the variables inside.
+struct Combination {
+    /// One for each of them.
+    weights: Vec<f64>,
+    /// Whether no variable inside is in it, so that its derivative in time is to tell them.
+    is_hidden: bool,
+}
+
+/// As many combinations of the equations of the variables `inside` as there are of these, by the singular values of their
+/// matrix; none where it is regular.
+fn hidden_combinations(matrix: &DMatrix<f64>, inside: &[usize]) -> Option<Vec<Combination>> {
+    let count = inside.len();
+    if count == 0 {
+        return None;
+    }
+    let scale = |i: usize| inside.iter().fold(0.0_f64, |most, &l| most.max(matrix[(inside[i], l)].abs()));
+    let scales: Vec<f64> = (0..count).map(|i| if scale(i) > 0.0 { scale(i).recip() } else { 1.0 }).collect();
+    let scaled = DMatrix::from_fn(count, count, |i, j| scales[i] * matrix[(inside[i], inside[j])]);
+    let svd = scaled.svd(true, false);
+    let u = svd.u?;
+    let largest = svd.singular_values.iter().fold(0.0_f64, |most, value| most.max(*value));
+    let vanishes = |value: f64| value <= SINGULAR * largest;
+    svd.singular_values.iter().any(|value| vanishes(*value)).then(|| {
+        let combination = |(k, value): (usize, &f64)| Combination {
+            weights: u.column(k).iter().zip(&scales).map(|(weight, scale)| weight * scale).collect(),
+            is_hidden: vanishes(*value),
+        };
+        svd.singular_values.iter().enumerate().map(combination).collect()
+    })
 }
 
 /// `G_t + G_x M^-1 F`

@@ -2,9 +2,14 @@
 //! numbers of `parameters` alone has them bound, since they are inputs of its programs. Both give what reading anew would.
 
 mod generations;
+mod known;
+mod seen;
 mod structure;
 
+pub use known::{Known, Repeated};
+
 use generations::Generations;
+use seen::Seen;
 use specification::Specification;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use structure::Structure;
@@ -18,19 +23,25 @@ const LARGEST: usize = 256 << 10;
 /// Small specifications, by their texts and by their structures.
 #[derive(Debug)]
 pub struct Compiled {
-    texts: Mutex<Generations<Arc<Specification>>>,
-    structures: Mutex<Generations<Arc<Specification>>>,
+    texts: Mutex<Generations<Arc<Known>>>,
+    structures: Mutex<Generations<Arc<Known>>>,
+    /// Texts that were bound.
+    bound: Mutex<Seen>,
 }
 
 impl Default for Compiled {
     fn default() -> Self {
-        Self { texts: Mutex::new(Generations::new(KEPT)), structures: Mutex::new(Generations::new(KEPT)) }
+        Self {
+            texts: Mutex::new(Generations::new(KEPT)),
+            structures: Mutex::new(Generations::new(KEPT)),
+            bound: Mutex::default(),
+        }
     }
 }
 
 impl Compiled {
     /// What reading `text` would give, if it or its structure was read before.
-    pub fn find(&self, text: &[u8]) -> Option<Arc<Specification>> {
+    pub fn find(&self, text: &[u8]) -> Option<Arc<Known>> {
         if let Some(known) = lock(&self.texts).find(text) {
             return Some(known);
         }
@@ -38,19 +49,21 @@ impl Compiled {
         let like = lock(&self.structures).find(&structure.text)?;
         let given: Vec<(&str, f64)> = structure.parameters().collect();
         // What cannot be bound is read, which says why.
-        let bound = Arc::new(like.with_parameters(&given).ok()?);
-        lock(&self.texts).insert(text.into(), Arc::clone(&bound));
+        let bound = Arc::new(Known::of(like.specification.with_parameters(&given).ok()?));
+        if lock(&self.bound).again(text) {
+            lock(&self.texts).insert(text.into(), Arc::clone(&bound));
+        }
         Some(bound)
     }
 
     /// Keeps what reading `text` has given.
-    pub fn keep(&self, text: &[u8], specification: &Arc<Specification>) {
-        if specification.memory_bytes() > LARGEST {
+    pub fn keep(&self, text: &[u8], known: &Arc<Known>) {
+        if known.facts.memory > LARGEST {
             return;
         }
-        lock(&self.texts).insert(text.into(), Arc::clone(specification));
-        if let Some(structure) = Structure::of(text).filter(|structure| is_of(structure, specification)) {
-            lock(&self.structures).insert(structure.text.into(), Arc::clone(specification));
+        lock(&self.texts).insert(text.into(), Arc::clone(known));
+        if let Some(structure) = Structure::of(text).filter(|structure| is_of(structure, &known.specification)) {
+            lock(&self.structures).insert(structure.text.into(), Arc::clone(known));
         }
     }
 }
@@ -75,8 +88,9 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 mod tests {
     use super::*;
 
-    fn read(text: &str) -> Arc<Specification> {
-        Arc::new(Specification::from_json(text.as_bytes()).unwrap_or_else(|errors| panic!("{errors:#?}")))
+    fn read(text: &str) -> Arc<Known> {
+        let read = Specification::from_json(text.as_bytes()).unwrap_or_else(|errors| panic!("{errors:#?}"));
+        Arc::new(Known::of(read))
     }
 
     /// A problem whose law has parameters in rates, bounds and at the start.
@@ -100,8 +114,12 @@ mod tests {
         for (m, f) in [("1.5", "1"), ("1", "0.25"), ("2e0", "3"), ("0.1", "0.1"), ("12345678901234567890123", "0.5")] {
             let other = belt(m, f);
             let (found, anew) = (compiled.find(other.as_bytes()).unwrap(), read(&other));
+            let (found, anew) = (&found.specification, &anew.specification);
             assert_eq!(serde_json::to_value(found.summary()).unwrap(), serde_json::to_value(anew.summary()).unwrap());
             assert_eq!(found.model().initial(), anew.model().initial(), "{m} {f}");
+            // What comes more than once is bound no more.
+            let again = [0, 1].map(|_| compiled.find(other.as_bytes()).unwrap());
+            assert!(Arc::ptr_eq(&again[0], &again[1]), "{m} {f}");
         }
         // Where reading finds an error, so does who reads it.
         for (m, f) in [("0", "1"), ("1", "-1"), ("1e999", "1"), ("01", "1"), ("1.", "1"), ("\"1\"", "1")] {

@@ -24,7 +24,7 @@ use specification::{NotContinuable, continued};
 use std::collections::HashMap;
 use std::io;
 use std::sync::Arc;
-use utoipa::ToSchema;
+use utoipa::{IntoResponses, ToSchema};
 
 /// How far a job is to be continued.
 #[derive(Debug, Deserialize, ToSchema)]
@@ -34,6 +34,16 @@ pub struct Further {
     /// The time at which the new job ends, later than the last time of the trajectory.
     end: f64,
 }
+
+/// The new job, at `Location`
+#[derive(IntoResponses)]
+#[response(status = 202, headers(
+    ("location" = String, description = "The new job"),
+    ("retry-after" = u64, description = "When it is worth while to ask for it, in seconds"),
+    ("link" = String, description = "The first job, as `predecessor-version`")
+))]
+#[expect(dead_code, reason = "it is made for the description alone")]
+pub struct Successor(StatusInfo);
 
 /// Send a job that failed or was cancelled to the queue again.
 ///
@@ -47,11 +57,7 @@ pub struct Further {
         ("idempotency-key" = Option<String>, Header, description = "The same key gives the same new job")
     ),
     responses(
-        (status = 202, description = "The new job, at `Location`", body = StatusInfo, headers(
-            ("location" = String, description = "The new job"),
-            ("retry-after" = u64, description = "When it is worth while to ask for it, in seconds"),
-            ("link" = String, description = "The first job, as `predecessor-version`")
-        )),
+        Successor,
         Problem
     )
 )]
@@ -77,11 +83,7 @@ pub async fn retry_job(State(shared): State<Shared>, Named(job): Named, key: Ide
     ),
     request_body(content = Further, content_type = "application/json"),
     responses(
-        (status = 202, description = "The new job, at `Location`", body = StatusInfo, headers(
-            ("location" = String, description = "The new job"),
-            ("retry-after" = u64, description = "When it is worth while to ask for it, in seconds"),
-            ("link" = String, description = "The first job, as `predecessor-version`")
-        )),
+        Successor,
         Problem
     )
 )]
@@ -149,7 +151,7 @@ fn wrong(pointer: &str, code: &'static str, detail: &impl ToString) -> Box<Probl
 /// The new job. Its key stands for what follows from this job, not for what was posted first.
 async fn successor(shared: &Shared, job: &Job, document: Arc<[u8]>, key: IdempotencyKey) -> Answer<Response> {
     let key = key.0.map(|name| Key::new(name, &[job.id.to_string().as_bytes(), &document].concat()));
-    let next = job_under(shared, job.client, key, &Document::of(document), true).await?;
+    let next = job_under(shared, job.client, key, &Document::of(document), true, true).await?;
     let mut response = accepted(&shared.jobs, &next);
     if let Ok(link) =
         HeaderValue::try_from(format!("<{}>; rel=\"predecessor-version\"", address(format_args!("/jobs/{}", job.id))))

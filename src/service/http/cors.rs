@@ -10,10 +10,10 @@ use axum::response::Response;
 
 const METHODS: HeaderValue = HeaderValue::from_static("GET, HEAD, POST, DELETE");
 const TAKEN: HeaderValue = HeaderValue::from_static(
-    "authorization, content-type, prefer, idempotency-key, last-event-id, x-request-id, traceparent",
+    "authorization, cache-control, content-type, prefer, idempotency-key, last-event-id, x-request-id, traceparent",
 );
 const GIVEN: HeaderValue = HeaderValue::from_static(
-    "location, link, retry-after, dvi-trusted, etag, preference-applied, server-timing, x-request-id, traceparent",
+    "location, link, retry-after, dvi-trusted, dvi-repeated, etag, preference-applied, server-timing, x-request-id, traceparent",
 );
 const RESOURCE_POLICY: HeaderName = HeaderName::from_static("cross-origin-resource-policy");
 

@@ -5,13 +5,14 @@
 
 use super::Shared;
 use super::problem::{Answer, Kind, Problem};
+use crate::compiled::Known;
 use crate::jobs::{Client, Fault, Refusal};
 use crate::worker::{Checked, Facts};
 use axum::body::{Body, HttpBody};
 use axum::extract::{FromRequest, Request};
 use axum::http::{HeaderMap, header};
 use problem::Control;
-use specification::{Draft, Specification};
+use specification::Draft;
 use std::future::poll_fn;
 use std::pin::Pin;
 use std::sync::Arc;
@@ -46,9 +47,9 @@ impl Document {
             }
             let draft = Draft::read(&bytes)?;
             if draft.check_time() <= SOON {
-                let specification = Arc::new(shared.jobs.check(draft, &Control::new())?);
-                shared.compiled.keep(&bytes, &specification);
-                return Ok(Correct::Here(specification));
+                let known = Arc::new(Known::of(shared.jobs.check(draft, &Control::new())?));
+                shared.compiled.keep(&bytes, &known);
+                return Ok(Correct::Here(known));
             }
         }
         let turn = shared.checks.turn(client, bytes.len()).await.map_err(Refusal::from)?;
@@ -72,7 +73,7 @@ impl Document {
 /// A specification that is correct.
 pub enum Correct {
     /// Read here.
-    Here(Arc<Specification>),
+    Here(Arc<Known>),
     /// Read by a worker, with its summary as JSON.
     Elsewhere(Facts, Vec<u8>),
 }
@@ -82,15 +83,15 @@ impl Correct {
     pub fn summary(self) -> Vec<u8> {
         match self {
             // Every number of a summary is finite, so that it has a JSON form.
-            Self::Here(specification) => serde_json::to_vec(&specification.summary()).unwrap_or_default(),
+            Self::Here(known) => serde_json::to_vec(&known.specification.summary()).unwrap_or_default(),
             Self::Elsewhere(_, summary) => summary,
         }
     }
 
     /// What is known of it, and the specification itself where it was read here.
-    pub fn facts(self) -> (Facts, Option<Arc<Specification>>) {
+    pub fn facts(self) -> (Facts, Option<Arc<Known>>) {
         match self {
-            Self::Here(specification) => (Facts::of(&specification), Some(specification)),
+            Self::Here(known) => (known.facts.clone(), Some(known)),
             Self::Elsewhere(facts, _) => (facts, None),
         }
     }

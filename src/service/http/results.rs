@@ -27,6 +27,9 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 /// Whether the answer may be relied upon, `true` or `false`.
 const TRUSTED: HeaderName = HeaderName::from_static("dvi-trusted");
 
+/// That the answer is the one to an earlier request with the same text.
+const REPEATED: HeaderName = HeaderName::from_static("dvi-repeated");
+
 /// Fetch the results of a job.
 ///
 /// As JSON, CSV, lines of JSON, an Arrow stream or a picture, as `Accept` asks; the whole of it, or some fields and times. The results of
@@ -127,6 +130,9 @@ pub async fn represent(
     }
     if let Some(verdict) = &ended.verdict {
         headers.insert(TRUSTED, HeaderValue::from_static(if verdict.trusted { "true" } else { "false" }));
+    }
+    if ended.repeated {
+        headers.insert(REPEATED, HeaderValue::from_static("true"));
     }
     if let Some(timing) = ended.timing.and_then(server_timing) {
         headers.insert("server-timing", timing);

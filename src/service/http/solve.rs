@@ -19,6 +19,7 @@ use axum::http::request::Parts;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use solution::Solution;
+use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::runtime::Handle;
@@ -36,7 +37,8 @@ use tokio::time::timeout;
     request_body(content = specification::Document, content_type = "application/json"),
     params(
         ("prefer" = Option<String>, Header, description = "`wait=N` seconds, at most 60, or `respond-async`"),
-        ("idempotency-key" = Option<String>, Header, description = "The same key and body give the same job")
+        ("idempotency-key" = Option<String>, Header, description = "The same key and body give the same job"),
+        ("cache-control" = Option<String>, Header, description = "`no-cache` has a specification solved that was solved before")
     ),
     responses(
         (status = 200, description = "The result, in the form that `Accept` asks for", content(
@@ -46,7 +48,10 @@ use tokio::time::timeout;
             (Vec<u8> = "application/vnd.apache.arrow.stream"),
             (String = "image/svg+xml"),
             (ServerSentEvent = "text/event-stream"),
-        ), headers(("dvi-trusted" = bool, description = "Whether the answer may be relied upon: `verdict.trusted` of the JSON"))),
+        ), headers(
+            ("dvi-trusted" = bool, description = "Whether the answer may be relied upon: `verdict.trusted` of the JSON"),
+            ("dvi-repeated" = Option<bool>, description = "`true` where the same text was solved before: the answer is the one to that, to the byte")
+        )),
         (status = 202, description = "It takes longer; `Location` is the job", body = StatusInfo),
         Problem
     )
@@ -57,17 +62,19 @@ pub async fn solve(
     preferences: Preferences,
     delivery: Delivery,
     key: IdempotencyKey,
+    Anew(anew): Anew,
     document: Document,
 ) -> Answer<Response> {
     let representation = match delivery {
         Delivery::Whole(representation) => representation,
         Delivery::Stream => {
-            let job = job(&shared, client, key, &document, false).await?;
+            // Whoever follows a solve is shown one.
+            let job = job(&shared, client, key, &document, false, true).await?;
             return solve_stream::stream(shared, client, job);
         }
     };
     let wait = preferences.wait();
-    let job = job(&shared, client, key, &document, wait.is_zero()).await?;
+    let job = job(&shared, client, key, &document, wait.is_zero(), anew).await?;
     let ended = if wait.is_zero() {
         // One that was posted before may be waited for, and kept by memory alone.
         shared.jobs.outlive(&job).await?;
@@ -100,9 +107,10 @@ async fn job(
     key: IdempotencyKey,
     document: &Document,
     lasting: bool,
+    anew: bool,
 ) -> Answer<Arc<Job>> {
     let key = key.0.map(|name| Key::new(name, &document.bytes()));
-    job_under(shared, client, key, document, lasting).await
+    job_under(shared, client, key, document, lasting, anew).await
 }
 
 /// The same, under a key that is known.
@@ -112,6 +120,7 @@ pub async fn job_under(
     key: Option<Key>,
     document: &Document,
     lasting: bool,
+    anew: bool,
 ) -> Answer<Arc<Job>> {
     let document_bytes = document.bytes();
     if let Some(key) = &key
@@ -121,8 +130,8 @@ pub async fn job_under(
     }
     // Asked before the specification is read, so that refusing costs next to nothing.
     shared.jobs.admits(client, document_bytes.len())?;
-    let (facts, specification) = document.checked(shared, client).await?.facts();
-    let order = Order { client, facts, specification, document: document_bytes, key };
+    let (facts, known) = document.checked(shared, client).await?.facts();
+    let order = Order { client, facts, known, anew, document: document_bytes, key };
     Ok(shared.jobs.submit(order, lasting).await?)
 }
 
@@ -186,6 +195,19 @@ impl Drop for Departure {
                 runtime.spawn(async move { jobs.forget(&job).await });
             }
         }
+    }
+}
+
+/// Whether the client wants no answer that is older than its request: `Cache-Control: no-cache` (RFC 9111, section 5.2.1.4).
+pub struct Anew(bool);
+
+impl<S: Send + Sync> FromRequestParts<S> for Anew {
+    type Rejection = Infallible;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Infallible> {
+        let lines = parts.headers.get_all(header::CACHE_CONTROL).iter().filter_map(|line| line.to_str().ok());
+        let mut directives = lines.flat_map(|line| line.split(','));
+        Ok(Self(directives.any(|directive| directive.trim().eq_ignore_ascii_case("no-cache"))))
     }
 }
 

@@ -1,57 +1,24 @@
 //! The tables of jobs, and the changes that are made to them, many in one transaction.
 
-use super::seal::{seal, unseal};
-use super::tables::{self, FORMAT, InFile, JOBS, RESULTS, SPECIFICATIONS, STARTS};
-use super::{JobId, Record, Results};
-use redb::{Builder, Database as Redb, ReadableDatabase, ReadableTable, TableDefinition, WriteTransaction};
+use super::change::{Change, write};
+use super::guarded::guarded;
+use super::home::{Home, Memory};
+use super::salvage::Salvaged;
+use super::seal::unseal;
+use super::tables::{self, FORGOTTEN, FORMAT, InFile, JOBS, LOST, RESULTS, SPECIFICATIONS, STARTS};
+use super::{JobId, Record, is_damage};
+use redb::{Builder, Database as Redb, ReadableDatabase, ReadableTable, TableDefinition, TableError};
 use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::fmt;
 use std::io;
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
-use std::sync::{Arc, PoisonError, RwLock};
+use std::sync::{PoisonError, RwLock};
 
 /// Pages kept in memory. What is read again soon was just written; the rest is for the system's own cache.
-const CACHE_BYTES: usize = 64 << 20;
-
-/// What happens to rows; all of it or nothing.
-#[derive(Debug, Default)]
-pub struct Change {
-    /// A job's row, new or anew.
-    pub record: Option<(JobId, Vec<u8>)>,
-    /// What was posted for that job.
-    pub document: Option<Arc<[u8]>>,
-    /// What came of it.
-    pub results: Option<Arc<Results>>,
-    /// Jobs of which nothing is to be left.
-    pub forgotten: Vec<JobId>,
-}
-
-impl Change {
-    /// Writes a row.
-    pub fn record(id: JobId, record: &Record) -> Self {
-        // Strings and finite numbers always have a JSON form.
-        Self { record: Some((id, serde_json::to_vec(record).unwrap_or_default())), ..Self::default() }
-    }
-
-    /// Whether it takes hardly any room, or gives some back.
-    pub fn is_small(&self) -> bool {
-        self.document.is_none() && self.results.is_none()
-    }
-
-    /// The bytes of what it adds.
-    pub fn bytes(&self) -> usize {
-        let document = self.document.as_ref().map_or(0, |document| document.len());
-        document + self.results.as_ref().map_or(0, |results| results.bytes())
-    }
-
-    /// Removes every row of these jobs.
-    pub fn forgotten(forgotten: Vec<JobId>) -> Self {
-        Self { forgotten, ..Self::default() }
-    }
-}
+pub(super) const CACHE_BYTES: usize = 64 << 20;
 
 /// What the database knows of jobs.
 #[derive(Debug, Default)]
@@ -62,16 +29,23 @@ pub struct Rows {
     pub unreadable: Vec<JobId>,
     /// The names of those that are not as they were written, or gone.
     pub damaged: Vec<JobId>,
+    /// The names of those that were so when the database was built anew.
+    pub lost: Vec<JobId>,
+    /// Whether a page could not be read.
+    pub is_broken: bool,
 }
 
 /// The database of one process: the file is locked.
 ///
 /// A page that the disk has changed can make the library fail or panic, after which it may refuse everything: it is then
-/// opened anew, so that one bad page shuts no other.
+/// opened anew, so that one bad page shuts no other. Where such a page is in the way of a change, the database is
+/// built anew from what can be read.
 pub struct Database {
     open: Box<Open>,
     /// Nothing where it could not be opened anew.
     redb: RwLock<Option<Redb>>,
+    /// Nothing where it is only looked at.
+    home: Option<Home>,
 }
 
 /// How the library opens it.
@@ -116,7 +90,49 @@ impl Database {
         if format != Some(FORMAT) {
             guarded(|| tables::make(&redb, format, file))?;
         }
-        Ok((Self { open: Box::new(open), redb: RwLock::new(Some(redb)) }, format))
+        Ok((Self { open: Box::new(open), redb: RwLock::new(Some(redb)), home: None }, format))
+    }
+
+    /// The same of the file at `path`, made if it is not there, which may be built anew.
+    ///
+    /// # Errors
+    /// As of [`Database::open`].
+    pub fn in_file(path: &Path, file: &dyn Fn(JobId) -> Option<InFile>) -> io::Result<(Self, Option<u64>)> {
+        let (database, format) = Self::open(Self::at(path), file)?;
+        Ok((Self { home: Some(Home::of(path)?), ..database }, format))
+    }
+
+    /// Whether its file is where it was opened.
+    pub fn is_in_place(&self) -> bool {
+        self.home.as_ref().is_none_or(Home::is_in_place)
+    }
+
+    /// How often it was built anew.
+    pub fn rebuilds(&self) -> u64 {
+        self.home.as_ref().map_or(0, Home::rebuilds)
+    }
+
+    /// What is known of jobs beside it, from now on.
+    pub fn remember(&self, memory: Memory) {
+        if let Some(home) = &self.home {
+            home.remember(memory);
+        }
+    }
+
+    /// Builds it anew from what can be read; its file stays beside under another name. The reason is told with what is lost.
+    ///
+    /// # Errors
+    /// Those of the disk; nothing has changed.
+    pub fn rebuild(&self, reason: &io::Error) -> io::Result<Salvaged> {
+        let Some(home) = &self.home else { return Err(io::ErrorKind::ReadOnlyFilesystem.into()) };
+        let (rebuilt, salvaged) = home.rebuild(self, reason)?;
+        let last = self.redb.write().unwrap_or_else(PoisonError::into_inner).replace(rebuilt);
+        // Whatever its last page says: it is not used any more.
+        let _ = guarded(|| {
+            drop(last);
+            Ok(())
+        });
+        Ok(salvaged)
     }
 
     /// Whether every page is as it was written. Writes what it mends.
@@ -158,7 +174,7 @@ impl Database {
     /// # Errors
     /// Those of the disk; nothing has changed.
     pub fn apply<'a>(&self, changes: impl IntoIterator<Item = &'a Change> + Clone) -> io::Result<()> {
-        self.with(|redb| write(redb, changes.clone(), None))
+        self.insist(|redb| write(redb, changes.clone(), None))
     }
 
     /// Makes `changes` and counts a start of the service, all in one.
@@ -166,7 +182,7 @@ impl Database {
     /// # Errors
     /// Those of the disk; nothing has changed.
     pub fn start(&self, changes: &[Change], start: u64) -> io::Result<()> {
-        self.with(|redb| write(redb, changes, Some(start)))
+        self.insist(|redb| write(redb, changes, Some(start)))
     }
 
     /// The number of the latest start.
@@ -179,30 +195,55 @@ impl Database {
 
     /// Every row, oldest job first; one that cannot be read is named in the log and left as it is.
     pub fn records(&self) -> Rows {
-        let all = self.with(|redb| {
-            let mut rows = Rows::default();
-            for row in redb.begin_read()?.open_table(JOBS)?.iter()? {
-                let (number, sealed) = row?;
-                rows.take(JobId::of_number(number.value()), Some(sealed.value()));
-            }
-            Ok(rows)
+        let all = RefCell::new(Rows::default());
+        let whole = self.scan(JOBS, &|id, sealed| {
+            all.borrow_mut().take(id, Some(sealed));
+            ControlFlow::Continue(())
         });
-        let rows = all.unwrap_or_else(|error| {
+        let mut rows = all.into_inner();
+        if let Err(error) = whole {
             tracing::error!(%error, "a page of the database is damaged; rows are looked up one by one");
-            let mut rows = Rows::default();
+            rows = Rows { is_broken: true, ..Rows::default() };
             for id in self.names() {
                 let sealed = self.find(JOBS, id);
                 rows.take(id, sealed.ok().flatten().as_deref());
             }
-            rows
-        });
+        }
         for id in &rows.unreadable {
             tracing::error!(job.id = %id, "the row of job {id} cannot be read; it is kept as it is");
         }
         for id in &rows.damaged {
             tracing::error!(job.id = %id, "the row of job {id} is damaged; it is kept as it is");
         }
+        match self.lost() {
+            Ok(lost) => rows.lost = lost,
+            Err(_) => rows.is_broken = true,
+        }
         rows
+    }
+
+    /// The jobs whose rows were lost when the database was built anew.
+    pub(super) fn lost(&self) -> io::Result<Vec<JobId>> {
+        self.named(LOST)
+    }
+
+    /// Forgotten jobs whose files were not removed before the process ended.
+    ///
+    /// # Errors
+    /// Those of the disk.
+    pub fn forgotten(&self) -> io::Result<Vec<JobId>> {
+        self.named(FORGOTTEN)
+    }
+
+    /// The names in a table that has nothing else, and may be absent.
+    fn named(&self, table: TableDefinition<'_, u128, ()>) -> io::Result<Vec<JobId>> {
+        self.with(|redb| {
+            let names = match redb.begin_read()?.open_table(table) {
+                Err(TableError::TableDoesNotExist(_)) => return Ok(Vec::new()),
+                names => names?,
+            };
+            names.iter()?.map(|row| Ok(JobId::of_number(row?.0.value()))).collect()
+        })
     }
 
     /// Every name in any of the tables, from both ends to the first page that cannot be read.
@@ -214,23 +255,47 @@ impl Database {
     }
 
     /// Every name in a table, likewise.
-    fn names_in<V: redb::Value + 'static>(&self, table: TableDefinition<'_, u128, V>) -> BTreeSet<JobId> {
-        // Kept outside of the work, which may end half way.
+    fn names_in<V>(&self, table: TableDefinition<'_, u128, V>) -> BTreeSet<JobId>
+    where
+        V: for<'a> redb::Value<SelfType<'a> = &'a [u8]> + 'static,
+    {
         let names = RefCell::new(BTreeSet::new());
-        for backwards in [false, true] {
-            let whole = self.with(|redb| {
+        let visit = |id, _: &[u8]| {
+            names.borrow_mut().insert(id);
+            ControlFlow::Continue(())
+        };
+        // Up to a page that cannot be read, from either end.
+        let _ = self.scan(table, &visit);
+        names.into_inner()
+    }
+
+    /// Shows every row of a table, oldest job first; where a page cannot be read, those before it, and then those behind it
+    /// from the last one on. Stops where `visit` says so.
+    ///
+    /// # Errors
+    /// A page could not be read.
+    pub(super) fn scan<V>(
+        &self,
+        table: TableDefinition<'_, u128, V>,
+        visit: &dyn Fn(JobId, &[u8]) -> ControlFlow<()>,
+    ) -> io::Result<()>
+    where
+        V: for<'a> redb::Value<SelfType<'a> = &'a [u8]> + 'static,
+    {
+        let through = |backwards| {
+            self.with(|redb| {
                 let table = redb.begin_read()?.open_table(table)?;
                 let mut rows = table.iter()?;
                 while let Some(row) = if backwards { rows.next_back() } else { rows.next() } {
-                    names.borrow_mut().insert(JobId::of_number(row?.0.value()));
+                    let (number, bytes) = row?;
+                    if visit(JobId::of_number(number.value()), bytes.value()).is_break() {
+                        break;
+                    }
                 }
                 Ok(())
-            });
-            if whole.is_ok() {
-                break;
-            }
-        }
-        names.into_inner()
+            })
+        };
+        through(false).inspect_err(|_| drop(through(true)))
     }
 
     /// What was posted for a job.
@@ -249,7 +314,8 @@ impl Database {
         self.find(RESULTS, id)
     }
 
-    fn find<V>(&self, table: TableDefinition<'_, u128, V>, id: JobId) -> io::Result<Option<Vec<u8>>>
+    /// A row of a table.
+    pub(super) fn find<V>(&self, table: TableDefinition<'_, u128, V>, id: JobId) -> io::Result<Option<Vec<u8>>>
     where
         V: for<'a> redb::Value<SelfType<'a> = &'a [u8]> + 'static,
     {
@@ -257,6 +323,26 @@ impl Database {
             let table = redb.begin_read()?.open_table(table)?;
             Ok(table.get(id.number())?.map(|bytes| bytes.value().to_vec()))
         })
+    }
+
+    /// Changes the database, built anew once where a damaged page is in the way.
+    fn insist<T>(&self, work: impl Fn(&Redb) -> Result<T, redb::Error>) -> io::Result<T> {
+        let done = self.with(&work);
+        let Err(damage) = &done else { return done };
+        if !is_damage(damage) || !self.home.as_ref().is_some_and(Home::may_be_rebuilt) {
+            return done;
+        }
+        if let Err(error) = self.rebuild(damage) {
+            tracing::error!(%error, "the database cannot be built anew");
+            return done;
+        }
+        let done = self.with(work);
+        if let (Err(error), Some(home)) = (&done, &self.home)
+            && is_damage(error)
+        {
+            home.give_up();
+        }
+        done
     }
 
     /// Works with the database, opened anew first where it is not open and afterwards where the work failed.
@@ -309,67 +395,4 @@ impl fmt::Debug for Database {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Database").finish_non_exhaustive()
     }
-}
-
-/// Does work with the library; a panic of it, as over a damaged page, is an error like others. The log has its place.
-pub fn guarded<T>(work: impl FnOnce() -> Result<T, redb::Error>) -> io::Result<T> {
-    match catch_unwind(AssertUnwindSafe(work)) {
-        Ok(Ok(done)) => Ok(done),
-        Ok(Err(redb::Error::DatabaseAlreadyOpen)) => {
-            Err(io::Error::new(io::ErrorKind::ResourceBusy, "the store is in use by another process"))
-        }
-        Ok(Err(redb::Error::Io(error))) if error.kind() != io::ErrorKind::UnexpectedEof => Err(error),
-        Ok(Err(error @ (redb::Error::Corrupted(_) | redb::Error::Io(_)))) => {
-            Err(io::Error::new(io::ErrorKind::InvalidData, format!("the database is damaged: {error}")))
-        }
-        Ok(Err(error)) => Err(io::Error::other(error)),
-        Err(_) => Err(io::Error::new(io::ErrorKind::InvalidData, "a page of the database is damaged")),
-    }
-}
-
-fn write<'a>(
-    redb: &Redb,
-    changes: impl IntoIterator<Item = &'a Change>,
-    start: Option<u64>,
-) -> Result<(), redb::Error> {
-    let mut transaction = redb.begin_write()?;
-    // A kill at any moment then leaves a file that opens at once.
-    transaction.set_quick_repair(true);
-    make(&transaction, changes, start)?;
-    transaction.commit()?;
-    Ok(())
-}
-
-fn make<'a>(
-    transaction: &WriteTransaction,
-    changes: impl IntoIterator<Item = &'a Change>,
-    start: Option<u64>,
-) -> Result<(), redb::Error> {
-    let mut jobs = transaction.open_table(JOBS)?;
-    let mut specifications = transaction.open_table(SPECIFICATIONS)?;
-    let mut results = transaction.open_table(RESULTS)?;
-    let mut starts = transaction.open_table(STARTS)?;
-    for change in changes {
-        if let Some((id, record)) = &change.record {
-            if let Some(document) = &change.document {
-                specifications.insert(id.number(), &**document)?;
-            } else if jobs.get(id.number())?.is_none() {
-                // News of a job that could not be stored.
-                continue;
-            }
-            jobs.insert(id.number(), seal(*id, record).as_slice())?;
-            if let Some(json) = change.results.as_ref().and_then(|results| results.text()) {
-                results.insert(id.number(), json)?;
-            }
-        }
-        for id in &change.forgotten {
-            jobs.remove(id.number())?;
-            specifications.remove(id.number())?;
-            results.remove(id.number())?;
-        }
-    }
-    if let Some(start) = start {
-        starts.insert((), start)?;
-    }
-    Ok(())
 }

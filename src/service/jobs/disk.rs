@@ -2,9 +2,10 @@
 //!
 //! ```text
 //! jobs.redb         a row a job, its specification, its result if that is small
+//! jobs.redb.damaged-TIME what it was before it was built anew
 //! results/ID.columns a long result
 //! results/ID.json   one of a version before format 3, that could not be made one of columns
-//! results.orphaned  results that no row names: of a database that was lost, or of jobs that were being forgotten
+//! results.orphaned  results that no row names, as of a database that was lost
 //! reserve           room held back, for deletes where the disk is full
 //! running-N         what the workers of the Nth start are at
 //! ```
@@ -12,15 +13,18 @@
 //! A start removes nothing that was once accepted or solved: the database may be missing, or of another version, by a
 //! mistake that can be mended.
 
-use super::database::{Change, Database, Rows};
-use super::ended::{Ended, Ending, Fault, Held};
+use super::change::Change;
+use super::crashes::recover;
+use super::database::{Database, Rows};
+use super::ended::{Ended, Held};
 use super::files::{self, Files};
+use super::home::Memory;
 use super::marks::Marks;
 use super::reserve::Reserve;
 use super::results::Long;
 use super::tables::FORMAT;
 use super::writer::{Place, Unwritable, Writer};
-use super::{JobId, Record, Results};
+use super::{JobId, Record, Results, is_damage};
 use crate::digest::Digest;
 use std::collections::HashSet;
 use std::fs::Permissions;
@@ -31,13 +35,6 @@ use std::{fs, io};
 
 /// The folder of results that no job names.
 const ORPHANS: &str = "results.orphaned";
-
-/// What the names of marks begin with.
-const MARKS: &str = "running-";
-
-/// A job that was the only one running this often when its process ended is not started again: beside others, any of them may have
-/// ended it.
-const MOST_CRASHES: u32 = 2;
 
 /// What a start found.
 #[derive(Debug, Default)]
@@ -76,7 +73,7 @@ impl Disk {
         let path = folder.join("jobs.redb");
         let files = Arc::new(Files::open(folder.join("results"))?);
         let reserve = Reserve::at(folder.join("reserve"));
-        let open = || Database::open(Database::at(&path), &|id| files.put_beside(id));
+        let open = || Database::in_file(&path, &|id| files.put_beside(id));
         // On a full disk the room held back may be just what it takes.
         let (database, format) = open().or_else(|error| {
             if error.kind() != io::ErrorKind::StorageFull {
@@ -93,18 +90,23 @@ impl Disk {
             tracing::warn!(%error, "others may be able to read {}", path.display());
         }
         files::sync(folder)?;
-        let (Rows { mut records, unreadable, damaged }, start) = (database.records(), database.starts()?);
+        let (Rows { mut records, unreadable, mut damaged, lost, .. }, start) = look(&database)?;
+        damaged.extend(lost);
         if format.is_some_and(|format| format < FORMAT) {
             let is_columns = |record: &Record| {
                 record.ended.as_ref().is_some_and(|ended| matches!(ended.held, Some(Held::Columns { .. })))
             };
             records.iter().filter(|(_, record)| is_columns(record)).for_each(|(id, _)| files.remove_json(*id));
         }
-        let running: HashSet<_> = Marks::read(&marks(folder, start))?.into_iter().collect();
-        let mut changes = Vec::new();
+        let (running, was_short) = Marks::read(&Marks::path(folder, start))?;
+        let running: HashSet<_> = running.into_iter().collect();
+        // What the last process did not come to.
+        let forgotten = database.forgotten().unwrap_or_default();
+        forgotten.iter().try_for_each(|id| files.remove(*id))?;
+        let mut changes = vec![Change { discarded: forgotten, ..Change::default() }];
         for (id, record) in &mut records {
             let is_alone = running.iter().all(|other| other == id);
-            if recover(record, running.contains(id), is_alone) {
+            if recover(record, running.contains(id), is_alone, was_short) {
                 changes.push(Change::record(*id, record));
             }
         }
@@ -113,8 +115,9 @@ impl Disk {
             reserve.release();
             database.start(&changes, start + 1)
         })?;
-        remove_marks(folder)?;
-        let marks = Marks::create(&marks(folder, start + 1))?;
+        // Those of the last start have been counted, and earlier ones are of no use.
+        Marks::all(folder)?.into_iter().try_for_each(|(_, path)| fs::remove_file(path))?;
+        let marks = Marks::create(&Marks::path(folder, start + 1))?;
         let named = records.iter().map(|(id, _)| id).chain(&unreadable).chain(&damaged).copied().collect();
         let orphans = folder.join(ORPHANS);
         let orphaned = files.sweep(&named, &orphans)?;
@@ -123,7 +126,7 @@ impl Disk {
             let why = if start == 0 { "the database is new" } else { "no job has them" };
             tracing::error!(orphaned, "{orphaned} results are set aside in {orphans}: {why}");
         }
-        let writer = Writer::start(&path, Arc::clone(&database), Arc::clone(&files), reserve)?;
+        let writer = Writer::start(Arc::clone(&database), Arc::clone(&files), reserve)?;
         let found = Found { records, unreadable: unreadable.len(), damaged: damaged.into_iter().collect(), orphaned };
         Ok((Self { database, files, marks, writer }, found))
     }
@@ -134,6 +137,16 @@ impl Disk {
     /// The store cannot be written.
     pub async fn place(&self) -> Result<Place, Unwritable> {
         self.writer.place().await
+    }
+
+    /// Asks `memory` for what the database has lost, should it be built anew.
+    pub fn remember(&self, memory: Memory) {
+        self.database.remember(memory);
+    }
+
+    /// How often the database was built anew.
+    pub fn rebuilds(&self) -> u64 {
+        self.database.rebuilds()
     }
 
     /// Whether the latest change could not be made.
@@ -224,38 +237,22 @@ fn gone() -> io::Error {
     io::Error::new(io::ErrorKind::InvalidData, "it is not there any more")
 }
 
-/// Brings a row up to date after the end of its process, in which the job was `running` or not, and no other if it `is_alone`;
-/// says whether it has changed.
-fn recover(record: &mut Record, running: bool, is_alone: bool) -> bool {
-    if record.ended.is_some() {
-        return false;
-    }
-    let crashed = running || record.underway;
-    record.underway = false;
-    record.crashes += u32::from(crashed);
-    record.crashes_alone += u32::from(crashed && is_alone);
-    if record.dismissed {
-        record.ended = Some(Ended::unsolved(Ending::Dismissed));
-    } else if record.crashes_alone >= MOST_CRASHES {
-        record.ended = Some(Ended::unsolved(Ending::Broken(Fault::Poisoned)));
-    }
-    crashed || record.ended.is_some()
-}
-
-fn marks(folder: &Path, start: u64) -> PathBuf {
-    folder.join(format!("{MARKS}{start}"))
-}
-
-/// Removes the marks of all starts: those of the last one have been counted, and earlier ones are of no use.
-fn remove_marks(folder: &Path) -> io::Result<()> {
-    for entry in fs::read_dir(folder)? {
-        let entry = entry?;
-        let name = entry.file_name();
-        if name.to_str().and_then(|name| name.strip_prefix(MARKS)?.parse::<u64>().ok()).is_some() {
-            fs::remove_file(entry.path())?;
+/// The rows and the number of the latest start, of a database that is built anew where a page of it cannot be read.
+fn look(database: &Database) -> io::Result<(Rows, u64)> {
+    let (rows, start) = (database.records(), database.starts());
+    let reason = match start {
+        Ok(start) if !rows.is_broken => return Ok((rows, start)),
+        Err(error) if !is_damage(&error) => return Err(error),
+        Err(error) => error,
+        Ok(_) => io::Error::new(io::ErrorKind::InvalidData, "a page of the database cannot be read"),
+    };
+    match database.rebuild(&reason) {
+        Ok(_) => Ok((database.records(), database.starts()?)),
+        Err(error) => {
+            tracing::error!(%error, "the database cannot be built anew");
+            Ok((rows, database.starts()?))
         }
     }
-    Ok(())
 }
 
 #[cfg(test)]
@@ -323,12 +320,12 @@ mod tests {
         fs::write(results(&folder, id), "{}").unwrap();
         drop(disk);
         fs::remove_file(folder.0.join("jobs.redb")).unwrap();
-        fs::write(marks(&folder.0, 17), "").unwrap();
+        fs::write(Marks::path(&folder.0, 17), "").unwrap();
         let (disk, found) = open(&folder);
         assert_eq!((found.unreadable, found.orphaned), (0, 1));
         assert_eq!(fs::read(folder.0.join(ORPHANS).join(format!("{id}.json"))).unwrap(), b"{}");
         assert_eq!(disk.files.find(id).unwrap(), None);
-        assert!(!marks(&folder.0, 17).exists() && marks(&folder.0, 1).exists());
+        assert!(!Marks::path(&folder.0, 17).exists() && Marks::path(&folder.0, 1).exists());
     }
 
     #[test]

@@ -48,7 +48,7 @@ pub enum Fault {
     },
     /// It did not stop at its deadline, and its worker was ended.
     Overran,
-    /// The process ended twice while it ran and no other did.
+    /// The process ended while it ran and no other did: twice for want of memory, or many times.
     Poisoned,
     /// The JSON would be longer than `limit` bytes.
     TooLarge {
@@ -155,6 +155,9 @@ pub struct Ended {
     /// What it left is no longer what was stored.
     #[serde(default)]
     pub damaged: bool,
+    /// It is the answer to the same specification, of an earlier solve.
+    #[serde(skip)]
+    pub repeated: bool,
 }
 
 impl Ended {
@@ -171,6 +174,7 @@ impl Ended {
             verdict: None,
             held: None,
             damaged: false,
+            repeated: false,
         }
     }
 

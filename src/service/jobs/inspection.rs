@@ -1,9 +1,10 @@
 //! A look at all that a store holds, as by `dvi store check`: nothing of it is changed, and one in use is left alone.
 
 use super::JobId;
-use super::database::{Database, Rows, guarded};
+use super::database::{Database, Rows};
 use super::ended::Held;
 use super::files::Files;
+use super::guarded::guarded;
 use super::overlay::Overlay;
 use crate::digest::Fingerprint;
 use redb::Builder;
@@ -28,6 +29,8 @@ pub struct Inspection {
     pub damaged: BTreeMap<JobId, Vec<&'static str>>,
     /// Jobs that another version wrote.
     pub unreadable: Vec<JobId>,
+    /// Jobs whose rows were lost when the database was built anew.
+    pub lost: Vec<JobId>,
     /// Files of results that no row names.
     pub orphaned: usize,
     /// Whether the pages of the database are as they were written.
@@ -48,12 +51,13 @@ impl Inspection {
             return Err(io::Error::new(io::ErrorKind::InvalidData, "jobs.redb is empty"));
         };
         let is_sound = database.is_sound();
-        let Rows { records, unreadable, damaged } = database.records();
-        let mut found = Self { format, is_sound, unreadable, jobs: records.len(), ..Self::default() };
+        let Rows { records, unreadable, damaged, lost, .. } = database.records();
+        let mut found = Self { format, is_sound, unreadable, lost, jobs: records.len(), ..Self::default() };
         for id in damaged {
             found.damages(id, "row");
         }
-        let mut known: BTreeSet<JobId> = found.unreadable.iter().chain(found.damaged.keys()).copied().collect();
+        let aside = found.unreadable.iter().chain(&found.lost).chain(found.damaged.keys());
+        let mut known: BTreeSet<JobId> = aside.copied().collect();
         for (id, record) in records {
             known.insert(id);
             let document = database.document(id).ok().flatten();

@@ -14,13 +14,14 @@
 use super::ended::{Ended, Ending, Timing};
 use super::idempotency::Key;
 use super::{Client, Record};
+use crate::compiled::Known;
 use crate::context::Context;
 use crate::digest::Digest;
 use crate::worker::Facts;
 use jiff::Timestamp;
 use problem::Control;
 use serde::{Deserialize, Serialize};
-use specification::{Specification, Time};
+use specification::Time;
 use std::borrow::Cow;
 use std::fmt;
 use std::str::FromStr;
@@ -145,6 +146,8 @@ pub struct Job {
     pub(super) crashes: u32,
     /// How often it was the only one that ran.
     pub(super) crashes_alone: u32,
+    /// How often memory had run out then.
+    pub(super) shortages_alone: u32,
     /// The bytes of what was posted.
     pub(super) document_bytes: usize,
     /// What was posted, where the disk does not have it.
@@ -153,6 +156,8 @@ pub struct Job {
     pub(super) digest: OnceLock<Digest>,
     /// The request that posted it, in this process.
     pub(super) context: Context,
+    /// What it is of, until it starts, where that was read here; and whether it is to be solved though the answer may be known.
+    glance: Mutex<Option<(Arc<Known>, bool)>>,
     life: Mutex<Life>,
     settled: Notify,
     /// Wakes whoever supervises its worker when it is to stop.
@@ -176,7 +181,9 @@ pub struct Order {
     /// What is to be solved.
     pub facts: Facts,
     /// The same, where it has been read here.
-    pub specification: Option<Arc<Specification>>,
+    pub known: Option<Arc<Known>>,
+    /// It is to be solved though the answer to it may be known.
+    pub anew: bool,
     /// What was posted.
     pub document: Arc<[u8]>,
     /// Under which it may be asked for again.
@@ -186,7 +193,7 @@ pub struct Order {
 impl Job {
     /// A job that has been accepted this moment, to be kept by memory or by the disk.
     pub(super) fn new(order: Order, lasting: bool) -> Self {
-        let Order { client, facts: Facts { label, horizon, problem, memory }, document, key, .. } = order;
+        let Order { client, facts: Facts { label, horizon, problem, memory }, document, key, known, anew } = order;
         let keeping = if lasting { Keeping::Storing } else { Keeping::Memory };
         Self {
             id: JobId(Uuid::now_v7()),
@@ -198,10 +205,12 @@ impl Job {
             key,
             crashes: 0,
             crashes_alone: 0,
+            shortages_alone: 0,
             document_bytes: document.len(),
             document: (!lasting).then(|| Arc::clone(&document)),
             digest: OnceLock::new(),
             context: Context::current(),
+            glance: Mutex::new(known.map(|known| (known, anew))),
             life: Mutex::new(Life { state: State::Accepted(Some(document)), keeping, parked: false }),
             settled: Notify::new(),
             halted: Notify::new(),
@@ -211,7 +220,7 @@ impl Job {
     /// A job that an earlier process accepted.
     pub(super) fn recovered(id: JobId, record: Record) -> Self {
         let Record { client, label, horizon, estimate, created, document_bytes, document, key, ended, .. } = record;
-        let Record { crashes, crashes_alone, .. } = record;
+        let Record { crashes, crashes_alone, shortages_alone, .. } = record;
         let state = ended.map_or(State::Accepted(None), |ended| State::Ended(Arc::new(ended)));
         Self {
             id,
@@ -223,10 +232,12 @@ impl Job {
             key,
             crashes,
             crashes_alone,
+            shortages_alone,
             document_bytes,
             document: None,
             digest: document.map_or_else(OnceLock::new, OnceLock::from),
             context: Context::default(),
+            glance: Mutex::default(),
             life: Mutex::new(Life { state, keeping: Keeping::Disk, parked: false }),
             settled: Notify::new(),
             halted: Notify::new(),
@@ -277,6 +288,23 @@ impl Job {
         Some(control)
     }
 
+    /// What it is of, once, where that is in hand.
+    pub(super) fn glance(&self) -> Option<(Arc<Known>, bool)> {
+        self.glance.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+
+    /// Running to accepted, with what was posted, unless it was asked to stop meanwhile; what it is to become then.
+    pub(super) fn go_back(&self, document: &Arc<[u8]>) -> Option<Halt> {
+        let mut life = self.lock();
+        if let State::Running { halt, .. } = &life.state {
+            if halt.is_some() {
+                return *halt;
+            }
+            life.state = State::Accepted(Some(Arc::clone(document)));
+        }
+        None
+    }
+
     /// Asks a running job to stop at its next step, and says whether it runs. What its client wants goes before.
     pub(super) fn halt(&self, reason: Halt) -> bool {
         let mut life = self.lock();
@@ -311,6 +339,7 @@ impl Job {
                 verdict: None,
                 held: None,
                 damaged: false,
+                repeated: false,
             },
             State::Accepted(_) | State::Ended(_) => Ended::unsolved(ending),
         }

@@ -8,16 +8,22 @@
 //! [`Jobs::cancel`] and [`Jobs::forget`] pass the queue by: they work when it is full. In a durable service a job that
 //! was accepted to be waited for elsewhere outlives the process: see [`store`](self).
 
+mod bounds;
+mod change;
 mod client;
+mod crashes;
 mod database;
 mod disk;
 mod drain_rate;
 mod ended;
 mod files;
 mod glance;
+mod guarded;
+mod home;
 mod idempotency;
 mod index;
 mod inspection;
+mod intake;
 mod job;
 mod marks;
 mod overlay;
@@ -26,8 +32,11 @@ mod queue;
 mod record;
 mod reserve;
 mod results;
+mod salvage;
 mod seal;
+mod shortage;
 mod spool;
+mod stopping;
 mod store;
 mod tables;
 mod turns;
@@ -35,6 +44,7 @@ mod unsaved;
 mod work;
 mod writer;
 
+pub use bounds::{Bounds, Refusal};
 pub use client::Client;
 pub use ended::{Ended, Ending, Fault, Held, Timing};
 pub use idempotency::Key;
@@ -45,6 +55,7 @@ pub use job::{Halt, Job, JobId, Moment, Order, State};
 pub use pool::Pool;
 pub use queue::Room;
 pub use results::{Encoded, Opened, Results, SHORT, TooLarge};
+pub use salvage::{Salvaged, repair};
 pub use turns::{Turn, Turns};
 pub use writer::Unwritable;
 
@@ -52,92 +63,21 @@ pub use super::worker::Solver;
 
 use super::metrics::Metrics;
 use super::worker::Limits;
-use drain_rate::DrainRate;
+use intake::Intake;
 use jiff::Timestamp;
 use job::Keeping;
 use problem::Control;
-use queue::{FairQueue, Full, Heavy};
+use queue::FairQueue;
 use record::Record;
+use shortage::Shortage;
 use specification::{Draft, Specification, SpecificationError};
-use std::collections::HashMap;
 use std::io;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use store::Store;
 use tokio::sync::{Notify, RwLock, Semaphore};
-
-/// How much is taken on.
-#[derive(Clone, Copy, Debug)]
-pub struct Bounds {
-    /// Solves at a time, beside those in relief.
-    pub workers: usize,
-    /// What may wait.
-    pub queue: Room,
-    /// Accepted steps that a solve may make.
-    pub steps: u64,
-    /// Bytes that a solve may take, by the estimate.
-    pub memory: usize,
-    /// Time a job may run.
-    pub wall: Duration,
-    /// Bytes of the JSON of one result.
-    pub result_bytes: usize,
-    /// How much of the past is kept.
-    pub retention: Retention,
-}
-
-impl Bounds {
-    /// The memory that a worker may hold between jobs: an eighth of what a solve may take, and of what is left behind by
-    /// small ones.
-    pub fn kept_by_worker(&self) -> u64 {
-        (self.memory / 8 + (64 << 20)) as u64
-    }
-}
-
-/// Why a job is not taken on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Refusal {
-    /// Every place in the queue is taken; there should be one after this time.
-    QueueFull(Duration),
-    /// The specifications that wait are as large as they may be; there should be room after this time.
-    QueueBytes(Duration),
-    /// The client has its share of the queue; it should have a place after this time.
-    ClientShare(Duration),
-    /// The solve would take this many bytes, which are more than it may.
-    Memory(usize),
-    /// The service is about to stop.
-    Draining,
-    /// Something else was posted under the key.
-    KeyReused,
-    /// The first job under the key is still being stored.
-    KeyInUse,
-    /// The disk takes nothing.
-    Unwritable,
-}
-
-/// There is no room to wait for a check either.
-impl From<Full> for Refusal {
-    fn from(full: Full) -> Self {
-        match full {
-            Full::Queue => Self::QueueFull(UNMEASURED),
-            Full::Bytes => Self::QueueBytes(UNMEASURED),
-            Full::Share => Self::ClientShare(UNMEASURED),
-        }
-    }
-}
-
-impl From<Unwritable> for Refusal {
-    fn from(_: Unwritable) -> Self {
-        Self::Unwritable
-    }
-}
-
-impl From<Mismatch> for Refusal {
-    fn from(_: Mismatch) -> Self {
-        Self::KeyReused
-    }
-}
 
 /// All jobs of a service.
 pub struct Jobs {
@@ -157,24 +97,11 @@ pub struct Jobs {
     /// Wakes supervisors that wait for a worker when they are to go.
     dismissed: Notify,
     panics: AtomicU64,
+    shortage: Shortage,
     /// Workers that live, and whether the last attempt to start one failed.
     living: AtomicUsize,
     unstartable: AtomicBool,
 }
-
-struct Intake {
-    queue: FairQueue<Arc<Job>>,
-    running: usize,
-    /// The same, of each client that has any.
-    running_of: HashMap<Client, usize>,
-    /// Of those, jobs in the hands of relief workers.
-    relieved: usize,
-    draining: bool,
-    drain_rate: DrainRate,
-}
-
-/// What a refused client is told before any job has ended.
-const UNMEASURED: Duration = Duration::from_secs(5);
 
 impl Jobs {
     /// The jobs of `folder`, those that have not ended in the queue; without a folder none, and none will outlive the
@@ -199,6 +126,7 @@ impl Jobs {
             idle: Notify::new(),
             dismissed: Notify::new(),
             panics: AtomicU64::new(0),
+            shortage: Shortage::default(),
             living: AtomicUsize::new(0),
             unstartable: AtomicBool::new(false),
         })
@@ -216,7 +144,7 @@ impl Jobs {
         if intake.draining {
             return Err(Refusal::Draining);
         }
-        intake.queue.admits(client, document_bytes).map_err(|full| self.refusal(intake, full))
+        intake.queue.admits(client, document_bytes).map_err(|full| self.bounds.refusal(intake, full))
     }
 
     /// The job that the client has already posted under that key.
@@ -355,6 +283,9 @@ impl Jobs {
 
     /// Tries to write again what a full disk did not take, and has solved again what there was no memory to keep.
     pub async fn heal(&self) {
+        if let Some(taken) = self.shortage.look() {
+            self.store.account(&taken);
+        }
         for job in self.store.heal().await {
             if job.is_forgotten() {
                 continue;
@@ -362,6 +293,11 @@ impl Jobs {
             self.lock().queue.push(job.client, job);
             self.waiting.add_permits(1);
         }
+    }
+
+    /// How often the database was built anew.
+    pub fn rebuilds(&self) -> u64 {
+        self.store.rebuilds()
     }
 
     /// How many ends of jobs wait for room on the disk.
@@ -420,45 +356,6 @@ impl Jobs {
         self.store.is_writable()
     }
 
-    /// Stops the intake. Jobs that run or are waited for go on; those that the disk keeps are left to the next process.
-    pub fn drain(&self) {
-        let mut intake = self.lock();
-        intake.draining = true;
-        intake.queue.retain(|job| !job.is_lasting());
-        self.announce_if_idle(&intake);
-    }
-
-    /// Leaves every job that has not ended to the next process, asking those that run to stop. Without a disk, dismisses
-    /// them.
-    pub async fn park_all(&self) {
-        for job in self.store.index().all() {
-            // What the disk does not take is dismissed like what has no disk.
-            let _ = self.store.outlive(&job).await;
-            if !job.is_lasting() {
-                let _ = self.cancel(&job).await;
-            } else if !job.halt(Halt::Park) {
-                self.take_out(&job);
-                self.store.park(&job).await;
-            }
-        }
-    }
-
-    /// Returns when all that has happened is on the disk.
-    pub async fn flush(&self) {
-        self.store.flush().await;
-    }
-
-    /// Returns when no job waits or runs.
-    pub async fn idle(&self) {
-        loop {
-            let idle = self.idle.notified();
-            if self.lock().is_idle() {
-                return;
-            }
-            idle.await;
-        }
-    }
-
     /// Wakes a relief worker, if there is something for it.
     fn call_relief(&self, intake: &Intake) {
         if intake.wants_relief(self.bounds.workers) {
@@ -472,17 +369,6 @@ impl Jobs {
         self.announce_if_idle(&intake);
     }
 
-    fn refusal(&self, intake: &Intake, full: Full) -> Refusal {
-        // One in ten of the places: whoever comes back then finds one, even if others come back too.
-        match full {
-            Full::Queue => Refusal::QueueFull(intake.time_for(self.bounds.queue.places.div_ceil(10))),
-            Full::Bytes => Refusal::QueueBytes(intake.time_for(intake.queue.len().div_ceil(10))),
-            Full::Share => {
-                Refusal::ClientShare(intake.time_for(self.bounds.queue.share.div_ceil(10) * intake.queue.clients()))
-            }
-        }
-    }
-
     fn announce_if_idle(&self, intake: &Intake) {
         if intake.is_idle() {
             self.idle.notify_waiters();
@@ -491,68 +377,6 @@ impl Jobs {
 
     fn lock(&self) -> MutexGuard<'_, Intake> {
         self.intake.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-impl Heavy for Arc<Job> {
-    fn bytes(&self) -> usize {
-        self.document_bytes
-    }
-}
-
-impl Intake {
-    fn new(queue: FairQueue<Arc<Job>>) -> Self {
-        let (running_of, drain_rate) = (HashMap::new(), DrainRate::default());
-        Self { queue, running: 0, running_of, relieved: 0, draining: false, drain_rate }
-    }
-
-    /// Takes a job for a worker: the first of the client for whom the least runs.
-    fn take(&mut self) -> Option<Arc<Job>> {
-        let job = self.queue.pop(|client| self.running_of.get(&client).copied().unwrap_or(0))?;
-        self.begin(&job);
-        Some(job)
-    }
-
-    /// Whether all of so many workers are taken, and a job waits of a client for whom nothing runs.
-    fn wants_relief(&self, workers: usize) -> bool {
-        self.running - self.relieved >= workers && self.queue.any(|client| !self.running_of.contains_key(&client))
-    }
-
-    /// Takes a job for a relief worker: the first of a client for whom nothing runs.
-    fn relieve(&mut self, workers: usize) -> Option<Arc<Job>> {
-        if !self.wants_relief(workers) {
-            return None;
-        }
-        let job = self.queue.pop_below(1, |client| self.running_of.get(&client).copied().unwrap_or(0))?;
-        self.relieved += 1;
-        self.begin(&job);
-        Some(job)
-    }
-
-    fn begin(&mut self, job: &Job) {
-        self.running += 1;
-        *self.running_of.entry(job.client).or_default() += 1;
-    }
-
-    /// A worker is free of a job.
-    fn depart(&mut self, job: &Job, relief: bool) {
-        self.running -= 1;
-        self.relieved -= usize::from(relief);
-        if let Some(running) = self.running_of.get_mut(&job.client) {
-            *running -= 1;
-            if *running == 0 {
-                self.running_of.remove(&job.client);
-            }
-        }
-        self.drain_rate.departed(Instant::now());
-    }
-
-    fn is_idle(&self) -> bool {
-        self.queue.is_empty() && self.running == 0
-    }
-
-    fn time_for(&self, jobs: usize) -> Duration {
-        self.drain_rate.time_for(jobs, Instant::now()).unwrap_or(UNMEASURED)
     }
 }
 

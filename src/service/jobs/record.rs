@@ -1,9 +1,9 @@
 //! What the disk knows of a job, beside its specification and its results: JSON, a row a job.
 
 use super::Client;
-use super::ended::Ended;
+use super::ended::{Ended, Held};
 use super::idempotency::Key;
-use super::job::{Estimate, Halt, Job, Life, State};
+use super::job::{Estimate, Halt, Job, Keeping, Life, State};
 use crate::digest::Digest;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -35,6 +35,9 @@ pub struct Record {
     /// How often it was the only one that ran.
     #[serde(default)]
     pub crashes_alone: u32,
+    /// How often memory had run out then.
+    #[serde(default)]
+    pub shortages_alone: u32,
     /// It was running when it was first stored, so that no mark says so.
     pub underway: bool,
     /// Its client does not want it any more.
@@ -59,9 +62,24 @@ impl Record {
             key: None,
             crashes: 0,
             crashes_alone: 0,
+            shortages_alone: 0,
             underway: false,
             dismissed: false,
             ended: Some(ended),
+        }
+    }
+}
+
+impl Job {
+    /// Its row, if the disk has one.
+    pub(super) fn row(&self) -> Option<Record> {
+        let life = self.lock();
+        let record = Record::of(self, &life);
+        match (life.keeping, life.ended()) {
+            (Keeping::Disk, Some(ended)) if !matches!(ended.held, Some(Held::Memory(_))) => Some(record.ended(ended)),
+            // One that waits to be written.
+            (Keeping::Disk, _) => Some(record),
+            (Keeping::Memory | Keeping::Storing | Keeping::Forgotten, _) => None,
         }
     }
 }
@@ -84,6 +102,7 @@ impl Record {
             key: job.key.clone(),
             crashes: job.crashes,
             crashes_alone: job.crashes_alone,
+            shortages_alone: job.shortages_alone,
             underway,
             dismissed,
             ended: None,

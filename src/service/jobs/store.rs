@@ -4,11 +4,15 @@
 //! or when it outlives the wait. From then on each of its states is on the disk before anyone is told of it. All changes of
 //! one job are handed to the disk under the lock of its life, so that they are made in the order in which they came about.
 
-use super::database::Change;
+mod healing;
+
+use super::change::Change;
 use super::disk::{Disk, Found};
 use super::ended::{Ended, Ending, Held};
 use super::index::{Index, Retention};
 use super::job::{Halt, Job, JobId, Keeping, Life, State};
+use super::marks::Marks;
+use super::shortage::Taken;
 use super::spool::Spool;
 use super::unsaved::Unsaved;
 use super::writer::{Answer, Place, Unwritable};
@@ -25,7 +29,7 @@ use tokio::task::spawn_blocking;
 /// Jobs by name.
 #[derive(Debug)]
 pub struct Store {
-    index: Index,
+    index: Arc<Index>,
     disk: Option<Arc<Disk>>,
     /// Jobs on the disk of which nothing is known, since their rows are not as they were written.
     damaged: HashSet<JobId>,
@@ -45,7 +49,7 @@ impl Store {
         unsaved: usize,
         metrics: &Metrics,
     ) -> io::Result<(Self, Vec<Arc<Job>>)> {
-        let index = Index::new(retention);
+        let index = Arc::new(Index::new(retention));
         let unsaved = Arc::new(Unsaved::new(unsaved));
         let Some(folder) = folder else {
             return Ok((Self { index, disk: None, damaged: HashSet::new(), unsaved }, Vec::new()));
@@ -76,12 +80,11 @@ impl Store {
         }
         forgotten.extend(index.expire(Timestamp::now()));
         disk.erase(forgotten.iter().map(|job| job.id).collect())?;
+        let known = Arc::clone(&index);
+        disk.remember(Box::new(move || {
+            known.all().iter().filter_map(|job| job.row().map(|row| (job.id, row))).collect()
+        }));
         Ok((Self { index, disk: Some(Arc::new(disk)), damaged, unsaved }, waiting))
-    }
-
-    /// Whether the disk, if there is one, takes changes, and has all that it is to have.
-    pub fn is_writable(&self) -> bool {
-        !self.disk.as_ref().is_some_and(|disk| disk.has_failed() || !self.unsaved.is_empty())
     }
 
     /// The index.
@@ -144,19 +147,28 @@ impl Store {
 
     /// Marks `job`, if the disk keeps it, as the one that a worker is at.
     pub fn mark(&self, worker: usize, job: &Job) {
-        if let Some(disk) = self.disk.as_ref().filter(|_| job.is_lasting())
-            && let Err(error) = disk.marks().set(worker, job.id)
-        {
-            tracing::error!(job.id = %job.id, %error, "job {} could not be marked", job.id);
+        if job.is_lasting() {
+            self.note("the start of a job", |marks| marks.set(worker, job.id));
         }
     }
 
     /// Takes the mark of a worker away.
     pub fn unmark(&self, worker: usize, job: &Job) {
-        if let Some(disk) = self.disk.as_ref().filter(|_| job.is_lasting())
-            && let Err(error) = disk.marks().clear(worker)
+        if job.is_lasting() {
+            self.note("the end of a job", |marks| marks.clear(worker));
+        }
+    }
+
+    /// Notes what the system has ended for want of memory, up to now.
+    pub fn account(&self, taken: &Taken) {
+        self.note("what the system has ended", |marks| marks.account(taken));
+    }
+
+    fn note(&self, what: &str, note: impl FnOnce(&Marks) -> io::Result<()>) {
+        if let Some(disk) = &self.disk
+            && let Err(error) = note(disk.marks())
         {
-            tracing::error!(job.id = %job.id, %error, "the mark of job {} could not be removed", job.id);
+            tracing::error!(%error, "{what} could not be noted");
         }
     }
 
@@ -191,7 +203,13 @@ impl Store {
     /// Writes the end of a job, and tells it then; what the disk does not take is told all the same, and kept for later.
     async fn conclude_on_disk(&self, disk: &Disk, job: &Arc<Job>, ended: Ended) {
         let kept = ended.clone();
-        let put_away = disk.put_away(job.id, ended);
+        let is_long = matches!(&ended.held, Some(Held::Memory(results)) if results.text().is_none());
+        // No file without a row: a kill in between would leave one that nobody knows.
+        if is_long && job.lock().keeping == Keeping::Storing {
+            self.flush().await;
+        }
+        let is_forgotten = job.lock().keeping == Keeping::Forgotten;
+        let put_away = if is_forgotten { Ok((ended, None)) } else { disk.put_away(job.id, ended) };
         let place = disk.place().await;
         let life = job.lock();
         if life.keeping == Keeping::Forgotten {
@@ -214,33 +232,6 @@ impl Store {
             }
             Err(Unwritable) => unsaved.keep(&concluded, kept),
         });
-    }
-
-    /// How many ends of jobs wait for room on the disk.
-    pub fn unsaved(&self) -> usize {
-        self.unsaved.len()
-    }
-
-    /// Tries to write again where the last change could not be made, and what could not be written where it could. Gives
-    /// the jobs that are to be solved again.
-    pub async fn heal(&self) -> Vec<Arc<Job>> {
-        let Some(disk) = &self.disk else { return Vec::new() };
-        if disk.has_failed()
-            && let Ok(place) = disk.place().await
-        {
-            // What comes of it shows.
-            let _ = place.send(Change::default(), drop).written().await;
-        }
-        if disk.has_failed() {
-            return Vec::new();
-        }
-        for job in self.unsaved.jobs() {
-            let ended = job.lock().ended().map(|ended| Ended::clone(ended));
-            if let Some(ended) = ended {
-                self.conclude_on_disk(disk, &job, ended).await;
-            }
-        }
-        self.unsaved.take_again()
     }
 
     /// Dismisses a waiting job, asks a running one to stop at its next step, leaves an ended one as it is.

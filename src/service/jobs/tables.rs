@@ -26,6 +26,10 @@ pub const SPECIFICATIONS: TableDefinition<'_, u128, &[u8]> = TableDefinition::ne
 pub const RESULTS: TableDefinition<'_, u128, &[u8]> = TableDefinition::new("results");
 /// The number of the latest start.
 pub const STARTS: TableDefinition<'_, (), u64> = TableDefinition::new("starts");
+/// The jobs whose rows could not be read when the database was built anew; absent where that never was.
+pub const LOST: TableDefinition<'_, u128, ()> = TableDefinition::new("lost");
+/// Forgotten jobs that may have left a file, until that is removed; absent where none was forgotten.
+pub const FORGOTTEN: TableDefinition<'_, u128, ()> = TableDefinition::new("forgotten");
 
 const FORMATS: TableDefinition<'_, (), u64> = TableDefinition::new("format");
 const JOBS_OF_FORMAT_1: TableDefinition<'_, u128, &[u8]> = TableDefinition::new("jobs");

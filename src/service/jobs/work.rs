@@ -1,10 +1,11 @@
 //! What becomes of a job that has its turn: it is marked, a worker solves it, and its end comes to the store.
 
+use super::crashes::MOST_KILLS;
 use super::ended::{Ended, Ending, Fault, Held};
 use super::job::{Halt, Job, State};
 use super::results::{Long, Results, TooLarge};
 use super::{Jobs, is_damage};
-use crate::worker::{Death, Event, Finished, Left, Origin, Prints, Solved, Supervisor, Watch};
+use crate::worker::{Death, Event, Finished, Left, Origin, Prints, Solved, Supervisor, Task, Watch};
 use problem::Control;
 use solution::{Status, Verdict};
 use std::borrow::Cow;
@@ -16,7 +17,7 @@ use tokio::select;
 use tracing::Instrument;
 
 /// What has become of a job that had its turn.
-enum Outcome {
+pub(super) enum Outcome {
     Ended(Box<Ended>),
     /// It is to be left to the next process.
     Stopped,
@@ -145,6 +146,9 @@ impl Jobs {
                 return Outcome::Ended(Ended::unsolved(Ending::Broken(fault)).into());
             }
         };
+        if let Some(outcome) = self.glance_in_turn(job, &document) {
+            return outcome;
+        }
         self.store.mark(place, job);
         let outcome = match job.start(self.bounds.wall) {
             Some(control) => self.solve(supervisor, job, origin, &document, &control).await,
@@ -166,8 +170,19 @@ impl Jobs {
         self.metrics.waited(job.created.clock.elapsed());
         let begun = Instant::now();
         let watch = Watch { origin, control, halted: &job.halted, is_unwanted: &|| job.is_forgotten() };
-        let mut spool = self.store.spool(job.id);
-        let finished = supervisor.perform(true, document, self.limits(), &watch, &mut spool).await;
+        let mut kills = 0;
+        let (finished, spool) = loop {
+            let mut spool = self.store.spool(job.id);
+            let mut task = Task { solve: true, document, limits: self.limits(), watch: &watch, long: &mut spool };
+            let finished = supervisor.perform(&mut task).await;
+            let Err(Death::Killed(signal)) = finished else { break (finished, spool) };
+            kills += 1;
+            // Who ends a worker while there is memory says nothing of the job.
+            if self.was_memory_short() || kills > MOST_KILLS || job.halted().is_some() || self.is_draining() {
+                break (finished, spool);
+            }
+            tracing::warn!(signal, "the worker of job {} was ended from outside; the job begins again", job.id);
+        };
         let halted = job.halted();
         let broken = |fault, code: &'static str| {
             self.metrics.ended(job.problem(), code.into(), begun.elapsed());
@@ -217,6 +232,15 @@ impl Jobs {
                 broken(Fault::of(&death, self.bounds.memory, estimate), death.code())
             }
         }
+    }
+
+    /// Whether the system has ended a process for want of memory, which may have been the worker that is lost.
+    fn was_memory_short(&self) -> bool {
+        let (was_short, taken) = self.shortage.account();
+        if let Some(taken) = taken {
+            self.store.account(&taken);
+        }
+        was_short
     }
 
     pub(super) fn ended(

@@ -6,15 +6,15 @@
 //! written and the room is held back anew. While the file of the database is not where it was, nothing is written: it would
 //! be lost.
 
-use super::database::{Change, Database};
+use super::change::Change;
+use super::database::Database;
 use super::files::Files;
 use super::reserve::Reserve;
-use std::os::unix::fs::MetadataExt;
-use std::path::{Path, PathBuf};
+use std::io;
+use std::mem::take;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread;
-use std::{fs, io};
 use thiserror::Error;
 use tokio::sync::mpsc::{OwnedPermit, Receiver, Sender, channel};
 use tokio::sync::oneshot;
@@ -70,22 +70,21 @@ impl Answer {
 pub struct Writer {
     changes: Sender<(Change, Then)>,
     failed: Arc<AtomicBool>,
-    place: Whereabouts,
+    database: Arc<Database>,
 }
 
 impl Writer {
-    /// Starts the thread, over the database at `path`.
+    /// Starts the thread.
     ///
     /// # Errors
     /// The system gives no thread.
-    pub fn start(path: &Path, database: Arc<Database>, files: Arc<Files>, reserve: Reserve) -> io::Result<Self> {
+    pub fn start(database: Arc<Database>, files: Arc<Files>, reserve: Reserve) -> io::Result<Self> {
         let (sender, changes) = channel(WAITING);
         let failed = Arc::new(AtomicBool::new(reserve.hold().is_err()));
         let (told, freed) = (Arc::clone(&failed), false);
-        let place = Whereabouts::of(path)?;
-        let mut scribe = Scribe { database, files, reserve, place: place.clone(), failed: told, freed, wanted: 0 };
+        let mut scribe = Scribe { database: Arc::clone(&database), files, reserve, failed: told, freed, wanted: 0 };
         thread::Builder::new().name("dvi-store".to_owned()).spawn(move || scribe.write(changes))?;
-        Ok(Self { changes: sender, failed, place })
+        Ok(Self { changes: sender, failed, database })
     }
 
     /// A place for a change, as soon as there is one.
@@ -98,26 +97,7 @@ impl Writer {
 
     /// Whether the latest change could not be made, or the next one cannot be.
     pub fn has_failed(&self) -> bool {
-        self.failed.load(Relaxed) || self.changes.is_closed() || !self.place.holds()
-    }
-}
-
-/// Where a file is: a path, and which file it was that was opened there.
-#[derive(Clone, Debug)]
-struct Whereabouts {
-    path: PathBuf,
-    file: (u64, u64),
-}
-
-impl Whereabouts {
-    fn of(path: &Path) -> io::Result<Self> {
-        let data = fs::metadata(path)?;
-        Ok(Self { path: path.to_owned(), file: (data.dev(), data.ino()) })
-    }
-
-    /// Whether that file is still there.
-    fn holds(&self) -> bool {
-        fs::metadata(&self.path).is_ok_and(|data| (data.dev(), data.ino()) == self.file)
+        self.failed.load(Relaxed) || self.changes.is_closed() || !self.database.is_in_place()
     }
 }
 
@@ -126,7 +106,6 @@ struct Scribe {
     database: Arc<Database>,
     files: Arc<Files>,
     reserve: Reserve,
-    place: Whereabouts,
     failed: Arc<AtomicBool>,
     /// Jobs have been deleted since the room held back was given up.
     freed: bool,
@@ -136,13 +115,17 @@ struct Scribe {
 
 impl Scribe {
     fn write(&mut self, mut changes: Receiver<(Change, Then)>) {
-        let mut group = Vec::with_capacity(WAITING);
+        let mut group = Vec::with_capacity(WAITING + 1);
+        let mut discarded = Vec::new();
         while changes.blocking_recv_many(&mut group, WAITING) > 0 {
+            let told = Change { discarded: take(&mut discarded), ..Change::default() };
+            group.push((told, Box::new(drop)));
             let (changes, then): (Vec<_>, Vec<_>) = group.drain(..).unzip();
             let written = self.make(&changes);
             for (change, written) in changes.iter().zip(&written) {
                 if written.is_ok() {
                     change.forgotten.iter().for_each(|id| self.files.discard(*id));
+                    discarded.extend_from_slice(&change.forgotten);
                 }
             }
             for (then, written) in then.into_iter().zip(written) {
@@ -153,10 +136,9 @@ impl Scribe {
 
     /// Makes all of the changes, or those that need hardly any room; says which.
     fn make(&mut self, changes: &[Change]) -> Vec<Result<(), Unwritable>> {
-        if !self.place.holds() {
+        if !self.database.is_in_place() {
             if !self.failed.swap(true, Relaxed) {
-                let path = self.place.path.display();
-                tracing::error!("{path} was removed or replaced; nothing is accepted for later until it is back");
+                tracing::error!("jobs.redb was removed or replaced; nothing is accepted for later until it is back");
             }
             return vec![Err(Unwritable); changes.len()];
         }

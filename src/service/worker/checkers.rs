@@ -3,7 +3,7 @@
 
 use super::Death;
 use super::launcher::Launcher;
-use super::link::{Finished, Watch};
+use super::link::{Finished, Task, Watch};
 use super::message::{Facts, Finding, Limits, Origin};
 use super::supervisor::{Notice, Supervisor};
 use crate::context::Context;
@@ -53,7 +53,8 @@ impl Checkers {
             let mut supervisor = checkers.take();
             let (control, is_unwanted) = (Control::new(), || asked.is_unwanted.load(Relaxed));
             let watch = Watch { origin: &origin, control: &control, halted: &asked.halted, is_unwanted: &is_unwanted };
-            let finished = supervisor.perform(false, &document, limits, &watch, &mut io::sink()).await;
+            let (document, long) = (&*document, &mut io::sink());
+            let finished = supervisor.perform(&mut Task { solve: false, document, limits, watch: &watch, long }).await;
             checkers.resting().push(supervisor);
             drop(turn);
             finished

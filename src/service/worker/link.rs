@@ -42,6 +42,20 @@ const LAST_WORDS: usize = 4 << 10;
 /// Farther away than any deadline.
 const EVER: Duration = Duration::from_secs(1 << 30);
 
+/// What a worker is to do.
+pub struct Task<'a> {
+    /// To solve the document, or only to check it.
+    pub solve: bool,
+    /// What was posted.
+    pub document: &'a [u8],
+    /// What it may take.
+    pub limits: Limits,
+    /// Who watches over it.
+    pub watch: &'a Watch<'a>,
+    /// Where the columns of a long result are written.
+    pub long: &'a mut (dyn Write + Send),
+}
+
 /// Whose a task is, and who watches over it.
 pub struct Watch<'a> {
     /// For the log of the worker.
@@ -119,18 +133,13 @@ impl Link {
         while self.receive().await.is_ok() {}
     }
 
-    /// Has a document solved, or only checked, under watch. The columns of a long result are written to `long`.
+    /// Has a task done.
     ///
     /// # Errors
     /// The worker is lost.
-    pub async fn perform(
-        &mut self,
-        solve: bool,
-        document: &[u8],
-        limits: Limits,
-        watch: &Watch<'_>,
-        long: &mut (dyn Write + Send),
-    ) -> Result<Finished, Loss> {
+    pub async fn perform(&mut self, task: &mut Task<'_>) -> Result<Finished, Loss> {
+        let Task { solve, document, limits, watch, long } = task;
+        let (solve, limits) = (*solve, *limits);
         self.task += 1;
         let task = self.task;
         let origin = watch.origin.clone();

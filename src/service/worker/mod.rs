@@ -25,7 +25,7 @@ pub use checkers::{Checked, Checkers};
 pub use confinement::Confinement;
 pub use death::Death;
 pub use launcher::{Launcher, Start, program};
-pub use link::{Finished, Left, Watch};
+pub use link::{Finished, Left, Task, Watch};
 pub use message::{Facts, Failed, Finding, Limits, Order, Origin, Prints, Progress, Report, Solved, VERSION};
 pub use solving::{Solver, serve};
 pub use supervisor::{Event, Loss, Notice, Supervisor};

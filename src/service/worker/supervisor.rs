@@ -1,11 +1,10 @@
 //! Keeps one worker: starts it, has it solve, and starts another when it is lost or has grown.
 
 use super::launcher::Launcher;
-use super::link::{Finished, Link, Watch};
-use super::message::Limits;
+use super::link::{Finished, Link, Task};
 use super::{Confinement, Death};
 use std::future::pending;
-use std::io::{self, Write};
+use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::time::sleep;
@@ -90,23 +89,16 @@ impl Supervisor {
         self.lost(&death);
     }
 
-    /// Has a document solved, or only checked. The columns of a long result are written to `long`.
+    /// Has a task done.
     ///
     /// # Errors
     /// Why the worker that had it died.
-    pub async fn perform(
-        &mut self,
-        solve: bool,
-        document: &[u8],
-        limits: Limits,
-        watch: &Watch<'_>,
-        long: &mut (dyn Write + Send),
-    ) -> Result<Finished, Death> {
+    pub async fn perform(&mut self, task: &mut Task<'_>) -> Result<Finished, Death> {
         let mut attempts = 0;
         loop {
             self.ready().await;
             let Some(link) = &mut self.link else { continue };
-            match link.perform(solve, document, limits, watch, long).await {
+            match link.perform(task).await {
                 Ok(finished) => {
                     let resident = link.resident;
                     if resident > self.keep {

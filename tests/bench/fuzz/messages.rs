@@ -4,7 +4,7 @@
 use super::mutation::Mutation;
 use dvi::problem::Control;
 use dvi::service::worker::{
-    Confinement, Event, Finished, Left, Limits, Order, Origin, Start, Supervisor, Watch, frame, serve,
+    Confinement, Event, Finished, Left, Limits, Order, Origin, Start, Supervisor, Task, Watch, frame, serve,
 };
 use serde_json::Value;
 use std::io::{self, Write};
@@ -116,8 +116,8 @@ async fn listen(talk: Vec<u8>) -> bool {
     let (control, halted, origin) = (Control::new(), Notify::new(), Origin::default());
     let watch = Watch { origin: &origin, control: &control, halted: &halted, is_unwanted: &|| false };
     let mut long = Vec::new();
-    let performed = supervisor.perform(true, DOCUMENT, LIMITS, &watch, &mut long);
-    let finished = timeout(PATIENCE, performed).await.expect("an end");
+    let task = &mut Task { solve: true, document: DOCUMENT, limits: LIMITS, watch: &watch, long: &mut long };
+    let finished = timeout(PATIENCE, supervisor.perform(task)).await.expect("an end");
     // No worker can have the front keep much more than a result may have.
     assert!(long.len() <= 8 * LIMITS.result_bytes, "{} bytes were kept", long.len());
     if let Ok(Finished::Solved(_, Left::Text(json))) = &finished {

@@ -1,0 +1,101 @@
+//! Changes to the tables of jobs, and how many of them are made in one transaction.
+
+use super::seal::seal;
+use super::tables::{FORGOTTEN, JOBS, RESULTS, SPECIFICATIONS, STARTS};
+use super::{JobId, Record, Results};
+use redb::{Database, ReadableTable, WriteTransaction};
+use std::sync::Arc;
+
+/// What happens to rows; all of it or nothing.
+#[derive(Debug, Default)]
+pub struct Change {
+    /// A job's row, new or anew.
+    pub record: Option<(JobId, Vec<u8>)>,
+    /// What was posted for that job.
+    pub document: Option<Arc<[u8]>>,
+    /// What came of it.
+    pub results: Option<Arc<Results>>,
+    /// Jobs of which nothing is to be left. Their names stay until their files are removed.
+    pub forgotten: Vec<JobId>,
+    /// Those of which nothing is left.
+    pub discarded: Vec<JobId>,
+}
+
+impl Change {
+    /// Writes a row.
+    pub fn record(id: JobId, record: &Record) -> Self {
+        // Strings and finite numbers always have a JSON form.
+        Self { record: Some((id, serde_json::to_vec(record).unwrap_or_default())), ..Self::default() }
+    }
+
+    /// Whether it takes hardly any room, or gives some back.
+    pub fn is_small(&self) -> bool {
+        self.document.is_none() && self.results.is_none()
+    }
+
+    /// The bytes of what it adds.
+    pub fn bytes(&self) -> usize {
+        let document = self.document.as_ref().map_or(0, |document| document.len());
+        document + self.results.as_ref().map_or(0, |results| results.bytes())
+    }
+
+    /// Removes every row of these jobs.
+    pub fn forgotten(forgotten: Vec<JobId>) -> Self {
+        Self { forgotten, ..Self::default() }
+    }
+}
+
+/// Makes `changes`, in their order, and counts a start of the service if there is one: all of it or nothing, for good when it
+/// returns.
+pub fn write<'a>(
+    redb: &Database,
+    changes: impl IntoIterator<Item = &'a Change>,
+    start: Option<u64>,
+) -> Result<(), redb::Error> {
+    let mut transaction = redb.begin_write()?;
+    // A kill at any moment then leaves a file that opens at once.
+    transaction.set_quick_repair(true);
+    make(&transaction, changes, start)?;
+    transaction.commit()?;
+    Ok(())
+}
+
+fn make<'a>(
+    transaction: &WriteTransaction,
+    changes: impl IntoIterator<Item = &'a Change>,
+    start: Option<u64>,
+) -> Result<(), redb::Error> {
+    let mut jobs = transaction.open_table(JOBS)?;
+    let mut specifications = transaction.open_table(SPECIFICATIONS)?;
+    let mut results = transaction.open_table(RESULTS)?;
+    let mut starts = transaction.open_table(STARTS)?;
+    let mut forgotten = transaction.open_table(FORGOTTEN)?;
+    for change in changes {
+        if let Some((id, record)) = &change.record {
+            if let Some(document) = &change.document {
+                specifications.insert(id.number(), &**document)?;
+            } else if jobs.get(id.number())?.is_none() {
+                // News of a job that could not be stored.
+                continue;
+            }
+            jobs.insert(id.number(), seal(*id, record).as_slice())?;
+            if let Some(json) = change.results.as_ref().and_then(|results| results.text()) {
+                results.insert(id.number(), json)?;
+            }
+        }
+        for id in &change.forgotten {
+            jobs.remove(id.number())?;
+            specifications.remove(id.number())?;
+            if results.remove(id.number())?.is_none() {
+                forgotten.insert(id.number(), ())?;
+            }
+        }
+        for id in &change.discarded {
+            forgotten.remove(id.number())?;
+        }
+    }
+    if let Some(start) = start {
+        starts.insert((), start)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,28 @@
+//! The library of the database at work: what it says of a damaged file, and what it panics over.
+
+use std::io;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+/// Does work with the library; a panic of it, as over a damaged page, is an error like others. The log has its place.
+pub fn guarded<T>(work: impl FnOnce() -> Result<T, redb::Error>) -> io::Result<T> {
+    match catch_unwind(AssertUnwindSafe(work)) {
+        Ok(Ok(done)) => Ok(done),
+        Ok(Err(redb::Error::DatabaseAlreadyOpen)) => {
+            Err(io::Error::new(io::ErrorKind::ResourceBusy, "the store is in use by another process"))
+        }
+        Ok(Err(redb::Error::Io(error))) if error.kind() != io::ErrorKind::UnexpectedEof => Err(error),
+        // Tables that were made have the types that they were made with.
+        Ok(Err(
+            error @ (redb::Error::Corrupted(_)
+            | redb::Error::Io(_)
+            | redb::Error::UnorderedKey
+            | redb::Error::TransactionPoisoned
+            | redb::Error::TableDoesNotExist(_)
+            | redb::Error::TableIsMultimap(_)
+            | redb::Error::TableTypeMismatch { .. }
+            | redb::Error::TypeDefinitionChanged { .. }),
+        )) => Err(io::Error::new(io::ErrorKind::InvalidData, format!("the database is damaged: {error}"))),
+        Ok(Err(error)) => Err(io::Error::other(error)),
+        Err(_) => Err(io::Error::new(io::ErrorKind::InvalidData, "a page of the database is damaged")),
+    }
+}

@@ -1,0 +1,136 @@
+//! Where the file of a database is, and how another takes its place: what can be read of it is written to a new one beside it,
+//! which gets its name; the file itself stays, under a name that tells what it is and when that was.
+
+use super::database::Database;
+use super::files::{self, OWN};
+use super::marks::Marks;
+use super::salvage::{Salvaged, salvage};
+use super::{JobId, Record};
+use jiff::Timestamp;
+use redb::Database as Redb;
+use std::ffi::OsString;
+use std::fs::{self, OpenOptions};
+use std::io;
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
+use std::sync::{Mutex, OnceLock, PoisonError};
+
+/// The rows of the jobs that a process knows.
+pub type Memory = Box<dyn Fn() -> Vec<(JobId, Record)> + Send + Sync>;
+
+/// A path, and which file it was that was opened there.
+pub struct Home {
+    path: PathBuf,
+    file: Mutex<(u64, u64)>,
+    memory: OnceLock<Memory>,
+    rebuilds: AtomicU64,
+    in_vain: AtomicBool,
+}
+
+impl Home {
+    /// That of the file which is at `path` now.
+    ///
+    /// # Errors
+    /// There is none.
+    pub fn of(path: &Path) -> io::Result<Self> {
+        Ok(Self {
+            path: path.to_owned(),
+            file: Mutex::new(identity(path)?),
+            memory: OnceLock::new(),
+            rebuilds: AtomicU64::new(0),
+            in_vain: AtomicBool::new(false),
+        })
+    }
+
+    /// Whether the file is still there.
+    pub fn is_in_place(&self) -> bool {
+        let file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
+        identity(&self.path).is_ok_and(|there| there == *file)
+    }
+
+    /// Asks `memory` for what the file has lost.
+    pub fn remember(&self, memory: Memory) {
+        // The first one knows as much as a second.
+        let _ = self.memory.set(memory);
+    }
+
+    /// How often the file was built anew.
+    pub fn rebuilds(&self) -> u64 {
+        self.rebuilds.load(Relaxed)
+    }
+
+    /// Whether it would help to build it anew.
+    pub fn may_be_rebuilt(&self) -> bool {
+        !self.in_vain.load(Relaxed)
+    }
+
+    /// Notes that it did not help: where the machine damages what is written, each attempt would take the room of a file.
+    pub fn give_up(&self) {
+        self.in_vain.store(true, Relaxed);
+    }
+
+    /// Puts in the place of the file a new one with all that can be read, which it gives.
+    ///
+    /// # Errors
+    /// Those of the disk; the file is where it was.
+    pub fn rebuild(&self, database: &Database, reason: &io::Error) -> io::Result<(Redb, Salvaged)> {
+        tracing::error!(%reason, "{} is built anew from what can be read", self.path.display());
+        let part = beside(&self.path, "part");
+        let rebuilt = self.write(database, &part);
+        if rebuilt.is_err() {
+            let _ = fs::remove_file(&part);
+        }
+        let (rebuilt, salvaged) = rebuilt?;
+        let Salvaged { jobs, remembered, lost, aside } = &salvaged;
+        self.rebuilds.fetch_add(1, Relaxed);
+        for (id, what) in lost {
+            tracing::warn!(job.id = %id, "job {id} has lost its {}", what.join(", "));
+        }
+        let (lost, aside) = (lost.len(), aside.display());
+        tracing::warn!(
+            jobs,
+            remembered,
+            lost,
+            "the store was built anew with {jobs} jobs; {lost} have lost something, and the damaged file stays as {aside}"
+        );
+        Ok((rebuilt, salvaged))
+    }
+
+    fn write(&self, database: &Database, part: &Path) -> io::Result<(Redb, Salvaged)> {
+        let folder = self.path.parent().unwrap_or(Path::new("."));
+        match fs::remove_file(part) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+            _ => OpenOptions::new().write(true).create_new(true).mode(OWN).open(part)?,
+        };
+        let starts = || Marks::all(folder).ok()?.into_iter().map(|(start, _)| start).max();
+        let start = database.starts().ok().or_else(starts).unwrap_or(0);
+        let remembered = self.memory.get().map(|memory| memory()).unwrap_or_default();
+        let (rebuilt, salvaged) = salvage(database, part, start, remembered)?;
+        let file = identity(part)?;
+        let aside = beside(&self.path, &format!("damaged-{}", Timestamp::now().strftime("%Y%m%dT%H%M%S%3fZ")));
+        // At any moment one of the two has the name of the store.
+        if fs::hard_link(&self.path, &aside).is_err() {
+            fs::copy(&self.path, &aside)?;
+        }
+        // Before the name changes: whoever looks in between finds it removed, and waits.
+        *self.file.lock().unwrap_or_else(PoisonError::into_inner) = file;
+        fs::rename(part, &self.path)?;
+        files::sync(folder)?;
+        Ok((rebuilt, Salvaged { aside, ..salvaged }))
+    }
+}
+
+/// The name of a file with something behind it.
+fn beside(path: &Path, what: &str) -> PathBuf {
+    let mut name = OsString::from(path);
+    name.push(".");
+    name.push(what);
+    name.into()
+}
+
+/// By which a file is told from others.
+fn identity(path: &Path) -> io::Result<(u64, u64)> {
+    let data = fs::metadata(path)?;
+    Ok((data.dev(), data.ino()))
+}

@@ -1,0 +1,217 @@
+//! What can be read of a damaged database, written to a new one: every row that is as it was written, and what its digests
+//! vouch for of specifications and results. A row that a process still knows by heart is written as it knows it. The names of
+//! jobs whose rows are lost are kept, so that they are told as damaged and not as unknown.
+
+use super::database::{CACHE_BYTES, Database};
+use super::ended::Held;
+use super::guarded::guarded;
+use super::seal::{seal, unseal};
+use super::tables::{self, FORMAT, JOBS, LOST, RESULTS, SPECIFICATIONS, STARTS};
+use super::{Inspection, JobId, Record};
+use crate::digest::Digest;
+use redb::{Builder, Database as Redb, TableDefinition, Value};
+use std::cell::RefCell;
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::io;
+use std::mem::take;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+/// The bytes of rows that are written in one transaction, which are in memory until then.
+const AT_ONCE: usize = 8 << 20;
+
+/// What came of it.
+#[derive(Debug, Default)]
+pub struct Salvaged {
+    /// Jobs whose rows are there.
+    pub jobs: usize,
+    /// Of those, rows that were known beside the database alone.
+    pub remembered: usize,
+    /// What could not be read, by the name of its job.
+    pub lost: BTreeMap<JobId, Vec<&'static str>>,
+    /// Where the damaged file is now.
+    pub aside: PathBuf,
+}
+
+/// Builds the database of the store in `folder` anew, as a service does that meets a damaged page.
+///
+/// # Errors
+/// The store is absent, in use or of another version, or those of the disk; nothing has changed.
+pub fn repair(folder: &Path) -> io::Result<Salvaged> {
+    let path = folder.join("jobs.redb");
+    let known = Inspection::of(folder)?;
+    if known.format < FORMAT {
+        let told = format!("it has format {}: start the service once, which brings it up to date", known.format);
+        return Err(io::Error::new(io::ErrorKind::Unsupported, told));
+    }
+    let (database, _) = Database::in_file(&path, &|_| None)?;
+    database.rebuild(&io::Error::new(io::ErrorKind::InvalidData, "it is to be repaired"))
+}
+
+/// What the row of a job says of its parts.
+struct Parts {
+    /// The digest of its specification, where that is known.
+    document: Option<Digest>,
+    /// That of its results, where they are in the table.
+    results: Option<Digest>,
+    /// Another version wrote it, so that nothing is known of its parts.
+    is_foreign: bool,
+}
+
+/// Writes what can be read of a database, of the latest start, to a new one at `path`.
+///
+/// # Errors
+/// Those of the disk that is written to.
+pub fn salvage(
+    from: &Database,
+    path: &Path,
+    start: u64,
+    remembered: Vec<(JobId, Record)>,
+) -> io::Result<(Redb, Salvaged)> {
+    let into = guarded(|| Ok(Builder::new().set_cache_size(CACHE_BYTES).create(path)?))?;
+    guarded(|| tables::make(&into, None, &|_| None))?;
+    let (mut salvaged, parts) = (Salvaged::default(), RefCell::new(HashMap::new()));
+    let learn = |id, sealed: &[u8]| {
+        let row = unseal(id, sealed);
+        row.is_some_and(|row| parts.borrow_mut().insert(id, Parts::of(row)).is_none())
+    };
+    let mut names = from.names();
+    names.extend(remembered.iter().map(|(id, _)| *id));
+    let mut lost = copy(from, &into, JOBS, names, &learn)?;
+    let mut rows = Rows::new(&into, JOBS);
+    for (id, record) in remembered {
+        // Strings and finite numbers always have a JSON form.
+        let row = serde_json::to_vec(&record).unwrap_or_default();
+        if lost.remove(&id) && learn(id, &seal(id, &row)) {
+            rows.put(id, &seal(id, &row))?;
+            salvaged.remembered += 1;
+        }
+    }
+    rows.flush()?;
+    lost.extend(from.lost().unwrap_or_default());
+    let parts = parts.into_inner();
+    let of = |id: JobId, bytes: &[u8], part: fn(&Parts) -> Option<Digest>| {
+        parts
+            .get(&id)
+            .is_some_and(|parts| parts.is_foreign || part(parts).is_some_and(|digest| digest.vouch(bytes).is_ok()))
+    };
+    let wanted = |part: fn(&Parts) -> Option<Digest>| {
+        parts.iter().filter(|(_, parts)| part(parts).is_some()).map(|(id, _)| *id).collect()
+    };
+    type Part = (&'static str, TableDefinition<'static, u128, &'static [u8]>, fn(&Parts) -> Option<Digest>);
+    let tables: [Part; 2] =
+        [("specification", SPECIFICATIONS, |parts| parts.document), ("results", RESULTS, |parts| parts.results)];
+    for id in &lost {
+        salvaged.lost.entry(*id).or_default().push("row");
+    }
+    for (name, table, part) in tables {
+        let seen = RefCell::new(BTreeSet::new());
+        let is_wanted = |id, bytes: &[u8]| of(id, bytes, part) && seen.borrow_mut().insert(id);
+        for id in copy(from, &into, table, wanted(part), &is_wanted)? {
+            salvaged.lost.entry(id).or_default().push(name);
+        }
+    }
+    guarded(|| {
+        let transaction = into.begin_write()?;
+        transaction.open_table(STARTS)?.insert((), start)?;
+        {
+            let mut table = transaction.open_table(LOST)?;
+            lost.iter().try_for_each(|id| table.insert(id.number(), ()).map(drop))?;
+        }
+        transaction.commit()?;
+        Ok(())
+    })?;
+    salvaged.jobs = parts.len();
+    Ok((into, salvaged))
+}
+
+impl Parts {
+    fn of(row: &[u8]) -> Self {
+        match serde_json::from_slice::<Record>(row) {
+            Err(_) => Self { document: None, results: None, is_foreign: true },
+            Ok(record) => Self {
+                document: record.document,
+                results: record.ended.and_then(|ended| match ended.held {
+                    Some(Held::Table(json)) => Some(json.digest),
+                    Some(Held::Memory(_) | Held::File(_) | Held::Columns { .. }) | None => None,
+                }),
+                is_foreign: false,
+            },
+        }
+    }
+}
+
+/// Copies the rows of a table for which `holds` says so, and gives those of `wanted` that are not among them.
+fn copy<V>(
+    from: &Database,
+    into: &Redb,
+    table: TableDefinition<'static, u128, V>,
+    mut wanted: BTreeSet<JobId>,
+    holds: &dyn Fn(JobId, &[u8]) -> bool,
+) -> io::Result<BTreeSet<JobId>>
+where
+    V: for<'a> Value<SelfType<'a> = &'a [u8]> + 'static,
+{
+    // What fails here is told apart from what cannot be read there.
+    let (rows, failed) = (RefCell::new((Rows::new(into, table), &mut wanted)), RefCell::new(None));
+    let visit = |id, bytes: &[u8]| {
+        if !holds(id, bytes) {
+            return ControlFlow::Continue(());
+        }
+        let (rows, wanted) = &mut *rows.borrow_mut();
+        wanted.remove(&id);
+        match rows.put(id, bytes) {
+            Ok(()) => ControlFlow::Continue(()),
+            Err(error) => {
+                *failed.borrow_mut() = Some(error);
+                ControlFlow::Break(())
+            }
+        }
+    };
+    // Up to what cannot be read.
+    let _ = from.scan(table, &visit);
+    let named: Vec<JobId> = rows.borrow().1.iter().copied().collect();
+    for id in named {
+        if let Ok(Some(bytes)) = from.find(table, id) {
+            let _ = visit(id, &bytes);
+        }
+    }
+    rows.into_inner().0.flush()?;
+    failed.into_inner().map_or(Ok(wanted), Err)
+}
+
+/// Rows on their way into a table.
+struct Rows<'a, V: Value + 'static> {
+    into: &'a Redb,
+    table: TableDefinition<'static, u128, V>,
+    rows: Vec<(JobId, Vec<u8>)>,
+    bytes: usize,
+}
+
+impl<'a, V: for<'b> Value<SelfType<'b> = &'b [u8]> + 'static> Rows<'a, V> {
+    fn new(into: &'a Redb, table: TableDefinition<'static, u128, V>) -> Self {
+        Self { into, table, rows: Vec::new(), bytes: 0 }
+    }
+
+    fn put(&mut self, id: JobId, bytes: &[u8]) -> io::Result<()> {
+        self.rows.push((id, bytes.to_vec()));
+        self.bytes += bytes.len();
+        if self.bytes >= AT_ONCE { self.flush() } else { Ok(()) }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.bytes = 0;
+        let rows = take(&mut self.rows);
+        guarded(|| {
+            let transaction = self.into.begin_write()?;
+            {
+                let mut table = transaction.open_table(self.table)?;
+                for (id, bytes) in &rows {
+                    table.insert(id.number(), bytes.as_slice())?;
+                }
+            }
+            transaction.commit()?;
+            Ok(())
+        })
+    }
+}
