@@ -3,16 +3,13 @@
 //!
 //! Recursion is bounded: parentheses, signs and `^` chains each count towards [`DEEPEST`].
 
+use super::calls::{name, refuse_jump};
 use super::conditions::{self, Comparison};
 use super::derivative::MAXIMUM_TERMS;
 use super::error::ExpressionError;
-use super::function::{Function, synonym};
 use super::graph::{Graph, Node};
 use super::remedies::{self, found};
-use super::scope::{PI, Scope, WORDS, excerpt, nearest};
-use super::stepped::{OutOfRange, Stepped};
-use super::table::Table;
-use std::f64::consts;
+use super::scope::{PI, Scope, excerpt};
 use winnow::combinator::Infix::{Left, Neither, Right};
 use winnow::combinator::{Infix, Prefix, alt, dispatch, expression, fail, not, opt, peek, preceded, terminated};
 use winnow::error::ParserError;
@@ -23,18 +20,14 @@ use winnow::token::{any, one_of, take_while};
 /// The longest text of one expression, in bytes.
 const LONGEST: usize = 64 * 1024;
 
-/// What to write in the place of a table of states that jumps.
-const TABLE_AS_SET: &str = "\"linear\" or \"pchip\"; or a variable in a set for each jump: at a = k the table rises by its \
-     height times z, with z in the box [0, 1] and the inequality k - a";
-
 /// The deepest nesting.
 const DEEPEST: usize = 200;
 
 /// What the parsers carry along.
 #[derive(Debug)]
-struct State<'s> {
-    graph: &'s mut Graph,
-    scope: &'s Scope,
+pub(super) struct State<'s> {
+    pub graph: &'s mut Graph,
+    pub scope: &'s Scope,
     /// The whole text.
     text: &'s str,
     depth: usize,
@@ -42,27 +35,27 @@ struct State<'s> {
 
 /// What was read.
 #[derive(Clone, Copy, Debug)]
-struct Read {
-    node: Node,
-    kind: Kind,
+pub(super) struct Read {
+    pub node: Node,
+    pub kind: Kind,
     /// Where it starts.
-    start: usize,
+    pub start: usize,
 }
 
 /// What kind of a thing was read. A condition may stand for the number that it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Kind {
+pub(super) enum Kind {
     Number,
     /// A comparison without parentheses, which by itself is mostly an inequality that someone means.
     Comparison,
     Condition,
 }
 
-type Input<'i, 's> = Stateful<&'i str, State<'s>>;
+pub(super) type Input<'i, 's> = Stateful<&'i str, State<'s>>;
 
 /// Why a parser did not go on.
 #[derive(Debug)]
-enum Failure {
+pub(super) enum Failure {
     /// Something else may stand here.
     Elsewhere,
     /// Nothing may.
@@ -132,7 +125,7 @@ fn check_characters(text: &str) -> Result<(), ExpressionError> {
 }
 
 /// The loosest construct: conditions, and what they compare.
-fn term(input: &mut Input) -> Result<Read, Failure> {
+pub(super) fn term(input: &mut Input) -> Result<Read, Failure> {
     expression(operand).prefix(sign).infix(operator).parse_next(input)
 }
 
@@ -224,7 +217,7 @@ fn compare(input: &mut Input, comparison: Comparison, a: Read, b: Read) -> Resul
 }
 
 /// What `joint` takes.
-fn conditions<const N: usize>(joint: &str, found: [Read; N]) -> Result<[Read; N], Failure> {
+pub(super) fn conditions<const N: usize>(joint: &str, found: [Read; N]) -> Result<[Read; N], Failure> {
     let Some(number) = found.iter().find(|read| read.kind == Kind::Number) else { return Ok(found) };
     let message = format!("`{joint}` takes conditions, and this is a number");
     let error = ExpressionError::new("misplaced_condition", number.start, message);
@@ -237,17 +230,6 @@ fn bare_comparison(read: Read) -> Failure {
     let expected =
         "of an inequality the left side alone, as `>= 0` is understood; a choice is written `if(t > 1, a, b)`";
     failure(error.expected(expected))
-}
-
-/// Refuses what jumps with something that is solved for.
-fn refuse_jump(input: &Input, start: usize, what: &str, of: &[Node], as_set: &str) -> Result<(), Failure> {
-    let State { graph, scope, .. } = &input.state;
-    let Some(first) = scope.unknowns() else { return Ok(()) };
-    let Some(unknown) = graph.inputs_of(of).into_iter().find(|input| *input >= first) else { return Ok(()) };
-    let name = excerpt(scope.name_of_input(graph, unknown));
-    let message =
-        format!("{what} of `{name}` jumps with it, where no step of a solve ends: these are of time and parameters");
-    Err(failure(ExpressionError::new("jump_of_unknown", start, message).expected(as_set)))
 }
 
 fn number(input: &mut Input) -> Result<Read, Failure> {
@@ -268,129 +250,12 @@ fn number(input: &mut Input) -> Result<Read, Failure> {
     Err(failure(ExpressionError::new("number_out_of_range", start, message)))
 }
 
-/// A name of the scope, or a function with its arguments.
-fn name(input: &mut Input) -> Result<Read, Failure> {
-    let start = offset(input);
-    if let Some(output) = input.state.scope.output_at(input.input) {
-        let node = input.state.scope.get(output);
-        take_while(output.len()..=output.len(), |_| true).void().parse_next(input)?;
-        return node.map(|node| Read { node, kind: Kind::Number, start }).ok_or(Failure::Elsewhere);
-    }
-    let name = identifier.parse_next(input)?;
-    if WORDS.contains(&name) {
-        return Err(Failure::Elsewhere);
-    }
-    let called = input.input.trim_start().starts_with('(');
-    let bound = input.state.scope.get(name);
-    if let Some(function) = Function::named(name)
-        && (called || bound.is_none())
-    {
-        return call(input, start, name, function);
-    }
-    let scope = input.state.scope;
-    if let Some(table) = scope.table(name) {
-        return look_up(input, start, name, table);
-    }
-    if name == PI {
-        return keep(input, start, |graph| graph.constant(consts::PI));
-    }
-    if let Some(node) = bound {
-        return Ok(Read { node, kind: Kind::Number, start });
-    }
-    blank(input)?;
-    let (code, message, near) = if called {
-        let names = Function::names().chain(scope.tables());
-        ("unknown_function", format!("there is no function `{}`", excerpt(name)), nearest(name, names))
-    } else {
-        (
-            "unknown_name",
-            format!("nothing is called `{}` here", excerpt(name)),
-            nearest(name, scope.names().chain([PI])),
-        )
-    };
-    let did_you_mean = synonym(name, called).or(near).map(str::to_owned);
-    Err(failure(ExpressionError { did_you_mean, ..ExpressionError::new(code, start, message) }))
-}
-
-fn call(input: &mut Input, start: usize, name: &str, function: Function) -> Result<Read, Failure> {
-    blank(input)?;
-    if !input.input.starts_with('(') {
-        return Err(syntax(input, &format!("`(` after the function `{name}`")));
-    }
-    let arguments = arguments(input)?;
-    let nodes: Vec<Node> = arguments.iter().map(|read| read.node).collect();
-    if !function.takes(nodes.len()) {
-        let message = format!("`{name}` takes {}, found {}", function.arity(), nodes.len());
-        let error = ExpressionError::new("wrong_arity", start, message);
-        return Err(failure(match function {
-            Function::Stepped(stepped) => error.expected(stepped.usage()),
-            _ => error,
-        }));
-    }
-    if let Function::Stepped(stepped) = function {
-        check_stepped(input, start, name, stepped, &arguments)?;
-    }
-    keep(input, start, |graph| function.apply(graph, &nodes))
-}
-
-/// A table at its argument.
-fn look_up(input: &mut Input, start: usize, name: &str, table: &Table) -> Result<Read, Failure> {
-    blank(input)?;
-    if !input.input.starts_with('(') {
-        return Err(syntax(input, &format!("`(` and the argument of the table `{}`", excerpt(name))));
-    }
-    let arguments = arguments(input)?;
-    let [argument] = arguments[..] else {
-        let message = format!("the table `{}` takes one argument, found {}", excerpt(name), arguments.len());
-        return Err(failure(ExpressionError::new("wrong_arity", start, message)));
-    };
-    if table.jumps() {
-        let what = format!("the table `{}`, with its interpolation \"previous\",", excerpt(name));
-        refuse_jump(input, start, &what, &[argument.node], TABLE_AS_SET)?;
-    }
-    keep(input, start, |graph| graph.lookup(table, argument.node))
-}
-
-/// Refuses arguments that a function that jumps does not take.
-fn check_stepped(
-    input: &mut Input,
-    start: usize,
-    name: &str,
-    stepped: Stepped,
-    arguments: &[Read],
-) -> Result<(), Failure> {
-    if stepped == Stepped::If {
-        // What is compared was refused already if it jumps with an unknown.
-        return conditions("if", [arguments[0]]).map(|_| ());
-    }
-    let nodes: Vec<Node> = arguments.iter().map(|read| read.node).collect();
-    refuse_jump(input, start, &format!("`{name}`"), &nodes, stepped.as_set())?;
-    stepped.check(input.state.graph, &nodes).map_err(|OutOfRange { argument, value, expected }| {
-        let message = format!("the {argument} of `{name}` is {value}");
-        failure(ExpressionError::new("out_of_range", start, message).expected(expected))
-    })
-}
-
-/// Parenthesised, between commas; there may be none.
-fn arguments(input: &mut Input) -> Result<Vec<Read>, Failure> {
-    open(input)?;
-    let mut arguments = Vec::new();
-    if preceded(blank, peek(opt(')'))).parse_next(input)?.is_none() {
-        arguments.push(term(input)?);
-        while preceded(blank, opt(',')).parse_next(input)?.is_some() {
-            arguments.push(term(input)?);
-        }
-    }
-    close(input, ", `,` or `)`")?;
-    Ok(arguments)
-}
-
-fn open(input: &mut Input) -> Result<(), Failure> {
+pub(super) fn open(input: &mut Input) -> Result<(), Failure> {
     descend(input)?;
     '('.void().parse_next(input)
 }
 
-fn close(input: &mut Input, otherwise: &str) -> Result<(), Failure> {
+pub(super) fn close(input: &mut Input, otherwise: &str) -> Result<(), Failure> {
     blank(input)?;
     if opt(')').parse_next(input)?.is_none() {
         return Err(missing_operator(input, otherwise));
@@ -399,7 +264,7 @@ fn close(input: &mut Input, otherwise: &str) -> Result<(), Failure> {
     Ok(())
 }
 
-fn blank(input: &mut Input) -> Result<(), Failure> {
+pub(super) fn blank(input: &mut Input) -> Result<(), Failure> {
     take_while(0.., [' ', '\t', '\n', '\r']).void().parse_next(input)
 }
 
@@ -407,7 +272,7 @@ fn digits<'i, 's>(least: usize) -> impl Parser<Input<'i, 's>, &'i str, Failure> 
     take_while(least.., '0'..='9')
 }
 
-fn identifier<'i>(input: &mut Input<'i, '_>) -> Result<&'i str, Failure> {
+pub(super) fn identifier<'i>(input: &mut Input<'i, '_>) -> Result<&'i str, Failure> {
     take_while(1.., ('a'..='z', 'A'..='Z', '0'..='9', '_')).parse_next(input)
 }
 
@@ -422,7 +287,7 @@ fn descend(input: &mut Input) -> Result<(), Failure> {
 }
 
 /// Adds a number to the graph, which is bounded.
-fn keep(input: &mut Input, start: usize, add: impl FnOnce(&mut Graph) -> Node) -> Result<Read, Failure> {
+pub(super) fn keep(input: &mut Input, start: usize, add: impl FnOnce(&mut Graph) -> Node) -> Result<Read, Failure> {
     let node = add(input.state.graph);
     if input.state.graph.len() > MAXIMUM_TERMS {
         return Err(failure(ExpressionError::too_many_nodes(offset(input))));
@@ -435,15 +300,15 @@ fn condition(input: &mut Input, start: usize, add: impl FnOnce(&mut Graph) -> No
     keep(input, start, add).map(|read| Read { kind: Kind::Condition, ..read })
 }
 
-fn offset(input: &Input) -> usize {
+pub(super) fn offset(input: &Input) -> usize {
     input.state.text.len() - input.input.len()
 }
 
-fn failure(error: ExpressionError) -> Failure {
+pub(super) fn failure(error: ExpressionError) -> Failure {
     Failure::Final(Box::new(error))
 }
 
-fn syntax(input: &Input, expected: &str) -> Failure {
+pub(super) fn syntax(input: &Input, expected: &str) -> Failure {
     let (before, rest) = input.state.text.split_at(offset(input));
     let remedy = remedies::of_operand(before.trim_end(), rest).map(|remedy| format!("; {remedy}")).unwrap_or_default();
     let message = format!("expected {expected}, found {}{remedy}", found(rest));

@@ -13,6 +13,7 @@
 //! are equal one of them gives the derivative. NaN passes through every function.
 
 mod breaks;
+mod calls;
 mod caret;
 mod conditions;
 mod derivative;
