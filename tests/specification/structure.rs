@@ -80,7 +80,7 @@ fn names_of_other_programs_are_told_what_they_are_called_here() {
         let document = with(without(block(), &format!("{states}/{without_key}")), &format!("{states}/{key}"), json!(1));
         assert_suggestion(&document, &format!("{states}/{key}"), "unknown_key", ours);
     }
-    let document = with(block(), "/method/reltol", json!(1e-6));
+    let document = with(block(), "/method", json!({"reltol": 1e-6}));
     assert_suggestion(&document, "/method/reltol", "unknown_key", "rtol");
 }
 
@@ -97,7 +97,8 @@ fn a_misplaced_key_is_told_its_place() {
         ("/output/dt", "`dt` is not a key here; `step` stands in `method`"),
         ("/method/label", "`label` is not a key here; `label` stands in the document"),
     ] {
-        assert_errors(&with(block(), place, json!(1)), &[(place, "unknown_key", detail)]);
+        let document = with(with(block(), "/method", json!({})), "/output", json!({}));
+        assert_errors(&with(document, place, json!(1)), &[(place, "unknown_key", detail)]);
     }
 }
 
