@@ -197,7 +197,7 @@ impl Pieces {
             let middles = zeros.windows(2).map(|pair| 0.5 * pair[0] + 0.5 * pair[1]);
             let knots: Arc<[f64]> = if zeros.len() > 1 { middles.collect() } else { zeros.clone() };
             let piece = |k: usize| {
-                let sign = if k % 2 == 0 { 1.0 } else { -1.0 };
+                let sign = if k.is_multiple_of(2) { 1.0 } else { -1.0 };
                 let zero = zeros[k.min(zeros.len() - 1)];
                 let origin = knots[k.max(1) - 1];
                 [sign * (origin - zero), sign, 0.0, 0.0]
