@@ -105,6 +105,8 @@ impl Operator {
             Self::Multiply if same => a.square(),
             Self::Multiply => product(a, b),
             Self::Divide if same => Interval::point(1.0).defined_if(defined && !a.contains(0.0)),
+            // A whole number of whole parts is to be no other: of these what jumps at whole numbers is certain.
+            Self::Divide if is_exact_quotient(a, b) => Interval::point(a.lo / b.lo).defined_if(defined),
             // As where the divisor is a number, and the quotient is written as a product.
             Self::Divide if b.lo == b.hi && is_power_of_two(b.lo) => {
                 let reciprocal = 1.0 / b.lo;
@@ -123,9 +125,22 @@ impl Operator {
     }
 }
 
-/// `a b`, exact where one of them is the number 1, as a parameter may be.
+/// Whether two numbers have a quotient that is not rounded.
+fn is_exact_quotient(a: Interval, b: Interval) -> bool {
+    a.lo == a.hi && b.lo == b.hi && (a.lo / b.lo).mul_add(b.lo, -a.lo) == 0.0
+}
+
+/// `a b`, exact where one of them is the number 1, as a parameter may be, or both are numbers whose product is not rounded.
 fn product(a: Interval, b: Interval) -> Interval {
     let is_one = |x: Interval| x.lo == 1.0 && x.hi == 1.0;
+    let value = a.lo * b.lo;
+    if a.lo == a.hi
+        && b.lo == b.hi
+        && a.lo.mul_add(b.lo, -value) == 0.0
+        && (value == 0.0) == (a.lo == 0.0 || b.lo == 0.0)
+    {
+        return Interval::point(value).defined_if(a.defined && b.defined);
+    }
     match (is_one(a), is_one(b)) {
         (_, true) => a.defined_if(b.defined),
         (true, _) => b.defined_if(a.defined),
@@ -135,10 +150,10 @@ fn product(a: Interval, b: Interval) -> Interval {
 
 /// `a - b floor(a / b)`: between 0 and `b`, but for rounding where the quotient is a whole number or nearly one.
 fn modulo(a: Interval, b: Interval) -> Interval {
-    let quotient = a / b;
+    let quotient = Operator::Divide.enclose(a, b, false);
     let whole = Operator::Floor.enclose(quotient, quotient, true);
     if whole.lo == whole.hi {
-        return a - b * whole;
+        return a - product(b, whole);
     }
     // The quotient and its product with `b` are off by a unit each.
     let rounding = 4.0 * f64::EPSILON * a.magnitudes().1;
