@@ -1,9 +1,8 @@
-//! Where expressions have a kink or a jump at a time that no state decides: at the changes of sign of the arguments of
-//! `abs`, `sign` and `heaviside`, and of the differences of those of `min` and `max`, that depend on one input alone.
+//! Where expressions have a kink or a jump at a time that no state decides: at the changes of sign of their
+//! [switches](super::switches) that depend on one input alone.
 
 use super::enclosure::IntervalWorkspace;
 use super::graph::{Graph, Node};
-use super::operator::Operator;
 use super::tape::Tape;
 use numerics::Interval;
 
@@ -48,13 +47,9 @@ impl Graph {
     fn breaks(&mut self, nodes: &[Node]) -> Vec<Node> {
         let mut found = Vec::new();
         for node in self.terms_below(nodes) {
-            let Some((operator, a, b)) = self.operation(node) else { continue };
-            let quantity = match operator {
-                Operator::Abs | Operator::Sign | Operator::Heaviside => a,
-                Operator::Min | Operator::Max => self.subtract(a, b),
-                _ => continue,
-            };
-            if self.inputs(quantity) == [0] {
+            if let Some((_, quantity)) = self.switch(node)
+                && self.inputs(quantity) == [0]
+            {
                 found.push(quantity);
             }
         }
@@ -85,5 +80,52 @@ mod tests {
         let signs: Vec<bool> = breaks.over(Interval::new(2.125, 2.25)).iter().map(|range| range.lo > 0.0).collect();
         assert_eq!(signs.iter().filter(|sign| **sign).count(), 1, "of t - 2 alone");
         assert!(breaks.over(Interval::new(1.0, 4.0)).iter().all(|range| range.contains(0.0)));
+    }
+
+    /// The times in `[0, 10]` at which a sign changes, found as steps find them: by enclosures, halved.
+    fn changes(text: &str) -> Vec<f64> {
+        let (mut graph, mut scope) = (Graph::new(), Scope::new());
+        scope.bind("t", graph.input(0)).unwrap();
+        let node = graph.parse(text, &scope).unwrap();
+        let mut breaks = Breaks::new(&mut graph, &[node]);
+        let (mut found, mut open) = (Vec::new(), vec![(0.0, 10.0)]);
+        while let Some((a, b)) = open.pop() {
+            let signs = |values: &[f64]| values.iter().map(|value| *value >= 0.0).collect::<Vec<_>>();
+            let middle = a + 0.5 * (b - a);
+            if breaks.over(Interval::new(a, b)).iter().all(|range| range.lo >= 0.0 || range.hi < 0.0) {
+                continue;
+            } else if middle > a && middle < b {
+                open.extend([(middle, b), (a, middle)]);
+            } else if signs(breaks.at(a)) != signs(breaks.at(b)) {
+                found.push(b);
+            }
+        }
+        found.dedup_by(|b, a| *b - *a < 1e-14);
+        found
+    }
+
+    #[test]
+    fn every_edge_is_a_break_and_none_is_two() {
+        let to_ten = |from: i32| (from..=10).map(f64::from).collect::<Vec<_>>();
+        assert_eq!(changes("floor(t)"), to_ten(1));
+        // Upper ends are those of the pieces of `ceil`.
+        assert_eq!(changes("ceil(t)").iter().map(|t| t.floor()).collect::<Vec<_>>(), to_ten(0)[..10]);
+        assert_eq!(changes("round(t)"), to_ten(0)[..10].iter().map(|t| t + 0.5).collect::<Vec<_>>());
+        assert_eq!(changes("mod(t, 2.5)"), [2.5, 5.0, 7.5, 10.0]);
+        assert_eq!(changes("sawtooth(t, 2.5)"), [2.5, 5.0, 7.5, 10.0]);
+        assert_eq!(changes("pwm(t, 4, 0.25)"), [1.0, 4.0, 5.0, 8.0, 9.0]);
+        assert_eq!(changes("pwm(t, 4, 0)"), [4.0, 8.0], "at which nothing happens");
+        assert_eq!(changes("triangle(t, 5)"), [2.5, 5.0, 7.5, 10.0]);
+        assert_eq!(changes("pulse(t, 1, 0.5) + if(t >= 1.5 and t < 7, t, 0)"), [1.0, 1.5, 7.0]);
+        assert_eq!(changes("if(mod(floor(t), 2) == 0, 1, -1)"), to_ten(1));
+        assert_eq!(changes("floor(1000*t)").len(), 10_000);
+        // Of a duty that follows time: t/4 - k < 0.5 + t/40 until t = 40 (k + 0.5)/9.
+        let ends = [0.5, 1.5].map(|k: f64| 40.0 * k / 9.0);
+        assert!(
+            changes("pwm(t, 4, 0.5 + t/40)")
+                .iter()
+                .zip([ends[0], 4.0, ends[1], 8.0])
+                .all(|(a, b)| (a - b).abs() < 1e-14)
+        );
     }
 }

@@ -67,7 +67,11 @@ impl Graph {
             if self.len() > MAXIMUM_TERMS {
                 return Err(ExpressionError::too_many_nodes(0));
             }
-            for (operand, contribution) in self.contributions(y, w, by).into_iter().flatten() {
+            let chosen = match self.terms[y.place()] {
+                Term::Apply(Operator::Choose, condition, a) => self.by_chosen(condition, a, w, by)?,
+                _ => Vec::new(),
+            };
+            for (operand, contribution) in self.contributions(y, w, by).into_iter().flatten().chain(chosen) {
                 if !self.is_nothing(contribution, by) {
                     let sum = match adjoints.get(&operand) {
                         Some(&adjoint) => self.add(adjoint, contribution),
@@ -126,6 +130,23 @@ impl Graph {
             _ => Some((b, self.by_second(operator, a, b, y, w))),
         };
         [first, second]
+    }
+
+    /// What `a` where a condition holds, with adjoint `w`, gives to what is differentiated by: the derivatives of `a` as they
+    /// are chosen. Where it is not they may not exist, and an adjoint of 0 would not hide that.
+    fn by_chosen(&mut self, condition: Node, a: Node, w: Node, by: &By) -> Result<Vec<(Node, Node)>, ExpressionError> {
+        let mut contributions = Vec::new();
+        if self.varies(a, by) {
+            for (index, derivative) in self.sweep(a, by)? {
+                let operand = self.intern(match by {
+                    By::Inputs => Term::Input(index),
+                    By::Parameters(_) => Term::Parameter(index),
+                });
+                let chosen = self.binary(Operator::Choose, condition, derivative);
+                contributions.push((operand, self.multiply(w, chosen)));
+            }
+        }
+        Ok(contributions)
     }
 
     /// What a power that is written out, with adjoint `w`, gives to its exponent; its base has its share by the product.
@@ -191,8 +212,18 @@ impl Graph {
                 let slope = self.subtract(double, one);
                 self.multiply(w, slope)
             }
-            Operator::Sign | Operator::Heaviside | Operator::Greater | Operator::Gate => self.constant(0.0),
-            Operator::Add | Operator::Subtract => w,
+            Operator::Sign | Operator::Heaviside | Operator::Greater | Operator::Gate | Operator::Choose => {
+                self.constant(0.0)
+            }
+            Operator::Floor | Operator::Round | Operator::Parity | Operator::Piece => self.constant(0.0),
+            Operator::Lookup => match self.table_of(operator, b).map(|table| table.derivative().clone()) {
+                Some(table) => {
+                    let slope = self.of_table(Operator::Lookup, &table, a);
+                    self.multiply(w, slope)
+                }
+                None => self.constant(0.0),
+            },
+            Operator::Add | Operator::Subtract | Operator::Modulo => w,
             Operator::Multiply => self.multiply(w, b),
             Operator::Divide => self.divide(w, b),
             Operator::Power => {
@@ -230,6 +261,11 @@ impl Graph {
             Operator::Max => self.gate_not(a, b, w),
             Operator::Min => self.gate_not(b, a, w),
             Operator::Gate => self.binary(Operator::Gate, a, w),
+            Operator::Modulo => {
+                let quotient = self.divide(a, b);
+                let slope = self.scaled(w, Operator::Floor, quotient);
+                self.negate(slope)
+            }
             _ => self.constant(0.0),
         }
     }

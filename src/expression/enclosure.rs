@@ -53,7 +53,7 @@ impl Tape {
         }
         let mut next = self.program.first;
         self.for_each_operation(|operator, a, b| {
-            registers[next] = operator.enclose(registers[a], registers[b], a == b);
+            registers[next] = self.program.tables.enclose(operator, registers[a], registers[b], a == b);
             next += 1;
         });
         for (output, &register) in outputs.iter_mut().zip(&self.program.outputs) {
@@ -66,7 +66,7 @@ impl Operator {
     /// The values at `(a, b)`; `same` if both operands are one term, which then has one value and not two.
     pub(super) fn enclose(self, a: Interval, b: Interval, same: bool) -> Interval {
         // What a closed gate does not let through need not exist; comparisons and some powers of NaN have a value.
-        if !matches!(self, Self::Gate | Self::Greater | Self::Power) && (a.is_empty() || b.is_empty()) {
+        if !matches!(self, Self::Gate | Self::Choose | Self::Greater | Self::Power) && (a.is_empty() || b.is_empty()) {
             return Interval::EMPTY;
         }
         let defined = a.defined && b.defined;
@@ -92,13 +92,21 @@ impl Operator {
             Self::Sqrt => within(a, 0.0, f64::INFINITY, |a| clamped(increasing(a, f64::sqrt), 0.0, f64::INFINITY)),
             Self::Cbrt => increasing(a, f64::cbrt),
             Self::Abs => a.abs(),
-            Self::Sign | Self::Heaviside => between(self.apply(a.lo, a.lo), self.apply(a.hi, a.hi), defined),
+            Self::Sign | Self::Heaviside | Self::Floor | Self::Round => {
+                between(self.apply(a.lo, a.lo), self.apply(a.hi, a.hi), defined)
+            }
+            Self::Parity if a.lo == a.hi => Interval::point(self.apply(a.lo, a.lo)).defined_if(defined),
+            Self::Parity => Interval::new(-1.0, 1.0).defined_if(defined),
+            Self::Modulo => modulo(a, b),
+            Self::Lookup | Self::Piece => Interval { defined: false, ..Interval::LINE },
             Self::Add => a + b,
             Self::Subtract if same => Interval::point(0.0).defined_if(defined),
             Self::Subtract => a - b,
             Self::Multiply if same => a.square(),
             Self::Multiply => product(a, b),
             Self::Divide if same => Interval::point(1.0).defined_if(defined && !a.contains(0.0)),
+            // A whole number of whole parts is to be no other: of these what jumps at whole numbers is certain.
+            Self::Divide if is_exact_quotient(a, b) => Interval::point(a.lo / b.lo).defined_if(defined),
             // As where the divisor is a number, and the quotient is written as a product.
             Self::Divide if b.lo == b.hi && is_power_of_two(b.lo) => {
                 let reciprocal = 1.0 / b.lo;
@@ -112,19 +120,44 @@ impl Operator {
             Self::Greater if defined && a.lo > b.hi => Interval::point(1.0),
             Self::Greater if same || a.hi <= b.lo => Interval::point(0.0).defined_if(defined),
             Self::Greater => Interval::new(0.0, 1.0).defined_if(defined),
-            Self::Gate => gate(a, b),
+            Self::Gate | Self::Choose => gate(a, b),
         }
     }
 }
 
-/// `a b`, exact where one of them is the number 1, as a parameter may be.
+/// Whether two numbers have a quotient that is not rounded.
+fn is_exact_quotient(a: Interval, b: Interval) -> bool {
+    a.lo == a.hi && b.lo == b.hi && (a.lo / b.lo).mul_add(b.lo, -a.lo) == 0.0
+}
+
+/// `a b`, exact where one of them is the number 1, as a parameter may be, or both are numbers whose product is not rounded.
 fn product(a: Interval, b: Interval) -> Interval {
     let is_one = |x: Interval| x.lo == 1.0 && x.hi == 1.0;
+    let value = a.lo * b.lo;
+    if a.lo == a.hi
+        && b.lo == b.hi
+        && a.lo.mul_add(b.lo, -value) == 0.0
+        && (value == 0.0) == (a.lo == 0.0 || b.lo == 0.0)
+    {
+        return Interval::point(value).defined_if(a.defined && b.defined);
+    }
     match (is_one(a), is_one(b)) {
         (_, true) => a.defined_if(b.defined),
         (true, _) => b.defined_if(a.defined),
         _ => a * b,
     }
+}
+
+/// `a - b floor(a / b)`: between 0 and `b`, but for rounding where the quotient is a whole number or nearly one.
+fn modulo(a: Interval, b: Interval) -> Interval {
+    let quotient = Operator::Divide.enclose(a, b, false);
+    let whole = Operator::Floor.enclose(quotient, quotient, true);
+    if whole.lo == whole.hi {
+        return a - product(b, whole);
+    }
+    // The quotient and its product with `b` are off by a unit each.
+    let rounding = 4.0 * f64::EPSILON * a.magnitudes().1;
+    between(b.lo.min(0.0) - rounding, b.hi.max(0.0) + rounding, whole.defined)
 }
 
 /// `b` where `a` is not 0, else 0.

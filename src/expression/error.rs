@@ -5,19 +5,25 @@
 #[error("{message}")]
 pub struct ExpressionError {
     /// A stable word for programs: `syntax`, `unknown_name`, `unknown_function`, `wrong_arity`, `number_out_of_range`,
-    /// `not_ascii`, `too_long`, `too_deep` or `too_many_nodes`.
+    /// `out_of_range`, `misplaced_condition`, `jump_of_unknown`, `not_ascii`, `too_long`, `too_deep` or `too_many_nodes`.
     pub code: &'static str,
     /// The byte at which the offender starts; the length of the text if it ends too early.
     pub offset: usize,
     /// What was expected and what was found, for people.
     pub message: String,
+    /// What would be right.
+    pub expected: Option<String>,
     /// The nearest valid spelling.
     pub did_you_mean: Option<String>,
 }
 
 impl ExpressionError {
     pub(super) fn new(code: &'static str, offset: usize, message: String) -> Self {
-        Self { code, offset, message, did_you_mean: None }
+        Self { code, offset, message, expected: None, did_you_mean: None }
+    }
+
+    pub(super) fn expected(self, expected: &str) -> Self {
+        Self { expected: Some(expected.to_owned()), ..self }
     }
 
     pub(super) fn too_many_nodes(offset: usize) -> Self {

@@ -8,8 +8,8 @@ use super::tape::Tape;
 use numerics::Interval;
 use rustc_hash::FxHashMap;
 
-/// The quantities at whose changes of sign some expressions jump, compiled: the arguments of `sign` and `heaviside`, and the
-/// first of `atan2`, that depend on more than the first input.
+/// The quantities at whose changes of sign some expressions jump, compiled: the switches of functions with a jump, and the
+/// first argument of `atan2`, that depend on more than the first input.
 #[derive(Clone, Debug, Default)]
 pub struct Jumps {
     tape: Tape,
@@ -19,12 +19,14 @@ pub struct Jumps {
 
 impl Jumps {
     /// Those of `nodes`.
-    pub fn new(graph: &Graph, nodes: &[Node]) -> Self {
+    pub fn new(graph: &mut Graph, nodes: &[Node]) -> Self {
+        let terms = graph.terms_below(nodes);
         let jump = |node: Node| match graph.operation(node)? {
-            (Operator::Sign | Operator::Heaviside | Operator::Atan2, quantity, _) => Some(quantity),
+            (Operator::Atan2, quantity, _) => Some(quantity),
+            (operator, ..) if operator.jumps() => graph.switch(node).map(|(_, quantity)| quantity),
             _ => None,
         };
-        let mut quantities: Vec<Node> = graph.terms_below(nodes).into_iter().filter_map(jump).collect();
+        let mut quantities: Vec<Node> = terms.into_iter().filter_map(jump).collect();
         quantities.retain(|&quantity| graph.inputs(quantity).iter().any(|&input| input > 0));
         quantities.sort_unstable();
         quantities.dedup();
@@ -113,8 +115,8 @@ mod tests {
 
     #[test]
     fn jumps_are_told_from_kinks_and_from_breaks() {
-        let (graph, nodes) = read(&["heaviside(x - 2*y) + abs(x) + sign(t - 1)"]);
-        let mut jumps = Jumps::new(&graph, &nodes);
+        let (mut graph, nodes) = read(&["heaviside(x - 2*y) + abs(x) + sign(t - 1)"]);
+        let mut jumps = Jumps::new(&mut graph, &nodes);
         let unit = Interval::new(0.0, 1.0);
         assert!(!jumps.may_be_in(Interval::new(0.0, 2.0), &[Interval::new(-1.0, -0.5), unit]));
         assert!(jumps.may_be_in(unit, &[unit, unit]));

@@ -2,6 +2,7 @@
 
 use super::graph::{Graph, Node};
 use super::operator::Operator;
+use super::stepped::Stepped;
 
 /// How a function makes a term of its arguments.
 #[derive(Clone, Copy, Debug)]
@@ -12,9 +13,11 @@ pub(super) enum Function {
     Power,
     /// `min` or `max` of two or more arguments.
     Extremum(Operator),
+    /// One that jumps, of time and parameters.
+    Stepped(Stepped),
 }
 
-const FUNCTIONS: [(&str, Function); 21] = [
+const FUNCTIONS: [(&str, Function); 30] = [
     ("sin", Function::Unary(Operator::Sin)),
     ("cos", Function::Unary(Operator::Cos)),
     ("tan", Function::Unary(Operator::Tan)),
@@ -36,19 +39,70 @@ const FUNCTIONS: [(&str, Function); 21] = [
     ("max", Function::Extremum(Operator::Max)),
     ("heaviside", Function::Unary(Operator::Heaviside)),
     ("pow", Function::Power),
+    ("floor", Function::Stepped(Stepped::Floor)),
+    ("ceil", Function::Stepped(Stepped::Ceil)),
+    ("round", Function::Stepped(Stepped::Round)),
+    ("mod", Function::Stepped(Stepped::Modulo)),
+    ("if", Function::Stepped(Stepped::If)),
+    ("pwm", Function::Stepped(Stepped::Pwm)),
+    ("sawtooth", Function::Stepped(Stepped::Sawtooth)),
+    ("triangle", Function::Stepped(Stepped::Triangle)),
+    ("pulse", Function::Stepped(Stepped::Pulse)),
 ];
 
-/// What other languages call a function, and what it is called here.
-const FUNCTION_SYNONYMS: [(&str, &str); 6] =
-    [("log", "ln"), ("arcsin", "asin"), ("arccos", "acos"), ("arctan", "atan"), ("arctan2", "atan2"), ("sgn", "sign")];
+/// What other languages call a function, and what is written here.
+const FUNCTION_SYNONYMS: [(&str, &str); 36] = [
+    ("log", "ln"),
+    ("arcsin", "asin"),
+    ("arccos", "acos"),
+    ("arctan", "atan"),
+    ("arctan2", "atan2"),
+    ("sgn", "sign"),
+    ("fabs", "abs"),
+    ("log2", "ln(a)/ln(2)"),
+    ("square", "pwm(t, period, 0.5)"),
+    ("saw", "sawtooth"),
+    ("tri", "triangle"),
+    ("rect", "pulse"),
+    ("rectpuls", "pulse"),
+    ("trapezoid", "a table, under `tables`"),
+    ("pwl", "a table, under `tables`"),
+    ("interp", "a table, under `tables`"),
+    ("interp1", "a table, under `tables`"),
+    ("interpolate", "a table, under `tables`"),
+    ("lookup", "a table, under `tables`"),
+    ("table", "a table, under `tables`"),
+    ("spline", "a table, under `tables`"),
+    ("step", "heaviside"),
+    ("theta", "heaviside"),
+    ("ceiling", "ceil"),
+    ("trunc", "sign(a)*floor(abs(a))"),
+    ("fix", "sign(a)*floor(abs(a))"),
+    ("int", "floor"),
+    ("fmod", "mod"),
+    ("rem", "mod"),
+    ("modulo", "mod"),
+    ("ifelse", "if"),
+    ("where", "if"),
+    ("piecewise", "if"),
+    ("clip", "min(max(a, low), high)"),
+    ("sat", "min(max(a, low), high)"),
+    ("limit", "min(max(a, low), high)"),
+];
 
 impl Function {
     pub(super) fn named(name: &str) -> Option<Self> {
         FUNCTIONS.iter().find(|(known, _)| *known == name).map(|&(_, function)| function)
     }
 
-    pub(super) fn names() -> impl Iterator<Item = &'static str> {
+    pub(super) fn names<'a>() -> impl Iterator<Item = &'a str> {
         FUNCTIONS.iter().map(|&(name, _)| name)
+    }
+
+    /// Whether its name cannot be one of the user's. Those that jump came later: a name before a parenthesis is theirs, and
+    /// else the user's.
+    pub(super) fn is_reserved(self) -> bool {
+        !matches!(self, Self::Stepped(_))
     }
 
     /// The number of arguments, in words.
@@ -57,6 +111,7 @@ impl Function {
             Self::Unary(_) => "one argument",
             Self::Binary(_) | Self::Power => "two arguments",
             Self::Extremum(_) => "two or more arguments",
+            Self::Stepped(stepped) => stepped.arity().0,
         }
     }
 
@@ -66,6 +121,7 @@ impl Function {
             Self::Unary(_) => arguments == 1,
             Self::Binary(_) | Self::Power => arguments == 2,
             Self::Extremum(_) => arguments >= 2,
+            Self::Stepped(stepped) => arguments == stepped.arity().1,
         }
     }
 
@@ -79,6 +135,7 @@ impl Function {
             Self::Extremum(operator) => {
                 arguments[1..].iter().fold(a, |extremum, &b| graph.extremum(operator, extremum, b))
             }
+            Self::Stepped(stepped) => stepped.apply(graph, arguments),
         }
     }
 }

@@ -3,14 +3,15 @@
 //!
 //! Recursion is bounded: parentheses, signs and `^` chains each count towards [`DEEPEST`].
 
+use super::calls::{name, refuse_jump};
+use super::conditions::{self, Comparison};
 use super::derivative::MAXIMUM_TERMS;
 use super::error::ExpressionError;
-use super::function::{Function, synonym};
 use super::graph::{Graph, Node};
-use super::scope::{PI, Scope, excerpt, nearest};
-use std::f64::consts;
-use winnow::combinator::Infix::{Left, Right};
-use winnow::combinator::{Infix, Prefix, alt, dispatch, expression, fail, opt, peek, preceded};
+use super::remedies::{self, found};
+use super::scope::{PI, Scope, excerpt};
+use winnow::combinator::Infix::{Left, Neither, Right};
+use winnow::combinator::{Infix, Prefix, alt, dispatch, expression, fail, not, opt, peek, preceded, terminated};
 use winnow::error::ParserError;
 use winnow::prelude::*;
 use winnow::stream::Stateful;
@@ -24,19 +25,37 @@ const DEEPEST: usize = 200;
 
 /// What the parsers carry along.
 #[derive(Debug)]
-struct State<'s> {
-    graph: &'s mut Graph,
-    scope: &'s Scope,
-    /// The length of the whole text.
-    length: usize,
+pub(super) struct State<'s> {
+    pub graph: &'s mut Graph,
+    pub scope: &'s Scope,
+    /// The whole text.
+    text: &'s str,
     depth: usize,
 }
 
-type Input<'i, 's> = Stateful<&'i str, State<'s>>;
+/// What was read.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Read {
+    pub node: Node,
+    pub kind: Kind,
+    /// Where it starts.
+    pub start: usize,
+}
+
+/// What kind of a thing was read. A condition may stand for the number that it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    Number,
+    /// A comparison without parentheses, which by itself is mostly an inequality that someone means.
+    Comparison,
+    Condition,
+}
+
+pub(super) type Input<'i, 's> = Stateful<&'i str, State<'s>>;
 
 /// Why a parser did not go on.
 #[derive(Debug)]
-enum Failure {
+pub(super) enum Failure {
     /// Something else may stand here.
     Elsewhere,
     /// Nothing may.
@@ -66,11 +85,15 @@ impl Graph {
     /// The first thing in the text that cannot be, with its place.
     pub fn parse(&mut self, text: &str, scope: &Scope) -> Result<Node, ExpressionError> {
         check_characters(text)?;
-        let state = State { graph: self, scope, length: text.len(), depth: 0 };
+        let state = State { graph: self, scope, text, depth: 0 };
         let mut input = Stateful { input: text, state };
-        let parsed = term(&mut input).and_then(|node| {
+        let parsed = term(&mut input).and_then(|read| {
             blank(&mut input)?;
-            if input.input.is_empty() { Ok(node) } else { Err(missing_operator(&input, " or the end")) }
+            match (input.input.is_empty(), read.kind) {
+                (false, _) => Err(missing_operator(&input, " or the end")),
+                (true, Kind::Comparison) => Err(bare_comparison(read)),
+                (true, _) => Ok(read.node),
+            }
         });
         parsed.map_err(|failure| match failure {
             Failure::Final(error) => *error,
@@ -101,50 +124,73 @@ fn check_characters(text: &str) -> Result<(), ExpressionError> {
     Err(ExpressionError { did_you_mean, ..ExpressionError::new("not_ascii", offset, message) })
 }
 
-/// A sum, the loosest construct.
-fn term(input: &mut Input) -> Result<Node, Failure> {
+/// The loosest construct: conditions, and what they compare.
+pub(super) fn term(input: &mut Input) -> Result<Read, Failure> {
     expression(operand).prefix(sign).infix(operator).parse_next(input)
 }
 
-fn sign<'i, 's>(input: &mut Input<'i, 's>) -> Result<Prefix<Input<'i, 's>, Node, Failure>, Failure> {
+fn sign<'i, 's>(input: &mut Input<'i, 's>) -> Result<Prefix<Input<'i, 's>, Read, Failure>, Failure> {
     blank(input)?;
-    match opt(one_of(['-', '+'])).parse_next(input)? {
-        None => Err(syntax(input, "a number, a name or `(`")),
-        Some(sign) => {
-            descend(input)?;
-            let apply: fn(&mut Input<'i, 's>, Node) -> Result<Node, Failure> = match sign {
-                '-' => |input, a| {
-                    input.state.depth -= 1;
-                    keep(input, |graph| graph.negate(a))
-                },
-                _ => |input, a| {
-                    input.state.depth -= 1;
-                    Ok(a)
-                },
-            };
-            Ok(Prefix(11, apply))
-        }
-    }
+    let Some(sign) = opt(alt(("-", "+", word("not")))).parse_next(input)? else {
+        return Err(syntax(input, "a number, a name or `(`"));
+    };
+    descend(input)?;
+    Ok(match sign {
+        "-" => Prefix(11, |input: &mut Input<'i, 's>, a| {
+            input.state.depth -= 1;
+            keep(input, a.start, |graph| graph.negate(a.node))
+        }),
+        "+" => Prefix(11, |input: &mut Input<'i, 's>, a| {
+            input.state.depth -= 1;
+            Ok(Read { kind: Kind::Number, ..a })
+        }),
+        _ => Prefix(3, |input: &mut Input<'i, 's>, a| {
+            input.state.depth -= 1;
+            let [a] = conditions("not", [a])?;
+            condition(input, a.start, |graph| graph.not(a.node))
+        }),
+    })
 }
 
-fn operator<'i, 's>(input: &mut Input<'i, 's>) -> Result<Infix<Input<'i, 's>, Node, Failure>, Failure> {
-    let symbol = preceded(blank, alt(("**", "^", "*", "/", "+", "-"))).parse_next(input)?;
+fn operator<'i, 's>(input: &mut Input<'i, 's>) -> Result<Infix<Input<'i, 's>, Read, Failure>, Failure> {
+    let arithmetic = alt(("**", "^", "*", "/", "+", "-"));
+    let comparisons = alt(("<=", ">=", "==", "!=", "<", ">"));
+    let symbol = preceded(blank, alt((arithmetic, comparisons, word("and"), word("or")))).parse_next(input)?;
     Ok(match symbol {
-        "+" => Left(5, |input, a, b| keep(input, |graph| graph.add(a, b))),
-        "-" => Left(5, |input, a, b| keep(input, |graph| graph.subtract(a, b))),
-        "*" => Left(7, |input, a, b| keep(input, |graph| graph.multiply(a, b))),
-        "/" => Left(7, |input, a, b| keep(input, |graph| graph.divide(a, b))),
+        "or" => Left(1, |input, a, b| {
+            let [a, b] = conditions("or", [a, b])?;
+            condition(input, a.start, |graph| graph.or(a.node, b.node))
+        }),
+        "and" => Left(2, |input, a, b| {
+            let [a, b] = conditions("and", [a, b])?;
+            condition(input, a.start, |graph| graph.multiply(a.node, b.node))
+        }),
+        "<" => Neither(4, |input, a, b| compare(input, Comparison::Less, a, b)),
+        "<=" => Neither(4, |input, a, b| compare(input, Comparison::LessOrEqual, a, b)),
+        ">" => Neither(4, |input, a, b| compare(input, Comparison::Greater, a, b)),
+        ">=" => Neither(4, |input, a, b| compare(input, Comparison::GreaterOrEqual, a, b)),
+        "==" => Neither(4, |input, a, b| compare(input, Comparison::Equal, a, b)),
+        "!=" => Neither(4, |input, a, b| compare(input, Comparison::Unequal, a, b)),
+        "+" => Left(5, |input, a, b| keep(input, a.start, |graph| graph.add(a.node, b.node))),
+        "-" => Left(5, |input, a, b| keep(input, a.start, |graph| graph.subtract(a.node, b.node))),
+        "*" => Left(7, |input, a, b| keep(input, a.start, |graph| graph.multiply(a.node, b.node))),
+        "/" => Left(7, |input, a, b| keep(input, a.start, |graph| graph.divide(a.node, b.node))),
         _ => {
             descend(input)?;
             Right(13, |input, a, b| {
                 input.state.depth -= 1;
-                keep(input, |graph| graph.power(a, b))
+                keep(input, a.start, |graph| graph.power(a.node, b.node))
             })
         }
     })
 }
 
-fn operand(input: &mut Input) -> Result<Node, Failure> {
+/// A word of the language, and not the beginning of a longer one.
+fn word<'i, 's>(word: &'static str) -> impl Parser<Input<'i, 's>, &'i str, Failure> {
+    terminated(word, not(one_of(('a'..='z', 'A'..='Z', '0'..='9', '_'))))
+}
+
+fn operand(input: &mut Input) -> Result<Read, Failure> {
     blank(input)?;
     dispatch! {peek(any);
         '0'..='9' | '.' => number,
@@ -155,14 +201,38 @@ fn operand(input: &mut Input) -> Result<Node, Failure> {
     .parse_next(input)
 }
 
-fn group(input: &mut Input) -> Result<Node, Failure> {
+fn group(input: &mut Input) -> Result<Read, Failure> {
+    let start = offset(input);
     open(input)?;
-    let node = term(input)?;
+    let read = term(input)?;
     close(input, " or `)`")?;
-    Ok(node)
+    let kind = if read.kind == Kind::Comparison { Kind::Condition } else { read.kind };
+    Ok(Read { kind, start, ..read })
 }
 
-fn number(input: &mut Input) -> Result<Node, Failure> {
+fn compare(input: &mut Input, comparison: Comparison, a: Read, b: Read) -> Result<Read, Failure> {
+    refuse_jump(input, a.start, "a comparison", &[a.node, b.node], conditions::AS_SET)?;
+    let read = condition(input, a.start, |graph| comparison.apply(graph, a.node, b.node))?;
+    Ok(Read { kind: Kind::Comparison, ..read })
+}
+
+/// What `joint` takes.
+pub(super) fn conditions<const N: usize>(joint: &str, found: [Read; N]) -> Result<[Read; N], Failure> {
+    let Some(number) = found.iter().find(|read| read.kind == Kind::Number) else { return Ok(found) };
+    let message = format!("`{joint}` takes conditions, and this is a number");
+    let error = ExpressionError::new("misplaced_condition", number.start, message);
+    Err(failure(error.expected("a comparison, such as `t > 1`")))
+}
+
+fn bare_comparison(read: Read) -> Failure {
+    let message = "this is a condition and no number".to_owned();
+    let error = ExpressionError::new("misplaced_condition", read.start, message);
+    let expected =
+        "of an inequality the left side alone, as `>= 0` is understood; a choice is written `if(t > 1, a, b)`";
+    failure(error.expected(expected))
+}
+
+fn number(input: &mut Input) -> Result<Read, Failure> {
     let start = offset(input);
     let whole = input.input;
     let mantissa = (digits(0), opt(('.', digits(0)))).take().parse_next(input)?;
@@ -174,75 +244,18 @@ fn number(input: &mut Input) -> Result<Node, Failure> {
     // The form is that of a number already.
     let value: f64 = literal.parse().unwrap_or(f64::NAN);
     if value.is_finite() && (value != 0.0 || mantissa.bytes().all(|byte| matches!(byte, b'0' | b'.'))) {
-        return keep(input, |graph| graph.constant(value));
+        return keep(input, start, |graph| graph.constant(value));
     }
     let message = format!("`{}` is out of the range of a double, 4.9e-324 to 1.8e308", excerpt(literal));
     Err(failure(ExpressionError::new("number_out_of_range", start, message)))
 }
 
-/// A name of the scope, or a function with its arguments.
-fn name(input: &mut Input) -> Result<Node, Failure> {
-    let start = offset(input);
-    if let Some(output) = input.state.scope.output_at(input.input) {
-        let node = input.state.scope.get(output);
-        take_while(output.len()..=output.len(), |_| true).void().parse_next(input)?;
-        return node.ok_or(Failure::Elsewhere);
-    }
-    let name = identifier.parse_next(input)?;
-    if let Some(function) = Function::named(name) {
-        return call(input, start, name, function);
-    }
-    if name == PI {
-        return keep(input, |graph| graph.constant(consts::PI));
-    }
-    if let Some(node) = input.state.scope.get(name) {
-        return Ok(node);
-    }
-    blank(input)?;
-    let called = input.input.starts_with('(');
-    let (code, message, near) = if called {
-        ("unknown_function", format!("there is no function `{}`", excerpt(name)), nearest(name, Function::names()))
-    } else {
-        let names = input.state.scope.names().chain([PI]);
-        ("unknown_name", format!("nothing is called `{}` here", excerpt(name)), nearest(name, names))
-    };
-    let did_you_mean = synonym(name, called).or(near).map(str::to_owned);
-    Err(failure(ExpressionError { did_you_mean, ..ExpressionError::new(code, start, message) }))
-}
-
-fn call(input: &mut Input, start: usize, name: &str, function: Function) -> Result<Node, Failure> {
-    blank(input)?;
-    if !input.input.starts_with('(') {
-        return Err(syntax(input, &format!("`(` after the function `{name}`")));
-    }
-    let arguments = arguments(input)?;
-    if !function.takes(arguments.len()) {
-        let message = format!("`{name}` takes {}, found {}", function.arity(), arguments.len());
-        return Err(failure(ExpressionError::new("wrong_arity", start, message)));
-    }
-    keep(input, |graph| function.apply(graph, &arguments))
-}
-
-/// Parenthesised, between commas; there may be none.
-fn arguments(input: &mut Input) -> Result<Vec<Node>, Failure> {
-    open(input)?;
-    let mut arguments = Vec::new();
-    if preceded(blank, peek(opt(')'))).parse_next(input)?.is_none() {
-        arguments.push(term(input)?);
-        while preceded(blank, opt(',')).parse_next(input)?.is_some() {
-            arguments.push(term(input)?);
-        }
-    }
-    close(input, ", `,` or `)`")?;
-    Ok(arguments)
-}
-
-fn open(input: &mut Input) -> Result<(), Failure> {
+pub(super) fn open(input: &mut Input) -> Result<(), Failure> {
     descend(input)?;
     '('.void().parse_next(input)
 }
 
-fn close(input: &mut Input, otherwise: &str) -> Result<(), Failure> {
+pub(super) fn close(input: &mut Input, otherwise: &str) -> Result<(), Failure> {
     blank(input)?;
     if opt(')').parse_next(input)?.is_none() {
         return Err(missing_operator(input, otherwise));
@@ -251,7 +264,7 @@ fn close(input: &mut Input, otherwise: &str) -> Result<(), Failure> {
     Ok(())
 }
 
-fn blank(input: &mut Input) -> Result<(), Failure> {
+pub(super) fn blank(input: &mut Input) -> Result<(), Failure> {
     take_while(0.., [' ', '\t', '\n', '\r']).void().parse_next(input)
 }
 
@@ -259,7 +272,7 @@ fn digits<'i, 's>(least: usize) -> impl Parser<Input<'i, 's>, &'i str, Failure> 
     take_while(least.., '0'..='9')
 }
 
-fn identifier<'i>(input: &mut Input<'i, '_>) -> Result<&'i str, Failure> {
+pub(super) fn identifier<'i>(input: &mut Input<'i, '_>) -> Result<&'i str, Failure> {
     take_while(1.., ('a'..='z', 'A'..='Z', '0'..='9', '_')).parse_next(input)
 }
 
@@ -273,45 +286,40 @@ fn descend(input: &mut Input) -> Result<(), Failure> {
     Err(failure(ExpressionError::new("too_deep", offset(input), message)))
 }
 
-/// Adds to the graph, which is bounded.
-fn keep(input: &mut Input, add: impl FnOnce(&mut Graph) -> Node) -> Result<Node, Failure> {
+/// Adds a number to the graph, which is bounded.
+pub(super) fn keep(input: &mut Input, start: usize, add: impl FnOnce(&mut Graph) -> Node) -> Result<Read, Failure> {
     let node = add(input.state.graph);
     if input.state.graph.len() > MAXIMUM_TERMS {
         return Err(failure(ExpressionError::too_many_nodes(offset(input))));
     }
-    Ok(node)
+    Ok(Read { node, kind: Kind::Number, start })
 }
 
-fn offset(input: &Input) -> usize {
-    input.state.length - input.input.len()
+/// The same of a condition.
+fn condition(input: &mut Input, start: usize, add: impl FnOnce(&mut Graph) -> Node) -> Result<Read, Failure> {
+    keep(input, start, add).map(|read| Read { kind: Kind::Condition, ..read })
 }
 
-fn failure(error: ExpressionError) -> Failure {
+pub(super) fn offset(input: &Input) -> usize {
+    input.state.text.len() - input.input.len()
+}
+
+pub(super) fn failure(error: ExpressionError) -> Failure {
     Failure::Final(Box::new(error))
 }
 
-fn syntax(input: &Input, expected: &str) -> Failure {
-    failure(ExpressionError::new("syntax", offset(input), format!("expected {expected}, found {}", found(input.input))))
+pub(super) fn syntax(input: &Input, expected: &str) -> Failure {
+    let (before, rest) = input.state.text.split_at(offset(input));
+    let remedy = remedies::of_operand(before.trim_end(), rest).map(|remedy| format!("; {remedy}")).unwrap_or_default();
+    let message = format!("expected {expected}, found {}{remedy}", found(rest));
+    failure(ExpressionError::new("syntax", offset(input), message))
 }
 
 /// After an operand comes something that continues no expression.
 fn missing_operator(input: &Input, otherwise: &str) -> Failure {
-    let operand_follows = |next: char| next.is_ascii_alphanumeric() || matches!(next, '_' | '(' | '.');
-    let remedy = if input.input.starts_with(operand_follows) { "; a product is written with `*`" } else { "" };
-    let found = found(input.input);
-    let message = format!("expected an operator{otherwise}, found {found}{remedy}");
+    let (before, rest) = input.state.text.split_at(offset(input));
+    let remedy = remedies::of_operator(before, rest, input.state.scope);
+    let remedy = remedy.map(|remedy| format!("; {remedy}")).unwrap_or_default();
+    let message = format!("expected an operator{otherwise}, found {}{remedy}", found(rest));
     failure(ExpressionError::new("syntax", offset(input), message))
-}
-
-/// The next token, as people would name it.
-fn found(rest: &str) -> String {
-    let in_word = |byte: &u8| byte.is_ascii_alphanumeric() || matches!(byte, b'_' | b'.');
-    match rest.chars().next() {
-        None => "the end".to_owned(),
-        Some(control) if control.is_control() => format!("the control character U+{:04X}", u32::from(control)),
-        Some(first) => match rest.bytes().take_while(in_word).count() {
-            0 => format!("`{first}`"),
-            length => format!("`{}`", excerpt(&rest[..length])),
-        },
-    }
 }

@@ -13,8 +13,10 @@
 
 use super::operator::Operator;
 use super::parameters::Assumption;
+use super::table::{Pieces, Table, Tables};
 use rustc_hash::FxHashMap;
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 /// A term of a [`Graph`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -48,6 +50,8 @@ pub struct Graph {
     pub(super) known: FxHashMap<Node, f64>,
     /// What was decided by these values.
     pub(super) assumptions: BTreeSet<(Node, Assumption)>,
+    /// The tables that terms look up.
+    pub(super) tables: Tables,
 }
 
 impl Graph {
@@ -172,6 +176,23 @@ impl Graph {
         self.unary(Operator::Heaviside, a)
     }
 
+    /// The value of a table at `a`
+    pub fn lookup(&mut self, table: &Table, a: Node) -> Node {
+        self.of_table(Operator::Lookup, &table.0, a)
+    }
+
+    /// What an operator gives of a table at `a`.
+    pub(super) fn of_table(&mut self, operator: Operator, table: &Arc<Pieces>, a: Node) -> Node {
+        let place = self.tables.place(table);
+        let place = self.constant(place as f64);
+        self.binary(operator, a, place)
+    }
+
+    /// The table of a term that looks one up.
+    pub(super) fn table_of(&self, operator: Operator, place: Node) -> Option<&Arc<Pieces>> {
+        self.tables.get(self.number(place).filter(|_| operator.takes_table())?)
+    }
+
     /// A product or a quotient, its sign taken out so that `-k x` and `k x` share their work.
     fn signed(&mut self, operator: Operator, a: Node, b: Node) -> Node {
         let (minus_a, a) = self.without_sign(a);
@@ -211,9 +232,10 @@ impl Graph {
     /// A binary operator at `(a, b)`; a constant if both are.
     pub(super) fn binary(&mut self, operator: Operator, a: Node, b: Node) -> Node {
         if let (Some(a), Some(b)) = (self.number(a), self.number(b)) {
-            return self.constant(operator.apply(a, b));
+            let value = self.tables.apply(operator, a, b);
+            return self.constant(value);
         }
-        let value = self.value(a).zip(self.value(b)).map(|(a, b)| operator.apply(a, b));
+        let value = self.value(a).zip(self.value(b)).map(|(a, b)| self.tables.apply(operator, a, b));
         let (a, b) = if operator.commutes() && b < a { (b, a) } else { (a, b) };
         self.applied(operator, a, b, value)
     }

@@ -1,15 +1,13 @@
-//! Where expressions have a kink or a jump that depends on more than the first input: at the changes of sign of the
-//! arguments of `abs`, `sign` and `heaviside`, and of the differences of those of `min` and `max`. The others are
-//! [`Breaks`](super::Breaks).
+//! Where expressions have a kink or a jump that depends on more than the first input: at the changes of sign of their
+//! [switches](super::switches). The others are [`Breaks`](super::Breaks).
 
 use super::graph::{Graph, Node};
-use super::operator::Operator;
 use super::tape::Tape;
 
 /// A function that is not smooth, and what its argument depends on.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Kink {
-    /// `abs`, `sign`, `heaviside`, `min` or `max`.
+    /// `abs`, `sign`, `heaviside`, `min`, `max` or another, as the language calls it.
     pub function: &'static str,
     /// The inputs of the quantity that changes its sign, sorted.
     pub inputs: Vec<usize>,
@@ -83,13 +81,8 @@ impl Kinks {
 impl Graph {
     /// The quantities, each once, with the function that has a kink where they change their sign.
     fn kink_quantities(&mut self, nodes: &[Node]) -> Vec<(&'static str, Node)> {
-        let mut found: Vec<(&'static str, Node)> = Vec::new();
-        for node in self.terms_below(nodes) {
-            let Some((operator, a, b)) = self.operation(node) else { continue };
-            let Some(function) = operator.kink() else { continue };
-            let quantity = if matches!(operator, Operator::Min | Operator::Max) { self.subtract(a, b) } else { a };
-            found.push((function, quantity));
-        }
+        let terms = self.terms_below(nodes);
+        let mut found: Vec<(&'static str, Node)> = terms.into_iter().filter_map(|node| self.switch(node)).collect();
         found.sort_unstable_by_key(|&(function, quantity)| (quantity, function));
         found.dedup_by_key(|&mut (_, quantity)| quantity);
         found

@@ -6,14 +6,16 @@
 //! differentiated again. [`Tape::compile`] turns the nodes that are wanted into a straight program, which is evaluated at
 //! points, one ([`Tape::evaluate`]) or several side by side ([`Tape::evaluate_points`]), or over boxes in interval arithmetic ([`Tape::enclose`]).
 //!
-//! Precedence, from loose to tight: `+ -`, `* /`, sign, `^` (also written `**`), which groups to the right:
-//! `-x^2` is `-(x^2)`, `2^3^2` is `2^9`, `2^-1` is one half.
+//! Precedence, from loose to tight: `or`, `and`, `not`, `< <= > >= == !=`, `+ -`, `* /`, sign, `^` (also written `**`), which
+//! groups to the right: `-x^2` is `-(x^2)`, `2^3^2` is `2^9`, `2^-1` is one half. A condition is 1 where it holds, else 0.
 //!
 //! Conventions at kinks: `abs'(0) = 1`, `sign(0) = 0`, `heaviside(0) = 1`, and where the arguments of `min` or `max`
 //! are equal one of them gives the derivative. NaN passes through every function.
 
 mod breaks;
+mod calls;
 mod caret;
+mod conditions;
 mod derivative;
 mod enclosure;
 mod error;
@@ -29,9 +31,13 @@ mod pace;
 mod parameters;
 mod points;
 mod power;
+mod remedies;
 mod scope;
+mod stepped;
 mod structure;
 mod substitution;
+mod switches;
+mod table;
 mod tape;
 #[cfg(test)]
 mod tests;
@@ -48,4 +54,5 @@ pub use parameters::{Assumption, Assumptions, Broken};
 pub use points::MOST_LANES;
 pub use scope::nearest;
 pub use scope::{NameError, Scope};
+pub use table::{Interpolation, Table, TableError};
 pub use tape::Tape;

@@ -1,7 +1,7 @@
 //! Where expressions are not locally Lipschitz: by the ranges of the arguments of those functions that have a jump, an
 //! infinite slope or a pole somewhere.
 //!
-//! - `sign`, `heaviside` and `atan2` jump; `sqrt`, `cbrt`, `asin`, `acos` and powers below one have an infinite slope.
+//! - `sign`, `heaviside`, `floor`, `round`, `mod` and `atan2` jump; `sqrt`, `cbrt`, `asin`, `acos` and powers below one have an infinite slope.
 //! - The root of a nonnegative function with Lipschitz derivatives is Lipschitz (Glaeser 1963, Racine carree d'une fonction
 //!   differentiable): `sqrt(x^2 + y^2)` is, `sqrt(abs(x))` is not. Of `acos(f)` with `|f| <= 1` the same holds.
 //! - At a pole an expression has no value, so that a differential equation ends there and remains Lipschitz before,
@@ -42,6 +42,8 @@ enum Points {
     NotInsideUnit,
     /// A first argument of zero beside a second that is not positive.
     Cut,
+    /// Some, wherever they are.
+    Anywhere,
 }
 
 impl Points {
@@ -51,6 +53,7 @@ impl Points {
             Self::NotPositive => a.lo <= 0.0,
             Self::NotInsideUnit => a.lo <= -1.0 || a.hi >= 1.0,
             Self::Cut => a.contains(0.0) && b.lo <= 0.0,
+            Self::Anywhere => true,
         }
     }
 }
@@ -142,6 +145,9 @@ impl Candidate {
             Operator::Sign => ("sign", Points::Zero, true),
             Operator::Heaviside => ("heaviside", Points::Zero, true),
             Operator::Atan2 => ("atan2", Points::Cut, true),
+            Operator::Floor => ("floor", Points::Anywhere, true),
+            Operator::Round => ("round", Points::Anywhere, true),
+            Operator::Modulo => ("mod", Points::Anywhere, true),
             Operator::Cbrt => ("cbrt", Points::Zero, false),
             Operator::Sqrt if !a.touches_only(half_line) => ("sqrt", Points::NotPositive, false),
             Operator::Asin if !a.touches_only(unit) => ("asin", Points::NotInsideUnit, false),
@@ -171,7 +177,7 @@ impl Tape {
         let mut known: Vec<Regularity> = self.registers[..first].iter().enumerate().map(leaf).collect();
         self.for_each_operation(|operator, a, b| {
             let (first, second) = (known[a], known[b]);
-            let range = operator.enclose(first.range, second.range, a == b);
+            let range = self.program.tables.enclose(operator, first.range, second.range, a == b);
             let of_states = first.of_states || second.of_states;
             let smooth = first.smooth && second.smooth && operator.is_smooth(first.range, second.range);
             known.push(Regularity { range, smooth: smooth || !of_states, of_states });
@@ -199,7 +205,7 @@ impl Graph {
             let arguments = match operator {
                 Operator::Divide | Operator::Ln | Operator::Log10 if !pole => continue,
                 Operator::Divide => [b, b],
-                Operator::Atan2 => [a, b],
+                Operator::Atan2 | Operator::Modulo => [a, b],
                 Operator::Power if has_constant_exponent => [a, b],
                 _ => [a, a],
             };
@@ -242,7 +248,12 @@ impl Graph {
                 | Operator::Min
                 | Operator::Max
                 | Operator::Greater
-                | Operator::Gate => (true, true),
+                | Operator::Gate
+                | Operator::Choose
+                | Operator::Parity
+                | Operator::Modulo
+                | Operator::Lookup
+                | Operator::Piece => (true, true),
                 Operator::Divide => (false, true),
                 _ => (false, false),
             };
@@ -280,6 +291,9 @@ impl Operator {
             self,
             Self::Sign
                 | Self::Heaviside
+                | Self::Floor
+                | Self::Round
+                | Self::Modulo
                 | Self::Atan2
                 | Self::Cbrt
                 | Self::Sqrt
@@ -302,6 +316,9 @@ impl Operator {
             Self::Min | Self::Max => a.hi < b.lo || b.hi < a.lo,
             Self::Atan2 => b.lo > 0.0,
             Self::Greater | Self::Gate => false,
+            Self::Floor | Self::Round | Self::Parity | Self::Modulo | Self::Lookup | Self::Piece => false,
+            // Of a condition that no state decides, which is what there is: time may jump.
+            Self::Choose => true,
             _ => true,
         }
     }

@@ -24,6 +24,12 @@ pub(super) enum Operator {
     Abs,
     Sign,
     Heaviside,
+    /// The largest whole number that is not above it.
+    Floor,
+    /// The nearest whole number, of two that are as near the one that is farther from zero.
+    Round,
+    /// 1 of an even whole number and -1 of an odd one.
+    Parity,
     // Binary from here on.
     Add,
     Subtract,
@@ -37,6 +43,15 @@ pub(super) enum Operator {
     Greater,
     /// `b` where `a` is not 0, else 0 whatever `b` is: the branch not taken may be infinite.
     Gate,
+    /// `b` where the condition `a` holds, 0 where it does not.
+    Choose,
+    /// `a - b floor(a / b)`, which has the sign of `b`.
+    Modulo,
+    // Of a table from here on, whose place is the second operand.
+    /// The value of a table.
+    Lookup,
+    /// How many of its pieces have begun.
+    Piece,
 }
 
 impl Operator {
@@ -45,9 +60,24 @@ impl Operator {
         self < Self::Add
     }
 
+    /// Whether it takes a table, which [`Tables`](super::table::Tables) have.
+    pub(super) fn takes_table(self) -> bool {
+        self >= Self::Lookup
+    }
+
     /// Whether the operands may be exchanged.
     pub(super) fn commutes(self) -> bool {
         matches!(self, Self::Add | Self::Multiply)
+    }
+
+    /// Whether it jumps where its switch changes its sign.
+    pub(super) fn jumps(self) -> bool {
+        matches!(self, Self::Sign | Self::Heaviside) || self.has_steps()
+    }
+
+    /// Whether it jumps again and again, at whole numbers.
+    pub(super) fn has_steps(self) -> bool {
+        matches!(self, Self::Floor | Self::Round | Self::Parity | Self::Modulo)
     }
 
     /// The name of a function that has a kink or a jump.
@@ -58,6 +88,9 @@ impl Operator {
             Self::Heaviside => Some("heaviside"),
             Self::Min => Some("min"),
             Self::Max => Some("max"),
+            Self::Floor => Some("floor"),
+            Self::Round => Some("round"),
+            Self::Modulo => Some("mod"),
             _ => None,
         }
     }
@@ -89,6 +122,11 @@ impl Operator {
             Self::Heaviside if a >= 0.0 => 1.0,
             Self::Heaviside if a < 0.0 => 0.0,
             Self::Heaviside => a,
+            Self::Floor => a.floor(),
+            Self::Round => a.round(),
+            Self::Parity if 2.0 * (0.5 * a).floor() == a => 1.0,
+            Self::Parity if a.is_nan() => a,
+            Self::Parity => -1.0,
             Self::Add => a + b,
             Self::Subtract => a - b,
             Self::Multiply => a * b,
@@ -102,6 +140,11 @@ impl Operator {
             Self::Greater => 0.0,
             Self::Gate if a != 0.0 => b,
             Self::Gate => 0.0,
+            Self::Choose if a == 0.0 || a.is_nan() => a,
+            Self::Choose => b,
+            Self::Modulo => a - b * (a / b).floor(),
+            // The table is not known here.
+            Self::Lookup | Self::Piece => f64::NAN,
         }
     }
 }

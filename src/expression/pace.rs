@@ -107,12 +107,23 @@ impl Graph {
                 let is_fixed = self.inputs(slope).is_empty();
                 is_fixed.then(|| Course { degree: 0, pace: Some(self.unary(Operator::Abs, slope)) })
             }
-            // One break in time alone, where the argument, of first degree, is zero: steps end there.
-            Operator::Abs | Operator::Sign | Operator::Heaviside | Operator::Min | Operator::Max
+            // Breaks in time alone, the one where an argument of first degree is zero, or all where it is a whole number:
+            // steps end there.
+            Operator::Abs
+            | Operator::Sign
+            | Operator::Heaviside
+            | Operator::Min
+            | Operator::Max
+            | Operator::Floor
+            | Operator::Round
+            | Operator::Modulo
                 if self.inputs_of(&[a, b]) == [0] && of_a.degree.max(of_b.degree) == 1 =>
             {
                 let is_smooth = of_a.pace.or(of_b.pace).is_none();
                 is_smooth.then_some(Course { degree: 1, pace: None })
+            }
+            Operator::Lookup if self.inputs(a) == [0] && of_a.degree == 1 && of_a.pace.is_none() => {
+                Some(Course { degree: self.table_of(operator, b)?.degree(), pace: None })
             }
             _ => (is_still(of_a) && is_still(of_b)).then_some(Course { degree: 0, pace: None }),
         }

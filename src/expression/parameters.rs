@@ -54,6 +54,7 @@ impl Graph {
     /// The terms that nodes need, in a graph of their own, and the nodes there; parameters keep their places and values.
     pub fn below(&self, nodes: &[Node]) -> (Self, Vec<Node>) {
         let mut graph = Self::new();
+        graph.tables = self.tables.clone();
         let mut terms = self.all_below(nodes);
         terms.sort_unstable();
         let mut place_of = FxHashMap::default();

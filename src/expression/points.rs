@@ -1,7 +1,7 @@
 //! A whole program at several points side by side, as at the stages of a step: each instruction is dispatched once for all
 //! of them, and its arithmetic is vectorised by the compiler. Each result has the bits of a single evaluation.
 
-use super::tape::{Block, Tape};
+use super::tape::{Block, Instruction, Tape};
 
 /// The most points that are evaluated side by side: a register is then one line of a cache.
 pub const MOST_LANES: usize = 8;
@@ -88,6 +88,15 @@ impl Tape {
                     let (known, unknown) = registers.split_at_mut(next);
                     lanes.evaluate_points(known, &mut unknown[..lanes.len()], count);
                     next += lanes.len();
+                }
+                Block::Lookups(instructions) => {
+                    for &Instruction { operator, a, b } in instructions {
+                        let (a, b) = (registers[a as usize], registers[b as usize]);
+                        for lane in 0..count {
+                            registers[next][lane] = self.program.tables.apply(operator, a[lane], b[lane]);
+                        }
+                        next += 1;
+                    }
                 }
             }
         }

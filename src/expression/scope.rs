@@ -1,18 +1,25 @@
 //! Names and what they stand for.
 
 use super::function::Function;
-use super::graph::Node;
+use super::graph::{Graph, Node};
+use super::table::Table;
 use rustc_hash::FxHashMap;
 use strsim::osa_distance;
 
 /// The constant that every scope knows.
 pub(super) const PI: &str = "pi";
 
+/// The words that join conditions.
+pub(super) const WORDS: [&str; 3] = ["and", "or", "not"];
+
 /// Names bound to nodes, in the order of binding.
 #[derive(Clone, Debug, Default)]
 pub struct Scope {
     names: Vec<String>,
     nodes: FxHashMap<String, Node>,
+    /// The first of the inputs that are solved for.
+    unknowns: Option<usize>,
+    tables: FxHashMap<String, Table>,
 }
 
 /// Why a name cannot be bound.
@@ -25,7 +32,7 @@ pub enum NameError {
         name: String,
     },
     /// It belongs to the language.
-    #[error("`{name}` is a reserved word: the functions of the language and `pi` cannot be names")]
+    #[error("`{name}` is a reserved word: `pi`, `and`, `or`, `not` and the functions of the language cannot be names")]
     Reserved {
         /// The offender.
         name: String,
@@ -49,19 +56,55 @@ impl Scope {
     /// # Errors
     /// If it is malformed, reserved or already bound.
     pub fn bind(&mut self, name: &str, node: Node) -> Result<(), NameError> {
+        self.claim(name)?;
+        self.nodes.insert(name.to_owned(), node);
+        self.names.push(name.to_owned());
+        Ok(())
+    }
+
+    /// Lets `name` stand for a table, to be called as a function of one argument.
+    ///
+    /// # Errors
+    /// If it is malformed, bound, or the name of a function.
+    pub fn bind_table(&mut self, name: &str, table: Table) -> Result<(), NameError> {
+        if Function::named(name).is_some() {
+            return Err(NameError::Reserved { name: name.to_owned() });
+        }
+        self.claim(name)?;
+        self.tables.insert(name.to_owned(), table);
+        Ok(())
+    }
+
+    /// Whether a name can be bound.
+    fn claim(&self, name: &str) -> Result<(), NameError> {
         let owned = || name.to_owned();
         if !is_name(name) {
             return Err(NameError::Malformed { name: owned() });
         }
-        if name == PI || Function::named(name).is_some() {
+        if name == PI || WORDS.contains(&name) || Function::named(name).is_some_and(Function::is_reserved) {
             return Err(NameError::Reserved { name: owned() });
         }
-        if self.nodes.contains_key(name) {
+        if self.nodes.contains_key(name) || self.tables.contains_key(name) {
             return Err(NameError::Bound { name: owned() });
         }
-        self.nodes.insert(owned(), node);
-        self.names.push(owned());
         Ok(())
+    }
+
+    /// Takes the inputs from this one on for unknowns that are solved for: functions and comparisons that jump are refused of
+    /// them, as no step could end where they do.
+    pub fn solve_for(&mut self, first: usize) {
+        self.unknowns = Some(first);
+    }
+
+    /// The first of the inputs that are solved for.
+    pub(super) fn unknowns(&self) -> Option<usize> {
+        self.unknowns
+    }
+
+    /// The name of an input.
+    pub(super) fn name_of_input(&self, graph: &Graph, input: usize) -> &str {
+        let is_it = |name: &&str| self.get(name).is_some_and(|node| graph.is_input(node, |index| index == input));
+        self.names().find(is_it).unwrap_or("?")
     }
 
     /// Lets the name of an output stand for `node`, of the form of a name, with parts that are joined by dots, or `v(R1)`.
@@ -74,7 +117,8 @@ impl Scope {
         if !(first.split('.').all(is_name) && second.split('.').all(is_part)) {
             return Err(NameError::Malformed { name: name.to_owned() });
         }
-        if self.nodes.contains_key(name) || name == PI || Function::named(name).is_some() {
+        let is_of_language = name == PI || Function::named(name).is_some_and(Function::is_reserved);
+        if self.nodes.contains_key(name) || self.tables.contains_key(name) || is_of_language {
             return Err(NameError::Bound { name: name.to_owned() });
         }
         self.nodes.insert(name.to_owned(), node);
@@ -100,6 +144,21 @@ impl Scope {
     /// What `name` stands for.
     pub fn get(&self, name: &str) -> Option<Node> {
         self.nodes.get(name).copied()
+    }
+
+    /// A scope with the tables of this one, and nothing else.
+    pub fn with_tables_alone(&self) -> Self {
+        Self { tables: self.tables.clone(), ..Self::default() }
+    }
+
+    /// The table of this name.
+    pub(super) fn table(&self, name: &str) -> Option<&Table> {
+        self.tables.get(name)
+    }
+
+    /// The names of the tables.
+    pub(super) fn tables(&self) -> impl Iterator<Item = &str> {
+        self.tables.keys().map(String::as_str)
     }
 
     /// The names, in the order of binding.
@@ -148,7 +207,6 @@ pub fn nearest<'a>(name: &str, candidates: impl Iterator<Item = &'a str>) -> Opt
 
 #[cfg(test)]
 mod tests {
-    use super::super::Graph;
     use super::*;
 
     #[test]

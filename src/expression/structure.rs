@@ -11,7 +11,7 @@ impl Graph {
         self.inputs_of(&[node])
     }
 
-    /// The functions in `node` that are not smooth (`abs`, `sign`, `heaviside`, `min`, `max`), each with the sorted
+    /// The functions in `node` that are not smooth (`abs`, `sign`, `heaviside`, `min`, `max`, ..), each with the sorted
     /// inputs its arguments depend on, without repetition. A `min` of several arguments counts once.
     pub fn kinks(&self, node: Node) -> Vec<(&'static str, Vec<usize>)> {
         let mut absorbed = FxHashSet::default();
@@ -20,7 +20,8 @@ impl Graph {
         terms.sort_unstable_by(|a, b| b.cmp(a));
         for y in terms {
             let Some((operator, a, b)) = self.operation(y) else { continue };
-            let Some(name) = operator.kink() else { continue };
+            let of_table = self.table_of(operator, b).and_then(|table| table.kink());
+            let Some(name) = operator.kink().or(of_table) else { continue };
             if matches!(operator, Operator::Min | Operator::Max) {
                 absorbed.extend([a, b].into_iter().filter(|&operand| self.is_apply(operator, operand)));
             }

@@ -35,7 +35,7 @@ impl Graph {
                 // What is written out is so whatever it is a power of.
                 Term::Apply(Operator::Expanded, a, _) => replaced[&a],
                 Term::Apply(operator, a, b) => match (replaced[&a], replaced[&b]) {
-                    (Replaced::Number(a), Replaced::Number(b)) => Replaced::Number(operator.apply(a, b)),
+                    (Replaced::Number(a), Replaced::Number(b)) => Replaced::Number(self.tables.apply(operator, a, b)),
                     (a, b) => {
                         let (a, b) = (self.node_of(a), self.node_of(b));
                         Replaced::Term(if operator.is_unary() {

@@ -8,6 +8,7 @@ use super::graph::{Graph, Node, Term};
 use super::lanes::Lanes;
 use super::operator::Operator;
 use super::points::Wide;
+use super::table::Tables;
 use rustc_hash::{FxBuildHasher, FxHashMap};
 use std::hash::BuildHasher;
 use std::mem::take;
@@ -30,6 +31,8 @@ pub(super) enum Block {
     Scalars(Vec<Instruction>),
     /// All at once.
     Lanes(Lanes),
+    /// One after the other, of tables.
+    Lookups(Vec<Instruction>),
 }
 
 /// What a tape computes, and where: shared by all its copies.
@@ -46,6 +49,8 @@ pub(super) struct Program {
     /// The register of the first instruction.
     pub(super) first: usize,
     pub(super) outputs: Vec<u32>,
+    /// What it looks up.
+    pub(super) tables: Tables,
 }
 
 /// A compiled program of several outputs, with registers of its own: evaluation does not allocate, and a copy shares the
@@ -84,6 +89,7 @@ impl Tape {
             first: registers.len() - instructions.len(),
             inputs,
             outputs,
+            tables: graph.tables.clone(),
         };
         Self { program: Arc::new(program), registers, wide: Wide::default() }
     }
@@ -96,7 +102,7 @@ impl Tape {
             registers[register] = parameters[index];
         }
         for &(target, Instruction { operator, a, b }) in &program.prelude {
-            registers[target] = operator.apply(registers[a as usize], registers[b as usize]);
+            registers[target] = program.tables.apply(operator, registers[a as usize], registers[b as usize]);
         }
     }
 
@@ -126,6 +132,12 @@ impl Tape {
                     lanes.evaluate(known, &mut unknown[..lanes.len()]);
                     next += lanes.len();
                 }
+                Block::Lookups(instructions) => {
+                    for &Instruction { operator, a, b } in instructions {
+                        registers[next] = program.tables.apply(operator, registers[a as usize], registers[b as usize]);
+                        next += 1;
+                    }
+                }
             }
         }
         for (output, &register) in outputs.iter_mut().zip(&program.outputs) {
@@ -137,7 +149,7 @@ impl Tape {
     pub(super) fn for_each_operation(&self, mut visit: impl FnMut(Operator, usize, usize)) {
         for block in &self.program.blocks {
             match block {
-                Block::Scalars(instructions) => {
+                Block::Scalars(instructions) | Block::Lookups(instructions) => {
                     for &Instruction { operator, a, b } in instructions {
                         visit(operator, a as usize, b as usize);
                     }
@@ -287,12 +299,16 @@ fn blocks(instructions: &[(Kind, Instruction)]) -> Vec<Block> {
     for alike in instructions.chunk_by(|(one, _), (other, _)| one == other) {
         let operator = alike[0].1.operator;
         let alike = alike.iter().map(|&(_, instruction)| instruction);
-        if alike.len() < FEWEST_LANES {
+        if alike.len() < FEWEST_LANES && !operator.takes_table() {
             scalars.extend(alike);
             continue;
         }
         if !scalars.is_empty() {
             blocks.push(Block::Scalars(take(&mut scalars)));
+        }
+        if operator.takes_table() {
+            blocks.push(Block::Lookups(alike.collect()));
+            continue;
         }
         let (a, b): (Vec<u32>, Vec<u32>) = alike.map(|instruction| (instruction.a, instruction.b)).unzip();
         blocks.push(Block::Lanes(Lanes::new(operator, a, b)));

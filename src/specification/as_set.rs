@@ -36,7 +36,7 @@ pub(super) fn rewritten(problem: &DviProblem) -> Option<DviProblem> {
     let names = problem.states.names().chain(problem.variables.names()).chain(problem.definitions.names());
     let mut rewriting = Rewriting {
         unknowns: names.map(str::to_owned).collect(),
-        parameters: problem.parameters.names().map(str::to_owned).collect(),
+        parameters: problem.parameters.names().chain(problem.tables.names()).map(str::to_owned).collect(),
         replaced: Vec::new(),
     };
     let mut states = Vec::with_capacity(problem.states.len());
@@ -67,6 +67,7 @@ pub(super) fn rewritten(problem: &DviProblem) -> Option<DviProblem> {
     }
     Some(DviProblem {
         parameters: problem.parameters.clone(),
+        tables: problem.tables.clone(),
         definitions: definitions.into_iter().collect(),
         integrals: problem.integrals.clone(),
         states: states.into_iter().collect(),

@@ -117,7 +117,7 @@ impl Specification {
                 found.report(&place_of_output.key("global_error"), "conflict", why);
             }
             let study = study.and_then(|study| {
-                let parameters = (problem.written().parameters(), &of_problem);
+                let parameters = (problem.written().givens(), &of_problem);
                 study.check((&*model, &method, time), parameters, &root.key("study"), &mut found)
             });
             let load = model.load(most_memory, control);

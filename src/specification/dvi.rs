@@ -18,6 +18,7 @@ use super::ordered::Ordered;
 use super::place::Place;
 use super::set::{self, Block, LoweredSet};
 use super::start;
+use super::tables::TableOfPoints;
 use super::wording::abridged;
 use super::written::{Lowered, Written};
 use expression::Node;
@@ -34,6 +35,10 @@ pub struct DviProblem {
     #[serde(default, skip_serializing_if = "Ordered::is_empty")]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub parameters: Ordered<Expression>,
+    /// Tables by name: functions of one argument, called as `load(t)`.
+    #[serde(default, skip_serializing_if = "Ordered::is_empty")]
+    #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
+    pub tables: Ordered<TableOfPoints>,
     /// Expressions by name in states, variables, parameters, `t` and each other, in no circle: further columns, and names to be
     /// used in other expressions.
     #[serde(default, skip_serializing_if = "Ordered::is_empty")]
@@ -87,6 +92,10 @@ impl Written for DviProblem {
         &self.parameters
     }
 
+    fn tables(&self) -> &Ordered<TableOfPoints> {
+        &self.tables
+    }
+
     fn definitions(&self) -> &Ordered<Expression> {
         &self.definitions
     }
@@ -100,7 +109,7 @@ impl Written for DviProblem {
     }
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
-        let mut lowering = Lowering::with_inputs(start, &self.parameters, place);
+        let mut lowering = Lowering::with_inputs(start, self.givens(), place);
         let (n, m) = (self.states.len(), self.variables.len());
         if n == 0 {
             let error = SpecificationError::new(place.key("states").to_string(), "empty_states", "there are no states");

@@ -25,6 +25,11 @@ impl From<f64> for Expression {
 
 const DESCRIPTION: &str = "A number, or a string in infix notation: `+ - * / ^`, parentheses, the names in scope, `t`, \
     `pi`, and `sin cos tan asin acos atan atan2 sinh cosh tanh exp ln log10 sqrt cbrt abs sign min max heaviside pow`. \
+    Of time, space and parameters also what jumps, and a step ends there: `floor(a)`, `ceil(a)`, `round(a)`, \
+    `mod(a, b)` with the sign of `b`, `if(c, a, b)` with a condition `c` of `< <= > >= == !=`, `and`, `or`, `not`; \
+    `pwm(t, period, duty)`, 1 in the first share `duty` of each period, else 0; `sawtooth(t, period)` from 0 to 1; \
+    `triangle(t, period)` from 0 to 1 and back; `pulse(t, start, width)`, 1 from `start` on for `width`, else 0; \
+    and the tables by their names, `load(t)`. \
     At most 64 KiB long and 200 levels deep.";
 
 impl PartialSchema for Expression {

@@ -9,6 +9,7 @@ use super::lowering::{Lowering, Start};
 use super::ordered::Ordered;
 use super::place::Place;
 use super::start;
+use super::tables::TableOfPoints;
 use super::wording::{abridged, listed};
 use super::written::{Lowered, Written};
 use expression::{Node, nearest};
@@ -27,6 +28,10 @@ pub struct FilippovProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub parameters: Ordered<Expression>,
+    /// Tables by name: functions of one argument, called as `load(t)`.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
+    pub tables: Ordered<TableOfPoints>,
     /// Expressions by name in states, variables, parameters, `t` and each other, in no circle: further columns, and names to be
     /// used in other expressions.
     #[serde(default)]
@@ -85,6 +90,10 @@ impl Written for FilippovProblem {
         &self.parameters
     }
 
+    fn tables(&self) -> &Ordered<TableOfPoints> {
+        &self.tables
+    }
+
     fn definitions(&self) -> &Ordered<Expression> {
         &self.definitions
     }
@@ -98,7 +107,7 @@ impl Written for FilippovProblem {
     }
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
-        let mut lowering = Lowering::with_inputs(start, &self.parameters, place);
+        let mut lowering = Lowering::with_inputs(start, self.givens(), place);
         let n = self.states.len();
         let states = place.key("states");
         if n == 0 {

@@ -69,6 +69,9 @@ fn remedy(function: &str) -> &'static str {
         "abs" => "abs(a) = z*a with z in the box [-1, 1] and the inequality -a",
         "sign" => "sign(a) = z with z in the box [-1, 1] and the inequality -a",
         "min" => "min(a, b) = a - z with z nonnegative and the inequality z - (a - b)",
+        "table" => {
+            "sums of max(a - x_k, 0), or a table with \"interpolation\": \"pchip\", which has none between its ends"
+        }
         "max" => "max(a, b) = a + z with z nonnegative and the inequality z - (b - a)",
         _ => "heaviside(a) = z with z in the box [0, 1] and the inequality -a",
     }

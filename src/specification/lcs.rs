@@ -13,6 +13,7 @@ use super::ordered::Ordered;
 use super::place::Place;
 use super::set::{self, Block};
 use super::start;
+use super::tables::TableOfPoints;
 use super::written::{Lowered, Written};
 use expression::Node;
 use models::{DviModel, Equations, KinkAdvice, Linear, LinearRows, Outputs, ParametricTerms};
@@ -29,6 +30,10 @@ pub struct LcsProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub parameters: Ordered<Expression>,
+    /// Tables by name: functions of one argument, called as `load(t)`.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
+    pub tables: Ordered<TableOfPoints>,
     /// Expressions by name in states, variables, parameters, `t` and each other, in no circle: further columns, and names to be
     /// used in other expressions.
     #[serde(default)]
@@ -85,6 +90,10 @@ impl Written for LcsProblem {
         &self.parameters
     }
 
+    fn tables(&self) -> &Ordered<TableOfPoints> {
+        &self.tables
+    }
+
     fn definitions(&self) -> &Ordered<Expression> {
         &self.definitions
     }
@@ -98,7 +107,7 @@ impl Written for LcsProblem {
     }
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
-        let mut lowering = Lowering::with_inputs(start, &self.parameters, place);
+        let mut lowering = Lowering::with_inputs(start, self.givens(), place);
         let (n, m) = (self.initial.len(), self.variables());
         if n == 0 {
             let error =

@@ -11,6 +11,7 @@ use super::expression::Expression;
 use super::ordered::Ordered;
 use super::parameters;
 use super::place::Place;
+use super::tables::TableOfPoints;
 use super::wording::abridged;
 use expression::{Assumption, Graph, NameError, Node, Scope};
 use models::{Parameters, ParametricTerms};
@@ -28,6 +29,13 @@ pub(super) struct Start<'c> {
     pub control: &'c Control,
 }
 
+/// What all expressions of a problem may use.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Givens<'a> {
+    pub parameters: &'a Ordered<Expression>,
+    pub tables: &'a Ordered<TableOfPoints>,
+}
+
 /// A problem in the course of being lowered.
 #[derive(Debug)]
 pub(super) struct Lowering<'c> {
@@ -41,6 +49,8 @@ pub(super) struct Lowering<'c> {
     constants: Scope,
     names: Scope,
     misnamed: bool,
+    /// Definitions that jump with a state or a variable: columns, and no part of an equation.
+    jumping: Vec<String>,
 }
 
 /// A constant, with its term where it depends on parameters that are inputs.
@@ -50,21 +60,24 @@ pub(super) struct Constant {
     pub node: Option<Node>,
 }
 
+/// The code of what jumps with something that is solved for.
+const JUMP: &str = "jump_of_unknown";
+
 /// Nodes or rows lowered between two polls of [`Control`]: below a millisecond's work for a short expression.
 const BETWEEN_POLLS: usize = 256;
 
 impl<'c> Lowering<'c> {
     /// A lowering in which `t` and the parameters have their names, these as constants.
-    pub(super) fn new(start: Start<'c>, parameters: &Ordered<Expression>, problem: &Place<'_>) -> Self {
-        Self::named(start, parameters, problem, false)
+    pub(super) fn new(start: Start<'c>, givens: Givens<'_>, problem: &Place<'_>) -> Self {
+        Self::named(start, givens, problem, false)
     }
 
     /// A lowering in which `t` and the parameters have their names, these as inputs.
-    pub(super) fn with_inputs(start: Start<'c>, parameters: &Ordered<Expression>, problem: &Place<'_>) -> Self {
-        Self::named(start, parameters, problem, true)
+    pub(super) fn with_inputs(start: Start<'c>, givens: Givens<'_>, problem: &Place<'_>) -> Self {
+        Self::named(start, givens, problem, true)
     }
 
-    fn named(start: Start<'c>, parameters: &Ordered<Expression>, problem: &Place<'_>, are_inputs: bool) -> Self {
+    fn named(start: Start<'c>, givens: Givens<'_>, problem: &Place<'_>, are_inputs: bool) -> Self {
         let mut lowering = Self {
             graph: Graph::default(),
             errors: Errors::default(),
@@ -74,11 +87,13 @@ impl<'c> Lowering<'c> {
             constants: Scope::default(),
             names: Scope::default(),
             misnamed: false,
+            jumping: Vec::new(),
         };
         let t = lowering.graph.input(0);
         lowering.bind("t", t, problem);
+        lowering.bind_tables(givens.tables, &problem.key("tables"));
         let place = problem.key("parameters");
-        for (name, value) in parameters::in_order(parameters, std::iter::empty()) {
+        for (name, value) in parameters::in_order(givens.parameters, std::iter::empty(), &lowering.constants) {
             let place = place.key(name);
             let value = lowering.parametric(value, &place);
             let node = match value {
@@ -103,6 +118,22 @@ impl<'c> Lowering<'c> {
         lowering
     }
 
+    /// Gives the tables their names. One that cannot be is left out, and what calls it is not read further.
+    fn bind_tables(&mut self, tables: &Ordered<TableOfPoints>, place: &Place<'_>) {
+        for (name, points) in tables.iter() {
+            let place = place.key(name);
+            let Some(table) = points.table(&place, &mut self.errors) else {
+                self.misnamed = true;
+                continue;
+            };
+            match self.names.bind_table(name, table.clone()) {
+                // Bound in the larger scope, the name is valid and new in the smaller one.
+                Ok(()) => drop(self.constants.bind_table(name, table)),
+                Err(error) => self.report_name(error, place.to_string()),
+            }
+        }
+    }
+
     /// Whether reading goes on before item number `item` of a long list; if not, that is reported.
     pub(super) fn goes_on(&mut self, item: usize) -> bool {
         let goes_on = !item.is_multiple_of(BETWEEN_POLLS) || self.control.poll().is_none();
@@ -112,8 +143,18 @@ impl<'c> Lowering<'c> {
         goes_on
     }
 
-    /// Gives the states and then the variables their names, in order.
+    /// Gives the states and then the variables their names, in order; no function that jumps takes them.
     pub(super) fn bind_unknowns<'a>(
+        &mut self,
+        names: impl Iterator<Item = &'a str>,
+        pointer: impl Fn(usize) -> String,
+    ) {
+        self.names.solve_for(1);
+        self.bind_coordinates(names, pointer);
+    }
+
+    /// Gives the coordinates in space their names, in order.
+    pub(super) fn bind_coordinates<'a>(
         &mut self,
         names: impl Iterator<Item = &'a str>,
         pointer: impl Fn(usize) -> String,
@@ -136,13 +177,15 @@ impl<'c> Lowering<'c> {
     /// where it is told as a column.
     pub(super) fn use_definitions(&mut self, definitions: &Ordered<Expression>) {
         let known: Vec<String> = self.names.names().map(String::from).collect();
-        for (name, expression) in parameters::in_order(definitions, known.iter().map(String::as_str)) {
+        for (name, expression) in parameters::in_order(definitions, known.iter().map(String::as_str), &self.names) {
             let node = match expression {
-                Expression::Number(value) => Some(self.graph.constant(*value)),
-                Expression::Text(text) => self.graph.parse(text, &self.names).ok(),
+                Expression::Number(value) => Ok(self.graph.constant(*value)),
+                Expression::Text(text) => self.graph.parse(text, &self.names),
             };
-            if let Some(node) = node {
-                let _ = self.names.bind(name, node);
+            match node {
+                Ok(node) => drop(self.names.bind(name, node)),
+                Err(error) if error.code == JUMP => self.jumping.push(name.to_owned()),
+                Err(_) => {}
             }
         }
     }
@@ -152,7 +195,7 @@ impl<'c> Lowering<'c> {
         let place = problem.key("definitions");
         let known: Vec<String> = self.names.names().map(String::from).collect();
         let mut nodes = HashMap::with_capacity(definitions.len());
-        for (name, expression) in parameters::in_order(definitions, known.iter().map(String::as_str)) {
+        for (name, expression) in parameters::in_order(definitions, known.iter().map(String::as_str), &self.names) {
             let place = place.key(name);
             let node = self.node_or_zero(expression, &place);
             self.bind(name, node, &place);
@@ -178,6 +221,11 @@ impl<'c> Lowering<'c> {
 
     fn bind_at(&mut self, name: &str, node: Node, pointer: impl FnOnce() -> String) -> bool {
         let Err(error) = self.names.bind(name, node) else { return true };
+        self.report_name(error, pointer());
+        false
+    }
+
+    fn report_name(&mut self, error: NameError, pointer: String) {
         let code = match error {
             NameError::Malformed { .. } => "malformed_name",
             NameError::Reserved { .. } => "reserved_name",
@@ -185,8 +233,7 @@ impl<'c> Lowering<'c> {
         };
         self.misnamed |= !matches!(error, NameError::Bound { .. });
         let expected = "a name of its own: letters, digits and _, not beginning with a digit, and no reserved word";
-        self.errors.push(SpecificationError::new(pointer(), code, error.to_string()).expected(expected));
-        false
+        self.errors.push(SpecificationError::new(pointer, code, error.to_string()).expected(expected));
     }
 
     /// An expression in `t`, the parameters, the states and the variables.
@@ -272,13 +319,26 @@ impl<'c> Lowering<'c> {
             return None;
         }
         let scope = if constant { &self.constants } else { &self.names };
-        let error = match self.graph.parse(text, scope) {
+        let mut error = match self.graph.parse(text, scope) {
             Ok(node) => return Some(node),
             Err(error) => error,
         };
+        let goes_on = |c: char| c.is_ascii_alphanumeric() || c == '_';
+        let word = text[error.offset..].split(|c| !goes_on(c)).next().filter(|_| error.code == "unknown_name");
+        let is_name = |name: &&String| word == Some(name.as_str());
+        if let Some(name) = self.jumping.iter().find(is_name) {
+            error.message = format!(
+                "`{}` jumps with a state or a variable: it is reported, and no equation takes it",
+                abridged(name)
+            );
+            error.code = JUMP;
+            error.expected =
+                Some("a variable in a set, whose switches are located, in the place of what jumps".to_owned());
+        }
         let detail = format!("{}\n{}", error.message, error.caret(text));
         let mut report =
             SpecificationError::new(place.to_string(), error.code, detail).did_you_mean(error.did_you_mean);
+        report.expected = error.expected;
         if constant && error.code == "unknown_name" {
             report = report.expected(if self.graph.parse(text, &self.names).is_ok() {
                 "a constant: a parameter cannot depend on `t`; put it under `definitions`"

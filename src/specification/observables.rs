@@ -66,10 +66,10 @@ impl Request<'_> {
             errors.push(error.expected(format!("at most {MOST}")));
             return Observables::default();
         }
-        let parameters = self.problem.parameters();
+        let givens = self.problem.givens();
         let mut lowering = match are_inputs {
-            true => Lowering::with_inputs(start, parameters, place),
-            false => Lowering::new(start, parameters, place),
+            true => Lowering::with_inputs(start, givens, place),
+            false => Lowering::new(start, givens, place),
         };
         lowering.bind_outputs(outputs);
         let mut nodes: Vec<Node> = lowering.define(definitions, place);

@@ -1,25 +1,27 @@
-//! Parameters may be expressions in each other, and so may definitions. The members of a JSON object have no order that every writer keeps, so
-//! theirs is found here: each after those that it depends on.
+//! Parameters may be expressions in each other, and so may definitions. The members of a JSON object have no order that every
+//! writer keeps, so theirs is found here: each after those that it depends on.
 
 use super::expression::Expression;
 use super::ordered::Ordered;
 use expression::{Graph, Scope};
 
 /// The entries with those first that others depend on; those in a cycle come last, as they stand. They may name what is
-/// `known` as well.
+/// `known` as well, and the tables of a scope.
 pub(super) fn in_order<'a>(
     entries: &'a Ordered<Expression>,
     known: impl Iterator<Item = &'a str>,
+    tables: &Scope,
 ) -> Vec<(&'a str, &'a Expression)> {
     let entries: Vec<(&str, &Expression)> = entries.iter().collect();
-    let (mut graph, mut scope) = (Graph::new(), Scope::new());
+    let (mut graph, mut scope) = (Graph::new(), tables.with_tables_alone());
     for (i, (name, _)) in entries.iter().enumerate() {
-        let node = graph.input(i);
+        // Its value is not known yet.
+        let node = graph.parameter(i, f64::NAN);
         // A name that cannot be bound is reported when its value is.
         let _ = scope.bind(name, node);
     }
     for (i, name) in known.enumerate() {
-        let node = graph.input(entries.len() + i);
+        let node = graph.input(i);
         let _ = scope.bind_output(name, node);
     }
     let mut waiting = vec![0_usize; entries.len()];
@@ -28,7 +30,7 @@ pub(super) fn in_order<'a>(
         if let Expression::Text(text) = expression
             && let Ok(node) = graph.parse(text, &scope)
         {
-            for needed in graph.inputs(node).into_iter().filter(|needed| *needed < entries.len()) {
+            for needed in graph.parameters(node) {
                 waiting[i] += 1;
                 dependents[needed].push(i);
             }

@@ -2,6 +2,7 @@
 //! replaced by one that fits, a missing one is put in.
 
 use super::error::{Errors, SpecificationError};
+use super::foreign;
 use super::json::Json;
 use super::mismatch::Mismatch;
 use super::place::{Step, pointer};
@@ -71,12 +72,14 @@ impl Repairs {
             path.pop();
         }
         let Some(Json::Object(members)) = json.at_mut(&path) else { return false };
-        let suggestion = nearest(key, valid.iter().copied());
+        let suggestion = foreign::synonym(key, valid).or_else(|| nearest(key, valid.iter().copied()));
         let free = suggestion.filter(|name| members.iter().all(|(other, _)| other != name));
         let Some(position) = members.iter().position(|(name, _)| name == key) else { return false };
         let place = [path.as_slice(), &[Step::Key(key.into())]].concat();
         if !self.covers(&place) {
-            let detail = format!("`{}` is not a key here", abridged(key));
+            let elsewhere = suggestion.map_or_else(|| foreign::place_of(key), |_| None);
+            let remark = elsewhere.map(|(place, name)| format!("; `{name}` stands in {place}")).unwrap_or_default();
+            let detail = format!("`{}` is not a key here{remark}", abridged(key));
             errors.push(
                 SpecificationError::new(pointer(&place), "unknown_key", detail)
                     .expected(listed(valid.iter().copied()))
@@ -116,7 +119,7 @@ impl Repairs {
         if path.last() == Some(&Step::Key(name.into())) && json.at_mut(&path[..path.len() - 1]).is_some_and(is_tagged) {
             path.pop();
         }
-        let suggestion = nearest(name, valid.iter().copied());
+        let suggestion = foreign::synonym(name, valid).or_else(|| nearest(name, valid.iter().copied()));
         let Some(value) = json.at_mut(&path) else { return false };
         let mut place = path.clone();
         if matches!(value, Json::Object(_)) {

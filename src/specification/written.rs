@@ -1,10 +1,11 @@
 //! What a type of problem says of itself as it is written, before it is checked.
 
 use super::expression::Expression;
-use super::lowering::{Lowering, Start};
+use super::lowering::{Givens, Lowering, Start};
 use super::model::Model;
 use super::ordered::Ordered;
 use super::place::Place;
+use super::tables::TableOfPoints;
 use std::sync::Arc;
 
 /// A problem in the course of being lowered, and its model, which is of use only if no error was found.
@@ -17,6 +18,14 @@ pub(super) trait Written {
 
     /// Its parameters.
     fn parameters(&self) -> &Ordered<Expression>;
+
+    /// Its tables.
+    fn tables(&self) -> &Ordered<TableOfPoints>;
+
+    /// What all its expressions may use.
+    fn givens(&self) -> Givens<'_> {
+        Givens { parameters: self.parameters(), tables: self.tables() }
+    }
 
     /// Its definitions.
     fn definitions(&self) -> &Ordered<Expression>;

@@ -68,6 +68,41 @@ fn a_misspelt_key_is_named_with_its_right_spelling_and_nothing_else() {
 }
 
 #[test]
+fn names_of_other_programs_are_told_what_they_are_called_here() {
+    for (key, ours) in [("t_end", "end"), ("tstop", "end")] {
+        let document = with(without(block(), "/time/end"), &format!("/time/{key}"), json!(10));
+        assert_suggestion(&document, &format!("/time/{key}"), "unknown_key", ours);
+    }
+    for (key, without_key, ours) in
+        [("x0", "initial", "initial"), ("rhs", "rate", "rate"), ("equation", "rate", "rate")]
+    {
+        let states = "/problem/dvi/states/x";
+        let document = with(without(block(), &format!("{states}/{without_key}")), &format!("{states}/{key}"), json!(1));
+        assert_suggestion(&document, &format!("{states}/{key}"), "unknown_key", ours);
+    }
+    let document = with(block(), "/method", json!({"reltol": 1e-6}));
+    assert_suggestion(&document, "/method/reltol", "unknown_key", "rtol");
+}
+
+#[test]
+fn a_misplaced_key_is_told_its_place() {
+    for (place, detail) in [
+        ("/rtol", "`rtol` is not a key here; `rtol` stands in `method`"),
+        ("/time/step", "`step` is not a key here; `step` stands in `method`"),
+        ("/t_end", "`t_end` is not a key here; `end` stands in `time`"),
+        (
+            "/parameters",
+            "`parameters` is not a key here; `parameters` stands in the problem, beside its type's other keys",
+        ),
+        ("/output/dt", "`dt` is not a key here; `step` stands in `method`"),
+        ("/method/label", "`label` is not a key here; `label` stands in the document"),
+    ] {
+        let document = with(with(block(), "/method", json!({})), "/output", json!({}));
+        assert_errors(&with(document, place, json!(1)), &[(place, "unknown_key", detail)]);
+    }
+}
+
+#[test]
 fn an_unknown_key_lists_the_valid_ones() {
     let document = with(block(), "/colour", json!("red"));
     assert_errors(&document, &[("/colour", "unknown_key", "`colour` is not a key here")]);

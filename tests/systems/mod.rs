@@ -8,6 +8,7 @@ mod elastic;
 mod features;
 mod filippov;
 mod friction;
+mod functions_of_time;
 mod global_error;
 pub mod harness;
 pub mod memory;

@@ -70,8 +70,23 @@ fn functions_have_their_ranges() {
         ("x/(1 + y^2)", (-1.0, 2.0), -1.0, 2.0, true),
         ("1/x", (-1.0, 2.0), -infinity, infinity, false),
         ("x/x", (1.0, 2.0), 1.0, 1.0, true),
+        ("floor(x)", (0.5, 2.5), 0.0, 2.0, true),
+        ("ceil(x)", (0.5, 2.5), 1.0, 3.0, true),
+        ("round(x)", (-0.5, 2.4), -1.0, 2.0, true),
+        ("mod(x, 3)", (7.0, 8.0), 1.0, 2.0, true),
+        ("pwm(x, 2, 0.25)", (2.01, 2.24), 1.0, 1.0, true),
+        ("pwm(x, 2, 0.25)", (2.75, 3.75), 0.0, 0.0, true),
+        ("triangle(x, 2)", (0.25, 0.75), 0.25, 0.75, true),
+        ("if(x > 1, x, -5)", (2.0, 3.0), 2.0, 3.0, true),
+        ("if(x > 1, sqrt(x), 5)", (-2.0, 0.0), 5.0, 5.0, true),
+        ("pulse(x, 1, 2)", (1.0, 2.5), 1.0, 1.0, true),
     ] {
         assert_range(text, domain, lo, hi, defined);
+    }
+    // But for rounding.
+    for (text, ends, hull) in [("mod(x, 3)", (7.0, 10.0), (0.0, 3.0)), ("mod(x, -3)", (-5.0, 9.0), (-3.0, 0.0))] {
+        let found = over(text, ends.0, ends.1);
+        assert!((found.lo - hull.0).abs().max((found.hi - hull.1).abs()) < 1e-14 && found.defined, "{text}: {found:?}");
     }
     assert!(over("sqrt(x)", -2.0, -1.0).is_empty() && over("asin(x)", 2.0, 3.0).is_empty());
 }
@@ -124,14 +139,24 @@ pub(super) fn texts() -> impl Strategy<Value = String> {
         "abs",
         "sign",
         "heaviside",
+        "floor",
+        "ceil",
+        "round",
     ];
-    let binary = vec!["+", "-", "*", "/", "^", "atan2", "min", "max"];
+    let binary = vec!["+", "-", "*", "/", "^", "atan2", "min", "max", "mod"];
     leaf.prop_recursive(5, 30, 2, move |inner| {
         prop_oneof![
             (prop::sample::select(unary.clone()), inner.clone()).prop_map(|(name, a)| format!("({name}({a}))")),
             (prop::sample::select(binary.clone()), inner.clone(), inner.clone()).prop_map(|(name, a, b)| {
-                if name.len() == 1 { format!("({a} {name} {b})") } else { format!("{name}({a}, {b})") }
+                match name {
+                    // Numbers are refused as divisors where they are zero.
+                    "mod" => format!("mod({a}, {b} + z/3)"),
+                    _ if name.len() == 1 => format!("({a} {name} {b})"),
+                    _ => format!("{name}({a}, {b})"),
+                }
             }),
+            (prop::sample::select(vec!["<", "<=", "==", "!="]), inner.clone(), inner.clone())
+                .prop_map(|(comparison, a, b)| format!("if({a} {comparison} {b} or not {b} > 1, {b}, 2*{a})")),
             (inner, prop::sample::select(vec!["-3", "-1", "2", "3", "4", "17", "18", "0.5", "1.5", "-0.3"]))
                 .prop_map(|(a, exponent)| format!("({a})^{exponent}")),
         ]

@@ -62,6 +62,19 @@ fn kinked_functions_have_the_derivative_of_one_branch() {
 }
 
 #[test]
+fn functions_that_jump_have_the_derivatives_of_their_pieces() {
+    let by_x = |text: &str, x: f64| derivatives(text, [0.0, x, 3.0, 0.0])[1].unwrap_or(0.0);
+    assert_eq!(by_x("floor(x) + ceil(x) + round(x) + pwm(x, 1, 0.3)", 0.7), 0.0);
+    assert_eq!([-4.0, 4.0].map(|x| by_x("mod(x, y)", x)), [1.0, 1.0]);
+    // 7 = 2*3 + 1, so that mod(7, y) = 7 - 2 y near y = 3.
+    assert_eq!(derivatives("mod(x, y)", [0.0, 7.0, 3.0, 0.0])[2], Some(-2.0));
+    assert_eq!([0.2, 0.7, 1.2].map(|x| by_x("triangle(x, 1)", x)), [2.0, -2.0, 2.0]);
+    assert_eq!([0.5, 2.0].map(|x| by_x("if(x > 1, x^3, 2*x)", x)), [2.0, 12.0]);
+    // The root of the branch not taken has no derivative.
+    assert_eq!([-4.0, 4.0].map(|x| by_x("if(x > 0, sqrt(x), 1)", x)), [0.0, 0.25]);
+}
+
+#[test]
 fn the_branch_not_taken_leaves_no_infinity() {
     let by_x = |x: f64| derivatives("sqrt(max(x, 0))", [0.0, x, 0.0, 0.0])[1];
     assert_eq!([-1.0, 0.0, 4.0].map(by_x), [Some(0.0), Some(0.0), Some(0.25)]);

@@ -29,6 +29,79 @@ fn errors_say_what_was_expected_and_what_was_found() {
 }
 
 #[test]
+fn what_other_languages_write_is_told_what_is_written_here() {
+    for (text, remedy) in [
+        ("t > 1 ? 1 : 0", "a choice is written `if(c, a, b)`"),
+        ("t % 2", "the remainder of a division is `mod(a, b)`"),
+        ("x' + 1", "a derivative is no term: of an equation stands the right-hand side alone"),
+        ("x = 1", "a comparison is written `==`; of an equation stands the right-hand side alone"),
+        ("|x|", "a magnitude is written `abs(v)`"),
+        ("2*|x|", "a magnitude is written `abs(v)`"),
+        ("-0,1*x", "decimals have a point: `0.1`"),
+        ("9.81 m/s^2", "numbers have no units: all are in one system, such as SI"),
+        ("sin(30deg)", "angles are in radians: `30*pi/180`"),
+        ("100u", "numbers have no suffixes: `100e-6`"),
+        ("4.7k*x", "numbers have no suffixes: `4.7e3`"),
+        ("100 x", "a product is written with `*`"),
+        ("if(t > 1 && t < 2, 1, 0)", "conditions are joined by `and`"),
+        ("if(t > 1 || t < 2, 1, 0)", "conditions are joined by `or`"),
+        ("if(!(t > 1), 1, 0)", "a condition is negated by `not`"),
+        ("if(t ~= 1, 1, 0)", "what is not equal is written `a != b`"),
+        ("if(t <> 1, 1, 0)", "what is not equal is written `a != b`"),
+        ("if(1 < t < 2, 1, 0)", "of three numbers: `a < b and b < c`"),
+        ("x[1]", "an index is part of a name: `x_1`"),
+        ("x.sin(1)", "functions stand by themselves: `sin(x)`"),
+    ] {
+        let message = parse(text).unwrap_err().message;
+        assert!(message.ends_with(&format!("; {remedy}")), "{text}: {message}");
+    }
+}
+
+#[test]
+fn functions_that_jump_say_what_they_take() {
+    for (text, message, expected) in [
+        ("sawtooth(t)", "`sawtooth` takes two arguments, found 1", "which rises from 0 to 1 in each period"),
+        ("pwm(t, 20e-6, 50)", "the duty of `pwm` is 50", "a share of the period, from 0 to 1; 50 % are 0.5"),
+        ("pulse(0, 5, 0, 1e-9, 1e-9, 1e-6, 2e-6)", "`pulse` takes three arguments, found 7", "pwm(t - start, period"),
+        ("mod(x, 0)", "the divisor of `mod` is 0", "a number other than 0"),
+        ("x - 2 >= 0", "this is a condition and no number", "of an inequality the left side alone"),
+        ("if(x, 1, 2)", "`if` takes conditions, and this is a number", "a comparison, such as `t > 1`"),
+    ] {
+        let error = parse(text).unwrap_err();
+        assert_eq!(error.message, message, "{text}");
+        assert!(
+            error.expected.as_deref().is_some_and(|found| found.contains(expected)),
+            "{text}: {:?}",
+            error.expected
+        );
+    }
+}
+
+#[test]
+fn what_jumps_with_an_unknown_is_refused_with_the_set_to_write() {
+    let (mut graph, mut scope) = super::space();
+    scope.solve_for(1);
+    for (text, offset, message, expected) in [
+        ("1 + if(2*x > y, 1, 2)", 7, "a comparison of `x`", "z in the box [0, 1]"),
+        ("floor(t + y)", 0, "`floor` of `y`", "inequality k - a"),
+        ("5*pwm(t, 1, z)", 2, "`pwm` of `z`", "the inequality sawtooth(t, T) - d"),
+        ("mod(x, 2)", 0, "`mod` of `x`", "`sin` and `cos`"),
+    ] {
+        let error = graph.parse(text, &scope).unwrap_err();
+        assert_eq!((error.code, error.offset), ("jump_of_unknown", offset), "{text}: {}", error.message);
+        assert!(error.message.starts_with(message), "{text}: {}", error.message);
+        assert!(
+            error.expected.as_deref().is_some_and(|found| found.contains(expected)),
+            "{text}: {:?}",
+            error.expected
+        );
+    }
+    for text in ["if(t > 1, x, y)", "floor(t)*x", "abs(x) + max(x, y)", "pwm(t, 2, 0.5 + 0.1*sin(t))*z", "sign(x)"] {
+        assert!(graph.parse(text, &scope).is_ok(), "{text}");
+    }
+}
+
+#[test]
 fn the_nearest_spelling_is_suggested() {
     for (text, suggestion) in [
         ("X + 1", Some("x")),
@@ -40,6 +113,10 @@ fn the_nearest_spelling_is_suggested() {
         ("log(x)", Some("ln")),
         ("arctan(x)", Some("atan")),
         ("foo(x)", None),
+        ("square(t)", Some("pwm(t, period, 0.5)")),
+        ("interp(t)", Some("a table, under `tables`")),
+        ("ceiling(t)", Some("ceil")),
+        ("rem(t, 2)", Some("mod")),
         ("x \u{d7} y", Some("*")),
     ] {
         assert_eq!(parse(text).unwrap_err().did_you_mean.as_deref(), suggestion, "{text}");

@@ -6,6 +6,7 @@ mod hostile;
 mod messages;
 mod parameters;
 mod points;
+mod tables;
 mod values;
 
 use super::{ExpressionError, Graph, Node, Scope, Tape};

@@ -56,9 +56,10 @@ proptest! {
         use Operator::*;
         let all = [
             Negate, Expanded, Sin, Cos, Tan, Asin, Acos, Atan, Sinh, Cosh, Tanh, Exp, Ln, Log10, Sqrt, Cbrt, Abs, Sign,
-            Heaviside, Add, Subtract, Multiply, Divide, Power, Atan2, Min, Max, Greater, Gate,
+            Heaviside, Floor, Round, Parity, Add, Subtract, Multiply, Divide, Power, Atan2, Min, Max, Greater, Gate,
+            Choose, Modulo, Lookup, Piece,
         ];
-        prop_assert_eq!(all.len(), Gate as usize + 1);
+        prop_assert_eq!(all.len(), Piece as usize + 1);
         for operator in all {
             let mut together = [0.0; 8];
             operator.apply_lanes(a, b, &mut together, count);

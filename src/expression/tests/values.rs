@@ -88,6 +88,73 @@ fn kinks_take_their_stated_values() {
 }
 
 #[test]
+fn conditions_bind_as_in_logic() {
+    for (text, expected) in [
+        ("if(1 < 2, 3, 4)", 3.0),
+        ("if(2 < 1, 3, 4)", 4.0),
+        ("if(2 <= 2 and 2 >= 2 and 2 == 2, 3, 4)", 3.0),
+        ("if(2 < 2 or 2 > 2 or 2 != 2, 3, 4)", 4.0),
+        // `and` before `or`, `not` before both, comparisons before `not`, sums before comparisons.
+        ("if(1 > 2 and 1 > 2 or 2 > 1, 3, 4)", 3.0),
+        ("if(2 > 1 or 1 > 2 and 1 > 2, 3, 4)", 3.0),
+        ("if((2 > 1 or 1 > 2) and 1 > 2, 3, 4)", 4.0),
+        ("if(not 1 > 2 and not 2 > 3, 3, 4)", 3.0),
+        ("if(not (1 > 2 or 2 > 1), 3, 4)", 4.0),
+        ("if(1 + 1 > 3 - 2, 3, 4)", 3.0),
+        ("5*(2 > 1) - (1 > 2)", 5.0),
+        ("if(1 > 2, ln(0), 4)", 4.0),
+    ] {
+        assert_eq!(value(text, [0.0; 4]), expected, "{text}");
+    }
+    // Where the inputs are not constants the same holds of what is evaluated.
+    for (x, y) in [(0.0, 1.0), (1.0, 1.0), (2.0, 1.0), (-0.0, 0.0), (f64::MIN_POSITIVE, 0.0), (1.0, 1.0 - 1e-16)] {
+        let at = |text: &str| value(text, [0.0, x, y, 0.0]);
+        let number = |holds: bool| f64::from(u8::from(holds));
+        assert_eq!(at("(x < y)"), number(x < y));
+        assert_eq!(at("(x <= y)"), number(x <= y));
+        assert_eq!(at("(x > y)"), number(x > y));
+        assert_eq!(at("(x >= y)"), number(x >= y));
+        assert_eq!(at("(x == y)"), number(x == y));
+        assert_eq!(at("(x != y)"), number(x != y));
+        assert_eq!(at("if(x > y, 1/(x - y), 7)"), if x > y { 1.0 / (x - y) } else { 7.0 });
+    }
+}
+
+#[test]
+fn functions_that_jump_have_their_values() {
+    for x in [-2.5, -1.0, -0.3, 0.0, 0.499_999_999_999_999_94, 0.5, 1.7, 3.0, 1e300] {
+        let at = |text: &str| value(text, [0.0, x, 0.0, 0.0]);
+        assert_eq!(at("floor(x)"), x.floor());
+        assert_eq!(at("ceil(x)"), x.ceil());
+        assert_eq!(at("round(x)"), x.round());
+    }
+    // Of MATLAB and Modelica: the sign is that of the divisor.
+    for (text, expected) in
+        [("mod(7, 3)", 1.0), ("mod(-7, 3)", 2.0), ("mod(7, -3)", -2.0), ("mod(-7, -3)", -1.0), ("mod(6, 3)", 0.0)]
+    {
+        assert_eq!(value(text, [0.0; 4]), expected, "{text}");
+    }
+    let over = |text: &str, times: [f64; 6]| times.map(|t| value(text, [t, 0.0, 0.0, 0.0]));
+    let times = [-0.5, 0.0, 0.5, 1.0, 1.5, 2.0];
+    assert_eq!(over("pwm(t, 2, 0.25)", times), [0.0, 1.0, 0.0, 0.0, 0.0, 1.0]);
+    assert_eq!(over("pwm(t, 2, 0)", times), [0.0; 6]);
+    assert_eq!(over("pwm(t, 2, 1)", times), [1.0; 6]);
+    assert_eq!(over("pwm(t, 2, t)", times), [0.0, 0.0, 1.0, 1.0, 1.0, 1.0]);
+    assert_eq!(over("sawtooth(t, 2)", times), [0.75, 0.0, 0.25, 0.5, 0.75, 0.0]);
+    assert_eq!(over("triangle(t, 2)", times), [0.5, 0.0, 0.5, 1.0, 0.5, 0.0]);
+    assert_eq!(over("pulse(t, 0.5, 1)", times), [0.0, 0.0, 1.0, 1.0, 0.0, 0.0]);
+    assert_eq!(over("pulse(t, 0.5, 0)", times), [0.0; 6]);
+}
+
+#[test]
+fn a_name_may_be_that_of_a_function_that_jumps() {
+    let (mut graph, mut scope) = super::space();
+    scope.bind("floor", graph.input(3)).unwrap();
+    let node = graph.parse("floor*floor(2.5) + floor", &scope).unwrap();
+    assert_eq!(super::evaluate(&graph, &[node], [0.0, 0.0, 0.0, 4.0]), [12.0]);
+}
+
+#[test]
 fn nan_passes_through_every_function() {
     let texts = [
         "sin(x)",
@@ -114,6 +181,18 @@ fn nan_passes_through_every_function() {
         "max(1, x)",
         "max(1, x, 2)",
         "heaviside(x)",
+        "floor(x)",
+        "ceil(x)",
+        "round(x)",
+        "mod(x, 2)",
+        "mod(2, x)",
+        "(x > 1)",
+        "(x != 1)",
+        "if(x > 1, 2, 3)",
+        "if(x > 1, y, 3)",
+        "pwm(x, 1, 0.5)",
+        "triangle(x, 1)",
+        "pulse(x, 1, 1)",
         "x^3",
         "x^2.5",
         "0*x",

@@ -170,7 +170,7 @@ fn source(element: &Element) -> Option<Node> {
 
 fn has_jump(graph: &Graph, element: &Element) -> bool {
     let kinks = source(element).map(|node| graph.kinks(node)).unwrap_or_default();
-    kinks.iter().any(|(function, _)| matches!(*function, "heaviside" | "sign"))
+    kinks.iter().any(|(function, _)| matches!(*function, "heaviside" | "sign" | "floor" | "round" | "mod" | "previous"))
 }
 
 /// The most that a switch holds: nothing where it is closed.

@@ -9,6 +9,7 @@ use crate::lowering::{Constant, Lowering, Start};
 use crate::model::Model;
 use crate::ordered::Ordered;
 use crate::place::Place;
+use crate::tables::TableOfPoints;
 use crate::wording::abridged;
 use crate::written::{Lowered, Written};
 use models::circuit::{Element, Law, Quantity, Terms};
@@ -27,6 +28,10 @@ impl Written for CircuitProblem {
         &self.parameters
     }
 
+    fn tables(&self) -> &Ordered<TableOfPoints> {
+        &self.tables
+    }
+
     fn definitions(&self) -> &Ordered<Expression> {
         &self.definitions
     }
@@ -40,7 +45,7 @@ impl Written for CircuitProblem {
     }
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
-        let mut lowering = Lowering::with_inputs(start, &self.parameters, place);
+        let mut lowering = Lowering::with_inputs(start, self.givens(), place);
         lowering.use_definitions(&self.definitions);
         let model = match (&self.components, &self.netlist) {
             (Some(components), None) => {

@@ -11,6 +11,7 @@ pub use components::{Capacitor, Component, CurrentSource, Diode, Inductor, Resis
 
 use super::expression::Expression;
 use super::ordered::Ordered;
+use super::tables::TableOfPoints;
 use serde::Deserialize;
 use utoipa::ToSchema;
 
@@ -30,6 +31,10 @@ pub struct CircuitProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub parameters: Ordered<Expression>,
+    /// Tables by name: functions of one argument, called as `load(t)`.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
+    pub tables: Ordered<TableOfPoints>,
     /// Expressions by name in states, variables, parameters, `t` and each other, in no circle: further columns, and names to be
     /// used in other expressions.
     #[serde(default)]

@@ -16,6 +16,7 @@ use super::ordered::Ordered;
 use super::place::Place;
 use super::set::{self, Block, LoweredSet};
 use super::start;
+use super::tables::TableOfPoints;
 use super::written::{Lowered, Written};
 use models::{ConvolutionModel, DviModel, Equations, KinkAdvice, Outputs, Rows};
 use problem::{Mass, Workspace};
@@ -33,6 +34,10 @@ pub struct ConvolutionProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub parameters: Ordered<Expression>,
+    /// Tables by name: functions of one argument, called as `load(t)`.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
+    pub tables: Ordered<TableOfPoints>,
     /// Expressions by name in states, variables, parameters, `t` and each other, in no circle: further columns, and names to be
     /// used in other expressions.
     #[serde(default)]
@@ -90,6 +95,10 @@ impl Written for ConvolutionProblem {
         &self.parameters
     }
 
+    fn tables(&self) -> &Ordered<TableOfPoints> {
+        &self.tables
+    }
+
     fn definitions(&self) -> &Ordered<Expression> {
         &self.definitions
     }
@@ -103,7 +112,7 @@ impl Written for ConvolutionProblem {
     }
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
-        let mut lowering = Lowering::new(start, &self.parameters, place);
+        let mut lowering = Lowering::new(start, self.givens(), place);
         lowering.use_definitions(&self.definitions);
         let m = self.variables.len();
         let variables = place.key("variables");

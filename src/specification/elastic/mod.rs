@@ -20,6 +20,7 @@ use super::lowering::{Lowering, Start};
 use super::ordered::Ordered;
 use super::place::Place;
 use super::start;
+use super::tables::TableOfPoints;
 use super::written::{Lowered, Written};
 use body::Geometry;
 use models::elastic::{Continuum, semidiscretise};
@@ -42,6 +43,10 @@ pub struct ElasticProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub parameters: Ordered<Expression>,
+    /// Tables by name: functions of one argument, called as `load(t)`.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
+    pub tables: Ordered<TableOfPoints>,
     /// Expressions by name in states, variables, parameters, `t` and each other, in no circle: further columns, and names to be
     /// used in other expressions.
     #[serde(default)]
@@ -112,6 +117,10 @@ impl Written for ElasticProblem {
         &self.parameters
     }
 
+    fn tables(&self) -> &Ordered<TableOfPoints> {
+        &self.tables
+    }
+
     fn definitions(&self) -> &Ordered<Expression> {
         &self.definitions
     }
@@ -129,10 +138,10 @@ impl Written for ElasticProblem {
     }
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
-        let mut lowering = Lowering::new(start, &self.parameters, place);
+        let mut lowering = Lowering::new(start, self.givens(), place);
         let Some(geometry) = self.geometry(place, &mut lowering) else { return (lowering, None) };
         let names = DIRECTIONS.into_iter().take(geometry.grid.dimension());
-        lowering.bind_unknowns(names, |_| place.to_string());
+        lowering.bind_coordinates(names, |_| place.to_string());
         let clamped = self.clamped(&geometry, place, &mut lowering);
         let loads = self.loads(&geometry, place, &mut lowering);
         let (displacement, velocity) = self.initial.lower(&geometry, &place.key("initial"), &mut lowering);

@@ -18,6 +18,7 @@ use super::lowering::{Lowering, Start};
 use super::matrix::Matrix;
 use super::ordered::Ordered;
 use super::place::Place;
+use super::tables::TableOfPoints;
 use super::written::{Lowered, Written};
 use contact::LoweredContacts;
 use expression::Node;
@@ -35,6 +36,10 @@ pub struct MechanicalProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub parameters: Ordered<Expression>,
+    /// Tables by name: functions of one argument, called as `load(t)`.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
+    pub tables: Ordered<TableOfPoints>,
     /// Expressions by name in states, variables, parameters, `t` and each other, in no circle: further columns, and names to be
     /// used in other expressions.
     #[serde(default)]
@@ -100,6 +105,10 @@ impl Written for MechanicalProblem {
         &self.parameters
     }
 
+    fn tables(&self) -> &Ordered<TableOfPoints> {
+        &self.tables
+    }
+
     fn definitions(&self) -> &Ordered<Expression> {
         &self.definitions
     }
@@ -113,7 +122,7 @@ impl Written for MechanicalProblem {
     }
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
-        let mut lowering = Lowering::with_inputs(start, &self.parameters, place);
+        let mut lowering = Lowering::with_inputs(start, self.givens(), place);
         if self.interpenetration == Interpenetration::Resolve {
             // Where a start is moved to is no expression in parameters.
             lowering.keep_values();

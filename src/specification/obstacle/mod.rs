@@ -17,6 +17,7 @@ use super::expression::Expression;
 use super::lowering::{Lowering, Start};
 use super::ordered::Ordered;
 use super::place::Place;
+use super::tables::TableOfPoints;
 use super::written::{Lowered, Written};
 use models::finite_elements::{Grid, Quadrature};
 use models::obstacle::{Cause, Field, Obstacle, Probe, largest_peclet};
@@ -36,6 +37,10 @@ pub struct ObstacleProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub parameters: Ordered<Expression>,
+    /// Tables by name: functions of one argument, called as `load(t)`.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
+    pub tables: Ordered<TableOfPoints>,
     /// Expressions by name in states, variables, parameters, `t` and each other, in no circle: further columns, and names to be
     /// used in other expressions.
     #[serde(default)]
@@ -102,6 +107,10 @@ impl Written for ObstacleProblem {
         &self.parameters
     }
 
+    fn tables(&self) -> &Ordered<TableOfPoints> {
+        &self.tables
+    }
+
     fn definitions(&self) -> &Ordered<Expression> {
         &self.definitions
     }
@@ -119,11 +128,11 @@ impl Written for ObstacleProblem {
     }
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
-        let mut lowering = Lowering::new(start, &self.parameters, place);
+        let mut lowering = Lowering::new(start, self.givens(), place);
         let dimension = self.domain.dimension();
         let place_of_domain = place.key("domain");
         let coordinates = &DIRECTIONS[..dimension];
-        lowering.bind_unknowns(coordinates.iter().copied(), |k| place_of_domain.key(DIRECTIONS[k]).to_string());
+        lowering.bind_coordinates(coordinates.iter().copied(), |k| place_of_domain.key(DIRECTIONS[k]).to_string());
         let grid = self.domain.grid(&self.elements, place, &mut lowering);
         let diffusion = self.diffusion.lower(dimension, true, &place.key("diffusion"), &mut lowering);
         let advection = self.advection.as_ref().map_or_else(Vec::new, |advection| {

@@ -26,6 +26,7 @@ use super::lowering::{Lowering, Start};
 use super::mechanical::Interpenetration;
 use super::ordered::Ordered;
 use super::place::Place;
+use super::tables::TableOfPoints;
 use super::written::{Lowered, Written};
 use models::rigid_bodies::Scene;
 use serde::Deserialize;
@@ -45,6 +46,10 @@ pub struct RigidBodiesProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub parameters: Ordered<Expression>,
+    /// Tables by name: functions of one argument, called as `load(t)`.
+    #[serde(default)]
+    #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
+    pub tables: Ordered<TableOfPoints>,
     /// Expressions by name in states, variables, parameters, `t` and each other, in no circle: further columns, and names to be
     /// used in other expressions.
     #[serde(default)]
@@ -86,6 +91,10 @@ impl Written for RigidBodiesProblem {
         &self.parameters
     }
 
+    fn tables(&self) -> &Ordered<TableOfPoints> {
+        &self.tables
+    }
+
     fn definitions(&self) -> &Ordered<Expression> {
         &self.definitions
     }
@@ -104,7 +113,7 @@ impl Written for RigidBodiesProblem {
     }
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
-        let mut lowering = Lowering::new(start, &self.parameters, place);
+        let mut lowering = Lowering::new(start, self.givens(), place);
         lowering.use_definitions(&self.definitions);
         let place_of_bodies = place.key("bodies");
         if self.bodies.len() > MOST_BODIES {

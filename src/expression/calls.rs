@@ -1,0 +1,147 @@
+//! Names in a text, and calls of functions and tables with their arguments.
+
+use super::error::ExpressionError;
+use super::function::{Function, synonym};
+use super::grammar::{
+    Failure, Input, Kind, Read, State, blank, close, conditions, failure, identifier, keep, offset, open, syntax, term,
+};
+use super::graph::Node;
+use super::scope::{PI, WORDS, excerpt, nearest};
+use super::stepped::{OutOfRange, Stepped};
+use super::table::Table;
+use std::f64::consts;
+use winnow::combinator::{opt, peek, preceded};
+use winnow::prelude::*;
+use winnow::token::take_while;
+
+/// What to write in the place of a table of states that jumps.
+const TABLE_AS_SET: &str = "\"linear\" or \"pchip\"; or a variable in a set for each jump: at a = k the table rises by its \
+     height times z, with z in the box [0, 1] and the inequality k - a";
+
+/// A name of the scope, or a function with its arguments.
+pub(super) fn name(input: &mut Input) -> Result<Read, Failure> {
+    let start = offset(input);
+    if let Some(output) = input.state.scope.output_at(input.input) {
+        let node = input.state.scope.get(output);
+        take_while(output.len()..=output.len(), |_| true).void().parse_next(input)?;
+        return node.map(|node| Read { node, kind: Kind::Number, start }).ok_or(Failure::Elsewhere);
+    }
+    let name = identifier.parse_next(input)?;
+    if WORDS.contains(&name) {
+        return Err(Failure::Elsewhere);
+    }
+    let called = input.input.trim_start().starts_with('(');
+    let bound = input.state.scope.get(name);
+    if let Some(function) = Function::named(name)
+        && (called || bound.is_none())
+    {
+        return call(input, start, name, function);
+    }
+    let scope = input.state.scope;
+    if let Some(table) = scope.table(name) {
+        return look_up(input, start, name, table);
+    }
+    if name == PI {
+        return keep(input, start, |graph| graph.constant(consts::PI));
+    }
+    if let Some(node) = bound {
+        return Ok(Read { node, kind: Kind::Number, start });
+    }
+    blank(input)?;
+    let (code, message, near) = if called {
+        let names = Function::names().chain(scope.tables());
+        ("unknown_function", format!("there is no function `{}`", excerpt(name)), nearest(name, names))
+    } else {
+        (
+            "unknown_name",
+            format!("nothing is called `{}` here", excerpt(name)),
+            nearest(name, scope.names().chain([PI])),
+        )
+    };
+    let did_you_mean = synonym(name, called).or(near).map(str::to_owned);
+    Err(failure(ExpressionError { did_you_mean, ..ExpressionError::new(code, start, message) }))
+}
+
+fn call(input: &mut Input, start: usize, name: &str, function: Function) -> Result<Read, Failure> {
+    blank(input)?;
+    if !input.input.starts_with('(') {
+        return Err(syntax(input, &format!("`(` after the function `{name}`")));
+    }
+    let arguments = arguments(input)?;
+    let nodes: Vec<Node> = arguments.iter().map(|read| read.node).collect();
+    if !function.takes(nodes.len()) {
+        let message = format!("`{name}` takes {}, found {}", function.arity(), nodes.len());
+        let error = ExpressionError::new("wrong_arity", start, message);
+        return Err(failure(match function {
+            Function::Stepped(stepped) => error.expected(stepped.usage()),
+            _ => error,
+        }));
+    }
+    if let Function::Stepped(stepped) = function {
+        check_stepped(input, start, name, stepped, &arguments)?;
+    }
+    keep(input, start, |graph| function.apply(graph, &nodes))
+}
+
+/// A table at its argument.
+fn look_up(input: &mut Input, start: usize, name: &str, table: &Table) -> Result<Read, Failure> {
+    blank(input)?;
+    if !input.input.starts_with('(') {
+        return Err(syntax(input, &format!("`(` and the argument of the table `{}`", excerpt(name))));
+    }
+    let arguments = arguments(input)?;
+    let [argument] = arguments[..] else {
+        let message = format!("the table `{}` takes one argument, found {}", excerpt(name), arguments.len());
+        return Err(failure(ExpressionError::new("wrong_arity", start, message)));
+    };
+    if table.jumps() {
+        let what = format!("the table `{}`, with its interpolation \"previous\",", excerpt(name));
+        refuse_jump(input, start, &what, &[argument.node], TABLE_AS_SET)?;
+    }
+    keep(input, start, |graph| graph.lookup(table, argument.node))
+}
+
+/// Refuses arguments that a function that jumps does not take.
+fn check_stepped(
+    input: &mut Input,
+    start: usize,
+    name: &str,
+    stepped: Stepped,
+    arguments: &[Read],
+) -> Result<(), Failure> {
+    if stepped == Stepped::If {
+        // What is compared was refused already if it jumps with an unknown.
+        return conditions("if", [arguments[0]]).map(|_| ());
+    }
+    let nodes: Vec<Node> = arguments.iter().map(|read| read.node).collect();
+    refuse_jump(input, start, &format!("`{name}`"), &nodes, stepped.as_set())?;
+    stepped.check(input.state.graph, &nodes).map_err(|OutOfRange { argument, value, expected }| {
+        let message = format!("the {argument} of `{name}` is {value}");
+        failure(ExpressionError::new("out_of_range", start, message).expected(expected))
+    })
+}
+
+/// Parenthesised, between commas; there may be none.
+fn arguments(input: &mut Input) -> Result<Vec<Read>, Failure> {
+    open(input)?;
+    let mut arguments = Vec::new();
+    if preceded(blank, peek(opt(')'))).parse_next(input)?.is_none() {
+        arguments.push(term(input)?);
+        while preceded(blank, opt(',')).parse_next(input)?.is_some() {
+            arguments.push(term(input)?);
+        }
+    }
+    close(input, ", `,` or `)`")?;
+    Ok(arguments)
+}
+
+/// Refuses what jumps with something that is solved for.
+pub(super) fn refuse_jump(input: &Input, start: usize, what: &str, of: &[Node], as_set: &str) -> Result<(), Failure> {
+    let State { graph, scope, .. } = &input.state;
+    let Some(first) = scope.unknowns() else { return Ok(()) };
+    let Some(unknown) = graph.inputs_of(of).into_iter().find(|input| *input >= first) else { return Ok(()) };
+    let name = excerpt(scope.name_of_input(graph, unknown));
+    let message =
+        format!("{what} of `{name}` jumps with it, where no step of a solve ends: these are of time and parameters");
+    Err(failure(ExpressionError::new("jump_of_unknown", start, message).expected(as_set)))
+}
