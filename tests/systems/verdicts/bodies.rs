@@ -1,6 +1,7 @@
 //! Rigid bodies: joints that tear, energies from nothing, scenes at rest.
 
 use super::*;
+use crate::systems::harness::column;
 
 /// Links on ball joints, let go horizontally, with a ball at the end.
 fn chain(links: usize, mass: f64, step: f64, unit: f64) -> Value {
@@ -19,7 +20,7 @@ fn chain(links: usize, mass: f64, step: f64, unit: f64) -> Value {
     bodies.push(json!({"name": "ball", "shape": {"sphere": {"radius": 0.1 * unit}}, "mass": mass, "position": [end + 0.1 * unit, 0, 0]}));
     joints.push(json!({"ball": {"bodies": [format!("l{}", links - 1), "ball"], "at": [end, 0, 0]}}));
     json!({"problem": {"rigid_bodies": {"bodies": bodies, "joints": joints, "gravity": [0, 0, -9.81 * unit]}},
-        "time": {"end": 1}, "method": {"step": step}, "output": {"times": [1]}})
+        "time": {"end": 1}, "method": {"step": step}, "output": {"times": {"count": 21}}})
 }
 
 #[test]
@@ -64,10 +65,18 @@ fn cards_that_lean_against_each_other_stand_where_statics_says_so() {
 }
 
 #[test]
-fn a_chain_that_explodes_is_not_trusted_in_any_units() {
+fn a_chain_of_light_links_with_a_heavy_end_is_trusted_in_any_units() {
     for unit in [1.0, 1e3] {
         let solution = solve(&chain(10, 100.0, 2e-3, unit));
-        assert!(reasons(&solution).contains(&CheckCode::EnergyBalance), "{:#?}", solution.verdict);
+        assert_trusted(&solution);
+        // It once gained 33 digits of energy; now it may lose one part in a hundred of the largest there is in motion.
+        let (kinetic, potential) = (column(&solution, "kinetic_energy"), column(&solution, "potential_energy"));
+        let largest = kinetic.iter().copied().fold(0.0, f64::max);
+        let energy = solution.diagnostics.energy.as_ref().expect("a balance");
+        assert!(energy.largest_defect < 1e-2 * largest, "{energy:?}");
+        let start = kinetic[0] + potential[0];
+        let gain = kinetic.iter().zip(potential).map(|(t, v)| t + v - start).fold(0.0, f64::max);
+        assert!(gain <= 1e-9 * largest, "{gain} of {largest}");
     }
 }
 
