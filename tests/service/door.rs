@@ -180,6 +180,9 @@ fn a_token_belongs_to_whom_the_folder_belongs() {
 #[test]
 fn a_request_and_its_job_have_a_line_each_joined_by_their_ids_and_without_secrets() {
     let folder = Folder::new();
+    // Before the service starts, which looks for new tokens now and then.
+    fs::create_dir_all(folder.path()).unwrap();
+    let token = create(folder.path(), "anna", &[Scope::Submit, Scope::Read], None).unwrap().to_string();
     let mut child = Command::new(DVI)
         .args(["serve", "--listen", "127.0.0.1:0", "--log-format", "json", "--ask-tokens", "--data"])
         .arg(folder.path())
@@ -187,7 +190,6 @@ fn a_request_and_its_job_have_a_line_each_joined_by_their_ids_and_without_secret
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    let token = create(folder.path(), "anna", &[Scope::Submit, Scope::Read], None).unwrap().to_string();
     let mut log = BufReader::new(child.stderr.take().unwrap());
     let mut line = String::new();
     let address = loop {
