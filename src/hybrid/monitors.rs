@@ -97,9 +97,11 @@ impl Monitors {
                     break;
                 }
             } else if !can_halve || b - a <= ONE * h {
+                self.settle();
                 continue;
             } else if parts > MOST_PARTS || !is_enclosed && b - a <= h / SAMPLES {
                 is_open = true;
+                self.settle();
                 continue;
             }
             self.left.extend([(middle, b), (a, middle)]);
@@ -134,16 +136,20 @@ impl Monitors {
                 continue;
             }
             let now = side(self.values[k]);
-            if self.sides[k] == 0.0 {
-                self.sides[k] = now;
-            }
-            if now == self.sides[k] {
+            if self.sides[k] == 0.0 || now == self.sides[k] {
                 self.rests[k] &= now == 0.0;
             } else if t > self.quiet[k] && !(now == 0.0 && self.rests[k]) {
                 changed = Some(k);
             }
         }
         changed
+    }
+
+    /// Takes the sides of monitors that were zero up to a part which is done, from their values at its end.
+    fn settle(&mut self) {
+        for (own, value) in self.sides.iter_mut().zip(&self.values).filter(|(side, _)| **side == 0.0) {
+            *own = side(*value);
+        }
     }
 
     fn cross(&mut self, monitor: usize, t: f64, h: f64) -> Crossing {
