@@ -33,13 +33,15 @@ pub(super) struct Step {
     pub screened: Option<Between>,
     /// By how many tolerances a switch within it that was not located may change a state.
     pub unlocated: Option<f64>,
+    /// Whether it was made again, with derivatives of where it begins.
+    pub is_remade: bool,
     basis: Vec<f64>,
 }
 
 impl Step {
     /// Takes over a step; no allocation once it has held one of the same size.
     pub fn set(&mut self, t: f64, h: f64, y: &[f64], z: &[f64], face: &ActiveFace) {
-        (self.t, self.h) = (t, h);
+        (self.t, self.h, self.is_remade) = (t, h, false);
         self.y.clear();
         self.y.extend_from_slice(y);
         self.z.clear();

@@ -3,6 +3,7 @@
 mod attempt;
 mod estimate;
 mod preparation;
+mod remade;
 mod report;
 mod ripple;
 

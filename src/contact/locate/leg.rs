@@ -13,22 +13,18 @@ use crate::energy::Energy;
 use nalgebra::Vector3;
 use numerics::Interval;
 use problem::{Control, Mechanical};
-use radau::{Radau, Settings, StageChoice};
+use radau::{Radau, Settings};
 
-/// Equations of the mode for each of their uses, which overlap.
+/// The equations of the mode: those that are integrated, and those that are looked at on the way.
 pub struct Flights {
     main: Flight,
-    trial: Flight,
-    /// One for each time that a step is cut.
-    spare: [Flight; 5],
     watch: Flight,
 }
 
 impl Flights {
     /// Evaluators of one system, each made by `problem`.
     pub fn new(problem: impl Fn() -> Box<dyn Mechanical>) -> Self {
-        let flight = || Flight::new(problem());
-        Self { main: flight(), trial: flight(), spare: std::array::from_fn(|_| flight()), watch: flight() }
+        Self { main: Flight::new(problem()), watch: Flight::new(problem()) }
     }
 }
 
@@ -58,10 +54,6 @@ pub struct Leg<'l, 'p> {
     pub located: &'l mut Located<'p>,
     pub(super) mode: Vec<Status>,
     radau: Option<Radau<'l>>,
-    /// The last step, cut where the mode ended.
-    cut: Option<Radau<'l>>,
-    trial: &'l mut Flight,
-    spare: Vec<&'l mut Flight>,
     pub(super) watch: &'l mut Flight,
     control: &'l Control,
     over: bool,
@@ -74,12 +66,12 @@ pub struct Leg<'l, 'p> {
 impl<'l, 'p> Leg<'l, 'p> {
     /// Takes up the mode of a run.
     pub fn new(located: &'l mut Located<'p>, flights: &'l mut Flights, control: &'l Control) -> Self {
-        let Flights { main, trial, spare, watch } = flights;
+        let Flights { main, watch } = flights;
         let mode = located.mode.clone();
         let mut radau = None;
         if let Some(mode) = &mode {
             let least = located.tolerances_of_slips();
-            for flight in [&mut *main, &mut *trial, &mut *watch].into_iter().chain(&mut *spare) {
+            for flight in [&mut *main, &mut *watch] {
                 flight.set_mode(mode, &located.loads, &least);
             }
             let x = [located.state.q.as_slice(), &located.state.v].concat();
@@ -90,9 +82,8 @@ impl<'l, 'p> Leg<'l, 'p> {
         }
         let mode = mode.unwrap_or_default();
         let acted = (located.state.t, Integrals::none(mode.len()));
-        let spare = spare.iter_mut().collect();
         let parts = Parts::default();
-        Self { mode, radau, cut: None, trial, spare, watch, control, over: false, parts, acted, located }
+        Self { mode, radau, watch, control, over: false, parts, acted, located }
     }
 
     /// Whether the mode, or the run, is over.
@@ -110,7 +101,6 @@ impl<'l, 'p> Leg<'l, 'p> {
             self.over = true;
             return self.located.pass(self.control);
         };
-        let x = radau.y().to_vec();
         if radau.step().is_err() {
             // Where smooth motion has no continuation there may be one with impulses.
             (self.over, self.radau) = (true, None);
@@ -121,9 +111,9 @@ impl<'l, 'p> Leg<'l, 'p> {
         self.located.accepted += 1;
         let mut end = self.grown(begin, last);
         self.located.h = Some(end - begin);
+        let mut is_cut = false;
         if end < last {
-            self.cut_at(begin, &x, end);
-            self.over = true;
+            (is_cut, self.over) = (self.cut_at(end), true);
         }
         self.parts = self.parts_in_time(begin, end);
         if let Some(burst) = self.burst(begin, end) {
@@ -134,17 +124,17 @@ impl<'l, 'p> Leg<'l, 'p> {
                 return Ok(());
             }
             end = burst.until;
-            self.cut_at(begin, &x, end);
+            is_cut |= self.cut_at(end);
         }
         let mut rounds = 0;
         let found = loop {
             let mut found = self.search(begin, end);
             if let Search::Ends(violation) = &found
-                && self.cut.is_none()
+                && !is_cut
             {
                 // The stages of a step are as exact as its tolerance; whether a gap closes is to be told more exactly.
                 end = violation.seen;
-                self.cut_at(begin, &x, end);
+                is_cut = self.cut_at(end);
                 found = self.search(begin, end);
                 self.over = true;
                 if matches!(found, Search::Clear) {
@@ -163,7 +153,7 @@ impl<'l, 'p> Leg<'l, 'p> {
             {
                 (end, rounds) = (hidden.until, rounds + 1);
                 (self.over, self.located.h) = (true, Some(hidden.next));
-                self.cut_at(begin, &x, end);
+                is_cut |= self.cut_at(end);
                 continue;
             }
             self.note_screened(&enclosed);
@@ -171,9 +161,9 @@ impl<'l, 'p> Leg<'l, 'p> {
         };
         let (t, ending) = match found {
             Search::Clear => (end, None),
-            Search::Ends(violation) => (self.refine(begin, &x, end, &violation), Some(violation.ending)),
+            Search::Ends(violation) => (self.refine(begin, end, &violation), Some(violation.ending)),
             Search::Until(t) => {
-                self.cut_at(begin, &x, t);
+                self.cut_at(t);
                 (self.located.h, self.over) = (Some(t - begin), true);
                 (t, None)
             }
@@ -228,21 +218,19 @@ impl<'l, 'p> Leg<'l, 'p> {
 
     /// `x` at a time within the last step, into `x`.
     pub(super) fn at(&mut self, t: f64, x: &mut [f64]) {
-        if let Some(radau) = self.cut.as_mut().or(self.radau.as_mut()) {
+        if let Some(radau) = &mut self.radau {
             radau.interpolate(t, x);
         }
     }
 
     /// Intervals that hold `x` between two times within the last step; none where it is not smooth motion.
     pub fn ranges(&self, from: f64, to: f64) -> Vec<Interval> {
-        let radau = self.cut.as_ref().or(self.radau.as_ref());
-        radau.map_or_else(Vec::new, |radau| radau.enclose_states(from, to))
+        self.radau.as_ref().map_or_else(Vec::new, |radau| radau.enclose_states(from, to))
     }
 
     /// The slopes of `x` at a time within the last step.
     pub(super) fn slopes_at(&self, t: f64) -> Vec<f64> {
-        let radau = self.cut.as_ref().or(self.radau.as_ref());
-        radau.map_or_else(Vec::new, |radau| radau.slopes_at(t))
+        self.radau.as_ref().map_or_else(Vec::new, |radau| radau.slopes_at(t))
     }
 
     /// Counts a step whose mode goes on.
@@ -250,8 +238,7 @@ impl<'l, 'p> Leg<'l, 'p> {
         if self.mode.is_empty() {
             return;
         }
-        let radau = self.cut.as_ref().or(self.radau.as_ref());
-        let is_proven = self.parts.are_decided && radau.is_none_or(|radau| radau.are_rates_shown());
+        let is_proven = self.parts.are_decided && self.radau.as_ref().is_none_or(Radau::are_rates_shown);
         let screening = &mut self.located.screening;
         match enclosed {
             Enclosed::Proven if is_proven => screening.proven += 1,
@@ -302,11 +289,11 @@ impl<'l, 'p> Leg<'l, 'p> {
     }
 
     /// Solves the step anew up to the ending, until its time does not change. The last of these is kept.
-    fn refine(&mut self, begin: f64, x: &[f64], end: f64, violation: &Violation) -> f64 {
+    fn refine(&mut self, begin: f64, end: f64, violation: &Violation) -> f64 {
         let Violation { mut t, index, origin, mut slope, .. } = *violation;
         let least = 4.0 * f64::EPSILON * begin.abs().max(f64::MIN_POSITIVE);
         if violation.jumps && t - begin > least {
-            self.cut_at(begin, x, t);
+            self.cut_at(t);
             return t;
         }
         let is_near = |change: f64, t: f64| change.abs() <= NEAR * (t - begin);
@@ -317,12 +304,10 @@ impl<'l, 'p> Leg<'l, 'p> {
             if t - begin <= least {
                 return begin;
             }
-            let settings = self.settings_of_cut(t - begin);
-            let Ok(mut trial) = Radau::new(&mut *self.trial, settings, begin, x, t, self.control) else { break };
-            if trial.step().is_err() {
+            if !self.cut_at(t) {
                 break;
             }
-            monitors(self.watch, &self.located.structure, &self.mode, t, trial.y(), &mut values);
+            self.monitors_at(t, &mut values);
             slope = values[index].rate.unwrap_or(slope);
             let change = (values[index].value - level) / slope;
             let next = (t - change).min(end);
@@ -333,31 +318,14 @@ impl<'l, 'p> Leg<'l, 'p> {
             }
             t = next;
         }
-        self.cut_at(begin, x, t);
+        self.cut_at(t);
         t
     }
 
-    /// Solves the step anew up to `t`.
-    fn cut_at(&mut self, begin: f64, x: &[f64], t: f64) {
-        let settings = self.settings_of_cut(t - begin);
-        if let Some(flight) = self.spare.pop()
-            && let Ok(mut radau) = Radau::new(flight, settings, begin, x, t, self.control)
-            && radau.step().is_ok()
-        {
-            self.cut = Some(radau);
-        }
-    }
-
-    fn settings_of_cut(&self, h: f64) -> Settings {
-        let settings = &self.located.radau;
-        let tighter = (CUT_RTOL / settings.rtol).min(1.0);
-        Settings {
-            stages: StageChoice::Fixed(self.radau.as_ref().map_or(3, Radau::stages)),
-            rtol: tighter * settings.rtol,
-            atol: settings.atol.iter().map(|atol| tighter * atol).collect(),
-            step: Some(h),
-            ..settings.clone()
-        }
+    /// Solves the step anew up to `t`; whether that could be done.
+    fn cut_at(&mut self, t: f64) -> bool {
+        let tighter = (CUT_RTOL / self.located.radau.rtol).min(1.0);
+        self.radau.as_mut().is_some_and(|radau| radau.remake(t, tighter))
     }
 
     /// Takes over the motion from `begin` to `t`, with its work and impulses.
