@@ -29,6 +29,11 @@ const SLACK: f64 = 0.25;
 const ROUNDS: usize = 8;
 /// The most solves for one of them.
 const SOLVES: usize = 12;
+/// Two values of a monitor tell its slope where they differ by this many times its noise, within a quarter, or belong to steps
+/// that are apart by this part of their size, over which noise makes little of it; others need not tell even its sign. A
+/// monitor within as much noise that comes no nearer to zero is as near as it can be told.
+const TOLD: f64 = 8.0;
+const APART: f64 = 1e-7;
 
 impl Radau<'_> {
     /// Finds where the first violated monitor of the present step, of size `h`, changes sign; `dip` is a fraction of the
@@ -129,14 +134,14 @@ impl Radau<'_> {
             }
             let Some(Monitor { value, noise }) = self.monitor_at(crossing, size) else { return Ok(None) };
             if let Some((h, old)) = last
-                && (size - h).abs() > 1e-7 * size
+                && ((size - h).abs() > APART * size || (value - old).abs() > TOLD * noise)
             {
                 slope = (value - old) / (size - h);
             }
             last = Some((size, value));
             let correction = value / slope;
             let rounding = self.clock.rounding(size);
-            let stalled = (size - before).abs() <= correction.abs() && *solves > 3 && correction.abs() < 1e-6 * size;
+            let stalled = (size - before).abs() <= correction.abs() && value.abs() <= TOLD * noise;
             if correction.abs() <= rounding || stalled {
                 return Ok(Some(size));
             }
