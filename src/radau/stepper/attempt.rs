@@ -30,6 +30,10 @@ impl Radau<'_> {
         let (mut missed, mut proven) = (None, 0.0);
         let mut searches = if self.settings.step.is_some() { 0 } else { SEARCHES };
         for _ in 0..=self.system.bounded.len() + HALVINGS {
+            // A step that comes to no later number is none.
+            if size < h && !self.clock.resolves(size) {
+                break;
+            }
             self.prepare(size)?;
             self.predict(size);
             let (located, iterations) = match self.newton(size) {
