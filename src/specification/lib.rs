@@ -28,6 +28,7 @@ mod filippov;
 mod foreign;
 mod json;
 mod kinks;
+mod label;
 mod lcs;
 mod lowering;
 mod mass;

@@ -29,11 +29,13 @@ pub(super) struct Start<'c> {
     pub control: &'c Control,
 }
 
-/// What all expressions of a problem may use.
+/// What a problem gives names to beside its unknowns.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Givens<'a> {
+pub(super) struct Named<'a> {
     pub parameters: &'a Ordered<Expression>,
     pub tables: &'a Ordered<TableOfPoints>,
+    pub definitions: &'a Ordered<Expression>,
+    pub integrals: &'a Ordered<Expression>,
 }
 
 /// A problem in the course of being lowered.
@@ -68,16 +70,16 @@ const BETWEEN_POLLS: usize = 256;
 
 impl<'c> Lowering<'c> {
     /// A lowering in which `t` and the parameters have their names, these as constants.
-    pub(super) fn new(start: Start<'c>, givens: Givens<'_>, problem: &Place<'_>) -> Self {
-        Self::named(start, givens, problem, false)
+    pub(super) fn new(start: Start<'c>, named: Named<'_>, problem: &Place<'_>) -> Self {
+        Self::begin(start, named, problem, false)
     }
 
     /// A lowering in which `t` and the parameters have their names, these as inputs.
-    pub(super) fn with_inputs(start: Start<'c>, givens: Givens<'_>, problem: &Place<'_>) -> Self {
-        Self::named(start, givens, problem, true)
+    pub(super) fn with_inputs(start: Start<'c>, named: Named<'_>, problem: &Place<'_>) -> Self {
+        Self::begin(start, named, problem, true)
     }
 
-    fn named(start: Start<'c>, givens: Givens<'_>, problem: &Place<'_>, are_inputs: bool) -> Self {
+    fn begin(start: Start<'c>, named: Named<'_>, problem: &Place<'_>, are_inputs: bool) -> Self {
         let mut lowering = Self {
             graph: Graph::default(),
             errors: Errors::default(),
@@ -91,9 +93,9 @@ impl<'c> Lowering<'c> {
         };
         let t = lowering.graph.input(0);
         lowering.bind("t", t, problem);
-        lowering.bind_tables(givens.tables, &problem.key("tables"));
+        lowering.bind_tables(named.tables, &problem.key("tables"));
         let place = problem.key("parameters");
-        for (name, value) in parameters::in_order(givens.parameters, std::iter::empty(), &lowering.constants) {
+        for (name, value) in parameters::in_order(named.parameters, &lowering.constants) {
             let place = place.key(name);
             let value = lowering.parametric(value, &place);
             let node = match value {
@@ -176,8 +178,7 @@ impl<'c> Lowering<'c> {
     /// Lets expressions use definitions, as far as these are made of what has a name here. What is wrong with one is found
     /// where it is told as a column.
     pub(super) fn use_definitions(&mut self, definitions: &Ordered<Expression>) {
-        let known: Vec<String> = self.names.names().map(String::from).collect();
-        for (name, expression) in parameters::in_order(definitions, known.iter().map(String::as_str), &self.names) {
+        for (name, expression) in parameters::in_order(definitions, &self.names) {
             let node = match expression {
                 Expression::Number(value) => Ok(self.graph.constant(*value)),
                 Expression::Text(text) => self.graph.parse(text, &self.names),
@@ -193,9 +194,8 @@ impl<'c> Lowering<'c> {
     /// Gives definitions their names, and gives their nodes in the order of the document.
     pub(super) fn define(&mut self, definitions: &Ordered<Expression>, problem: &Place<'_>) -> Vec<Node> {
         let place = problem.key("definitions");
-        let known: Vec<String> = self.names.names().map(String::from).collect();
         let mut nodes = HashMap::with_capacity(definitions.len());
-        for (name, expression) in parameters::in_order(definitions, known.iter().map(String::as_str), &self.names) {
+        for (name, expression) in parameters::in_order(definitions, &self.names) {
             let place = place.key(name);
             let node = self.node_or_zero(expression, &place);
             self.bind(name, node, &place);
@@ -343,7 +343,7 @@ impl<'c> Lowering<'c> {
             report = report.expected(if self.graph.parse(text, &self.names).is_ok() {
                 "a constant: a parameter cannot depend on `t`; put it under `definitions`"
             } else {
-                "a constant: a number, or an expression in parameters, in no circle"
+                "a number, or an expression in other parameters without circular references"
             });
         }
         self.errors.push(report);

@@ -5,22 +5,18 @@ use super::expression::Expression;
 use super::ordered::Ordered;
 use expression::{Graph, Scope};
 
-/// The entries with those first that others depend on; those in a cycle come last, as they stand. They may name what is
-/// `known` as well, and the tables of a scope.
-pub(super) fn in_order<'a>(
-    entries: &'a Ordered<Expression>,
-    known: impl Iterator<Item = &'a str>,
-    tables: &Scope,
-) -> Vec<(&'a str, &'a Expression)> {
+/// The entries with those first that others depend on; those in a cycle come last, as they stand. They may also name what
+/// has a name in `known`.
+pub(super) fn in_order<'a>(entries: &'a Ordered<Expression>, known: &Scope) -> Vec<(&'a str, &'a Expression)> {
     let entries: Vec<(&str, &Expression)> = entries.iter().collect();
-    let (mut graph, mut scope) = (Graph::new(), tables.with_tables_alone());
+    let (mut graph, mut scope) = (Graph::new(), known.with_tables_alone());
     for (i, (name, _)) in entries.iter().enumerate() {
         // Its value is not known yet.
         let node = graph.parameter(i, f64::NAN);
         // A name that cannot be bound is reported when its value is.
         let _ = scope.bind(name, node);
     }
-    for (i, name) in known.enumerate() {
+    for (i, name) in known.names().enumerate() {
         let node = graph.input(i);
         let _ = scope.bind_output(name, node);
     }
