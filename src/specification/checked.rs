@@ -13,6 +13,7 @@ use super::place::Place;
 use super::plan::MOST_STEPS;
 use super::repairs::Repairs;
 use super::study::StudyPlan;
+use super::vectors::Vectors;
 use analysis::Analysis;
 use models::rigid_bodies::Load;
 use problem::{Control, ConvexSet};
@@ -65,7 +66,7 @@ impl Specification {
     /// Checks what a document means. What was mended in reading it is not held against it again.
     pub(super) fn check(
         document: Document,
-        repairs: &Repairs,
+        (repairs, vectors): (&Repairs, &Vectors),
         most_memory: usize,
         control: &Control,
         errors: &mut Errors,
@@ -76,7 +77,7 @@ impl Specification {
         check_version(version, &root.key("version"), &mut found);
         let horizon = check_time(time, &root.key("time"), &mut found).filter(|_| !repairs.touch("/time"));
         let time_of_start = horizon.map(|time| time.start).filter(|_| !repairs.touch("/problem"));
-        let start = Start { time: time_of_start, control };
+        let start = Start { time: time_of_start, control, sizes: &vectors.sizes };
         let model = (!repairs.reshape("/problem")).then(|| lower(&problem, start, &mut found)).flatten();
 
         let place = root.key("method");

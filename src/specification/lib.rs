@@ -52,13 +52,16 @@ mod rigid_bodies;
 mod schema;
 mod sensitivities;
 mod set;
+mod shapes;
 mod stages;
 mod start;
 mod study;
 mod summary;
+mod syntax;
 mod tables;
 mod times;
 mod tolerance;
+mod vectors;
 mod wording;
 mod written;
 

@@ -27,6 +27,8 @@ pub(super) struct Start<'c> {
     /// The start time; absent if the start is not to be evaluated.
     pub time: Option<f64>,
     pub control: &'c Control,
+    /// Parameters that say how many elements vectors have: others values cannot be bound.
+    pub sizes: &'c [String],
 }
 
 /// What a problem gives names to beside its unknowns.
@@ -53,6 +55,8 @@ pub(super) struct Lowering<'c> {
     misnamed: bool,
     /// Definitions that jump with a state or a variable: columns, and no part of an equation.
     jumping: Vec<String>,
+    /// Parameters or definitions that depend on themselves, or on such.
+    circular: Vec<String>,
 }
 
 /// A constant, with its term where it depends on parameters that are inputs.
@@ -64,6 +68,9 @@ pub(super) struct Constant {
 
 /// The code of what jumps with something that is solved for.
 const JUMP: &str = "jump_of_unknown";
+
+/// Names of a circular reference that a message lists.
+const SHOWN: usize = 8;
 
 /// Nodes or rows lowered between two polls of [`Control`]: below a millisecond's work for a short expression.
 const BETWEEN_POLLS: usize = 256;
@@ -90,12 +97,13 @@ impl<'c> Lowering<'c> {
             names: Scope::default(),
             misnamed: false,
             jumping: Vec::new(),
+            circular: Vec::new(),
         };
         let t = lowering.graph.input(0);
         lowering.bind("t", t, problem);
         lowering.bind_tables(named.tables, &problem.key("tables"));
         let place = problem.key("parameters");
-        for (name, value) in parameters::in_order(named.parameters, &lowering.constants) {
+        for (name, value) in lowering.in_order(named.parameters, true) {
             let place = place.key(name);
             let value = lowering.parametric(value, &place);
             let node = match value {
@@ -105,7 +113,11 @@ impl<'c> Lowering<'c> {
                 }
                 Some(Constant { value, .. }) if are_inputs => {
                     lowering.inputs.push((name.to_owned(), value));
-                    lowering.graph.parameter(lowering.inputs.len() - 1, value)
+                    let node = lowering.graph.parameter(lowering.inputs.len() - 1, value);
+                    if start.sizes.iter().any(|size| size == name) {
+                        lowering.graph.assume(node, Assumption::Value);
+                    }
+                    node
                 }
                 value => lowering.graph.constant(value.map_or(1.0, |constant| constant.value)),
             };
@@ -118,6 +130,14 @@ impl<'c> Lowering<'c> {
             }
         }
         lowering
+    }
+
+    /// Parameters or definitions with those first that others depend on; those that depend on themselves are remembered.
+    fn in_order<'a>(&mut self, entries: &'a Ordered<Expression>, constant: bool) -> Vec<(&'a str, &'a Expression)> {
+        let scope = if constant { &self.constants } else { &self.names };
+        let (entries, ordered) = parameters::in_order(entries, scope, &self.graph);
+        self.circular = entries[ordered..].iter().map(|(name, _)| (*name).to_owned()).collect();
+        entries
     }
 
     /// Gives the tables their names. One that cannot be is left out, and what calls it is not read further.
@@ -178,7 +198,7 @@ impl<'c> Lowering<'c> {
     /// Lets expressions use definitions, as far as these are made of what has a name here. What is wrong with one is found
     /// where it is told as a column.
     pub(super) fn use_definitions(&mut self, definitions: &Ordered<Expression>) {
-        for (name, expression) in parameters::in_order(definitions, &self.names) {
+        for (name, expression) in self.in_order(definitions, false) {
             let node = match expression {
                 Expression::Number(value) => Ok(self.graph.constant(*value)),
                 Expression::Text(text) => self.graph.parse(text, &self.names),
@@ -195,7 +215,7 @@ impl<'c> Lowering<'c> {
     pub(super) fn define(&mut self, definitions: &Ordered<Expression>, problem: &Place<'_>) -> Vec<Node> {
         let place = problem.key("definitions");
         let mut nodes = HashMap::with_capacity(definitions.len());
-        for (name, expression) in parameters::in_order(definitions, &self.names) {
+        for (name, expression) in self.in_order(definitions, false) {
             let place = place.key(name);
             let node = self.node_or_zero(expression, &place);
             self.bind(name, node, &place);
@@ -233,7 +253,11 @@ impl<'c> Lowering<'c> {
         };
         self.misnamed |= !matches!(error, NameError::Bound { .. });
         let expected = "a name of its own: letters, digits and _, not beginning with a digit, and no reserved word";
-        self.errors.push(SpecificationError::new(pointer, code, error.to_string()).expected(expected));
+        let detail = match &error {
+            NameError::Bound { name } if name == "t" => "`t` is the time".to_owned(),
+            _ => error.to_string(),
+        };
+        self.errors.push(SpecificationError::new(pointer, code, detail).expected(expected));
     }
 
     /// An expression in `t`, the parameters, the states and the variables.
@@ -335,6 +359,17 @@ impl<'c> Lowering<'c> {
             error.expected =
                 Some("a variable in a set, whose switches are located, in the place of what jumps".to_owned());
         }
+        if word.is_some_and(|word| self.circular.iter().any(|name| name == word)) {
+            let names: Vec<String> =
+                self.circular.iter().take(SHOWN).map(|name| format!("`{}`", abridged(name))).collect();
+            error.message = match names.as_slice() {
+                [name] => format!("{name} depends on itself"),
+                names => format!("{} depend on each other", names.join(", ")),
+            };
+            error.expected = Some("expressions without circular references: one of them a number".to_owned());
+            error.did_you_mean = None;
+            error.code = "circular";
+        }
         let detail = format!("{}\n{}", error.message, error.caret(text));
         let mut report =
             SpecificationError::new(place.to_string(), error.code, detail).did_you_mean(error.did_you_mean);
@@ -343,7 +378,7 @@ impl<'c> Lowering<'c> {
             report = report.expected(if self.graph.parse(text, &self.names).is_ok() {
                 "a constant: a parameter cannot depend on `t`; put it under `definitions`"
             } else {
-                "a number, or an expression in other parameters without circular references"
+                "a number, or an expression in other parameters"
             });
         }
         self.errors.push(report);
