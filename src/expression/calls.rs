@@ -6,9 +6,11 @@ use super::grammar::{
     Failure, Input, Kind, Read, State, blank, close, conditions, failure, identifier, keep, offset, open, syntax, term,
 };
 use super::graph::Node;
-use super::scope::{PI, WORDS, excerpt, nearest};
+use super::remedies;
+use super::scope::{PI, Scope, WORDS, excerpt, nearest};
 use super::stepped::{OutOfRange, Stepped};
 use super::table::Table;
+use super::vectors;
 use std::f64::consts;
 use winnow::combinator::{opt, peek, preceded};
 use winnow::prelude::*;
@@ -17,6 +19,9 @@ use winnow::token::take_while;
 /// What to write in the place of a table of states that jumps.
 const TABLE_AS_SET: &str = "\"linear\" or \"pchip\"; or a variable in a set for each jump: at a = k the table rises by its \
      height times z, with z in the box [0, 1] and the inequality k - a";
+
+/// The function that adds up a vector, or a term over indices.
+const SUM: &str = "sum";
 
 /// A name of the scope, or a function with its arguments.
 pub(super) fn name(input: &mut Input) -> Result<Read, Failure> {
@@ -31,6 +36,15 @@ pub(super) fn name(input: &mut Input) -> Result<Read, Failure> {
         return Err(Failure::Elsewhere);
     }
     let called = input.input.trim_start().starts_with('(');
+    if let Some(value) = vectors::index(&input.state.indices, name).filter(|_| !called) {
+        return keep(input, start, |graph| graph.constant(value));
+    }
+    if input.input.starts_with('[') {
+        return vectors::element(input, start, name);
+    }
+    if called && name == SUM && input.state.scope.table(name).is_none() {
+        return vectors::sum(input, start);
+    }
     let bound = input.state.scope.get(name);
     if let Some(function) = Function::named(name)
         && (called || bound.is_none())
@@ -48,6 +62,12 @@ pub(super) fn name(input: &mut Input) -> Result<Read, Failure> {
         return Ok(Read { node, kind: Kind::Number, start });
     }
     blank(input)?;
+    let elements = scope.vector(name).len();
+    if elements > 0 && !called {
+        let message = format!("`{}` is a vector of {elements} elements, and here stands one", excerpt(name));
+        let expected = format!("`{0}[1]`, or `sum({0})`", excerpt(name));
+        return Err(failure(ExpressionError::new("unknown_name", start, message).expected(&expected)));
+    }
     let (code, message, near) = if called {
         let names = Function::names().chain(scope.tables());
         ("unknown_function", format!("there is no function `{}`", excerpt(name)), nearest(name, names))
@@ -59,13 +79,28 @@ pub(super) fn name(input: &mut Input) -> Result<Read, Failure> {
         )
     };
     let did_you_mean = synonym(name, called).or(near).map(str::to_owned);
-    Err(failure(ExpressionError { did_you_mean, ..ExpressionError::new(code, start, message) }))
+    let remedy = if called { remedies::of_call(name) } else { remedies::of_name(name) };
+    let expected = remedy.map(str::to_owned).or_else(|| (!called && did_you_mean.is_none()).then(|| names_of(scope)));
+    Err(failure(ExpressionError { did_you_mean, expected, ..ExpressionError::new(code, start, message) }))
+}
+
+/// The names that may be used, until there are too many.
+fn names_of(scope: &Scope) -> String {
+    const SHOWN: usize = 12;
+    let mut names = scope.names();
+    let mut list: Vec<String> = names.by_ref().take(SHOWN).map(|name| format!("`{}`", excerpt(name))).collect();
+    list.push(if names.next().is_some() { "...".to_owned() } else { format!("`{PI}`") });
+    format!("a name: {}", list.join(", "))
 }
 
 fn call(input: &mut Input, start: usize, name: &str, function: Function) -> Result<Read, Failure> {
     blank(input)?;
     if !input.input.starts_with('(') {
-        return Err(syntax(input, &format!("`(` after the function `{name}`")));
+        let write = remedies::of_function(name, input.input);
+        return Err(match syntax(input, &format!("`(` after the function `{name}`")) {
+            Failure::Final(error) => failure(error.expected(&write)),
+            other => other,
+        });
     }
     let arguments = arguments(input)?;
     let nodes: Vec<Node> = arguments.iter().map(|read| read.node).collect();

@@ -51,8 +51,11 @@ const FUNCTIONS: [(&str, Function); 30] = [
 ];
 
 /// What other languages call a function, and what is written here.
-const FUNCTION_SYNONYMS: [(&str, &str); 36] = [
+const FUNCTION_SYNONYMS: [(&str, &str); 39] = [
     ("log", "ln"),
+    ("sqr", "a^2"),
+    ("tg", "tan"),
+    ("ctg", "1/tan(a)"),
     ("arcsin", "asin"),
     ("arccos", "acos"),
     ("arctan", "atan"),

@@ -10,6 +10,7 @@ use super::error::ExpressionError;
 use super::graph::{Graph, Node};
 use super::remedies::{self, found};
 use super::scope::{PI, Scope, excerpt};
+use super::vectors::Index;
 use winnow::combinator::Infix::{Left, Neither, Right};
 use winnow::combinator::{Infix, Prefix, alt, dispatch, expression, fail, not, opt, peek, preceded, terminated};
 use winnow::error::ParserError;
@@ -19,6 +20,30 @@ use winnow::token::{any, one_of, take_while};
 
 /// The longest text of one expression, in bytes.
 const LONGEST: usize = 64 * 1024;
+
+/// Greek letters, as names in ASCII.
+const GREEK: [(char, &str); 20] = [
+    ('\u{3b1}', "alpha"),
+    ('\u{3b2}', "beta"),
+    ('\u{3b3}', "gamma"),
+    ('\u{3b4}', "delta"),
+    ('\u{3b5}', "epsilon"),
+    ('\u{3b6}', "zeta"),
+    ('\u{3b7}', "eta"),
+    ('\u{3b8}', "theta"),
+    ('\u{3ba}', "kappa"),
+    ('\u{3bb}', "lambda"),
+    ('\u{3bc}', "mu"),
+    ('\u{b5}', "mu"),
+    ('\u{3bd}', "nu"),
+    ('\u{3be}', "xi"),
+    ('\u{3c1}', "rho"),
+    ('\u{3c3}', "sigma"),
+    ('\u{3c4}', "tau"),
+    ('\u{3c6}', "phi"),
+    ('\u{3c8}', "psi"),
+    ('\u{3c9}', "omega"),
+];
 
 /// The deepest nesting.
 const DEEPEST: usize = 200;
@@ -30,7 +55,9 @@ pub(super) struct State<'s> {
     pub scope: &'s Scope,
     /// The whole text.
     text: &'s str,
-    depth: usize,
+    pub depth: usize,
+    /// The indices of the sums that are being read.
+    pub indices: Vec<Index>,
 }
 
 /// What was read.
@@ -85,7 +112,7 @@ impl Graph {
     /// The first thing in the text that cannot be, with its place.
     pub fn parse(&mut self, text: &str, scope: &Scope) -> Result<Node, ExpressionError> {
         check_characters(text)?;
-        let state = State { graph: self, scope, text, depth: 0 };
+        let state = State { graph: self, scope, text, depth: 0, indices: Vec::new() };
         let mut input = Stateful { input: text, state };
         let parsed = term(&mut input).and_then(|read| {
             blank(&mut input)?;
@@ -96,10 +123,23 @@ impl Graph {
             }
         });
         parsed.map_err(|failure| match failure {
-            Failure::Final(error) => *error,
+            Failure::Final(error) => of_inequality(*error, text),
             Failure::Elsewhere => ExpressionError::new("syntax", offset(&input), "expected an expression".to_owned()),
         })
     }
+}
+
+/// Of what may be meant as an inequality, says how that is written.
+fn of_inequality(error: ExpressionError, text: &str) -> ExpressionError {
+    let difference = if matches!(error.code, "misplaced_condition" | "jump_of_unknown") {
+        remedies::of_inequality(text)
+    } else {
+        None
+    };
+    let Some(difference) = difference else { return error };
+    let otherwise = error.expected.as_deref().map(|otherwise| format!("; otherwise {otherwise}")).unwrap_or_default();
+    let expected = format!("of an inequality the left side alone, as `>= 0` is understood: {difference}{otherwise}");
+    ExpressionError { expected: Some(expected), ..error }
 }
 
 fn check_characters(text: &str) -> Result<(), ExpressionError> {
@@ -118,7 +158,11 @@ fn check_characters(text: &str) -> Result<(), ExpressionError> {
         '\u{b2}' => Some("^2"),
         '\u{b3}' => Some("^3"),
         '\u{3c0}' => Some(PI),
-        _ => None,
+        '\u{221a}' => Some("sqrt(x)"),
+        '\u{2264}' => Some("<="),
+        '\u{2265}' => Some(">="),
+        '\u{2260}' => Some("!="),
+        _ => GREEK.iter().find(|(letter, _)| *letter == character).map(|(_, name)| *name),
     };
     let did_you_mean = did_you_mean.map(str::to_owned);
     Err(ExpressionError { did_you_mean, ..ExpressionError::new("not_ascii", offset, message) })
@@ -227,15 +271,13 @@ pub(super) fn conditions<const N: usize>(joint: &str, found: [Read; N]) -> Resul
 fn bare_comparison(read: Read) -> Failure {
     let message = "this is a condition and no number".to_owned();
     let error = ExpressionError::new("misplaced_condition", read.start, message);
-    let expected =
-        "of an inequality the left side alone, as `>= 0` is understood; a choice is written `if(t > 1, a, b)`";
-    failure(error.expected(expected))
+    failure(error.expected("a number; a choice is written `if(t > 1, a, b)`"))
 }
 
 fn number(input: &mut Input) -> Result<Read, Failure> {
     let start = offset(input);
     let whole = input.input;
-    let mantissa = (digits(0), opt(('.', digits(0)))).take().parse_next(input)?;
+    let mantissa = (digits(0), opt(('.', not('.'), digits(0)))).take().parse_next(input)?;
     if mantissa == "." {
         return Err(syntax(input, "a digit"));
     }
@@ -277,7 +319,7 @@ pub(super) fn identifier<'i>(input: &mut Input<'i, '_>) -> Result<&'i str, Failu
 }
 
 /// One level deeper. Whoever ascends again takes the level back.
-fn descend(input: &mut Input) -> Result<(), Failure> {
+pub(super) fn descend(input: &mut Input) -> Result<(), Failure> {
     input.state.depth += 1;
     if input.state.depth <= DEEPEST {
         return Ok(());
@@ -312,7 +354,12 @@ pub(super) fn syntax(input: &Input, expected: &str) -> Failure {
     let (before, rest) = input.state.text.split_at(offset(input));
     let remedy = remedies::of_operand(before.trim_end(), rest).map(|remedy| format!("; {remedy}")).unwrap_or_default();
     let message = format!("expected {expected}, found {}{remedy}", found(rest));
-    failure(ExpressionError::new("syntax", offset(input), message))
+    let error = ExpressionError::new("syntax", offset(input), message);
+    failure(if input.state.text.trim().is_empty() {
+        error.expected("an expression, such as `-k*x`, or a number")
+    } else {
+        error
+    })
 }
 
 /// After an operand comes something that continues no expression.

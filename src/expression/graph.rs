@@ -52,6 +52,8 @@ pub struct Graph {
     pub(super) assumptions: BTreeSet<(Node, Assumption)>,
     /// The tables that terms look up.
     pub(super) tables: Tables,
+    /// The bytes that sums have read once for each of their terms.
+    pub(super) read_again: usize,
 }
 
 impl Graph {

@@ -41,6 +41,7 @@ mod table;
 mod tape;
 #[cfg(test)]
 mod tests;
+mod vectors;
 
 pub use breaks::Breaks;
 pub use enclosure::IntervalWorkspace;

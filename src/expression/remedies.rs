@@ -16,9 +16,10 @@ const SUFFIXES: [(&str, &str); 9] = [
 ];
 
 /// Units that people write behind numbers.
-const UNITS: [&str; 36] = [
-    "m", "mm", "cm", "km", "um", "s", "ms", "us", "ns", "min", "h", "kg", "g", "N", "kN", "Nm", "J", "kJ", "W", "kW",
-    "V", "mV", "kV", "A", "mA", "F", "uF", "nF", "H", "mH", "uH", "Hz", "kHz", "MHz", "Pa", "K",
+const UNITS: [&str; 42] = [
+    "Ohm", "ohm", "Ohms", "ohms", "kOhm", "sec", "m", "mm", "cm", "km", "um", "s", "ms", "us", "ns", "min", "h", "kg",
+    "g", "N", "kN", "Nm", "J", "kJ", "W", "kW", "V", "mV", "kV", "A", "mA", "F", "uF", "nF", "H", "mH", "uH", "Hz",
+    "kHz", "MHz", "Pa", "K",
 ];
 
 /// The next token, as people would name it.
@@ -42,6 +43,10 @@ pub(super) fn of_operand(before: &str, rest: &str) -> Option<&'static str> {
         b'>' if before.ends_with('<') => "what is not equal is written `a != b`",
         b'=' if before.ends_with(['<', '>', '=', '!']) => "comparisons are written `<= >= == !=`",
         b'[' => "there are no lists in expressions",
+        b'{' => "terms are grouped by parentheses: `(a + b)`",
+        b'"' | b'\'' | b'`' => "names stand without quotes",
+        b'$' => "names stand by themselves, without `$`",
+        b'\\' => "there is no LaTeX: a fraction is `a/b`",
         _ => return None,
     })
 }
@@ -56,18 +61,27 @@ pub(super) fn of_operator(before: &str, rest: &str, scope: &Scope) -> Option<Str
         '|' if after == Some('|') => "conditions are joined by `or`",
         '|' => "a magnitude is written `abs(v)`, and conditions are joined by `or`",
         '~' if after == Some('=') => "what is not equal is written `a != b`",
+        '!' if after != Some('=') => "there is no factorial",
         '<' | '>' | '=' | '!' if is_second_comparison(before) => "of three numbers: `a < b and b < c`",
         '=' => "a comparison is written `==`; of an equation stands the right-hand side alone",
         '?' => "a choice is written `if(c, a, b)`",
         '%' => "the remainder of a division is `mod(a, b)`",
-        '\'' => "a derivative is no term: of an equation stands the right-hand side alone",
+        '\'' => {
+            "the velocity of a coordinate `x` is `x_dot`; a derivative is no term: of an equation stands the right-hand side alone"
+        }
+        ')' => "`(` is missing before it, or it is one too many",
         ',' if ends_in_digit && after.is_some_and(|c| c.is_ascii_digit()) => "decimals have a point: `0.1`",
-        '[' => "an index is part of a name: `x_1`",
+        '[' => "an index stands behind the name of a vector: `x[1]`",
         '.' if after.is_some_and(|c| c.is_ascii_alphabetic()) => "functions stand by themselves: `sin(x)`",
         '_' | '(' | '.' | 'a'..='z' | 'A'..='Z' | '0'..='9' => return Some(of_product(before, rest, scope)),
         _ => return None,
     };
     Some(remedy.to_owned())
+}
+
+/// The word at the end of a text.
+fn last_word(text: &str) -> &str {
+    &text[text.rfind(|c: char| !(c.is_ascii_alphanumeric() || c == '_')).map_or(0, |at| at + 1)..]
 }
 
 /// What to write where an operand follows an operand.
@@ -77,7 +91,28 @@ fn of_product(before: &str, rest: &str, scope: &Scope) -> String {
     let start = number.rfind(|c: char| !c.is_ascii_digit() && c != '.').map_or(0, |at| at + 1);
     let is_name = number[..start].ends_with(|c: char| c.is_ascii_alphanumeric() || c == '_');
     let literal = &number[start..];
-    if literal.is_empty() || is_name || scope.get(word).is_some() {
+    let is_literal = !literal.is_empty() && !is_name;
+    let name = last_word(number);
+    if rest.starts_with('(') && scope.get(name).is_some() {
+        let name = excerpt(name);
+        return format!(
+            "`{name}` is no function: `{name}` is its value now (there are no delays), a product `{name}*(a + b)`"
+        );
+    }
+    if word == "mod" {
+        return "the remainder of a division is `mod(a, b)`".to_owned();
+    }
+    if is_literal
+        && literal == "0"
+        && word.starts_with(['x', 'X'])
+        && let Ok(value) = u64::from_str_radix(&word[1..], 16)
+    {
+        return format!("numbers are decimal: `{value}`");
+    }
+    if is_literal && matches!(word, "e" | "E") && scope.get(word).is_none() {
+        return format!("an exponent has digits: `{literal}e3`");
+    }
+    if !is_literal || scope.get(word).is_some() {
         return "a product is written with `*`".to_owned();
     }
     let literal = excerpt(literal);
@@ -95,4 +130,63 @@ fn is_second_comparison(before: &str) -> bool {
     let open = &before[start..];
     let open = open.rsplit_once(" and ").or_else(|| open.rsplit_once(" or ")).map_or(open, |(_, last)| last);
     open.contains(['<', '>']) || open.contains("==") || open.contains("!=")
+}
+
+/// What to write for a function of other languages that has no name here.
+pub(super) fn of_call(name: &str) -> Option<&'static str> {
+    Some(match name {
+        "rand" | "random" | "randn" | "noise" => "a table of numbers that were drawn at random beforehand",
+        "integral" | "integrate" | "int" | "cumtrapz" => "an entry of `integrals`",
+        "d" | "diff" | "der" | "ddt" | "dt" | "grad" => "the right-hand side alone; a rate stands under `rate`",
+        "delay" | "lag" => "a state that follows with a time constant, or a `convolution` problem: there are no delays",
+        _ => return None,
+    })
+}
+
+/// What to write for a word that is a number elsewhere.
+pub(super) fn of_name(name: &str) -> Option<&'static str> {
+    Some(match name.to_ascii_lowercase().as_str() {
+        "inf" | "infinity" => "a finite number; a bound that is left out or `null` is none",
+        "nan" | "none" | "null" => "a finite number",
+        "true" => "1, or a condition such as `t > 1`",
+        "false" => "0, or a condition such as `t > 1`",
+        _ => return None,
+    })
+}
+
+/// How a function is called whose name is followed by something else than a parenthesis.
+pub(super) fn of_function(name: &str, rest: &str) -> String {
+    let power = rest.strip_prefix("**").or_else(|| rest.strip_prefix('^'));
+    if let Some((exponent, _)) = power.and_then(|power| power.split_once('(')) {
+        return format!("`{name}(x)^{}`", excerpt(exponent.trim()));
+    }
+    let in_word = |byte: &u8| byte.is_ascii_alphanumeric() || *byte == b'_';
+    match &rest[..rest.bytes().take_while(in_word).count()] {
+        "" => format!("`{name}(t)`"),
+        word => format!("`{name}({})`", excerpt(word)),
+    }
+}
+
+/// What stands for an inequality: the difference of its sides, which is not negative where it holds.
+pub(super) fn of_inequality(text: &str) -> Option<String> {
+    let mut depth = 0_usize;
+    let at = text.bytes().position(|byte| {
+        match byte {
+            b'(' => depth += 1,
+            b')' => depth = depth.saturating_sub(1),
+            _ => {}
+        }
+        depth == 0 && matches!(byte, b'<' | b'>')
+    })?;
+    let (left, right) = (text[..at].trim(), text[at + 1..].trim_start_matches('=').trim());
+    if left.is_empty() || right.is_empty() || right.contains(['<', '>', '=', '!', '?']) || left.contains(['=', '!']) {
+        return None;
+    }
+    let (more, less) = if text.as_bytes()[at] == b'>' { (left, right) } else { (right, left) };
+    let is_sum = |text: &str| text.contains(['+', '-']);
+    Some(match less {
+        "0" => format!("`{}`", excerpt(more)),
+        _ if is_sum(less) => format!("`{} - ({})`", excerpt(more), excerpt(less)),
+        _ => format!("`{} - {}`", excerpt(more), excerpt(less)),
+    })
 }

@@ -20,6 +20,8 @@ pub struct Scope {
     /// The first of the inputs that are solved for.
     unknowns: Option<usize>,
     tables: FxHashMap<String, Table>,
+    /// The elements of vectors, in the order of binding.
+    vectors: FxHashMap<String, Vec<Node>>,
 }
 
 /// Why a name cannot be bound.
@@ -57,9 +59,26 @@ impl Scope {
     /// If it is malformed, reserved or already bound.
     pub fn bind(&mut self, name: &str, node: Node) -> Result<(), NameError> {
         self.claim(name)?;
+        self.insert(name, node);
+        Ok(())
+    }
+
+    fn insert(&mut self, name: &str, node: Node) {
+        if let Some(vector) = vector_of(name) {
+            self.vectors.entry(vector.to_owned()).or_default().push(node);
+        }
         self.nodes.insert(name.to_owned(), node);
         self.names.push(name.to_owned());
-        Ok(())
+    }
+
+    /// The elements of a vector, in the order of binding; none where it is no vector.
+    pub(super) fn vector(&self, name: &str) -> &[Node] {
+        self.vectors.get(name).map_or(&[], Vec::as_slice)
+    }
+
+    /// The names of the vectors.
+    pub(super) fn vectors(&self) -> impl Iterator<Item = &str> {
+        self.vectors.keys().map(String::as_str)
     }
 
     /// Lets `name` stand for a table, to be called as a function of one argument.
@@ -78,13 +97,15 @@ impl Scope {
     /// Whether a name can be bound.
     fn claim(&self, name: &str) -> Result<(), NameError> {
         let owned = || name.to_owned();
-        if !is_name(name) {
+        let name_or_vector = vector_of(name).unwrap_or(name);
+        if !is_name(name_or_vector) {
             return Err(NameError::Malformed { name: owned() });
         }
+        let name = name_or_vector;
         if name == PI || WORDS.contains(&name) || Function::named(name).is_some_and(Function::is_reserved) {
             return Err(NameError::Reserved { name: owned() });
         }
-        if self.nodes.contains_key(name) || self.tables.contains_key(name) {
+        if self.nodes.contains_key(&owned()) || self.tables.contains_key(name) {
             return Err(NameError::Bound { name: owned() });
         }
         Ok(())
@@ -114,6 +135,7 @@ impl Scope {
     pub fn bind_output(&mut self, name: &str, node: Node) -> Result<(), NameError> {
         let parts = name.strip_suffix(')').and_then(|call| call.split_once('('));
         let (first, second) = parts.unwrap_or((name, "_"));
+        let first = vector_of(first).unwrap_or(first);
         if !(first.split('.').all(is_name) && second.split('.').all(is_part)) {
             return Err(NameError::Malformed { name: name.to_owned() });
         }
@@ -121,8 +143,7 @@ impl Scope {
         if self.nodes.contains_key(name) || self.tables.contains_key(name) || is_of_language {
             return Err(NameError::Bound { name: name.to_owned() });
         }
-        self.nodes.insert(name.to_owned(), node);
-        self.names.push(name.to_owned());
+        self.insert(name, node);
         Ok(())
     }
 
@@ -165,6 +186,16 @@ impl Scope {
     pub fn names(&self) -> impl Iterator<Item = &str> {
         self.names.iter().map(String::as_str)
     }
+}
+
+/// The vector that a name with indices is an element of, as `x` of `x[3]` or `x[1,-2]`.
+fn vector_of(name: &str) -> Option<&str> {
+    let (vector, indices) = name.strip_suffix(']')?.split_once('[')?;
+    let is_whole = |text: &str| {
+        let digits = text.strip_prefix('-').unwrap_or(text);
+        !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_digit())
+    };
+    indices.split(',').all(is_whole).then_some(vector)
 }
 
 fn is_name(name: &str) -> bool {

@@ -31,7 +31,7 @@ pub struct Observables {
 /// A monitor.
 #[derive(Clone, Debug)]
 pub struct Monitored {
-    /// What it is called where it is told.
+    /// The name of its events.
     pub label: String,
     /// Which of its changes count.
     pub direction: Direction,
@@ -73,8 +73,8 @@ impl Observables {
 }
 
 /// Observables on the way of one run.
-pub(super) struct Observed {
-    of: Observables,
+pub(super) struct Observed<'a> {
+    of: &'a Observables,
     monitors: Monitors,
     place: Place,
     /// The integrals up to `reached`.
@@ -129,9 +129,9 @@ impl Place {
     }
 }
 
-impl Observed {
+impl<'a> Observed<'a> {
     /// Begins at the start of a run with so many outputs of the problem.
-    pub fn new(of: &Observables, outputs: usize, stepper: &mut impl Stepper) -> Self {
+    pub fn new(of: &'a Observables, outputs: usize, stepper: &mut impl Stepper) -> Self {
         let count = of.names.len() + of.monitors.len();
         let mut place = Place {
             program: of.program.clone(),
@@ -144,7 +144,7 @@ impl Observed {
         };
         let t = stepper.t();
         let monitors = Monitors::new(&place.at(stepper, t)[of.names.len()..]);
-        Self { monitors, place, integrals: vec![0.0; of.integrals], reached: t, lost: None, of: of.clone() }
+        Self { monitors, place, integrals: vec![0.0; of.integrals], reached: t, lost: None, of }
     }
 
     /// Follows the monitors over the last step, from `begin` on: adds what they tell to the events, for as long as their number
@@ -156,6 +156,9 @@ impl Observed {
         events: &mut Vec<Event>,
         goes_on: impl Fn(usize) -> bool,
     ) -> Option<EndedBy> {
+        if self.of.monitors.is_empty() {
+            return None;
+        }
         let end = stepper.t();
         let (mut from, first) = (begin, events.len());
         let mut ended = None;
@@ -200,12 +203,15 @@ impl Observed {
         self.lost.map(|monitor| self.of.monitors[monitor].label.as_str())
     }
 
-    /// Writes definitions and integrals at a time within the last step, to which outputs come in order.
-    pub fn write(&mut self, stepper: &mut impl Stepper, t: f64, out: &mut [f64]) {
+    /// Writes definitions and integrals at a time within the last step, at which the problem has these outputs. Times come in
+    /// order.
+    pub fn write(&mut self, stepper: &mut impl Stepper, t: f64, outputs: &[f64], out: &mut [f64]) {
         self.integrate(stepper, t);
         let definitions = self.of.definitions();
         let (of_definitions, of_integrals) = out.split_at_mut(definitions);
-        of_definitions.copy_from_slice(&self.place.at(stepper, t)[..definitions]);
+        let Place { program, values, .. } = &mut self.place;
+        program.evaluate(t, outputs, values);
+        of_definitions.copy_from_slice(&values[..definitions]);
         of_integrals.copy_from_slice(&self.integrals);
     }
 

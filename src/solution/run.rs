@@ -5,7 +5,6 @@ use super::sensitivities::Sensitivities;
 use super::{Diagnostics, Event, EventKind, Failure, Field, Solution, Status, Trajectory, Verdict, Version};
 use numerics::Interval;
 use problem::{Control, Stop};
-use std::collections::HashMap;
 use std::time::Instant;
 
 /// What to run and what to keep of it.
@@ -88,8 +87,8 @@ pub trait Stepper {
 pub(super) struct Ended {
     pub solution: Solution,
     pub x: Vec<f64>,
-    /// The derivatives there, by their names.
-    pub derivatives: HashMap<String, f64>,
+    /// The derivatives there, in the order of [`Sensitivities::names`].
+    pub derivatives: Vec<f64>,
 }
 
 /// Starts a stepper and drives it to the end; whatever happens, the trajectory so far is in the answer.
@@ -177,9 +176,7 @@ impl<'a> Run<'a> {
             Err((status, failure)) => (status, Some(failure)),
         };
         let Recorder { trajectory, ended_by, observed, y, .. } = self.recorder;
-        let names = self.plan.sensitivities.iter().flat_map(|sensitivities| sensitivities.names.iter().cloned());
-        let first = self.plan.names.len() + self.plan.observables.names.len();
-        let derivatives = names.zip(y[first..].iter().copied()).collect();
+        let derivatives = y[self.plan.names.len() + self.plan.observables.names.len()..].to_vec();
         let switches = trajectory.events.iter().filter(|event| event.kind != EventKind::Crossed);
         self.diagnostics.switches = switches.count() as u64;
         if let Some(open) = observed.map(|observed| observed.open()).filter(|open| *open > 0) {
@@ -264,7 +261,7 @@ struct Recorder<'a> {
     /// The outputs of the problem, then those of the user.
     y: Vec<f64>,
     /// The observables of the user, from the start of the run on.
-    observed: Option<Observed>,
+    observed: Option<Observed<'a>>,
     is_started: bool,
     ended_by: Option<EndedBy>,
     /// The column that is not finite, and when.
@@ -351,7 +348,7 @@ impl<'a> Recorder<'a> {
         stepper.derivatives(t, derivatives);
         stepper.outputs(t, outputs);
         if let Some(observed) = &mut self.observed {
-            observed.write(stepper, t, own);
+            observed.write(stepper, t, outputs, own);
             let wrong = own.iter().position(|value| !value.is_finite());
             self.broken = self.broken.or(wrong.map(|place| (place, t)));
         }
@@ -363,9 +360,8 @@ impl<'a> Recorder<'a> {
 
     /// The failure of an observable that has no value; the rows with it are left out.
     fn not_finite(&mut self, stepper: &impl Stepper) -> Option<Failure> {
-        let lost = self.observed.as_ref().and_then(Observed::lost).map(str::to_owned);
-        let (name, t) = match (self.broken, lost) {
-            (Some((place, t)), _) => (self.plan.observables.names[place].clone(), t),
+        let (name, t) = match (self.broken, self.observed.as_ref().and_then(Observed::lost)) {
+            (Some((place, t)), _) => (self.plan.observables.names[place].as_str(), t),
             (None, Some(lost)) => (lost, stepper.t()),
             (None, None) => return None,
         };

@@ -45,7 +45,7 @@ pub enum By {
 /// How derivatives compare with the difference of two runs.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct Checked {
-    /// The derivative of which state it is that differs most.
+    /// The state whose derivative differs most from its finite difference.
     pub of: String,
     /// By how much the parameters and initial values are moved together, in the order of `to`, and back.
     pub direction: Vec<f64>,
@@ -98,8 +98,6 @@ fn directions(model: &DviModel, by: &[By]) -> Result<Directions, String> {
     let slopes = model.slopes().map_err(|error| error.to_string())?;
     let mut initial = DMatrix::zeros(n, count);
     let mut shifted = Vec::with_capacity(count);
-    // The columns of each parameter; a direction may be named once.
-    let column = |parameter: usize| by.iter().position(|by| *by == By::Parameter(parameter));
     for (direction, by) in by.iter().enumerate() {
         shifted.push(match *by {
             By::Initial(state) => {
@@ -109,27 +107,24 @@ fn directions(model: &DviModel, by: &[By]) -> Result<Directions, String> {
             By::Parameter(parameter) => Some(moved(model, parameter)?),
         });
     }
-    let Some(slopes) = slopes else {
+    let Some(mut slopes) = slopes else {
         let rows = Box::new(|_: f64, _: &[f64], out: &mut DMatrix<f64>| out.fill(0.0));
         return Ok(Directions { initial, rows, mass: Vec::new(), bounds: Vec::new(), shifted });
     };
-    // An initial value that is a direction of its own does not follow parameters.
-    let own = |state: usize| by.contains(&By::Initial(state));
-    for (state, parameter, value) in slopes.initial().filter(|(state, ..)| !own(*state)) {
-        if let Some(direction) = column(parameter) {
+    // The direction of a parameter; each is named once.
+    let column = |parameter: usize| by.iter().position(|by| *by == By::Parameter(parameter));
+    for (state, parameter, value) in slopes.initial() {
+        // An initial value that is a direction of its own does not follow parameters.
+        if let Some(direction) = column(parameter).filter(|_| !by.contains(&By::Initial(state))) {
             initial[(state, direction)] = value;
         }
     }
     let mass = slopes.mass().filter_map(|(place, parameter, value)| Some((place, column(parameter)?, value))).collect();
     let bounds = slopes.bounds().filter_map(|(bound, parameter, value)| Some((bound, column(parameter)?, value)));
     let bounds = bounds.collect();
-    let places: Vec<(usize, usize, usize)> = slopes
-        .pattern()
-        .iter()
-        .enumerate()
-        .filter_map(|(place, &(row, parameter))| Some((place, row, column(parameter)?)))
-        .collect();
-    let mut slopes = slopes;
+    let pattern = slopes.pattern().iter().enumerate();
+    let places: Vec<(usize, usize, usize)> =
+        pattern.filter_map(|(place, &(row, parameter))| Some((place, row, column(parameter)?))).collect();
     let mut values = vec![0.0; slopes.pattern().len()];
     let rows = Box::new(move |t: f64, y: &[f64], out: &mut DMatrix<f64>| {
         slopes.evaluate(t, y, &mut values);
@@ -168,11 +163,7 @@ pub(super) fn check(
         ended.solution.diagnostics.checks.caveat("derivatives_not_checked", message.to_owned());
         return;
     }
-    let rows: Vec<Vec<f64>> = asked
-        .names
-        .chunks(asked.by.len())
-        .map(|names| names.iter().filter_map(|name| ended.derivatives.get(name).copied()).collect())
-        .collect();
+    let rows: Vec<Vec<f64>> = ended.derivatives.chunks(asked.by.len()).map(<[f64]>::to_vec).collect();
     let values = model.parameters.as_ref().map_or(&[][..], |parameters| parameters.values());
     let part = settings.rtol.powf(POWER).min(MOST_MOVED);
     let size_of = |by: &By| match *by {

@@ -3,6 +3,7 @@
 use super::document::{Document, Limits, Problem, Time};
 use super::draft::Draft;
 use super::error::{Errors, SpecificationError};
+use super::label;
 use super::lowering::{Lowering, MOST_UNKNOWNS, Start};
 use super::method::{Method, ViSolverName, out_of_range};
 use super::model::{Asked, Model};
@@ -12,7 +13,7 @@ use super::place::Place;
 use super::plan::MOST_STEPS;
 use super::repairs::Repairs;
 use super::study::StudyPlan;
-use super::wording::abridged;
+use super::vectors::Vectors;
 use analysis::Analysis;
 use models::rigid_bodies::Load;
 use problem::{Control, ConvexSet};
@@ -44,9 +45,6 @@ pub struct Specification {
 /// The version of the language of specifications.
 const VERSION: u64 = 1;
 
-/// The longest label, in characters.
-const LONGEST_LABEL: usize = 200;
-
 impl Specification {
     /// Reads and checks a JSON document.
     ///
@@ -68,7 +66,7 @@ impl Specification {
     /// Checks what a document means. What was mended in reading it is not held against it again.
     pub(super) fn check(
         document: Document,
-        repairs: &Repairs,
+        (repairs, vectors): (&Repairs, &Vectors),
         most_memory: usize,
         control: &Control,
         errors: &mut Errors,
@@ -79,7 +77,7 @@ impl Specification {
         check_version(version, &root.key("version"), &mut found);
         let horizon = check_time(time, &root.key("time"), &mut found).filter(|_| !repairs.touch("/time"));
         let time_of_start = horizon.map(|time| time.start).filter(|_| !repairs.touch("/problem"));
-        let start = Start { time: time_of_start, control };
+        let start = Start { time: time_of_start, control, sizes: &vectors.sizes };
         let model = (!repairs.reshape("/problem")).then(|| lower(&problem, start, &mut found)).flatten();
 
         let place = root.key("method");
@@ -87,14 +85,14 @@ impl Specification {
         let place_of_output = root.key("output");
         let output_times = output.times(horizon, &place_of_output, &mut found);
         check_limits(limits, &root.key("limits"), &mut found);
-        check_label(label.as_deref(), &root.key("label"), &mut found);
+        label::check(label.as_deref(), &root.key("label"), &mut found);
         let specification = model.and_then(|model| {
             let absolute_tolerances = method.absolute_tolerances(&model.state_names(), &place, &mut found);
             let names = model.output_names();
             let names: Vec<&str> = names.iter().map(String::as_str).collect();
             let of_problem = root.key("problem");
             let of_problem = of_problem.key(problem.name());
-            let request = observables::Request { problem: problem.written(), stop: &stop };
+            let request = observables::Request { named: problem.written().named(), stop: &stop };
             let are_inputs = model.parameters().is_some();
             let observables = request.lower(&names, are_inputs, (&of_problem, start), &mut found);
             request.check(&*model, (output.global_error, study.is_some()), &mut found);
@@ -117,8 +115,8 @@ impl Specification {
                 found.report(&place_of_output.key("global_error"), "conflict", why);
             }
             let study = study.and_then(|study| {
-                let parameters = (problem.written().givens(), &of_problem);
-                study.check((&*model, &method, time), parameters, &root.key("study"), &mut found)
+                let named = (problem.written().named(), &of_problem);
+                study.check((&*model, &method, time), named, &root.key("study"), &mut found)
             });
             let load = model.load(most_memory, control);
             Some(Self {
@@ -290,13 +288,4 @@ fn check_version(version: Option<u64>, place: &Place<'_>, errors: &mut Errors) {
         let error = SpecificationError::new(place.to_string(), "unknown_version", detail);
         errors.push(error.expected(format!("{VERSION}, or nothing")));
     }
-}
-
-fn check_label(label: Option<&str>, place: &Place<'_>, errors: &mut Errors) {
-    let Some(length) = label.map(|label| label.chars().count()).filter(|length| *length > LONGEST_LABEL) else {
-        return;
-    };
-    let detail = format!("the label has {length} characters: {}", abridged(label.unwrap_or_default()));
-    let error = SpecificationError::new(place.to_string(), "label_too_long", detail);
-    errors.push(error.expected(format!("at most {LONGEST_LABEL} characters")));
 }

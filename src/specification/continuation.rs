@@ -4,7 +4,9 @@
 //! States determine what comes after, and so they determine active sets, contact modes and regions, which are found anew
 //! at the start. Memory, and fields whose start is an expression in space, they do not determine.
 
+use super::error::Errors;
 use super::json::Json;
+use super::vectors;
 use serde::{Serialize, Serializer};
 use serde_json::Number;
 use std::fmt;
@@ -44,6 +46,7 @@ pub fn continued(
     last: impl Fn(&str) -> Option<f64>,
 ) -> Result<Vec<u8>, NotContinuable> {
     let mut json: Json = serde_json::from_slice(document).map_err(|_| NotContinuable::Unreadable)?;
+    vectors::write_out(&mut json, &mut Errors::default());
     let last = |name: &str| last(name).and_then(number).ok_or_else(|| NotContinuable::Column(name.to_owned()));
     let (name, problem) = json.member("problem").and_then(Json::only_member).ok_or(NotContinuable::Unreadable)?;
     match name {

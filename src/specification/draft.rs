@@ -3,7 +3,7 @@
 
 use super::checked::Specification;
 use super::document::Document;
-use super::error::{Errors, SpecificationError};
+use super::error::SpecificationError;
 use super::output::MOST_TIMES;
 use super::reading::{Reading, read};
 use super::times::Times;
@@ -23,7 +23,7 @@ impl Draft {
     /// # Errors
     /// All that is wrong with its structure, at least one, where it could not be mended to be checked.
     pub fn read(text: &[u8]) -> Result<Self, Vec<SpecificationError>> {
-        read(text).map(Self).map_err(Errors::into_list)
+        read(text).map(Self)
     }
 
     /// About how long the check takes beyond what the length of the text tells.
@@ -48,10 +48,10 @@ impl Draft {
     /// # Errors
     /// All that is wrong with it, at least one.
     pub fn check_within(self, most: usize, control: &Control) -> Result<Specification, Vec<SpecificationError>> {
-        let Reading { document, repairs, mut errors } = self.0;
-        match Specification::check(document, &repairs, most, control, &mut errors) {
+        let Reading { document, repairs, mut errors, vectors } = self.0;
+        match Specification::check(document, (&repairs, &vectors), most, control, &mut errors) {
             Some(specification) if errors.is_empty() => Ok(specification),
-            _ => Err(errors.into_list()),
+            _ => Err(vectors.at_origins(errors.into_list())),
         }
     }
 }

@@ -11,7 +11,7 @@ use super::as_set;
 use super::error::SpecificationError;
 use super::expression::Expression;
 use super::kinks;
-use super::lowering::{Lowering, Start};
+use super::lowering::{Lowering, Named, Start};
 use super::mass;
 use super::matrix::Matrix;
 use super::ordered::Ordered;
@@ -31,7 +31,7 @@ use utoipa::ToSchema;
 #[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DviProblem {
-    /// Constants by name; each may be an expression in the others, in no circle.
+    /// Constants by name; each may be an expression in the others, without circular references.
     #[serde(default, skip_serializing_if = "Ordered::is_empty")]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub parameters: Ordered<Expression>,
@@ -39,8 +39,8 @@ pub struct DviProblem {
     #[serde(default, skip_serializing_if = "Ordered::is_empty")]
     #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
     pub tables: Ordered<TableOfPoints>,
-    /// Expressions by name in states, variables, parameters, `t` and each other, in no circle: further columns, and names to be
-    /// used in other expressions.
+    /// Expressions by name, in states, variables, parameters, `t` and each other, without circular references. Each can be
+    /// reported as a column, and used by its name in other expressions.
     #[serde(default, skip_serializing_if = "Ordered::is_empty")]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub definitions: Ordered<Expression>,
@@ -88,20 +88,9 @@ impl Written for DviProblem {
         "dvi"
     }
 
-    fn parameters(&self) -> &Ordered<Expression> {
-        &self.parameters
-    }
-
-    fn tables(&self) -> &Ordered<TableOfPoints> {
-        &self.tables
-    }
-
-    fn definitions(&self) -> &Ordered<Expression> {
-        &self.definitions
-    }
-
-    fn integrals(&self) -> &Ordered<Expression> {
-        &self.integrals
+    fn named(&self) -> Named<'_> {
+        let Self { parameters, tables, definitions, integrals, .. } = self;
+        Named { parameters, tables, definitions, integrals }
     }
 
     fn unknowns(&self) -> usize {
@@ -109,7 +98,7 @@ impl Written for DviProblem {
     }
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
-        let mut lowering = Lowering::with_inputs(start, self.givens(), place);
+        let mut lowering = Lowering::with_inputs(start, self.named(), place);
         let (n, m) = (self.states.len(), self.variables.len());
         if n == 0 {
             let error = SpecificationError::new(place.key("states").to_string(), "empty_states", "there are no states");
@@ -186,10 +175,7 @@ impl DviProblem {
         let place = place.key("states");
         self.states
             .iter()
-            .map(|(name, state)| {
-                let rate = lowering.node(&state.rate, &place.key(name).key("rate"));
-                rate.unwrap_or_else(|| lowering.graph.constant(0.0))
-            })
+            .map(|(name, state)| lowering.node_or_zero(&state.rate, &place.key(name).key("rate")))
             .collect()
     }
 
@@ -197,10 +183,7 @@ impl DviProblem {
         let place = place.key("variables");
         self.variables
             .iter()
-            .map(|(name, variable)| {
-                let row = lowering.node(&variable.inequality, &place.key(name).key("inequality"));
-                row.unwrap_or_else(|| lowering.graph.constant(0.0))
-            })
+            .map(|(name, variable)| lowering.node_or_zero(&variable.inequality, &place.key(name).key("inequality")))
             .collect()
     }
 }

@@ -5,7 +5,7 @@ use super::dvi::refused;
 use super::error::SpecificationError;
 use super::expression::Expression;
 use super::kinks;
-use super::lowering::{Lowering, Start};
+use super::lowering::{Lowering, Named, Start};
 use super::ordered::Ordered;
 use super::place::Place;
 use super::start;
@@ -24,7 +24,7 @@ use utoipa::ToSchema;
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FilippovProblem {
-    /// Constants by name; each may be an expression in the others, in no circle.
+    /// Constants by name; each may be an expression in the others, without circular references.
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub parameters: Ordered<Expression>,
@@ -32,8 +32,8 @@ pub struct FilippovProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
     pub tables: Ordered<TableOfPoints>,
-    /// Expressions by name in states, variables, parameters, `t` and each other, in no circle: further columns, and names to be
-    /// used in other expressions.
+    /// Expressions by name, in states, variables, parameters, `t` and each other, without circular references. Each can be
+    /// reported as a column, and used by its name in other expressions.
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub definitions: Ordered<Expression>,
@@ -86,20 +86,9 @@ impl Written for FilippovProblem {
         "filippov"
     }
 
-    fn parameters(&self) -> &Ordered<Expression> {
-        &self.parameters
-    }
-
-    fn tables(&self) -> &Ordered<TableOfPoints> {
-        &self.tables
-    }
-
-    fn definitions(&self) -> &Ordered<Expression> {
-        &self.definitions
-    }
-
-    fn integrals(&self) -> &Ordered<Expression> {
-        &self.integrals
+    fn named(&self) -> Named<'_> {
+        let Self { parameters, tables, definitions, integrals, .. } = self;
+        Named { parameters, tables, definitions, integrals }
     }
 
     fn unknowns(&self) -> usize {
@@ -107,7 +96,7 @@ impl Written for FilippovProblem {
     }
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
-        let mut lowering = Lowering::with_inputs(start, self.givens(), place);
+        let mut lowering = Lowering::with_inputs(start, self.named(), place);
         let n = self.states.len();
         let states = place.key("states");
         if n == 0 {

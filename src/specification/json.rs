@@ -148,3 +148,29 @@ impl<'de> Visitor<'de> for JsonVisitor {
         Ok(Json::Object(members))
     }
 }
+
+impl fmt::Display for Json {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Json::Null => formatter.write_str("null"),
+            Json::Bool(value) => write!(formatter, "{value}"),
+            Json::Number(number) => write!(formatter, "{number}"),
+            Json::Text(text) => write!(formatter, "{}", serde_json::Value::from(text.as_str())),
+            Json::List(items) => {
+                formatter.write_str("[")?;
+                for (index, item) in items.iter().enumerate() {
+                    write!(formatter, "{}{item}", if index > 0 { ", " } else { "" })?;
+                }
+                formatter.write_str("]")
+            }
+            Json::Object(members) => {
+                formatter.write_str("{")?;
+                for (index, (name, value)) in members.iter().enumerate() {
+                    let separator = if index > 0 { ", " } else { "" };
+                    write!(formatter, "{separator}{}: {value}", serde_json::Value::from(name.as_str()))?;
+                }
+                formatter.write_str("}")
+            }
+        }
+    }
+}

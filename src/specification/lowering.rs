@@ -27,13 +27,17 @@ pub(super) struct Start<'c> {
     /// The start time; absent if the start is not to be evaluated.
     pub time: Option<f64>,
     pub control: &'c Control,
+    /// Parameters that say how many elements vectors have: others values cannot be bound.
+    pub sizes: &'c [String],
 }
 
-/// What all expressions of a problem may use.
+/// What a problem gives names to beside its unknowns.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Givens<'a> {
+pub(super) struct Named<'a> {
     pub parameters: &'a Ordered<Expression>,
     pub tables: &'a Ordered<TableOfPoints>,
+    pub definitions: &'a Ordered<Expression>,
+    pub integrals: &'a Ordered<Expression>,
 }
 
 /// A problem in the course of being lowered.
@@ -51,6 +55,8 @@ pub(super) struct Lowering<'c> {
     misnamed: bool,
     /// Definitions that jump with a state or a variable: columns, and no part of an equation.
     jumping: Vec<String>,
+    /// Parameters or definitions that depend on themselves, or on such.
+    circular: Vec<String>,
 }
 
 /// A constant, with its term where it depends on parameters that are inputs.
@@ -63,21 +69,24 @@ pub(super) struct Constant {
 /// The code of what jumps with something that is solved for.
 const JUMP: &str = "jump_of_unknown";
 
+/// Names of a circular reference that a message lists.
+const SHOWN: usize = 8;
+
 /// Nodes or rows lowered between two polls of [`Control`]: below a millisecond's work for a short expression.
 const BETWEEN_POLLS: usize = 256;
 
 impl<'c> Lowering<'c> {
     /// A lowering in which `t` and the parameters have their names, these as constants.
-    pub(super) fn new(start: Start<'c>, givens: Givens<'_>, problem: &Place<'_>) -> Self {
-        Self::named(start, givens, problem, false)
+    pub(super) fn new(start: Start<'c>, named: Named<'_>, problem: &Place<'_>) -> Self {
+        Self::begin(start, named, problem, false)
     }
 
     /// A lowering in which `t` and the parameters have their names, these as inputs.
-    pub(super) fn with_inputs(start: Start<'c>, givens: Givens<'_>, problem: &Place<'_>) -> Self {
-        Self::named(start, givens, problem, true)
+    pub(super) fn with_inputs(start: Start<'c>, named: Named<'_>, problem: &Place<'_>) -> Self {
+        Self::begin(start, named, problem, true)
     }
 
-    fn named(start: Start<'c>, givens: Givens<'_>, problem: &Place<'_>, are_inputs: bool) -> Self {
+    fn begin(start: Start<'c>, named: Named<'_>, problem: &Place<'_>, are_inputs: bool) -> Self {
         let mut lowering = Self {
             graph: Graph::default(),
             errors: Errors::default(),
@@ -88,12 +97,13 @@ impl<'c> Lowering<'c> {
             names: Scope::default(),
             misnamed: false,
             jumping: Vec::new(),
+            circular: Vec::new(),
         };
         let t = lowering.graph.input(0);
         lowering.bind("t", t, problem);
-        lowering.bind_tables(givens.tables, &problem.key("tables"));
+        lowering.bind_tables(named.tables, &problem.key("tables"));
         let place = problem.key("parameters");
-        for (name, value) in parameters::in_order(givens.parameters, std::iter::empty(), &lowering.constants) {
+        for (name, value) in lowering.in_order(named.parameters, true) {
             let place = place.key(name);
             let value = lowering.parametric(value, &place);
             let node = match value {
@@ -103,7 +113,11 @@ impl<'c> Lowering<'c> {
                 }
                 Some(Constant { value, .. }) if are_inputs => {
                     lowering.inputs.push((name.to_owned(), value));
-                    lowering.graph.parameter(lowering.inputs.len() - 1, value)
+                    let node = lowering.graph.parameter(lowering.inputs.len() - 1, value);
+                    if start.sizes.iter().any(|size| size == name) {
+                        lowering.graph.assume(node, Assumption::Value);
+                    }
+                    node
                 }
                 value => lowering.graph.constant(value.map_or(1.0, |constant| constant.value)),
             };
@@ -116,6 +130,14 @@ impl<'c> Lowering<'c> {
             }
         }
         lowering
+    }
+
+    /// Parameters or definitions with those first that others depend on; those that depend on themselves are remembered.
+    fn in_order<'a>(&mut self, entries: &'a Ordered<Expression>, constant: bool) -> Vec<(&'a str, &'a Expression)> {
+        let scope = if constant { &self.constants } else { &self.names };
+        let (entries, ordered) = parameters::in_order(entries, scope, &self.graph);
+        self.circular = entries[ordered..].iter().map(|(name, _)| (*name).to_owned()).collect();
+        entries
     }
 
     /// Gives the tables their names. One that cannot be is left out, and what calls it is not read further.
@@ -176,8 +198,7 @@ impl<'c> Lowering<'c> {
     /// Lets expressions use definitions, as far as these are made of what has a name here. What is wrong with one is found
     /// where it is told as a column.
     pub(super) fn use_definitions(&mut self, definitions: &Ordered<Expression>) {
-        let known: Vec<String> = self.names.names().map(String::from).collect();
-        for (name, expression) in parameters::in_order(definitions, known.iter().map(String::as_str), &self.names) {
+        for (name, expression) in self.in_order(definitions, false) {
             let node = match expression {
                 Expression::Number(value) => Ok(self.graph.constant(*value)),
                 Expression::Text(text) => self.graph.parse(text, &self.names),
@@ -193,9 +214,8 @@ impl<'c> Lowering<'c> {
     /// Gives definitions their names, and gives their nodes in the order of the document.
     pub(super) fn define(&mut self, definitions: &Ordered<Expression>, problem: &Place<'_>) -> Vec<Node> {
         let place = problem.key("definitions");
-        let known: Vec<String> = self.names.names().map(String::from).collect();
         let mut nodes = HashMap::with_capacity(definitions.len());
-        for (name, expression) in parameters::in_order(definitions, known.iter().map(String::as_str), &self.names) {
+        for (name, expression) in self.in_order(definitions, false) {
             let place = place.key(name);
             let node = self.node_or_zero(expression, &place);
             self.bind(name, node, &place);
@@ -233,7 +253,11 @@ impl<'c> Lowering<'c> {
         };
         self.misnamed |= !matches!(error, NameError::Bound { .. });
         let expected = "a name of its own: letters, digits and _, not beginning with a digit, and no reserved word";
-        self.errors.push(SpecificationError::new(pointer, code, error.to_string()).expected(expected));
+        let detail = match &error {
+            NameError::Bound { name } if name == "t" => "`t` is the time".to_owned(),
+            _ => error.to_string(),
+        };
+        self.errors.push(SpecificationError::new(pointer, code, detail).expected(expected));
     }
 
     /// An expression in `t`, the parameters, the states and the variables.
@@ -335,6 +359,17 @@ impl<'c> Lowering<'c> {
             error.expected =
                 Some("a variable in a set, whose switches are located, in the place of what jumps".to_owned());
         }
+        if word.is_some_and(|word| self.circular.iter().any(|name| name == word)) {
+            let names: Vec<String> =
+                self.circular.iter().take(SHOWN).map(|name| format!("`{}`", abridged(name))).collect();
+            error.message = match names.as_slice() {
+                [name] => format!("{name} depends on itself"),
+                names => format!("{} depend on each other", names.join(", ")),
+            };
+            error.expected = Some("expressions without circular references: one of them a number".to_owned());
+            error.did_you_mean = None;
+            error.code = "circular";
+        }
         let detail = format!("{}\n{}", error.message, error.caret(text));
         let mut report =
             SpecificationError::new(place.to_string(), error.code, detail).did_you_mean(error.did_you_mean);
@@ -343,7 +378,7 @@ impl<'c> Lowering<'c> {
             report = report.expected(if self.graph.parse(text, &self.names).is_ok() {
                 "a constant: a parameter cannot depend on `t`; put it under `definitions`"
             } else {
-                "a constant: a number, or an expression in parameters, in no circle"
+                "a number, or an expression in other parameters"
             });
         }
         self.errors.push(report);

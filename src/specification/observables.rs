@@ -5,11 +5,11 @@
 
 use super::error::{Errors, SpecificationError};
 use super::expression::Expression;
-use super::lowering::{Lowering, Start};
+use super::label;
+use super::lowering::{Lowering, Named, Start};
 use super::model::Model;
 use super::place::Place;
 use super::wording::abridged;
-use super::written::Written;
 use expression::{Node, Tape};
 use serde::{Deserialize, Serialize};
 use solution::{Direction, Monitored, Observables};
@@ -18,23 +18,20 @@ use utoipa::ToSchema;
 /// The most definitions, integrals and monitors.
 const MOST: usize = 10_000;
 
-/// The longest label, in characters.
-const LONGEST_LABEL: usize = 200;
-
-/// Something to watch: where it changes its sign the run ends, or only an event is told.
+/// A monitor (event function): where it changes its sign the run ends, or an event is recorded and the run goes on.
 #[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Stop {
-    /// What is watched: an expression in `t`, parameters, outputs and definitions that is zero where it happens.
+    /// An expression in `t`, parameters, outputs and definitions that changes its sign at the event.
     pub when: Expression,
     /// Which changes of its sign count. Default `either`.
     #[serde(default)]
     #[schema(value_type = Direction, default = "either")]
     pub direction: Direction,
-    /// What it is called where it is told. Default the expression.
+    /// The name of its event in the answer. Default the expression.
     #[schema(max_length = 200)]
     pub label: Option<String>,
-    /// Only tell it, as an event `crossed`, and go on.
+    /// Record it as an event `crossed`, and go on.
     #[serde(default)]
     #[schema(default = false)]
     pub record: bool,
@@ -42,7 +39,7 @@ pub struct Stop {
 
 /// What is observed, as it is written.
 pub(super) struct Request<'a> {
-    pub problem: &'a dyn Written,
+    pub named: Named<'a>,
     pub stop: &'a [Stop],
 }
 
@@ -55,7 +52,7 @@ impl Request<'_> {
         (place, start): (&Place<'_>, Start<'_>),
         errors: &mut Errors,
     ) -> Observables {
-        let (definitions, integrals) = (self.problem.definitions(), self.problem.integrals());
+        let Named { definitions, integrals, .. } = self.named;
         let count = definitions.len() + integrals.len() + self.stop.len();
         if count == 0 {
             return Observables::default();
@@ -66,10 +63,9 @@ impl Request<'_> {
             errors.push(error.expected(format!("at most {MOST}")));
             return Observables::default();
         }
-        let givens = self.problem.givens();
         let mut lowering = match are_inputs {
-            true => Lowering::with_inputs(start, givens, place),
-            false => Lowering::new(start, givens, place),
+            true => Lowering::with_inputs(start, self.named, place),
+            false => Lowering::new(start, self.named, place),
         };
         lowering.bind_outputs(outputs);
         let mut nodes: Vec<Node> = lowering.define(definitions, place);
@@ -112,12 +108,7 @@ impl Stop {
             Expression::Number(value) => value.to_string(),
             Expression::Text(text) => abridged(text).to_string(),
         });
-        let length = label.chars().count();
-        if length > LONGEST_LABEL {
-            let detail = format!("the label has {length} characters: {}", abridged(&label));
-            let error = SpecificationError::new(place.key("label").to_string(), "label_too_long", detail);
-            errors.push(error.expected(format!("at most {LONGEST_LABEL} characters")));
-        }
+        label::check(self.label.as_deref(), &place.key("label"), errors);
         if let Expression::Number(_) = self.when {
             let error =
                 SpecificationError::new(place.key("when").to_string(), "constant", "a number never changes its sign");

@@ -5,23 +5,27 @@ use super::expression::Expression;
 use super::ordered::Ordered;
 use expression::{Graph, Scope};
 
-/// The entries with those first that others depend on; those in a cycle come last, as they stand. They may name what is
-/// `known` as well, and the tables of a scope.
+/// The entries with those first that others depend on, and how many of them these are: behind them come those that depend on
+/// themselves. They may also name what has a name in `known`, whose parameters have their values in a graph.
 pub(super) fn in_order<'a>(
     entries: &'a Ordered<Expression>,
-    known: impl Iterator<Item = &'a str>,
-    tables: &Scope,
-) -> Vec<(&'a str, &'a Expression)> {
+    known: &Scope,
+    values: &Graph,
+) -> (Vec<(&'a str, &'a Expression)>, usize) {
     let entries: Vec<(&str, &Expression)> = entries.iter().collect();
-    let (mut graph, mut scope) = (Graph::new(), tables.with_tables_alone());
-    for (i, (name, _)) in entries.iter().enumerate() {
-        // Its value is not known yet.
-        let node = graph.parameter(i, f64::NAN);
+    let (mut graph, mut scope) = (Graph::new(), known.with_tables_alone());
+    for (i, (name, expression)) in entries.iter().enumerate() {
+        // Of an expression the value is not known yet.
+        let node = graph.parameter(i, if let Expression::Number(value) = expression { *value } else { f64::NAN });
         // A name that cannot be bound is reported when its value is.
         let _ = scope.bind(name, node);
     }
-    for (i, name) in known.enumerate() {
-        let node = graph.input(i);
+    for (i, name) in known.names().enumerate() {
+        let value = known.get(name).and_then(|node| values.value(node));
+        let node = match value {
+            Some(value) => graph.constant(value),
+            None => graph.input(i),
+        };
         let _ = scope.bind_output(name, node);
     }
     let mut waiting = vec![0_usize; entries.len()];
@@ -47,6 +51,7 @@ pub(super) fn in_order<'a>(
         }
         next += 1;
     }
+    let ordered = order.len();
     order.extend((0..entries.len()).filter(|&i| waiting[i] > 0));
-    order.into_iter().map(|i| entries[i]).collect()
+    (order.into_iter().map(|i| entries[i]).collect(), ordered)
 }

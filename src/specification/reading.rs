@@ -8,11 +8,16 @@ use super::error::{Errors, SpecificationError};
 use super::json::Json;
 use super::place::{Step, pointer};
 use super::repairs::Repairs;
+use super::syntax;
+use super::vectors::{self, Vectors};
 use serde::Deserialize;
 use serde_path_to_error::{Path, Segment};
 
 /// Bytes that may be read again in all while mending: it bounds the time that a large and bad document can take.
 const WORK: usize = 64 << 20;
+
+/// What some editors put before text in UTF-8.
+const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
 /// A document that could be read, perhaps after mending.
 #[derive(Debug)]
@@ -20,30 +25,33 @@ pub(super) struct Reading {
     pub document: Document,
     pub repairs: Repairs,
     pub errors: Errors,
+    pub vectors: Vectors,
 }
 
 /// Reads a document.
 ///
 /// # Errors
 /// The structural errors, where no mending led to a readable document.
-pub(super) fn read(text: &[u8]) -> Result<Reading, Errors> {
+pub(super) fn read(text: &[u8]) -> Result<Reading, Vec<SpecificationError>> {
     let mut errors = Errors::default();
+    let text = text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(text);
     let mut json = match parse(text) {
         Ok(json) => json,
         Err(error) => {
             errors.push(error);
-            return Err(errors);
+            return Err(errors.into_list());
         }
     };
     json.remove_duplicates(&mut Vec::new(), &mut |path| {
         let detail = "this key stands twice in its object";
         errors.push(SpecificationError::new(pointer(path), "duplicate_key", detail).expected("each key once"));
     });
+    let vectors = vectors::write_out(&mut json, &mut errors);
     let mut repairs = Repairs::default();
     for _ in 0..(WORK / text.len().max(1)).clamp(4, 256) {
         // The place of an error costs time to keep, so it is looked for only when there is one.
         if let Ok(document) = Document::deserialize(&json) {
-            return Ok(Reading { document, repairs, errors });
+            return Ok(Reading { document, repairs, errors, vectors });
         }
         let Err(error) = serde_path_to_error::deserialize::<_, Document>(&json) else { break };
         let path = steps(error.path(), &json);
@@ -51,7 +59,7 @@ pub(super) fn read(text: &[u8]) -> Result<Reading, Errors> {
             break;
         }
     }
-    Err(errors)
+    Err(vectors.at_origins(errors.into_list()))
 }
 
 /// Reads JSON text; an error names its line and column, and the place as far as it was reached.
@@ -62,24 +70,8 @@ fn parse(text: &[u8]) -> Result<Json, SpecificationError> {
             Ok(_) => Vec::new(),
             Err(error) => steps(error.path(), &Json::Null),
         };
-        syntax_error(text, &error, &path)
+        syntax::error(text, &error, &path)
     })
-}
-
-fn syntax_error(text: &[u8], error: &serde_json::Error, path: &[Step]) -> SpecificationError {
-    let message = error.to_string();
-    if text.trim_ascii().is_empty() {
-        return SpecificationError::new("", "syntax", "the document is empty").expected("a JSON object");
-    }
-    let (code, expected) = if message.starts_with("number out of range") {
-        ("number_out_of_range", "a number between -1.8e308 and 1.8e308")
-    } else if message.starts_with("recursion limit exceeded") {
-        // The path of a document that is nothing but depth says nothing.
-        return SpecificationError::new("", "too_deep", message).expected("at most 127 levels of lists and objects");
-    } else {
-        ("syntax", "a JSON object")
-    };
-    SpecificationError::new(pointer(path), code, message).expected(expected)
 }
 
 /// A path as steps. Into an externally tagged choice the path goes by variant, the document by key.

@@ -6,6 +6,7 @@ use super::foreign;
 use super::json::Json;
 use super::mismatch::Mismatch;
 use super::place::{Step, pointer};
+use super::shapes;
 use super::wording::{abridged, listed};
 use expression::nearest;
 
@@ -48,10 +49,18 @@ impl Repairs {
             Mismatch::UnknownVariant { name, valid } => self.unknown_variant(json, path, &name, valid, errors),
             Mismatch::NotAVariant { found, valid } => {
                 let expected = format!("an object with exactly one key or a string: {}", listed(valid.iter().copied()));
-                self.wrong_type(json, path, &found, expected, &choice(valid), errors)
+                let write = json.at_mut(&path).and_then(|found| shapes::choice(found, valid));
+                self.wrong_type(json, path, &found, (expected, write), &choice(valid), errors)
+            }
+            Mismatch::WrongType { found, expected } if expected == "newtype variant" => {
+                let write = json.at_mut(&path).map(|name| shapes::alone(name));
+                let (found, expected) =
+                    (found.replace("unit variant", "its name alone"), "an object with it as the only key");
+                self.wrong_type(json, path, &found, (expected.to_owned(), write), &stand_ins(), errors)
             }
             Mismatch::WrongType { found, expected } => {
-                self.wrong_type(json, path, &found, expected, &stand_ins(), errors)
+                let write = json.at_mut(&path).and_then(|found| shapes::instead(&path, found, &expected));
+                self.wrong_type(json, path, &found, (expected, write), &stand_ins(), errors)
             }
             Mismatch::Other(detail) => {
                 errors.push(SpecificationError::new(pointer(&path), "invalid_value", detail));
@@ -127,9 +136,13 @@ impl Repairs {
         }
         if !self.covers(&path) {
             let detail = format!("`{}` is not a choice here", abridged(name));
+            let names = listed(valid.iter().copied());
+            let is_type = valid.contains(&"dvi") && foreign::is_of_a_type(name);
+            let expected =
+                if is_type { format!("the type around it: {{\"dvi\": {{\"{name}\": ...}}}}; {names}") } else { names };
             errors.push(
                 SpecificationError::new(pointer(&place), "unknown_choice", detail)
-                    .expected(listed(valid.iter().copied()))
+                    .expected(expected)
                     .did_you_mean(suggestion),
             );
         }
@@ -153,13 +166,15 @@ impl Repairs {
         json: &mut Json,
         path: Vec<Step>,
         found: &str,
-        expected: String,
+        (expected, write): (String, Option<String>),
         stand_ins: &[Json],
         errors: &mut Errors,
     ) -> bool {
         if !self.covers(&path) {
             let detail = format!("found {found}, expected {expected}");
-            errors.push(SpecificationError::new(pointer(&path), "wrong_type", detail).expected(expected));
+            errors.push(
+                SpecificationError::new(pointer(&path), "wrong_type", detail).expected(write.unwrap_or(expected)),
+            );
         }
         let Some(value) = json.at_mut(&path) else { return false };
         let repair = self.record(path, true);

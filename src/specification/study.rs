@@ -4,7 +4,7 @@ use super::checked::Specification;
 use super::document::Time;
 use super::error::{Errors, SpecificationError};
 use super::expression::Expression;
-use super::lowering::{Givens, Lowering, Start};
+use super::lowering::{Lowering, Named, Start};
 use super::method::{Impacts, Method, check_rtol, check_stages, check_step, out_of_range};
 use super::model::{Model, WithStages};
 use super::ordered::Ordered;
@@ -78,11 +78,11 @@ pub struct Exact {
 }
 
 impl StudyRequest {
-    /// Checks a study of a model; `givens` are those of the problem, at `problem`.
+    /// Checks a study of a model; `named` are those of the problem, at `problem`.
     pub(super) fn check(
         &self,
         (model, method, time): (&dyn Model, &Method, Time),
-        (givens, problem): (Givens<'_>, &Place<'_>),
+        (named, problem): (Named<'_>, &Place<'_>),
         place: &Place<'_>,
         errors: &mut Errors,
     ) -> Option<StudyPlan> {
@@ -100,7 +100,7 @@ impl StudyRequest {
         }
         let exact = self.exact.as_ref().map(|exact| {
             let names = model.output_names();
-            check_exact(exact, &names, (givens, problem), &place.key("exact"), &mut found)
+            check_exact(exact, &names, (named, problem), &place.key("exact"), &mut found)
         });
         let plan = found.is_empty().then_some(StudyPlan { rungs, stages, repeats: self.repeats as usize, exact });
         errors.append(found);
@@ -164,13 +164,13 @@ fn check_length(length: usize, place: &Place<'_>, errors: &mut Errors) {
 fn check_exact(
     exact: &Ordered<Expression>,
     names: &[String],
-    (givens, problem): (Givens<'_>, &Place<'_>),
+    (named, problem): (Named<'_>, &Place<'_>),
     place: &Place<'_>,
     errors: &mut Errors,
 ) -> Exact {
     // Errors in the parameters are told where the problem is lowered.
     let control = Control::new();
-    let mut lowering = Lowering::new(Start { time: None, control: &control }, givens, problem);
+    let mut lowering = Lowering::new(Start { time: None, control: &control, sizes: &[] }, named, problem);
     lowering.errors = Errors::default();
     let (mut fields, mut nodes) = (Vec::new(), Vec::new());
     for (name, value) in exact.iter() {

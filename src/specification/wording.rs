@@ -24,6 +24,11 @@ pub(super) fn abridged(text: &str) -> String {
     format!("{}... ({} bytes)", text.chars().take(SHOWN).collect::<String>(), text.len())
 }
 
+/// A text as JSON writes it, cut to what a message can carry.
+pub(super) fn quoted(text: &str) -> String {
+    serde_json::Value::from(abridged(text)).to_string()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,11 +1,8 @@
 //! What a type of problem says of itself as it is written, before it is checked.
 
-use super::expression::Expression;
-use super::lowering::{Givens, Lowering, Start};
+use super::lowering::{Lowering, Named, Start};
 use super::model::Model;
-use super::ordered::Ordered;
 use super::place::Place;
-use super::tables::TableOfPoints;
 use std::sync::Arc;
 
 /// A problem in the course of being lowered, and its model, which is of use only if no error was found.
@@ -16,22 +13,8 @@ pub(super) trait Written {
     /// The key of its type.
     fn key(&self) -> &'static str;
 
-    /// Its parameters.
-    fn parameters(&self) -> &Ordered<Expression>;
-
-    /// Its tables.
-    fn tables(&self) -> &Ordered<TableOfPoints>;
-
-    /// What all its expressions may use.
-    fn givens(&self) -> Givens<'_> {
-        Givens { parameters: self.parameters(), tables: self.tables() }
-    }
-
-    /// Its definitions.
-    fn definitions(&self) -> &Ordered<Expression>;
-
-    /// Its integrals.
-    fn integrals(&self) -> &Ordered<Expression>;
+    /// What its expressions may use, and what is told beside its outputs.
+    fn named(&self) -> Named<'_>;
 
     /// The states and variables that it declares, about.
     fn unknowns(&self) -> usize;

@@ -5,11 +5,9 @@ use super::faults::Names;
 use super::{CircuitProblem, MOST_COMPONENTS, model, netlist};
 use crate::error::SpecificationError;
 use crate::expression::Expression;
-use crate::lowering::{Constant, Lowering, Start};
+use crate::lowering::{Constant, Lowering, Named, Start};
 use crate::model::Model;
-use crate::ordered::Ordered;
 use crate::place::Place;
-use crate::tables::TableOfPoints;
 use crate::wording::abridged;
 use crate::written::{Lowered, Written};
 use models::circuit::{Element, Law, Quantity, Terms};
@@ -24,20 +22,9 @@ impl Written for CircuitProblem {
         "circuit"
     }
 
-    fn parameters(&self) -> &Ordered<Expression> {
-        &self.parameters
-    }
-
-    fn tables(&self) -> &Ordered<TableOfPoints> {
-        &self.tables
-    }
-
-    fn definitions(&self) -> &Ordered<Expression> {
-        &self.definitions
-    }
-
-    fn integrals(&self) -> &Ordered<Expression> {
-        &self.integrals
+    fn named(&self) -> Named<'_> {
+        let Self { parameters, tables, definitions, integrals, .. } = self;
+        Named { parameters, tables, definitions, integrals }
     }
 
     fn unknowns(&self) -> usize {
@@ -45,7 +32,7 @@ impl Written for CircuitProblem {
     }
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
-        let mut lowering = Lowering::with_inputs(start, self.givens(), place);
+        let mut lowering = Lowering::with_inputs(start, self.named(), place);
         lowering.use_definitions(&self.definitions);
         let model = match (&self.components, &self.netlist) {
             (Some(components), None) => {
@@ -199,8 +186,7 @@ impl Circuit<'_> {
         lowering: &mut Lowering,
     ) -> Constant {
         let component = &self.components[k];
-        let mut constant = None;
-        self.within(k, key, |place| constant = lowering.parametric(expression, place));
+        let constant = self.within(k, key, |place| lowering.parametric(expression, place));
         let constant = constant.unwrap_or(Constant { value: 1.0, node: None });
         let value = constant.value;
         if let Some((least, with)) = least
@@ -220,13 +206,11 @@ impl Circuit<'_> {
     }
 
     fn node(&self, k: usize, key: &str, expression: &Expression, lowering: &mut Lowering) -> expression::Node {
-        let mut node = None;
-        self.within(k, key, |place| node = lowering.node(expression, place));
-        node.unwrap_or_else(|| lowering.graph.constant(0.0))
+        self.within(k, key, |place| lowering.node_or_zero(expression, place))
     }
 
     /// Calls back with the place of a component's member; of a netlist all have one place.
-    fn within(&self, k: usize, key: &str, call: impl FnOnce(&Place<'_>)) {
+    fn within<T>(&self, k: usize, key: &str, call: impl FnOnce(&Place<'_>) -> T) -> T {
         match self.lines {
             Some(_) => call(&self.place),
             None => call(&self.place.index(k).key(self.components[k].key()).key(key)),

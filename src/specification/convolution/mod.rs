@@ -9,7 +9,7 @@ pub(super) use plan::{check, numbers, plan_of};
 use super::dvi::refused;
 use super::error::SpecificationError;
 use super::expression::Expression;
-use super::lowering::{Lowering, Start};
+use super::lowering::{Lowering, Named, Start};
 use super::matrix::Matrix;
 use super::model::Model;
 use super::ordered::Ordered;
@@ -30,7 +30,7 @@ use utoipa::ToSchema;
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ConvolutionProblem {
-    /// Constants by name; each may be an expression in the others, in no circle.
+    /// Constants by name; each may be an expression in the others, without circular references.
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub parameters: Ordered<Expression>,
@@ -38,8 +38,8 @@ pub struct ConvolutionProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
     pub tables: Ordered<TableOfPoints>,
-    /// Expressions by name in states, variables, parameters, `t` and each other, in no circle: further columns, and names to be
-    /// used in other expressions.
+    /// Expressions by name, in states, variables, parameters, `t` and each other, without circular references. Each can be
+    /// reported as a column, and used by its name in other expressions.
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub definitions: Ordered<Expression>,
@@ -91,20 +91,9 @@ impl Written for ConvolutionProblem {
         "convolution"
     }
 
-    fn parameters(&self) -> &Ordered<Expression> {
-        &self.parameters
-    }
-
-    fn tables(&self) -> &Ordered<TableOfPoints> {
-        &self.tables
-    }
-
-    fn definitions(&self) -> &Ordered<Expression> {
-        &self.definitions
-    }
-
-    fn integrals(&self) -> &Ordered<Expression> {
-        &self.integrals
+    fn named(&self) -> Named<'_> {
+        let Self { parameters, tables, definitions, integrals, .. } = self;
+        Named { parameters, tables, definitions, integrals }
     }
 
     fn unknowns(&self) -> usize {
@@ -112,7 +101,7 @@ impl Written for ConvolutionProblem {
     }
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
-        let mut lowering = Lowering::new(start, self.givens(), place);
+        let mut lowering = Lowering::new(start, self.named(), place);
         lowering.use_definitions(&self.definitions);
         let m = self.variables.len();
         let variables = place.key("variables");
@@ -124,8 +113,7 @@ impl Written for ConvolutionProblem {
         // The variables have no names yet: neither `q` nor the kernel may depend on them.
         let mut inequality = Vec::with_capacity(m);
         for (name, variable) in self.variables.iter() {
-            let node = lowering.node(&variable.q, &variables.key(name).key("q"));
-            inequality.push(node.unwrap_or_else(|| lowering.graph.constant(0.0)));
+            inequality.push(lowering.node_or_zero(&variable.q, &variables.key(name).key("q")));
         }
         let kernel = self.kernel.lower(m, &place.key("kernel"), &mut lowering);
         lowering.bind_unknowns(self.variables.names(), |i| variables.key(self.variables.name(i)).to_string());

@@ -14,7 +14,7 @@ pub use contact::{ConeName, Contact, Friction, Joint};
 use super::error::{Errors, SpecificationError};
 use super::expression::Expression;
 use super::kinks;
-use super::lowering::{Lowering, Start};
+use super::lowering::{Lowering, Named, Start};
 use super::matrix::Matrix;
 use super::ordered::Ordered;
 use super::place::Place;
@@ -32,7 +32,7 @@ use utoipa::ToSchema;
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MechanicalProblem {
-    /// Constants by name; each may be an expression in the others, in no circle.
+    /// Constants by name; each may be an expression in the others, without circular references.
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub parameters: Ordered<Expression>,
@@ -40,8 +40,8 @@ pub struct MechanicalProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
     pub tables: Ordered<TableOfPoints>,
-    /// Expressions by name in states, variables, parameters, `t` and each other, in no circle: further columns, and names to be
-    /// used in other expressions.
+    /// Expressions by name, in states, variables, parameters, `t` and each other, without circular references. Each can be
+    /// reported as a column, and used by its name in other expressions.
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub definitions: Ordered<Expression>,
@@ -101,20 +101,9 @@ impl Written for MechanicalProblem {
         "mechanical"
     }
 
-    fn parameters(&self) -> &Ordered<Expression> {
-        &self.parameters
-    }
-
-    fn tables(&self) -> &Ordered<TableOfPoints> {
-        &self.tables
-    }
-
-    fn definitions(&self) -> &Ordered<Expression> {
-        &self.definitions
-    }
-
-    fn integrals(&self) -> &Ordered<Expression> {
-        &self.integrals
+    fn named(&self) -> Named<'_> {
+        let Self { parameters, tables, definitions, integrals, .. } = self;
+        Named { parameters, tables, definitions, integrals }
     }
 
     fn unknowns(&self) -> usize {
@@ -122,7 +111,7 @@ impl Written for MechanicalProblem {
     }
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
-        let mut lowering = Lowering::with_inputs(start, self.givens(), place);
+        let mut lowering = Lowering::with_inputs(start, self.named(), place);
         if self.interpenetration == Interpenetration::Resolve {
             // Where a start is moved to is no expression in parameters.
             lowering.keep_values();

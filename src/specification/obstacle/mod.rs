@@ -14,7 +14,7 @@ use super::directions::DIRECTIONS;
 use super::elements::Elements;
 use super::error::SpecificationError;
 use super::expression::Expression;
-use super::lowering::{Lowering, Start};
+use super::lowering::{Lowering, Named, Start};
 use super::ordered::Ordered;
 use super::place::Place;
 use super::tables::TableOfPoints;
@@ -33,7 +33,7 @@ use utoipa::ToSchema;
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ObstacleProblem {
-    /// Constants by name; each may be an expression in the others, in no circle.
+    /// Constants by name; each may be an expression in the others, without circular references.
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub parameters: Ordered<Expression>,
@@ -41,8 +41,8 @@ pub struct ObstacleProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
     pub tables: Ordered<TableOfPoints>,
-    /// Expressions by name in states, variables, parameters, `t` and each other, in no circle: further columns, and names to be
-    /// used in other expressions.
+    /// Expressions by name, in states, variables, parameters, `t` and each other, without circular references. Each can be
+    /// reported as a column, and used by its name in other expressions.
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub definitions: Ordered<Expression>,
@@ -103,20 +103,9 @@ impl Written for ObstacleProblem {
         "obstacle"
     }
 
-    fn parameters(&self) -> &Ordered<Expression> {
-        &self.parameters
-    }
-
-    fn tables(&self) -> &Ordered<TableOfPoints> {
-        &self.tables
-    }
-
-    fn definitions(&self) -> &Ordered<Expression> {
-        &self.definitions
-    }
-
-    fn integrals(&self) -> &Ordered<Expression> {
-        &self.integrals
+    fn named(&self) -> Named<'_> {
+        let Self { parameters, tables, definitions, integrals, .. } = self;
+        Named { parameters, tables, definitions, integrals }
     }
 
     fn unknowns(&self) -> usize {
@@ -128,7 +117,7 @@ impl Written for ObstacleProblem {
     }
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
-        let mut lowering = Lowering::new(start, self.givens(), place);
+        let mut lowering = Lowering::new(start, self.named(), place);
         let dimension = self.domain.dimension();
         let place_of_domain = place.key("domain");
         let coordinates = &DIRECTIONS[..dimension];
@@ -225,8 +214,7 @@ impl ObstacleProblem {
 
 /// The function that an expression is; zero where it cannot be read.
 fn field(expression: &Expression, place: &Place<'_>, lowering: &mut Lowering) -> Field {
-    let node = lowering.node(expression, place);
-    let node = node.unwrap_or_else(|| lowering.graph.constant(0.0));
+    let node = lowering.node_or_zero(expression, place);
     Field::new(&lowering.graph, node)
 }
 

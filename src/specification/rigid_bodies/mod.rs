@@ -22,7 +22,7 @@ pub use shapes::{
 
 use super::error::SpecificationError;
 use super::expression::Expression;
-use super::lowering::{Lowering, Start};
+use super::lowering::{Lowering, Named, Start};
 use super::mechanical::Interpenetration;
 use super::ordered::Ordered;
 use super::place::Place;
@@ -42,7 +42,7 @@ const MOST_BODIES: usize = 100_000;
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RigidBodiesProblem {
-    /// Constants by name; each may be an expression in the others, in no circle.
+    /// Constants by name; each may be an expression in the others, without circular references.
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub parameters: Ordered<Expression>,
@@ -50,8 +50,8 @@ pub struct RigidBodiesProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
     pub tables: Ordered<TableOfPoints>,
-    /// Expressions by name in states, variables, parameters, `t` and each other, in no circle: further columns, and names to be
-    /// used in other expressions.
+    /// Expressions by name, in states, variables, parameters, `t` and each other, without circular references. Each can be
+    /// reported as a column, and used by its name in other expressions.
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub definitions: Ordered<Expression>,
@@ -87,20 +87,9 @@ impl Written for RigidBodiesProblem {
         "rigid_bodies"
     }
 
-    fn parameters(&self) -> &Ordered<Expression> {
-        &self.parameters
-    }
-
-    fn tables(&self) -> &Ordered<TableOfPoints> {
-        &self.tables
-    }
-
-    fn definitions(&self) -> &Ordered<Expression> {
-        &self.definitions
-    }
-
-    fn integrals(&self) -> &Ordered<Expression> {
-        &self.integrals
+    fn named(&self) -> Named<'_> {
+        let Self { parameters, tables, definitions, integrals, .. } = self;
+        Named { parameters, tables, definitions, integrals }
     }
 
     fn unknowns(&self) -> usize {
@@ -113,7 +102,7 @@ impl Written for RigidBodiesProblem {
     }
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
-        let mut lowering = Lowering::new(start, self.givens(), place);
+        let mut lowering = Lowering::new(start, self.named(), place);
         lowering.use_definitions(&self.definitions);
         let place_of_bodies = place.key("bodies");
         if self.bodies.len() > MOST_BODIES {

@@ -1,0 +1,163 @@
+//! What to write where a value has the wrong shape: made of what stands there, or an example of what belongs there.
+
+use super::json::Json;
+use super::place::Step;
+use super::wording::{abridged, quoted};
+
+/// Examples by the key that a value has.
+const EXAMPLES: [(&str, &str); 40] = [
+    ("problem", r#"{"dvi": {"states": {"x": {"initial": 1, "rate": "-x"}}}}"#),
+    ("time", r#"{"end": 10}"#),
+    ("method", r#"{"rtol": 1e-6}"#),
+    ("output", r#"{"fields": ["x"], "times": {"count": 101}}"#),
+    ("limits", r#"{"wall_seconds": 60}"#),
+    ("stop", r#"[{"when": "x - 1"}]"#),
+    ("sensitivities", r#"{"to": ["k"], "of": ["x"]}"#),
+    ("study", r#"{"rtol": [1e-3, 1e-6]}"#),
+    ("times", r#"{"count": 101}"#),
+    ("fields", r#"["x"]"#),
+    ("set", r#"[{"nonnegative": ["z"]}]"#),
+    ("box", r#"{"of": ["F"], "lower": -1, "upper": 1}"#),
+    ("ball", r#"{"of": ["Fx", "Fy"], "radius": 1}"#),
+    ("polyhedron", r#"{"of": ["z"], "A": [[1]], "b": [1]}"#),
+    ("states", r#"{"x": {"initial": 1, "rate": "-x"}}"#),
+    ("variables", r#"{"F": {"inequality": "-v"}}"#),
+    ("parameters", r#"{"k": 1}"#),
+    ("definitions", r#"{"slip": "v - v_belt"}"#),
+    ("integrals", r#"{"work": "F*v"}"#),
+    ("tables", r#"{"load": {"x": [0, 1], "y": [0, 2]}}"#),
+    ("coordinates", r#"{"x": {"initial": 0, "velocity": 1}}"#),
+    ("mass", r#"[["m", 0], [0, "m"]]"#),
+    ("A", "[[0, 1], [-1, 0]]"),
+    ("B", "[[0], [1]]"),
+    ("C", "[[0, 1]]"),
+    ("D", "[[0]]"),
+    ("a", r#"[0, "sin(t)"]"#),
+    ("g", "[0]"),
+    ("initial", "[1, 0]"),
+    ("forces", r#"{"x": "-k*x"}"#),
+    ("friction", r#"{"coefficient": 0.5, "slip": ["x_dot"]}"#),
+    ("contacts", r#"[{"name": "floor", "gap": "y"}]"#),
+    ("components", r#"[{"resistor": {"name": "R1", "nodes": ["a", "0"], "ohms": 10}}]"#),
+    ("nodes", r#"["a", "0"]"#),
+    ("shape", r#"{"sphere": {"radius": 0.1}}"#),
+    ("gravity", "[0, 0, -9.81]"),
+    ("orientation", "[1, 0, 0, 0]"),
+    ("position", "[0, 0, 1]"),
+    ("axis", "[1, 0, 0]"),
+    ("regions", r#"[{"indicator": "x", "rates": {"x": "-1"}}]"#),
+];
+
+/// What is written for `found` at the end of a path, where something else is expected.
+pub(super) fn instead(path: &[Step], found: &Json, expected: &str) -> Option<String> {
+    let key = path.iter().rev().find_map(|step| if let Step::Key(key) = step { Some(key.as_str()) } else { None });
+    let parent =
+        path.len().checked_sub(2).and_then(|at| if let Step::Key(key) = &path[at] { Some(key.as_str()) } else { None });
+    let is_member = matches!(path.last(), Some(Step::Key(_)));
+    let shown = abridged(&found.to_string());
+    match (found, key) {
+        (Json::Text(text), _) if expected == "a boolean" => {
+            let word = if text.eq_ignore_ascii_case("true") || text == "1" || text == "yes" { "true" } else { "false" };
+            return Some(format!("`{word}` without quotes"));
+        }
+        (Json::Number(number), _) if expected == "a boolean" => {
+            return Some(format!("`{}`", number.as_f64() != Some(0.0)));
+        }
+        (Json::Text(text), _) if expected.contains("number") && !expected.contains("expression") => {
+            return Some(match text.trim().parse::<f64>() {
+                Ok(value) if value.is_finite() => format!("`{}` without quotes", text.trim()),
+                _ => "a number; no expression stands here".to_owned(),
+            });
+        }
+        (Json::Number(_) | Json::Bool(_), _) if expected == "a string" => return Some(format!("`{}`", quoted(&shown))),
+        (Json::Text(text), _) if text.trim_start().starts_with(['[', '{']) => {
+            return Some(format!("`{}` without quotes", abridged(text.trim())));
+        }
+        (Json::Text(text), Some("nodes")) if text.split_whitespace().count() == 2 => {
+            let [a, b] = [0, 1].map(|place| quoted(text.split_whitespace().nth(place).unwrap_or_default()));
+            return Some(format!("`[{a}, {b}]`"));
+        }
+        (Json::Number(_), Some("time")) => return Some(format!("`{{\"end\": {shown}}}`")),
+        (Json::List(items), Some("time")) if items.len() == 2 => {
+            return Some(format!("`{{\"start\": {}, \"end\": {}}}`", items[0], items[1]));
+        }
+        (Json::Number(number), Some("times")) => {
+            let key = if number.as_u64().is_some() { "count" } else { "every" };
+            return Some(format!("`{{\"{key}\": {shown}}}`"));
+        }
+        (Json::Text(_), Some("method")) if is_member => return Some(format!("`{{\"name\": {shown}}}`")),
+        (Json::Text(_), Some("problem")) if is_member => return Some("`{\"dvi\": {...}}`".to_owned()),
+        (Json::Text(_), None) if path.len() == 1 => return Some(format!("`{{\"when\": {shown}}}`")),
+        (Json::Number(_) | Json::Text(_), Some("friction")) if is_member && expected == "an object" => {
+            return Some(format!("`{{\"coefficient\": {shown}, \"slip\": [\"x_dot\"]}}`"));
+        }
+        (Json::Text(_), Some("stop")) if !is_member => return Some(format!("`{{\"when\": {shown}}}`")),
+        (Json::Text(_) | Json::List(_) | Json::Number(_), Some(_)) if parent == Some("states") && is_member => {
+            let rate = if let Json::Text(_) = found { shown } else { "\"-x\"".to_owned() };
+            return Some(format!("`{{\"initial\": 0, \"rate\": {rate}}}`"));
+        }
+        (Json::Text(_), Some(_)) if parent == Some("variables") && is_member => {
+            return Some(format!("`{{\"inequality\": {shown}}}`"));
+        }
+        (Json::List(items), Some("sensitivities")) if !items.is_empty() => {
+            return Some(format!("`{{\"to\": {shown}}}`"));
+        }
+        (Json::List(items), Some("output")) if !items.is_empty() => return Some(format!("`{{\"fields\": {shown}}}`")),
+        (Json::Object(members), _) if expected == "a list" && is_member && !members.is_empty() => {
+            let values = members.iter().map(|(_, value)| value);
+            let of_numbers = members.iter().all(|(_, value)| matches!(value, Json::Number(_)));
+            if of_numbers {
+                let values: Vec<String> = values.map(Json::to_string).collect();
+                return Some(format!("`[{}]`", abridged(&values.join(", "))));
+            }
+            return Some(format!("`[{shown}]`"));
+        }
+        _ => {}
+    }
+    if let (Some(key @ ("A" | "B" | "C" | "D" | "mass")), false, true) = (key, is_member, expected == "a list") {
+        let example = EXAMPLES.iter().find(|(name, _)| *name == key).map(|(_, example)| *example);
+        return example.map(|example| format!("a list of rows: `{example}`"));
+    }
+    if path.is_empty() {
+        return Some("`{\"problem\": {...}, \"time\": {\"end\": 1}}`".to_owned());
+    }
+    let example = EXAMPLES.iter().find(|(name, _)| is_member && Some(*name) == key).map(|(_, example)| *example);
+    match (example, found) {
+        (_, Json::Text(_))
+            if expected == "a list"
+                && !matches!(key, Some("set" | "stop" | "mass" | "axis" | "contacts" | "components")) =>
+        {
+            Some(format!("`[{shown}]`"))
+        }
+        (Some(example), _) => Some(format!("`{example}`")),
+        _ if expected == "a list" => Some(format!("`[{shown}]`")),
+        _ if expected.starts_with("3 entries") || expected.contains("length 3") => Some("`[0, 0, 1]`".to_owned()),
+        _ => None,
+    }
+}
+
+/// How a choice is written that has its contents, where its name stands alone.
+pub(super) fn alone(name: &Json) -> String {
+    let of_names = ["free", "nonnegative", "nonpositive", "second_order_cone", "simplex"];
+    match name {
+        Json::Text(text) if of_names.contains(&text.as_str()) => format!("`{{{name}: [\"z\"]}}`"),
+        _ => format!("`{{{name}: {{...}}}}`"),
+    }
+}
+
+/// How a choice is written that was not written as an object with one key.
+pub(super) fn choice(found: &Json, valid: &[&'static str]) -> Option<String> {
+    let is_valid = |name: &&&'static str, text: &str| **name == text;
+    let named = match found {
+        Json::Text(text) => valid.iter().find(|name| is_valid(name, text)),
+        Json::Object(members) => members.iter().find_map(|(key, value)| match value {
+            Json::Text(text) if matches!(key.as_str(), "type" | "kind" | "class" | "shape") => {
+                valid.iter().find(|name| is_valid(name, text))
+            }
+            _ => None,
+        }),
+        _ => None,
+    };
+    let name = named.or(valid.first())?;
+    Some(format!("`{{\"{name}\": {{...}}}}`"))
+}

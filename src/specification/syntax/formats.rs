@@ -1,0 +1,42 @@
+//! Documents in other formats, by how they begin.
+
+use super::Slip;
+
+/// Letters that the lines of a netlist begin with: resistors, capacitors, inductors, sources, diodes and switches.
+const COMPONENTS: &str = "RCLVIDSrclvids";
+
+/// What a text is that does not begin as an object.
+pub(super) fn other(text: &str) -> Option<Slip> {
+    let text = text.trim_start();
+    let line = text.lines().next()?.trim_end();
+    let member = |mark: char| line.split_once(mark).filter(|(word, _)| is_word(word.trim_end()));
+    let write = "JSON: {\"problem\": {...}, \"time\": {\"end\": 1}}";
+    let is_table = line.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')).is_some_and(is_word);
+    Some(if line.starts_with('{') {
+        return None;
+    } else if is_table || member('=').is_some() {
+        Slip::new("text that looks like TOML", write)
+    } else if line.starts_with("---") || member(':').is_some() {
+        Slip::new("text that looks like YAML", write)
+    } else if line.starts_with('<') {
+        Slip::new("text that looks like XML", write)
+    } else if is_netlist(text) {
+        let write = "it as a string in JSON: {\"problem\": {\"circuit\": {\"netlist\": \"V1 a 0 10\\nR1 a 0 1\"}}, \"time\": {\"end\": 1}}";
+        Slip::new("text that looks like a netlist", write)
+    } else if line.starts_with(['[', '"']) {
+        return None;
+    } else {
+        Slip::new("text that is no JSON", "a JSON object: {\"problem\": {...}, \"time\": {\"end\": 1}}")
+    })
+}
+
+fn is_word(text: &str) -> bool {
+    !text.is_empty() && text.chars().all(|c| c.is_ascii_alphanumeric() || "_-.".contains(c))
+}
+
+/// Whether a first line that is no title has a component between nodes.
+fn is_netlist(text: &str) -> bool {
+    let mut lines = text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('*'));
+    let is_component = |line: &str| line.starts_with(|c| COMPONENTS.contains(c)) && line.split_whitespace().count() > 3;
+    text.starts_with(['*', '.']) || lines.next().is_some_and(is_component)
+}

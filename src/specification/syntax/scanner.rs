@@ -1,0 +1,158 @@
+//! Where a text stops being JSON (RFC 8259), and what would stand there.
+
+use std::ops::Range;
+
+/// What JSON has at a place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Wanted {
+    /// A value, of a list, behind a colon, or as the document.
+    Value,
+    /// The key of a member.
+    Key,
+    /// A colon behind a key.
+    Colon,
+    /// A comma, or the end of the list or object.
+    Separator,
+    /// Nothing more.
+    End,
+    /// The rest of a string that begins at `Fault::before`.
+    Text,
+}
+
+/// The first place at which a text is no JSON.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Fault {
+    /// The byte where the token begins that does not fit; the length of the text where it ends too early.
+    pub at: usize,
+    /// What would fit.
+    pub wanted: Wanted,
+    /// Whether a bracket was opened just before.
+    pub is_first: bool,
+    /// The brackets that are open, with where they stand.
+    pub open: Vec<(u8, usize)>,
+    /// The token before.
+    pub before: Range<usize>,
+}
+
+/// The first fault of a text; `None` for JSON, as far as tokens tell.
+pub(super) fn fault(text: &[u8]) -> Option<Fault> {
+    let mut fault = Fault { at: 0, wanted: Wanted::Value, is_first: false, open: Vec::new(), before: 0..0 };
+    loop {
+        fault.at += text[fault.at..].iter().take_while(|byte| b" \t\r\n".contains(byte)).count();
+        let Some(&byte) = text.get(fault.at) else {
+            return (fault.wanted != Wanted::End).then_some(fault);
+        };
+        let innermost = fault.open.last().map(|&(bracket, _)| bracket);
+        let closes = (byte == b']' && innermost == Some(b'[')) || (byte == b'}' && innermost == Some(b'{'));
+        let (wanted, is_first, end) = match (fault.wanted, byte) {
+            (Wanted::Value, b'{' | b'[') => {
+                fault.open.push((byte, fault.at));
+                (if byte == b'{' { Wanted::Key } else { Wanted::Value }, true, fault.at + 1)
+            }
+            (Wanted::Separator, _) if closes => (fault.close(), false, fault.at + 1),
+            (Wanted::Value | Wanted::Key, _) if closes && fault.is_first => (fault.close(), false, fault.at + 1),
+            (Wanted::Value | Wanted::Key, b'"') => match string(text, fault.at) {
+                Ok(end) if fault.wanted == Wanted::Key => (Wanted::Colon, false, end),
+                Ok(end) => (fault.after_value(), false, end),
+                Err(at) => {
+                    return Some(Fault { at, wanted: Wanted::Text, before: fault.at..at, ..fault });
+                }
+            },
+            (Wanted::Colon, b':') => (Wanted::Value, false, fault.at + 1),
+            (Wanted::Separator, b',') => {
+                (if innermost == Some(b'{') { Wanted::Key } else { Wanted::Value }, false, fault.at + 1)
+            }
+            (Wanted::Value, _) => match literal(&text[fault.at..]) {
+                0 => return Some(fault),
+                length => (fault.after_value(), false, fault.at + length),
+            },
+            _ => return Some(fault),
+        };
+        fault = Fault { wanted, is_first, at: end, before: fault.at..end, open: fault.open };
+    }
+}
+
+impl Fault {
+    fn close(&mut self) -> Wanted {
+        self.open.pop();
+        self.after_value()
+    }
+
+    fn after_value(&self) -> Wanted {
+        if self.open.is_empty() { Wanted::End } else { Wanted::Separator }
+    }
+}
+
+/// The end of a string that begins at a quote; where it breaks off, if it does.
+fn string(text: &[u8], start: usize) -> Result<usize, usize> {
+    let mut at = start + 1;
+    loop {
+        match text.get(at) {
+            Some(b'"') => return Ok(at + 1),
+            Some(b'\\') if text.get(at + 1).is_some_and(|byte| b"\"\\/bfnrtu".contains(byte)) => at += 2,
+            None | Some(b'\\' | ..=0x1f) => return Err(at),
+            Some(_) => at += 1,
+        }
+    }
+}
+
+/// The length of the number or word of JSON at the beginning of a text; 0 if there is none.
+fn literal(text: &[u8]) -> usize {
+    let length = text.iter().take_while(|byte| byte.is_ascii_alphanumeric() || b"+-._".contains(byte)).count();
+    let token = &text[..length];
+    if [&b"true"[..], b"false", b"null"].contains(&token) || is_number(token) { length } else { 0 }
+}
+
+fn is_number(token: &[u8]) -> bool {
+    let digits = |text: &[u8]| text.iter().take_while(|byte| byte.is_ascii_digit()).count();
+    let rest = token.strip_prefix(b"-").unwrap_or(token);
+    let whole = digits(rest);
+    if whole == 0 || (whole > 1 && rest[0] == b'0') {
+        return false;
+    }
+    let mut rest = &rest[whole..];
+    if let Some(fraction) = rest.strip_prefix(b".") {
+        let length = digits(fraction);
+        if length == 0 {
+            return false;
+        }
+        rest = &fraction[length..];
+    }
+    if let [b'e' | b'E', exponent @ ..] = rest {
+        let exponent = exponent.strip_prefix(b"+").or(exponent.strip_prefix(b"-")).unwrap_or(exponent);
+        return !exponent.is_empty() && digits(exponent) == exponent.len();
+    }
+    rest.is_empty()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn json_has_no_fault() {
+        for text in ["{}", "[]", " [1, -2.5e-3, {\"a\": [true, null, \"x\\n\"]}, []] ", "0", "\"a\"", "1E+5"] {
+            assert_eq!(fault(text.as_bytes()), None, "{text}");
+        }
+    }
+
+    #[test]
+    fn a_fault_is_where_its_token_begins() {
+        for (text, at, wanted) in [
+            ("", 0, Wanted::Value),
+            ("{\"a\": 01}", 6, Wanted::Value),
+            ("{\"a\": True}", 6, Wanted::Value),
+            ("[1,]", 3, Wanted::Value),
+            ("{\"a\": 1,}", 8, Wanted::Key),
+            ("{\"a\" 1}", 5, Wanted::Colon),
+            ("[1 2]", 3, Wanted::Separator),
+            ("[1}", 2, Wanted::Separator),
+            ("{} {}", 3, Wanted::End),
+            ("[\"a\n\"]", 3, Wanted::Text),
+            ("[\"a", 3, Wanted::Text),
+        ] {
+            let fault = fault(text.as_bytes()).unwrap();
+            assert_eq!((fault.at, fault.wanted), (at, wanted), "{text}");
+        }
+    }
+}

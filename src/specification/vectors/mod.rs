@@ -1,0 +1,277 @@
+//! Vectors, written out before a document is read: a member `"x[1..n]"` stands for one member an element, in which the index
+//! `i` has its value; a name with a range in a list of names stands for all its elements; an entry of a list whose `name`,
+//! `label` or, in a box, whose `of` has a range stands for one entry an element. A list in the place of a number or an
+//! expression has one value for each element.
+//!
+//! Nothing behind this knows of it: errors are told where the range stands.
+
+mod range;
+
+use super::error::{Errors, SpecificationError};
+use super::json::Json;
+use super::place::{Step, pointer};
+use range::{MOST_ELEMENTS, Range, Values, replaced};
+use std::collections::{HashMap, HashSet};
+
+/// What was written out.
+#[derive(Debug, Default)]
+pub(super) struct Vectors {
+    /// The parameters that say how many elements there are.
+    pub sizes: Vec<String>,
+    /// Where the document has what was written out, by pointers.
+    origins: HashMap<String, String>,
+}
+
+impl Vectors {
+    /// Errors where the document has what they are of, each once.
+    pub fn at_origins(&self, errors: Vec<SpecificationError>) -> Vec<SpecificationError> {
+        if self.origins.is_empty() {
+            return errors;
+        }
+        let mut seen = HashSet::new();
+        let moved = errors.into_iter().map(|error| SpecificationError { pointer: self.origin(error.pointer), ..error });
+        moved.filter(|error| seen.insert((error.pointer.clone(), error.code))).collect()
+    }
+
+    fn origin(&self, pointer: String) -> String {
+        let mut end = pointer.len();
+        loop {
+            if let Some(origin) = self.origins.get(&pointer[..end]) {
+                return format!("{origin}{}", &pointer[end..]);
+            }
+            match pointer[..end].rfind('/') {
+                Some(slash) => end = slash,
+                None => return pointer,
+            }
+        }
+    }
+}
+
+/// Writes out the vectors of a document; what is wrong with them is reported, and they are left as they are.
+pub(super) fn write_out(json: &mut Json, errors: &mut Errors) -> Vectors {
+    let mut expansion = Expansion { vectors: Vectors::default(), parameters: HashMap::new(), elements: 0, errors };
+    let Json::Object(members) = json else { return expansion.vectors };
+    let problem = members.iter().find(|(key, _)| key == "problem").and_then(|(_, problem)| problem.only());
+    if let Some(Json::Object(parameters)) =
+        problem.and_then(|problem| problem.child(&Step::Key("parameters".to_owned())))
+    {
+        let whole = parameters.iter().filter_map(|(name, value)| match value {
+            Json::Number(number) => Some((name.clone(), number.as_i64()?)),
+            _ => None,
+        });
+        expansion.parameters = whole.collect();
+    }
+    for key in ["problem", "stop", "output", "sensitivities"] {
+        let mut place = Place { new: vec![Step::Key(key.to_owned())], old: vec![Step::Key(key.to_owned())] };
+        if let Some((_, value)) = members.iter_mut().find(|(name, _)| name == key) {
+            expansion.value(value, &mut place);
+        }
+    }
+    expansion.vectors.sizes.sort_unstable();
+    expansion.vectors.sizes.dedup();
+    expansion.vectors
+}
+
+/// A place in the document, and in what it is written out to.
+struct Place {
+    new: Vec<Step>,
+    old: Vec<Step>,
+}
+
+struct Expansion<'e> {
+    vectors: Vectors,
+    parameters: HashMap<String, i64>,
+    elements: usize,
+    errors: &'e mut Errors,
+}
+
+impl Expansion<'_> {
+    fn value(&mut self, value: &mut Json, place: &mut Place) {
+        match value {
+            Json::Object(members) => self.members(members, place),
+            Json::List(items) => self.items(items, place),
+            _ => {}
+        }
+    }
+
+    fn members(&mut self, members: &mut Vec<(String, Json)>, place: &mut Place) {
+        let written = std::mem::take(members);
+        for (key, mut value) in written {
+            let step = Step::Key(key.clone());
+            let Some(range) = self.range(&key, place, &step) else {
+                place.new.push(step.clone());
+                place.old.push(step);
+                // The columns of a table are no vectors of the problem.
+                if key != "tables" {
+                    self.value(&mut value, place);
+                }
+                place.new.pop();
+                place.old.pop();
+                members.push((key, value));
+                continue;
+            };
+            place.old.push(step);
+            for (position, (name, values)) in range.elements().enumerate() {
+                place.new.push(Step::Key(name.clone()));
+                let element = self.element(&value, &values, (position, range.len()), place);
+                self.remember(place);
+                place.new.pop();
+                members.push((name, element));
+            }
+            place.old.pop();
+        }
+    }
+
+    fn items(&mut self, items: &mut Vec<Json>, place: &mut Place) {
+        let written = std::mem::take(items);
+        for (index, mut item) in written.into_iter().enumerate() {
+            let step = Step::Index(index);
+            let name = named(&item).map(str::to_owned);
+            let range = name.as_ref().and_then(|name| self.range(name, place, &step));
+            place.old.push(step);
+            match range {
+                Some(range) => {
+                    for (position, (name, values)) in range.elements().enumerate() {
+                        place.new.push(Step::Index(items.len()));
+                        let element = match &item {
+                            Json::Text(_) => Json::Text(name),
+                            item => {
+                                let mut element = self.element(item, &values, (position, range.len()), place);
+                                rename(&mut element, &name);
+                                element
+                            }
+                        };
+                        self.remember(place);
+                        place.new.pop();
+                        items.push(element);
+                    }
+                }
+                None => {
+                    place.new.push(Step::Index(items.len()));
+                    if items.len() != index {
+                        self.remember(place);
+                    }
+                    self.value(&mut item, place);
+                    place.new.pop();
+                    items.push(item);
+                }
+            }
+            place.old.pop();
+        }
+    }
+
+    /// One element: its text with the values of its indices, of lists its value.
+    fn element(
+        &mut self,
+        value: &Json,
+        values: &Values<'_>,
+        (position, count): (usize, Option<usize>),
+        place: &Place,
+    ) -> Json {
+        match value {
+            Json::Text(text) => Json::Text(replaced(text, values)),
+            Json::Object(members) => {
+                let element = |(key, value): &(String, Json)| {
+                    (key.clone(), self.element(value, values, (position, count), place))
+                };
+                Json::Object(members.iter().map(element).collect())
+            }
+            Json::List(items)
+                if items.iter().all(|item| matches!(item, Json::Number(_) | Json::Text(_))) && !is_of_names(items) =>
+            {
+                match items.get(position) {
+                    Some(item) if count == Some(items.len()) => self.element(item, values, (position, count), place),
+                    _ => {
+                        let detail = format!("{} values for {} elements", items.len(), count.unwrap_or(0));
+                        let error = SpecificationError::new(pointer(&place.old), "wrong_count", detail);
+                        self.errors.push(error.expected("one value for all elements, or a list with one for each"));
+                        Json::Number(0.into())
+                    }
+                }
+            }
+            Json::List(items) => {
+                Json::List(items.iter().map(|item| self.element(item, values, (position, count), place)).collect())
+            }
+            other => other.clone(),
+        }
+    }
+
+    /// The range of a name, where it has one that is right.
+    fn range<'t>(&mut self, name: &'t str, place: &Place, step: &Step) -> Option<Range<'t>> {
+        let at = || pointer(&[place.old.as_slice(), std::slice::from_ref(step)].concat());
+        let sizes = std::cell::RefCell::new(Vec::new());
+        let size = |name: &str| {
+            let value = self.parameters.get(name).copied()?;
+            sizes.borrow_mut().push(name.to_owned());
+            Some(value)
+        };
+        let read = Range::read(name, at, size);
+        self.vectors.sizes.append(&mut sizes.into_inner());
+        let range = match read {
+            Ok(range) => range?,
+            Err(error) => {
+                self.errors.push(error);
+                return None;
+            }
+        };
+        self.elements += range.len().unwrap_or(0);
+        if self.elements > MOST_ELEMENTS {
+            let error =
+                SpecificationError::new(at(), "too_many_unknowns", "all vectors together have too many elements");
+            self.errors.push(error.expected(format!("at most {MOST_ELEMENTS} elements")));
+            return None;
+        }
+        Some(range)
+    }
+
+    fn remember(&mut self, place: &Place) {
+        self.vectors.origins.insert(pointer(&place.new), pointer(&place.old));
+    }
+}
+
+/// Whether a list has names with indices, of which none is the value of one element.
+fn is_of_names(items: &[Json]) -> bool {
+    items.iter().all(|item| matches!(item, Json::Text(text) if text.ends_with(']') && !text.contains([' ', '*', '+'])))
+}
+
+/// The name that an entry of a list goes by, where it may have a range: of a text itself, of a box what it is of.
+fn named(item: &Json) -> Option<&str> {
+    match item {
+        Json::Text(text) => Some(text),
+        Json::Object(members) => members.iter().find_map(|(key, value)| match (key.as_str(), value) {
+            ("name" | "label", Json::Text(text)) => Some(text.as_str()),
+            ("box", Json::Object(_)) => match value.child(&Step::Key("of".to_owned())) {
+                Some(Json::List(of)) if of.len() == 1 => named(&of[0]),
+                _ => None,
+            },
+            _ => None,
+        }),
+        _ => None,
+    }
+}
+
+/// Gives an element its name, where the range stood.
+fn rename(element: &mut Json, name: &str) {
+    let Json::Object(members) = element else { return };
+    for (key, value) in members {
+        match (key.as_str(), value) {
+            ("name" | "label", Json::Text(text)) => *text = name.to_owned(),
+            ("box", value) => {
+                if let Some(Json::List(of)) = value.at_mut(&[Step::Key("of".to_owned())]) {
+                    *of = vec![Json::Text(name.to_owned())];
+                }
+            }
+            _ => {}
+        }
+    }
+}
+
+impl Json {
+    /// The value of an object with one member.
+    fn only(&self) -> Option<&Json> {
+        match self {
+            Json::Object(members) if members.len() == 1 => members.first().map(|(_, value)| value),
+            _ => None,
+        }
+    }
+}

@@ -1,0 +1,177 @@
+//! Names with ranges of indices, `x[1..n]` and `x[i in 1..3, j in 0..n+1]`, and texts with indices replaced by their values.
+
+use crate::error::SpecificationError;
+use crate::wording::abridged;
+
+/// The elements that all names with ranges of a document may have.
+pub(super) const MOST_ELEMENTS: usize = 200_000;
+
+/// The indices that a range has where none is named, in their order.
+const INDICES: [&str; 3] = ["i", "j", "k"];
+
+/// A name with ranges of indices.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Range<'t> {
+    /// The name of the vector.
+    pub name: &'t str,
+    /// Each index with its first and last value.
+    indices: Vec<(&'t str, i64, i64)>,
+}
+
+/// The values of indices.
+pub(super) type Values<'t> = Vec<(&'t str, i64)>;
+
+impl<'t> Range<'t> {
+    /// The range that a text is; `None` where it is none. `size` knows parameters with whole values.
+    ///
+    /// # Errors
+    /// What is wrong with a range.
+    pub(super) fn read(
+        text: &'t str,
+        pointer: impl Fn() -> String,
+        size: impl Fn(&str) -> Option<i64>,
+    ) -> Result<Option<Self>, SpecificationError> {
+        let parts = text.trim().strip_suffix(']').and_then(|text| text.split_once('['));
+        let Some((name, inside)) = parts.filter(|(name, inside)| is_word(name) && inside.contains("..")) else {
+            return Ok(None);
+        };
+        let wrong = |what: String| {
+            let detail = format!("`{}`: {what}", abridged(text));
+            SpecificationError::new(pointer(), "index_out_of_range", detail)
+                .expected("`x[1..n]` or `x[i in 1..n]`, with whole numbers and parameters that are whole numbers")
+        };
+        let mut indices: Vec<(&str, i64, i64)> = Vec::new();
+        for (k, part) in inside.split(',').enumerate() {
+            let (index, range) = match part.split_once(" in ") {
+                Some((index, range)) => (index.trim(), range),
+                None => (*INDICES.get(k).ok_or_else(|| wrong("the fourth index has no name".to_owned()))?, part),
+            };
+            if !is_word(index) || indices.iter().any(|(other, ..)| *other == index) {
+                return Err(wrong(format!("`{}` is no name for an index", abridged(index))));
+            }
+            let (first, last) =
+                range.split_once("..").ok_or_else(|| wrong(format!("`{}` is no range", abridged(part.trim()))))?;
+            let end = |text: &str| whole(text, &size).map_err(|what| wrong(what));
+            let (first, last) = (end(first)?, end(last)?);
+            if first > last {
+                return Err(wrong(format!("the range {first}..{last} is empty")));
+            }
+            indices.push((index, first, last));
+        }
+        let range = Self { name, indices };
+        match range.len() {
+            Some(_) => Ok(Some(range)),
+            None => Err(wrong(format!("more than {MOST_ELEMENTS} elements"))),
+        }
+    }
+
+    /// The number of elements, where there are not too many.
+    pub(super) fn len(&self) -> Option<usize> {
+        let sizes = self.indices.iter().map(|(_, first, last)| (last - first) as usize + 1);
+        sizes.into_iter().try_fold(1_usize, usize::checked_mul).filter(|&count| count <= MOST_ELEMENTS)
+    }
+
+    /// The name of each element with the values of its indices; the last index goes round first.
+    pub(super) fn elements(&self) -> impl Iterator<Item = (String, Values<'t>)> {
+        let count = self.len().unwrap_or(0);
+        (0..count).map(move |mut place| {
+            let mut values = Vec::with_capacity(self.indices.len());
+            for &(index, first, last) in self.indices.iter().rev() {
+                let size = (last - first) as usize + 1;
+                values.push((index, first + (place % size) as i64));
+                place /= size;
+            }
+            values.reverse();
+            let shown: Vec<String> = values.iter().map(|(_, value)| value.to_string()).collect();
+            (format!("{}[{}]", self.name, shown.join(",")), values)
+        })
+    }
+}
+
+/// The whole number that a sum of whole numbers and parameters is.
+fn whole(text: &str, size: &impl Fn(&str) -> Option<i64>) -> Result<i64, String> {
+    let mut sum = 0_i64;
+    let mut rest = text.trim();
+    let mut sign = 1;
+    if let Some(after) = rest.strip_prefix('-') {
+        (sign, rest) = (-1, after.trim_start());
+    }
+    loop {
+        let end = rest.find(['+', '-']).unwrap_or(rest.len());
+        let word = rest[..end].trim();
+        const MOST: i64 = 1_000_000_000;
+        let value = match word.parse::<i64>() {
+            Ok(value) if value <= MOST => value,
+            _ => size(word)
+                .ok_or_else(|| format!("`{}` is neither a whole number nor a parameter that is one", abridged(word)))?,
+        };
+        sum += sign * value;
+        if end == rest.len() {
+            return Ok(sum);
+        }
+        sign = if rest.as_bytes()[end] == b'+' { 1 } else { -1 };
+        rest = &rest[end + 1..];
+    }
+}
+
+/// A text with the values of indices in their place: words of their own that are not called as functions.
+pub(super) fn replaced(text: &str, values: &Values<'_>) -> String {
+    let mut out = String::with_capacity(text.len());
+    let mut rest = text;
+    while let Some(at) = rest.find(|c: char| c.is_ascii_alphanumeric() || c == '_') {
+        let length = rest[at..].find(|c: char| !(c.is_ascii_alphanumeric() || c == '_')).unwrap_or(rest.len() - at);
+        let (before, word, after) = (&rest[..at], &rest[at..at + length], &rest[at + length..]);
+        out.push_str(before);
+        let is_part = out.ends_with('.') && !out.ends_with("..") || after.trim_start().starts_with('(');
+        match values.iter().find(|(index, _)| *index == word && !is_part) {
+            Some((_, value)) if *value < 0 => out.push_str(&format!("({value})")),
+            Some((_, value)) => out.push_str(&value.to_string()),
+            None => out.push_str(word),
+        }
+        rest = after;
+    }
+    out + rest
+}
+
+fn is_word(text: &str) -> bool {
+    text.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
+        && text.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'_')
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> Result<Option<Range<'_>>, SpecificationError> {
+        Range::read(text, String::new, |name| (name == "n").then_some(3))
+    }
+
+    #[test]
+    fn ranges_have_elements() {
+        let names = |text: &'static str| -> Vec<String> {
+            read(text).unwrap().unwrap().elements().map(|(name, _)| name).collect()
+        };
+        assert_eq!(names("x[1..n]"), ["x[1]", "x[2]", "x[3]"]);
+        assert_eq!(names("x[0..n-2]"), ["x[0]", "x[1]"]);
+        assert_eq!(names("x[-1..0, k in 5..6]"), ["x[-1,5]", "x[-1,6]", "x[0,5]", "x[0,6]"]);
+        assert_eq!(read("x[3]").unwrap(), None);
+        for wrong in [
+            "x[1..m]",
+            "x[3..1]",
+            "x[1..1.5]",
+            "x[1..3, 4]",
+            "x[i in 1..2, i in 1..2]",
+            "x[1..1000000]",
+            "x[2 in 1..2]",
+        ] {
+            assert!(read(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn indices_are_words_of_their_own() {
+        let at = |text: &str| replaced(text, &vec![("i", 3), ("j", -1)]);
+        assert_eq!(at("x[i-1] + i*xi + i_1 + i(R1) + j"), "x[3-1] + 3*xi + i_1 + i(R1) + (-1)");
+        assert_eq!(at("sum(x[k] for k in 1..i)"), "sum(x[k] for k in 1..3)");
+    }
+}
