@@ -90,9 +90,7 @@ fn check(path: &Path) -> ExitCode {
 }
 
 fn mend(path: &Path) -> ExitCode {
-    let mended =
-        Inspection::of(path).and_then(|found| if found.is_whole() { Ok(None) } else { repair(path).map(Some) });
-    match mended {
+    match repair(path) {
         Ok(None) => {
             println!("{}: whole, and left as it is", path.display());
             ExitCode::SUCCESS

@@ -33,19 +33,23 @@ pub struct Salvaged {
     pub aside: PathBuf,
 }
 
-/// Builds the database of the store in `folder` anew, as a service does that meets a damaged page.
+/// Builds the database of the store in `folder` anew, as a service does that meets a damaged page; nothing if all of it is as
+/// it was written.
 ///
 /// # Errors
 /// The store is absent, in use or of another version, or those of the disk; nothing has changed.
-pub fn repair(folder: &Path) -> io::Result<Salvaged> {
+pub fn repair(folder: &Path) -> io::Result<Option<Salvaged>> {
     let path = folder.join("jobs.redb");
     let known = Inspection::of(folder)?;
+    if known.is_whole() {
+        return Ok(None);
+    }
     if known.format < FORMAT {
         let told = format!("it has format {}: start the service once, which brings it up to date", known.format);
         return Err(io::Error::new(io::ErrorKind::Unsupported, told));
     }
     let (database, _) = Database::in_file(&path, &|_| None)?;
-    database.rebuild(&io::Error::new(io::ErrorKind::InvalidData, "it is to be repaired"))
+    database.rebuild(&io::Error::new(io::ErrorKind::InvalidData, "it is to be repaired")).map(Some)
 }
 
 /// What the row of a job says of its parts.
@@ -81,9 +85,9 @@ pub fn salvage(
     let mut rows = Rows::new(&into, JOBS);
     for (id, record) in remembered {
         // Strings and finite numbers always have a JSON form.
-        let row = serde_json::to_vec(&record).unwrap_or_default();
-        if lost.remove(&id) && learn(id, &seal(id, &row)) {
-            rows.put(id, &seal(id, &row))?;
+        let row = seal(id, &serde_json::to_vec(&record).unwrap_or_default());
+        if lost.remove(&id) && learn(id, &row) {
+            rows.put(id, &row)?;
             salvaged.remembered += 1;
         }
     }
