@@ -78,6 +78,11 @@ impl Contact {
         Self { gap: self.gap.max(0.0), bias: self.gap.min(0.0), law: Law::default(), before: Vector3::zeros(), ..self }
     }
 
+    /// Notes the gap at the end of a step `h` with these mean velocities.
+    pub fn foresee(&mut self, h: f64, of: impl Fn(u32) -> (Vector3<f64>, Vector3<f64>)) {
+        self.gap_at_end = self.gap + h * self.velocity(of).x;
+    }
+
     /// Whether its bodies touch at the end of the step.
     pub fn stays_closed(&self) -> bool {
         self.gap_at_end <= self.no_gap

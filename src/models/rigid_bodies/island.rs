@@ -48,6 +48,24 @@ impl<'a> Mechanism<'a> {
     }
 }
 
+/// What a linkage keeps from step to step.
+#[derive(Clone, Debug, Default)]
+pub struct Carried {
+    /// The forces of its joints in the last step.
+    pub tensions: Vec<Vector6<f64>>,
+    /// The largest kinetic energy so far, in joules.
+    pub largest_energy: f64,
+    /// The halvings of a step that held in the last.
+    pub halvings: u32,
+}
+
+impl Carried {
+    /// That of a linkage with so many joints at its start.
+    pub fn of(joints: usize) -> Self {
+        Self { tensions: vec![Vector6::zeros(); joints], ..Self::default() }
+    }
+}
+
 /// Why an island was not solved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unsolved {
@@ -77,6 +95,8 @@ pub struct Island {
     pub tensions: Vec<Vec<Vector6<f64>>>,
     /// The largest kinetic energy that they had, in joules.
     pub largest_energy: f64,
+    /// The halvings of a step that held in the last.
+    pub halvings: u32,
     /// The steps that it took.
     pub steps: u64,
     /// The set that friction is taken from.
@@ -101,6 +121,7 @@ impl Island {
             linkages: Vec::new(),
             tensions: Vec::new(),
             largest_energy: 0.0,
+            halvings: 0,
             steps: 0,
             cone,
             impact_law,
@@ -118,7 +139,7 @@ impl Island {
         self.joints.clear();
         self.linkages.clear();
         self.tensions.clear();
-        (self.largest_energy, self.steps) = (0.0, 0);
+        (self.largest_energy, self.halvings, self.steps) = (0.0, 0, 0);
         (self.report, self.unsolved) = (None, None);
     }
 
@@ -152,9 +173,10 @@ impl Island {
             }
         }
         let moving = &self.moving;
+        let of = |body: u32| (moving[body as usize].velocity, moving[body as usize].omega);
         for contact in &mut self.contacts {
-            let after = contact.velocity(|body| (moving[body as usize].velocity, moving[body as usize].omega));
-            contact.gap_at_end = contact.gap + h * after.x;
+            let after = contact.velocity(of);
+            contact.foresee(h, of);
             contact.work = contact.impulse.component_mul(&(0.5 * (after + contact.before)));
         }
     }

@@ -14,9 +14,13 @@ use super::frame::Frame;
 use super::motion::Motion;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
-/// Rounding of positions, in parts of them, as Newton's method compares it with changes of velocities a billion times as
-/// small as these.
-const ROUNDING: f64 = 1e9 * 32.0 * f64::EPSILON;
+/// The change of velocities, in the norm of the masses and in parts of them, that is Newton's last. Its convergence is of second
+/// order: the change after one of the root of rounding, 1.5e-8, is rounding, and this leaves a constant of 15; a smaller one asks
+/// for an iteration whose change nobody sees.
+pub const CONVERGED: f64 = 1e-9;
+
+/// Rounding of positions, in parts of them, as a size of velocities: what it makes of these is to be below [`CONVERGED`].
+const ROUNDING: f64 = 32.0 * f64::EPSILON / CONVERGED;
 
 /// Bodies on their way through a step.
 #[derive(Debug)]

@@ -9,7 +9,7 @@ use analysis::{Analysis, Uniqueness};
 use nalgebra::{Isometry3, Vector3};
 
 /// What is told of a body.
-const OF_BODY: [&str; 13] = ["x", "y", "z", "qw", "qx", "qy", "qz", "vx", "vy", "vz", "wx", "wy", "wz"];
+pub(super) const OF_BODY: [&str; 13] = ["x", "y", "z", "qw", "qx", "qy", "qz", "vx", "vy", "vz", "wx", "wy", "wz"];
 
 /// What is told of the scene.
 pub const OF_SCENE: [&str; 7] = [

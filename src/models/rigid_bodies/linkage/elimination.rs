@@ -1,15 +1,17 @@
-//! Gaussian elimination by blocks over the graph of a linkage: bodies and joints are its nodes, each with six unknowns,
+//! Gaussian elimination by blocks over the graph of a linkage: bodies and joints are its nodes, a body with six
+//! unknowns, a joint with one for each of its equations,
 //!
 //! ```text
 //! ( A   F ) ( dw )   ( body rows  )
 //! ( C  -e ) ( nu ) = ( joint rows )
 //! ```
 //!
-//! where `A` couples bodies that share a joint. A joint has no diagonal of its own: it comes after its bodies, or after one
+//! where `A` couples bodies that share a joint. A joint that does not yield has no diagonal of its own: it comes after its bodies, or after one
 //! that it is the last joint of. (After one of two bodies that others hold too it might have more equations than that body has
 //! freedoms.) The order is else that of least degree, so that a tree takes linear time, from its leaves to its root: these are
 //! the recursions of articulated bodies (Featherstone 1983), for any graph.
 
+use super::dense;
 use nalgebra::{Matrix6, Vector6};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -29,11 +31,37 @@ pub struct Plan {
     /// `(row, column)` of the blocks of `later`, in their order: those right of the diagonal, and those below it.
     beside: Vec<Vec<[u32; 2]>>,
     nodes: usize,
+    /// The blocks by their places, and the entries of all of them.
+    blocks: Vec<Block>,
+    entries: usize,
+}
+
+/// Where the entries of a block are, column by column.
+#[derive(Clone, Copy, Debug)]
+struct Block {
+    at: usize,
+    rows: usize,
+    columns: usize,
+}
+
+impl Block {
+    fn range(&self) -> std::ops::Range<usize> {
+        self.at..self.at + self.rows * self.columns
+    }
+
+    /// Subtracts the product of this block of `entries` with `x`.
+    fn subtract(&self, entries: &[f64], x: &Vector6<f64>, from: &mut Vector6<f64>) {
+        let columns = entries[self.range()].chunks_exact(self.rows);
+        let from = &mut from.as_mut_slice()[..self.rows];
+        for (column, x) in columns.zip(x.as_slice()) {
+            from.iter_mut().zip(column).for_each(|(from, entry)| *from -= entry * x);
+        }
+    }
 }
 
 impl Plan {
-    /// The plan for bodies, and joints between one or two of them.
-    pub fn new(bodies: usize, joints: &[[Option<u32>; 2]]) -> Self {
+    /// The plan for bodies, and joints between one or two of them, with the equations that each has.
+    pub fn new(bodies: usize, joints: &[[Option<u32>; 2]], equations: &[usize]) -> Self {
         let nodes = bodies + joints.len();
         let mut near: Vec<BTreeSet<u32>> = vec![BTreeSet::new(); nodes];
         let mut couple = |a: u32, b: u32| {
@@ -92,6 +120,15 @@ impl Plan {
             plan.updates.push(pairs.collect());
             plan.beside.push(later.iter().map(|j| [plan.slot(*node, *j), plan.slot(*j, *node)]).collect());
         }
+        let size = |node: u32| (node as usize).checked_sub(bodies).map_or(6, |joint| equations[joint]);
+        let mut pairs: Vec<(u32, u32)> = (0..nodes as u32).map(|node| (node, node)).collect();
+        pairs.resize(nodes + plan.slots.len(), (0, 0));
+        plan.slots.iter().for_each(|(pair, slot)| pairs[*slot as usize] = *pair);
+        for (row, column) in pairs {
+            let (rows, columns) = (size(row), size(column));
+            plan.blocks.push(Block { at: plan.entries, rows, columns });
+            plan.entries += rows * columns;
+        }
         plan
     }
 
@@ -101,62 +138,80 @@ impl Plan {
     }
 }
 
-/// The blocks of a matrix, and their factors.
+/// The blocks of a matrix, and their factors. A block has the rows and columns of its nodes: six of a body, of a joint as many
+/// as it has equations.
 #[derive(Clone, Debug, Default)]
 pub struct Blocks {
-    blocks: Vec<Matrix6<f64>>,
-    /// The same before the elimination.
-    whole: Vec<Matrix6<f64>>,
+    blocks: Vec<f64>,
+    /// The same before the elimination, without what makes joints have an inverse.
+    whole: Vec<f64>,
 }
 
 impl Blocks {
     /// Makes all blocks zero.
     pub fn clear(&mut self, plan: &Plan) {
         self.blocks.clear();
-        self.blocks.resize(plan.nodes + plan.slots.len(), Matrix6::zeros());
+        self.blocks.resize(plan.entries, 0.0);
     }
 
-    /// The block at a place.
-    pub fn at(&mut self, slot: u32) -> &mut Matrix6<f64> {
-        &mut self.blocks[slot as usize]
+    /// Adds to the block at a place, as much of this as it has room for.
+    pub fn add(&mut self, plan: &Plan, slot: u32, block: &Matrix6<f64>) {
+        let Block { at, rows, columns } = plan.blocks[slot as usize];
+        for (column, into) in self.blocks[at..at + rows * columns].chunks_exact_mut(rows).enumerate() {
+            into.iter_mut().zip(block.column(column).iter()).for_each(|(into, entry)| *into += entry);
+        }
     }
 
-    /// Factorises in place; false where a pivot has no inverse.
-    pub fn factorise(&mut self, plan: &Plan) -> bool {
+    /// Factorises in place, with `diagonals` of the joints beside what they have; false where a pivot has no inverse.
+    pub fn factorise(&mut self, plan: &Plan, diagonals: &[Vector6<f64>]) -> bool {
         self.whole.clone_from(&self.blocks);
+        let bodies = plan.nodes - diagonals.len();
+        for (block, diagonal) in plan.blocks[bodies..plan.nodes].iter().zip(diagonals) {
+            (0..block.rows).for_each(|i| self.blocks[block.at + i * (block.rows + 1)] += diagonal[i]);
+        }
+        let mut scaled = [0.0; 36];
         for (k, node) in plan.order.iter().enumerate() {
-            let Some(inverse) = self.blocks[*node as usize].try_inverse() else { return false };
-            self.blocks[*node as usize] = inverse;
+            let pivot = &plan.blocks[*node as usize];
+            let n = pivot.rows;
+            let mut inverse = [0.0; 36];
+            inverse[..n * n].copy_from_slice(&self.blocks[pivot.range()]);
+            if !dense::invert(n, &mut inverse[..n * n]) {
+                return false;
+            }
+            self.blocks[pivot.range()].copy_from_slice(&inverse[..n * n]);
             let (beside, updates) = (&plan.beside[k], &plan.updates[k]);
             for (row, [_, below]) in updates.chunks_exact(beside.len().max(1)).zip(beside) {
-                let scaled = self.blocks[*below as usize] * inverse;
+                let below = &plan.blocks[*below as usize];
+                let scaled = &mut scaled[..below.rows * n];
+                scaled.fill(0.0);
+                dense::subtract_product([below.rows, n, n], scaled, &self.blocks[below.range()], &inverse[..n * n]);
+                scaled.iter_mut().for_each(|entry| *entry = -*entry);
                 for (slot, [right, _]) in row.iter().zip(beside) {
-                    let product = scaled * self.blocks[*right as usize];
-                    self.blocks[*slot as usize] -= product;
+                    let (right, block) = (&plan.blocks[*right as usize], &plan.blocks[*slot as usize]);
+                    let mut factor = [0.0; 36];
+                    let factor = &mut factor[..n * right.columns];
+                    factor.copy_from_slice(&self.blocks[right.range()]);
+                    let sizes = [block.rows, n, block.columns];
+                    dense::subtract_product(sizes, &mut self.blocks[block.range()], scaled, factor);
                 }
-                self.blocks[*below as usize] = scaled;
+                self.blocks[below.range()].copy_from_slice(scaled);
             }
         }
         true
     }
 
-    /// Solves with the factors, and takes out again what the diagonals of joints (all but `bodies`) changed: `x` comes to solve
-    /// the equations without them, as far as these have a solution.
-    pub fn solve_without_diagonals(&self, plan: &Plan, bodies: usize, x: &mut [Vector6<f64>]) {
+    /// Solves with the factors, and takes out again what the diagonals of joints changed: `x` comes to solve the equations
+    /// without them, as far as these have a solution.
+    pub fn solve_without_diagonals(&self, plan: &Plan, x: &mut [Vector6<f64>]) {
         let right = x.to_vec();
         self.solve(plan, x);
         for _ in 0..REFINEMENTS {
             let mut rest = right.clone();
             for (node, rest) in rest.iter_mut().enumerate() {
-                let mut block = self.whole[node];
-                if node >= bodies {
-                    // Rows that a joint does not have keep theirs.
-                    block = block.map(|entry| if entry == 1.0 { 1.0 } else { 0.0 });
-                }
-                *rest -= block * x[node];
+                plan.blocks[node].subtract(&self.whole, &x[node], rest);
             }
             for (&(row, column), &slot) in &plan.slots {
-                rest[row as usize] -= self.whole[slot as usize] * x[column as usize];
+                plan.blocks[slot as usize].subtract(&self.whole, &x[column as usize], &mut rest[row as usize]);
             }
             self.solve(plan, &mut rest);
             x.iter_mut().zip(&rest).for_each(|(x, rest)| *x += rest);
@@ -168,15 +223,17 @@ impl Blocks {
         for (k, node) in plan.order.iter().enumerate() {
             let pivot = x[*node as usize];
             for (other, [_, below]) in plan.later[k].iter().zip(&plan.beside[k]) {
-                x[*other as usize] -= self.blocks[*below as usize] * pivot;
+                plan.blocks[*below as usize].subtract(&self.blocks, &pivot, &mut x[*other as usize]);
             }
         }
         for (k, node) in plan.order.iter().enumerate().rev() {
             let mut rest = x[*node as usize];
             for (other, [right, _]) in plan.later[k].iter().zip(&plan.beside[k]) {
-                rest -= self.blocks[*right as usize] * x[*other as usize];
+                plan.blocks[*right as usize].subtract(&self.blocks, &x[*other as usize], &mut rest);
             }
-            x[*node as usize] = self.blocks[*node as usize] * rest;
+            let mut solved = Vector6::zeros();
+            plan.blocks[*node as usize].subtract(&self.blocks, &rest, &mut solved);
+            x[*node as usize] = -solved;
         }
     }
 }
@@ -194,7 +251,8 @@ mod tests {
         ring.push([Some(0), Some(4)]);
         let star: Vec<[Option<u32>; 2]> = (1..6).map(|k| [Some(k), Some(0)]).collect();
         for (bodies, joints) in [(7, chain(7)), (5, ring), (6, star)] {
-            let plan = Plan::new(bodies, &joints);
+            let equations: Vec<usize> = (0..joints.len()).map(|k| [3, 6, 5, 1][k % 4]).collect();
+            let plan = Plan::new(bodies, &joints, &equations);
             let mut seed = 1_u64;
             let mut random = || {
                 seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -204,8 +262,14 @@ mod tests {
             blocks.clear(&plan);
             let mut entries = Vec::new();
             let mut put = |blocks: &mut Blocks, i: u32, j: u32, block: Matrix6<f64>| {
-                *blocks.at(plan.slot(i, j)) += block;
-                entries.push((i, j, block));
+                blocks.add(&plan, plan.slot(i, j), &block);
+                let size = |node: u32| (node as usize).checked_sub(bodies).map_or(6, |joint| equations[joint]);
+                let kept = Matrix6::from_fn(
+                    |row, column| {
+                        if row < size(i) && column < size(j) { block[(row, column)] } else { 0.0 }
+                    },
+                );
+                entries.push((i, j, kept));
             };
             for body in 0..bodies as u32 {
                 let block = Matrix6::from_diagonal_element(4.0) + Matrix6::from_fn(|_, _| random());
@@ -220,10 +284,12 @@ mod tests {
                     }
                 }
             }
-            let right: Vec<Vector6<f64>> =
-                (0..bodies + joints.len()).map(|_| Vector6::from_fn(|_, _| random())).collect();
+            let size = |node: usize| node.checked_sub(bodies).map_or(6, |joint| equations[joint]);
+            let right: Vec<Vector6<f64>> = (0..bodies + joints.len())
+                .map(|node| Vector6::from_fn(|i, _| if i < size(node) { random() } else { 0.0 }))
+                .collect();
             let mut x = right.clone();
-            assert!(blocks.factorise(&plan));
+            assert!(blocks.factorise(&plan, &vec![Vector6::zeros(); joints.len()]));
             blocks.solve(&plan, &mut x);
             let mut rest = right;
             for (i, j, block) in entries {
@@ -237,7 +303,7 @@ mod tests {
     fn a_tree_takes_no_more_blocks_than_it_has_edges() {
         let n = 1000;
         let joints: Vec<[Option<u32>; 2]> = (0..n).map(|k: u32| [Some(k), k.checked_sub(1)]).collect();
-        let plan = Plan::new(n as usize, &joints);
+        let plan = Plan::new(n as usize, &joints, &vec![3; n as usize]);
         assert!(plan.slots.len() <= 6 * n as usize, "{}", plan.slots.len());
     }
 }

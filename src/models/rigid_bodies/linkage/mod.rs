@@ -12,6 +12,7 @@
 //! heavy ones asks for no small step. At the end velocities are projected on `G(q+) v+ = 0`, by the least change in the norm
 //! of the masses, which takes energy and never adds any.
 
+mod dense;
 mod elimination;
 mod tangent;
 
@@ -22,10 +23,11 @@ use super::joint::Joint;
 use super::midpoint::Midpoint;
 use super::motion::Motion;
 use contact::islands::Islands;
-use nalgebra::{Matrix3, Vector6};
+use nalgebra::{Matrix3, Matrix6, Vector6};
 
-/// The diagonal of a joint, in parts of what its bodies give it: joints of a loop that say the same twice then have an
-/// inverse, and what it changes is found again in two iterations.
+/// The diagonal of a joint, in parts of what its bodies give it: joints of a loop that say the same twice then have an inverse.
+/// Forces that say the same twice are found to rounding over this, `2e-5`; what it changes is found again in two iterations to its
+/// third power, times that of the ratio of masses: to rounding up to a ratio of a million.
 const REDUNDANT: f64 = 1e-11;
 
 /// Passes of the projection of velocities, the second and third against rounding.
@@ -64,14 +66,15 @@ impl Linkage {
             let pairs: Vec<_> = joints_of.iter().map(|joint| ends(joint).map(|body| body.and_then(place))).collect();
             let nodes = bodies.len() + usize::from(pairs.iter().any(|pair| pair.contains(&None)));
             let has_loops = pairs.len() >= nodes;
-            Self { plan: Plan::new(bodies.len(), &pairs), bodies, joints: joints_of, pairs, has_loops }
+            let equations: Vec<usize> = joints_of.iter().map(|joint| joints[*joint as usize].equations.len()).collect();
+            Self { plan: Plan::new(bodies.len(), &pairs, &equations), bodies, joints: joints_of, pairs, has_loops }
         };
         (0..islands.len()).map(linkage).collect()
     }
 
     /// A body without joints.
     pub fn alone() -> Self {
-        Self { bodies: vec![0], plan: Plan::new(1, &[]), ..Self::default() }
+        Self { bodies: vec![0], plan: Plan::new(1, &[], &[]), ..Self::default() }
     }
 }
 
@@ -88,6 +91,8 @@ pub struct Linked<'a> {
     /// Whether the last system of equations had a solution.
     pub is_solved: bool,
     matrix: Blocks,
+    /// What makes joints of a loop have an inverse, see [`REDUNDANT`].
+    diagonals: Vec<Vector6<f64>>,
     /// The last solution, or what is to be solved for.
     pub x: Vec<Vector6<f64>>,
 }
@@ -98,7 +103,8 @@ impl<'a> Linked<'a> {
         let joints: Vec<&Joint> = linkage.joints.iter().map(|&joint| &joints[joint as usize]).collect();
         let x = vec![Vector6::zeros(); bodies.len() + joints.len()];
         let impulses = forces.clone();
-        Self { linkage, joints, bodies, forces, impulses, is_solved: true, matrix: Blocks::default(), x }
+        let diagonals = vec![Vector6::zeros(); joints.len()];
+        Self { diagonals, linkage, joints, bodies, forces, impulses, is_solved: true, matrix: Blocks::default(), x }
     }
 
     /// Begins a step: forces are taken to stay what they were.
@@ -130,10 +136,10 @@ impl<'a> Linked<'a> {
         for (k, &body) in self.bodies.iter().enumerate() {
             let (rest, matrix) = midpoint.balance(body as usize);
             self.x[k] = -rest;
-            *self.matrix.at(k as u32) = matrix;
+            self.matrix.add(plan, k as u32, &matrix);
         }
         tangent::assemble(self, midpoint);
-        self.is_solved = self.matrix.factorise(&self.linkage.plan);
+        self.is_solved = self.matrix.factorise(&self.linkage.plan, &self.diagonals);
         if self.is_solved {
             self.respond();
             self.is_solved = self.x.iter().all(|x| x.iter().all(|x| x.is_finite()));
@@ -148,13 +154,14 @@ impl<'a> Linked<'a> {
         let inertia = |motion: &Motion| (motion.mass, motion.inertia_in_world());
         for (k, &body) in self.bodies.iter().enumerate() {
             let (mass, inertia) = inertia(&moving[body as usize]);
-            let block = self.matrix.at(k as u32);
+            let mut block = Matrix6::zeros();
             block.fixed_view_mut::<3, 3>(0, 0).copy_from(&Matrix3::from_diagonal_element(mass));
             block.fixed_view_mut::<3, 3>(3, 3).copy_from(&inertia);
+            self.matrix.add(plan, k as u32, &block);
         }
         for k in 0..self.joints.len() {
             let joint = (self.bodies.len() + k) as u32;
-            let mut gradients = [nalgebra::Matrix6::zeros(); 2];
+            let mut gradients = [Matrix6::zeros(); 2];
             for (i, row) in self.joints[k].rows(self.frames(frames, k)).enumerate() {
                 for (side, sign) in [(0, 1.0), (1, -1.0)] {
                     gradients[side].fixed_view_mut::<1, 3>(i, 0).copy_from(&(row.force * sign).transpose());
@@ -166,12 +173,12 @@ impl<'a> Linked<'a> {
                 let Some(body) = body else { continue };
                 let motion = &moving[self.bodies[body as usize] as usize];
                 diagonal += tangent::mobilities(&gradients[side], motion);
-                *self.matrix.at(plan.slot(joint, body)) = gradients[side];
-                *self.matrix.at(plan.slot(body, joint)) = gradients[side].transpose();
+                self.matrix.add(plan, plan.slot(joint, body), &gradients[side]);
+                self.matrix.add(plan, plan.slot(body, joint), &gradients[side].transpose());
             }
-            *self.matrix.at(joint) = tangent::regularised(&diagonal, self.joints[k].equations.len());
+            self.diagonals[k] = diagonal * -REDUNDANT;
         }
-        self.matrix.factorise(plan)
+        self.matrix.factorise(plan, &self.diagonals)
     }
 
     /// Takes out of velocities what joints do not let be, and lets equations whose values are given close within a unit of
@@ -199,7 +206,7 @@ impl<'a> Linked<'a> {
     pub fn respond(&mut self) {
         let plan = &self.linkage.plan;
         if self.linkage.has_loops {
-            self.matrix.solve_without_diagonals(plan, self.bodies.len(), &mut self.x);
+            self.matrix.solve_without_diagonals(plan, &mut self.x);
         } else {
             self.matrix.solve(plan, &mut self.x);
         }

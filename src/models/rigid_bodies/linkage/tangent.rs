@@ -102,16 +102,16 @@ fn assemble_joint(linked: &mut Linked<'_>, midpoint: &Midpoint, k: usize) {
     for (side, body) in pair.into_iter().enumerate() {
         let (Some(body), Some(place)) = (body, places[side]) else { continue };
         linked.x[body as usize] += wrenches[side].tr_mul(&linked.impulses[k]);
-        *linked.matrix.at(plan.slot(node, body)) = gradients[side];
-        *linked.matrix.at(plan.slot(body, node)) = wrenches[side].transpose();
+        linked.matrix.add(plan, plan.slot(node, body), &gradients[side]);
+        linked.matrix.add(plan, plan.slot(body, node), &wrenches[side].transpose());
         diagonal += mobilities(&wrenches[side], &midpoint.start[place]) * 0.5;
         for (other_side, other) in pair.into_iter().enumerate() {
             let Some(other) = other else { continue };
-            *linked.matrix.at(plan.slot(body, other)) += stiffness[side][other_side];
+            linked.matrix.add(plan, plan.slot(body, other), &stiffness[side][other_side]);
         }
     }
     linked.x[node as usize] = rests;
-    *linked.matrix.at(node) = regularised(&diagonal, joint.equations.len());
+    linked.diagonals[k] = diagonal * -REDUNDANT;
 }
 
 fn put(matrix: &mut Matrix6<f64>, row: usize, force: &Vector3<f64>, torque: &Vector3<f64>) {
@@ -127,9 +127,4 @@ pub fn mobilities(rows: &Matrix6<f64>, motion: &Motion) -> Vector6<f64> {
         let torque = Vector3::new(row[3], row[4], row[5]);
         force.norm_squared() / motion.mass + torque.dot(&(motion.mobility * torque))
     })
-}
-
-/// The block of a joint itself; rows that it does not have say that their unknowns are zero.
-pub fn regularised(diagonal: &Vector6<f64>, rows: usize) -> Matrix6<f64> {
-    Matrix6::from_diagonal(&Vector6::from_fn(|i, _| if i < rows { -REDUNDANT * diagonal[i] } else { 1.0 }))
 }

@@ -25,7 +25,7 @@ impl Simulation<'_> {
         let moving = &self.moving;
         let of = |body: u32| (moving[body as usize].velocity, moving[body as usize].omega);
         for contact in &mut self.contacts {
-            contact.gap_at_end = contact.gap + h * contact.velocity(of).x;
+            contact.foresee(h, of);
         }
     }
 

@@ -1,0 +1,226 @@
+//! Steps of an island with joints whose contacts push.
+
+use super::super::super::contact::Contact;
+use super::super::super::linkage::Linked;
+use super::super::super::midpoint::{CONVERGED, apart};
+use super::super::{Island, Mechanism};
+use super::compliance::{Compliance, respond};
+use super::{Home, ITERATIONS, Kept, LOSS, LOSS_IN_IMPACTS, STAGNANT, end, iterate};
+use contact::law::Law;
+use nalgebra::{Vector3, Vector6};
+use problem::Control;
+use vi::Outcome;
+use vi::coulomb::BlockMatrix;
+
+impl Island {
+    /// A step with these contacts, and with others that turn out to close.
+    #[expect(clippy::too_many_arguments, reason = "the parts of an island")]
+    pub(super) fn step_with_contacts(
+        &mut self,
+        mut closing: Vec<bool>,
+        linked: &mut [Linked<'_>],
+        homes: &[Home],
+        h: f64,
+        mechanism: &Mechanism<'_>,
+        law: &mut Law,
+        control: &Control,
+    ) -> bool {
+        let mut all = std::mem::take(&mut self.contacts);
+        let kept = Kept::of(self, linked);
+        let is_solved = loop {
+            self.contacts =
+                all.iter().zip(&closing).filter(|(_, closes)| **closes).map(|(contact, _)| *contact).collect();
+            if !self.advance(linked, homes, h, mechanism, law, control) || control.go_on().is_err() {
+                break false;
+            }
+            let mut solved = std::mem::take(&mut self.contacts).into_iter();
+            let of = |body: u32| apart(&(kept.moving[body as usize].way_to(&self.moving[body as usize]) / h));
+            let mut is_closed = true;
+            for (contact, closes) in all.iter_mut().zip(&mut closing) {
+                if *closes {
+                    solved.next().into_iter().for_each(|solved| *contact = solved);
+                } else {
+                    contact.foresee(h, of);
+                    (contact.impulse, contact.work) = Default::default();
+                    *closes = contact.stays_closed();
+                    is_closed &= !*closes;
+                }
+            }
+            if is_closed {
+                break true;
+            }
+            kept.restore(self, linked);
+        };
+        self.contacts = all;
+        is_solved
+    }
+
+    /// A step with contacts.
+    fn advance(
+        &mut self,
+        linked: &mut [Linked<'_>],
+        homes: &[Home],
+        h: f64,
+        mechanism: &Mechanism<'_>,
+        law: &mut Law,
+        control: &Control,
+    ) -> bool {
+        let mut midpoint = self.midpoint(h, mechanism);
+        linked.iter_mut().for_each(|linked| linked.begin(h));
+        let gaps: Vec<f64> = self.contacts.iter().map(|contact| contact.gap).collect();
+        let mut p: Vec<Vector3<f64>> = self.contacts.iter().map(|contact| contact.impulse).collect();
+        let mut last = f64::INFINITY;
+        for iteration in 0.. {
+            let mut is_solved = false;
+            midpoint.push(&self.contacts, &p);
+            let is_over = iterate(&mut midpoint, linked, &mut last, |midpoint, linked| {
+                let kept: Vec<Vec<Vector6<f64>>> = linked.iter().map(|linked| linked.x.clone()).collect();
+                let mut changed = midpoint.mean.clone();
+                linked.iter().for_each(|linked| linked.add(&mut changed));
+                let Some(compliance) = Compliance::new(&self.contacts, linked, homes, control) else {
+                    return false;
+                };
+                let Some(next) = self.position_impulses(&compliance, &changed, &gaps, &p, h, law, control) else {
+                    return false;
+                };
+                let changes: Vec<Vector3<f64>> = next.iter().zip(&p).map(|(next, p)| next - p).collect();
+                respond(&self.contacts, linked, homes, &changes);
+                for (linked, kept) in linked.iter_mut().zip(kept) {
+                    linked.x.iter_mut().zip(kept).for_each(|(x, kept)| *x += kept);
+                }
+                p = next;
+                is_solved = true;
+                true
+            });
+            if control.go_on().is_err() {
+                return true;
+            }
+            if !is_solved || iteration + 1 == ITERATIONS && !is_over {
+                return false;
+            }
+            if is_over {
+                break;
+            }
+        }
+        let Some((mut velocities, lost)) = end(&midpoint, linked) else { return false };
+        let energy = 0.5 * midpoint.weigh(&midpoint.end_velocities());
+        let most = if p.iter().any(|p| p.x > 0.0) { LOSS_IN_IMPACTS } else { LOSS };
+        if lost > most * self.largest_energy.max(energy).max(0.5 * midpoint.size()) {
+            return false;
+        }
+        self.judge_positions(&midpoint.mean, h);
+        let positions = self.report;
+        let are_replaced = self.replace_impulses(linked, homes, &midpoint.mean, &mut velocities, &p, h, law, control);
+        self.report = self.report.zip(positions).map(|(velocities, positions)| velocities.beside(&positions));
+        if are_replaced {
+            self.arrive(&midpoint, linked, &velocities, h, energy);
+        }
+        are_replaced
+    }
+
+    /// The impulses of the law, with velocities that change with them by a compliance which is not symmetric, from those of
+    /// the impulses `p`: its symmetric part takes the law, and the rest is found by iteration.
+    #[expect(clippy::too_many_arguments, reason = "the terms of the law")]
+    fn position_impulses(
+        &mut self,
+        compliance: &Compliance,
+        velocities: &[Vector6<f64>],
+        gaps: &[f64],
+        p: &[Vector3<f64>],
+        h: f64,
+        law: &mut Law,
+        control: &Control,
+    ) -> Option<Vec<Vector3<f64>>> {
+        let start = self.free_velocities(velocities, &compliance.whole, p);
+        let size = start.iter().map(Vector3::norm).fold(0.0, f64::max);
+        let (mut next, mut last) = (p.to_vec(), f64::INFINITY);
+        for _ in 0..ITERATIONS {
+            let of = |k: usize| {
+                start[k] + compliance.whole.row_product(k, &next) - compliance.symmetric.row_product(k, &next)
+            };
+            let free: Vec<Vector3<f64>> = (0..p.len()).map(of).collect();
+            let impulses = self.impulses(&compliance.symmetric, free, gaps, false, h, next.clone(), law, control);
+            if self.report.is_some_and(|report| report.outcome != Outcome::Solved) {
+                return None;
+            }
+            // Redundant contacts have impulses that are not unique: what they do to velocities is.
+            let changes: Vec<Vector3<f64>> = impulses.iter().zip(&next).map(|(a, b)| a - b).collect();
+            let change = (0..p.len()).map(|k| compliance.whole.row_product(k, &changes).norm()).fold(0.0, f64::max);
+            next = impulses;
+            if change <= CONVERGED * size || change >= 0.5 * last && change <= STAGNANT * size {
+                return Some(next);
+            }
+            if change >= last {
+                return None;
+            }
+            last = change;
+        }
+        Some(next)
+    }
+
+    /// Velocities at the contacts but for the impulses.
+    pub(super) fn free_velocities(
+        &self,
+        velocities: &[Vector6<f64>],
+        matrix: &BlockMatrix,
+        impulses: &[Vector3<f64>],
+    ) -> Vec<Vector3<f64>> {
+        let of = |body: u32| apart(&velocities[body as usize]);
+        let free = |(k, contact): (usize, &Contact)| {
+            contact.velocity(of) - matrix.row_product(k, impulses) + Vector3::x() * contact.bias
+        };
+        self.contacts.iter().enumerate().map(free).collect()
+    }
+
+    /// Replaces the impulses `p` by those of the law of impact; contacts that are open at the end keep theirs.
+    #[expect(clippy::too_many_arguments, reason = "both stages meet here")]
+    fn replace_impulses(
+        &mut self,
+        linked: &mut [Linked<'_>],
+        homes: &[Home],
+        mean: &[Vector6<f64>],
+        velocities: &mut [Vector6<f64>],
+        p: &[Vector3<f64>],
+        h: f64,
+        law: &mut Law,
+        control: &Control,
+    ) -> bool {
+        // A contact that neither pushed nor is closed has nothing to say.
+        let all = std::mem::take(&mut self.contacts);
+        let (mut kept, mut places) = (Vec::new(), Vec::new());
+        for (place, contact) in all.iter().enumerate() {
+            if contact.stays_closed() || p[place].x > 0.0 {
+                kept.push(*contact);
+                places.push(place);
+            }
+        }
+        self.contacts = kept;
+        let p: Vec<Vector3<f64>> = places.iter().map(|&place| p[place]).collect();
+        let compliance = Compliance::new(&self.contacts, linked, homes, control);
+        let matrix = compliance.map(|compliance| compliance.symmetric);
+        let mut r = p.clone();
+        if let Some(matrix) = &matrix {
+            let free = self.free_velocities(velocities, matrix, &p);
+            // Closed at the end of the step: no gap is left.
+            let gaps = vec![0.0; p.len()];
+            r = self.impulses(matrix, free, &gaps, true, h, p.clone(), law, control);
+        }
+        let work =
+            |contact: &Contact, velocities: &[Vector6<f64>]| contact.velocity(|body| apart(&velocities[body as usize]));
+        let before: Vec<Vector3<f64>> = self.contacts.iter().map(|contact| work(contact, velocities)).collect();
+        let changes: Vec<Vector3<f64>> = r.iter().zip(&p).map(|(r, p)| r - p).collect();
+        respond(&self.contacts, linked, homes, &changes);
+        linked.iter().for_each(|linked| linked.add(velocities));
+        let mut contacts = all;
+        contacts.iter_mut().for_each(|contact| contact.impulse = Vector3::zeros());
+        for (k, &place) in places.iter().enumerate() {
+            let contact = &mut contacts[place];
+            contact.impulse = r[k];
+            let mean = contact.velocity(|body| apart(&mean[body as usize]));
+            let ends = 0.5 * (before[k] + work(contact, velocities));
+            contact.work = p[k].component_mul(&mean) + changes[k].component_mul(&ends);
+        }
+        self.contacts = contacts;
+        matrix.is_some()
+    }
+}

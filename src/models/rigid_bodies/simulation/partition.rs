@@ -1,0 +1,114 @@
+//! Islands: what belongs to each is copied out, solved apart from the others, and taken over.
+
+use super::super::contact::Contact;
+use super::super::island::{Carried, Island, Mechanism, Unsolved};
+use super::super::joint::Joint;
+use super::Simulation;
+use contact::islands::solve_apart;
+use contact::law::Law;
+
+/// Contacts of the islands but the largest that are worth another thread.
+const WORTH_A_THREAD: usize = 200;
+
+impl Simulation<'_> {
+    /// Gives every island to `solve`, with a solver of the contact law, and takes over what came of it.
+    pub(super) fn solve_each(
+        &mut self,
+        solve: impl Fn(&mut Island, &Mechanism<'_>, &mut Law) + Sync,
+    ) -> Result<(), Unsolved> {
+        let (mechanism, tasks) = (&self.mechanism, &mut self.tasks[..self.islands.len()]);
+        let weight = |island: &Island| island.contacts.len() + 2 * island.joints.len();
+        solve_apart(tasks, &mut self.laws, weight, WORTH_A_THREAD, |island, law| solve(island, mechanism, law));
+        self.report.islands = tasks.len();
+        if let Some(unsolved) = tasks.iter().find_map(|island| island.unsolved) {
+            return Err(unsolved);
+        }
+        for island in tasks {
+            if let Some(law) = &island.report {
+                self.report.take(law);
+            }
+            for (&body, motion) in island.bodies.iter().zip(&island.moving) {
+                self.moving[body as usize] = *motion;
+            }
+            for (&source, contact) in island.sources.iter().zip(&island.contacts) {
+                self.contacts[source as usize] = Contact { bodies: self.contacts[source as usize].bodies, ..*contact };
+            }
+            for (&linkage, tensions) in island.linkages.iter().zip(&mut island.tensions) {
+                self.carried[linkage as usize] = Carried {
+                    tensions: std::mem::take(tensions),
+                    largest_energy: island.largest_energy,
+                    halvings: island.halvings,
+                };
+            }
+        }
+        Ok(())
+    }
+
+    /// Groups contacts and joints into islands, and notes which bodies are in one with joints.
+    pub(super) fn group(&mut self) {
+        let (contacts, joints, places) = (&self.contacts, &self.scene.joints, &self.places);
+        let of_contact = |contact: &Contact| match contact.bodies {
+            [Some(a), b] => (a as usize, b.map(|b| b as usize)),
+            [None, b] => (b.unwrap_or(0) as usize, None),
+        };
+        let of_joint = |joint: &Joint| {
+            let [a, b] = joint.places(&|body| places[body]);
+            (a.unwrap_or(0) as usize, b.map(|b| b as usize))
+        };
+        let links = contacts.iter().map(of_contact).chain(joints.iter().map(of_joint));
+        self.islands.group(self.moving.len(), links);
+        self.jointed.fill(false);
+        for island in (0..self.islands.len()).map(|k| self.islands.links(k)) {
+            // Joints come behind contacts.
+            if island.last().is_some_and(|&link| link as usize >= contacts.len()) {
+                for &link in island {
+                    let link = link as usize;
+                    let (a, b) =
+                        contacts.get(link).map_or_else(|| of_joint(&joints[link - contacts.len()]), of_contact);
+                    self.jointed[a] = true;
+                    b.into_iter().for_each(|b| self.jointed[b] = true);
+                }
+            }
+        }
+    }
+
+    /// Copies out what belongs to each island.
+    pub(super) fn part(&mut self) {
+        let (contacts, joints, places) = (&self.contacts, &self.scene.joints, &self.places);
+        let (cone, impact_law) = (self.scene.cone, self.impact_law);
+        self.tasks.resize_with(self.tasks.len().max(self.islands.len()), || Island::new(cone, impact_law));
+        for (k, island) in self.tasks.iter_mut().take(self.islands.len()).enumerate() {
+            island.clear();
+            for &link in self.islands.links(k) {
+                let link = link as usize;
+                let bodies = if let Some(contact) = contacts.get(link) {
+                    island.contacts.push(*contact);
+                    island.sources.push(link as u32);
+                    contact.bodies
+                } else {
+                    let joint = link - contacts.len();
+                    island.joints.push(joint as u32);
+                    island.linkages.push(self.mechanism.of_joint[joint]);
+                    joints[joint].places(&|body| places[body])
+                };
+                island.bodies.extend(bodies.into_iter().flatten());
+            }
+            island.linkages.sort_unstable();
+            island.linkages.dedup();
+            for &linkage in &island.linkages {
+                let carried = &self.carried[linkage as usize];
+                island.tensions.push(carried.tensions.clone());
+                island.largest_energy = island.largest_energy.max(carried.largest_energy);
+                island.halvings = island.halvings.max(carried.halvings);
+            }
+            island.bodies.sort_unstable();
+            island.bodies.dedup();
+            island.moving.extend(island.bodies.iter().map(|&body| self.moving[body as usize]));
+            for contact in &mut island.contacts {
+                contact.bodies = contact.bodies.map(|body| {
+                    body.and_then(|body| island.bodies.binary_search(&body).ok()).map(|place| place as u32)
+                });
+            }
+        }
+    }
+}
