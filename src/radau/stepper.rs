@@ -318,6 +318,10 @@ impl<'p> Radau<'p> {
         }
         self.orders.accept();
         self.extent.longest = self.extent.longest.max(h);
+        // A variable may be large between two switches at which it is zero.
+        for i in 0..s {
+            self.extent.watch(self.stages.stage(&self.y, i));
+        }
         self.clock.advance(h);
         let clock = if self.switching.ends_at_switch() { 8.0 * (self.clock.t.abs() + h) / h } else { 0.0 };
         let ends = self.stages.z[(s - 1) * n..s * n].iter().zip(&mut self.control.rounding);

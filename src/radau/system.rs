@@ -323,11 +323,6 @@ impl<'p> System<'p> {
         self.set.defect(b, z, &self.values[self.states..self.unknowns], scale, &mut self.workspace)
     }
 
-    /// Whether a bound of variable `k` moves.
-    pub fn moves(&self, k: usize) -> bool {
-        self.structure.moving.iter().any(|moving| moving.variable == k)
-    }
-
     /// One end of the interval of variable `k`, where rows of the problem are as in `values`.
     pub fn bound(&self, k: usize, side: Side, values: &[Interval]) -> Interval {
         let mut moving = self.structure.moving.iter().zip(&values[self.unknowns..]);

@@ -236,7 +236,7 @@ fn judge(radau: &mut Radau<'_>, plan: &Plan, switched: bool, diagnostics: &mut D
     }
 }
 
-fn failure(plan: &Plan, kinks: &KinkAdvice, error: &StepError, time: f64, state: &[f64]) -> Failure {
+pub(super) fn failure(plan: &Plan, kinks: &KinkAdvice, error: &StepError, time: f64, state: &[f64]) -> Failure {
     let message = match *error {
         StepError::NotFinite { what, component, t } => {
             let n = plan.initial.len();

@@ -13,10 +13,14 @@ mod integrate;
 mod mechanical_checks;
 mod observables;
 mod obstacle;
+mod orbit;
 pub mod pictures;
+mod quadrature;
 mod rigid_bodies;
 mod run;
 mod sensitivities;
+mod statistics;
+mod steady_state;
 mod study;
 mod trajectory;
 mod uniqueness;
@@ -32,10 +36,13 @@ pub use excerpt::{Excerpt, ExcerptError, Selection};
 pub use integrate::{describe, integrate};
 pub use observables::{Direction, EndedBy, Monitored, Observables};
 pub use obstacle::{describe_obstacle, integrate_obstacle};
+pub use orbit::{Orbit, Periodic, find_orbit};
 pub use problem::{Event, EventKind, Warning};
 pub use rigid_bodies::{describe_rigid_bodies, step_rigid_bodies};
 pub use run::{Plan, Stepper, run};
 pub use sensitivities::{By, Checked, Sensitivities};
+pub use statistics::OverTime;
+pub use steady_state::{SteadyState, find_steady_state};
 pub use study::{Series, Study, StudyRun};
 pub use trajectory::{Field, Trajectory};
 pub use uniqueness::uniqueness_caveat;
@@ -99,6 +106,12 @@ pub struct Solution {
     /// How derivatives at the end compare with a difference of runs, where they were asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensitivities: Option<Checked>,
+    /// The orbit, where one was looked for and found; the trajectory is once along it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub orbit: Option<Orbit>,
+    /// The state of rest, where one was looked for and found; the trajectory is a short run from it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub steady_state: Option<SteadyState>,
     /// Error against run time, where it was asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub study: Option<Study>,

@@ -2,18 +2,14 @@
 //! are further columns; integrals of expressions over time; and monitors, whose changes of sign are located and told, or end
 //! the run.
 
+use super::quadrature;
 use super::run::Stepper;
 use super::{Event, EventKind};
 use expression::{IntervalWorkspace, Tape};
 use hybrid::{Crossing, Followed, Monitors};
-use numerics::{Interval, kronrod};
+use numerics::Interval;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
-
-/// The difference of both rules of quadrature, in parts of the integral of the size, at which they agree.
-const AGREE: f64 = 1e-13;
-/// The parts of a step that are integrated apart at most, as where an integrand has a kink: each halving takes two digits.
-const MOST_PARTS: usize = 64;
 
 /// Definitions, integrals and monitors of a user.
 #[derive(Clone, Debug, Default)]
@@ -67,7 +63,8 @@ impl Observables {
         self.integrals > 0 || !self.monitors.is_empty()
     }
 
-    fn definitions(&self) -> usize {
+    /// The number of definitions.
+    pub(super) fn definitions(&self) -> usize {
         self.names.len() - self.integrals
     }
 }
@@ -207,12 +204,16 @@ impl<'a> Observed<'a> {
     /// order.
     pub fn write(&mut self, stepper: &mut impl Stepper, t: f64, outputs: &[f64], out: &mut [f64]) {
         self.integrate(stepper, t);
-        let definitions = self.of.definitions();
-        let (of_definitions, of_integrals) = out.split_at_mut(definitions);
+        let (of_definitions, of_integrals) = out.split_at_mut(self.of.definitions());
+        self.define(t, outputs, of_definitions);
+        of_integrals.copy_from_slice(&self.integrals);
+    }
+
+    /// Writes definitions at a time at which the problem has these outputs.
+    pub fn define(&mut self, t: f64, outputs: &[f64], out: &mut [f64]) {
         let Place { program, values, .. } = &mut self.place;
         program.evaluate(t, outputs, values);
-        of_definitions.copy_from_slice(&values[..definitions]);
-        of_integrals.copy_from_slice(&self.integrals);
+        out.copy_from_slice(&values[..out.len()]);
     }
 
     /// Takes the integrals up to a time within the last step.
@@ -221,30 +222,10 @@ impl<'a> Observed<'a> {
         if count == 0 || t <= self.reached {
             return;
         }
-        let mut left = vec![(self.reached, t)];
-        let mut parts = 0;
-        let mut sums = vec![[0.0; 3]; count];
-        while let Some((a, b)) = left.pop() {
-            parts += 1;
-            sums.fill([0.0; 3]);
-            for (t, weight, excess) in kronrod(a, b) {
-                let values = &self.place.at(stepper, t)[first..];
-                for ([sum, difference, size], value) in sums.iter_mut().zip(values) {
-                    *sum += weight * value;
-                    *difference += excess * value;
-                    *size += (weight * value).abs();
-                }
-            }
-            let middle = a + 0.5 * (b - a);
-            let agree = sums.iter().zip(&self.integrals).all(|([_, difference, size], integral)| {
-                difference.abs() <= AGREE * size.max(f64::EPSILON / AGREE * integral.abs())
-            });
-            if !agree && parts + left.len() < MOST_PARTS && a < middle && middle < b {
-                left.extend([(middle, b), (a, middle)]);
-            } else {
-                self.integrals.iter_mut().zip(&sums).for_each(|(integral, [sum, ..])| *integral += sum);
-            }
-        }
+        let Self { place, integrals, reached, .. } = self;
+        quadrature::integrate(*reached, t, integrals, |t, out| {
+            out.copy_from_slice(&place.at(stepper, t)[first..first + count]);
+        });
         self.reached = t;
     }
 

@@ -2,9 +2,11 @@
 
 use super::observables::{EndedBy, Observables, Observed};
 use super::sensitivities::Sensitivities;
+use super::statistics::{OverTime, Statistics};
 use super::{Diagnostics, Event, EventKind, Failure, Field, Solution, Status, Trajectory, Verdict, Version};
 use numerics::Interval;
 use problem::{Control, Stop};
+use std::collections::BTreeMap;
 use std::time::Instant;
 
 /// What to run and what to keep of it.
@@ -28,6 +30,8 @@ pub struct Plan {
     pub fields: Vec<usize>,
     /// Whether the error at the end is to be estimated.
     pub global_error: bool,
+    /// Whether mean, extremes and the like of the fields are to be found.
+    pub statistics: bool,
     /// The most steps.
     pub most_steps: u64,
     /// The most numbers in the trajectory.
@@ -89,6 +93,8 @@ pub(super) struct Ended {
     pub x: Vec<f64>,
     /// The derivatives there, in the order of [`Sensitivities::names`].
     pub derivatives: Vec<f64>,
+    /// Of the fields by their names, where [`Plan::statistics`] asks for them.
+    pub statistics: BTreeMap<String, OverTime>,
 }
 
 /// Starts a stepper and drives it to the end; whatever happens, the trajectory so far is in the answer.
@@ -175,8 +181,15 @@ impl<'a> Run<'a> {
             Ok(()) => (Status::Completed, None),
             Err((status, failure)) => (status, Some(failure)),
         };
-        let Recorder { trajectory, ended_by, observed, y, .. } = self.recorder;
+        let Recorder { trajectory, ended_by, observed, y, statistics, .. } = self.recorder;
         let derivatives = y[self.plan.names.len() + self.plan.observables.names.len()..].to_vec();
+        let name = |place: usize| {
+            let own = place.checked_sub(self.plan.names.len());
+            own.map_or_else(|| self.plan.names[place].clone(), |own| self.plan.observables.names[own].clone())
+        };
+        let statistics = statistics.map_or_else(BTreeMap::new, |(places, statistics)| {
+            places.into_iter().map(name).zip(statistics.finish()).collect()
+        });
         let switches = trajectory.events.iter().filter(|event| event.kind != EventKind::Crossed);
         self.diagnostics.switches = switches.count() as u64;
         if let Some(open) = observed.map(|observed| observed.open()).filter(|open| *open > 0) {
@@ -198,10 +211,13 @@ impl<'a> Run<'a> {
                 trajectory,
                 diagnostics: self.diagnostics,
                 sensitivities: None,
+                orbit: None,
+                steady_state: None,
                 study: None,
             },
             x: self.x,
             derivatives,
+            statistics,
         }
     }
 }
@@ -262,6 +278,8 @@ struct Recorder<'a> {
     y: Vec<f64>,
     /// The observables of the user, from the start of the run on.
     observed: Option<Observed<'a>>,
+    /// Those of the fields that are no integrals and no derivatives, with these places in `y`.
+    statistics: Option<(Vec<usize>, Statistics)>,
     is_started: bool,
     ended_by: Option<EndedBy>,
     /// The column that is not finite, and when.
@@ -284,7 +302,23 @@ impl<'a> Recorder<'a> {
         let fields = plan.fields.iter().map(field).collect();
         let trajectory = Trajectory { t: Vec::with_capacity(capacity), fields, events: Vec::new() };
         let y = vec![0.0; names.len()];
-        Self { plan, trajectory, next: 0, y, observed: None, is_started: false, ended_by: None, broken: None }
+        let statistics = plan.statistics.then(|| {
+            let most = plan.names.len() + plan.observables.definitions();
+            let places: Vec<usize> = plan.fields.iter().copied().filter(|place| *place < most).collect();
+            let statistics = Statistics::new(places.len());
+            (places, statistics)
+        });
+        Self {
+            plan,
+            trajectory,
+            next: 0,
+            y,
+            observed: None,
+            statistics,
+            is_started: false,
+            ended_by: None,
+            broken: None,
+        }
     }
 
     fn values(&self) -> usize {
@@ -338,6 +372,18 @@ impl<'a> Recorder<'a> {
         }
         if let Some(observed) = &mut self.observed {
             observed.integrate(stepper, end);
+        }
+        if let Some((places, statistics)) = &mut self.statistics {
+            let (count, definitions) = (self.plan.names.len(), self.plan.observables.definitions());
+            let mut y = vec![0.0; count + definitions];
+            statistics.step(begin, end, |t, out| {
+                let (outputs, own) = y.split_at_mut(count);
+                stepper.values(t, outputs);
+                if let Some(observed) = self.observed.as_mut().filter(|_| definitions > 0) {
+                    observed.define(t, outputs, own);
+                }
+                out.iter_mut().zip(&*places).for_each(|(out, &place)| *out = y[place]);
+            });
         }
         Recorded { events: &self.trajectory.events[before..], switched }
     }

@@ -32,6 +32,8 @@ pub enum CheckCode {
     GlobalError,
     /// How far derivatives are from a difference of runs.
     Derivatives,
+    /// How far a run from a state of rest, or once along an orbit, ends from where it began.
+    ReturnResidual,
     /// The distance by which an accumulation of events was stepped over.
     AccumulationPassed,
     /// The time that is missing to the end asked for.
@@ -40,7 +42,7 @@ pub enum CheckCode {
 
 impl CheckCode {
     /// All codes, in the order in which they are reported.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::LawResidual,
         Self::ConstraintResidual,
         Self::JointDrift,
@@ -49,6 +51,7 @@ impl CheckCode {
         Self::LocalError,
         Self::GlobalError,
         Self::Derivatives,
+        Self::ReturnResidual,
         Self::AccumulationPassed,
         Self::NotAtEnd,
     ];
@@ -64,6 +67,7 @@ impl CheckCode {
             Self::LocalError => "local_error",
             Self::GlobalError => "global_error",
             Self::Derivatives => "derivatives",
+            Self::ReturnResidual => "return_residual",
             Self::AccumulationPassed => "accumulation_passed",
             Self::NotAtEnd => "not_at_end",
         }
@@ -102,6 +106,10 @@ impl CheckCode {
             Self::Derivatives => {
                 "How far the derivatives at the end are from the difference of two runs, in units of the uncertainty of this; \
                  measured where `sensitivities` asks for them."
+            }
+            Self::ReturnResidual => {
+                "How far a run once along an orbit, or from a state of rest, ends from where it began, in units of \
+                 `atol + rtol |x|`; measured where `periodic` or `steady_state` asks for one. Allowed is one for each step."
             }
             Self::AccumulationPassed => {
                 "How far an accumulation of events (Zeno) was from its limit when the run passed over it: a distance of the \

@@ -12,6 +12,7 @@ use super::output::Columns;
 use super::place::Place;
 use super::plan::MOST_STEPS;
 use super::repairs::Repairs;
+use super::search::{self, Search};
 use super::study::StudyPlan;
 use super::vectors::Vectors;
 use analysis::Analysis;
@@ -33,6 +34,7 @@ pub struct Specification {
     pub(super) output_fields: Vec<usize>,
     pub(super) observables: Observables,
     pub(super) sensitivities: Option<Sensitivities>,
+    search: Option<Search>,
     pub(super) global_error: bool,
     pub(super) study: Option<StudyPlan>,
     limits: Limits,
@@ -71,13 +73,32 @@ impl Specification {
         control: &Control,
         errors: &mut Errors,
     ) -> Option<Self> {
-        let Document { version, problem, time, method, output, limits, stop, sensitivities, study, label } = document;
+        let Document {
+            version,
+            problem,
+            time,
+            method,
+            output,
+            limits,
+            stop,
+            sensitivities,
+            periodic,
+            steady_state,
+            study,
+            label,
+        } = document;
         let mut found = Errors::default();
         let root = Place::Root;
         check_version(version, &root.key("version"), &mut found);
-        let horizon = check_time(time, &root.key("time"), &mut found).filter(|_| !repairs.touch("/time"));
+        let asked = search::Request { periodic: periodic.as_ref(), steady_state };
+        let of_problem = root.key("problem");
+        let of_problem = of_problem.key(problem.name());
+        let unread = Start { time: None, control, sizes: &vectors.sizes };
+        let time = asked.time(time, (problem.written().named(), &of_problem), unread, &mut found);
+        let horizon = time.and_then(|time| check_time(time, &root.key("time"), &mut found));
+        let horizon = horizon.filter(|_| !repairs.touch("/time"));
         let time_of_start = horizon.map(|time| time.start).filter(|_| !repairs.touch("/problem"));
-        let start = Start { time: time_of_start, control, sizes: &vectors.sizes };
+        let start = Start { time: time_of_start, ..unread };
         let model = (!repairs.reshape("/problem")).then(|| lower(&problem, start, &mut found)).flatten();
 
         let place = root.key("method");
@@ -90,14 +111,20 @@ impl Specification {
             let absolute_tolerances = method.absolute_tolerances(&model.state_names(), &place, &mut found);
             let names = model.output_names();
             let names: Vec<&str> = names.iter().map(String::as_str).collect();
-            let of_problem = root.key("problem");
-            let of_problem = of_problem.key(problem.name());
+            let time = time?;
             let request = observables::Request { named: problem.written().named(), stop: &stop };
             let are_inputs = model.parameters().is_some();
             let observables = request.lower(&names, are_inputs, (&of_problem, start), &mut found);
             request.check(&*model, (output.global_error, study.is_some()), &mut found);
             let sensitivities =
                 sensitivities.and_then(|asked| asked.check(&*model, &root.key("sensitivities"), &mut found));
+            let others = [
+                ("sensitivities", sensitivities.is_some()),
+                ("study", study.is_some()),
+                ("stop", stop.iter().any(|stop| !stop.record)),
+                ("output.global_error", output.global_error),
+            ];
+            let search = asked.check(&*model, time, &others, &mut found);
             if study.is_some() && sensitivities.is_some() {
                 let why = "a `study` compares runs, of which one alone has derivatives";
                 found.report(&root.key("sensitivities"), "conflict", why);
@@ -130,6 +157,7 @@ impl Specification {
                 output_fields,
                 observables,
                 sensitivities,
+                search,
                 global_error: output.global_error,
                 study,
                 limits,
@@ -213,6 +241,11 @@ impl Specification {
     /// The derivatives that are asked for.
     pub fn sensitivities(&self) -> Option<&Sensitivities> {
         self.sensitivities.as_ref()
+    }
+
+    /// What is looked for in place of a run over the horizon.
+    pub fn search(&self) -> Option<Search> {
+        self.search
     }
 
     /// Whether the error at the end is to be estimated.

@@ -12,6 +12,7 @@ use super::observables::Stop;
 use super::obstacle::ObstacleProblem;
 use super::output::Output;
 use super::rigid_bodies::RigidBodiesProblem;
+use super::search::{PeriodicRequest, SteadyStateRequest};
 use super::sensitivities::SensitivitiesRequest;
 use super::study::StudyRequest;
 use super::written::Written;
@@ -28,8 +29,8 @@ pub struct Document {
     pub version: Option<u64>,
     /// What is to be solved.
     pub problem: Problem,
-    /// The time horizon.
-    pub time: Time,
+    /// The time horizon. Required, but beside `periodic` and `steady_state`.
+    pub time: Option<Time>,
     /// How it is solved.
     #[serde(default)]
     pub method: Method,
@@ -44,6 +45,10 @@ pub struct Document {
     pub stop: Vec<Stop>,
     /// Derivatives by parameters and initial values.
     pub sensitivities: Option<SensitivitiesRequest>,
+    /// A periodic orbit, in place of a run over `time`.
+    pub periodic: Option<PeriodicRequest>,
+    /// A state of rest, in place of a run over `time`.
+    pub steady_state: Option<SteadyStateRequest>,
     /// A study of error against run time.
     pub study: Option<StudyRequest>,
     /// Free text, at most 200 characters.

@@ -61,7 +61,8 @@ fn declared_times(document: &Document) -> usize {
     let times = match &document.output.times {
         Times::Steps | Times::List(_) => 0.0,
         Times::Count(count) => *count as f64,
-        Times::Every(dt) => (document.time.end - document.time.start) / dt,
+        // The period of an orbit is not read yet.
+        Times::Every(dt) => document.time.map_or(0.0, |time| (time.end - time.start) / dt),
     };
     if times <= MOST_TIMES as f64 { times.max(0.0) as usize } else { 0 }
 }

@@ -50,6 +50,7 @@ mod reading;
 mod repairs;
 mod rigid_bodies;
 mod schema;
+mod search;
 mod sensitivities;
 mod set;
 mod shapes;
@@ -96,6 +97,7 @@ pub use rigid_bodies::{
     Material, MaterialPair, MeshShape, PointJoint, RigidBodiesProblem, RigidBody, RigidShape, SphereShape,
 };
 pub use schema::json_schema;
+pub use search::{FreePeriod, Period, PeriodicRequest, Search, SteadyStateRequest};
 pub use set::{BallBlock, Block, BoxBlock, PolyhedronBlock};
 pub use stages::Stages;
 pub use study::{Exact, Rung, StudyPlan, StudyRequest};

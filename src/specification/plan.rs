@@ -31,6 +31,7 @@ impl Specification {
             times: self.output_times().map(<[f64]>::to_vec),
             fields: self.output_fields().to_vec(),
             global_error: self.estimates_global_error(),
+            statistics: false,
             most_steps: self.step_limit().unwrap_or(MOST_STEPS),
             most_values: MOST_VALUES,
             most_memory: self.most_memory,
@@ -54,7 +55,8 @@ impl Specification {
             max_step: method.max_step.unwrap_or(f64::INFINITY),
             min_step: method.min_step.unwrap_or(0.0),
             interpolated: self.output_times().is_some_and(|times| times.iter().any(|t| is_inside(*t)))
-                || self.observables().is_followed(),
+                || self.observables().is_followed()
+                || self.search().is_some(),
             switches: match method.switches {
                 Switches::Locate => radau::Switches::Locate,
                 Switches::StepOver => radau::Switches::StepOver,

@@ -5,6 +5,7 @@ use super::model::Model;
 use super::place::Place;
 use super::wording::{abridged, listed};
 use expression::nearest;
+use models::DviModel;
 use serde::{Deserialize, Serialize};
 use solution::{By, Sensitivities};
 use utoipa::ToSchema;
@@ -30,24 +31,7 @@ pub struct SensitivitiesRequest {
 impl SensitivitiesRequest {
     /// Checks it for a model.
     pub(super) fn check(&self, model: &dyn Model, place: &Place<'_>, errors: &mut Errors) -> Option<Sensitivities> {
-        let Some(dvi) = model.dvi() else {
-            let detail = "derivatives are followed by Radau IIA alone, on the faces of a set";
-            let error = SpecificationError::new(place.to_string(), "conflict", detail);
-            errors.push(error.expected("a problem of type `dvi`, `lcs`, `filippov`, `circuit` or `elastic`"));
-            return None;
-        };
-        let unknowns = dvi.structure().unknowns();
-        if unknowns > MOST_UNKNOWNS {
-            let error = SpecificationError::new(place.to_string(), "too_many_unknowns", format!("{unknowns} unknowns"));
-            errors.push(error.expected(format!("at most {MOST_UNKNOWNS} states and variables, for derivatives")));
-            return None;
-        }
-        if dvi.has_kinks() {
-            let detail = "a rate has a kink or a jump of a state, across which there is no derivative";
-            let error = SpecificationError::new(place.to_string(), "conflict", detail);
-            errors.push(error.expected("the kink written as a set, as the warning `kink_in_rate` shows"));
-            return None;
-        }
+        let dvi = differentiable(model, "derivatives are followed", place, errors)?;
         let parameters = model.parameters().map_or(&[][..], |parameters| parameters.names());
         let initial: Vec<String> = dvi.state_names.iter().map(|name| format!("{name}{INITIAL}")).collect();
         let mut found = Errors::default();
@@ -83,6 +67,34 @@ impl SensitivitiesRequest {
             .collect();
         Some(Sensitivities { by, of, names })
     }
+}
+
+/// The equations of a model that can be differentiated; refused, where they cannot be, is `what` is done with Radau IIA alone.
+pub(super) fn differentiable<'m>(
+    model: &'m dyn Model,
+    what: &str,
+    place: &Place<'_>,
+    errors: &mut Errors,
+) -> Option<&'m DviModel> {
+    let Some(dvi) = model.dvi() else {
+        let detail = format!("{what} by Radau IIA alone, on the faces of a set");
+        let error = SpecificationError::new(place.to_string(), "conflict", detail);
+        errors.push(error.expected("a problem of type `dvi`, `lcs`, `filippov`, `circuit` or `elastic`"));
+        return None;
+    };
+    let unknowns = dvi.structure().unknowns();
+    if unknowns > MOST_UNKNOWNS {
+        let error = SpecificationError::new(place.to_string(), "too_many_unknowns", format!("{unknowns} unknowns"));
+        errors.push(error.expected(format!("at most {MOST_UNKNOWNS} states and variables, for derivatives")));
+        return None;
+    }
+    if dvi.has_kinks() {
+        let detail = "a rate has a kink or a jump of a state, across which there is no derivative";
+        let error = SpecificationError::new(place.to_string(), "conflict", detail);
+        errors.push(error.expected("the kink written as a set, as the warning `kink_in_rate` shows"));
+        return None;
+    }
+    Some(dvi)
 }
 
 /// The places of names among those that there are.

@@ -21,6 +21,7 @@ pub(crate) fn solve_once(specification: &Specification, control: &Control) -> So
     let (model, plan) = (specification.model(), specification.plan());
     let mut solution = model.run(specification, &plan, control);
     solution.diagnostics.warnings.extend(model.warnings().iter().cloned());
-    solution.judge(plan.end);
+    let end = solution.orbit.as_ref().map_or(plan.end, |orbit| plan.start + orbit.period);
+    solution.judge(end);
     solution
 }

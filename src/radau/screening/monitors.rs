@@ -38,7 +38,6 @@ use crate::inside::Inside;
 use crate::system::System;
 use nalgebra::DVector;
 use numerics::Interval;
-use problem::Side;
 
 /// Room for the enclosures over one part.
 #[derive(Debug, Default)]
@@ -241,8 +240,9 @@ impl Enclosure {
             let ((middle, rounding), suspect) = (middles[index], is_suspect[index]);
             index += 1;
             let (slope, error) = (form.slope(&self.rows, part, h), error_of(form, &self.errors));
-            // What rounding leaves uncertain of a monitor is no event.
-            let allowed = error + rounding - monitor.limit.max(2.0 * rounding);
+            // What rounding leaves uncertain of a monitor is no event; slopes do not tell how a bound moves.
+            let moved = monitor.bound(system, &self.values).width();
+            let allowed = moved + error + rounding - monitor.limit.max(2.0 * rounding);
             let mut is_proven = middle - 0.5 * slope.size() >= allowed;
             // Where the slope has one sign the least value is at an end.
             let end = if slope.lo >= 0.0 { 0 } else { 1 };
@@ -358,8 +358,8 @@ impl Enclosure {
         let value = match monitor.place {
             Place::Lower => self.values[n + k],
             Place::Upper => -self.values[n + k],
-            _ if monitor.upper => system.bound(k, Side::Upper, &self.values) - self.ranges[n + k],
-            _ => self.ranges[n + k] - system.bound(k, Side::Lower, &self.values),
+            _ if monitor.upper => monitor.bound(system, &self.values) - self.ranges[n + k],
+            _ => self.ranges[n + k] - monitor.bound(system, &self.values),
         };
         if value.defined { value.lo + monitor.limit } else { f64::NAN }
     }

@@ -42,8 +42,6 @@ pub(super) struct Reduced {
     gradient: Vec<(usize, Interval)>,
     /// Its slope in time as a sum of terms, where the rows are such.
     by_terms: Option<Vec<(usize, Interval)>>,
-    /// Whether a bound of its variable moves in a way that is not known.
-    is_moved: bool,
 }
 
 impl Reduced {
@@ -52,7 +50,6 @@ impl Reduced {
     pub fn set(&mut self, on: &mut OnFace<'_, '_>, told: Told, rows: &Rows, y: &[f64], own: &Combination) {
         let by_variables = own.by_variables(on.system);
         self.own.clone_from(&own.rows);
-        self.is_moved = own.variables.iter().any(|(k, _)| on.system.moves(*k));
         self.hidden.clear();
         self.rates.clear();
         if told == Told::ByHiddenConstraints {
@@ -180,11 +177,8 @@ impl Reduced {
         self.gradient.iter().filter(|(j, _)| errors[*j] != 0.0).map(|&(j, slope)| slope.size() * errors[j]).sum()
     }
 
-    /// Its slope over a part that takes `h`, in units of the part.
+    /// Its slope over a part that takes `h`, in units of the part, but for what moves a bound.
     pub fn slope(&self, rows: &Rows, part: &Part, h: f64) -> Interval {
-        if self.is_moved {
-            return Interval::LINE;
-        }
         let sum = |sum: Interval, (factor, slope): (Interval, Interval)| sum + factor * slope;
         let by_time = match &self.by_terms {
             Some(terms) => {

@@ -3,6 +3,8 @@
 
 use crate::face::Place;
 use crate::system::System;
+use numerics::Interval;
+use problem::Side;
 
 /// A quantity that must not become negative on the face.
 #[derive(Clone, Copy, Debug)]
@@ -23,6 +25,15 @@ impl Watched {
             Place::Upper => -g,
             _ if self.upper => upper - z,
             _ => z - lower,
+        }
+    }
+
+    /// The bound that it keeps from, where rows of the problem are as in `values`; zero of a variable on its bound, whose `G` it is.
+    pub fn bound(&self, system: &System<'_>, values: &[Interval]) -> Interval {
+        match self.place {
+            Place::Inside if self.upper => system.bound(self.variable, Side::Upper, values),
+            Place::Inside => system.bound(self.variable, Side::Lower, values),
+            _ => Interval::point(0.0),
         }
     }
 

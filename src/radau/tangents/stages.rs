@@ -70,6 +70,24 @@ impl Tangents {
         Ok((by_y, by_directions))
     }
 
+    /// The mass matrix with zeros for the variables, and the derivatives by `y` of what it multiplies the rates of: the
+    /// equations of a face, linearised at `(t, y)`.
+    ///
+    /// # Errors
+    /// Variables on the boundary of a block.
+    pub fn linearised(&mut self, face: &ActiveFace, t: f64, y: &[f64]) -> Result<[DMatrix<f64>; 2], NoDerivative> {
+        let (n, unknowns) = (self.mass.nrows(), y.len());
+        let rows = self.rows_at(t, y);
+        let mut mass = DMatrix::zeros(unknowns, unknowns);
+        mass.view_mut((0, 0), (n, n)).copy_from(&self.mass);
+        let mut by_y = rows.by_y.rows(0, unknowns).into_owned();
+        for k in 0..unknowns - n {
+            let (own, _) = self.equation(face, k, &rows)?;
+            by_y.row_mut(n + k).iter_mut().zip(&own).for_each(|(out, value)| *out = *value);
+        }
+        Ok([mass, by_y])
+    }
+
     /// Solves for the derivatives of the states at the stages of a step.
     pub(super) fn solve_stages(&mut self, step: &Step, tableau: &Tableau) -> Result<(), NoDerivative> {
         let (n, unknowns, s, h) = (self.mass.nrows(), step.y.len(), tableau.stages(), step.h);

@@ -1,6 +1,6 @@
 //! A solution without its columns, as JSON: what an excerpt of it says beside the numbers.
 
-use crate::{Checked, EndedBy, Event, Failure, Solution, Status, Trajectory, Verdict, Version};
+use crate::{Checked, EndedBy, Event, Failure, Orbit, Solution, Status, SteadyState, Trajectory, Verdict, Version};
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
 use std::borrow::Cow;
@@ -31,6 +31,10 @@ struct Parts<'a> {
     diagnostics: Option<Cow<'a, RawValue>>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     sensitivities: Option<Checked>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    orbit: Option<Orbit>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    steady_state: Option<SteadyState>,
     #[serde(borrow, default, skip_serializing_if = "Option::is_none")]
     study: Option<Cow<'a, RawValue>>,
 }
@@ -41,8 +45,19 @@ impl Skeleton {
     /// # Errors
     /// A part of the solution has no JSON form, which there is not.
     pub fn of(solution: &Solution) -> io::Result<Self> {
-        let Solution { version, status, verdict, error, ended_by, trajectory, diagnostics, sensitivities, study } =
-            solution;
+        let Solution {
+            version,
+            status,
+            verdict,
+            error,
+            ended_by,
+            trajectory,
+            diagnostics,
+            sensitivities,
+            orbit,
+            steady_state,
+            study,
+        } = solution;
         let evidence = |text: serde_json::Result<Box<RawValue>>| text.map(Cow::Owned);
         let parts = Parts {
             version: *version,
@@ -53,6 +68,8 @@ impl Skeleton {
             trajectory: Trajectory { events: trajectory.events.clone(), ..Trajectory::default() },
             diagnostics: Some(evidence(serde_json::value::to_raw_value(diagnostics))?),
             sensitivities: sensitivities.clone(),
+            orbit: orbit.clone(),
+            steady_state: steady_state.clone(),
             study: study.as_ref().map(|study| evidence(serde_json::value::to_raw_value(study))).transpose()?,
         };
         Ok(Self(serde_json::to_string(&parts)?))

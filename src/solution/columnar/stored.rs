@@ -221,6 +221,8 @@ mod tests {
             sensitivities: None,
             trajectory: Trajectory { t, fields, events },
             diagnostics: Diagnostics { switches: 7, ..Diagnostics::default() },
+            orbit: None,
+            steady_state: None,
             study: None,
         }
     }

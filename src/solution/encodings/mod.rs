@@ -143,6 +143,8 @@ mod tests {
             sensitivities: None,
             trajectory,
             diagnostics,
+            orbit: None,
+            steady_state: None,
             study: None,
         };
         let mut json = Vec::new();
@@ -193,6 +195,8 @@ mod tests {
             sensitivities: None,
             trajectory,
             diagnostics,
+            orbit: None,
+            steady_state: None,
             study: None,
         };
         let mut json = Vec::new();

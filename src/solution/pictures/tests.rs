@@ -16,6 +16,8 @@ fn solution(t: Vec<f64>, columns: Vec<Vec<f64>>) -> Solution {
         sensitivities: None,
         trajectory,
         diagnostics: Diagnostics::default(),
+        orbit: None,
+        steady_state: None,
         study: None,
     }
 }

@@ -5,6 +5,7 @@ use crate::checked::Specification;
 use crate::error::{Errors, SpecificationError};
 use crate::method::MethodName;
 use crate::place::Place;
+use crate::search::Search;
 use crate::stages::Stages;
 use crate::start;
 use analysis::{Analysis, analysis_numbers};
@@ -111,7 +112,12 @@ impl Model for DviModel {
     }
 
     fn run(&self, specification: &Specification, plan: &Plan, control: &Control) -> Solution {
-        solution::integrate(self, plan, &specification.settings(), specification.analysis(), control)
+        let (settings, analysis) = (specification.settings(), specification.analysis());
+        match specification.search() {
+            None => solution::integrate(self, plan, &settings, analysis, control),
+            Some(Search::Periodic(asked)) => solution::find_orbit(self, plan, asked, &settings, analysis, control),
+            Some(Search::SteadyState) => solution::find_steady_state(self, plan, &settings, analysis, control),
+        }
     }
 
     fn method_name(&self, stages: Stages) -> String {
