@@ -66,9 +66,12 @@ fn missing(input: &Input, start: usize, name: &str, key: &str) -> ExpressionErro
         return ExpressionError { did_you_mean: near, ..ExpressionError::new("unknown_name", start, message) }
             .expected(&expected);
     }
-    let of_vector = |other: &&str| other.strip_prefix(name).is_some_and(|rest| rest.starts_with('['));
-    let ends = [scope.names().find(of_vector), scope.names().filter(of_vector).last()]
-        .map(|end| excerpt(end.unwrap_or_default()));
+    let indices = |other: &str| {
+        let inside = other.strip_prefix(name)?.strip_prefix('[')?.strip_suffix(']')?;
+        inside.split(',').map(|index| index.parse::<i64>().ok()).collect::<Option<Vec<i64>>>()
+    };
+    let all = || scope.names().filter_map(|other| Some((indices(other)?, other)));
+    let ends = [all().min(), all().max()].map(|end| end.map_or(String::new(), |(_, name)| excerpt(name)));
     let message = format!("there is no `{}`", excerpt(key));
     let expected = match ends {
         [first, last] if first == last => format!("`{first}`"),

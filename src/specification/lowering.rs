@@ -195,6 +195,22 @@ impl<'c> Lowering<'c> {
         }
     }
 
+    /// Gives terms that stand for what is solved for the names that they have; no function that jumps takes them.
+    pub(super) fn bind_quantities(&mut self, quantities: &[(String, Node)]) {
+        self.names.solve_for(1);
+        for (name, node) in quantities {
+            // A name that is bound already is that of the same quantity.
+            let _ = self.names.bind_output(name, *node);
+        }
+    }
+
+    /// Whether an expression takes nothing that has no name yet. What is wrong with it in another way is for who reads it.
+    pub(super) fn is_readable(&mut self, expression: &Expression) -> bool {
+        let Expression::Text(text) = expression else { return true };
+        let unknown = |code: &str| matches!(code, "unknown_name" | "unknown_function");
+        self.graph.parse(text, &self.names).map_or_else(|error| !unknown(error.code), |_| true)
+    }
+
     /// Lets expressions use definitions, as far as these are made of what has a name here. What is wrong with one is found
     /// where it is told as a column.
     pub(super) fn use_definitions(&mut self, definitions: &Ordered<Expression>) {

@@ -184,8 +184,10 @@ fn component<'a>(statement: tokens::Statement<'a>, names: &mut Names<'a>) -> Res
             let [amperes] = rest.options(["IC"])?;
             Component::Inductor(Inductor { name, nodes, henries, amperes: amperes.map(Expression::Number) })
         }
-        'V' => Component::VoltageSource(VoltageSource { name, nodes, volts: waveform::read(&mut rest)? }),
-        'I' => Component::CurrentSource(CurrentSource { name, nodes, amperes: waveform::read(&mut rest)? }),
+        'V' => Component::VoltageSource(VoltageSource { name, nodes, volts: waveform::read(&mut rest)?, limits: None }),
+        'I' => {
+            Component::CurrentSource(CurrentSource { name, nodes, amperes: waveform::read(&mut rest)?, limits: None })
+        }
         _ => {
             let [forward, breakdown] = rest.options(["VF", "BV"])?;
             let forward_volts = forward.map(Expression::Number);
