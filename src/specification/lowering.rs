@@ -384,7 +384,6 @@ impl<'c> Lowering<'c> {
             };
             error.expected = Some("expressions without circular references: one of them a number".to_owned());
             error.did_you_mean = None;
-            error.code = "circular";
         }
         let detail = format!("{}\n{}", error.message, error.caret(text));
         let mut report =

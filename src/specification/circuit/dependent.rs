@@ -18,10 +18,10 @@ pub(super) enum Drive<'a> {
     Comparison { of: Compared<'a>, hysteresis: Option<Node>, begins: bool, limits: [Node; 2] },
     /// The voltage between two nodes, made zero.
     Zero { between: (usize, usize), bounds: [Option<Node>; 2] },
-    /// The secondary winding of a transformer, by the nodes of the primary one.
-    Secondary { primary: (usize, usize), ratio: Node },
-    /// The primary winding, by the element of the secondary one.
-    Primary { secondary: usize, ratio: Node },
+    /// The voltage of a winding of a transformer, a multiple of that between the nodes of the other one.
+    WindingVoltage { other: (usize, usize), factor: Node },
+    /// The current of a winding, minus a multiple of that of the other element.
+    WindingCurrent { other: usize, factor: Node },
 }
 
 /// What is compared with zero.
@@ -69,14 +69,14 @@ pub(super) fn laws(
             Drive::Zero { between: nodes, bounds } => {
                 source(DependentLaw::Amplifies(between(*nodes, lowering)), *bounds)
             }
-            Drive::Secondary { primary, ratio } => {
-                let volts = between(*primary, lowering);
-                source(DependentLaw::Follows(lowering.graph.divide(volts, *ratio)), [None; 2])
+            Drive::WindingVoltage { other, factor } => {
+                let volts = between(*other, lowering);
+                source(DependentLaw::Follows(lowering.graph.multiply(volts, *factor)), [None; 2])
             }
-            Drive::Primary { secondary, ratio } => {
-                let amperes = system.output(&mut lowering.graph, &forms.currents[*secondary]);
+            Drive::WindingCurrent { other, factor } => {
+                let amperes = system.output(&mut lowering.graph, &forms.currents[*other]);
                 let amperes = lowering.graph.negate(amperes);
-                source(DependentLaw::Follows(lowering.graph.divide(amperes, *ratio)), [None; 2])
+                source(DependentLaw::Follows(lowering.graph.multiply(amperes, *factor)), [None; 2])
             }
             Drive::Comparison { of, hysteresis, begins, limits } => {
                 let u = match of {

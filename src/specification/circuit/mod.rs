@@ -3,6 +3,7 @@
 
 mod components;
 mod dependent;
+mod elements;
 mod faults;
 mod lowering;
 mod model;
