@@ -146,7 +146,7 @@ const SYNONYMS: [(&str, &[&str]); 80] = [
     ("min_step", &["hmin", "mindt", "dtmin", "minimumstep"]),
     ("first_step", &["h0", "dt0", "initialstep", "initialstepsize", "startstep"]),
     ("stages", &["order", "s", "stage"]),
-    ("name", &["solver", "algorithm", "integrator", "type", "method", "scheme", "id", "label", "ref", "key", "title"]),
+    ("name", &["solver", "algorithm", "integrator", "type", "method", "scheme", "id", "ref", "key"]),
     (
         "radau",
         &[

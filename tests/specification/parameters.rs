@@ -108,6 +108,10 @@ fn every_example_can_be_bound_to_other_values_of_its_parameters() {
             let anew = Specification::from_json(with_numbers(&document, &given).to_string().as_bytes());
             match (specification.with_parameters(&given), anew) {
                 (Ok(bound), Ok(anew)) => assert_same(&bound, &anew, &what),
+                // The size of a vector is a whole number.
+                (Err(found), Err(expected)) if expected[0].code == "index_out_of_range" => {
+                    assert_eq!(found[0].code, "structure_changes", "{what}");
+                }
                 (Err(found), Err(expected)) => assert_eq!(found[0].code, expected[0].code, "{what}"),
                 // Where a start is moved to is no expression in parameters.
                 (Err(found), Ok(_)) => assert!(example.text.contains("resolve"), "{what}: {found:?}"),

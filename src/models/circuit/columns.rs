@@ -69,7 +69,12 @@ impl Columns {
                 _ => {}
             }
         }
-        let is_source = |element: &Element| matches!(element.law, Law::VoltageSource(_) | Law::CurrentSource(_));
+        let is_source = |element: &Element| {
+            matches!(
+                element.law,
+                Law::VoltageSource(_) | Law::CurrentSource(_) | Law::DependentVoltage | Law::DependentCurrent
+            )
+        };
         let sources = || (0..elements.len()).filter(|&k| is_source(&elements[k])).collect();
         let integrals = if states.is_empty() { sources() } else { Vec::new() };
         Self { states, integrals, ports, elements: elements.len() }

@@ -61,7 +61,8 @@ impl Equations {
         let assembly = assembly.rest(&rates)?;
         rates.extend(columns.integrals.iter().map(|&k| {
             let mut rate = Form::default();
-            rate.add_term(columns.source(k), 1.0);
+            let own = columns.ports.iter().position(|port| *port == Port::Source(k));
+            rate.add_term(own.map_or_else(|| columns.source(k), |z| columns.variable(z)), 1.0);
             rate
         }));
         let nodes = assembly.nodes()?;

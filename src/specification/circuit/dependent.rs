@@ -98,6 +98,30 @@ pub(super) fn laws(
     laws
 }
 
+/// Reports what expressions name that no circuit of these components has.
+pub(super) fn check_names(
+    circuit: &Circuit<'_>,
+    drives: &[(usize, Drive<'_>)],
+    (names, definitions): (&Names<'_>, &Ordered<Expression>),
+    lowering: &mut Lowering,
+) {
+    let any = lowering.graph.input(1);
+    let of_nodes = names.nodes.iter().map(|name| format!("v({name})"));
+    let of_elements = names.components.iter().flat_map(|name| [format!("v({name})"), format!("i({name})")]);
+    let quantities: Vec<(String, Node)> = of_nodes.chain(of_elements).map(|name| (name, any)).collect();
+    lowering.bind_quantities(&quantities);
+    lowering.use_definitions(definitions);
+    for (element, drive) in drives {
+        match drive {
+            Drive::Expression { key, expression, .. } => drop(circuit.node(*element, key, expression, lowering)),
+            Drive::Comparison { of: Compared::Closed(expression), .. } => {
+                circuit.node(*element, "closed", expression, lowering);
+            }
+            _ => {}
+        }
+    }
+}
+
 /// A resistance of the size of those in a circuit: the mean of its resistors; where it has none, of what its coils and
 /// capacitors make; where it has not both, one ohm.
 fn scale(elements: &[Element]) -> f64 {

@@ -1,6 +1,7 @@
 //! From components with names to the elements of a circuit.
 
 use super::components::{Component, Transformer};
+use super::dependent;
 use super::faults::Names;
 use super::{CircuitProblem, MOST_COMPONENTS, model, netlist};
 use crate::error::SpecificationError;
@@ -126,6 +127,8 @@ impl<'a> Circuit<'a> {
                 (0..count).filter(is_transformer).filter(|&k| !swapped[k] && is_named(k)).collect();
             let errors = first.get_or_insert(errors);
             if turned.is_empty() {
+                // A name that nothing has may be why the circuit is not what it should be.
+                dependent::check_names(self, &drives, (&names, definitions), lowering);
                 errors.drain(..).for_each(|error| lowering.errors.push(error));
                 return None;
             }

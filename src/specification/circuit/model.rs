@@ -143,8 +143,8 @@ impl Names<'_> {
     fn of_state(&self, element: &Element, k: usize) -> String {
         let quantity = match element.law {
             Law::Inductor(..) => "i",
-            Law::VoltageSource(_) => "flux",
-            Law::CurrentSource(_) => "charge",
+            Law::VoltageSource(_) | Law::DependentVoltage => "flux",
+            Law::CurrentSource(_) | Law::DependentCurrent => "charge",
             _ => "v",
         };
         format!("{quantity}({})", self.components[k])
