@@ -163,6 +163,24 @@ fn controlled_sources_follow_voltages_and_currents() {
     assert!(events(&solution, "v(H1)").len() <= 2);
 }
 
+/// The same sources as lines of a netlist.
+#[test]
+fn controlled_sources_of_a_netlist_are_those_of_spice() {
+    let netlist = "V1 a 0 SIN(2 1 0.5)\nR1 a 0 2\nE1 b 0 a 0 3\nR2 b 0 1\nVm r 0 0\nR3 b r 4\n\
+                   F1 0 c Vm 2\nR4 c 0 5\nG1 0 d c b 0.5\nR5 d 0 1\nH1 e 0 Vm 10\nR6 e 0 1\n";
+    let solution = solve(&json!({
+        "problem": {"circuit": {"netlist": netlist}}, "time": {"end": 2}, "output": {"times": {"count": 11}}
+    }));
+    for (k, t) in solution.trajectory.t.iter().enumerate() {
+        let a = 2.0 + (std::f64::consts::PI * t).sin();
+        let (b, i) = (3.0 * a, 0.75 * a);
+        let c = 10.0 * i;
+        for (name, exact) in [("v(b)", b), ("v(c)", c), ("v(d)", 0.5 * (c - b)), ("v(e)", 10.0 * i)] {
+            assert_near(column(&solution, name)[k], exact, 1e-9);
+        }
+    }
+}
+
 /// An inverting integrator: `v' = -u/(R C)`, until the output meets its limit; the sum of both inputs is then not zero.
 #[test]
 fn an_amplifier_integrates_until_it_saturates() {

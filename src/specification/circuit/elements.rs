@@ -210,7 +210,9 @@ impl<'a> Circuit<'a> {
             && !(value > least || with && value == least)
         {
             let expected = if with { format!("{least} or more") } else { format!("above {least}") };
-            let mut detail = format!("the {} of `{}` are {value}", key.replace('_', " "), abridged(component.name()));
+            let verb = if key == "hysteresis" { "is" } else { "are" };
+            let mut detail =
+                format!("the {} of `{}` {verb} {value}", key.replace('_', " "), abridged(component.name()));
             if let Some(lines) = self.lines {
                 detail = format!("line {}: {detail}", lines[self.owners[k]]);
             }

@@ -52,7 +52,8 @@ pub struct CircuitProblem {
     pub integrals: Ordered<Expression>,
     /// At most 10000 components.
     pub components: Option<Vec<Component>>,
-    /// A netlist as SPICE reads it, at most 64 KiB: lines of `R`, `C`, `L`, `V`, `I` and `D` (ideal), sources `DC`, `SIN`,
+    /// A netlist as SPICE reads it, at most 64 KiB: lines of `R`, `C`, `L`, `V`, `I`, `D` (ideal) and the
+    /// controlled sources `E`, `F`, `G` and `H` with a gain, sources `DC`, `SIN`,
     /// `PULSE` and `PWL`, values with suffixes as in `4.7k` or `100n`, `IC=` of capacitors and inductors, comments after
     /// `*` and `;`, continuations after `+`.
     #[schema(max_length = 65536)]
