@@ -69,9 +69,6 @@ pub(super) struct Constant {
 /// The code of what jumps with something that is solved for.
 const JUMP: &str = "jump_of_unknown";
 
-/// Names of a circular reference that a message lists.
-const SHOWN: usize = 8;
-
 /// Nodes or rows lowered between two polls of [`Control`]: below a millisecond's work for a short expression.
 const BETWEEN_POLLS: usize = 256;
 
@@ -376,12 +373,7 @@ impl<'c> Lowering<'c> {
                 Some("a variable in a set, whose switches are located, in the place of what jumps".to_owned());
         }
         if word.is_some_and(|word| self.circular.iter().any(|name| name == word)) {
-            let names: Vec<String> =
-                self.circular.iter().take(SHOWN).map(|name| format!("`{}`", abridged(name))).collect();
-            error.message = match names.as_slice() {
-                [name] => format!("{name} depends on itself"),
-                names => format!("{} depend on each other", names.join(", ")),
-            };
+            error.message = parameters::circular(&self.circular);
             error.expected = Some("expressions without circular references: one of them a number".to_owned());
             error.did_you_mean = None;
         }

@@ -3,6 +3,7 @@
 
 use super::expression::Expression;
 use super::ordered::Ordered;
+use super::wording::abridged;
 use expression::{Graph, Scope};
 
 /// The entries with those first that others depend on, and how many of them these are: behind them come those that depend on
@@ -54,4 +55,14 @@ pub(super) fn in_order<'a>(
     let ordered = order.len();
     order.extend((0..entries.len()).filter(|&i| waiting[i] > 0));
     (order.into_iter().map(|i| entries[i]).collect(), ordered)
+}
+
+/// What is wrong with entries of these names, which depend on themselves or on such.
+pub(super) fn circular(names: &[String]) -> String {
+    const SHOWN: usize = 8;
+    let shown: Vec<String> = names.iter().take(SHOWN).map(|name| format!("`{}`", abridged(name))).collect();
+    match shown.as_slice() {
+        [name] => format!("{name} depends on itself"),
+        names => format!("{} depend on each other", names.join(", ")),
+    }
 }

@@ -52,7 +52,7 @@ impl<'t> Range<'t> {
             }
             let (first, last) =
                 range.split_once("..").ok_or_else(|| wrong(format!("`{}` is no range", abridged(part.trim()))))?;
-            let end = |text: &str| whole(text, &size).map_err(|what| wrong(what));
+            let end = |text: &str| whole(text, &size).map_err(wrong);
             let (first, last) = (end(first)?, end(last)?);
             if first > last {
                 return Err(wrong(format!("the range {first}..{last} is empty")));
