@@ -7,6 +7,7 @@
 use super::error::Errors;
 use super::json::Json;
 use super::vectors;
+use models::velocity_name;
 use serde::{Serialize, Serializer};
 use serde_json::Number;
 use std::fmt;
@@ -59,7 +60,7 @@ pub fn continued(
         "mechanical" => {
             for (coordinate, value) in problem.members("coordinates") {
                 value.set("initial", last(coordinate)?);
-                value.set("velocity", last(&format!("{coordinate}_dot"))?);
+                value.set("velocity", last(&velocity_name(coordinate))?);
             }
             // What the tolerance leaves of a gap or a joint may be negative.
             problem.set("interpenetration", Json::Text("resolve".to_owned()));

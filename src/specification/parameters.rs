@@ -32,13 +32,20 @@ pub(super) fn in_order<'a>(
     let mut waiting = vec![0_usize; entries.len()];
     let mut dependents = vec![Vec::new(); entries.len()];
     for (i, (_, expression)) in entries.iter().enumerate() {
-        if let Expression::Text(text) = expression
-            && let Ok(node) = graph.parse(text, &scope)
-        {
-            for needed in graph.parameters(node) {
-                waiting[i] += 1;
-                dependents[needed].push(i);
+        let Expression::Text(text) = expression else { continue };
+        let needed = match graph.parse(text, &scope) {
+            Ok(node) => graph.parameters(node),
+            // The range of a sum may depend on a value that is not known yet: whatever is named is needed.
+            Err(_) => {
+                let is_named = |name: &str| {
+                    text.split(|c: char| !(c.is_ascii_alphanumeric() || c == '_')).any(|word| word == name)
+                };
+                (0..entries.len()).filter(|&other| other != i && is_named(entries[other].0)).collect()
             }
+        };
+        for needed in needed {
+            waiting[i] += 1;
+            dependents[needed].push(i);
         }
     }
     let mut order: Vec<usize> = (0..entries.len()).filter(|&i| waiting[i] == 0).collect();

@@ -137,6 +137,11 @@ fn what_is_wrong_with_a_vector_is_told_where_it_is_declared_and_once() {
         let errors = errors_of(declared(name).to_string());
         assert!(errors.iter().any(|error| error.detail.contains(says)), "{errors:#?}");
     }
+    let shadowed = json!({
+        "problem": {"dvi": {"parameters": {"i": 2}, "states": {"x[1..3]": {"initial": "i", "rate": 0}}}}, "time": {"end": 1}
+    });
+    let detail = "the index `i` of `x[1..3]` has the name of something else";
+    assert_errors(&shadowed, &[("/problem/dvi/states/x[1..3]", "duplicate_name", detail)]);
     let document = json!({
         "problem": {"dvi": {"states": {"x": {"initial": 0, "rate": "sum(1 for i in 1..1e9)"}}}}, "time": {"end": 1}
     });
@@ -166,4 +171,26 @@ fn a_run_with_vectors_goes_on_from_its_end() {
     let end =
         |solution: &dvi::solution::Solution| solution.trajectory.fields[0].values.last().copied().expect("a value");
     assert!((end(&rest) - end(&whole)).abs() < 1e-5, "{} {}", end(&rest), end(&whole));
+}
+
+#[test]
+fn coordinates_and_their_velocities_are_vectors() {
+    let document = json!({
+        "problem": {"mechanical": {
+            "parameters": {"m": 2, "n": "m", "all": "sum(k for k in 1..n)"},
+            "coordinates": {"q[1..2]": {"initial": "i", "velocity": "all"}},
+            "mass": [[1, 0], [0, 1]], "potential": "9.81*sum(q)", "forces": {"q[1..2]": "-0*q_dot[i]"},
+            "contacts": [{"name": "floor[1..2]", "gap": "q[i]", "restitution": 0}]
+        }},
+        "time": {"end": 0.5}, "output": {"times": {"count": 2}, "fields": ["q[1..2]", "q_dot[1..2]"]}
+    });
+    let solution = solve(&document);
+    for (k, field) in solution.trajectory.fields.iter().enumerate() {
+        let exact = [1.0, 2.0].map(|start| start + 3.0 * 0.5 - 9.81 * 0.125);
+        let exact = exact.into_iter().chain([3.0 - 9.81 * 0.5; 2]).nth(k).expect("four fields");
+        let end = field.values.last().expect("a value");
+        assert!((end - exact).abs() < 1e-9, "{}: {end} for {exact}", field.name);
+    }
+    let names: Vec<&str> = solution.trajectory.fields.iter().map(|field| field.name.as_str()).collect();
+    assert_eq!(names, ["q[1]", "q[2]", "q_dot[1]", "q_dot[2]"]);
 }

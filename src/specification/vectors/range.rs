@@ -66,6 +66,11 @@ impl<'t> Range<'t> {
         }
     }
 
+    /// The names of the indices.
+    pub(super) fn indices(&self) -> impl Iterator<Item = &'t str> {
+        self.indices.iter().map(|(name, ..)| *name)
+    }
+
     /// A single element whose indices are no plain numbers, as `x[n + 1]`.
     fn one(name: &'t str, inside: &'t str, size: impl Fn(&str) -> Option<i64>) -> Option<Self> {
         let parts: Vec<&str> = inside.split(',').collect();
