@@ -68,6 +68,9 @@ pub(super) fn name(input: &mut Input) -> Result<Read, Failure> {
         let expected = format!("`{0}[1]`, or `sum({0})`", excerpt(name));
         return Err(failure(ExpressionError::new("unknown_name", start, message).expected(&expected)));
     }
+    if called && let Some(error) = no_output(scope, name, input.input) {
+        return Err(failure(ExpressionError { offset: start, ..error }));
+    }
     let (code, message, near) = if called {
         let names = Function::names().chain(scope.tables());
         ("unknown_function", format!("there is no function `{}`", excerpt(name)), nearest(name, names))
@@ -82,6 +85,21 @@ pub(super) fn name(input: &mut Input) -> Result<Read, Failure> {
     let remedy = if called { remedies::of_call(name) } else { remedies::of_name(name) };
     let expected = remedy.map(str::to_owned).or_else(|| (!called && did_you_mean.is_none()).then(|| names_of(scope)));
     Err(failure(ExpressionError { did_you_mean, expected, ..ExpressionError::new(code, start, message) }))
+}
+
+/// The error of an output such as `v(R1)` that is not there, where others of its kind are; `rest` is what follows its name.
+fn no_output(scope: &Scope, name: &str, rest: &str) -> Option<ExpressionError> {
+    const SHOWN: usize = 12;
+    let is_like = |other: &&str| other.strip_prefix(name).is_some_and(|rest| rest.starts_with('('));
+    let mut others = scope.names().filter(is_like).peekable();
+    others.peek()?;
+    let output = format!("{name}{}", &rest[..rest.find(')').map_or(rest.len(), |end| end + 1)]);
+    let did_you_mean = nearest(&output, scope.names().filter(is_like)).map(str::to_owned);
+    let mut list: Vec<String> = others.by_ref().take(SHOWN).map(|name| format!("`{}`", excerpt(name))).collect();
+    list.extend(others.next().map(|_| "...".to_owned()));
+    let message = format!("there is no `{}`", excerpt(&output));
+    let error = ExpressionError { did_you_mean, ..ExpressionError::new("unknown_name", 0, message) };
+    Some(error.expected(&list.join(", ")))
 }
 
 /// The names that may be used, until there are too many.

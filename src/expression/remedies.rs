@@ -72,6 +72,7 @@ pub(super) fn of_operator(before: &str, rest: &str, scope: &Scope) -> Option<Str
         ')' => "`(` is missing before it, or it is one too many",
         ',' if ends_in_digit && after.is_some_and(|c| c.is_ascii_digit()) => "decimals have a point: `0.1`",
         '[' => "an index stands behind the name of a vector: `x[1]`",
+        '.' if after == Some('.') => "a range stands in a sum: `sum(x[i] for i in 1..n)`",
         '.' if after.is_some_and(|c| c.is_ascii_alphabetic()) => "functions stand by themselves: `sin(x)`",
         '_' | '(' | '.' | 'a'..='z' | 'A'..='Z' | '0'..='9' => return Some(of_product(before, rest, scope)),
         _ => return None,

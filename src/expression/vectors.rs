@@ -66,9 +66,12 @@ fn missing(input: &Input, start: usize, name: &str, key: &str) -> ExpressionErro
         return ExpressionError { did_you_mean: near, ..ExpressionError::new("unknown_name", start, message) }
             .expected(&expected);
     }
-    let of_vector = |other: &&str| other.strip_prefix(name).is_some_and(|rest| rest.starts_with('['));
-    let ends = [scope.names().find(of_vector), scope.names().filter(of_vector).last()]
-        .map(|end| excerpt(end.unwrap_or_default()));
+    let indices = |other: &str| {
+        let inside = other.strip_prefix(name)?.strip_prefix('[')?.strip_suffix(']')?;
+        inside.split(',').map(|index| index.parse::<i64>().ok()).collect::<Option<Vec<i64>>>()
+    };
+    let all = || scope.names().filter_map(|other| Some((indices(other)?, other)));
+    let ends = [all().min(), all().max()].map(|end| end.map_or(String::new(), |(_, name)| excerpt(name)));
     let message = format!("there is no `{}`", excerpt(key));
     let expected = match ends {
         [first, last] if first == last => format!("`{first}`"),
@@ -97,11 +100,27 @@ pub(super) fn sum(input: &mut Input, start: usize) -> Result<Read, Failure> {
     let ranges = self::binders(input)?;
     close(input, ", `,` or `)`")?;
     let after = input.input;
+    let outer = input.state.indices.len();
+    let nodes = summands(input, start, (body, binders), &ranges);
+    input.state.indices.truncate(outer);
+    input.input = after;
+    add_up(input, start, &nodes?)
+}
+
+/// The term of a sum for each value of its indices; where these are named stands behind it, from `binders` on.
+fn summands<'i>(
+    input: &mut Input<'i, '_>,
+    start: usize,
+    (body, binders): (&'i str, usize),
+    ranges: &[(String, i64, i64)],
+) -> Result<Vec<Node>, Failure> {
     let mut nodes = Vec::new();
+    if ranges.iter().any(|(_, first, last)| first > last) {
+        return Ok(nodes);
+    }
     let outer = input.state.indices.len();
     input.state.indices.extend(ranges.iter().map(|(name, first, _)| Index { name: name.clone(), value: *first }));
-    let is_empty = ranges.iter().any(|(_, first, last)| first > last);
-    while !is_empty {
+    loop {
         input.state.graph.read_again += binders;
         if input.state.graph.read_again > MOST_READ {
             let message = "the sums of all expressions together have too many terms".to_owned();
@@ -114,15 +133,11 @@ pub(super) fn sum(input: &mut Input, start: usize) -> Result<Read, Failure> {
             return Err(syntax(input, "an operator or `for`"));
         }
         // The last index goes round first.
-        let Some(k) = (0..ranges.len()).rev().find(|&k| input.state.indices[outer + k].value < ranges[k].2) else {
-            break;
-        };
+        let next = (0..ranges.len()).rev().find(|&k| input.state.indices[outer + k].value < ranges[k].2);
+        let Some(k) = next else { return Ok(nodes) };
         input.state.indices[outer + k].value += 1;
         (k + 1..ranges.len()).for_each(|k| input.state.indices[outer + k].value = ranges[k].1);
     }
-    input.state.indices.truncate(outer);
-    input.input = after;
-    add_up(input, start, &nodes)
 }
 
 fn add_up(input: &mut Input, start: usize, nodes: &[Node]) -> Result<Read, Failure> {

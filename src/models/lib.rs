@@ -31,7 +31,7 @@ pub use convolution::ConvolutionModel;
 pub use dvi_model::{DviModel, Equations, KinkAdvice};
 pub use linear::{Linear, LinearRows};
 pub use mechanical::{MechanicalRows, SymbolicMechanics, Underivable};
-pub use mechanical_model::{ContactCoefficient, ENERGIES, MechanicalModel};
+pub use mechanical_model::{ContactCoefficient, ENERGIES, MechanicalModel, velocity_name};
 pub use outputs::Outputs;
 pub use parameters::{Parameters, ParametricTerms};
 pub use slopes::Slopes;

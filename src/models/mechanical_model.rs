@@ -54,15 +54,15 @@ impl MechanicalModel {
         system: SymbolicMechanics,
         warnings: Vec<Warning>,
     ) -> Self {
-        let velocities = coordinates.iter().map(|name| format!("{name}_dot"));
+        let velocities = coordinates.iter().map(|name| velocity_name(name));
         let state_names: Vec<String> = coordinates.iter().cloned().chain(velocities).collect();
         let mut output_names = state_names.clone();
         for (name, contact) in contacts.iter().zip(&system.structure().contacts) {
-            output_names.extend([format!("{name}_gap"), format!("{name}_impulse")]);
+            output_names.extend(["gap", "impulse"].map(|quantity| quantity_name(name, quantity)));
             match contact.slips {
                 0 => {}
-                1 => output_names.push(format!("{name}_friction")),
-                slips => output_names.extend((1..=slips).map(|i| format!("{name}_friction_{i}"))),
+                1 => output_names.push(quantity_name(name, "friction")),
+                slips => output_names.extend((1..=slips).map(|i| quantity_name(name, &format!("friction_{i}")))),
             }
         }
         output_names.extend(ENERGIES.map(String::from));
@@ -148,5 +148,18 @@ impl MechanicalModel {
             because: because.to_owned(),
             ..Analysis::default()
         }
+    }
+}
+
+/// The name of the velocity of a coordinate: `q_dot` of `q`, `q_dot[3]` of `q[3]`.
+pub fn velocity_name(coordinate: &str) -> String {
+    quantity_name(coordinate, "dot")
+}
+
+/// The name of a quantity of something, which stands before its index.
+fn quantity_name(of: &str, quantity: &str) -> String {
+    match of.split_once('[') {
+        Some((vector, index)) => format!("{vector}_{quantity}[{index}"),
+        None => format!("{of}_{quantity}"),
     }
 }

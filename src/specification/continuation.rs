@@ -7,6 +7,7 @@
 use super::error::Errors;
 use super::json::Json;
 use super::vectors;
+use models::velocity_name;
 use serde::{Serialize, Serializer};
 use serde_json::Number;
 use std::fmt;
@@ -59,7 +60,7 @@ pub fn continued(
         "mechanical" => {
             for (coordinate, value) in problem.members("coordinates") {
                 value.set("initial", last(coordinate)?);
-                value.set("velocity", last(&format!("{coordinate}_dot"))?);
+                value.set("velocity", last(&velocity_name(coordinate))?);
             }
             // What the tolerance leaves of a gap or a joint may be negative.
             problem.set("interpenetration", Json::Text("resolve".to_owned()));
@@ -120,13 +121,29 @@ fn of_circuit(problem: &mut Json, last: impl Fn(&str) -> Result<Json, NotContinu
     };
     for component in components.iter_mut() {
         let Some((kind, values)) = component.only_member() else { continue };
-        let (key, quantity) = match kind {
-            "capacitor" => ("volts", "v"),
-            "inductor" => ("amperes", "i"),
-            _ => continue,
-        };
         let name = values.member("name").map_or("", |name| name.text()).to_owned();
-        values.set(key, last(&format!("{quantity}({name})"))?);
+        let last = |quantity: &str| last(&format!("{quantity}({name})"));
+        match kind {
+            "capacitor" => values.set("volts", last("v")?),
+            "inductor" => values.set("amperes", last("i")?),
+            // What hysteresis remembers is part of the state.
+            "switch" if values.member("hysteresis").is_some() => {
+                let closed = last("closed")?.value().is_some_and(|closed| closed > 0.5);
+                values.set("initially", Json::Bool(closed));
+            }
+            "comparator" if values.member("hysteresis").is_some() => {
+                let mut limit =
+                    |key: &str, otherwise: f64| values.member(key).map_or(Some(otherwise), |limit| limit.value());
+                let (Some(low), Some(high), Some(volts)) = (limit("low", 0.0), limit("high", 1.0), last("v")?.value())
+                else {
+                    return Err(NotContinuable::Problem(
+                        "`low` and `high` of a comparator are expressions: write them as numbers to continue it",
+                    ));
+                };
+                values.set("initially", Json::Bool(volts > 0.5 * (low + high)));
+            }
+            _ => {}
+        }
     }
     Ok(())
 }
@@ -136,6 +153,13 @@ fn number(value: f64) -> Option<Json> {
 }
 
 impl Json {
+    fn value(&self) -> Option<f64> {
+        match self {
+            Json::Number(number) => number.as_f64(),
+            _ => None,
+        }
+    }
+
     fn member(&mut self, key: &str) -> Option<&mut Self> {
         let Self::Object(members) = self else { return None };
         members.iter_mut().find(|(name, _)| name == key).map(|(_, value)| value)

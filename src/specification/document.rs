@@ -58,6 +58,13 @@ pub struct Document {
 
 /// Exactly one type of problem. Each is a way to write `M x' = f(t,x) + B(t,x) z`, `z in K`,
 /// `<G(t,x,z), z~ - z> >= 0` for all `z~ in K`.
+///
+/// Vectors: a member `"x[1..n]": ...` of parameters, definitions, integrals, states, variables or coordinates stands for one
+/// member for each index, `x[1]` to `x[n]`, in which `i` is the index; `"x[k in 0..n+1]"` names it otherwise, and
+/// `"x[1..3, 1..4]"` has two, `i` and `j`. Sizes are whole numbers, and parameters that are whole numbers. A list in the place
+/// of an expression has one value for each element. `"x[0]"` and `"x[n+1]"` may be declared beside them, as ends of a chain
+/// under `definitions`. In lists of names, as of a set or of `output.fields`, `"x[1..n]"` stands for all elements; an entry of
+/// a list whose `name` or `label` has a range, and a `box` whose `of` is one name with a range, for one entry an element.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Problem {

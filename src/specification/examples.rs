@@ -24,6 +24,7 @@ pub const EXAMPLES: &[Example] = examples! {
     "bar_impact"
     "bottleneck"
     "bouncing_ball"
+    "buck_closed_loop"
     "buck_converter"
     "coulomb_slope"
     "diode_bridge"

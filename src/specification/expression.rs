@@ -30,6 +30,8 @@ const DESCRIPTION: &str = "A number, or a string in infix notation: `+ - * / ^`,
     `pwm(t, period, duty)`, 1 in the first share `duty` of each period, else 0; `sawtooth(t, period)` from 0 to 1; \
     `triangle(t, period)` from 0 to 1 and back; `pulse(t, start, width)`, 1 from `start` on for `width`, else 0; \
     and the tables by their names, `load(t)`. \
+    Elements of vectors as `x[3]` or `x[i + 1]`, and sums as `sum(x)` or `sum(c[k]*x[k] for k in 1..n)`; an index is \
+    made of whole numbers, other indices and parameters with whole values. \
     At most 64 KiB long and 200 levels deep.";
 
 impl PartialSchema for Expression {

@@ -146,7 +146,7 @@ const SYNONYMS: [(&str, &[&str]); 80] = [
     ("min_step", &["hmin", "mindt", "dtmin", "minimumstep"]),
     ("first_step", &["h0", "dt0", "initialstep", "initialstepsize", "startstep"]),
     ("stages", &["order", "s", "stage"]),
-    ("name", &["solver", "algorithm", "integrator", "type", "method", "scheme", "id", "label", "ref", "key", "title"]),
+    ("name", &["solver", "algorithm", "integrator", "type", "method", "scheme", "id", "ref", "key"]),
     (
         "radau",
         &[
@@ -181,7 +181,7 @@ const SYNONYMS: [(&str, &[&str]); 80] = [
     ("wall_seconds", &["timeout", "walltime", "maxtime", "seconds"]),
     ("steps", &["maxsteps", "maxiter", "nsteps", "iterations"]),
     ("fields", &["outputs", "signals", "columns", "variables", "names", "keep", "select"]),
-    ("times", &["t", "teval", "saveat", "grid", "timepoints", "points", "every", "dt", "count", "n"]),
+    ("times", &["t", "teval", "saveat", "grid", "timepoints", "points"]),
     ("when", &["event", "expression", "condition", "expr", "if", "at", "function", "zero", "of", "crossing"]),
     ("record", &["only", "tell", "log", "continue", "nonterminal"]),
     ("to", &["parameters", "by", "wrt", "params", "over"]),
@@ -238,7 +238,7 @@ const SYNONYMS: [(&str, &[&str]); 80] = [
 ];
 
 /// The synonyms of further parts, as above.
-const PARTS: [(&str, &[&str]); 25] = [
+const PARTS: [(&str, &[&str]); 31] = [
     ("at", &["point", "anchor", "origin", "position", "location", "pivot"]),
     ("point", &["anchor", "origin", "position", "at", "pivot"]),
     ("axis", &["direction", "normal"]),
@@ -263,6 +263,12 @@ const PARTS: [(&str, &[&str]); 25] = [
     ("voltage_source", &["v", "vsource", "source", "battery", "voltage", "vdc", "vac", "supply"]),
     ("current_source", &["i", "isource", "current"]),
     ("diode", &["d"]),
+    ("op_amp", &["opamp", "amplifier", "operationalamplifier", "oa"]),
+    ("comparator", &["comp", "schmitt", "schmitttrigger", "hysteresis"]),
+    ("transformer", &["trafo", "xfmr", "coupledinductors"]),
+    ("voltage_source", &["vcvs", "ccvs", "e", "h"]),
+    ("current_source", &["vccs", "cccs", "f", "g"]),
+    ("ratio", &["n", "turns", "turnsratio"]),
     ("switch", &["s", "thyristor", "scr", "mosfet", "igbt", "transistor", "bjt", "gto", "triac", "relay"]),
 ];
 

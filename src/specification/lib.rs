@@ -70,7 +70,8 @@ pub use crate::expression::Expression;
 pub use catalogue::{Catalogue, Choice, Coefficients, Limit, catalogue};
 pub use checked::Specification;
 pub use circuit::{
-    Capacitor, CircuitProblem, Component, CurrentSource, Diode, Inductor, Resistor, Switch, VoltageSource, Zener,
+    Capacitor, CircuitProblem, Comparator, Component, CurrentSource, Diode, Inductor, OpAmp, Resistor, Switch,
+    Transformer, VoltageSource, Zener,
 };
 pub use continuation::{NotContinuable, continued};
 pub use convolution::{ConvolutionProblem, ConvolutionVariable, FractionalKernel, KernelOfTime};

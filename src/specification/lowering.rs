@@ -69,9 +69,6 @@ pub(super) struct Constant {
 /// The code of what jumps with something that is solved for.
 const JUMP: &str = "jump_of_unknown";
 
-/// Names of a circular reference that a message lists.
-const SHOWN: usize = 8;
-
 /// Nodes or rows lowered between two polls of [`Control`]: below a millisecond's work for a short expression.
 const BETWEEN_POLLS: usize = 256;
 
@@ -193,6 +190,22 @@ impl<'c> Lowering<'c> {
             let node = self.graph.input(i + 1);
             let _ = self.names.bind_output(name, node);
         }
+    }
+
+    /// Gives terms that stand for what is solved for the names that they have; no function that jumps takes them.
+    pub(super) fn bind_quantities(&mut self, quantities: &[(String, Node)]) {
+        self.names.solve_for(1);
+        for (name, node) in quantities {
+            // A name that is bound already is that of the same quantity.
+            let _ = self.names.bind_output(name, *node);
+        }
+    }
+
+    /// Whether an expression takes nothing that has no name yet. What is wrong with it in another way is for who reads it.
+    pub(super) fn is_readable(&mut self, expression: &Expression) -> bool {
+        let Expression::Text(text) = expression else { return true };
+        let unknown = |code: &str| matches!(code, "unknown_name" | "unknown_function");
+        self.graph.parse(text, &self.names).map_or_else(|error| !unknown(error.code), |_| true)
     }
 
     /// Lets expressions use definitions, as far as these are made of what has a name here. What is wrong with one is found
@@ -360,15 +373,9 @@ impl<'c> Lowering<'c> {
                 Some("a variable in a set, whose switches are located, in the place of what jumps".to_owned());
         }
         if word.is_some_and(|word| self.circular.iter().any(|name| name == word)) {
-            let names: Vec<String> =
-                self.circular.iter().take(SHOWN).map(|name| format!("`{}`", abridged(name))).collect();
-            error.message = match names.as_slice() {
-                [name] => format!("{name} depends on itself"),
-                names => format!("{} depend on each other", names.join(", ")),
-            };
+            error.message = parameters::circular(&self.circular);
             error.expected = Some("expressions without circular references: one of them a number".to_owned());
             error.did_you_mean = None;
-            error.code = "circular";
         }
         let detail = format!("{}\n{}", error.message, error.caret(text));
         let mut report =

@@ -3,6 +3,7 @@
 
 use super::expression::Expression;
 use super::ordered::Ordered;
+use super::wording::abridged;
 use expression::{Graph, Scope};
 
 /// The entries with those first that others depend on, and how many of them these are: behind them come those that depend on
@@ -31,13 +32,20 @@ pub(super) fn in_order<'a>(
     let mut waiting = vec![0_usize; entries.len()];
     let mut dependents = vec![Vec::new(); entries.len()];
     for (i, (_, expression)) in entries.iter().enumerate() {
-        if let Expression::Text(text) = expression
-            && let Ok(node) = graph.parse(text, &scope)
-        {
-            for needed in graph.parameters(node) {
-                waiting[i] += 1;
-                dependents[needed].push(i);
+        let Expression::Text(text) = expression else { continue };
+        let needed = match graph.parse(text, &scope) {
+            Ok(node) => graph.parameters(node),
+            // The range of a sum may depend on a value that is not known yet: whatever is named is needed.
+            Err(_) => {
+                let is_named = |name: &str| {
+                    text.split(|c: char| !(c.is_ascii_alphanumeric() || c == '_')).any(|word| word == name)
+                };
+                (0..entries.len()).filter(|&other| other != i && is_named(entries[other].0)).collect()
             }
+        };
+        for needed in needed {
+            waiting[i] += 1;
+            dependents[needed].push(i);
         }
     }
     let mut order: Vec<usize> = (0..entries.len()).filter(|&i| waiting[i] == 0).collect();
@@ -54,4 +62,14 @@ pub(super) fn in_order<'a>(
     let ordered = order.len();
     order.extend((0..entries.len()).filter(|&i| waiting[i] > 0));
     (order.into_iter().map(|i| entries[i]).collect(), ordered)
+}
+
+/// What is wrong with entries of these names, which depend on themselves or on such.
+pub(super) fn circular(names: &[String]) -> String {
+    const SHOWN: usize = 8;
+    let shown: Vec<String> = names.iter().take(SHOWN).map(|name| format!("`{}`", abridged(name))).collect();
+    match shown.as_slice() {
+        [name] => format!("{name} depends on itself"),
+        names => format!("{} depend on each other", names.join(", ")),
+    }
 }

@@ -188,3 +188,19 @@ fn large_and_hostile_netlists_are_answered() {
     let chain: String = (0..2500).map(|k| format!("R{k} n{k} n{} 1\nD{k} n{k} 0\n", k + 1)).collect();
     assert_netlist(&chain, &[("too_long", "bytes")]);
 }
+
+#[test]
+fn what_a_law_names_and_the_circuit_does_not_have_is_told_with_what_it_has() {
+    let document = json!({
+        "problem": {"circuit": {"components": [
+            {"voltage_source": {"name": "V1", "nodes": ["a", "0"], "volts": "2*v(outt) + i(R7)"}},
+            {"resistor": {"name": "R1", "nodes": ["a", "out"], "ohms": 1}},
+            {"capacitor": {"name": "C1", "nodes": ["out", "0"], "farads": 1}}
+        ]}},
+        "time": {"end": 1}
+    });
+    let errors = errors_of(document.to_string());
+    assert_eq!(errors[0].pointer, "/problem/circuit/components/0/voltage_source/volts");
+    assert!(errors[0].detail.starts_with("there is no `v(outt)`"), "{}", errors[0].detail);
+    assert_eq!(errors[0].did_you_mean.as_deref(), Some("v(out)"));
+}

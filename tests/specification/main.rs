@@ -16,6 +16,8 @@ mod parameters;
 mod rigid_bodies;
 mod schema;
 mod semantics;
+mod slips;
 mod structure;
 mod study;
 mod uniqueness;
+mod vectors;

@@ -100,12 +100,18 @@ fn every_example_can_be_bound_to_other_values_of_its_parameters() {
         let document: Value = serde_json::from_str(example.text).expect("an example");
         let specification = read(&document);
         let Some(parameters) = specification.model().parameters() else { continue };
-        for (name, value) in parameters.names().iter().zip(parameters.values()) {
+        // Elements of vectors have no member of their own to be replaced.
+        let own = |(name, _): &(&String, &f64)| !name.contains('[');
+        for (name, value) in parameters.names().iter().zip(parameters.values()).filter(own) {
             let given = [(name.as_str(), 1.25 * value + 0.01)];
             let what = format!("{}: {given:?}", example.name);
             let anew = Specification::from_json(with_numbers(&document, &given).to_string().as_bytes());
             match (specification.with_parameters(&given), anew) {
                 (Ok(bound), Ok(anew)) => assert_same(&bound, &anew, &what),
+                // The size of a vector is a whole number.
+                (Err(found), Err(expected)) if expected[0].code == "index_out_of_range" => {
+                    assert_eq!(found[0].code, "structure_changes", "{what}");
+                }
                 (Err(found), Err(expected)) => assert_eq!(found[0].code, expected[0].code, "{what}"),
                 // Where a start is moved to is no expression in parameters.
                 (Err(found), Ok(_)) => assert!(example.text.contains("resolve"), "{what}: {found:?}"),

@@ -11,15 +11,24 @@ fn an_empty_body_is_told_so() {
 
 #[test]
 fn a_syntax_error_gives_line_and_column() {
-    assert_text("{\"time\": {\"end\": 1},\n  \"label\": }", &[("/label", "syntax", "line 2 column 12")]);
-    assert_text("{\"time\": {\"end\": 1}", &[("", "syntax", "EOF while parsing an object at line 1 column 19")]);
-    assert_text("{} {}", &[("", "syntax", "trailing characters at line 1 column 4")]);
+    assert_text(
+        "{\"time\": {\"end\": 1},\n  \"label\": }",
+        &[("/label", "syntax", "`}` where a value belongs at line 2 column 12")],
+    );
+    assert_text(
+        "{\"time\": {\"end\": 1}",
+        &[("", "syntax", "the end of the text where `{` at line 1 column 1 is open at line 1 column 20")],
+    );
+    assert_text("{} {}", &[("", "syntax", "text behind the end of the document at line 1 column 4")]);
 }
 
 #[test]
 fn nan_and_infinity_are_no_json() {
-    assert_text("{\"time\": {\"end\": NaN}}", &[("/time/end", "syntax", "expected value at line 1 column 18")]);
-    assert_text("{\"time\": {\"end\": -Infinity}}", &[("/time/end", "syntax", "invalid number at line 1 column 19")]);
+    assert_text("{\"time\": {\"end\": NaN}}", &[("/time/end", "syntax", "the word `NaN` at line 1 column 18")]);
+    assert_text(
+        "{\"time\": {\"end\": -Infinity}}",
+        &[("/time/end", "syntax", "the word `-Infinity` at line 1 column 18")],
+    );
 }
 
 #[test]

@@ -4,6 +4,7 @@
 mod certificates;
 mod circuits;
 mod contact;
+mod converters;
 mod elastic;
 mod features;
 mod filippov;

@@ -1,6 +1,6 @@
 //! Queues and traffic: reflection at zero, and an equilibrium of departures.
 
-use crate::systems::harness::{distance, last, solve};
+use crate::systems::harness::{column, distance, last, solve};
 use crate::systems::reference::example;
 use serde_json::json;
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
@@ -77,4 +77,43 @@ fn all_commuters_arrive_where_newtons_method_steps_over_the_switches() {
             assert!(error < 100.0 * rtol * 6000.0, "rtol {rtol:e}: {error:e} of 6000 have not {name}");
         }
     }
+}
+
+/// Wardrop's equilibrium on twenty routes, as vectors: the flow on a route is `k (c - f)^(1/3)` where the least cost `c` is above
+/// its free cost `f`, else zero, and all flows together are the demand. `c` follows by bisection.
+#[test]
+fn twenty_routes_carry_what_their_least_cost_says() {
+    let specification = json!({
+        "problem": {"dvi": {
+            "parameters": {"n": 20, "free[1..n]": "10 + i", "capacity[1..n]": "50 + 10*mod(7*i, 20)"},
+            "states": {"trips": {"initial": 0, "rate": "sum(h)"}},
+            "definitions": {"demand": "1000 + 500*sin(t)", "cost[1..n]": "free[i] + (h[i]/capacity[i])^3"},
+            "variables": {
+                "h[1..n]": {"inequality": "cost[i] - least"}, "least": {"inequality": "sum(h) - demand"}
+            },
+            "set": [{"nonnegative": ["h[1..n]"]}, {"free": ["least"]}]
+        }},
+        "time": {"end": 6}, "method": {"rtol": 1e-9}, "output": {"times": {"count": 13}}
+    });
+    let solution = solve(&specification);
+    for (k, t) in solution.trajectory.t.iter().enumerate() {
+        let flow = |least: f64, i: i32| {
+            let capacity = 50.0 + 10.0 * f64::from(7 * i % 20);
+            capacity * (least - 10.0 - f64::from(i)).max(0.0).cbrt()
+        };
+        let all = |least: f64| (1..=20).map(|i| flow(least, i)).sum::<f64>();
+        let (mut below, mut above) = (0.0, 1e3);
+        for _ in 0..200 {
+            let middle = 0.5 * (below + above);
+            if all(middle) < 1000.0 + 500.0 * t.sin() { below = middle } else { above = middle }
+        }
+        assert!((column(&solution, "least")[k] - below).abs() < 1e-8, "{} {below}", column(&solution, "least")[k]);
+        for i in 1..=20 {
+            let found = column(&solution, &format!("h[{i}]"))[k];
+            // Its flow is a cube root of what its cost is above its free cost, and so is the error where that is small.
+            let bound = 120.0 * 1e-8_f64.cbrt().min(1e-8 / (below - 10.0 - f64::from(i)).max(1e-8)) + 1e-6;
+            assert!((found - flow(below, i)).abs() < bound, "t = {t}, route {i}: {found} {}", flow(below, i));
+        }
+    }
+    assert!((last(&solution, "trips") - (6000.0 + 500.0 * (1.0 - 6.0_f64.cos()))).abs() < 1e-6);
 }

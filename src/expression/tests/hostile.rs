@@ -77,7 +77,7 @@ fn malformed_texts_are_refused_at_their_place() {
     for (text, code, offset) in [
         ("", "syntax", 0),
         ("   ", "syntax", 3),
-        ("1..2", "syntax", 2),
+        ("1..2", "syntax", 1),
         (".", "syntax", 1),
         ("1e", "syntax", 1),
         ("1e+", "syntax", 1),

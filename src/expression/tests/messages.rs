@@ -17,7 +17,8 @@ fn errors_say_what_was_expected_and_what_was_found() {
     assert_message("max(x; y)", "expected an operator, `,` or `)`, found `;`");
     assert_message("sin x", "expected `(` after the function `sin`, found `x`");
     assert_message("x\0", "expected an operator or the end, found the control character U+0000");
-    assert_message("1..2", "expected an operator or the end, found `.2`; a product is written with `*`");
+    let range = "expected an operator or the end, found `..2`; a range stands in a sum: `sum(x[i] for i in 1..n)`";
+    assert_message("1..2", range);
     assert_message("atan2(x)", "`atan2` takes two arguments, found 1");
     assert_message("min()", "`min` takes two or more arguments, found 0");
     assert_message("1e999", "`1e999` is out of the range of a double, 4.9e-324 to 1.8e308");
@@ -49,7 +50,7 @@ fn what_other_languages_write_is_told_what_is_written_here() {
         ("if(t ~= 1, 1, 0)", "what is not equal is written `a != b`"),
         ("if(t <> 1, 1, 0)", "what is not equal is written `a != b`"),
         ("if(1 < t < 2, 1, 0)", "of three numbers: `a < b and b < c`"),
-        ("x[1]", "an index is part of a name: `x_1`"),
+        ("(x)[1]", "an index stands behind the name of a vector: `x[1]`"),
         ("x.sin(1)", "functions stand by themselves: `sin(x)`"),
     ] {
         let message = parse(text).unwrap_err().message;

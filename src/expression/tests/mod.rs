@@ -8,6 +8,7 @@ mod parameters;
 mod points;
 mod tables;
 mod values;
+mod vectors;
 
 use super::{ExpressionError, Graph, Node, Scope, Tape};
 

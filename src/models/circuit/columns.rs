@@ -16,13 +16,15 @@ pub enum Port {
     BreakingDown(usize),
     /// `z = v` between bounds, `G = -i`: a zener or a switch in the tree.
     Voltage(usize),
+    /// `z` is the voltage or current of a dependent source, `G` a law of its own.
+    Source(usize),
 }
 
 impl Port {
     /// The element.
     pub fn element(self) -> usize {
         match self {
-            Self::Blocking(k) | Self::Conducting(k) | Self::BreakingDown(k) | Self::Voltage(k) => k,
+            Self::Blocking(k) | Self::Conducting(k) | Self::BreakingDown(k) | Self::Voltage(k) | Self::Source(k) => k,
         }
     }
 }
@@ -62,11 +64,17 @@ impl Columns {
                 (Law::Diode { .. }, true) => ports.push(Port::Blocking(k)),
                 (Law::Diode { .. }, false) => ports.push(Port::Conducting(k)),
                 (Law::Zener { .. }, false) => ports.extend([Port::Conducting(k), Port::BreakingDown(k)]),
-                (Law::Zener { .. } | Law::Switch { .. }, _) => ports.push(Port::Voltage(k)),
+                (Law::Zener { .. } | Law::Switch { .. } | Law::DependentSwitch, _) => ports.push(Port::Voltage(k)),
+                (Law::DependentVoltage | Law::DependentCurrent, _) => ports.push(Port::Source(k)),
                 _ => {}
             }
         }
-        let is_source = |element: &Element| matches!(element.law, Law::VoltageSource(_) | Law::CurrentSource(_));
+        let is_source = |element: &Element| {
+            matches!(
+                element.law,
+                Law::VoltageSource(_) | Law::CurrentSource(_) | Law::DependentVoltage | Law::DependentCurrent
+            )
+        };
         let sources = || (0..elements.len()).filter(|&k| is_source(&elements[k])).collect();
         let integrals = if states.is_empty() { sources() } else { Vec::new() };
         Self { states, integrals, ports, elements: elements.len() }

@@ -61,7 +61,8 @@ impl Equations {
         let assembly = assembly.rest(&rates)?;
         rates.extend(columns.integrals.iter().map(|&k| {
             let mut rate = Form::default();
-            rate.add_term(columns.source(k), 1.0);
+            let own = columns.ports.iter().position(|port| *port == Port::Source(k));
+            rate.add_term(own.map_or_else(|| columns.source(k), |z| columns.variable(z)), 1.0);
             rate
         }));
         let nodes = assembly.nodes()?;
@@ -76,6 +77,7 @@ impl Equations {
             let k = port.element();
             match (port, &elements[k].law) {
                 (Port::Voltage(_), _) => currents[k].times(-1.0),
+                (Port::Source(_), _) => Form::default(),
                 (Port::Conducting(_), Law::Diode { .. } | Law::Zener { .. }) => {
                     slack(-1.0, &voltages[k], k, Quantity::Forward)
                 }
@@ -124,7 +126,8 @@ impl<'a> Assembly<'a> {
                 }
                 Port::Conducting(_) => currents[k].add_term(z, 1.0),
                 Port::BreakingDown(_) => currents[k].add_term(z, -1.0),
-                Port::Voltage(_) => voltages[k].add_term(z, 1.0),
+                Port::Source(_) if matches!(elements[k].law, Law::DependentCurrent) => currents[k].add_term(z, 1.0),
+                Port::Voltage(_) | Port::Source(_) => voltages[k].add_term(z, 1.0),
             }
         }
         for (k, element) in elements.iter().enumerate() {

@@ -21,6 +21,8 @@ pub enum Fault {
         /// The capacitor or inductor that its derivative reaches.
         element: usize,
     },
+    /// A dependent source in a loop with capacitors alone or in a cut set with inductors alone, which answer to its derivative.
+    Derivative(usize),
     /// A start that Kirchhoff's laws contradict.
     InconsistentStart {
         /// The capacitor or inductor.

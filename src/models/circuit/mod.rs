@@ -12,6 +12,7 @@
 //! `a` to `b`.
 
 mod columns;
+mod dependent;
 mod equations;
 mod faults;
 mod form;
@@ -24,6 +25,7 @@ mod tests;
 mod tree;
 
 pub use columns::{Column, Columns, Port};
+pub use dependent::{Dependent, DependentLaw};
 pub use equations::Equations;
 pub use faults::Fault;
 pub use form::{Coefficient, Form};
@@ -66,6 +68,12 @@ pub enum Law {
         /// Volts, positive.
         withstand: f64,
     },
+    /// `v` is a variable, with a law of its own that may take all voltages and currents.
+    DependentVoltage,
+    /// `i` is such a variable.
+    DependentCurrent,
+    /// A switch that voltages and currents decide, whose `v` is a variable: `v = 0` where it is closed, `i = 0` where it is open.
+    DependentSwitch,
 }
 
 /// An element between two nodes; node 0 is ground.
@@ -82,16 +90,16 @@ impl Law {
     /// states are those whose start is given.
     fn rank(&self) -> u8 {
         match self {
-            Self::VoltageSource(_) => 0,
+            Self::VoltageSource(_) | Self::DependentVoltage => 0,
             Self::Capacitor(_, Some(_)) => 1,
             Self::Capacitor(_, None) => 2,
-            Self::Switch { .. } => 3,
+            Self::Switch { .. } | Self::DependentSwitch => 3,
             Self::Zener { .. } => 4,
             Self::Diode { .. } => 5,
             Self::Resistor(_) => 6,
             Self::Inductor(_, None) => 7,
             Self::Inductor(_, Some(_)) => 8,
-            Self::CurrentSource(_) => 9,
+            Self::CurrentSource(_) | Self::DependentCurrent => 9,
         }
     }
 }

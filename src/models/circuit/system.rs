@@ -1,9 +1,11 @@
 //! The forms of a circuit as a linear complementarity system, and as outputs.
 
+use super::dependent::Dependent;
 use super::{Column, Columns, Element, Equations, Fault, Form, Law, Port, Quantity, Terms};
-use crate::{LinearRows, ParametricTerms};
+use crate::{LinearRows, ParametricTerms, Rows};
 use expression::{ExpressionError, Graph, Node, Tape};
 use problem::{ConvexSet, Mass, MovingBound, Side};
+use std::collections::BTreeSet;
 
 /// Turns forms into nodes of a graph, whose inputs are `t`, then `x`, then `z`.
 pub struct System<'a> {
@@ -41,7 +43,16 @@ impl<'a> System<'a> {
     /// Impulses: a source that jumps, and what answers to its derivative.
     pub fn impulses(&self, graph: &Graph, equations: &Equations) -> Vec<Fault> {
         let jumps: Vec<bool> = self.elements.iter().map(|element| has_jump(graph, element)).collect();
-        let mut faults = Vec::new();
+        let forms = equations.rates.iter().chain(&equations.voltages).chain(&equations.currents);
+        let is_dependent = |k: usize| {
+            matches!(self.elements[k].law, Law::DependentVoltage | Law::DependentCurrent | Law::DependentSwitch)
+        };
+        let differentiated = forms.flat_map(Form::terms).filter_map(|(column, _)| match self.columns.at(column) {
+            Column::Derivative(source) if is_dependent(source) => Some(source),
+            _ => None,
+        });
+        let differentiated: BTreeSet<usize> = differentiated.collect();
+        let mut faults: Vec<Fault> = differentiated.into_iter().map(Fault::Derivative).collect();
         for (element, (v, i)) in equations.voltages.iter().zip(&equations.currents).enumerate() {
             let form = match self.elements[element].law {
                 Law::Capacitor(..) => i,
@@ -101,6 +112,7 @@ impl<'a> System<'a> {
                         }
                     }
                 }
+                (Port::Source(_), _) | (Port::Voltage(_), Law::DependentSwitch) => {}
                 _ => set.lower[variable] = 0.0,
             }
         }
@@ -108,6 +120,67 @@ impl<'a> System<'a> {
         let rows = LinearRows { mass, matrix, parametric, state_forcing, inequality_forcing, set, moving };
         let mut terms = ParametricTerms { bounds, ..rows.terms() };
         terms.coefficients.extend(vanished);
+        (rows, terms)
+    }
+
+    /// The equations with the laws of dependent sources and switches, whose own variables come behind those of the circuit.
+    pub fn dependent_rows(
+        &self,
+        graph: &mut Graph,
+        equations: &Equations,
+        dependent: &[Dependent],
+    ) -> (Rows, ParametricTerms) {
+        let (LinearRows { mut set, mut moving, .. }, ParametricTerms { bounds, .. }) = self.rows(graph, equations);
+        let mut row = |form: &Form| self.output(graph, form);
+        let rates: Vec<Node> = equations.rates.iter().map(&mut row).collect();
+        let mut inequality: Vec<Node> = equations.inequality.iter().map(&mut row).collect();
+        let closed = dependent.iter().filter(|law| matches!(law, Dependent::Switch { .. })).count();
+        let own = inequality.len();
+        let grown = ConvexSet::free(own + closed);
+        let (lower, upper) = (std::mem::take(&mut set.lower), std::mem::take(&mut set.upper));
+        set = grown;
+        set.lower[..own].copy_from_slice(&lower);
+        set.upper[..own].copy_from_slice(&upper);
+        let mut parametric = bounds;
+        let port = |k: usize| self.columns.ports.iter().position(|port| port.element() == k).unwrap_or_default();
+        let first = 1 + self.columns.states.len() + self.columns.integrals.len();
+        for law in dependent {
+            match *law {
+                Dependent::Source { element, law, ref bounds } => {
+                    let variable = port(element);
+                    let z = graph.input(first + variable);
+                    inequality[variable] = law.inequality(graph, z);
+                    for (side, node) in [(Side::Lower, bounds[0]), (Side::Upper, bounds[1])] {
+                        let Some(node) = node else { continue };
+                        let bound = MovingBound { variable, side };
+                        match graph.value(node) {
+                            Some(value) => {
+                                bound.place(value, &mut set);
+                                parametric.extend(graph.number(node).is_none().then_some((bound, node)));
+                            }
+                            None => moving.push((bound, node)),
+                        }
+                    }
+                }
+                Dependent::Switch { element, law, scale } => {
+                    let (variable, state) = (port(element), inequality.len());
+                    let s = graph.input(first + state);
+                    let v = graph.input(first + variable);
+                    let i = self.output(graph, &equations.currents[element]);
+                    let conducts = graph.multiply(s, v);
+                    let one = graph.constant(1.0);
+                    let open = graph.subtract(one, s);
+                    let ohms = graph.constant(scale);
+                    let volts = graph.multiply(ohms, i);
+                    let blocks = graph.multiply(open, volts);
+                    inequality[variable] = graph.add(conducts, blocks);
+                    inequality.push(law.inequality(graph, s));
+                    (set.lower[state], set.upper[state]) = (0.0, 1.0);
+                }
+            }
+        }
+        let rows = Rows { mass: Mass::Identity, rates, inequality, set, moving };
+        let terms = ParametricTerms { bounds: parametric, ..rows.terms() };
         (rows, terms)
     }
 

@@ -82,7 +82,7 @@ impl NormalTree {
         for (node, element, _, to) in self.outwards() {
             islands[node] = match elements[element].law {
                 Law::Resistor(_) => Some(element),
-                Law::Inductor(..) | Law::CurrentSource(_) => None,
+                Law::Inductor(..) | Law::CurrentSource(_) | Law::DependentCurrent => None,
                 _ => islands[to],
             };
         }
@@ -109,9 +109,9 @@ impl NormalTree {
             all
         };
         match (&elements[k].law, self.contains[k]) {
-            (Law::VoltageSource(_), false) => Some(Fault::SourceLoop(with(&self.loops[k]))),
-            (Law::Switch { .. }, false) => Some(Fault::SwitchLoop(with(&self.loops[k]))),
-            (Law::CurrentSource(_), true) => Some(Fault::SourceCutSet(with(&self.cuts[k]))),
+            (Law::VoltageSource(_) | Law::DependentVoltage, false) => Some(Fault::SourceLoop(with(&self.loops[k]))),
+            (Law::Switch { .. } | Law::DependentSwitch, false) => Some(Fault::SwitchLoop(with(&self.loops[k]))),
+            (Law::CurrentSource(_) | Law::DependentCurrent, true) => Some(Fault::SourceCutSet(with(&self.cuts[k]))),
             _ => None,
         }
     }

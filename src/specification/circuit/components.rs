@@ -23,8 +23,14 @@ pub enum Component {
     Diode(Diode),
     /// An ideal diode that also conducts backwards, at `v = -breakdown_volts`.
     Zener(Zener),
-    /// An ideal switch that time decides: `v = 0` where it is closed, `i = 0` where it is open and `|v| < withstand_volts`.
+    /// An ideal switch: `v = 0` where it is closed, `i = 0` where it is open.
     Switch(Switch),
+    /// An ideal operational amplifier: `v(inputs) = 0`, or the output at a limit.
+    OpAmp(OpAmp),
+    /// An ideal comparator: the output is high or low, as its inputs say.
+    Comparator(Comparator),
+    /// An ideal transformer: `v_primary = ratio v_secondary`, `i_secondary = -ratio i_primary`.
+    Transformer(Transformer),
 }
 
 /// A resistor.
@@ -75,8 +81,10 @@ pub struct VoltageSource {
     pub name: String,
     /// Its positive and its negative node.
     pub nodes: (String, String),
-    /// Its voltage, in `t`.
+    /// Its voltage, in `t`, or in voltages `v(node)`, `v(component)` and currents `i(component)` as well: a controlled source.
     pub volts: Expression,
+    /// The least and the largest voltage: beyond them it stays there.
+    pub limits: Option<(Expression, Expression)>,
 }
 
 /// A current source.
@@ -87,8 +95,10 @@ pub struct CurrentSource {
     pub name: String,
     /// The node that it takes the current from, and the one that it gives it to.
     pub nodes: (String, String),
-    /// Its current, in `t`.
+    /// Its current, in `t`, or in voltages `v(node)`, `v(component)` and currents `i(component)` as well: a controlled source.
     pub amperes: Expression,
+    /// The least and the largest current: beyond them it stays there.
+    pub limits: Option<(Expression, Expression)>,
 }
 
 /// A diode.
@@ -125,11 +135,68 @@ pub struct Switch {
     pub name: String,
     /// The nodes it is between.
     pub nodes: (String, String),
-    /// Closed where this expression in `t` is not negative, as in `sin(2*pi*f*t)`.
+    /// Closed where this expression is not negative: in `t`, as in `sin(2*pi*f*t)`, or in voltages `v(node)`, `v(component)` and
+    /// currents `i(component)` as well, as in `v(control) - sawtooth(t, period)`.
     pub closed: Expression,
     /// What it holds while it is open, above 0: at this voltage an arc conducts, as where it breaks the current of an
-    /// inductor.
-    pub withstand_volts: Expression,
+    /// inductor. Of a switch that `t` alone decides, which must have it; others hold any voltage.
+    pub withstand_volts: Option<Expression>,
+    /// Of a switch that voltages and currents decide: it closes where `closed` rises to this, and opens where it falls to minus
+    /// this. Not negative. Default 0.
+    pub hysteresis: Option<Expression>,
+    /// Whether it is closed before the start, where hysteresis leaves that open. Default false.
+    #[serde(default)]
+    pub initially: bool,
+}
+
+/// An operational amplifier.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct OpAmp {
+    /// Its name, which no other component and no node has.
+    pub name: String,
+    /// The inputs, `+` and `-`, which take no current.
+    pub inputs: (String, String),
+    /// The output, and the node that its voltage is above.
+    pub nodes: (String, String),
+    /// The least and the largest voltage of the output. Default none.
+    pub limits: Option<(Expression, Expression)>,
+}
+
+/// A comparator.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Comparator {
+    /// Its name, which no other component and no node has.
+    pub name: String,
+    /// The inputs, `+` and `-`, which take no current.
+    pub inputs: (String, String),
+    /// The output, and the node that its voltage is above.
+    pub nodes: (String, String),
+    /// The voltage of the output where the first input is below the second. Default 0.
+    pub low: Option<Expression>,
+    /// That where it is above, larger. Default 1.
+    pub high: Option<Expression>,
+    /// The output goes high where the first input rises this far above the second, in volts, and low where it falls this far
+    /// below. Not negative. Default 0.
+    pub hysteresis: Option<Expression>,
+    /// Whether it is high before the start, where hysteresis leaves that open. Default false.
+    #[serde(default)]
+    pub initially: bool,
+}
+
+/// A transformer.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Transformer {
+    /// Its name, which no other component and no node has. Its currents are `i(name.primary)` and `i(name.secondary)`.
+    pub name: String,
+    /// The nodes of the primary winding.
+    pub primary: (String, String),
+    /// The nodes of the secondary winding; the first ones have the dots.
+    pub secondary: (String, String),
+    /// The turns of the primary winding over those of the secondary; not 0.
+    pub ratio: Expression,
 }
 
 impl Component {
@@ -144,6 +211,9 @@ impl Component {
             Self::Diode(_) => "diode",
             Self::Zener(_) => "zener",
             Self::Switch(_) => "switch",
+            Self::OpAmp(_) => "op_amp",
+            Self::Comparator(_) => "comparator",
+            Self::Transformer(_) => "transformer",
         }
     }
 
@@ -157,12 +227,15 @@ impl Component {
             | Self::CurrentSource(CurrentSource { name, .. })
             | Self::Diode(Diode { name, .. })
             | Self::Zener(Zener { name, .. })
-            | Self::Switch(Switch { name, .. }) => name,
+            | Self::Switch(Switch { name, .. })
+            | Self::OpAmp(OpAmp { name, .. })
+            | Self::Comparator(Comparator { name, .. })
+            | Self::Transformer(Transformer { name, .. }) => name,
         }
     }
 
-    /// The nodes it is between.
-    pub(super) fn nodes(&self) -> &(String, String) {
+    /// The pairs of nodes it is between, one an element.
+    pub(super) fn nodes(&self) -> Vec<&(String, String)> {
         match self {
             Self::Resistor(Resistor { nodes, .. })
             | Self::Capacitor(Capacitor { nodes, .. })
@@ -171,7 +244,18 @@ impl Component {
             | Self::CurrentSource(CurrentSource { nodes, .. })
             | Self::Diode(Diode { nodes, .. })
             | Self::Zener(Zener { nodes, .. })
-            | Self::Switch(Switch { nodes, .. }) => nodes,
+            | Self::Switch(Switch { nodes, .. })
+            | Self::OpAmp(OpAmp { nodes, .. })
+            | Self::Comparator(Comparator { nodes, .. }) => vec![nodes],
+            Self::Transformer(Transformer { primary, secondary, .. }) => vec![primary, secondary],
+        }
+    }
+
+    /// The nodes that it looks at without a current.
+    pub(super) fn inputs(&self) -> Option<&(String, String)> {
+        match self {
+            Self::OpAmp(OpAmp { inputs, .. }) | Self::Comparator(Comparator { inputs, .. }) => Some(inputs),
+            _ => None,
         }
     }
 }

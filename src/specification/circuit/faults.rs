@@ -6,7 +6,8 @@ use models::circuit::Fault;
 
 /// The names in a circuit, and where its components stand.
 pub(super) struct Names<'a> {
-    pub components: Vec<&'a str>,
+    /// The elements.
+    pub components: Vec<String>,
     pub nodes: Vec<&'a str>,
     /// The pointer to a component.
     pub pointer: &'a dyn Fn(usize) -> String,
@@ -64,6 +65,15 @@ impl Names<'_> {
                 SpecificationError::new((self.pointer)(source), "impulse", detail)
                     .expected("a source that rises in a time of its own, or a resistor between them")
             }
+            &Fault::Derivative(source) => {
+                let detail = format!(
+                    "{} follows voltages or currents in a loop of capacitors and voltage sources, or in a cut set of inductors and \
+                     current sources, which answer to its derivative",
+                    self.quoted(source)
+                );
+                SpecificationError::new((self.pointer)(source), "derivative_of_dependent", detail)
+                    .expected("a resistor in series with the source of a voltage, or across the source of a current")
+            }
             &Fault::InconsistentStart { element, given, implied } => {
                 let detail = format!(
                     "{} starts from {given}, but the other components leave only {implied}: off by {:e}",
@@ -88,11 +98,11 @@ impl Names<'_> {
     }
 
     fn quoted(&self, k: usize) -> String {
-        format!("`{}`", abridged(self.components[k]))
+        format!("`{}`", abridged(&self.components[k]))
     }
 
     fn list(&self, elements: &[usize]) -> String {
-        list(elements.iter().map(|&k| self.components[k]))
+        list(elements.iter().map(|&k| self.components[k].as_str()))
     }
 }
 

@@ -1,16 +1,19 @@
 //! From components with names to the elements of a circuit.
 
-use super::components::*;
+use super::components::{Component, Transformer};
+use super::dependent;
 use super::faults::Names;
 use super::{CircuitProblem, MOST_COMPONENTS, model, netlist};
 use crate::error::SpecificationError;
 use crate::expression::Expression;
-use crate::lowering::{Constant, Lowering, Named, Start};
+use crate::lowering::{Lowering, Named, Start};
 use crate::model::Model;
+use crate::ordered::Ordered;
 use crate::place::Place;
 use crate::wording::abridged;
 use crate::written::{Lowered, Written};
-use models::circuit::{Element, Law, Quantity, Terms};
+use expression::Node;
+use models::circuit::Terms;
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -36,14 +39,14 @@ impl Written for CircuitProblem {
         lowering.use_definitions(&self.definitions);
         let model = match (&self.components, &self.netlist) {
             (Some(components), None) => {
-                let circuit = Circuit { components, place: place.key("components"), lines: None };
-                circuit.model(&mut lowering)
+                let circuit = Circuit::new(components, place.key("components"), None);
+                circuit.model(&self.definitions, &mut lowering)
             }
             (None, Some(text)) => {
                 let place = place.key("netlist");
                 match netlist::read(text) {
                     Ok(netlist::Netlist { components, lines }) => {
-                        Circuit { components: &components, place, lines: Some(&lines) }.model(&mut lowering)
+                        Circuit::new(&components, place, Some(&lines)).model(&self.definitions, &mut lowering)
                     }
                     Err(errors) => {
                         errors.into_iter().for_each(|error| lowering.errors.push(error.at(&place)));
@@ -63,16 +66,23 @@ impl Written for CircuitProblem {
 }
 
 /// Components, with where they stand.
-#[derive(Clone, Copy)]
-struct Circuit<'a> {
-    components: &'a [Component],
+pub(super) struct Circuit<'a> {
+    pub(super) components: &'a [Component],
+    /// The component of each element.
+    pub(super) owners: Vec<usize>,
     place: Place<'a>,
     /// The line of each in a netlist.
-    lines: Option<&'a [usize]>,
+    pub(super) lines: Option<&'a [usize]>,
 }
 
-impl Circuit<'_> {
-    fn model(&self, lowering: &mut Lowering) -> Option<Arc<dyn Model>> {
+impl<'a> Circuit<'a> {
+    fn new(components: &'a [Component], place: Place<'a>, lines: Option<&'a [usize]>) -> Self {
+        let owners =
+            components.iter().enumerate().flat_map(|(k, component)| vec![k; component.nodes().len()]).collect();
+        Self { components, owners, place, lines }
+    }
+
+    fn model(&self, definitions: &Ordered<Expression>, lowering: &mut Lowering) -> Option<Arc<dyn Model>> {
         let count = self.components.len();
         if count == 0 || count > MOST_COMPONENTS {
             let detail = format!("{count} components");
@@ -81,25 +91,55 @@ impl Circuit<'_> {
             return None;
         }
         let nodes = self.nodes(lowering);
-        let mut terms = Terms::default();
-        let elements = (0..count).map(|k| self.element(k, &nodes, &mut terms, lowering)).collect::<Vec<_>>();
-        if !lowering.errors.is_empty() {
-            return None;
-        }
         let mut names = vec![GROUND; nodes.len()];
         nodes.iter().for_each(|(name, &node)| names[node] = name);
+        let windings = |component: &Component| match component {
+            Component::Transformer(Transformer { name, .. }) => {
+                vec![format!("{name}.primary"), format!("{name}.secondary")]
+            }
+            component => vec![component.name().to_owned()],
+        };
         let names = Names {
-            components: self.components.iter().map(Component::name).collect(),
+            components: self.components.iter().flat_map(windings).collect(),
             nodes: names,
             pointer: &|k| self.at(k),
             whole: self.place.to_string(),
         };
-        match model::model(&elements, &terms, &names, lowering) {
-            Ok(model) => Some(model),
-            Err(errors) => {
-                errors.into_iter().for_each(|error| lowering.errors.push(error));
-                None
+        // Either winding of a transformer may be the source of a voltage, and the circuit says which of them can be: those that
+        // cannot as they are first taken are taken the other way round.
+        let mut swapped = vec![false; count];
+        let mut first = None;
+        loop {
+            let (mut terms, mut elements, mut drives) = (Terms::default(), Vec::new(), Vec::new());
+            for (k, &swapped) in swapped.iter().enumerate() {
+                self.elements((k, swapped), &nodes, &mut terms, (&mut elements, &mut drives), lowering);
             }
+            if !lowering.errors.is_empty() {
+                return None;
+            }
+            let errors = match model::model(self, (&elements, &terms, &drives), (&names, definitions), lowering) {
+                Ok(model) => return Some(model),
+                Err(errors) => errors,
+            };
+            let is_named = |k: usize| errors.iter().any(|error| error.pointer == self.at_component(k));
+            let is_transformer = |k: &usize| matches!(self.components[*k], Component::Transformer(_));
+            let turned: Vec<usize> =
+                (0..count).filter(is_transformer).filter(|&k| !swapped[k] && is_named(k)).collect();
+            let errors = first.get_or_insert(errors);
+            if turned.is_empty() {
+                // A name that nothing has may be why the circuit is not what it should be.
+                dependent::check_names(self, &drives, (&names, definitions), lowering);
+                errors.drain(..).for_each(|error| lowering.errors.push(error));
+                return None;
+            }
+            turned.into_iter().for_each(|k| swapped[k] = true);
+        }
+    }
+
+    fn at_component(&self, k: usize) -> String {
+        match self.lines {
+            Some(_) => self.place.to_string(),
+            None => self.place.index(k).key(self.components[k].key()).to_string(),
         }
     }
 
@@ -107,21 +147,36 @@ impl Circuit<'_> {
     fn nodes(&self, lowering: &mut Lowering) -> HashMap<&str, usize> {
         let mut nodes = HashMap::from([(GROUND, 0)]);
         for (k, component) in self.components.iter().enumerate() {
-            let (a, b) = component.nodes();
-            for name in [component.name(), a, b] {
+            let of_nodes = component.nodes().into_iter().chain(component.inputs());
+            for name in of_nodes.flat_map(|(a, b)| [a.as_str(), b]).chain([component.name()]) {
                 if !is_name(name) {
                     let expected = format!("letters, digits and any of `_ + - .`, at most {LONGEST_NAME}");
                     let detail = format!("`{}` is no name of a component or a node", abridged(name));
                     self.report(k, "malformed_name", &detail, &expected, lowering);
                 }
             }
-            for name in [a, b] {
-                let next = nodes.len();
-                nodes.entry(name.as_str()).or_insert(next);
+            for (a, b) in component.nodes() {
+                for name in [a, b] {
+                    let next = nodes.len();
+                    nodes.entry(name.as_str()).or_insert(next);
+                }
+                if a == b {
+                    let detail =
+                        format!("both ends of `{}` are at the node `{}`", abridged(component.name()), abridged(a));
+                    self.report(k, "shorted_component", &detail, "two nodes", lowering);
+                }
             }
-            if a == b {
-                let detail = format!("both ends of `{}` are at the node `{}`", abridged(component.name()), abridged(a));
-                self.report(k, "shorted_component", &detail, "two nodes", lowering);
+        }
+        for (k, component) in self.components.iter().enumerate() {
+            for name in component.inputs().into_iter().flat_map(|(a, b)| [a, b]) {
+                if !nodes.contains_key(name.as_str()) {
+                    let detail = format!(
+                        "no component is at the node `{}`, an input of `{}`",
+                        abridged(name),
+                        abridged(component.name())
+                    );
+                    self.report(k, "unknown_name", &detail, "a node of another component", lowering);
+                }
             }
         }
         let mut seen = HashMap::new();
@@ -138,109 +193,33 @@ impl Circuit<'_> {
         nodes
     }
 
-    fn element(&self, k: usize, nodes: &HashMap<&str, usize>, terms: &mut Terms, lowering: &mut Lowering) -> Element {
-        let component = &self.components[k];
-        let (a, b) = component.nodes();
-        let (above, any) = (Some((0.0, false)), None);
-        let not_below = Some((0.0, true));
-        let mut value = |key, expression: &Expression, least| {
-            let Constant { value, node } = self.value(k, key, expression, least, lowering);
-            terms.0.extend(node.map(|node| ((k, quantity(key)), node)));
-            value
-        };
-        let law = match component {
-            Component::Resistor(resistor) => Law::Resistor(value("ohms", &resistor.ohms, above)),
-            Component::Capacitor(Capacitor { farads, volts, .. }) => {
-                let volts = volts.as_ref().map(|volts| value("volts", volts, any));
-                Law::Capacitor(value("farads", farads, above), volts)
-            }
-            Component::Inductor(Inductor { henries, amperes, .. }) => {
-                let amperes = amperes.as_ref().map(|amperes| value("amperes", amperes, any));
-                Law::Inductor(value("henries", henries, above), amperes)
-            }
-            Component::Diode(Diode { forward_volts, .. }) => {
-                let forward = forward_volts.as_ref().map_or(0.0, |volts| value("forward_volts", volts, not_below));
-                Law::Diode { forward }
-            }
-            Component::Zener(Zener { forward_volts, breakdown_volts, .. }) => {
-                let forward = forward_volts.as_ref().map_or(0.0, |volts| value("forward_volts", volts, not_below));
-                Law::Zener { forward, breakdown: value("breakdown_volts", breakdown_volts, above) }
-            }
-            Component::Switch(Switch { closed, withstand_volts, .. }) => {
-                let withstand = value("withstand_volts", withstand_volts, above);
-                Law::Switch { closed: self.node(k, "closed", closed, lowering), withstand }
-            }
-            Component::VoltageSource(source) => Law::VoltageSource(self.node(k, "volts", &source.volts, lowering)),
-            Component::CurrentSource(source) => Law::CurrentSource(self.node(k, "amperes", &source.amperes, lowering)),
-        };
-        Element { nodes: (nodes[a.as_str()], nodes[b.as_str()]), law }
-    }
-
-    /// A constant, above a least value or, if told so, equal to it.
-    fn value(
-        &self,
-        k: usize,
-        key: &str,
-        expression: &Expression,
-        least: Option<(f64, bool)>,
-        lowering: &mut Lowering,
-    ) -> Constant {
-        let component = &self.components[k];
-        let constant = self.within(k, key, |place| lowering.parametric(expression, place));
-        let constant = constant.unwrap_or(Constant { value: 1.0, node: None });
-        let value = constant.value;
-        if let Some((least, with)) = least
-            && !(value > least || with && value == least)
-        {
-            let expected = if with { format!("{least} or more") } else { format!("above {least}") };
-            let mut detail = format!("the {} of `{}` are {value}", key.replace('_', " "), abridged(component.name()));
-            if let Some(lines) = self.lines {
-                detail = format!("line {}: {detail}", lines[k]);
-            }
-            self.within(k, key, |place| {
-                let error = SpecificationError::new(place.to_string(), "out_of_range", &*detail);
-                lowering.errors.push(error.expected(&*expected));
-            });
-        }
-        constant
-    }
-
-    fn node(&self, k: usize, key: &str, expression: &Expression, lowering: &mut Lowering) -> expression::Node {
+    pub(super) fn node(&self, k: usize, key: &str, expression: &Expression, lowering: &mut Lowering) -> Node {
         self.within(k, key, |place| lowering.node_or_zero(expression, place))
     }
 
     /// Calls back with the place of a component's member; of a netlist all have one place.
-    fn within<T>(&self, k: usize, key: &str, call: impl FnOnce(&Place<'_>) -> T) -> T {
+    pub(super) fn within<T>(&self, k: usize, key: &str, call: impl FnOnce(&Place<'_>) -> T) -> T {
         match self.lines {
             Some(_) => call(&self.place),
-            None => call(&self.place.index(k).key(self.components[k].key()).key(key)),
+            None => call(&self.place.index(self.owners[k]).key(self.owner(k).key()).key(key)),
         }
+    }
+
+    /// The component of an element.
+    pub(super) fn owner(&self, k: usize) -> &Component {
+        &self.components[self.owners[k]]
     }
 
     fn at(&self, k: usize) -> String {
-        match self.lines {
-            Some(_) => self.place.to_string(),
-            None => self.place.index(k).key(self.components[k].key()).to_string(),
-        }
+        self.at_component(self.owners[k])
     }
 
-    fn report(&self, k: usize, code: &'static str, detail: &str, expected: &str, lowering: &mut Lowering) {
+    pub(super) fn report(&self, k: usize, code: &'static str, detail: &str, expected: &str, lowering: &mut Lowering) {
         let detail = match self.lines {
-            Some(lines) => format!("line {}: {detail}", lines[k]),
+            Some(lines) => format!("line {}: {detail}", lines[self.owners[k]]),
             None => detail.to_owned(),
         };
         lowering.errors.push(SpecificationError::new(self.at(k), code, detail).expected(expected));
-    }
-}
-
-/// What a member of a component says of it.
-fn quantity(key: &str) -> Quantity {
-    match key {
-        "volts" | "amperes" => Quantity::Start,
-        "forward_volts" => Quantity::Forward,
-        "breakdown_volts" => Quantity::Breakdown,
-        "withstand_volts" => Quantity::Withstand,
-        _ => Quantity::Size,
     }
 }
 

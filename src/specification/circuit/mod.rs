@@ -2,12 +2,17 @@
 //! [`models::circuit`](models::circuit).
 
 mod components;
+mod dependent;
+mod elements;
 mod faults;
 mod lowering;
 mod model;
 mod netlist;
 
-pub use components::{Capacitor, Component, CurrentSource, Diode, Inductor, Resistor, Switch, VoltageSource, Zener};
+pub use components::{
+    Capacitor, Comparator, Component, CurrentSource, Diode, Inductor, OpAmp, Resistor, Switch, Transformer,
+    VoltageSource, Zener,
+};
 
 use super::expression::Expression;
 use super::ordered::Ordered;
@@ -23,7 +28,8 @@ const MOST_COMPONENTS: usize = 10_000;
 /// Outputs are the node voltages `v(node)`, the currents `i(name)` from the first node of a component through it to the
 /// second, and the voltages `v(name)` of diodes, zeners and switches. States are `v(C1)` of capacitors and `i(L1)` of
 /// inductors; where there are neither, `flux(V1)` and `charge(I1)`, the integrals of the sources. The variables of a
-/// diode are either its current `i(D1)` or what it blocks, `forward_volts - v`, as `v_blocked(D1)`.
+/// diode are either its current `i(D1)` or what it blocks, `forward_volts - v`, as `v_blocked(D1)`; those of a switch that
+/// voltages and currents decide are its voltage `v(S1)` and `closed(S1)`, 1 or 0.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CircuitProblem {
@@ -46,7 +52,8 @@ pub struct CircuitProblem {
     pub integrals: Ordered<Expression>,
     /// At most 10000 components.
     pub components: Option<Vec<Component>>,
-    /// A netlist as SPICE reads it, at most 64 KiB: lines of `R`, `C`, `L`, `V`, `I` and `D` (ideal), sources `DC`, `SIN`,
+    /// A netlist as SPICE reads it, at most 64 KiB: lines of `R`, `C`, `L`, `V`, `I`, `D` (ideal) and the
+    /// controlled sources `E`, `F`, `G` and `H` with a gain, sources `DC`, `SIN`,
     /// `PULSE` and `PWL`, values with suffixes as in `4.7k` or `100n`, `IC=` of capacitors and inductors, comments after
     /// `*` and `;`, continuations after `+`.
     #[schema(max_length = 65536)]

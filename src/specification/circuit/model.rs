@@ -1,15 +1,20 @@
 //! The model that the equations of a circuit make, with its names and outputs.
 
+use super::dependent::{self, Drive};
 use super::faults::Names;
+use super::lowering::Circuit;
+use crate::dvi;
 use crate::error::SpecificationError;
+use crate::expression::Expression;
 use crate::lowering::Lowering;
 use crate::model::Model;
+use crate::ordered::Ordered;
 use crate::start;
 use expression::{ExpressionError, Node};
 use models::circuit::{
     CircuitParameters, Columns, Element, Equations as Forms, Fault, Law, NormalTree, Port, Quantity, System, Terms,
 };
-use models::{DviModel, Equations, KinkAdvice, Linear, Outputs, ParametricTerms};
+use models::{DviModel, Equations, KinkAdvice, Linear, Outputs, ParametricTerms, Refusal};
 use problem::Mass;
 use std::sync::Arc;
 
@@ -18,9 +23,9 @@ use std::sync::Arc;
 /// # Errors
 /// What is wrong with the circuit as a whole.
 pub(super) fn model(
-    elements: &[Element],
-    terms: &Terms,
-    names: &Names<'_>,
+    circuit: &Circuit<'_>,
+    (elements, terms, drives): (&[Element], &Terms, &[(usize, Drive<'_>)]),
+    (names, definitions): (&Names<'_>, &Ordered<Expression>),
     lowering: &mut Lowering,
 ) -> Result<Arc<dyn Model>, Vec<SpecificationError>> {
     let told = |faults: Vec<Fault>| -> Vec<SpecificationError> { faults.iter().map(|f| names.error(f)).collect() };
@@ -33,7 +38,7 @@ pub(super) fn model(
     let inputs = lowering.inputs();
     let graph = &mut lowering.graph;
     let whole = |error: ExpressionError| vec![SpecificationError::new(names.whole.clone(), error.code, error.message)];
-    let circuit =
+    let of_parameters =
         CircuitParameters::new(graph, (elements, &tree, &columns), &mut forms, terms, inputs).map_err(whole)?;
     let system = System::new(graph, elements, &columns, terms, &forms)
         .map_err(|(k, error)| vec![SpecificationError::new((names.pointer)(k), error.code, error.message)])?;
@@ -64,16 +69,33 @@ pub(super) fn model(
     }
     let states = columns.states.iter().chain(&columns.integrals);
     let state_names: Vec<String> = states.map(|&k| names.of_state(&elements[k], k)).collect();
-    let variable_names: Vec<String> = columns.ports.iter().map(|&port| names.of_port(elements, port)).collect();
+    let ports = columns.ports.iter().map(|&port| names.of_port(elements, port));
+    let switches = drives.iter().filter(|(k, _)| matches!(elements[*k].law, Law::DependentSwitch));
+    let variable_names: Vec<String> =
+        ports.chain(switches.map(|&(k, _)| format!("closed({})", names.components[k]))).collect();
     let outputs = outputs(elements, &forms, &system, names, lowering, &[&state_names, &variable_names]);
-    let (rows, parametric) = system.rows(&mut lowering.graph, &forms);
-    let equations = Linear::new(&mut lowering.graph, rows).map_err(|(_, error)| whole(error))?;
+    let (equations, parametric) = if drives.is_empty() {
+        let (rows, parametric) = system.rows(&mut lowering.graph, &forms);
+        let linear = Linear::new(&mut lowering.graph, rows).map_err(|(_, error)| whole(error))?;
+        (Equations::Linear(Box::new(linear)), parametric)
+    } else {
+        let laws = dependent::laws(circuit, drives, (elements, &forms, &system), (names, definitions), lowering);
+        let (rows, parametric) = system.dependent_rows(&mut lowering.graph, &forms, &laws);
+        let pointer = |_: usize| names.whole.clone();
+        let refused = |refusals: Vec<Refusal>| {
+            refusals
+                .into_iter()
+                .map(|refusal| dvi::refused(refusal, &state_names, &variable_names, pointer))
+                .collect::<Vec<_>>()
+        };
+        (Equations::new(&mut lowering.graph, rows).map_err(refused)?, parametric)
+    };
     let starts = columns.states.iter().map(|&k| terms.0.get(&(k, Quantity::Start)).copied());
     let starts = starts.chain(columns.integrals.iter().map(|_| None)).zip(&initial);
     let graph = &mut lowering.graph;
     let starts = starts.map(|(node, &value)| node.unwrap_or_else(|| graph.constant(value))).collect();
-    let parameters = lowering.parameters(ParametricTerms { initial: starts, circuit, ..parametric }, &Mass::Identity);
-    let equations = Equations::Linear(Box::new(equations));
+    let parameters =
+        lowering.parameters(ParametricTerms { initial: starts, circuit: of_parameters, ..parametric }, &Mass::Identity);
     let model = DviModel {
         state_names,
         variable_names,
@@ -105,7 +127,8 @@ fn outputs(
         named.push((format!("v({name})"), system.output(graph, voltage)));
     }
     for (k, name) in names.components.iter().enumerate() {
-        if matches!(elements[k].law, Law::Diode { .. } | Law::Zener { .. } | Law::Switch { .. }) {
+        if matches!(elements[k].law, Law::Diode { .. } | Law::Zener { .. } | Law::Switch { .. } | Law::DependentSwitch)
+        {
             named.push((format!("v({name})"), system.output(graph, &forms.voltages[k])));
         }
         named.push((format!("i({name})"), system.output(graph, &forms.currents[k])));
@@ -120,8 +143,8 @@ impl Names<'_> {
     fn of_state(&self, element: &Element, k: usize) -> String {
         let quantity = match element.law {
             Law::Inductor(..) => "i",
-            Law::VoltageSource(_) => "flux",
-            Law::CurrentSource(_) => "charge",
+            Law::VoltageSource(_) | Law::DependentVoltage => "flux",
+            Law::CurrentSource(_) | Law::DependentCurrent => "charge",
             _ => "v",
         };
         format!("{quantity}({})", self.components[k])
@@ -133,7 +156,8 @@ impl Names<'_> {
             (Port::Conducting(_), Law::Zener { .. }) => "i_forward",
             (Port::Conducting(_), _) => "i",
             (Port::BreakingDown(_), _) => "i_backward",
-            (Port::Voltage(_), _) => "v",
+            (Port::Source(_), Law::DependentCurrent) => "i",
+            (Port::Voltage(_) | Port::Source(_), _) => "v",
         };
         format!("{quantity}({})", self.components[port.element()])
     }

@@ -22,7 +22,7 @@ use super::tables::TableOfPoints;
 use super::written::{Lowered, Written};
 use contact::LoweredContacts;
 use expression::Node;
-use models::{MechanicalModel, MechanicalRows, ParametricTerms, SymbolicMechanics, Underivable};
+use models::{MechanicalModel, MechanicalRows, ParametricTerms, SymbolicMechanics, Underivable, velocity_name};
 use problem::Mass;
 use serde::Deserialize;
 use std::sync::Arc;
@@ -131,7 +131,7 @@ impl Written for MechanicalProblem {
             return (lowering, None);
         }
         let coordinates: Vec<String> = self.coordinates.names().map(String::from).collect();
-        let velocities: Vec<String> = coordinates.iter().map(|name| format!("{name}_dot")).collect();
+        let velocities: Vec<String> = coordinates.iter().map(|name| velocity_name(name)).collect();
         lowering.bind_unknowns(coordinates.iter().chain(&velocities).map(String::as_str), |i| {
             place.key("coordinates").key(self.coordinates.name(i % n.max(1))).to_string()
         });
@@ -165,7 +165,7 @@ impl Written for MechanicalProblem {
         let states: Vec<String> = coordinates.iter().chain(&velocities).cloned().collect();
         let mut warnings = Vec::new();
         for (name, &force) in coordinates.iter().zip(&forces) {
-            warnings.extend(kinks::warnings(&format!("{name}_dot"), force, &states, &lowering.graph));
+            warnings.extend(kinks::warnings(&velocity_name(name), force, &states, &lowering.graph));
         }
         let LoweredContacts { names, gaps, slips, data, joints, terms } =
             contact::lower(&self.contacts, &self.joints, n, place, &mut lowering);

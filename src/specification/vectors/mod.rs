@@ -10,6 +10,7 @@ mod range;
 use super::error::{Errors, SpecificationError};
 use super::json::Json;
 use super::place::{Step, pointer};
+use super::wording::abridged;
 use range::{MOST_ELEMENTS, Range, Values, replaced};
 use std::collections::{HashMap, HashSet};
 
@@ -20,16 +21,21 @@ pub(super) struct Vectors {
     pub sizes: Vec<String>,
     /// Where the document has what was written out, by pointers.
     origins: HashMap<String, String>,
+    /// Names whose range is wrong, which are left as they are.
+    wrong: HashSet<String>,
 }
 
 impl Vectors {
     /// Errors where the document has what they are of, each once.
     pub fn at_origins(&self, errors: Vec<SpecificationError>) -> Vec<SpecificationError> {
-        if self.origins.is_empty() {
+        if self.origins.is_empty() && self.wrong.is_empty() {
             return errors;
         }
         let mut seen = HashSet::new();
-        let moved = errors.into_iter().map(|error| SpecificationError { pointer: self.origin(error.pointer), ..error });
+        let is_told =
+            |error: &SpecificationError| error.code == "malformed_name" && self.wrong.contains(&error.pointer);
+        let errors = errors.into_iter().filter(|error| !is_told(error));
+        let moved = errors.map(|error| SpecificationError { pointer: self.origin(error.pointer), ..error });
         moved.filter(|error| seen.insert((error.pointer.clone(), error.code))).collect()
     }
 
@@ -49,7 +55,13 @@ impl Vectors {
 
 /// Writes out the vectors of a document; what is wrong with them is reported, and they are left as they are.
 pub(super) fn write_out(json: &mut Json, errors: &mut Errors) -> Vectors {
-    let mut expansion = Expansion { vectors: Vectors::default(), parameters: HashMap::new(), elements: 0, errors };
+    let mut expansion = Expansion {
+        vectors: Vectors::default(),
+        parameters: HashMap::new(),
+        taken: HashSet::from(["t".to_owned()]),
+        elements: 0,
+        errors,
+    };
     let Json::Object(members) = json else { return expansion.vectors };
     let problem = members.iter().find(|(key, _)| key == "problem").and_then(|(_, problem)| problem.only());
     if let Some(Json::Object(parameters)) =
@@ -60,6 +72,14 @@ pub(super) fn write_out(json: &mut Json, errors: &mut Errors) -> Vectors {
             _ => None,
         });
         expansion.parameters = whole.collect();
+    }
+    if let Some(Json::Object(sections)) = problem {
+        let named = ["parameters", "definitions", "integrals", "tables", "states", "variables", "coordinates"];
+        for (_, section) in sections.iter().filter(|(key, _)| named.contains(&key.as_str())) {
+            if let Json::Object(entries) = section {
+                expansion.taken.extend(entries.iter().map(|(name, _)| name.clone()));
+            }
+        }
     }
     for key in ["problem", "stop", "output", "sensitivities"] {
         let mut place = Place { new: vec![Step::Key(key.to_owned())], old: vec![Step::Key(key.to_owned())] };
@@ -81,6 +101,8 @@ struct Place {
 struct Expansion<'e> {
     vectors: Vectors,
     parameters: HashMap<String, i64>,
+    /// Names that no index may have.
+    taken: HashSet<String>,
     elements: usize,
     errors: &'e mut Errors,
 }
@@ -210,10 +232,18 @@ impl Expansion<'_> {
         let range = match read {
             Ok(range) => range?,
             Err(error) => {
+                self.vectors.wrong.insert(at());
                 self.errors.push(error);
                 return None;
             }
         };
+        if let Some(index) = range.indices().find(|index| self.taken.contains(*index)) {
+            let detail = format!("the index `{index}` of `{}` has the name of something else", abridged(name));
+            let error = SpecificationError::new(at(), "duplicate_name", detail);
+            self.errors.push(error.expected(format!("another name for it, as in `{}[k in 1..n]`", range.name)));
+            self.vectors.wrong.insert(at());
+            return None;
+        }
         self.elements += range.len().unwrap_or(0);
         if self.elements > MOST_ELEMENTS {
             let error =

@@ -32,9 +32,10 @@ impl<'t> Range<'t> {
         size: impl Fn(&str) -> Option<i64>,
     ) -> Result<Option<Self>, SpecificationError> {
         let parts = text.trim().strip_suffix(']').and_then(|text| text.split_once('['));
-        let Some((name, inside)) = parts.filter(|(name, inside)| is_word(name) && inside.contains("..")) else {
-            return Ok(None);
-        };
+        let Some((name, inside)) = parts.filter(|(name, _)| is_word(name)) else { return Ok(None) };
+        if !inside.contains("..") {
+            return Ok(Self::one(name, inside, size));
+        }
         let wrong = |what: String| {
             let detail = format!("`{}`: {what}", abridged(text));
             SpecificationError::new(pointer(), "index_out_of_range", detail)
@@ -51,7 +52,7 @@ impl<'t> Range<'t> {
             }
             let (first, last) =
                 range.split_once("..").ok_or_else(|| wrong(format!("`{}` is no range", abridged(part.trim()))))?;
-            let end = |text: &str| whole(text, &size).map_err(|what| wrong(what));
+            let end = |text: &str| whole(text, &size).map_err(wrong);
             let (first, last) = (end(first)?, end(last)?);
             if first > last {
                 return Err(wrong(format!("the range {first}..{last} is empty")));
@@ -63,6 +64,20 @@ impl<'t> Range<'t> {
             Some(_) => Ok(Some(range)),
             None => Err(wrong(format!("more than {MOST_ELEMENTS} elements"))),
         }
+    }
+
+    /// The names of the indices.
+    pub(super) fn indices(&self) -> impl Iterator<Item = &'t str> {
+        self.indices.iter().map(|(name, ..)| *name)
+    }
+
+    /// A single element whose indices are no plain numbers, as `x[n + 1]`.
+    fn one(name: &'t str, inside: &'t str, size: impl Fn(&str) -> Option<i64>) -> Option<Self> {
+        let parts: Vec<&str> = inside.split(',').collect();
+        let values: Option<Vec<i64>> = parts.iter().map(|part| whole(part, &size).ok()).collect();
+        let is_plain = parts.iter().all(|part| part.parse::<i64>().is_ok());
+        let indices = values?.into_iter().map(|value| ("", value, value)).collect();
+        (!is_plain).then_some(Self { name, indices })
     }
 
     /// The number of elements, where there are not too many.
@@ -154,7 +169,10 @@ mod tests {
         assert_eq!(names("x[1..n]"), ["x[1]", "x[2]", "x[3]"]);
         assert_eq!(names("x[0..n-2]"), ["x[0]", "x[1]"]);
         assert_eq!(names("x[-1..0, k in 5..6]"), ["x[-1,5]", "x[-1,6]", "x[0,5]", "x[0,6]"]);
-        assert_eq!(read("x[3]").unwrap(), None);
+        assert_eq!(names("x[n+1]"), ["x[4]"]);
+        for plain in ["x[3]", "x[-1,2]", "a[i]*b[n]", "x", "x[m]"] {
+            assert_eq!(read(plain).unwrap(), None, "{plain}");
+        }
         for wrong in [
             "x[1..m]",
             "x[3..1]",

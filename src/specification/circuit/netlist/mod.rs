@@ -154,12 +154,12 @@ impl<'a> Rest<'a> {
 }
 
 fn component<'a>(statement: tokens::Statement<'a>, names: &mut Names<'a>) -> Result<Component, NetlistError> {
-    const KINDS: &str = "a component: a name that begins with R, C, L, V, I or D";
+    const KINDS: &str = "a component: a name that begins with R, C, L, V, I, D, E, F, G or H";
     let mut tokens = statement.tokens.into_iter();
     let first = tokens.next().unwrap_or(Token { text: "", line: 1, column: 1 });
     let mut rest = Rest { tokens, last: first };
     let kind = first.text.chars().next().unwrap_or(' ').to_ascii_uppercase();
-    if !"RCLVID".contains(kind) {
+    if !"RCLVIDEFGH".contains(kind) {
         let detail = match kind {
             '.' => format!("the command `{}` has no meaning here", first.shown()),
             _ => format!("`{}` is no component known here", first.shown()),
@@ -184,8 +184,26 @@ fn component<'a>(statement: tokens::Statement<'a>, names: &mut Names<'a>) -> Res
             let [amperes] = rest.options(["IC"])?;
             Component::Inductor(Inductor { name, nodes, henries, amperes: amperes.map(Expression::Number) })
         }
-        'V' => Component::VoltageSource(VoltageSource { name, nodes, volts: waveform::read(&mut rest)? }),
-        'I' => Component::CurrentSource(CurrentSource { name, nodes, amperes: waveform::read(&mut rest)? }),
+        'V' => Component::VoltageSource(VoltageSource { name, nodes, volts: waveform::read(&mut rest)?, limits: None }),
+        'I' => {
+            Component::CurrentSource(CurrentSource { name, nodes, amperes: waveform::read(&mut rest)?, limits: None })
+        }
+        'E' | 'F' | 'G' | 'H' => {
+            let follows = if matches!(kind, 'E' | 'G') {
+                let plus = names.of(rest.next("the two nodes of the voltage that it follows")?);
+                let minus = names.of(rest.next("a second node of the voltage that it follows")?);
+                format!("(v({plus}) - v({minus}))")
+            } else {
+                format!("i({})", names.of(rest.next("the component whose current it follows")?))
+            };
+            let gain = rest.value("a gain")?;
+            rest.options([])?;
+            let follows = Expression::Text(format!("{gain:?}*{follows}"));
+            match kind {
+                'E' | 'H' => Component::VoltageSource(VoltageSource { name, nodes, volts: follows, limits: None }),
+                _ => Component::CurrentSource(CurrentSource { name, nodes, amperes: follows, limits: None }),
+            }
+        }
         _ => {
             let [forward, breakdown] = rest.options(["VF", "BV"])?;
             let forward_volts = forward.map(Expression::Number);

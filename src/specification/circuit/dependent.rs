@@ -1,0 +1,136 @@
+//! What voltages and currents decide: the laws of controlled sources, amplifiers, comparators and switches, read once the
+//! voltages and currents of the circuit are known as terms.
+
+use super::faults::Names;
+use super::lowering::Circuit;
+use crate::expression::Expression;
+use crate::lowering::Lowering;
+use crate::ordered::Ordered;
+use expression::Node;
+use models::circuit::{Dependent, DependentLaw, Element, Equations, Law, System};
+
+/// What the value of an element follows, as it is written.
+#[derive(Clone, Debug)]
+pub(super) enum Drive<'a> {
+    /// An expression of its component at this key.
+    Expression { key: &'static str, expression: &'a Expression, bounds: [Option<Node>; 2] },
+    /// A switch or comparator.
+    Comparison { of: Compared<'a>, hysteresis: Option<Node>, begins: bool, limits: [Node; 2] },
+    /// The voltage between two nodes, made zero.
+    Zero { between: (usize, usize), bounds: [Option<Node>; 2] },
+    /// The voltage of a winding of a transformer, a multiple of that between the nodes of the other one.
+    WindingVoltage { other: (usize, usize), factor: Node },
+    /// The current of a winding, minus a multiple of that of the other element.
+    WindingCurrent { other: usize, factor: Node },
+}
+
+/// What is compared with zero.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Compared<'a> {
+    /// What closes a switch.
+    Closed(&'a Expression),
+    /// The voltage between two nodes.
+    Between((usize, usize)),
+}
+
+/// The laws of all elements that are driven, each by its place among the elements.
+pub(super) fn laws(
+    circuit: &Circuit<'_>,
+    drives: &[(usize, Drive<'_>)],
+    (elements, forms, system): (&[Element], &Equations, &System<'_>),
+    (names, definitions): (&Names<'_>, &Ordered<Expression>),
+    lowering: &mut Lowering,
+) -> Vec<Dependent> {
+    let mut quantities = vec![("v(0)".to_owned(), lowering.graph.constant(0.0))];
+    for (form, name) in forms.nodes.iter().zip(&names.nodes).skip(1) {
+        quantities.push((format!("v({name})"), system.output(&mut lowering.graph, form)));
+    }
+    for (k, name) in names.components.iter().enumerate() {
+        quantities.push((format!("v({name})"), system.output(&mut lowering.graph, &forms.voltages[k])));
+        quantities.push((format!("i({name})"), system.output(&mut lowering.graph, &forms.currents[k])));
+    }
+    lowering.bind_quantities(&quantities);
+    lowering.use_definitions(definitions);
+    let scale = scale(elements);
+    let start = lowering.start.unwrap_or(0.0);
+    let node_of = |node: usize, lowering: &mut Lowering| system.output(&mut lowering.graph, &forms.nodes[node]);
+    let between = |(a, b): (usize, usize), lowering: &mut Lowering| {
+        let [a, b] = [a, b].map(|node| node_of(node, lowering));
+        lowering.graph.subtract(a, b)
+    };
+    let mut laws = Vec::with_capacity(drives.len());
+    for (element, drive) in drives {
+        let element = *element;
+        let source = |law, bounds| Dependent::Source { element, law, bounds };
+        laws.push(match drive {
+            Drive::Expression { key, expression, bounds } => {
+                source(DependentLaw::Follows(circuit.node(element, key, expression, lowering)), *bounds)
+            }
+            Drive::Zero { between: nodes, bounds } => {
+                source(DependentLaw::Amplifies(between(*nodes, lowering)), *bounds)
+            }
+            Drive::WindingVoltage { other, factor } => {
+                let volts = between(*other, lowering);
+                source(DependentLaw::Follows(lowering.graph.multiply(volts, *factor)), [None; 2])
+            }
+            Drive::WindingCurrent { other, factor } => {
+                let amperes = system.output(&mut lowering.graph, &forms.currents[*other]);
+                let amperes = lowering.graph.negate(amperes);
+                source(DependentLaw::Follows(lowering.graph.multiply(amperes, *factor)), [None; 2])
+            }
+            Drive::Comparison { of, hysteresis, begins, limits } => {
+                let u = match of {
+                    Compared::Closed(expression) => circuit.node(element, "closed", expression, lowering),
+                    Compared::Between(nodes) => between(*nodes, lowering),
+                };
+                let begin = if *begins { 1.0 } else { -1.0 };
+                let law = match *hysteresis {
+                    Some(h) => DependentLaw::Remembers { u, h, begin, start, limits: *limits },
+                    None => DependentLaw::Amplifies(u),
+                };
+                match elements[element].law {
+                    Law::DependentSwitch => Dependent::Switch { element, law, scale },
+                    _ => source(law, limits.map(Some)),
+                }
+            }
+        });
+    }
+    laws
+}
+
+/// Reports what expressions name that no circuit of these components has.
+pub(super) fn check_names(
+    circuit: &Circuit<'_>,
+    drives: &[(usize, Drive<'_>)],
+    (names, definitions): (&Names<'_>, &Ordered<Expression>),
+    lowering: &mut Lowering,
+) {
+    let any = lowering.graph.input(1);
+    let of_nodes = names.nodes.iter().map(|name| format!("v({name})"));
+    let of_elements = names.components.iter().flat_map(|name| [format!("v({name})"), format!("i({name})")]);
+    let quantities: Vec<(String, Node)> = of_nodes.chain(of_elements).map(|name| (name, any)).collect();
+    lowering.bind_quantities(&quantities);
+    lowering.use_definitions(definitions);
+    for (element, drive) in drives {
+        match drive {
+            Drive::Expression { key, expression, .. } => drop(circuit.node(*element, key, expression, lowering)),
+            Drive::Comparison { of: Compared::Closed(expression), .. } => {
+                circuit.node(*element, "closed", expression, lowering);
+            }
+            _ => {}
+        }
+    }
+}
+
+/// A resistance of the size of those in a circuit: the mean of its resistors; where it has none, of what its coils and
+/// capacitors make; where it has not both, one ohm.
+fn scale(elements: &[Element]) -> f64 {
+    let mean = |size: &dyn Fn(&Law) -> Option<f64>| {
+        let sizes: Vec<f64> = elements.iter().filter_map(|element| size(&element.law)).collect();
+        (!sizes.is_empty()).then(|| sizes.iter().sum::<f64>() / sizes.len() as f64)
+    };
+    let ohms = mean(&|law| if let Law::Resistor(ohms) = law { Some(*ohms) } else { None });
+    let henries = mean(&|law| if let Law::Inductor(henries, _) = law { Some(*henries) } else { None });
+    let farads = mean(&|law| if let Law::Capacitor(farads, _) = law { Some(*farads) } else { None });
+    ohms.or_else(|| Some((henries? / farads?).sqrt())).unwrap_or(1.0)
+}

@@ -1,0 +1,230 @@
+//! Circuits that follow voltages and currents: controlled sources, limits, amplifiers, comparators, transformers, and a
+//! converter in a closed loop.
+
+use crate::systems::harness::{column, events, last, solve};
+use crate::systems::reference::example;
+use serde_json::{Value, json};
+
+fn circuit(components: Value, end: f64) -> Value {
+    json!({
+        "problem": {"circuit": {"components": components}}, "time": {"end": end}, "method": {"rtol": 1e-10, "atol": 1e-12},
+        "output": {"times": {"count": 11}}
+    })
+}
+
+#[track_caller]
+fn assert_near(found: f64, exact: f64, tolerance: f64) {
+    assert!(
+        (found - exact).abs() <= tolerance * exact.abs().max(1.0),
+        "{found} for {exact}: off by {:e}",
+        found - exact
+    );
+}
+
+/// The values come from matrix exponentials from switch to switch in 30 digits, switches found by Anderson's iteration: a run
+/// of its own, which knows that the coil never runs dry.
+#[test]
+fn a_buck_converter_in_a_closed_loop_is_exact_over_two_thousand_switches() {
+    let mut specification = example("buck_closed_loop");
+    specification["time"]["end"] = json!(0.01);
+    specification["method"] = json!({"rtol": 1e-10});
+    specification["output"]["times"] = json!("steps");
+    let solution = solve(&specification);
+    // At the ends of periods, where a step ends.
+    let exact = [
+        (1, 0.580_423_786_860_029_6, 0.050_012_019_420_966_06),
+        (10, 5.658_879_997_690_433, 2.692_800_285_106_91),
+        (50, 2.655_742_165_648_802, 7.168_008_304_133_802),
+        (100, 4.246_869_606_185_761, 10.148_101_877_334_505),
+        (250, 5.613_068_195_343_417, 11.920_542_033_224_509),
+        (500, 5.700_563_383_231_899, 11.998_768_165_084_334),
+        (750, 5.699_929_091_213_549, 11.999_926_451_317_842),
+        (1000, 5.699_937_048_679_78, 11.999_968_346_703_432),
+    ];
+    let times = &solution.trajectory.t;
+    for (periods, i, v) in exact {
+        let end = f64::from(periods) * 1e-5;
+        let row = times.partition_point(|t| *t < end - 1e-15);
+        assert_near(times[row], end, 1e-15);
+        assert_near(column(&solution, "i(L1)")[row], i, 1e-8);
+        assert_near(column(&solution, "v(out)")[row], v, 1e-8);
+    }
+    let switches: Vec<f64> =
+        solution.trajectory.events.iter().filter(|event| event.of == "closed(S1)").map(|event| event.t).collect();
+    // It closes where the sawtooth begins anew, 999 times within the run, and opens once a period.
+    assert_eq!(switches.len(), 1999);
+    assert_near(switches[0] * 1e6, 2.427_718_171_639_071, 1e-8);
+    assert_near(switches.last().expect("a switch") * 1e3, 9.994_999_999_819_495, 1e-9);
+    assert!(solution.verdict.trusted, "{:?}", solution.verdict);
+}
+
+/// With a light load the current of the coil is zero in part of each period: then `i` is exactly zero and never negative.
+#[test]
+fn a_converter_in_a_closed_loop_may_run_dry() {
+    let mut specification = example("buck_closed_loop");
+    specification["problem"]["circuit"]["components"][5]["resistor"]["ohms"] = json!(100);
+    specification["problem"]["circuit"]["components"][4]["capacitor"]["volts"] = json!(11);
+    let solution = solve(&specification);
+    let current = column(&solution, "i(L1)");
+    assert!(current.iter().all(|i| *i > -1e-9));
+    assert!(current.iter().filter(|i| i.abs() < 1e-12).count() > 20);
+}
+
+/// `v' = (E - v)/(R C)` while it is on, `-v/(R C)` while it is off, between `2 - 0.1` and `2 + 0.1`.
+#[test]
+fn a_switch_with_hysteresis_keeps_a_voltage_within_its_band() {
+    let mut specification = circuit(
+        json!([
+            {"voltage_source": {"name": "V1", "nodes": ["in", "0"], "volts": 5}},
+            {"switch": {"name": "S1", "nodes": ["in", "a"], "closed": "2 - v(out)", "hysteresis": 0.1}},
+            {"resistor": {"name": "R0", "nodes": ["a", "0"], "ohms": 1e3}},
+            {"resistor": {"name": "R1", "nodes": ["a", "out"], "ohms": 1e3}},
+            {"capacitor": {"name": "C1", "nodes": ["out", "0"], "farads": 1e-3}}
+        ]),
+        5.0,
+    );
+    specification["output"] = json!({"times": {"count": 501}});
+    let solution = solve(&specification);
+    // On through R1 alone; off through R1 and R0.
+    let on = |from: f64, to: f64| ((5.0 - from) / (5.0 - to)).ln();
+    let off = |from: f64, to: f64| 2.0 * (from / to).ln();
+    let (low, high) = (1.9, 2.1);
+    let mut exact = vec![on(0.0, high)];
+    for k in 0..8 {
+        let last = exact[k];
+        exact.push(last + if k % 2 == 0 { off(high, low) } else { on(low, high) });
+    }
+    let found: Vec<f64> =
+        solution.trajectory.events.iter().filter(|event| event.of == "closed(S1)").map(|event| event.t).collect();
+    for (found, exact) in found.iter().zip(&exact) {
+        assert_near(*found, *exact, 1e-8);
+    }
+    assert!(found.len() > 8, "{found:?}");
+    // Within the band, what was before the start decides.
+    for (initially, rises) in [(false, false), (true, true)] {
+        specification["problem"]["circuit"]["components"][4]["capacitor"]["volts"] = json!(2.0);
+        specification["problem"]["circuit"]["components"][1]["switch"]["initially"] = json!(initially);
+        let v = column(&solve(&specification), "v(C1)").to_vec();
+        assert_eq!(v[1] > v[0], rises, "{} {}", v[0], v[1]);
+    }
+}
+
+/// The period of a relaxation oscillator is `2 R C ln((1 + b)/(1 - b))` with the divider `b`.
+#[test]
+fn a_comparator_with_hysteresis_makes_a_relaxation_oscillator() {
+    let specification = circuit(
+        json!([
+            {"comparator": {"name": "K1", "inputs": ["0", "c"], "nodes": ["o", "0"], "low": -1, "high": 1, "hysteresis": 0.5}},
+            {"resistor": {"name": "R1", "nodes": ["o", "c"], "ohms": 2}},
+            {"capacitor": {"name": "C1", "nodes": ["c", "0"], "farads": 0.5}}
+        ]),
+        20.0,
+    );
+    let solution = solve(&specification);
+    let found = events(&solution, "v(K1)");
+    let half = 3.0_f64.ln();
+    assert_near(found[0], 2.0_f64.ln(), 1e-9);
+    for (k, pair) in found.windows(2).enumerate() {
+        assert_near(pair[1] - pair[0], half, 1e-8 * (k + 1) as f64);
+    }
+    assert!(found.len() > 15);
+}
+
+/// All four controlled sources of SPICE in one circuit without energy: a ladder that is solved by hand.
+#[test]
+fn controlled_sources_follow_voltages_and_currents() {
+    let specification = circuit(
+        json!([
+            {"voltage_source": {"name": "V1", "nodes": ["a", "0"], "volts": "2 + sin(t)"}},
+            {"resistor": {"name": "R1", "nodes": ["a", "0"], "ohms": 2}},
+            {"voltage_source": {"name": "E1", "nodes": ["b", "0"], "volts": "3*v(a)"}},
+            {"resistor": {"name": "R2", "nodes": ["b", "0"], "ohms": 1}},
+            {"current_source": {"name": "F1", "nodes": ["0", "c"], "amperes": "4*i(R1)"}},
+            {"resistor": {"name": "R3", "nodes": ["c", "0"], "ohms": 5}},
+            {"current_source": {"name": "G1", "nodes": ["0", "d"], "amperes": "0.5*v(c)"}},
+            {"resistor": {"name": "R4", "nodes": ["d", "0"], "ohms": 1}},
+            {"voltage_source": {"name": "H1", "nodes": ["e", "0"], "volts": "10*i(R4)", "limits": [-30, 150]}},
+            {"resistor": {"name": "R5", "nodes": ["e", "0"], "ohms": 1}}
+        ]),
+        6.0,
+    );
+    let solution = solve(&specification);
+    for (k, t) in solution.trajectory.t.iter().enumerate() {
+        let a = 2.0 + t.sin();
+        let c = 20.0 * a / 2.0;
+        let d = 0.5 * c;
+        let exact =
+            [("v(a)", a), ("v(E1)", 3.0 * a), ("v(c)", c), ("v(d)", d), ("v(H1)", (10.0 * d).clamp(-30.0, 150.0))];
+        for (name, exact) in exact {
+            assert_near(column(&solution, name)[k], exact, 1e-9);
+        }
+    }
+    // The limit of 150 V is met where 50 (2 + sin t) = 150: at a maximum, which is no switch, or it is told as one.
+    assert!(events(&solution, "v(H1)").len() <= 2);
+}
+
+/// The same sources as lines of a netlist.
+#[test]
+fn controlled_sources_of_a_netlist_are_those_of_spice() {
+    let netlist = "V1 a 0 SIN(2 1 0.5)\nR1 a 0 2\nE1 b 0 a 0 3\nR2 b 0 1\nVm r 0 0\nR3 b r 4\n\
+                   F1 0 c Vm 2\nR4 c 0 5\nG1 0 d c b 0.5\nR5 d 0 1\nH1 e 0 Vm 10\nR6 e 0 1\n";
+    let solution = solve(&json!({
+        "problem": {"circuit": {"netlist": netlist}}, "time": {"end": 2}, "output": {"times": {"count": 11}}
+    }));
+    for (k, t) in solution.trajectory.t.iter().enumerate() {
+        let a = 2.0 + (std::f64::consts::PI * t).sin();
+        let (b, i) = (3.0 * a, 0.75 * a);
+        let c = 10.0 * i;
+        for (name, exact) in [("v(b)", b), ("v(c)", c), ("v(d)", 0.5 * (c - b)), ("v(e)", 10.0 * i)] {
+            assert_near(column(&solution, name)[k], exact, 1e-9);
+        }
+    }
+}
+
+/// An inverting integrator: `v' = -u/(R C)`, until the output meets its limit; the sum of both inputs is then not zero.
+#[test]
+fn an_amplifier_integrates_until_it_saturates() {
+    let specification = circuit(
+        json!([
+            {"voltage_source": {"name": "V1", "nodes": ["in", "0"], "volts": "cos(t)"}},
+            {"resistor": {"name": "R1", "nodes": ["in", "n"], "ohms": 1000}},
+            {"capacitor": {"name": "C1", "nodes": ["n", "out"], "farads": 1e-3}},
+            {"op_amp": {"name": "A1", "inputs": ["0", "n"], "nodes": ["out", "0"], "limits": [-0.5, 0.5]}},
+            {"resistor": {"name": "R2", "nodes": ["out", "0"], "ohms": 100}}
+        ]),
+        1.0,
+    );
+    let solution = solve(&specification);
+    let meets = 0.5_f64.asin();
+    let found = events(&solution, "v(A1)");
+    assert_near(found[0], meets, 1e-9);
+    let (t, out) = (&solution.trajectory.t, column(&solution, "v(A1)"));
+    for (t, out) in t.iter().zip(out) {
+        assert_near(*out, (-t.sin()).max(-0.5), 1e-9);
+    }
+    // Then C1 charges through R1: v_n' = cos t - v_n - 0, from 0, with v_out held.
+    let exact = |t: f64| (t.cos() + t.sin()) / 2.0 - (meets.cos() + meets.sin()) / 2.0 * (meets - t).exp();
+    assert_near(last(&solution, "v(n)"), exact(1.0), 1e-8);
+}
+
+/// Through an ideal transformer a load `R` looks like `ratio^2 R`, and what goes in comes out.
+#[test]
+fn a_transformer_keeps_power_and_turns_a_load_by_the_square_of_its_ratio() {
+    let specification = circuit(
+        json!([
+            {"voltage_source": {"name": "V1", "nodes": ["in", "0"], "volts": 10}},
+            {"resistor": {"name": "R1", "nodes": ["in", "p"], "ohms": 20}},
+            {"transformer": {"name": "T1", "primary": ["p", "0"], "secondary": ["s", "0"], "ratio": 2}},
+            {"capacitor": {"name": "C1", "nodes": ["s", "0"], "farads": 0.1}},
+            {"resistor": {"name": "R2", "nodes": ["s", "0"], "ohms": 5}}
+        ]),
+        1.0,
+    );
+    let solution = solve(&specification);
+    // On the side of the load: 5 V behind 5 ohms, 5 ohms across 0.1 F.
+    let exact = 2.5 * (1.0 - (-1.0_f64 / (0.1 * 2.5)).exp());
+    assert_near(last(&solution, "v(s)"), exact, 1e-8);
+    let power = |i: &str, v: &str| last(&solution, i) * last(&solution, v);
+    let (primary, secondary) = (power("i(T1.primary)", "v(p)"), power("i(T1.secondary)", "v(s)"));
+    assert_near(primary, -secondary, 1e-9);
+}
