@@ -53,6 +53,11 @@ impl Graph {
 
     /// The terms that nodes need, in a graph of their own, and the nodes there; parameters keep their places and values.
     pub fn below(&self, nodes: &[Node]) -> (Self, Vec<Node>) {
+        self.below_with(nodes, |input| input)
+    }
+
+    /// The same with inputs in other places.
+    pub fn below_with(&self, nodes: &[Node], place: impl Fn(usize) -> usize) -> (Self, Vec<Node>) {
         let mut graph = Self::new();
         graph.tables = self.tables.clone();
         let mut terms = self.all_below(nodes);
@@ -64,6 +69,7 @@ impl Graph {
                     graph.applied(operator, place_of[&a], place_of[&b], self.known.get(&old).copied())
                 }
                 Term::Parameter(index) => graph.parameter(index, self.known[&old]),
+                Term::Input(index) => graph.input(place(index)),
                 term => graph.intern(term),
             };
             if let Some((base, exponent)) = self.powers.get(&old)

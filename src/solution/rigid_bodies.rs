@@ -79,7 +79,7 @@ struct Course<'a> {
 
 impl<'a> Course<'a> {
     fn new(scene: &'a Scene, plan: &'a Plan, settings: &Settings, control: &'a Control) -> Result<Self, Failure> {
-        let mut simulation = Simulation::new(scene, settings);
+        let mut simulation = Simulation::new(scene, plan.start, settings);
         simulation.most_memory = plan.most_memory;
         let failed = |cause| failure(&cause, scene, plan, plan.start, &plan.initial);
         if scene.resolve && !simulation.resolve(control).map_err(failed)? {
@@ -126,6 +126,8 @@ impl<'a> Course<'a> {
         let before = self.energy.kinetic_at_end.max(report.kinetic);
         self.energy.dissipate(-report.work[1], -report.work[0], before);
         self.energy.lost_beyond_restitution -= report.elastic_work;
+        self.energy.work(report.done.forces, report.done.drives);
+        self.energy.dissipate_by_viscosity(report.done.damped);
         self.energy.close(kinetic, potential);
         self.work.solves += report.solves;
         self.work.pivots += report.iterations;
@@ -217,7 +219,7 @@ impl Stepper for Course<'_> {
         let next = if next >= self.plan.end - 1e-9 * self.h { self.plan.end } else { next };
         self.starts.clone_from(&self.simulation.ends);
         self.pushed.clone_from(&self.simulation.pushed);
-        let stepped = self.simulation.step(next - self.t, self.control);
+        let stepped = self.simulation.step(self.t, next - self.t, self.control);
         if let Err(cause @ (StepFailure::TooMuchMemory { .. } | StepFailure::Interrupted)) = &stepped {
             // The step was not made: the last one stands.
             return Err(failure(cause, self.scene, self.plan, self.t, &self.states));

@@ -94,8 +94,9 @@ pub use obstacle::{Boundary, BoundaryCondition, Directions, Domain, MassName, Ob
 pub use ordered::Ordered;
 pub use output::Output;
 pub use rigid_bodies::{
-    AxialJoint, BodyContacts, BodyJoint, BoxShape, CapsuleShape, CylinderShape, FixedJoint, HalfSpaceShape, HullShape,
-    Material, MaterialPair, MeshShape, PointJoint, RigidBodiesProblem, RigidBody, RigidShape, SphereShape,
+    AxesOfForce, AxialJoint, BodyContacts, BodyForce, BodyJoint, BodySpring, BoxShape, CapsuleShape, CylinderShape,
+    FixedJoint, HalfSpaceShape, HullShape, JointSpring, Material, MaterialPair, MeshShape, Motor, PointJoint,
+    RigidBodiesProblem, RigidBody, RigidShape, ServoMotor, SphereShape,
 };
 pub use schema::json_schema;
 pub use search::{FreePeriod, Period, PeriodicRequest, Search, SteadyStateRequest};

@@ -21,8 +21,9 @@ pub const OUTPUTS: usize = 6 * (1 + DERIVED.len());
 /// A force and a torque.
 #[derive(Clone, Debug)]
 pub struct Action {
-    /// The body that it acts on, and then those that the program asks for; places in the scene.
-    pub bodies: Vec<usize>,
+    /// The body that it acts on, and then those that the program asks for; places in the scene, and their centres of mass in the
+    /// frames of the user.
+    pub bodies: Vec<(usize, Vector3<f64>)>,
     /// Force, torque, and their derivatives by what is [`DERIVED`], in the inputs `t` and, of each body, what is told of it.
     pub program: Tape,
     /// Where the force acts, from the centre of mass, in the frame of the body.
@@ -49,33 +50,33 @@ impl Middle {
 }
 
 impl Action {
-    /// Force and torque about the centre of mass, and their derivative by the mean velocities of a step `h`; `bodies` are those of
-    /// the action, in its order.
+    /// Force and torque about the centre of mass, and their derivative by the mean velocities of a step `h`; `middles` are its
+    /// bodies, in its order.
     pub fn evaluate(
         &mut self,
         t: f64,
         h: f64,
-        bodies: &[(&Body, Middle)],
+        middles: impl Iterator<Item = Middle>,
         inputs: &mut Vec<f64>,
     ) -> (Vector6<f64>, Matrix6<f64>) {
         inputs.clear();
-        for (body, middle) in bodies {
+        let mut turn = Matrix3::identity();
+        for (k, (middle, (_, centre))) in middles.zip(&self.bodies).enumerate() {
             let (velocity, omega) = apart(&middle.velocities);
-            inputs.extend(state(body, &middle.pose, &velocity, &omega));
+            inputs.extend(state(centre, &middle.pose, &velocity, &omega));
+            if k == 0 {
+                turn = middle.pose.rotation.to_rotation_matrix().into_inner();
+            }
         }
         let mut out = [0.0; OUTPUTS];
         self.program.evaluate(t, inputs, &mut out);
         let (values, derivatives) = out.split_at(6);
-        let part = |k: usize, column: usize| {
-            Vector3::from_fn(|i, _| derivatives[(3 * k + i) * DERIVED.len() + column])
-        };
+        let part = |k: usize, column: usize| Vector3::from_fn(|i, _| derivatives[(3 * k + i) * DERIVED.len() + column]);
         let block = |k: usize, column: usize| {
             Matrix3::from_columns(&[part(k, column), part(k, column + 1), part(k, column + 2)])
         };
-        let (body, middle) = &bodies[0];
-        let turn = middle.pose.rotation.to_rotation_matrix().into_inner();
         let axes = if self.is_local { turn } else { Matrix3::identity() };
-        let (arm, origin) = (turn * self.at, turn * body.centre);
+        let (arm, origin) = (turn * self.at, turn * self.bodies[0].1);
         let force = axes * Vector3::from_column_slice(&values[..3]);
         let torque = axes * Vector3::from_column_slice(&values[3..]) + arm.cross(&force);
         let mut matrix = Matrix6::zeros();
@@ -94,12 +95,11 @@ impl Action {
 
     /// Whether its force is finite with the bodies as they are at the start.
     pub fn is_finite_at(&self, t: f64, bodies: &[Body]) -> bool {
-        let of = |&place: &usize| {
+        let of = |&(place, _): &(usize, Vector3<f64>)| {
             let body = &bodies[place];
-            (body, Middle { pose: body.pose, velocities: join(&body.velocity, &body.omega) })
+            Middle { pose: body.pose, velocities: join(&body.velocity, &body.omega) }
         };
-        let bodies: Vec<(&Body, Middle)> = self.bodies.iter().map(of).collect();
-        let (force, _) = self.clone().evaluate(t, 0.0, &bodies, &mut Vec::new());
+        let (force, _) = self.clone().evaluate(t, 0.0, self.bodies.iter().map(of), &mut Vec::new());
         force.iter().all(|force| force.is_finite())
     }
 }

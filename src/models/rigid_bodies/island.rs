@@ -6,16 +6,19 @@
 //! v+ = v_free + M^-1 J^T r,    q+ = q (+) h v+
 //! ```
 //!
-//! With joints the motion is that of [`articulated`](self::articulated).
+//! With joints, or forces that depend on how bodies move, the motion is that of [`articulated`](self::articulated).
 
 mod articulated;
 
+use super::action::Action;
 use super::contact::Contact;
 use super::delassus;
+use super::drive::DriveState;
 use super::joint::Joint;
 use super::linkage::Linkage;
 use super::motion::Motion;
 use super::scene::Scene;
+use super::signals::Signals;
 use contact::ImpactLaw;
 use contact::law::{Cone, Contacts, Law, Report, sequential};
 use nalgebra::{Vector3, Vector6};
@@ -34,6 +37,8 @@ pub struct Mechanism<'a> {
     pub of_joint: Vec<u32>,
     /// Metres a second squared.
     pub gravity: Vector3<f64>,
+    /// Functions of time that drive joints.
+    pub signals: &'a Signals,
 }
 
 impl<'a> Mechanism<'a> {
@@ -44,7 +49,14 @@ impl<'a> Mechanism<'a> {
         for (k, linkage) in linkages.iter().enumerate() {
             linkage.joints.iter().for_each(|&joint| of_joint[joint as usize] = k as u32);
         }
-        Self { joints: &scene.joints, linkages, alone: Linkage::alone(), of_joint, gravity: scene.gravity }
+        Self {
+            joints: &scene.joints,
+            linkages,
+            alone: Linkage::alone(),
+            of_joint,
+            gravity: scene.gravity,
+            signals: &scene.signals,
+        }
     }
 }
 
@@ -57,12 +69,39 @@ pub struct Carried {
     pub largest_energy: f64,
     /// The halvings of a step that held in the last.
     pub halvings: u32,
+    /// The drives of its joints.
+    pub states: Vec<DriveState>,
 }
 
 impl Carried {
-    /// That of a linkage with so many joints at its start.
-    pub fn of(joints: usize) -> Self {
-        Self { tensions: vec![Vector6::zeros(); joints], ..Self::default() }
+    /// That of a linkage at the start.
+    pub fn of(linkage: &Linkage, scene: &Scene) -> Self {
+        let coordinate = |&joint: &u32| scene.joints[joint as usize].coordinate_at_start(&scene.bodies);
+        let state = |joint| DriveState { coordinate: coordinate(joint), target: 0.0 };
+        Self {
+            tensions: vec![Vector6::zeros(); linkage.joints.len()],
+            states: linkage.joints.iter().map(state).collect(),
+            ..Self::default()
+        }
+    }
+}
+
+/// What was done in a step, in joules.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Work {
+    /// By forces.
+    pub forces: f64,
+    /// By what moves by itself: motors and servos.
+    pub drives: f64,
+    /// Taken by dampers.
+    pub damped: f64,
+}
+
+impl std::ops::AddAssign for Work {
+    fn add_assign(&mut self, other: Self) {
+        self.forces += other.forces;
+        self.drives += other.drives;
+        self.damped += other.damped;
     }
 }
 
@@ -91,8 +130,14 @@ pub struct Island {
     pub joints: Vec<u32>,
     /// The linkages likewise, in ascending order.
     pub linkages: Vec<u32>,
-    /// The forces of the joints in the last step, by linkage.
-    pub tensions: Vec<Vec<Vector6<f64>>>,
+    /// What its linkages keep.
+    pub carried: Vec<Carried>,
+    /// Forces on its bodies as programs, with the places of their bodies.
+    pub actions: Vec<(Action, Vec<u32>)>,
+    /// The time that its bodies have come to.
+    pub t: f64,
+    /// What drives and forces did.
+    pub done: Work,
     /// The largest kinetic energy that they had, in joules.
     pub largest_energy: f64,
     /// The halvings of a step that held in the last.
@@ -119,7 +164,10 @@ impl Island {
             sources: Vec::new(),
             joints: Vec::new(),
             linkages: Vec::new(),
-            tensions: Vec::new(),
+            carried: Vec::new(),
+            actions: Vec::new(),
+            t: 0.0,
+            done: Work::default(),
             largest_energy: 0.0,
             halvings: 0,
             steps: 0,
@@ -138,19 +186,21 @@ impl Island {
         self.sources.clear();
         self.joints.clear();
         self.linkages.clear();
-        self.tensions.clear();
+        self.carried.clear();
+        self.actions.clear();
+        self.done = Work::default();
         (self.largest_energy, self.halvings, self.steps) = (0.0, 0, 0);
         (self.report, self.unsolved) = (None, None);
     }
 
-    /// Whether bodies of it are joined.
-    pub fn has_joints(&self) -> bool {
-        !self.joints.is_empty()
+    /// Whether its bodies move by their mean velocities: they are joined, or forces depend on how they move.
+    pub fn is_implicit(&self) -> bool {
+        !(self.joints.is_empty() && self.actions.is_empty())
     }
 
     /// Solves for the impulses and puts them into the velocities; moves what joints hold together.
     pub fn solve(&mut self, h: f64, mechanism: &Mechanism<'_>, law: &mut Law, control: &Control) {
-        if self.has_joints() {
+        if self.is_implicit() {
             self.solve_joined(h, mechanism, law, control);
             return;
         }

@@ -11,6 +11,7 @@
 //! the difference of the anchors or turns with the first. The derivative of `c` along a motion is `G v`, row by row a
 //! wrench on each body; in the mean frames of a step it is the discrete gradient of `c`.
 
+use super::drive::{Coordinate, Drive, DriveLaw};
 use super::frame::Frame;
 use super::scene::Body;
 use nalgebra::{Isometry3, Unit, Vector3};
@@ -36,8 +37,12 @@ pub struct Joint {
     pub bodies: (usize, Option<usize>),
     /// The anchor, in the frames of the bodies or the world.
     pub(super) anchors: [Vector3<f64>; 2],
-    /// What it asks for; no more than six.
+    /// What it asks for; no more than six, with that of the drive.
     pub(super) equations: Vec<Equation>,
+    /// What acts along the coordinate that it leaves, or between its points: an equation more.
+    pub drive: Option<Drive>,
+    /// Whether its bodies do not touch each other.
+    pub separates: bool,
 }
 
 /// One equation, `alpha . beta = 0`.
@@ -111,7 +116,69 @@ impl Joint {
             JointKind::Slider => [&sliding[..], &aligned].concat(),
             JointKind::Fixed => [point, aligned].concat(),
         };
-        Self { bodies, anchors, equations }
+        Self { bodies, anchors, equations, drive: None, separates: true }
+    }
+
+    /// The same with a drive along the coordinate that it leaves.
+    #[must_use]
+    pub fn with_drive(self, drive: Option<Drive>) -> Self {
+        Self { drive, ..self }
+    }
+
+    /// The rate of the coordinate of its drive, as all bodies are at the start.
+    pub fn rate(&self, all: &[Body]) -> Option<f64> {
+        let world = (Frame::WORLD, (Vector3::zeros(), Vector3::zeros()));
+        let start = |body: &Body| (Frame::of(&body.pose), (body.velocity, body.omega));
+        let [first, second] = [start(&all[self.bodies.0]), self.bodies.1.map_or(world, |b| start(&all[b]))];
+        Some(self.driven([&first.0, &second.0], 0.0)?.velocity([first.1, second.1]))
+    }
+
+    /// A force along the distance of two points of the world, as the bodies are at the start.
+    pub fn spring(bodies: (usize, Option<usize>), all: &[Body], at: [Vector3<f64>; 2], law: DriveLaw) -> Self {
+        let poses = [all[bodies.0].pose, bodies.1.map_or(Isometry3::identity(), |b| all[b].pose)];
+        let anchors = [0, 1].map(|side| poses[side].inverse_transform_point(&at[side].into()).coords);
+        let drive = Some(Drive { coordinate: Coordinate::Length, law });
+        Self { bodies, anchors, equations: Vec::new(), drive, separates: false }
+    }
+
+    /// The coordinate that a hinge or a slider leaves, zero as the bodies are at the start.
+    pub fn coordinate(
+        kind: JointKind,
+        bodies: (usize, Option<usize>),
+        all: &[Body],
+        axis: Unit<Vector3<f64>>,
+    ) -> Option<Coordinate> {
+        let second = bodies.1.map_or(Isometry3::identity(), |b| all[b].pose).rotation.inverse();
+        let along = axis.cross(&Vector3::ith(axis.iamin(), 1.0)).normalize();
+        match kind {
+            JointKind::Hinge => Some(Coordinate::Angle {
+                first: all[bodies.0].pose.rotation.inverse() * along,
+                second: [second * along, second * axis.cross(&along)],
+            }),
+            JointKind::Slider => Some(Coordinate::Distance(second * axis.into_inner())),
+            JointKind::Ball | JointKind::Fixed => None,
+        }
+    }
+
+    /// Its coordinate as the bodies are at the start.
+    pub(super) fn coordinate_at_start(&self, all: &[Body]) -> f64 {
+        let second = self.bodies.1.map_or(Frame::WORLD, |body| Frame::of(&all[body].pose));
+        let frames = [&Frame::of(&all[self.bodies.0].pose), &second];
+        let (_, apart) = self.arms(frames);
+        self.drive.as_ref().map_or(0.0, |drive| drive.value(frames, &apart, 0.0))
+    }
+
+    /// The number of its equations.
+    pub(super) fn rank(&self) -> usize {
+        self.equations.len() + usize::from(self.drive.is_some())
+    }
+
+    /// The equation of a drive that prescribes its coordinate, in these frames.
+    pub(super) fn driven(&self, frames: [&Frame; 2], reference: f64) -> Option<Row> {
+        let drive = self.drive.as_ref().filter(|drive| drive.prescribes())?;
+        let (arms, apart) = self.arms(frames);
+        let row = drive.equation(reference)?.row(frames, arms, apart);
+        Some(Row { value: row.value - drive.offset(reference), ..row })
     }
 
     /// How fast its points part, in metres a second, and how fast its bodies turn as it does not let them, in radians a
@@ -177,7 +244,8 @@ impl Alpha {
 }
 
 impl Equation {
-    fn row(&self, [p, q]: [&Frame; 2], arms: [Vector3<f64>; 2], apart: Vector3<f64>) -> Row {
+    /// Its value and derivative in these frames.
+    pub fn row(&self, [p, q]: [&Frame; 2], arms: [Vector3<f64>; 2], apart: Vector3<f64>) -> Row {
         let alpha = self.alpha.in_world(q);
         match self.beta {
             Beta::Apart => {
@@ -197,5 +265,5 @@ impl Equation {
 /// The pairs of bodies that a joint holds together, the lesser first.
 pub fn joined(joints: &[Joint]) -> HashSet<(u32, u32)> {
     let pair = |joint: &Joint| joint.bodies.1.map(|b| (joint.bodies.0.min(b) as u32, joint.bodies.0.max(b) as u32));
-    joints.iter().filter_map(pair).collect()
+    joints.iter().filter(|joint| joint.separates).filter_map(pair).collect()
 }

@@ -9,6 +9,7 @@
 //! body dynamics that exactly preserve energy and momentum*). A vector that is fixed in a body turns by its chord, as the
 //! centres of bodies move on chords: a linkage that turns as one body turns so exactly.
 
+use super::action::{Action, Middle};
 use super::contact::Contact;
 use super::frame::Frame;
 use super::motion::Motion;
@@ -25,7 +26,8 @@ const ROUNDING: f64 = 32.0 * f64::EPSILON / CONVERGED;
 /// Bodies on their way through a step.
 #[derive(Debug)]
 pub struct Midpoint {
-    /// The length of the step.
+    /// When the step begins, and its length.
+    pub t: f64,
     pub h: f64,
     /// The bodies at its start.
     pub start: Vec<Motion>,
@@ -34,10 +36,14 @@ pub struct Midpoint {
     /// The impulses of forces, and those of contacts.
     pub forces: Vec<Vector6<f64>>,
     pub pushes: Vec<Vector6<f64>>,
+    /// Forces as programs, with the places of their bodies; their impulses with these mean velocities, and the derivatives.
+    actions: Vec<(Action, Vec<u32>)>,
+    applied: Vec<Vector6<f64>>,
+    gradients: Vec<Matrix6<f64>>,
     /// The bodies at the end, but for their velocities.
     pub moved: Vec<Motion>,
     /// Frames at the start and the end, and their means.
-    starts: Vec<Frame>,
+    pub starts: Vec<Frame>,
     pub ends: Vec<Frame>,
     pub means: Vec<Frame>,
     /// `B`, by body.
@@ -62,14 +68,23 @@ pub fn apart(twist: &Vector6<f64>) -> (Vector3<f64>, Vector3<f64>) {
 
 impl Midpoint {
     /// Bodies at the start of a step with the impulses of forces over it.
-    pub fn new(start: Vec<Motion>, forces: Vec<Vector6<f64>>, h: f64) -> Self {
+    pub fn new(
+        start: Vec<Motion>,
+        forces: Vec<Vector6<f64>>,
+        actions: Vec<(Action, Vec<u32>)>,
+        [t, h]: [f64; 2],
+    ) -> Self {
         let mean = start.iter().zip(&forces).map(|(motion, force)| {
             let (push, twist_push) = apart(force);
             twist(motion) + join(&(push * (0.5 / motion.mass)), &(motion.mobility * twist_push * 0.5))
         });
         let starts: Vec<Frame> = start.iter().map(|motion| Frame::of(&motion.pose)).collect();
         let mut midpoint = Self {
+            t,
             h,
+            actions,
+            applied: vec![Vector6::zeros(); start.len()],
+            gradients: vec![Matrix6::zeros(); start.len()],
             mean: mean.collect(),
             pushes: vec![Vector6::zeros(); start.len()],
             moved: start.clone(),
@@ -96,6 +111,31 @@ impl Midpoint {
             let numerator = Matrix3::identity() + half.cross_matrix() + half * half.transpose();
             self.turning[k] = numerator / (1.0 + half.norm_squared());
         }
+        self.apply();
+    }
+
+    /// Evaluates the forces.
+    fn apply(&mut self) {
+        self.applied.fill(Vector6::zeros());
+        self.gradients.fill(Matrix6::zeros());
+        let (t, h) = (self.t + 0.5 * self.h, self.h);
+        let mut inputs = Vec::new();
+        for (action, places) in &mut self.actions {
+            let middle = |&place: &u32| {
+                let k = place as usize;
+                Middle::new(&self.start[k], &self.moved[k], &self.means[k], &self.mean[k])
+            };
+            let (force, gradient) = action.evaluate(t, h, places.iter().map(middle), &mut inputs);
+            if let Some(&own) = places.first() {
+                self.applied[own as usize] += force * h;
+                self.gradients[own as usize] += gradient * h;
+            }
+        }
+    }
+
+    /// The work of the forces that are programs.
+    pub fn work_of_actions(&self) -> f64 {
+        self.applied.iter().zip(&self.mean).map(|(impulse, mean)| impulse.dot(mean)).sum()
     }
 
     /// The left side less the right side of the balances of a body without joints, and its derivative.
@@ -112,7 +152,7 @@ impl Midpoint {
         let mut matrix = Matrix6::zeros();
         matrix.fixed_view_mut::<3, 3>(0, 0).copy_from(&Matrix3::from_diagonal_element(2.0 * motion.mass));
         matrix.fixed_view_mut::<3, 3>(3, 3).copy_from(&(self.turning[k] * inner));
-        (join(&linear, &change) - self.forces[k] - self.pushes[k], matrix)
+        (join(&linear, &change) - self.forces[k] - self.pushes[k] - self.applied[k], matrix - self.gradients[k])
     }
 
     /// The velocities at the end.
@@ -164,7 +204,10 @@ impl Midpoint {
         let far = self.start.iter().map(|motion| motion.pose.translation.vector.amax()).fold(0.0, f64::max);
         let mass: f64 = self.start.iter().map(|motion| motion.mass).sum();
         let rounding = mass * (ROUNDING * far / self.h).powi(2);
-        let kicked = |k: usize| self.forces[k].fixed_rows::<3>(0).norm_squared() / self.start[k].mass;
+        let kicked = |k: usize| {
+            let (push, twist_push) = apart(&(self.forces[k] + self.applied[k]));
+            push.norm_squared() / self.start[k].mass + twist_push.dot(&(self.start[k].mobility * twist_push))
+        };
         let start: Vec<Vector6<f64>> = self.start.iter().map(twist).collect();
         rounding + self.weigh(&start) + self.weigh(&self.mean) + (0..self.start.len()).map(kicked).sum::<f64>()
     }

@@ -3,9 +3,11 @@
 //! A [`Scene`] is what a user describes; a [`Simulation`] steps it. Positions and orientations move on the group, contacts
 //! obey Coulomb's law itself, and joints are eliminated exactly.
 
+mod action;
 pub mod collision;
 mod contact;
 mod delassus;
+mod drive;
 mod frame;
 mod island;
 mod joint;
@@ -18,17 +20,21 @@ mod polyhedron;
 mod rotation;
 mod scene;
 mod shape;
+mod signals;
 mod simulation;
 #[cfg(test)]
 mod tests;
 mod touches;
 
+pub use action::{Action, DERIVED, OUTPUTS, inputs_of};
 pub use collision::Collider;
+pub use drive::{Drive, DriveLaw, ForceLaw, Servo};
 pub use joint::{Joint, JointKind};
 pub use load::Load;
 pub use motion::Motion;
-pub use outputs::{OF_SCENE, between};
+pub use outputs::{OF_BODY, OF_SCENE, between};
 pub use polyhedron::Polyhedron;
 pub use scene::{Body, Law, Laws, Overlap, Scene};
 pub use shape::Shape;
+pub use signals::Signals;
 pub use simulation::{ContactReport, Simulation, StepFailure};

@@ -9,7 +9,7 @@ use analysis::{Analysis, Uniqueness};
 use nalgebra::{Isometry3, Vector3};
 
 /// What is told of a body.
-pub(super) const OF_BODY: [&str; 13] = ["x", "y", "z", "qw", "qx", "qy", "qz", "vx", "vy", "vz", "wx", "wy", "wz"];
+pub const OF_BODY: [&str; 13] = ["x", "y", "z", "qw", "qx", "qy", "qz", "vx", "vy", "vz", "wx", "wy", "wz"];
 
 /// What is told of the scene.
 pub const OF_SCENE: [&str; 7] = [
@@ -37,7 +37,7 @@ impl Scene {
     /// The states at the start.
     pub fn initial(&self) -> Vec<f64> {
         let moving = self.bodies.iter().filter(|body| !body.fixed);
-        moving.flat_map(|body| state(body, &body.pose, &body.velocity, &body.omega)).collect()
+        moving.flat_map(|body| state(&body.centre, &body.pose, &body.velocity, &body.omega)).collect()
     }
 
     /// What the theory says.
@@ -53,9 +53,9 @@ impl Scene {
     }
 }
 
-/// The thirteen numbers of a body with its centre of mass at a pose.
-pub fn state(body: &Body, pose: &Isometry3<f64>, velocity: &Vector3<f64>, omega: &Vector3<f64>) -> [f64; 13] {
-    let offset = pose.rotation * body.centre;
+/// The thirteen numbers of a body with its centre of mass, so given in its frame, at a pose.
+pub fn state(centre: &Vector3<f64>, pose: &Isometry3<f64>, velocity: &Vector3<f64>, omega: &Vector3<f64>) -> [f64; 13] {
+    let offset = pose.rotation * centre;
     let (x, v) = (pose.translation.vector - offset, velocity - omega.cross(&offset));
     let q = pose.rotation.quaternion();
     [x.x, x.y, x.z, q.w, q.i, q.j, q.k, v.x, v.y, v.z, omega.x, omega.y, omega.z]
@@ -65,7 +65,7 @@ pub fn state(body: &Body, pose: &Isometry3<f64>, velocity: &Vector3<f64>, omega:
 /// with the velocities of the end.
 pub fn between(body: &Body, [from, to]: [&Motion; 2], is_pushed: bool, h: f64, fraction: f64) -> [f64; 13] {
     if fraction >= 1.0 {
-        return state(body, &to.pose, &to.velocity, &to.omega);
+        return state(&body.centre, &to.pose, &to.velocity, &to.omega);
     }
     let mut at = from.pose.translation.vector.lerp(&to.pose.translation.vector, fraction);
     let (mut velocity, mut omega) = (to.velocity, to.omega);
@@ -76,5 +76,5 @@ pub fn between(body: &Body, [from, to]: [&Motion; 2], is_pushed: bool, h: f64, f
     }
     let turn = (from.pose.rotation.inverse() * to.pose.rotation).scaled_axis() * fraction;
     let rotation = from.pose.rotation * nalgebra::UnitQuaternion::from_scaled_axis(turn);
-    state(body, &Isometry3::from_parts(at.into(), rotation), &velocity, &omega)
+    state(&body.centre, &Isometry3::from_parts(at.into(), rotation), &velocity, &omega)
 }

@@ -1,8 +1,10 @@
 //! A scene: bodies as they are at the start, what holds where they touch, and joints between them.
 
+use super::action::Action;
 use super::collision::{BroadPhase, Collider, ContactPoint, contacts};
 use super::joint::Joint;
 use super::load::Load;
+use super::signals::Signals;
 use super::simulation::NEAR;
 use contact::law::Cone;
 use nalgebra::{Isometry3, Matrix3, Vector3};
@@ -89,8 +91,12 @@ pub struct Scene {
     pub laws: Laws,
     /// The set that friction is taken from.
     pub cone: Cone,
-    /// What holds them together.
+    /// What holds them together, and springs between them.
     pub joints: Vec<Joint>,
+    /// Forces on them.
+    pub actions: Vec<Action>,
+    /// Functions of time that drive joints.
+    pub signals: Signals,
     /// Whether bodies that overlap at the start are moved apart, and velocities that tear a joint are changed.
     pub resolve: bool,
     /// What the user should know.

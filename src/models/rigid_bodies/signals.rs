@@ -3,7 +3,8 @@
 use expression::Tape;
 
 /// The nodes and weights of Gauss on the unit interval, of order six: integrals are better than the steps they belong to.
-const GAUSS: [(f64, f64); 3] = [(0.112_701_665_379_258_3, 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.887_298_334_620_741_7, 5.0 / 18.0)];
+const GAUSS: [(f64, f64); 3] =
+    [(0.112_701_665_379_258_3, 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.887_298_334_620_741_7, 5.0 / 18.0)];
 
 /// The functions of a scene.
 #[derive(Clone, Debug, Default)]
@@ -24,6 +25,8 @@ pub struct Course {
     pub rates: Vec<f64>,
     /// The integrals over the step.
     pub integrals: Vec<f64>,
+    /// The length of the step.
+    pub h: f64,
 }
 
 impl Signals {
@@ -40,7 +43,7 @@ impl Signals {
     /// All that a step asks for.
     pub fn over(&self, t: f64, h: f64) -> Course {
         if self.count == 0 {
-            return Course::default();
+            return Course { h, ..Course::default() };
         }
         let (end, rates) = self.at(t + h);
         let mut integrals = vec![0.0; self.count];
@@ -48,6 +51,6 @@ impl Signals {
             let values = self.at(t + node * h).0;
             integrals.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * h * value);
         }
-        Course { start: self.at(t).0, middle: self.at(t + 0.5 * h).0, end, rates, integrals }
+        Course { start: self.at(t).0, middle: self.at(t + 0.5 * h).0, end, rates, integrals, h }
     }
 }

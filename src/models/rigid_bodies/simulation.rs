@@ -27,6 +27,7 @@ pub use report::{ContactReport, StepFailure};
 
 use super::collision::{BroadPhase, ContactPoint};
 use super::contact::Contact;
+use super::drive::{Drive, DriveState};
 use super::island::{Carried, Island, Mechanism, Unsolved};
 use super::joint::joined;
 use super::load::Load;
@@ -68,6 +69,10 @@ pub struct Simulation<'a> {
     carried: Vec<Carried>,
     /// The places of the scene's bodies among them.
     places: Vec<Option<u32>>,
+    /// Pairs of moving bodies that a force brings together, or the one that it acts on, with its place among all; in its order.
+    acting: Vec<(u32, Option<u32>, u32)>,
+    /// The time that the bodies have come to.
+    t: f64,
     /// The contacts of the step.
     pub contacts: Vec<Contact>,
     /// What happened in the last step between which bodies of the scene.
@@ -91,8 +96,8 @@ pub struct Simulation<'a> {
 }
 
 impl<'a> Simulation<'a> {
-    /// The scene at its start.
-    pub fn new(scene: &'a Scene, settings: &Settings) -> Self {
+    /// The scene at its start, the time `t`.
+    pub fn new(scene: &'a Scene, t: f64, settings: &Settings) -> Self {
         let mut moving = Vec::new();
         let mut places = Vec::with_capacity(scene.bodies.len());
         for body in &scene.bodies {
@@ -103,6 +108,13 @@ impl<'a> Simulation<'a> {
             }));
         }
         let mechanism = Mechanism::new(scene, &places, moving.len());
+        let mut acting = Vec::new();
+        for (k, action) in scene.actions.iter().enumerate() {
+            let mut of = action.bodies.iter().filter_map(|(body, _)| places[*body]);
+            let Some(own) = of.next() else { continue };
+            acting.push((own, None, k as u32));
+            acting.extend(of.map(|other| (own, Some(other), k as u32)));
+        }
         Self {
             scene,
             ends: moving.clone(),
@@ -110,10 +122,12 @@ impl<'a> Simulation<'a> {
             pushed: vec![false; moving.len()],
             has_begun: false,
             jointed: vec![false; moving.len()],
-            carried: mechanism.linkages.iter().map(|of| Carried::of(of.joints.len())).collect(),
+            carried: mechanism.linkages.iter().map(|of| Carried::of(of, scene)).collect(),
             mechanism,
             moving,
             places,
+            acting,
+            t,
             contacts: Vec::new(),
             happenings: Vec::new(),
             touches: Touches::default(),
@@ -142,11 +156,12 @@ impl<'a> Simulation<'a> {
         self.places[body].map(|place| &self.moving[place as usize])
     }
 
-    /// Makes a step of length `h`.
+    /// Makes a step of length `h` from the time `t`.
     ///
     /// # Errors
     /// If the bodies cannot go on.
-    pub fn step(&mut self, h: f64, control: &Control) -> Result<(), StepFailure> {
+    pub fn step(&mut self, t: f64, h: f64, control: &Control) -> Result<(), StepFailure> {
+        self.t = t;
         self.report = ContactReport::default();
         self.happenings.clear();
         self.advance(h, HALVINGS, control)?;
@@ -165,7 +180,7 @@ impl<'a> Simulation<'a> {
             self.hold(|_| true);
             self.has_begun = true;
         }
-        let start = self.moving.clone();
+        let (start, carried) = (self.moving.clone(), self.carried.clone());
         self.group();
         self.kick(h);
         let kinetic: f64 = self.moving.iter().map(Motion::kinetic_energy).sum();
@@ -179,7 +194,7 @@ impl<'a> Simulation<'a> {
         control.go_on()?;
         let is_too_long = solved == Err(Unsolved::TooLong) || self.meets_unseen(&start, h, control)?;
         if is_too_long && halvings > 0 {
-            (self.moving, self.report) = (start, report);
+            (self.moving, self.carried, self.report) = (start, carried, report);
             self.advance(0.5 * h, halvings - 1, control)?;
             return self.advance(0.5 * h, halvings - 1, control);
         }
@@ -199,6 +214,7 @@ impl<'a> Simulation<'a> {
             }
         }
         self.arrive();
+        self.t += h;
         Ok(())
     }
 
@@ -256,6 +272,15 @@ impl<'a> Simulation<'a> {
     pub fn energies(&self) -> [f64; 2] {
         let kinetic = self.ends.iter().map(Motion::kinetic_energy).sum();
         let height = |motion: &Motion| motion.mass * self.scene.gravity.dot(&motion.pose.translation.vector);
-        [kinetic, -self.ends.iter().map(height).sum::<f64>()]
+        let springs: f64 = self.drives().map(|(drive, state)| drive.potential(state.coordinate)).sum();
+        [kinetic, springs - self.ends.iter().map(height).sum::<f64>()]
+    }
+
+    /// The drives of all joints and springs, with their states.
+    fn drives(&self) -> impl Iterator<Item = (&Drive, &DriveState)> {
+        self.mechanism.linkages.iter().zip(&self.carried).flat_map(|(linkage, carried)| {
+            let drive = |(&joint, state)| Some((self.scene.joints[joint as usize].drive.as_ref()?, state));
+            linkage.joints.iter().zip(&carried.states).filter_map(drive)
+        })
     }
 }

@@ -56,6 +56,8 @@ fn scene(bodies: Vec<Body>, friction: f64, restitution: f64) -> Scene {
         laws,
         cone: Cone::Quadratic,
         joints: Vec::new(),
+        actions: Vec::new(),
+        signals: Signals::default(),
         resolve: false,
         warnings: Vec::new(),
     }
@@ -63,7 +65,7 @@ fn scene(bodies: Vec<Body>, friction: f64, restitution: f64) -> Scene {
 
 fn run(simulation: &mut Simulation<'_>, h: f64, steps: usize) {
     for _ in 0..steps {
-        simulation.step(h, &Control::new()).unwrap();
+        simulation.step(0.0, h, &Control::new()).unwrap();
     }
 }
 
@@ -72,7 +74,7 @@ fn a_sliding_sphere_comes_to_roll_with_five_sevenths_of_its_speed() {
     let mut ball = sphere(0.1, 1.0, [0.0, 0.0, 0.1]);
     ball.velocity = Vector3::new(2.0, 0.0, 0.0);
     let scene = scene(vec![ground(Vector3::z()), ball], 0.3, 0.0);
-    let mut simulation = Simulation::new(&scene, &SETTINGS);
+    let mut simulation = Simulation::new(&scene, 0.0, &SETTINGS);
     run(&mut simulation, 1e-3, 1000);
     let motion = simulation.ends[0];
     assert!((motion.velocity.x - 10.0 / 7.0).abs() < 1e-10, "{}", motion.velocity);
@@ -86,9 +88,9 @@ fn a_fast_sliding_sphere_never_lifts_off() {
     let mut ball = sphere(0.1, 1.0, [0.0, 0.0, 0.1]);
     ball.velocity = Vector3::new(10.0, 0.0, 0.0);
     let scene = scene(vec![ground(Vector3::z()), ball], 0.3, 0.0);
-    let mut simulation = Simulation::new(&scene, &SETTINGS);
+    let mut simulation = Simulation::new(&scene, 0.0, &SETTINGS);
     for _ in 0..500 {
-        simulation.step(1e-3, &Control::new()).unwrap();
+        simulation.step(0.0, 1e-3, &Control::new()).unwrap();
         assert!((simulation.ends[0].pose.translation.z - 0.1).abs() < 1e-10);
     }
     assert!((simulation.ends[0].velocity.x - 8.5285).abs() < 1e-9);
@@ -100,7 +102,7 @@ fn a_stack_with_a_heavy_top_stands_still() {
         let mut bodies = vec![ground(Vector3::z())];
         bodies.extend((0..10).map(|k| cube(1.0, if k == 9 { load } else { 1.0 }, [0.0, 0.0, 0.5 + f64::from(k)])));
         let scene = scene(bodies, 0.6, 0.0);
-        let mut simulation = Simulation::new(&scene, &SETTINGS);
+        let mut simulation = Simulation::new(&scene, 0.0, &SETTINGS);
         let clock = std::time::Instant::now();
         run(&mut simulation, 1e-3, 2000);
         eprintln!("load {load}: {:?}, residual {:e}", clock.elapsed() / 2000, simulation.report.residual);
@@ -129,8 +131,8 @@ fn contacts_at_the_start_are_counted_as_a_step_finds_them() {
     let load = scene.load(usize::MAX, &Control::new()).unwrap();
     // Four corners of the tray and sixteen spheres.
     assert_eq!((load.contacts, load.most_touched()), (20, Some((1, 20))));
-    let mut simulation = Simulation::new(&scene, &SETTINGS);
-    simulation.step(1e-3, &Control::new()).unwrap();
+    let mut simulation = Simulation::new(&scene, 0.0, &SETTINGS);
+    simulation.step(0.0, 1e-3, &Control::new()).unwrap();
     assert_eq!(simulation.contacts.len(), 20);
     // Blocks: the tray's contacts with each other, and those of each sphere with itself.
     let bytes = |blocks| ::contact::law::Size { contacts: 20, blocks, friction: Some(Cone::Quadratic) }.bytes();
@@ -142,7 +144,7 @@ fn contacts_at_the_start_are_counted_as_a_step_finds_them() {
 #[test]
 fn a_step_whose_contacts_would_take_too_much_memory_is_not_made() {
     let scene = on_a_tray(8);
-    let mut simulation = Simulation::new(&scene, &SETTINGS);
+    let mut simulation = Simulation::new(&scene, 0.0, &SETTINGS);
     let needed = scene.load(usize::MAX, &Control::new()).unwrap().bytes();
     simulation.most_memory = needed / 2;
     let heights = |simulation: &Simulation<'_>| -> Vec<f64> {
@@ -150,7 +152,7 @@ fn a_step_whose_contacts_would_take_too_much_memory_is_not_made() {
     };
     let before = heights(&simulation);
     let Err(StepFailure::TooMuchMemory { contacts, most_touched: Some((body, of_body)), bytes }) =
-        simulation.step(1e-3, &Control::new())
+        simulation.step(0.0, 1e-3, &Control::new())
     else {
         panic!("a step that takes {needed} bytes")
     };
@@ -183,7 +185,7 @@ fn nothing_is_detected_nor_assembled_for_one_who_went_away() {
     let control = Control::new();
     control.cancel();
     assert!(scene.load(usize::MAX, &control).is_err());
-    let mut simulation = Simulation::new(&scene, &SETTINGS);
-    assert_eq!(simulation.step(1e-3, &control), Err(StepFailure::Interrupted));
+    let mut simulation = Simulation::new(&scene, 0.0, &SETTINGS);
+    assert_eq!(simulation.step(0.0, 1e-3, &control), Err(StepFailure::Interrupted));
     assert_eq!(simulation.resolve(&control), Err(StepFailure::Interrupted));
 }

@@ -1,5 +1,6 @@
 //! Joints, placed in the world as it is at the start.
 
+use super::motors::{self, Functions, JointSpring, Motor};
 use super::vectors::{self, Vector};
 use crate::error::{Errors, SpecificationError};
 use crate::expression::Expression;
@@ -7,7 +8,7 @@ use crate::lowering::Lowering;
 use crate::place::Place;
 use crate::wording::{abridged, listed};
 use expression::nearest;
-use models::rigid_bodies::{self, Body, JointKind, Scene};
+use models::rigid_bodies::{self, Body, Drive, DriveLaw, JointKind, Scene};
 use nalgebra::{Unit, Vector3};
 use serde::Deserialize;
 use std::collections::HashMap;
@@ -51,6 +52,10 @@ pub struct AxialJoint {
     /// The direction of the axis, in the world at the start.
     #[schema(value_type = [Expression; 3])]
     pub axis: Vector,
+    /// What drives it. Default nothing.
+    pub motor: Option<Motor>,
+    /// What pulls it back. Default nothing.
+    pub spring: Option<JointSpring>,
 }
 
 /// Bodies that move as one.
@@ -76,9 +81,30 @@ impl BodyJoint {
 /// Velocities in parts of those of the bodies that are rounding.
 const ROUNDING: f64 = 1e-6;
 
-/// Reports the joints that the velocities at the start tear. Their points and axes are placed at the start, and hold.
-pub(super) fn refuse_torn(joints: &[BodyJoint], scene: &Scene, place: &Place<'_>, errors: &mut Errors) {
+/// Reports the joints that the velocities at the start, the time `t`, tear, or that a motor drives at another rate. Their points
+/// and axes are placed at the start, and hold.
+pub(super) fn refuse_torn(joints: &[BodyJoint], scene: &Scene, t: Option<f64>, place: &Place<'_>, errors: &mut Errors) {
+    let (values, rates) = t.map(|t| scene.signals.at(t)).unwrap_or_default();
     for (k, (given, joint)) in joints.iter().zip(&scene.joints).enumerate() {
+        let asked = joint.drive.and_then(|drive| match drive.law {
+            DriveLaw::Position(function) => rates.get(function).copied(),
+            DriveLaw::Velocity(function) => values.get(function).copied(),
+            DriveLaw::Force(_) => None,
+        });
+        if let Some((rate, asked)) = joint.rate(&scene.bodies).zip(asked)
+            && (rate - asked).abs() > ROUNDING * rate.abs().max(asked.abs())
+        {
+            let detail =
+                format!("the motor moves the joint at a rate of {asked} at the start, and its bodies move at {rate}");
+            let error = SpecificationError::new(
+                place.index(k).key(given.key()).key("motor").to_string(),
+                "inconsistent_start",
+                detail,
+            );
+            errors.push(error.expected(
+                "velocities of the bodies that go with the motor, or `\"interpenetration\": \"resolve\"` beside `bodies`",
+            ));
+        }
         if let Some([speed, rate]) = joint.torn(&scene.bodies, ROUNDING) {
             let detail = format!(
                 "the joint is torn apart at the start: its points part at {speed} m/s, and the bodies turn against it at \
@@ -99,38 +125,48 @@ pub(super) fn lower(
     bodies: &[Body],
     names: &HashMap<String, usize>,
     place: &Place<'_>,
+    functions: &mut Functions,
     lowering: &mut Lowering,
 ) -> Vec<rigid_bodies::Joint> {
     let mut lowered = Vec::with_capacity(joints.len());
     for (k, joint) in joints.iter().enumerate() {
         let place = place.index(k);
-        let (bodies_of, at, axis, kind) = match joint {
-            BodyJoint::Ball(PointJoint { bodies, at }) => (bodies, Some(at), None, JointKind::Ball),
-            BodyJoint::Hinge(AxialJoint { bodies, at, axis }) => (bodies, Some(at), Some(axis), JointKind::Hinge),
-            BodyJoint::Slider(AxialJoint { bodies, at, axis }) => (bodies, Some(at), Some(axis), JointKind::Slider),
-            BodyJoint::Fixed(FixedJoint { bodies }) => (bodies, None, None, JointKind::Fixed),
-        };
         let place = place.key(joint.key());
+        let (bodies_of, axial, kind) = match joint {
+            BodyJoint::Ball(PointJoint { bodies, .. }) => (bodies, None, JointKind::Ball),
+            BodyJoint::Hinge(axial) => (&axial.bodies, Some(axial), JointKind::Hinge),
+            BodyJoint::Slider(axial) => (&axial.bodies, Some(axial), JointKind::Slider),
+            BodyJoint::Fixed(FixedJoint { bodies }) => (bodies, None, JointKind::Fixed),
+        };
+        let at = match joint {
+            BodyJoint::Ball(point) => Some(&point.at),
+            _ => axial.map(|axial| &axial.at),
+        };
+        let axis = axial.map(|axial| &axial.axis);
+        let law = axial
+            .and_then(|axial| motors::lower(axial.motor.as_ref(), axial.spring.as_ref(), &place, functions, lowering));
         let at = at.map(|at| vectors::lower(at, &place.key("at"), lowering));
         let axis =
             axis.map_or(Vector3::z_axis(), |axis: &Vector| vectors::direction(axis, &place.key("axis"), lowering));
-        if let Some(pair) = pair(bodies_of, bodies, names, &place.key("bodies"), lowering) {
+        if let Some((pair, _)) = pair(bodies_of, bodies, names, &place.key("bodies"), lowering) {
             let at = at.unwrap_or_else(|| bodies[pair.0].pose.translation.vector);
             let axis: Unit<Vector3<f64>> = axis;
-            lowered.push(rigid_bodies::Joint::new(kind, pair, bodies, at, axis));
+            let coordinate = rigid_bodies::Joint::coordinate(kind, pair, bodies, axis);
+            let drive = law.zip(coordinate).map(|(law, coordinate)| Drive { coordinate, law });
+            lowered.push(rigid_bodies::Joint::new(kind, pair, bodies, at, axis).with_drive(drive));
         }
     }
     lowered
 }
 
-/// The bodies of a joint, the first of which moves.
-fn pair(
+/// The bodies of a joint, the first of which moves, and whether they were named in the other order.
+pub(super) fn pair(
     given: &[String],
     bodies: &[Body],
     names: &HashMap<String, usize>,
     place: &Place<'_>,
     lowering: &mut Lowering,
-) -> Option<(usize, Option<usize>)> {
+) -> Option<((usize, Option<usize>), bool)> {
     if given.is_empty() || given.len() > 2 {
         let detail = format!("{} bodies are named", given.len());
         let error = SpecificationError::new(place.to_string(), "wrong_count", detail);
@@ -152,8 +188,8 @@ fn pair(
     }
     let moving: Vec<usize> = found.iter().copied().filter(|&body| !bodies[body].fixed).collect();
     let detail = match (&moving[..], &found[..]) {
-        ([a, b], _) if a != b => return Some((*a, Some(*b))),
-        ([a], _) => return Some((*a, None)),
+        ([a, b], _) if a != b => return Some(((*a, Some(*b)), false)),
+        ([a], _) => return Some(((*a, None), found[0] != *a)),
         ([], _) => "none of these bodies moves",
         _ => "a body cannot be joined to itself",
     };

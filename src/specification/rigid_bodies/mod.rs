@@ -8,17 +8,23 @@
 
 mod bodies;
 mod contacts;
+mod forces;
 mod joints;
+mod motors;
 mod overlaps;
 mod shapes;
+mod springs;
 mod vectors;
 
 pub use bodies::RigidBody;
 pub use contacts::{BodyContacts, Material, MaterialPair};
+pub use forces::{AxesOfForce, BodyForce};
 pub use joints::{AxialJoint, BodyJoint, FixedJoint, PointJoint};
+pub use motors::{JointSpring, Motor, ServoMotor};
 pub use shapes::{
     BoxShape, CapsuleShape, CylinderShape, HalfSpaceShape, HullShape, MeshShape, RigidShape, SphereShape,
 };
+pub use springs::BodySpring;
 
 use super::error::SpecificationError;
 use super::expression::Expression;
@@ -29,6 +35,7 @@ use super::place::Place;
 use super::tables::TableOfPoints;
 use super::written::{Lowered, Written};
 use models::rigid_bodies::Scene;
+use motors::Functions;
 use serde::Deserialize;
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -74,6 +81,12 @@ pub struct RigidBodiesProblem {
     /// What holds bodies together.
     #[serde(default)]
     pub joints: Vec<BodyJoint>,
+    /// Springs and dampers between points of bodies.
+    #[serde(default)]
+    pub springs: Vec<BodySpring>,
+    /// Forces and torques on bodies.
+    #[serde(default)]
+    pub forces: Vec<BodyForce>,
     /// What to do with bodies that overlap at the start, or whose velocities tear a joint there. Default `refuse`.
     #[serde(default)]
     pub interpenetration: Interpenetration,
@@ -103,6 +116,10 @@ impl Written for RigidBodiesProblem {
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
         let mut lowering = Lowering::new(start, self.named(), place);
+        if !self.forces.is_empty() {
+            let outputs = forces::names(&self.bodies);
+            lowering.bind_outputs(&outputs.iter().map(String::as_str).collect::<Vec<_>>());
+        }
         lowering.use_definitions(&self.definitions);
         let place_of_bodies = place.key("bodies");
         if self.bodies.len() > MOST_BODIES {
@@ -132,12 +149,28 @@ impl Written for RigidBodiesProblem {
         let Some(bodies) = bodies.into_iter().collect::<Option<Vec<_>>>().filter(|_| lowering.errors.is_empty()) else {
             return (lowering, None);
         };
-        let joints = joints::lower(&self.joints, &bodies, &names, &place.key("joints"), &mut lowering);
+        let mut functions = Functions::default();
+        let mut joints =
+            joints::lower(&self.joints, &bodies, &names, &place.key("joints"), &mut functions, &mut lowering);
+        joints.extend(springs::lower(&self.springs, &bodies, &names, &place.key("springs"), &mut lowering));
+        let actions = forces::lower(&self.forces, &bodies, &names, &place.key("forces"), &mut lowering);
+        let signals = functions.signals(&lowering);
         let resolve = self.interpenetration == Interpenetration::Resolve;
-        let scene = Scene { gravity: gravity.unwrap_or_default(), bodies, laws, cone, joints, resolve, warnings };
+        let scene = Scene {
+            gravity: gravity.unwrap_or_default(),
+            bodies,
+            laws,
+            cone,
+            joints,
+            actions,
+            signals,
+            resolve,
+            warnings,
+        };
         if !resolve && lowering.errors.is_empty() {
             overlaps::refuse(&scene, &place_of_bodies, lowering.control, &mut lowering.errors);
-            joints::refuse_torn(&self.joints, &scene, &place.key("joints"), &mut lowering.errors);
+            let t = lowering.start;
+            joints::refuse_torn(&self.joints, &scene, t, &place.key("joints"), &mut lowering.errors);
         }
         (lowering, Some(Arc::new(scene)))
     }

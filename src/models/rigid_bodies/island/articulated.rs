@@ -24,10 +24,11 @@ mod contacts;
 mod displacement;
 
 use super::super::contact::Contact;
+use super::super::drive::DriveState;
 use super::super::linkage::Linked;
 use super::super::midpoint::{CONVERGED, Midpoint, apart, join};
 use super::super::motion::Motion;
-use super::{Island, Mechanism, Unsolved};
+use super::{Carried, Island, Mechanism, Unsolved, Work};
 use contact::law::Law;
 use nalgebra::{Vector3, Vector6};
 use problem::Control;
@@ -61,20 +62,25 @@ type Home = (usize, usize);
 /// An island at the start of a step, to come back to.
 struct Kept {
     moving: Vec<Motion>,
-    forces: Vec<Vec<Vector6<f64>>>,
+    joints: Vec<(Vec<Vector6<f64>>, Vec<DriveState>)>,
+    t: f64,
+    done: Work,
     steps: u64,
 }
 
 impl Kept {
     fn of(island: &Island, linked: &[Linked<'_>]) -> Self {
-        let forces = linked.iter().map(|linked| linked.forces.clone()).collect();
-        Self { moving: island.moving.clone(), forces, steps: island.steps }
+        let joints = linked.iter().map(|linked| (linked.forces.clone(), linked.states.clone())).collect();
+        Self { moving: island.moving.clone(), joints, t: island.t, done: island.done, steps: island.steps }
     }
 
     fn restore(&self, island: &mut Island, linked: &mut [Linked<'_>]) {
         island.moving.clone_from(&self.moving);
-        island.steps = self.steps;
-        linked.iter_mut().zip(&self.forces).for_each(|(linked, forces)| linked.forces.clone_from(forces));
+        (island.t, island.done, island.steps) = (self.t, self.done, self.steps);
+        for (linked, (forces, states)) in linked.iter_mut().zip(&self.joints) {
+            linked.forces.clone_from(forces);
+            linked.states.clone_from(states);
+        }
     }
 }
 
@@ -83,17 +89,18 @@ impl Island {
         let place = |body: &u32| self.bodies.binary_search(body).ok().map(|place| place as u32);
         let mut linked = Vec::with_capacity(self.linkages.len());
         let mut homes = vec![None; self.bodies.len()];
-        for (&k, tensions) in self.linkages.iter().zip(&self.tensions) {
+        for (&k, carried) in self.linkages.iter().zip(&self.carried) {
             let linkage = &mechanism.linkages[k as usize];
             let bodies: Vec<u32> = linkage.bodies.iter().filter_map(place).collect();
             for (place, &body) in bodies.iter().enumerate() {
                 homes[body as usize] = Some((linked.len(), place));
             }
-            linked.push(Linked::new(linkage, mechanism.joints, bodies, tensions.clone()));
+            let Carried { tensions, states, .. } = carried.clone();
+            linked.push(Linked::new(linkage, mechanism.joints, bodies, tensions, states));
         }
         let mut home = |(body, home): (usize, &Option<Home>)| {
             home.unwrap_or_else(|| {
-                linked.push(Linked::new(&mechanism.alone, &[], vec![body as u32], Vec::new()));
+                linked.push(Linked::new(&mechanism.alone, &[], vec![body as u32], Vec::new(), Vec::new()));
                 (linked.len() - 1, 0)
             })
         };
@@ -111,8 +118,9 @@ impl Island {
         if !is_solved {
             self.unsolved = Some(Unsolved::TooLong);
         }
-        for (tensions, linked) in self.tensions.iter_mut().zip(linked) {
-            *tensions = linked.forces;
+        for (carried, linked) in self.carried.iter_mut().zip(linked) {
+            (carried.tensions, carried.states) = (linked.forces, linked.states);
+            (carried.largest_energy, carried.halvings) = (self.largest_energy, self.halvings);
         }
     }
 
@@ -180,13 +188,14 @@ impl Island {
         let weight = |motion: &Motion| join(&(mechanism.gravity * (motion.mass * h)), &Vector3::zeros());
         // Bodies without joints may come with velocities of the middle of their last step.
         let start = self.moving.iter().map(|motion| motion.kicked(&(mechanism.gravity * motion.lag)));
-        Midpoint::new(start.collect(), self.moving.iter().map(weight).collect(), h)
+        Midpoint::new(start.collect(), self.moving.iter().map(weight).collect(), self.actions.clone(), [self.t, h])
     }
 
     /// A step without contacts; how far it stays below what the projection may take.
     fn advance_freely(&mut self, linked: &mut [Linked<'_>], h: f64, mechanism: &Mechanism<'_>) -> Option<f64> {
         let mut midpoint = self.midpoint(h, mechanism);
-        linked.iter_mut().for_each(|linked| linked.begin(h));
+        let course = mechanism.signals.over(self.t, h);
+        linked.iter_mut().for_each(|linked| linked.begin(&midpoint.starts, &course));
         let (mut iterations, mut last) = (0, f64::INFINITY);
         while !iterate(&mut midpoint, linked, &mut last, |_, _| true) {
             iterations += 1;
@@ -194,30 +203,30 @@ impl Island {
                 return None;
             }
         }
-        let (velocities, lost) = end(&midpoint, linked)?;
+        let (velocities, lost, driven) = end(&midpoint, linked)?;
         let energy = 0.5 * midpoint.weigh(&midpoint.end_velocities());
         let most = LOSS * self.largest_energy.max(energy).max(0.5 * midpoint.size());
         if lost > most {
             return None;
         }
-        self.arrive(&midpoint, linked, &velocities, h, energy);
+        self.arrive(&midpoint, linked, &velocities, energy);
+        self.done.drives += driven;
         Some(if lost > 0.0 { most / lost } else { f64::INFINITY })
     }
 
     /// Takes over where the bodies have come to.
-    fn arrive(
-        &mut self,
-        midpoint: &Midpoint,
-        linked: &mut [Linked<'_>],
-        velocities: &[Vector6<f64>],
-        h: f64,
-        energy: f64,
-    ) {
+    fn arrive(&mut self, midpoint: &Midpoint, linked: &mut [Linked<'_>], velocities: &[Vector6<f64>], energy: f64) {
         for ((motion, moved), velocities) in self.moving.iter_mut().zip(&midpoint.moved).zip(velocities) {
             let (velocity, omega) = apart(velocities);
             motion.arrive(&moved.pose, &velocity, &omega);
         }
-        linked.iter_mut().for_each(|linked| linked.end(h));
+        for linked in linked {
+            linked.end(midpoint);
+            self.done.drives += linked.done.drives;
+            self.done.damped += linked.done.damped;
+        }
+        self.done.forces += midpoint.work_of_actions();
+        self.t += midpoint.h;
         self.largest_energy = self.largest_energy.max(energy);
         self.steps += 1;
     }
@@ -243,22 +252,25 @@ fn iterate(
     }
     midpoint.arrive();
     let change = (midpoint.weigh(&changes) / size).sqrt();
-    let is_over = change <= CONVERGED || change >= 0.5 * *last && change <= STAGNANT;
+    // Bodies that nothing moves have no velocities to compare with.
+    let is_over = change <= CONVERGED || midpoint.weigh(&changes) == 0.0 || change >= 0.5 * *last && change <= STAGNANT;
     *last = change;
     is_over
 }
 
-/// The velocities at the end as joints let them be, and the energy that this takes; the linkages hold their bodies there.
-fn end(midpoint: &Midpoint, linked: &mut [Linked<'_>]) -> Option<(Vec<Vector6<f64>>, f64)> {
+/// The velocities at the end as joints let them be, the energy that this takes, and the work of drives in it; the linkages hold
+/// their bodies there.
+fn end(midpoint: &Midpoint, linked: &mut [Linked<'_>]) -> Option<(Vec<Vector6<f64>>, f64, f64)> {
     let moved = midpoint.moved_bodies();
     let mut velocities = midpoint.end_velocities();
     let energy = midpoint.kinetic_energy_at_end(&velocities);
+    let mut driven = 0.0;
     for linked in linked {
         if !linked.hold(&midpoint.ends, &moved) {
             return None;
         }
-        linked.project(&midpoint.ends, &mut velocities, false);
+        driven += linked.project(&midpoint.ends, &mut velocities, false);
     }
-    let lost = energy - midpoint.kinetic_energy_at_end(&velocities);
-    Some((velocities, lost))
+    let lost = energy + driven - midpoint.kinetic_energy_at_end(&velocities);
+    Some((velocities, lost, driven))
 }

@@ -18,10 +18,12 @@ mod tangent;
 
 pub use elimination::{Blocks, Plan};
 
+use super::drive::{Done, DriveState, Driving};
 use super::frame::Frame;
-use super::joint::Joint;
+use super::joint::{Joint, Row};
 use super::midpoint::Midpoint;
 use super::motion::Motion;
+use super::signals::Course;
 use contact::islands::Islands;
 use nalgebra::{Matrix3, Matrix6, Vector6};
 
@@ -66,7 +68,7 @@ impl Linkage {
             let pairs: Vec<_> = joints_of.iter().map(|joint| ends(joint).map(|body| body.and_then(place))).collect();
             let nodes = bodies.len() + usize::from(pairs.iter().any(|pair| pair.contains(&None)));
             let has_loops = pairs.len() >= nodes;
-            let equations: Vec<usize> = joints_of.iter().map(|joint| joints[*joint as usize].equations.len()).collect();
+            let equations: Vec<usize> = joints_of.iter().map(|joint| joints[*joint as usize].rank()).collect();
             Self { plan: Plan::new(bodies.len(), &pairs, &equations), bodies, joints: joints_of, pairs, has_loops }
         };
         (0..islands.len()).map(linkage).collect()
@@ -88,6 +90,10 @@ pub struct Linked<'a> {
     /// The forces of the joints, and their impulses `lambda` in this step.
     pub forces: Vec<Vector6<f64>>,
     impulses: Vec<Vector6<f64>>,
+    /// The drives of the joints: their states, what they do in this step, and what they did in the last.
+    pub states: Vec<DriveState>,
+    driving: Vec<Driving>,
+    pub done: Done,
     /// Whether the last system of equations had a solution.
     pub is_solved: bool,
     matrix: Blocks,
@@ -99,23 +105,78 @@ pub struct Linked<'a> {
 
 impl<'a> Linked<'a> {
     /// A linkage whose bodies have these places in the island, with the forces that its joints had.
-    pub fn new(linkage: &'a Linkage, joints: &'a [Joint], bodies: Vec<u32>, forces: Vec<Vector6<f64>>) -> Self {
+    pub fn new(
+        linkage: &'a Linkage,
+        joints: &'a [Joint],
+        bodies: Vec<u32>,
+        forces: Vec<Vector6<f64>>,
+        states: Vec<DriveState>,
+    ) -> Self {
         let joints: Vec<&Joint> = linkage.joints.iter().map(|&joint| &joints[joint as usize]).collect();
         let x = vec![Vector6::zeros(); bodies.len() + joints.len()];
         let impulses = forces.clone();
         let diagonals = vec![Vector6::zeros(); joints.len()];
-        Self { diagonals, linkage, joints, bodies, forces, impulses, is_solved: true, matrix: Blocks::default(), x }
+        let driving = vec![Driving::default(); joints.len()];
+        Self {
+            diagonals,
+            states,
+            driving,
+            done: Done::default(),
+            linkage,
+            joints,
+            bodies,
+            forces,
+            impulses,
+            is_solved: true,
+            matrix: Blocks::default(),
+            x,
+        }
     }
 
     /// Begins a step: forces are taken to stay what they were.
-    pub fn begin(&mut self, h: f64) {
+    pub fn begin(&mut self, starts: &[Frame], course: &Course) {
+        let h = course.h;
         self.impulses.iter_mut().zip(&self.forces).for_each(|(impulse, force)| *impulse = force * h);
         self.is_solved = true;
+        self.done = Done::default();
+        for k in 0..self.joints.len() {
+            if let Some(drive) = &self.joints[k].drive {
+                let frames = self.frames(starts, k);
+                let (_, apart) = self.joints[k].arms(frames);
+                let start = drive.value(frames, &apart, self.states[k].coordinate);
+                self.driving[k] = drive.begin(start, &self.states[k], course);
+            }
+        }
     }
 
-    /// Ends a step.
-    pub fn end(&mut self, h: f64) {
+    /// The value of the equation of the drive of a joint in frames.
+    fn deviation(&self, k: usize, frames: &[Frame]) -> Option<f64> {
+        let (joint, driving) = (self.joints[k], &self.driving[k]);
+        let drive = joint.drive.as_ref()?;
+        let frames = self.frames(frames, k);
+        let (arms, apart) = joint.arms(frames);
+        Some(match drive.equation(driving.reference) {
+            Some(equation) => equation.row(frames, arms, apart).value - drive.offset(driving.reference),
+            None => apart.norm() - driving.reference,
+        })
+    }
+
+    /// Ends a step, and books what drives did in it.
+    pub fn end(&mut self, midpoint: &Midpoint) {
+        let h = midpoint.h;
         self.forces.iter_mut().zip(&self.impulses).for_each(|(force, impulse)| *force = impulse / h);
+        for k in 0..self.joints.len() {
+            let (Some(drive), Some(from), Some(to)) =
+                (&self.joints[k].drive, self.deviation(k, &midpoint.starts), self.deviation(k, &midpoint.ends))
+            else {
+                continue;
+            };
+            let work = self.impulses[k][self.joints[k].equations.len()] * (to - from) / h;
+            let (state, done) = drive.end(&self.driving[k], to, work, h);
+            self.states[k] = state;
+            self.done.drives += done.drives;
+            self.done.damped += done.damped;
+        }
     }
 
     /// Whether it has joints.
@@ -138,8 +199,8 @@ impl<'a> Linked<'a> {
             self.x[k] = -rest;
             self.matrix.add(plan, k as u32, &matrix);
         }
-        tangent::assemble(self, midpoint);
-        self.is_solved = self.matrix.factorise(&self.linkage.plan, &self.diagonals);
+        self.is_solved =
+            tangent::assemble(self, midpoint) && self.matrix.factorise(&self.linkage.plan, &self.diagonals);
         if self.is_solved {
             self.respond();
             self.is_solved = self.x.iter().all(|x| x.iter().all(|x| x.is_finite()));
@@ -162,7 +223,9 @@ impl<'a> Linked<'a> {
         for k in 0..self.joints.len() {
             let joint = (self.bodies.len() + k) as u32;
             let mut gradients = [Matrix6::zeros(); 2];
-            for (i, row) in self.joints[k].rows(self.frames(frames, k)).enumerate() {
+            let (of, rank) = (self.frames(frames, k), self.joints[k].rank());
+            let rows = self.joints[k].rows(of).chain(self.joints[k].driven(of, self.driving[k].reference));
+            for (i, row) in rows.enumerate() {
                 for (side, sign) in [(0, 1.0), (1, -1.0)] {
                     gradients[side].fixed_view_mut::<1, 3>(i, 0).copy_from(&(row.force * sign).transpose());
                     gradients[side].fixed_view_mut::<1, 3>(i, 3).copy_from(&row.torques[side].transpose());
@@ -177,13 +240,20 @@ impl<'a> Linked<'a> {
                 self.matrix.add(plan, plan.slot(body, joint), &gradients[side].transpose());
             }
             self.diagonals[k] = diagonal * -REDUNDANT;
+            if self.joints[k].drive.is_some_and(|drive| !drive.prescribes()) {
+                // A law of force says nothing of velocities.
+                let mut none = Matrix6::zeros();
+                none[(rank - 1, rank - 1)] = -1.0;
+                self.matrix.add(plan, joint, &none);
+            }
         }
         self.matrix.factorise(plan, &self.diagonals)
     }
 
     /// Takes out of velocities what joints do not let be, and lets equations whose values are given close within a unit of
-    /// time. The matrix is that of [`Linked::hold`].
-    pub fn project(&mut self, frames: &[Frame], velocities: &mut [Vector6<f64>], closes: bool) {
+    /// time. The matrix is that of [`Linked::hold`]. Gives the work that drives do in it.
+    pub fn project(&mut self, frames: &[Frame], velocities: &mut [Vector6<f64>], closes: bool) -> f64 {
+        let mut work = 0.0;
         for _ in 0..if self.has_joints() { PASSES } else { 0 } {
             self.x.iter_mut().for_each(|x| *x = Vector6::zeros());
             for k in 0..self.joints.len() {
@@ -193,13 +263,31 @@ impl<'a> Linked<'a> {
                         (v.fixed_rows::<3>(0).into_owned(), v.fixed_rows::<3>(3).into_owned())
                     })
                 });
-                for (i, row) in self.joints[k].rows(self.frames(frames, k)).enumerate() {
-                    self.x[self.bodies.len() + k][i] = -row.velocity(of) - if closes { row.value } else { 0.0 };
+                let (joint, driving) = (self.joints[k], &self.driving[k]);
+                let frames = self.frames(frames, k);
+                let rest = |row: &Row| -row.velocity(of) - if closes { row.value } else { 0.0 };
+                let right = &mut self.x[self.bodies.len() + k];
+                for (i, row) in joint.rows(frames).enumerate() {
+                    right[i] = rest(&row);
+                }
+                if let Some(row) = joint.driven(frames, driving.reference) {
+                    right[joint.equations.len()] = rest(&row) + if closes { 0.0 } else { driving.rate };
                 }
             }
             self.respond();
             self.add(velocities);
+            work += self.work_of_drives();
         }
+        work
+    }
+
+    /// The work that drives which prescribe a rate do with the impulses in `x`.
+    pub fn work_of_drives(&self) -> f64 {
+        let driven = |(k, joint): (usize, &&Joint)| {
+            let rate = self.driving[k].rate;
+            if rate == 0.0 { 0.0 } else { -self.x[self.bodies.len() + k][joint.equations.len()] * rate }
+        };
+        self.joints.iter().enumerate().map(driven).sum()
     }
 
     /// Solves with the factors for what is in `x`.

@@ -19,18 +19,17 @@ use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 const V: usize = 0;
 const W: usize = 3;
 
-/// Adds the joints to the balances of the bodies, and their equations.
-pub fn assemble(linked: &mut Linked<'_>, midpoint: &Midpoint) {
-    for k in 0..linked.joints.len() {
-        assemble_joint(linked, midpoint, k);
-    }
+/// Adds the joints to the balances of the bodies, and their equations; false where the step is too long for a drive.
+pub fn assemble(linked: &mut Linked<'_>, midpoint: &Midpoint) -> bool {
+    (0..linked.joints.len()).all(|k| assemble_joint(linked, midpoint, k))
 }
 
-fn assemble_joint(linked: &mut Linked<'_>, midpoint: &Midpoint, k: usize) {
+fn assemble_joint(linked: &mut Linked<'_>, midpoint: &Midpoint, k: usize) -> bool {
     let (joint, h) = (linked.joints[k], midpoint.h);
     let [mean, end] = [&midpoint.means, &midpoint.ends].map(|frames| linked.frames(frames, k));
     let (arms, apart) = joint.arms(mean);
     let (_, apart_at_end) = joint.arms(end);
+    let driving = linked.driving[k];
     let places = linked.linkage.pairs[k].map(|body| body.map(|body| linked.bodies[body as usize] as usize));
     // D, for a vector of one of the bodies.
     let turning = |side: usize, d: &Vector3<f64>| {
@@ -47,7 +46,9 @@ fn assemble_joint(linked: &mut Linked<'_>, midpoint: &Midpoint, k: usize) {
         let mut view = stiffness[at[0]][at[1]].fixed_view_mut::<3, 3>(row, column);
         view += block;
     };
-    for (i, equation) in joint.equations.iter().enumerate() {
+    let drive = joint.drive.as_ref();
+    let of_drive = drive.and_then(|drive| drive.equation(driving.reference));
+    for (i, equation) in joint.equations.iter().chain(&of_drive).enumerate() {
         let lambda = linked.impulses[k][i];
         let [alpha, alpha_at_end] = [mean[1], end[1]].map(|second| equation.alpha.in_world(second));
         let turns = equation.alpha.turns();
@@ -91,6 +92,48 @@ fn assemble_joint(linked: &mut Linked<'_>, midpoint: &Midpoint, k: usize) {
             add([1, 1], W, V, &(a * (0.5 * h)));
         }
     }
+    let place_of_drive = joint.equations.len();
+    let mut yields = Matrix6::zeros();
+    if let Some(drive) = drive {
+        let i = place_of_drive;
+        let mut deviation = -rests[i] * h - drive.offset(driving.reference);
+        if of_drive.is_none() {
+            // Along n = 2 p / (l + l+), with p the mean of the difference of the points, whose lengths are l and l+ at the ends.
+            let sum = driving.start + apart_at_end.norm();
+            let [along, at_end] = [(apart * 2.0, sum), (apart_at_end, apart_at_end.norm())]
+                .map(|(vector, size)| if size > 0.0 { vector / size } else { Vector3::zeros() });
+            deviation = apart_at_end.norm() - driving.reference;
+            put(&mut wrenches[0], i, &along, &arms[0].cross(&along));
+            put(&mut wrenches[1], i, &-along, &-arms[1].cross(&along));
+            put(&mut gradients[0], i, &at_end, &(levers[0].tr_mul(&at_end) * (2.0 / h)));
+            put(&mut gradients[1], i, &-at_end, &-(levers[1].tr_mul(&at_end) * (2.0 / h)));
+            let lambda = linked.impulses[k][i];
+            pull += along * lambda;
+            // dn = 2 / (l + l+) (1 - n n+^T) dp.
+            let bend = if sum > 0.0 {
+                (Matrix3::identity() - along * at_end.transpose()) * (2.0 * lambda / sum)
+            } else {
+                Matrix3::zeros()
+            };
+            let half = Matrix3::identity() * (0.5 * h);
+            for (side, kind, way) in [(0, V, half), (0, W, levers[0]), (1, V, -half), (1, W, -levers[1])] {
+                let change = bend * way;
+                add([0, side], V, kind, &-change);
+                add([0, side], W, kind, &(arms[0].cross_matrix() * -change));
+                add([1, side], V, kind, &change);
+                add([1, side], W, kind, &(arms[1].cross_matrix() * change));
+            }
+        }
+        let Some([slope, weight, rest]) = drive.linearise(&driving, deviation, linked.impulses[k][i], h) else {
+            return false;
+        };
+        for gradient in &mut gradients {
+            let mut row = gradient.row_mut(i);
+            row *= slope;
+        }
+        rests[i] = -rest;
+        yields[(i, i)] = -weight;
+    }
     if pull != Vector3::zeros() {
         add([0, 0], W, W, &(pull.cross_matrix() * levers[0]));
         add([1, 1], W, W, &(pull.cross_matrix() * -levers[1]));
@@ -111,7 +154,12 @@ fn assemble_joint(linked: &mut Linked<'_>, midpoint: &Midpoint, k: usize) {
         }
     }
     linked.x[node as usize] = rests;
+    if drive.is_some_and(|drive| !drive.prescribes()) {
+        diagonal[place_of_drive] = 0.0;
+    }
     linked.diagonals[k] = diagonal * -REDUNDANT;
+    linked.matrix.add(plan, node, &yields);
+    true
 }
 
 fn put(matrix: &mut Matrix6<f64>, row: usize, force: &Vector3<f64>, torque: &Vector3<f64>) {

@@ -45,7 +45,7 @@ impl Simulation<'_> {
         let gravity = self.scene.gravity;
         self.ends.clear();
         self.ends.extend(self.moving.iter().map(|motion| motion.kicked(&(gravity * motion.lag))));
-        for island in self.tasks[..self.islands.len()].iter().filter(|island| island.has_joints()) {
+        for island in self.tasks[..self.islands.len()].iter().filter(|island| island.is_implicit()) {
             let is_pushed = island.bodies.iter().any(|&body| self.pushed[body as usize]);
             island.bodies.iter().for_each(|&body| self.pushed[body as usize] = is_pushed);
         }

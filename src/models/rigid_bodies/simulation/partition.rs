@@ -1,7 +1,7 @@
 //! Islands: what belongs to each is copied out, solved apart from the others, and taken over.
 
 use super::super::contact::Contact;
-use super::super::island::{Carried, Island, Mechanism, Unsolved};
+use super::super::island::{Island, Mechanism, Unsolved};
 use super::super::joint::Joint;
 use super::Simulation;
 use contact::islands::solve_apart;
@@ -33,18 +33,16 @@ impl Simulation<'_> {
             for (&source, contact) in island.sources.iter().zip(&island.contacts) {
                 self.contacts[source as usize] = Contact { bodies: self.contacts[source as usize].bodies, ..*contact };
             }
-            for (&linkage, tensions) in island.linkages.iter().zip(&mut island.tensions) {
-                self.carried[linkage as usize] = Carried {
-                    tensions: std::mem::take(tensions),
-                    largest_energy: island.largest_energy,
-                    halvings: island.halvings,
-                };
+            for (&linkage, carried) in island.linkages.iter().zip(&mut island.carried) {
+                self.carried[linkage as usize] = std::mem::take(carried);
             }
+            self.report.done += island.done;
         }
         Ok(())
     }
 
-    /// Groups contacts and joints into islands, and notes which bodies are in one with joints.
+    /// Groups contacts, joints and forces that depend on several bodies into islands, and notes which bodies are in one that moves by
+    /// mean velocities.
     pub(super) fn group(&mut self) {
         let (contacts, joints, places) = (&self.contacts, &self.scene.joints, &self.places);
         let of_contact = |contact: &Contact| match contact.bodies {
@@ -55,16 +53,21 @@ impl Simulation<'_> {
             let [a, b] = joint.places(&|body| places[body]);
             (a.unwrap_or(0) as usize, b.map(|b| b as usize))
         };
+        let of_action = |&(a, b, _): &(u32, Option<u32>, u32)| (a as usize, b.map(|b| b as usize));
         let links = contacts.iter().map(of_contact).chain(joints.iter().map(of_joint));
+        let links = links.chain(self.acting.iter().map(of_action));
         self.islands.group(self.moving.len(), links);
         self.jointed.fill(false);
         for island in (0..self.islands.len()).map(|k| self.islands.links(k)) {
-            // Joints come behind contacts.
+            // Joints and forces come behind contacts.
             if island.last().is_some_and(|&link| link as usize >= contacts.len()) {
                 for &link in island {
                     let link = link as usize;
-                    let (a, b) =
-                        contacts.get(link).map_or_else(|| of_joint(&joints[link - contacts.len()]), of_contact);
+                    let (a, b) = match (contacts.get(link), joints.get(link.wrapping_sub(contacts.len()))) {
+                        (Some(contact), _) => of_contact(contact),
+                        (None, Some(joint)) => of_joint(joint),
+                        (None, None) => of_action(&self.acting[link - contacts.len() - joints.len()]),
+                    };
                     self.jointed[a] = true;
                     b.into_iter().for_each(|b| self.jointed[b] = true);
                 }
@@ -79,17 +82,23 @@ impl Simulation<'_> {
         self.tasks.resize_with(self.tasks.len().max(self.islands.len()), || Island::new(cone, impact_law));
         for (k, island) in self.tasks.iter_mut().take(self.islands.len()).enumerate() {
             island.clear();
+            island.t = self.t;
+            let mut actions = Vec::new();
             for &link in self.islands.links(k) {
                 let link = link as usize;
                 let bodies = if let Some(contact) = contacts.get(link) {
                     island.contacts.push(*contact);
                     island.sources.push(link as u32);
                     contact.bodies
+                } else if let Some(joint) = joints.get(link - contacts.len()) {
+                    let place = link - contacts.len();
+                    island.joints.push(place as u32);
+                    island.linkages.push(self.mechanism.of_joint[place]);
+                    joint.places(&|body| places[body])
                 } else {
-                    let joint = link - contacts.len();
-                    island.joints.push(joint as u32);
-                    island.linkages.push(self.mechanism.of_joint[joint]);
-                    joints[joint].places(&|body| places[body])
+                    let (a, b, action) = self.acting[link - contacts.len() - joints.len()];
+                    actions.push(action);
+                    [Some(a), b]
                 };
                 island.bodies.extend(bodies.into_iter().flatten());
             }
@@ -97,12 +106,20 @@ impl Simulation<'_> {
             island.linkages.dedup();
             for &linkage in &island.linkages {
                 let carried = &self.carried[linkage as usize];
-                island.tensions.push(carried.tensions.clone());
                 island.largest_energy = island.largest_energy.max(carried.largest_energy);
                 island.halvings = island.halvings.max(carried.halvings);
+                island.carried.push(carried.clone());
             }
             island.bodies.sort_unstable();
             island.bodies.dedup();
+            actions.dedup();
+            for action in actions {
+                let action = &self.scene.actions[action as usize];
+                let place =
+                    |&(body, _): &(usize, _)| places[body].and_then(|body| island.bodies.binary_search(&body).ok());
+                let of = action.bodies.iter().filter_map(place).map(|place| place as u32).collect();
+                island.actions.push((action.clone(), of));
+            }
             island.moving.extend(island.bodies.iter().map(|&body| self.moving[body as usize]));
             for contact in &mut island.contacts {
                 contact.bodies = contact.bodies.map(|body| {

@@ -1,5 +1,6 @@
 //! What became of a step, and what is to be said of its contacts.
 
+use super::super::island::Work;
 use contact::law;
 use problem::Interrupted;
 use vi::Outcome;
@@ -63,6 +64,8 @@ pub struct ContactReport {
     pub islands: usize,
     /// The steps in which it was made: more than one where it was too long for the joints.
     pub parts: u64,
+    /// What drives and forces did.
+    pub done: Work,
     /// Contact problems solved.
     pub solves: u64,
     /// Pivots or iterations in all.

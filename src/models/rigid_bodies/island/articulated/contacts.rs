@@ -66,7 +66,8 @@ impl Island {
         control: &Control,
     ) -> bool {
         let mut midpoint = self.midpoint(h, mechanism);
-        linked.iter_mut().for_each(|linked| linked.begin(h));
+        let course = mechanism.signals.over(self.t, h);
+        linked.iter_mut().for_each(|linked| linked.begin(&midpoint.starts, &course));
         let gaps: Vec<f64> = self.contacts.iter().map(|contact| contact.gap).collect();
         let mut p: Vec<Vector3<f64>> = self.contacts.iter().map(|contact| contact.impulse).collect();
         let mut last = f64::INFINITY;
@@ -102,7 +103,7 @@ impl Island {
                 break;
             }
         }
-        let Some((mut velocities, lost)) = end(&midpoint, linked) else { return false };
+        let Some((mut velocities, lost, driven)) = end(&midpoint, linked) else { return false };
         let energy = 0.5 * midpoint.weigh(&midpoint.end_velocities());
         let most = if p.iter().any(|p| p.x > 0.0) { LOSS_IN_IMPACTS } else { LOSS };
         if lost > most * self.largest_energy.max(energy).max(0.5 * midpoint.size()) {
@@ -113,7 +114,8 @@ impl Island {
         let are_replaced = self.replace_impulses(linked, homes, &midpoint.mean, &mut velocities, &p, h, law, control);
         self.report = self.report.zip(positions).map(|(velocities, positions)| velocities.beside(&positions));
         if are_replaced {
-            self.arrive(&midpoint, linked, &velocities, h, energy);
+            self.done.drives += driven + linked.iter().map(Linked::work_of_drives).sum::<f64>();
+            self.arrive(&midpoint, linked, &velocities, energy);
         }
         are_replaced
     }

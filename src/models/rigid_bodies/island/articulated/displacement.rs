@@ -13,12 +13,12 @@ impl Island {
     /// The displacements that part overlapping bodies and close the joints, by the least change in the norm of the masses:
     /// velocities over a unit of time.
     pub fn displace(&mut self, mechanism: &Mechanism<'_>, law: &mut Law, control: &Control) {
-        if !self.has_joints() {
+        if !self.is_implicit() {
             self.solve(1.0, mechanism, law, control);
             return;
         }
         let (mut linked, homes) = self.linked(mechanism);
-        let Some(mut velocities) = self.obeying(&mut linked, true) else { return };
+        let Some(mut velocities) = self.obeying(&mut linked, mechanism, true) else { return };
         if !self.contacts.is_empty() {
             let Some(compliance) = Compliance::new(&self.contacts, &mut linked, &homes, control) else {
                 return;
@@ -37,7 +37,7 @@ impl Island {
     /// Takes out of the velocities what the joints do not let be, by impulses of theirs alone.
     pub fn obey_joints(&mut self, mechanism: &Mechanism<'_>) {
         let (mut linked, _) = self.linked(mechanism);
-        if let Some(velocities) = self.obeying(&mut linked, false) {
+        if let Some(velocities) = self.obeying(&mut linked, mechanism, false) {
             self.take(&velocities);
         }
     }
@@ -48,10 +48,17 @@ impl Island {
         }
     }
 
-    fn obeying(&mut self, linked: &mut [Linked<'_>], closes: bool) -> Option<Vec<Vector6<f64>>> {
+    fn obeying(
+        &mut self,
+        linked: &mut [Linked<'_>],
+        mechanism: &Mechanism<'_>,
+        closes: bool,
+    ) -> Option<Vec<Vector6<f64>>> {
+        let course = mechanism.signals.over(self.t, 0.0);
         let frames: Vec<Frame> = self.moving.iter().map(|motion| Frame::of(&motion.pose)).collect();
         let mut velocities: Vec<Vector6<f64>> = self.moving.iter().map(twist).collect();
         for linked in linked {
+            linked.begin(&frames, &course);
             if !linked.hold(&frames, &self.moving) {
                 self.unsolved = Some(Unsolved::Joints);
                 return None;

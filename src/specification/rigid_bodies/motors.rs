@@ -1,0 +1,179 @@
+//! What drives a joint, or pulls it back: motors, servos, springs and dampers along the coordinate of a hinge or a slider.
+
+use super::springs;
+use crate::error::SpecificationError;
+use crate::expression::Expression;
+use crate::lowering::Lowering;
+use crate::place::Place;
+use crate::range::in_range;
+use ::expression::{Node, Tape};
+use models::rigid_bodies::{DriveLaw, ForceLaw, Servo, Signals};
+use serde::Deserialize;
+use utoipa::ToSchema;
+
+/// What drives a joint. The coordinate of a hinge is the angle, in radians, by which the first of its bodies that moves has turned
+/// about the axis against the other body or the world since the start; that of a slider is how far it has moved along the
+/// axis, in metres. Expressions in `t` and parameters.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Motor {
+    /// The coordinate, whatever force it takes; zero at the start.
+    Position(Expression),
+    /// The rate of the coordinate, whatever force it takes.
+    Velocity(Expression),
+    /// A torque, in newton metres, or a force along the axis, in newtons.
+    Effort(Expression),
+    /// A torque or force towards a target.
+    Servo(ServoMotor),
+}
+
+/// The torque or force `stiffness*(target - q) + damping*(d target/dt - dq/dt)`, with the coordinate `q`.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ServoMotor {
+    /// The coordinate that it goes to.
+    pub target: Expression,
+    /// Newton metres a radian, or newtons a metre, not below 0. Default 0.
+    pub stiffness: Option<Expression>,
+    /// Newton metre seconds a radian, or newton seconds a metre, not below 0. Default 0.
+    pub damping: Option<Expression>,
+    /// The largest torque or force, above 0. Default none.
+    pub largest_effort: Option<Expression>,
+}
+
+/// A spring and a damper along the coordinate of a joint. The energy of the spring is part of `potential_energy`.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct JointSpring {
+    /// Newton metres a radian, or newtons a metre, not below 0. Default 0.
+    pub stiffness: Option<Expression>,
+    /// Newton metre seconds a radian, or newton seconds a metre, not below 0. Default 0.
+    pub damping: Option<Expression>,
+    /// The coordinate at which the spring has no force, see `motor`. Default 0.
+    pub rest: Option<Expression>,
+}
+
+/// The functions of time of a scene, as they are found.
+#[derive(Debug, Default)]
+pub(super) struct Functions {
+    nodes: Vec<Node>,
+}
+
+impl Functions {
+    /// The place of a function with its rate; none if it depends on more than time.
+    pub fn add(&mut self, given: &Expression, place: &Place<'_>, lowering: &mut Lowering<'_>) -> Option<usize> {
+        let node = lowering.node(given, place)?;
+        if lowering.graph.inputs(node).iter().any(|&input| input > 0) {
+            let error = SpecificationError::new(
+                place.to_string(),
+                "depends_on_state",
+                "what drives a joint or a body may not depend on how bodies move",
+            );
+            lowering.errors.push(error.expected("an expression in `t` and parameters; `forces` may depend on bodies"));
+            return None;
+        }
+        let rate = match lowering.graph.gradient(node) {
+            Ok(gradient) => gradient.first().map(|(_, rate)| *rate),
+            Err(error) => {
+                lowering.errors.push(SpecificationError::new(place.to_string(), error.code, error.message));
+                return None;
+            }
+        };
+        let zero = lowering.graph.constant(0.0);
+        self.nodes.extend([node, rate.unwrap_or(zero)]);
+        Some(self.nodes.len() / 2 - 1)
+    }
+
+    /// The program of all of them.
+    pub fn signals(&self, lowering: &Lowering<'_>) -> Signals {
+        Signals { program: Tape::compile(&lowering.graph, &self.nodes), count: self.nodes.len() / 2 }
+    }
+
+    /// Value and rate of a function at the start, if that is known.
+    pub fn at_start(&self, function: usize, lowering: &Lowering<'_>) -> Option<[f64; 2]> {
+        let mut values = [0.0; 2];
+        Tape::compile(&lowering.graph, &self.nodes[2 * function..2 * function + 2]).evaluate(
+            lowering.start?,
+            &[],
+            &mut values,
+        );
+        Some(values)
+    }
+}
+
+/// How a joint is driven, if it is.
+pub(super) fn lower(
+    motor: Option<&Motor>,
+    spring: Option<&JointSpring>,
+    place: &Place<'_>,
+    functions: &mut Functions,
+    lowering: &mut Lowering<'_>,
+) -> Option<DriveLaw> {
+    let mut law = ForceLaw::default();
+    if let Some(spring) = spring {
+        let place = place.key("spring");
+        law = springs::law((&spring.stiffness, &spring.damping), &place, lowering);
+        law.rest = spring.rest.as_ref().and_then(|rest| lowering.constant(rest, &place.key("rest"))).unwrap_or(0.0);
+    }
+    let place = place.key("motor");
+    match motor {
+        None => {
+            spring?;
+        }
+        Some(Motor::Effort(effort)) => law.effort = Some(finite(effort, &place.key("effort"), functions, lowering)?),
+        Some(Motor::Servo(servo)) => law.servo = Some(servo.lower(&place.key("servo"), functions, lowering)?),
+        Some(Motor::Position(given) | Motor::Velocity(given)) => {
+            let (key, is_position) = match motor {
+                Some(Motor::Position(_)) => ("position", true),
+                _ => ("velocity", false),
+            };
+            let place = place.key(key);
+            let function = finite(given, &place, functions, lowering)?;
+            if spring.is_some() {
+                let detail = "a joint whose motion is prescribed moves as it is told, whatever a spring does";
+                let error = SpecificationError::new(place.to_string(), "conflict", detail);
+                lowering.errors.push(error.expected("a `servo` or an `effort` beside a spring, or no spring"));
+            }
+            if is_position
+                && let Some([start, _]) = functions.at_start(function, lowering).filter(|[start, _]| *start != 0.0)
+            {
+                let detail = format!("the position is {start} at the start, where the coordinate of a joint is 0");
+                let error = SpecificationError::new(place.to_string(), "inconsistent_start", detail);
+                lowering
+                    .errors
+                    .push(error.expected("a position that is 0 at `time.start`, and bodies placed accordingly"));
+            }
+            return Some(if is_position { DriveLaw::Position(function) } else { DriveLaw::Velocity(function) });
+        }
+    }
+    Some(DriveLaw::Force(law))
+}
+
+/// The place of a function that is finite at the start.
+fn finite(
+    given: &Expression,
+    place: &Place<'_>,
+    functions: &mut Functions,
+    lowering: &mut Lowering<'_>,
+) -> Option<usize> {
+    let function = functions.add(given, place, lowering)?;
+    if functions.at_start(function, lowering).is_some_and(|both| both.iter().any(|value| !value.is_finite())) {
+        let detail = "this, or its rate, is not finite at the start";
+        let error = SpecificationError::new(place.to_string(), "outside_domain", detail);
+        lowering.errors.push(error.expected("a function that is finite with its derivative at `time.start`"));
+        return None;
+    }
+    Some(function)
+}
+
+impl ServoMotor {
+    fn lower(&self, place: &Place<'_>, functions: &mut Functions, lowering: &mut Lowering<'_>) -> Option<Servo> {
+        let law = springs::law((&self.stiffness, &self.damping), place, lowering);
+        let most = self.largest_effort.as_ref().and_then(|most| {
+            in_range(most, "largest effort", (|x| x > 0.0, "above 0"), &place.key("largest_effort"), lowering)
+        });
+        let target = finite(&self.target, &place.key("target"), functions, lowering)?;
+        let ForceLaw { stiffness, damping, .. } = law;
+        Some(Servo { target, stiffness, damping, most: most.unwrap_or(f64::INFINITY) })
+    }
+}
