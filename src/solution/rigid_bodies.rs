@@ -264,7 +264,9 @@ impl Stepper for Course<'_> {
         self.events += happenings.len();
         events.extend(happenings.iter().take(room).map(|(kind, pair)| {
             let [first, second] = pair.map(|body| &self.scene.bodies[body].name);
-            Event { t: self.t, kind: *kind, of: format!("{first} and {second}") }
+            // A stop between a body and the world.
+            let of = if pair[0] == pair[1] { first.clone() } else { format!("{first} and {second}") };
+            Event { t: self.t, kind: *kind, of }
         }));
     }
 

@@ -95,8 +95,8 @@ pub use ordered::Ordered;
 pub use output::Output;
 pub use rigid_bodies::{
     AxesOfForce, AxialJoint, BodyContacts, BodyForce, BodyJoint, BodySpring, BoxShape, CapsuleShape, CylinderShape,
-    FixedJoint, HalfSpaceShape, HullShape, JointSpring, Material, MaterialPair, MeshShape, Motor, PointJoint,
-    RigidBodiesProblem, RigidBody, RigidShape, ServoMotor, SphereShape,
+    FixedJoint, HalfSpaceShape, HullShape, JointLimits, JointSpring, Material, MaterialPair, MeshShape, Motor,
+    PointJoint, RigidBodiesProblem, RigidBody, RigidShape, ServoMotor, SphereShape,
 };
 pub use schema::json_schema;
 pub use search::{FreePeriod, Period, PeriodicRequest, Search, SteadyStateRequest};

@@ -9,6 +9,9 @@ use super::motion::Motion;
 use super::scene::Law;
 use nalgebra::{Matrix3, Vector3};
 
+/// The least identity of a stop of a joint; points of surfaces are numbered from zero.
+pub const STOPS: u32 = 1 << 31;
+
 /// A contact as a step sees it.
 #[derive(Clone, Copy, Debug)]
 pub struct Contact {
@@ -18,6 +21,10 @@ pub struct Contact {
     pub frame: Matrix3<f64>,
     /// From the centres of mass to the point.
     pub arms: [Vector3<f64>; 2],
+    /// Whether it is a stop of a hinge: what meets is the angle about the normal, in radians, and impulses are those of torques.
+    pub turns: bool,
+    /// The size of the smaller body, with which gaps compare; one radian for an angle.
+    pub size: f64,
     /// The distance of the surfaces.
     pub gap: f64,
     /// Friction and restitution.
@@ -48,6 +55,8 @@ impl Contact {
             bodies,
             frame: frame(&point.normal),
             arms: bodies.map(arm),
+            turns: false,
+            size: 0.0,
             gap: point.gap,
             law,
             key: (pair.0, pair.1, point.id),
@@ -67,7 +76,7 @@ impl Contact {
         let at = |side: usize| {
             self.bodies[side].map_or_else(Vector3::zeros, |body| {
                 let (v, w) = of(body);
-                v + w.cross(&self.arms[side])
+                if self.turns { w } else { v + w.cross(&self.arms[side]) }
             })
         };
         self.frame * (at(1) - at(0))
@@ -83,6 +92,11 @@ impl Contact {
         self.gap_at_end = self.gap + h * self.velocity(of).x;
     }
 
+    /// Whether it is a stop of a joint.
+    pub fn is_stop(&self) -> bool {
+        self.key.2 >= STOPS
+    }
+
     /// Whether its bodies touch at the end of the step.
     pub fn stays_closed(&self) -> bool {
         self.gap_at_end <= self.no_gap
@@ -91,6 +105,9 @@ impl Contact {
     /// `J^T r` for one side: impulse and angular impulse on that body.
     pub fn wrench(&self, side: usize, r: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
         let impulse = self.frame.tr_mul(r) * if side == 0 { -1.0 } else { 1.0 };
+        if self.turns {
+            return (Vector3::zeros(), impulse);
+        }
         (impulse, self.arms[side].cross(&impulse))
     }
 

@@ -43,6 +43,24 @@ pub struct Drive {
     pub coordinate: Coordinate,
     /// How.
     pub law: DriveLaw,
+    /// Where it ends.
+    pub limits: Limits,
+}
+
+/// The ends of a coordinate: stops of a joint, which act as contacts without friction do.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Limits {
+    /// The least value.
+    pub lower: f64,
+    /// The greatest.
+    pub upper: f64,
+    /// Of Newton's law, from 0 to 1.
+    pub restitution: f64,
+}
+
+impl Limits {
+    /// No ends.
+    pub const NONE: Self = Self { lower: f64::NEG_INFINITY, upper: f64::INFINITY, restitution: 0.0 };
 }
 
 /// How a drive acts. Functions of time are places among those of the scene.
@@ -239,6 +257,14 @@ impl Drive {
         let coordinate = driving.start + change;
         let done = Done { drives: at.active * change, damped: -at.damper * change };
         (DriveState { coordinate, target: coordinate }, done)
+    }
+
+    /// What takes energy by the rate of the coordinate: dampers, and servos.
+    pub fn damping(&self) -> f64 {
+        match &self.law {
+            DriveLaw::Force(law) => law.damping + law.servo.map_or(0.0, |servo| servo.damping),
+            _ => 0.0,
+        }
     }
 
     /// What the spring holds, in joules.

@@ -11,7 +11,7 @@
 //! the difference of the anchors or turns with the first. The derivative of `c` along a motion is `G v`, row by row a
 //! wrench on each body; in the mean frames of a step it is the discrete gradient of `c`.
 
-use super::drive::{Coordinate, Drive, DriveLaw};
+use super::drive::{Coordinate, Drive, DriveLaw, Limits};
 use super::frame::Frame;
 use super::scene::Body;
 use nalgebra::{Isometry3, Unit, Vector3};
@@ -137,7 +137,7 @@ impl Joint {
     pub fn spring(bodies: (usize, Option<usize>), all: &[Body], at: [Vector3<f64>; 2], law: DriveLaw) -> Self {
         let poses = [all[bodies.0].pose, bodies.1.map_or(Isometry3::identity(), |b| all[b].pose)];
         let anchors = [0, 1].map(|side| poses[side].inverse_transform_point(&at[side].into()).coords);
-        let drive = Some(Drive { coordinate: Coordinate::Length, law });
+        let drive = Some(Drive { coordinate: Coordinate::Length, law, limits: Limits::NONE });
         Self { bodies, anchors, equations: Vec::new(), drive, separates: false }
     }
 
@@ -171,6 +171,18 @@ impl Joint {
     /// The number of its equations.
     pub(super) fn rank(&self) -> usize {
         self.equations.len() + usize::from(self.drive.is_some())
+    }
+
+    /// The derivative of the coordinate of a drive, which is at this value; `apart` is the difference of the anchors.
+    pub(super) fn along(&self, drive: &Drive, frames: [&Frame; 2], value: f64, apart: &Vector3<f64>) -> Option<Row> {
+        let (arms, _) = self.arms(frames);
+        match drive.equation(value) {
+            Some(equation) => Some(equation.row(frames, arms, *apart)),
+            None => {
+                let along = apart.try_normalize(0.0)?;
+                Some(Row { value, force: along, torques: [arms[0].cross(&along), -arms[1].cross(&along)] })
+            }
+        }
     }
 
     /// The equation of a drive that prescribes its coordinate, in these frames.

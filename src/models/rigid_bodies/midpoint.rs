@@ -133,6 +133,16 @@ impl Midpoint {
         }
     }
 
+    /// The energy of what forces change by from their means to these velocities at the end, as far as they depend on velocities.
+    pub fn stiffness_of_actions(&self, velocities: &[Vector6<f64>]) -> f64 {
+        let energy = |k: usize| {
+            let (push, twist_push) = apart(&(self.gradients[k] * (velocities[k] - self.mean[k])));
+            let motion = &self.start[k];
+            0.5 * (push.norm_squared() / motion.mass + twist_push.dot(&(motion.mobility * twist_push)))
+        };
+        if self.actions.is_empty() { 0.0 } else { (0..velocities.len()).map(energy).sum() }
+    }
+
     /// The work of the forces that are programs.
     pub fn work_of_actions(&self) -> f64 {
         self.applied.iter().zip(&self.mean).map(|(impulse, mean)| impulse.dot(mean)).sum()

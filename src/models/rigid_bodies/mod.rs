@@ -28,7 +28,7 @@ mod touches;
 
 pub use action::{Action, DERIVED, OUTPUTS, inputs_of};
 pub use collision::Collider;
-pub use drive::{Drive, DriveLaw, ForceLaw, Servo};
+pub use drive::{Drive, DriveLaw, ForceLaw, Limits, Servo};
 pub use joint::{Joint, JointKind};
 pub use load::Load;
 pub use motion::Motion;

@@ -21,6 +21,7 @@ mod detection;
 mod overlaps;
 mod partition;
 mod report;
+mod stops;
 
 pub(super) use detection::NEAR;
 pub use report::{ContactReport, StepFailure};
@@ -246,10 +247,11 @@ impl<'a> Simulation<'a> {
         let mut work = 0.0;
         report.closed = 0;
         for contact in self.contacts.iter().filter(|contact| contact.impulse.x > 0.0) {
+            let is_stop = contact.is_stop();
             self.kept.insert(contact.key, contact.frame.tr_mul(&contact.impulse));
             contact.bodies.iter().flatten().for_each(|&body| self.pushed[body as usize] = true);
-            report.closed += 1;
-            report.normal_impulse += contact.impulse.x;
+            report.closed += usize::from(!is_stop);
+            report.normal_impulse += if is_stop { 0.0 } else { contact.impulse.x };
             report.work[0] += contact.work.x;
             report.work[1] += contact.work.y + contact.work.z;
             work += contact.work.x;

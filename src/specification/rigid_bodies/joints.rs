@@ -1,6 +1,6 @@
 //! Joints, placed in the world as it is at the start.
 
-use super::motors::{self, Functions, JointSpring, Motor};
+use super::motors::{self, Functions, JointLimits, JointSpring, Motor};
 use super::vectors::{self, Vector};
 use crate::error::{Errors, SpecificationError};
 use crate::expression::Expression;
@@ -56,6 +56,8 @@ pub struct AxialJoint {
     pub motor: Option<Motor>,
     /// What pulls it back. Default nothing.
     pub spring: Option<JointSpring>,
+    /// Where it ends. Default nowhere.
+    pub limits: Option<JointLimits>,
 }
 
 /// Bodies that move as one.
@@ -143,8 +145,7 @@ pub(super) fn lower(
             _ => axial.map(|axial| &axial.at),
         };
         let axis = axial.map(|axial| &axial.axis);
-        let law = axial
-            .and_then(|axial| motors::lower(axial.motor.as_ref(), axial.spring.as_ref(), &place, functions, lowering));
+        let law = axial.and_then(|axial| motors::lower(axial, &place, functions, lowering));
         let at = at.map(|at| vectors::lower(at, &place.key("at"), lowering));
         let axis =
             axis.map_or(Vector3::z_axis(), |axis: &Vector| vectors::direction(axis, &place.key("axis"), lowering));
@@ -152,7 +153,7 @@ pub(super) fn lower(
             let at = at.unwrap_or_else(|| bodies[pair.0].pose.translation.vector);
             let axis: Unit<Vector3<f64>> = axis;
             let coordinate = rigid_bodies::Joint::coordinate(kind, pair, bodies, axis);
-            let drive = law.zip(coordinate).map(|(law, coordinate)| Drive { coordinate, law });
+            let drive = law.zip(coordinate).map(|((law, limits), coordinate)| Drive { coordinate, law, limits });
             lowered.push(rigid_bodies::Joint::new(kind, pair, bodies, at, axis).with_drive(drive));
         }
     }

@@ -20,7 +20,7 @@ pub use bodies::RigidBody;
 pub use contacts::{BodyContacts, Material, MaterialPair};
 pub use forces::{AxesOfForce, BodyForce};
 pub use joints::{AxialJoint, BodyJoint, FixedJoint, PointJoint};
-pub use motors::{JointSpring, Motor, ServoMotor};
+pub use motors::{JointLimits, JointSpring, Motor, ServoMotor};
 pub use shapes::{
     BoxShape, CapsuleShape, CylinderShape, HalfSpaceShape, HullShape, MeshShape, RigidShape, SphereShape,
 };

@@ -1,5 +1,6 @@
 //! What drives a joint, or pulls it back: motors, servos, springs and dampers along the coordinate of a hinge or a slider.
 
+use super::joints::AxialJoint;
 use super::springs;
 use crate::error::SpecificationError;
 use crate::expression::Expression;
@@ -7,7 +8,7 @@ use crate::lowering::Lowering;
 use crate::place::Place;
 use crate::range::in_range;
 use ::expression::{Node, Tape};
-use models::rigid_bodies::{DriveLaw, ForceLaw, Servo, Signals};
+use models::rigid_bodies::{DriveLaw, ForceLaw, Limits, Servo, Signals};
 use serde::Deserialize;
 use utoipa::ToSchema;
 
@@ -51,6 +52,46 @@ pub struct JointSpring {
     pub damping: Option<Expression>,
     /// The coordinate at which the spring has no force, see `motor`. Default 0.
     pub rest: Option<Expression>,
+}
+
+/// The stops of a joint: the ends of its coordinate, see `motor`. It starts between them.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct JointLimits {
+    /// The least value, not above 0. Default none.
+    pub lower: Option<Expression>,
+    /// The greatest value, not below 0. Default none.
+    pub upper: Option<Expression>,
+    /// The coefficient of restitution of the stops, from 0 to 1. Default 0.
+    pub restitution: Option<Expression>,
+}
+
+impl JointLimits {
+    pub(super) fn lower(&self, place: &Place<'_>, lowering: &mut Lowering<'_>) -> Limits {
+        let mut read = |value: &Option<Expression>, key: &str, range: (fn(f64) -> bool, &str)| {
+            value.as_ref().and_then(|value| in_range(value, key, range, &place.key(key), lowering))
+        };
+        let lower = read(&self.lower, "lower", (|x| x <= 0.0, "not above 0: joints start at 0"));
+        let upper = read(&self.upper, "upper", (|x| x >= 0.0, "not below 0: joints start at 0"));
+        let restitution = read(&self.restitution, "restitution", (|e| (0.0..=1.0).contains(&e), "from 0 to 1"));
+        if self.lower.is_none() && self.upper.is_none() {
+            let error =
+                SpecificationError::new(place.to_string(), "empty", "there is neither a lower nor an upper limit");
+            lowering.errors.push(error.expected("`lower`, `upper`, or both"));
+        } else if lower == Some(0.0) && upper == Some(0.0) {
+            let error = SpecificationError::new(
+                place.to_string(),
+                "out_of_range",
+                "both limits are 0, and nothing is left to move",
+            );
+            lowering.errors.push(error.expected("limits apart, or a `fixed` joint"));
+        }
+        Limits {
+            lower: lower.unwrap_or(f64::NEG_INFINITY),
+            upper: upper.unwrap_or(f64::INFINITY),
+            restitution: restitution.unwrap_or(0.0),
+        }
+    }
 }
 
 /// The functions of time of a scene, as they are found.
@@ -103,12 +144,13 @@ impl Functions {
 
 /// How a joint is driven, if it is.
 pub(super) fn lower(
-    motor: Option<&Motor>,
-    spring: Option<&JointSpring>,
+    joint: &AxialJoint,
     place: &Place<'_>,
     functions: &mut Functions,
     lowering: &mut Lowering<'_>,
-) -> Option<DriveLaw> {
+) -> Option<(DriveLaw, Limits)> {
+    let (motor, spring) = (joint.motor.as_ref(), joint.spring.as_ref());
+    let limits = joint.limits.as_ref().map(|limits| limits.lower(&place.key("limits"), lowering));
     let mut law = ForceLaw::default();
     if let Some(spring) = spring {
         let place = place.key("spring");
@@ -117,9 +159,8 @@ pub(super) fn lower(
     }
     let place = place.key("motor");
     match motor {
-        None => {
-            spring?;
-        }
+        None if spring.is_none() && limits.is_none() => return None,
+        None => {}
         Some(Motor::Effort(effort)) => law.effort = Some(finite(effort, &place.key("effort"), functions, lowering)?),
         Some(Motor::Servo(servo)) => law.servo = Some(servo.lower(&place.key("servo"), functions, lowering)?),
         Some(Motor::Position(given) | Motor::Velocity(given)) => {
@@ -129,10 +170,12 @@ pub(super) fn lower(
             };
             let place = place.key(key);
             let function = finite(given, &place, functions, lowering)?;
-            if spring.is_some() {
-                let detail = "a joint whose motion is prescribed moves as it is told, whatever a spring does";
+            if spring.is_some() || limits.is_some() {
+                let detail = "a joint whose motion is prescribed moves as it is told, whatever springs and limits do";
                 let error = SpecificationError::new(place.to_string(), "conflict", detail);
-                lowering.errors.push(error.expected("a `servo` or an `effort` beside a spring, or no spring"));
+                lowering
+                    .errors
+                    .push(error.expected("a `servo` or an `effort` beside `spring` and `limits`, or neither of them"));
             }
             if is_position
                 && let Some([start, _]) = functions.at_start(function, lowering).filter(|[start, _]| *start != 0.0)
@@ -143,10 +186,11 @@ pub(super) fn lower(
                     .errors
                     .push(error.expected("a position that is 0 at `time.start`, and bodies placed accordingly"));
             }
-            return Some(if is_position { DriveLaw::Position(function) } else { DriveLaw::Velocity(function) });
+            let law = if is_position { DriveLaw::Position(function) } else { DriveLaw::Velocity(function) };
+            return Some((law, Limits::NONE));
         }
     }
-    Some(DriveLaw::Force(law))
+    Some((DriveLaw::Force(law), limits.unwrap_or(Limits::NONE)))
 }
 
 /// The place of a function that is finite at the start.

@@ -21,7 +21,7 @@ pub use elimination::{Blocks, Plan};
 use super::drive::{Done, DriveState, Driving};
 use super::frame::Frame;
 use super::joint::{Joint, Row};
-use super::midpoint::Midpoint;
+use super::midpoint::{Midpoint, apart as apart_of};
 use super::motion::Motion;
 use super::signals::Course;
 use contact::islands::Islands;
@@ -288,6 +288,37 @@ impl<'a> Linked<'a> {
             if rate == 0.0 { 0.0 } else { -self.x[self.bodies.len() + k][joint.equations.len()] * rate }
         };
         self.joints.iter().enumerate().map(driven).sum()
+    }
+
+    /// The energy of what dampers change by from their means over a step to these velocities at its end.
+    pub fn stiffness_of_dampers(&self, midpoint: &Midpoint, velocities: &[Vector6<f64>]) -> f64 {
+        let energy = |k: usize| {
+            let joint = self.joints[k];
+            let drive = joint.drive.as_ref().filter(|drive| drive.damping() > 0.0)?;
+            let (_, apart) = joint.arms(self.frames(&midpoint.ends, k));
+            let row = joint.along(
+                drive,
+                self.frames(&midpoint.ends, k),
+                self.states[k].coordinate + self.deviation(k, &midpoint.ends)?,
+                &apart,
+            )?;
+            let rate = |of: &[Vector6<f64>]| {
+                row.velocity(self.linkage.pairs[k].map(|body| {
+                    body.map_or_else(Default::default, |body| apart_of(&of[self.bodies[body as usize] as usize]))
+                }))
+            };
+            let mobility: f64 = (0..2)
+                .filter_map(|side| {
+                    let motion = &midpoint.start[self.bodies[self.linkage.pairs[k][side]? as usize] as usize];
+                    Some(
+                        row.force.norm_squared() / motion.mass
+                            + row.torques[side].dot(&(motion.mobility * row.torques[side])),
+                    )
+                })
+                .sum();
+            Some(0.5 * (drive.damping() * midpoint.h * (rate(velocities) - rate(&midpoint.mean))).powi(2) * mobility)
+        };
+        (0..self.joints.len()).filter_map(energy).sum()
     }
 
     /// Solves with the factors for what is in `x`.

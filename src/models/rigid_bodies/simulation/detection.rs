@@ -77,9 +77,11 @@ impl Simulation<'_> {
             check(load)?;
             let law = scene.laws.of(scene.bodies[i].material, scene.bodies[j].material);
             let new = |point| Contact::new(point, [places[i], places[j]], moving, law, (a, b));
-            let room = overlaps::no_gap(scene, i, j);
-            self.contacts.extend(self.points.iter().map(new).map(|contact| Contact { no_gap: room, ..contact }));
+            let size = overlaps::smaller(scene, i, j);
+            let sized = |contact| Contact { size, no_gap: overlaps::OVERLAP * size, ..contact };
+            self.contacts.extend(self.points.iter().map(new).map(sized));
         }
+        self.add_stops();
         Ok(())
     }
 

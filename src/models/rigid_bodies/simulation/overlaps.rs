@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use problem::Control;
 
 /// Overlaps that are left alone, and gaps that are none, in parts of the smaller body's size.
-const OVERLAP: f64 = 5e-7;
+pub(super) const OVERLAP: f64 = 5e-7;
 
 /// Rounds of moving bodies apart within a step, and at the start where they may lie in each other.
 const ROUNDS: usize = 3;
@@ -52,13 +52,14 @@ impl Simulation<'_> {
 
     /// The deepest overlap beyond `fraction` of the smaller body.
     pub(super) fn depth(&self, fraction: f64) -> f64 {
-        let excess = |contact: &Contact| -contact.gap - fraction * size(self.scene, contact);
-        self.contacts.iter().map(excess).fold(f64::NEG_INFINITY, f64::max)
+        let excess = |contact: &Contact| -contact.gap - fraction * contact.size;
+        let surfaces = self.contacts.iter().filter(|contact| fraction > 0.0 || !contact.is_stop());
+        surfaces.map(excess).fold(f64::NEG_INFINITY, f64::max)
     }
 
     /// The deepest overlap as a part of the smaller body's size.
     pub(super) fn overlap(&self) -> f64 {
-        self.contacts.iter().map(|contact| -contact.gap / size(self.scene, contact)).fold(0.0, f64::max)
+        self.contacts.iter().map(|contact| -contact.gap / contact.size).fold(0.0, f64::max)
     }
 
     /// Takes gaps that are rounding for none. More contacts at rest than there are freedoms cannot all close by such gaps
@@ -93,17 +94,8 @@ impl Simulation<'_> {
     }
 }
 
-/// A gap between two bodies of a scene that is none.
-pub(super) fn no_gap(scene: &Scene, a: usize, b: usize) -> f64 {
-    OVERLAP * smaller(scene, a, b)
-}
-
-/// The size of the smaller body at a contact.
-fn size(scene: &Scene, contact: &Contact) -> f64 {
-    smaller(scene, contact.key.0 as usize, contact.key.1 as usize)
-}
-
-fn smaller(scene: &Scene, a: usize, b: usize) -> f64 {
+/// The size of the smaller of two bodies.
+pub(super) fn smaller(scene: &Scene, a: usize, b: usize) -> f64 {
     let reach = |body: usize| scene.bodies[body].collider.shape.reach();
     reach(a).min(reach(b))
 }

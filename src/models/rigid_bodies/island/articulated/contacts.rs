@@ -5,7 +5,7 @@ use super::super::super::linkage::Linked;
 use super::super::super::midpoint::{CONVERGED, apart};
 use super::super::{Island, Mechanism};
 use super::compliance::{Compliance, respond};
-use super::{Home, ITERATIONS, Kept, LOSS, LOSS_IN_IMPACTS, STAGNANT, end, iterate};
+use super::{Home, ITERATIONS, Kept, LOSS, LOSS_IN_IMPACTS, STAGNANT, STIFF, end, iterate, stiffness};
 use contact::law::Law;
 use nalgebra::{Vector3, Vector6};
 use problem::Control;
@@ -106,7 +106,8 @@ impl Island {
         let Some((mut velocities, lost, driven)) = end(&midpoint, linked) else { return false };
         let energy = 0.5 * midpoint.weigh(&midpoint.end_velocities());
         let most = if p.iter().any(|p| p.x > 0.0) { LOSS_IN_IMPACTS } else { LOSS };
-        if lost > most * self.largest_energy.max(energy).max(0.5 * midpoint.size()) {
+        let largest = self.largest_energy.max(energy).max(0.5 * midpoint.size());
+        if lost > most * largest || stiffness(&midpoint, linked, &velocities) > STIFF * largest {
             return false;
         }
         self.judge_positions(&midpoint.mean, h);

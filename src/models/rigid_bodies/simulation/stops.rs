@@ -1,0 +1,43 @@
+//! The stops of joints, as contacts of the bodies that they join.
+
+use super::super::collision::ContactPoint;
+use super::super::contact::{Contact, STOPS};
+use super::super::drive::Coordinate;
+use super::super::frame::Frame;
+use super::super::scene::Law;
+use super::{Simulation, overlaps};
+
+impl Simulation<'_> {
+    /// Adds the stops of all joints that have any to the contacts.
+    pub(super) fn add_stops(&mut self) {
+        for (linkage, carried) in self.mechanism.linkages.iter().zip(&self.carried) {
+            for (&place, state) in linkage.joints.iter().zip(&carried.states) {
+                let joint = &self.scene.joints[place as usize];
+                let Some(drive) = &joint.drive else { continue };
+                let bodies = joint.places(&|body| self.places[body]);
+                let of =
+                    bodies.map(|body| body.map_or(Frame::WORLD, |body| Frame::of(&self.moving[body as usize].pose)));
+                let frames = [&of[0], &of[1]];
+                let (arms, apart) = joint.arms(frames);
+                let coordinate = drive.value(frames, &apart, state.coordinate);
+                let (axis, turns, size) = match drive.coordinate {
+                    Coordinate::Angle { second: [along, across], .. } => (of[1].axes * along.cross(&across), true, 1.0),
+                    Coordinate::Distance(axis) => (of[1].axes * axis, false, joint.size(&self.scene.bodies)),
+                    Coordinate::Length => continue,
+                };
+                let law = Law { friction: 0.0, restitution: drive.limits.restitution };
+                let pair = (joint.bodies.0 as u32, joint.bodies.1.unwrap_or(joint.bodies.0) as u32);
+                let ends = [(coordinate - drive.limits.lower, axis), (drive.limits.upper - coordinate, -axis)];
+                for (side, (gap, normal)) in ends.into_iter().enumerate().filter(|(_, (gap, _))| gap.is_finite()) {
+                    let id = STOPS + 2 * place + side as u32;
+                    let point = ContactPoint { position: of[0].at + arms[0], normal, gap, id };
+                    let contact = Contact::new(&point, [bodies[1], bodies[0]], &self.moving, law, pair);
+                    let mut contact = Contact { turns, size, no_gap: overlaps::OVERLAP * size, ..contact };
+                    contact.before = contact
+                        .velocity(|body| (self.moving[body as usize].velocity, self.moving[body as usize].omega));
+                    self.contacts.push(contact);
+                }
+            }
+        }
+    }
+}
