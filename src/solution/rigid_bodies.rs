@@ -113,7 +113,7 @@ impl<'a> Course<'a> {
         let [kinetic, potential] = course.simulation.energies();
         course.energy = Energy::new(kinetic, potential);
         // What their weights hold over their own sizes, for bodies that rest.
-        let weight = |body: &Body| body.mass * scene.gravity.norm() * body.collider.shape.reach();
+        let weight = |body: &Body| body.mass * scene.gravity.norm() * body.collider.reach();
         course.energy.meet(scene.bodies.iter().filter(|body| !body.fixed).map(weight).sum());
         course.write_states(plan.start);
         Ok(course)

@@ -1,8 +1,10 @@
 //! One contact between two bodies: its frame, its levers, and the velocity of the second body against the first there,
 //!
 //! ```text
-//! u = E (v_2 + w_2 x r_2 - v_1 - w_1 x r_1),    E = [n t_1 t_2]^T
+//! u = E (v_2 + w_2 x r_2 - v_1 - w_1 x r_1) + b,    E = [n t_1 t_2]^T
 //! ```
+//!
+//! with the velocity `b` of bodies whose motion is given.
 
 use super::collision::ContactPoint;
 use super::motion::Motion;
@@ -10,7 +12,7 @@ use super::scene::Law;
 use nalgebra::{Matrix3, Vector3};
 
 /// The least identity of a stop of a joint; points of surfaces are numbered from zero.
-pub const STOPS: u32 = 1 << 31;
+pub const STOPS: u64 = 1 << 63;
 
 /// A contact as a step sees it.
 #[derive(Clone, Copy, Debug)]
@@ -29,8 +31,10 @@ pub struct Contact {
     pub gap: f64,
     /// Friction and restitution.
     pub law: Law,
+    /// What bodies whose motion is given add to `u`, in the mean of the step.
+    pub surface: Vector3<f64>,
     /// Which point of which bodies this is.
-    pub key: (u32, u32, u32),
+    pub key: (u32, u32, u64),
     /// The impulse, normal and tangents: at first that of the last step.
     pub impulse: Vector3<f64>,
     /// `u` at the end of the last step, before forces.
@@ -57,6 +61,7 @@ impl Contact {
             arms: bodies.map(arm),
             turns: false,
             size: 0.0,
+            surface: Vector3::zeros(),
             gap: point.gap,
             law,
             key: (pair.0, pair.1, point.id),
@@ -73,6 +78,11 @@ impl Contact {
 
     /// `u`, for velocities `(v, w)` by body.
     pub fn velocity(&self, of: impl Fn(u32) -> (Vector3<f64>, Vector3<f64>)) -> Vector3<f64> {
+        self.surface + self.change(of)
+    }
+
+    /// The same for changes of velocities.
+    pub fn change(&self, of: impl Fn(u32) -> (Vector3<f64>, Vector3<f64>)) -> Vector3<f64> {
         let at = |side: usize| {
             self.bodies[side].map_or_else(Vector3::zeros, |body| {
                 let (v, w) = of(body);
@@ -84,7 +94,20 @@ impl Contact {
 
     /// The frictionless contact at which velocities are displacements, and an overlap is a velocity that closes it.
     pub fn of_displacements(self) -> Self {
-        Self { gap: self.gap.max(0.0), bias: self.gap.min(0.0), law: Law::default(), before: Vector3::zeros(), ..self }
+        Self {
+            gap: self.gap.max(0.0),
+            bias: self.gap.min(0.0),
+            law: Law::default(),
+            before: Vector3::zeros(),
+            surface: Vector3::zeros(),
+            ..self
+        }
+    }
+
+    /// The same between bodies whose motion is given.
+    pub fn carried(self, surfaces: [Vector3<f64>; 2]) -> Self {
+        let surface = self.frame * (surfaces[1] - surfaces[0]);
+        Self { surface, before: self.before + surface, ..self }
     }
 
     /// Notes the gap at the end of a step `h` with these mean velocities.

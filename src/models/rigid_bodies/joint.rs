@@ -216,7 +216,7 @@ impl Joint {
     pub fn size(&self, bodies: &[Body]) -> f64 {
         let moving = |(body, anchor): (Option<usize>, &Vector3<f64>)| {
             let body = body.map(|body| &bodies[body]).filter(|body| !body.fixed)?;
-            Some(anchor.norm().max(body.collider.shape.reach()))
+            Some(anchor.norm().max(body.collider.reach()))
         };
         let both = [(Some(self.bodies.0), &self.anchors[0]), (self.bodies.1, &self.anchors[1])];
         both.into_iter().filter_map(moving).fold(f64::MIN_POSITIVE, f64::max)

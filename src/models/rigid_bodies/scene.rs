@@ -4,11 +4,13 @@ use super::action::Action;
 use super::collision::{BroadPhase, Collider, ContactPoint, contacts};
 use super::joint::Joint;
 use super::load::Load;
+use super::prescribed::Prescription;
 use super::signals::Signals;
 use super::simulation::NEAR;
 use contact::law::Cone;
 use nalgebra::{Isometry3, Matrix3, Vector3};
 use problem::{Control, Interrupted, Warning};
+use std::collections::HashSet;
 
 /// A body. SI units; the pose and the velocity are those of its centre of mass.
 #[derive(Clone, Debug)]
@@ -19,8 +21,12 @@ pub struct Body {
     pub collider: Collider,
     /// The place of its material in the laws.
     pub material: usize,
-    /// Whether it never moves.
+    /// Whether nothing moves it.
     pub fixed: bool,
+    /// How a body that is `fixed` moves all the same.
+    pub motion: Option<Prescription>,
+    /// The place of its group among those that may not touch each other; bodies without one touch all.
+    pub group: Option<u32>,
     /// Above zero if it moves.
     pub mass: f64,
     /// About the centre of mass, in its own frame.
@@ -91,11 +97,13 @@ pub struct Scene {
     pub laws: Laws,
     /// The set that friction is taken from.
     pub cone: Cone,
+    /// Pairs of groups whose bodies do not touch each other, the lesser first.
+    pub apart: HashSet<(u32, u32)>,
     /// What holds them together, and springs between them.
     pub joints: Vec<Joint>,
     /// Forces on them.
     pub actions: Vec<Action>,
-    /// Functions of time that drive joints.
+    /// Functions of time that drive joints and bodies.
     pub signals: Signals,
     /// Whether bodies that overlap at the start are moved apart, and velocities that tear a joint are changed.
     pub resolve: bool,
@@ -168,15 +176,16 @@ impl Scene {
         mut found: impl FnMut([usize; 2], &[ContactPoint]) -> Result<(), Ended>,
     ) -> Result<(), Interrupted> {
         let joined = super::joint::joined(&self.joints);
+        let passes = |a: u32, b: u32| joined.contains(&(a, b)) || self.is_apart(a, b);
         let bounds = |k: usize| {
-            let (lower, upper) = self.bodies[k].collider.shape.bounds(&self.bodies[k].pose);
+            let (lower, upper) = self.bodies[k].collider.bounds(&self.bodies[k].pose);
             let room = Vector3::repeat(room(k));
             (lower - room, upper + room)
         };
         let mut points: Vec<ContactPoint> = Vec::new();
         let moves = |k: usize| !self.bodies[k].fixed;
         let swept = BroadPhase::default().sweep(self.bodies.len(), bounds, moves, control, |a, b| {
-            if joined.contains(&(a, b)) {
+            if passes(a, b) {
                 return Ok(());
             }
             control.go_on()?;
@@ -192,8 +201,14 @@ impl Scene {
         }
     }
 
+    /// Whether two bodies are of groups that do not touch each other.
+    pub fn is_apart(&self, a: u32, b: u32) -> bool {
+        let [a, b] = [a, b].map(|body| self.bodies[body as usize].group);
+        a.zip(b).is_some_and(|(a, b)| self.apart.contains(&(a.min(b), a.max(b))))
+    }
+
     fn reach(&self, body: usize) -> f64 {
-        self.bodies[body].collider.shape.reach()
+        self.bodies[body].collider.reach()
     }
 }
 

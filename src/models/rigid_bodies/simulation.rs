@@ -33,6 +33,7 @@ use super::island::{Carried, Island, Mechanism, Unsolved};
 use super::joint::joined;
 use super::load::Load;
 use super::motion::Motion;
+use super::prescribed::Prescribed;
 use super::scene::Scene;
 use super::touches::Touches;
 use contact::islands::{Islands, threads};
@@ -74,6 +75,9 @@ pub struct Simulation<'a> {
     acting: Vec<(u32, Option<u32>, u32)>,
     /// The time that the bodies have come to.
     t: f64,
+    /// The bodies whose motion is given, and of each body of the scene its place among them.
+    prescribed: Vec<Prescribed>,
+    given: Vec<Option<u32>>,
     /// The contacts of the step.
     pub contacts: Vec<Contact>,
     /// What happened in the last step between which bodies of the scene.
@@ -86,7 +90,7 @@ pub struct Simulation<'a> {
     pairs: Vec<(u32, u32)>,
     points: Vec<ContactPoint>,
     /// Impulses of the last step, in the world, by contact.
-    kept: FxHashMap<(u32, u32, u32), Vector3<f64>>,
+    kept: FxHashMap<(u32, u32, u64), Vector3<f64>>,
     islands: Islands,
     tasks: Vec<Island>,
     impact_law: ImpactLaw,
@@ -107,6 +111,12 @@ impl<'a> Simulation<'a> {
                 moving.push(motion);
                 moving.len() as u32 - 1
             }));
+        }
+        let mut prescribed = Vec::new();
+        let mut given = vec![None; scene.bodies.len()];
+        for (k, body) in scene.bodies.iter().enumerate().filter(|(_, body)| body.motion.is_some()) {
+            given[k] = Some(prescribed.len() as u32);
+            prescribed.push(Prescribed::new(k, body.pose));
         }
         let mechanism = Mechanism::new(scene, &places, moving.len());
         let mut acting = Vec::new();
@@ -129,6 +139,8 @@ impl<'a> Simulation<'a> {
             places,
             acting,
             t,
+            prescribed,
+            given,
             contacts: Vec::new(),
             happenings: Vec::new(),
             touches: Touches::default(),
@@ -149,7 +161,11 @@ impl<'a> Simulation<'a> {
 
     /// The pose of a body of the scene.
     pub fn pose(&self, body: usize) -> &Isometry3<f64> {
-        self.places[body].map_or(&self.scene.bodies[body].pose, |place| &self.moving[place as usize].pose)
+        match (self.places[body], self.given[body]) {
+            (Some(place), _) => &self.moving[place as usize].pose,
+            (None, Some(place)) => &self.prescribed[place as usize].pose,
+            (None, None) => &self.scene.bodies[body].pose,
+        }
     }
 
     /// The motion of a body of the scene; none if it is fixed.
@@ -172,6 +188,11 @@ impl<'a> Simulation<'a> {
 
     /// Makes a step of length `h`, or halves of it where that is too long.
     fn advance(&mut self, h: f64, halvings: u32, control: &Control) -> Result<(), StepFailure> {
+        for prescribed in &mut self.prescribed {
+            if let Some(by) = &self.scene.bodies[prescribed.body].motion {
+                prescribed.begin(by, &self.scene.signals, self.t, h);
+            }
+        }
         self.detect(h, control)?;
         self.report.penetration = self.report.penetration.max(self.depth(0.0));
         self.report.overlap = self.report.overlap.max(self.overlap());
@@ -193,9 +214,12 @@ impl<'a> Simulation<'a> {
         let solved = self.solve_each(|island, mechanism, law| island.solve(h, mechanism, law, control));
         // Who stops it throws away what was left half-way.
         control.go_on()?;
+        let poses: Vec<_> = self.prescribed.iter().map(|prescribed| prescribed.pose).collect();
+        self.prescribed.iter_mut().for_each(|prescribed| prescribed.pose = prescribed.end);
         let is_too_long = solved == Err(Unsolved::TooLong) || self.meets_unseen(&start, h, control)?;
         if is_too_long && halvings > 0 {
             (self.moving, self.carried, self.report) = (start, carried, report);
+            self.prescribed.iter_mut().zip(poses).for_each(|(prescribed, pose)| prescribed.pose = pose);
             self.advance(0.5 * h, halvings - 1, control)?;
             return self.advance(0.5 * h, halvings - 1, control);
         }
@@ -255,6 +279,7 @@ impl<'a> Simulation<'a> {
             report.work[0] += contact.work.x;
             report.work[1] += contact.work.y + contact.work.z;
             work += contact.work.x;
+            report.done.drives -= contact.impulse.dot(&contact.surface);
             is_elastic &= contact.law.restitution == 1.0;
         }
         if is_elastic {

@@ -1,5 +1,7 @@
 //! Bodies: shape, mass, and where they are and how they move at the start.
 
+use super::inertia::{self, Inertia};
+use super::motors::{self, Functions};
 use super::shapes::RigidShape;
 use super::vectors::{self, Vector};
 use super::{Material, Ordered};
@@ -10,8 +12,8 @@ use crate::place::Place;
 use crate::range;
 use crate::wording::{abridged, listed};
 use expression::nearest;
-use models::rigid_bodies::{Body, Collider, Shape};
-use nalgebra::{Isometry3, Matrix3, Quaternion, UnitQuaternion, Vector3};
+use models::rigid_bodies::{Body, Collider, Linear, Prescription, Shape};
+use nalgebra::{Isometry3, Matrix3, Vector3};
 use serde::Deserialize;
 use solution::Warning;
 use utoipa::ToSchema;
@@ -28,10 +30,12 @@ pub struct RigidBody {
     pub mass: Option<Expression>,
     /// Kilograms a cubic metre, above 0.
     pub density: Option<Expression>,
-    /// Moments of inertia about the axes x, y and z of the body through its centre of mass, where they are not those of
-    /// a body filled evenly.
+    /// Where its centre of mass is, in its frame, if it is not that of a body filled evenly. It asks for `inertia`.
     #[schema(value_type = Option<[Expression; 3]>)]
-    pub inertia: Option<Vector>,
+    pub centre_of_mass: Option<Vector>,
+    /// Its inertia about the centre of mass, along the axes x, y and z of its frame, where it is not that of a body filled evenly:
+    /// three moments, or a symmetric matrix of three rows.
+    pub inertia: Option<Inertia>,
     /// Where the origin of its frame is. Default `[0, 0, 0]`.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub position: Option<Vector>,
@@ -45,12 +49,79 @@ pub struct RigidBody {
     pub angular_velocity: Option<Vector>,
     /// One of `materials`. Default one with the friction and restitution of `contacts`.
     pub material: Option<String>,
+    /// How it moves, whatever pushes it: it pushes others, and needs no mass. Default by its own mass.
+    pub motion: Option<BodyMotion>,
+    /// Its group, a name of which `contacts.exclude` says what its bodies do not touch. Default none.
+    pub group: Option<String>,
     /// Whether it never moves, whatever pushes it.
     #[serde(default)]
     pub fixed: bool,
 }
 
+/// A motion as expressions in `t` and parameters.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BodyMotion {
+    /// Where the origin of its frame is. Default where `velocity` takes it.
+    #[schema(value_type = Option<[Expression; 3]>)]
+    pub position: Option<Vector>,
+    /// The velocity of the origin of its frame, in the place of `position`. Default `[0, 0, 0]`.
+    #[schema(value_type = Option<[Expression; 3]>)]
+    pub velocity: Option<Vector>,
+    /// Its angular velocity in the world, in radians a second. Default `[0, 0, 0]`.
+    #[schema(value_type = Option<[Expression; 3]>)]
+    pub angular_velocity: Option<Vector>,
+}
+
+impl BodyMotion {
+    /// The motion, and where it begins if that is known.
+    pub(super) fn lower(
+        &self,
+        body: &RigidBody,
+        place: &Place<'_>,
+        functions: &mut Functions,
+        lowering: &mut Lowering,
+    ) -> Option<(Prescription, Option<Vector3<f64>>)> {
+        let conflicts = [
+            (self.position.is_some() && self.velocity.is_some(), "both `position` and `velocity` say how it moves"),
+            (body.velocity.is_some() || body.angular_velocity.is_some(), "its velocity is that of its `motion`"),
+            (self.position.is_some() && body.position.is_some(), "its position at the start is that of its `motion`"),
+            (body.fixed, "a fixed body does not move"),
+            (body.mass.is_some() || body.density.is_some(), "nothing pushes it, and a mass has no meaning"),
+            (
+                self.angular_velocity.is_some() && matches!(body.shape, RigidShape::HalfSpace(_)),
+                "a half space that turns is everywhere",
+            ),
+        ];
+        let motion = place.key("motion");
+        for (_, detail) in conflicts.into_iter().filter(|(conflicts, _)| *conflicts) {
+            lowering.errors.report(&motion, "conflict", detail);
+        }
+        let mut functions_of = |vector: &Option<Vector>, key: &str| {
+            let place = motion.key(key);
+            let vector = vector.as_ref()?;
+            let mut of = [0; 3];
+            for (i, function) in of.iter_mut().enumerate() {
+                *function = motors::finite(&vector[i], &place.index(i), functions, lowering)?;
+            }
+            Some(of)
+        };
+        let position = functions_of(&self.position, "position");
+        let velocity = functions_of(&self.velocity, "velocity");
+        let angular = functions_of(&self.angular_velocity, "angular_velocity");
+        let start =
+            position.map(|of| of.map(|function| functions.at_start(function, lowering).map_or(0.0, |both| both[0])));
+        let linear = position.map(Linear::Position).or(velocity.map(Linear::Velocity));
+        Some((Prescription { linear, angular }, start.map(Vector3::from)))
+    }
+}
+
 impl RigidBody {
+    /// Whether it moves by its mass.
+    pub(super) fn is_free(&self) -> bool {
+        !self.fixed && self.motion.is_none()
+    }
+
     /// Its name, the `k`-th body's own or that of its place.
     pub(super) fn name(&self, k: usize) -> String {
         self.name.clone().unwrap_or_else(|| format!("body{}", k + 1))
@@ -65,31 +136,37 @@ impl RigidBody {
         warnings: &mut Vec<Warning>,
         lowering: &mut Lowering,
     ) -> Option<Body> {
-        let mut shape = self.shape.lower(&place.key("shape"), lowering);
+        let parts = self.shape.parts(&place.key("shape"), lowering);
         let optional = |vector: &Option<Vector>, key: &str, lowering: &mut Lowering| {
             vector.as_ref().map_or_else(Vector3::zeros, |vector| vectors::lower(vector, &place.key(key), lowering))
         };
         let position = optional(&self.position, "position", lowering);
         let velocity = optional(&self.velocity, "velocity", lowering);
         let omega = optional(&self.angular_velocity, "angular_velocity", lowering);
-        let orientation = self.orientation(&name, &place.key("orientation"), warnings, lowering);
+        let (orientation, norm) = vectors::orientation(self.orientation.as_ref(), &place.key("orientation"), lowering);
+        if (norm - 1.0).abs() > 1e-6 {
+            let message = format!("the orientation of `{name}` has length {norm}; it was scaled to length 1");
+            warnings.push(Warning { code: "quaternion_normalised", message });
+        }
         let material = self.material(materials, place, lowering);
-        let inertial = if self.fixed {
-            self.check_rest(velocity, omega, place, lowering);
+        let inertial = if !self.is_free() {
+            if self.fixed {
+                self.check_rest(velocity, omega, place, lowering);
+            }
             Some((0.0, Vector3::zeros(), Matrix3::zeros()))
         } else {
-            shape.as_ref().and_then(|shape| self.inertial(shape, place, lowering))
+            parts.as_ref().and_then(|parts| self.inertial(parts, place, lowering))
         };
         let (mass, centre, inertia) = inertial?;
-        if let Some(Shape::Polyhedron(polyhedron)) = &mut shape {
-            polyhedron.shift(&centre);
-        }
+        let collider = Collider::of_parts(parts?.into_iter().map(|part| shifted(part, &centre)).collect());
         let offset = orientation * centre;
         Some(Body {
             name,
-            collider: Collider::new(shape?),
+            collider,
             material,
-            fixed: self.fixed,
+            fixed: !self.is_free(),
+            group: None,
+            motion: None,
             mass,
             inertia,
             centre,
@@ -97,31 +174,6 @@ impl RigidBody {
             velocity: velocity + omega.cross(&offset),
             omega,
         })
-    }
-
-    fn orientation(
-        &self,
-        name: &str,
-        place: &Place<'_>,
-        warnings: &mut Vec<Warning>,
-        lowering: &mut Lowering,
-    ) -> UnitQuaternion<f64> {
-        let Some(given) = &self.orientation else { return UnitQuaternion::identity() };
-        let values = [0, 1, 2, 3].map(|i| lowering.constant(&given[i], &place.index(i)));
-        let [Some(w), Some(x), Some(y), Some(z)] = values else { return UnitQuaternion::identity() };
-        let quaternion = Quaternion::new(w, x, y, z);
-        let norm = quaternion.norm();
-        if !(norm > 0.0 && norm.is_finite()) {
-            let error =
-                SpecificationError::new(place.to_string(), "zero_quaternion", "this quaternion has no direction");
-            lowering.errors.push(error.expected("a unit quaternion [w, x, y, z]"));
-            return UnitQuaternion::identity();
-        }
-        if (norm - 1.0).abs() > 1e-6 {
-            let message = format!("the orientation of `{name}` has length {norm}; it was scaled to length 1");
-            warnings.push(Warning { code: "quaternion_normalised", message });
-        }
-        UnitQuaternion::new_normalize(quaternion)
     }
 
     /// The place of its material; the last is that of bodies without one.
@@ -147,16 +199,26 @@ impl RigidBody {
     /// Mass, centre of mass and the inertia about it.
     fn inertial(
         &self,
-        shape: &Shape,
+        parts: &[(Shape, Isometry3<f64>)],
         place: &Place<'_>,
         lowering: &mut Lowering,
     ) -> Option<(f64, Vector3<f64>, Matrix3<f64>)> {
-        let Some((volume, centre, second)) = shape.moments() else {
-            let detail = format!("a {} has no volume, so that it cannot move", shape.name());
-            let error = SpecificationError::new(place.key("shape").to_string(), "must_be_fixed", detail);
-            lowering.errors.push(error.expected("`\"fixed\": true`, or another shape"));
-            return None;
-        };
+        // Volume, and its first and second moments about the origin of the frame of the body.
+        let (mut volume, mut first, mut second) = (0.0, Vector3::zeros(), Matrix3::zeros());
+        for (shape, at) in parts {
+            let Some((of_shape, centre, moment)) = shape.moments() else {
+                let detail = format!("a {} has no volume, so that it cannot move", shape.name());
+                let error = SpecificationError::new(place.key("shape").to_string(), "must_be_fixed", detail);
+                lowering.errors.push(error.expected("`\"fixed\": true`, or another shape"));
+                return None;
+            };
+            let turn = at.rotation.to_rotation_matrix().into_inner();
+            let (arm, to) = (turn * centre, at.translation.vector);
+            volume += of_shape;
+            first += (arm + to) * of_shape;
+            let mixed = arm * to.transpose() * of_shape;
+            second += turn * moment * turn.transpose() + mixed + mixed.transpose() + to * to.transpose() * of_shape;
+        }
         let mass = match (&self.mass, &self.density) {
             (Some(mass), None) => range::positive(mass, "mass", &place.key("mass"), lowering),
             (None, Some(density)) => range::positive(density, "density", &place.key("density"), lowering) * volume,
@@ -167,24 +229,29 @@ impl RigidBody {
                 return None;
             }
         };
-        let central = second / volume - centre * centre.transpose();
+        let filled = first / volume;
+        let central = second / volume - filled * filled.transpose();
         let inertia = match &self.inertia {
             None => (Matrix3::from_diagonal_element(central.trace()) - central) * mass,
-            Some(moments) => Matrix3::from_diagonal(&principal(moments, &place.key("inertia"), lowering)?),
+            Some(inertia) => inertia::lower(inertia, &place.key("inertia"), lowering)?,
         };
-        Some((mass, centre, inertia))
+        let Some(given) = &self.centre_of_mass else { return Some((mass, filled, inertia)) };
+        if self.inertia.is_none() {
+            let detail = "a body with a centre of mass of its own is not filled evenly, and its inertia is not known";
+            let error = SpecificationError::new(place.key("centre_of_mass").to_string(), "conflict", detail);
+            lowering.errors.push(error.expected("`inertia` about that centre as well"));
+        }
+        Some((mass, vectors::lower(given, &place.key("centre_of_mass"), lowering), inertia))
     }
 }
 
-/// Principal moments: each above zero, and none above the sum of the others.
-fn principal(moments: &Vector, place: &Place<'_>, lowering: &mut Lowering) -> Option<Vector3<f64>> {
-    let value = Vector3::from_fn(|i, _| range::positive(&moments[i], "moment of inertia", &place.index(i), lowering));
-    let excess = 2.0 * value.max() - value.sum();
-    if excess > 1e-9 * value.sum() {
-        let detail = format!("the moment {} is greater than the sum of the two others, by {excess}", value.max());
-        let error = SpecificationError::new(place.to_string(), "triangle_inequality", detail);
-        lowering.errors.push(error.expected("moments of which none is greater than the sum of the others"));
-        return None;
+/// A shape in the frame at the centre of mass.
+fn shifted((mut shape, at): (Shape, Isometry3<f64>), centre: &Vector3<f64>) -> (Shape, Isometry3<f64>) {
+    if at == Isometry3::identity()
+        && let Shape::Polyhedron(polyhedron) = &mut shape
+    {
+        polyhedron.shift(centre);
+        return (shape, at);
     }
-    Some(value)
+    (shape, Isometry3::from_parts((at.translation.vector - centre).into(), at.rotation))
 }

@@ -11,6 +11,7 @@ use contact::law::Cone;
 use expression::nearest;
 use models::rigid_bodies::{Law, Laws};
 use serde::Deserialize;
+use std::collections::{HashMap, HashSet};
 use utoipa::ToSchema;
 
 /// What holds where bodies touch.
@@ -31,6 +32,9 @@ pub struct BodyContacts {
     /// geometric mean and the restitution the lesser.
     #[serde(default)]
     pub pairs: Vec<MaterialPair>,
+    /// Pairs of groups of bodies, or twice the same, whose bodies go through each other. Default none.
+    #[serde(default)]
+    pub exclude: Vec<[String; 2]>,
 }
 
 /// A material.
@@ -69,6 +73,35 @@ impl BodyContacts {
             ConeName::Polyhedral => Cone::Polyhedral(facets as usize),
         }
     }
+}
+
+/// The places of the groups by name, and the pairs of them that do not touch.
+pub(super) fn groups<'a>(
+    contacts: &'a BodyContacts,
+    known: &HashSet<&str>,
+    problem: &Place<'_>,
+    lowering: &mut Lowering,
+) -> (HashMap<&'a str, u32>, HashSet<(u32, u32)>) {
+    let place = problem.key("contacts");
+    let place = place.key("exclude");
+    let (mut groups, mut apart) = (HashMap::new(), HashSet::new());
+    for (k, pair) in contacts.exclude.iter().enumerate() {
+        let mut of = [0; 2];
+        for (i, name) in pair.iter().enumerate() {
+            let next = groups.len() as u32;
+            of[i] = *groups.entry(name.as_str()).or_insert(next);
+            if !known.contains(name.as_str()) {
+                let detail = format!("no body is of the group `{}`", abridged(name));
+                let error = SpecificationError::new(place.index(k).index(i).to_string(), "unknown_name", detail);
+                let mut all: Vec<&str> = known.iter().copied().collect();
+                all.sort_unstable();
+                let nearest = nearest(name, all.iter().copied());
+                lowering.errors.push(error.expected(listed(all.iter().copied())).did_you_mean(nearest));
+            }
+        }
+        apart.insert((of[0].min(of[1]), of[0].max(of[1])));
+    }
+    (groups, apart)
 }
 
 /// The corners of a polyhedral cone where none are given.

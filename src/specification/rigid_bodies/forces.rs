@@ -47,7 +47,7 @@ pub enum AxesOfForce {
 
 /// The names of what expressions may know of the bodies that move, in the order of their inputs behind `t`.
 pub(super) fn names(bodies: &[super::RigidBody]) -> Vec<String> {
-    let moving = bodies.iter().enumerate().filter(|(_, body)| !body.fixed);
+    let moving = bodies.iter().enumerate().filter(|(_, body)| body.is_free());
     moving
         .flat_map(|(k, body)| {
             let name = body.name(k);
@@ -112,7 +112,7 @@ fn find(
         return None;
     };
     if bodies[body].fixed {
-        let detail = format!("`{}` is fixed, and no force moves it", abridged(name));
+        let detail = format!("`{}` moves by no force", abridged(name));
         let error = SpecificationError::new(place.to_string(), "conflict", detail);
         lowering.errors.push(error.expected("a body that moves"));
         return None;

@@ -9,6 +9,7 @@
 mod bodies;
 mod contacts;
 mod forces;
+mod inertia;
 mod joints;
 mod motors;
 mod overlaps;
@@ -16,13 +17,14 @@ mod shapes;
 mod springs;
 mod vectors;
 
-pub use bodies::RigidBody;
+pub use bodies::{BodyMotion, RigidBody};
 pub use contacts::{BodyContacts, Material, MaterialPair};
 pub use forces::{AxesOfForce, BodyForce};
+pub use inertia::Inertia;
 pub use joints::{AxialJoint, BodyJoint, FixedJoint, PointJoint};
 pub use motors::{JointLimits, JointSpring, Motor, ServoMotor};
 pub use shapes::{
-    BoxShape, CapsuleShape, CylinderShape, HalfSpaceShape, HullShape, MeshShape, RigidShape, SphereShape,
+    BoxShape, CapsuleShape, CompoundPart, CylinderShape, HalfSpaceShape, HullShape, MeshShape, RigidShape, SphereShape,
 };
 pub use springs::BodySpring;
 
@@ -141,15 +143,28 @@ impl Written for RigidBodiesProblem {
             names.insert(name.clone(), k);
             bodies.push(body.lower(name, &self.materials, &place, &mut warnings, &mut lowering));
         }
-        if self.bodies.iter().all(|body| body.fixed) {
+        if !self.bodies.iter().any(RigidBody::is_free) {
             let detail = "no body moves";
             let error = SpecificationError::new(place_of_bodies.to_string(), "nothing_moves", detail);
-            lowering.errors.push(error.expected("at least one body that is not `\"fixed\": true`"));
+            lowering.errors.push(error.expected("at least one body that is not `\"fixed\": true` and has no `motion`"));
         }
         let Some(bodies) = bodies.into_iter().collect::<Option<Vec<_>>>().filter(|_| lowering.errors.is_empty()) else {
             return (lowering, None);
         };
         let mut functions = Functions::default();
+        let known = self.bodies.iter().filter_map(|body| body.group.as_deref()).collect();
+        let (groups, apart) = contacts::groups(&self.contacts, &known, place, &mut lowering);
+        let mut bodies = bodies;
+        for (k, (body, given)) in bodies.iter_mut().zip(&self.bodies).enumerate() {
+            let place = place_of_bodies.index(k);
+            let motion = given.motion.as_ref();
+            let lowered = motion.and_then(|motion| motion.lower(given, &place, &mut functions, &mut lowering));
+            if let Some((motion, start)) = lowered {
+                body.motion = Some(motion);
+                body.pose.translation.vector = start.unwrap_or(body.pose.translation.vector);
+            }
+            body.group = given.group.as_deref().and_then(|group| groups.get(group).copied());
+        }
         let mut joints =
             joints::lower(&self.joints, &bodies, &names, &place.key("joints"), &mut functions, &mut lowering);
         joints.extend(springs::lower(&self.springs, &bodies, &names, &place.key("springs"), &mut lowering));
@@ -161,6 +176,7 @@ impl Written for RigidBodiesProblem {
             bodies,
             laws,
             cone,
+            apart,
             joints,
             actions,
             signals,

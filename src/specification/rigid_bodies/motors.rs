@@ -194,7 +194,7 @@ pub(super) fn lower(
 }
 
 /// The place of a function that is finite at the start.
-fn finite(
+pub(super) fn finite(
     given: &Expression,
     place: &Place<'_>,
     functions: &mut Functions,

@@ -7,7 +7,7 @@ use crate::lowering::Lowering;
 use crate::place::Place;
 use crate::range;
 use models::rigid_bodies::{Polyhedron, Shape};
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Vector3};
 use serde::Deserialize;
 use utoipa::ToSchema;
 
@@ -29,6 +29,23 @@ pub enum RigidShape {
     HalfSpace(HalfSpaceShape),
     /// A surface of triangles; for fixed bodies.
     TriangleMesh(MeshShape),
+    /// Several shapes that move as one; at most 1,000. Their masses add up, also where they overlap.
+    #[schema(no_recursion)]
+    Compound(Vec<CompoundPart>),
+}
+
+/// A shape of a body that has several.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CompoundPart {
+    /// The shape; none that is itself a compound.
+    #[schema(no_recursion)]
+    pub shape: RigidShape,
+    /// Where the origin of its frame is, in the frame of the body. Default `[0, 0, 0]`.
+    #[schema(value_type = Option<[Expression; 3]>)]
+    pub position: Option<Vector>,
+    /// Its orientation against the body, a unit quaternion `[w, x, y, z]`. Default `[1, 0, 0, 0]`.
+    pub orientation: Option<[Expression; 4]>,
 }
 
 /// A ball about the position of the body.
@@ -97,12 +114,39 @@ pub struct MeshShape {
     pub triangles: Vec<[u32; 3]>,
 }
 
+/// The most shapes of a body: each is compared with each of another.
+const MOST_PARTS: usize = 1_000;
+
 /// The most points of a hull: each costs time at every contact.
 const MOST_POINTS: usize = 1_000;
 
 impl RigidShape {
+    /// Its shapes, with their places in the frame of the body.
+    pub(super) fn parts(&self, place: &Place<'_>, lowering: &mut Lowering) -> Option<Vec<(Shape, Isometry3<f64>)>> {
+        let Self::Compound(parts) = self else {
+            return Some(vec![(self.lower(place, lowering)?, Isometry3::identity())]);
+        };
+        let place = place.key("compound");
+        if parts.is_empty() || parts.len() > MOST_PARTS {
+            let detail = format!("{} shapes", parts.len());
+            let error = SpecificationError::new(place.to_string(), "wrong_count", detail);
+            lowering.errors.push(error.expected(format!("from 1 to {MOST_PARTS} shapes")));
+            return None;
+        }
+        let lower = |(k, part): (usize, &CompoundPart)| {
+            let place = place.index(k);
+            let shape = part.shape.lower(&place.key("shape"), lowering);
+            let position = part.position.as_ref();
+            let at = position.map_or_else(Vector3::zeros, |at| vectors::lower(at, &place.key("position"), lowering));
+            let turn = vectors::orientation(part.orientation.as_ref(), &place.key("orientation"), lowering).0;
+            Some((shape?, Isometry3::from_parts(at.into(), turn)))
+        };
+        let all: Vec<_> = parts.iter().enumerate().map(lower).collect();
+        all.into_iter().collect()
+    }
+
     /// The shape, if it is one.
-    pub(super) fn lower(&self, place: &Place<'_>, lowering: &mut Lowering) -> Option<Shape> {
+    fn lower(&self, place: &Place<'_>, lowering: &mut Lowering) -> Option<Shape> {
         let length = |value: &Expression, place: &Place<'_>, key: &str, lowering: &mut Lowering| {
             range::positive(value, key, &place.key(key), lowering)
         };
@@ -135,6 +179,12 @@ impl RigidShape {
                 Some(Shape::HalfSpace { normal: normal.into_inner() })
             }
             Self::TriangleMesh(mesh) => mesh.lower(&place.key("triangle_mesh"), lowering),
+            Self::Compound(_) => {
+                let detail = "a part of a compound is itself a compound";
+                let error = SpecificationError::new(place.to_string(), "conflict", detail);
+                lowering.errors.push(error.expected("all shapes in one list"));
+                None
+            }
         }
     }
 }

@@ -4,7 +4,7 @@ use crate::error::SpecificationError;
 use crate::expression::Expression;
 use crate::lowering::Lowering;
 use crate::place::Place;
-use nalgebra::{Unit, Vector3};
+use nalgebra::{Quaternion, Unit, UnitQuaternion, Vector3};
 
 /// Three constant expressions.
 pub type Vector = [Expression; 3];
@@ -25,4 +25,24 @@ pub(super) fn direction(vector: &Vector, place: &Place<'_>, lowering: &mut Lower
         }
         Vector3::z_axis()
     })
+}
+
+/// An orientation, with the length of the quaternion that was given; one of no length is reported.
+pub(super) fn orientation(
+    given: Option<&[Expression; 4]>,
+    place: &Place<'_>,
+    lowering: &mut Lowering,
+) -> (UnitQuaternion<f64>, f64) {
+    let none = (UnitQuaternion::identity(), 1.0);
+    let Some(given) = given else { return none };
+    let values = [0, 1, 2, 3].map(|i| lowering.constant(&given[i], &place.index(i)));
+    let [Some(w), Some(x), Some(y), Some(z)] = values else { return none };
+    let quaternion = Quaternion::new(w, x, y, z);
+    let norm = quaternion.norm();
+    if !(norm > 0.0 && norm.is_finite()) {
+        let error = SpecificationError::new(place.to_string(), "zero_quaternion", "this quaternion has no direction");
+        lowering.errors.push(error.expected("a unit quaternion [w, x, y, z]"));
+        return none;
+    }
+    (UnitQuaternion::new_normalize(quaternion), norm)
 }

@@ -1,7 +1,7 @@
 //! Pairs without a closed form, by the collision library. Manifolds are made anew each time: kept ones are updated by the
 //! library within tolerances that are too coarse here.
 
-use super::{Collider, ContactPoint};
+use super::{ContactPoint, Part};
 use crate::rigid_bodies::shape::Shape;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use parry3d_f64::math::{Pose, Rot3, Vector};
@@ -9,8 +9,8 @@ use parry3d_f64::query::{ContactManifold, DefaultQueryDispatcher, PersistentQuer
 use std::f64::consts::FRAC_PI_2;
 
 pub(super) fn contacts(
-    (first, at_first): (&Collider, &Isometry3<f64>),
-    (second, at_second): (&Collider, &Isometry3<f64>),
+    (first, at_first): (&Part, &Isometry3<f64>),
+    (second, at_second): (&Part, &Isometry3<f64>),
     margin: f64,
     points: &mut Vec<ContactPoint>,
 ) {
@@ -28,7 +28,7 @@ pub(super) fn contacts(
             let surface = at_a.rotation * vector(contact.local_p1) + at_a.translation.vector;
             let position = surface + normal * (0.5 * contact.dist);
             // A manifold is of one face of a mesh, or the only one.
-            points.push(ContactPoint { position, normal, gap: contact.dist, id: (m << 8 | k) as u32 });
+            points.push(ContactPoint { position, normal, gap: contact.dist, id: (m << 8 | k) as u64 });
         }
     }
 }

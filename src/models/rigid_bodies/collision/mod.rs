@@ -30,8 +30,9 @@ pub struct ContactPoint {
     pub normal: Vector3<f64>,
     /// The distance of the surfaces along the normal, negative where they overlap.
     pub gap: f64,
-    /// Tells the points of one pair of bodies apart, and stays the same while the same features touch.
-    pub id: u32,
+    /// Tells the points of one pair of bodies apart, and stays the same while the same features touch. The pair of their parts
+    /// is above the lower half.
+    pub id: u64,
 }
 
 impl ContactPoint {
@@ -41,19 +42,58 @@ impl ContactPoint {
     }
 }
 
-/// A shape ready for queries.
+/// What of a body touches others: one shape or several, ready for queries.
 #[derive(Clone, Debug)]
 pub struct Collider {
-    /// The shape.
-    pub shape: Shape,
+    parts: Vec<Part>,
+    reach: f64,
+}
+
+/// A shape of a body.
+#[derive(Clone, Debug)]
+struct Part {
+    shape: Shape,
     /// The same for the library; none for a half space.
     library: Option<SharedShape>,
+    /// Its frame in that of the body; none where both are the same.
+    place: Option<Isometry3<f64>>,
+}
+
+impl Part {
+    fn pose(&self, body: &Isometry3<f64>) -> Isometry3<f64> {
+        self.place.map_or(*body, |place| body * place)
+    }
 }
 
 impl Collider {
-    /// Prepares a shape.
+    /// Prepares a shape in the frame of the body.
     pub fn new(shape: Shape) -> Self {
-        Self { library: shape.library(), shape }
+        Self::of_parts(vec![(shape, Isometry3::identity())])
+    }
+
+    /// Prepares shapes at their places in the frame of the body.
+    pub fn of_parts(parts: Vec<(Shape, Isometry3<f64>)>) -> Self {
+        let far = |(shape, place): &(Shape, Isometry3<f64>)| place.translation.vector.norm() + shape.reach();
+        let reach = parts.iter().map(far).fold(0.0, f64::max);
+        let part = |(shape, place): (Shape, Isometry3<f64>)| Part {
+            library: shape.library(),
+            shape,
+            place: (place != Isometry3::identity()).then_some(place),
+        };
+        Self { parts: parts.into_iter().map(part).collect(), reach }
+    }
+
+    /// The largest distance of its points from the origin of the frame of the body, or more where it has parts; infinite for a half
+    /// space.
+    pub fn reach(&self) -> f64 {
+        self.reach
+    }
+
+    /// The least and the greatest corner of its bounding box in the world.
+    pub fn bounds(&self, pose: &Isometry3<f64>) -> (Vector3<f64>, Vector3<f64>) {
+        let mut bounds = self.parts.iter().map(|part| part.shape.bounds(&part.pose(pose)));
+        let first = bounds.next().unwrap_or((pose.translation.vector, pose.translation.vector));
+        bounds.fold(first, |(lower, upper), (least, greatest)| (lower.inf(&least), upper.sup(&greatest)))
     }
 }
 
@@ -61,6 +101,33 @@ impl Collider {
 pub fn contacts(
     (first, at_first): (&Collider, &Isometry3<f64>),
     (second, at_second): (&Collider, &Isometry3<f64>),
+    margin: f64,
+    points: &mut Vec<ContactPoint>,
+) {
+    let room = Vector3::repeat(margin);
+    let of_one = second.parts.len();
+    for (i, a) in first.parts.iter().enumerate() {
+        let at_a = a.pose(at_first);
+        for (j, b) in second.parts.iter().enumerate() {
+            let at_b = b.pose(at_second);
+            let is_near = of_one * first.parts.len() == 1 || {
+                let ((low_a, high_a), (low_b, high_b)) = (a.shape.bounds(&at_a), b.shape.bounds(&at_b));
+                low_a - room <= high_b && low_b - room <= high_a
+            };
+            if !is_near {
+                continue;
+            }
+            let start = points.len();
+            contacts_of_parts((a, &at_a), (b, &at_b), margin, points);
+            let pair = ((i * of_one + j) as u64) << 32;
+            points[start..].iter_mut().for_each(|point| point.id |= pair);
+        }
+    }
+}
+
+fn contacts_of_parts(
+    (first, at_first): (&Part, &Isometry3<f64>),
+    (second, at_second): (&Part, &Isometry3<f64>),
     margin: f64,
     points: &mut Vec<ContactPoint>,
 ) {

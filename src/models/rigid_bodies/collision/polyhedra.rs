@@ -64,7 +64,7 @@ const RIDGE: f64 = 1e-6;
 const FLAT: f64 = 0.999;
 
 /// Marks the points that lie on a face of the second body.
-const OTHER_FACE: u32 = 1 << 31;
+const OTHER_FACE: u64 = 1 << 31;
 
 /// The face of `a` over which `b` lies highest, and how high; `b_in_a` is the pose of `b` in the frame of `a`.
 fn best_face(a: &Polyhedron, b: &Polyhedron, b_in_a: &Isometry3<f64>) -> (f64, usize) {
@@ -143,7 +143,7 @@ impl EdgePair {
                 position: at_a.rotation * middle + at_a.translation.vector,
                 normal: at_a.rotation * self.axis,
                 gap: self.separation,
-                id: 1 << 30 | (i as u32) << 15 | j as u32,
+                id: 1 << 30 | (i as u64) << 15 | j as u64,
             });
         }
         true
@@ -188,7 +188,7 @@ fn clip(
     for Corner { at, id } in polygon {
         let gap = normal.dot(&(at - origin));
         if gap <= margin {
-            points.push(ContactPoint { position: at - normal * (0.5 * gap), normal, gap, id });
+            points.push(ContactPoint { position: at - normal * (0.5 * gap), normal, gap, id: id.into() });
         }
     }
 }

@@ -1,6 +1,6 @@
 //! The contacts of a step: those that may close within it, and those that nobody looked for.
 
-use super::super::collision::{BroadPhase, contacts};
+use super::super::collision::{BroadPhase, ContactPoint, contacts};
 use super::super::contact::Contact;
 use super::super::load::Load;
 use super::super::motion::Motion;
@@ -38,13 +38,25 @@ impl Simulation<'_> {
             }
             Err(StepFailure::TooMuchMemory { contacts: load.contacts, most_touched: load.most_touched(), bytes })
         };
+        let given = |body: usize| self.given[body].map(|place| &self.prescribed[place as usize]);
         let margin = |body: usize| {
-            let reach = scene.bodies[body].collider.shape.reach();
-            places[body].map_or(0.0, |place| margin(&moving[place as usize], reach, h * scene.gravity.norm(), h))
+            let reach = scene.bodies[body].collider.reach();
+            match (places[body], given(body)) {
+                (Some(place), _) => margin(&moving[place as usize], reach, h * scene.gravity.norm(), h),
+                (None, Some(given)) => {
+                    let turns = given.omega.norm();
+                    h * (given.velocity.norm() + if turns > 0.0 { turns * reach } else { 0.0 })
+                }
+                (None, None) => 0.0,
+            }
         };
-        let pose = |body: usize| places[body].map_or(&scene.bodies[body].pose, |place| &moving[place as usize].pose);
+        let pose = |body: usize| match (places[body], given(body)) {
+            (Some(place), _) => &moving[place as usize].pose,
+            (None, Some(given)) => &given.pose,
+            (None, None) => &scene.bodies[body].pose,
+        };
         let bounds = |body: usize| {
-            let (lower, upper) = scene.bodies[body].collider.shape.bounds(pose(body));
+            let (lower, upper) = scene.bodies[body].collider.bounds(pose(body));
             let margin = Vector3::repeat(margin(body));
             (lower - margin, upper + margin)
         };
@@ -66,7 +78,7 @@ impl Simulation<'_> {
             if k % AT_ONCE == 0 {
                 control.go_on()?;
             }
-            if self.joined.contains(&(a, b)) {
+            if self.joined.contains(&(a, b)) || scene.is_apart(a, b) {
                 continue;
             }
             let [i, j] = [a as usize, b as usize];
@@ -76,7 +88,12 @@ impl Simulation<'_> {
             load.add([i, j].map(|body| places[body].map(|_| body)), self.points.len());
             check(load)?;
             let law = scene.laws.of(scene.bodies[i].material, scene.bodies[j].material);
-            let new = |point| Contact::new(point, [places[i], places[j]], moving, law, (a, b));
+            let new = |point: &ContactPoint| {
+                let contact = Contact::new(point, [places[i], places[j]], moving, law, (a, b));
+                let surface =
+                    |body| given(body).map_or_else(Vector3::zeros, |given| given.velocity_at(&point.position));
+                if given(i).or(given(j)).is_some() { contact.carried([i, j].map(surface)) } else { contact }
+            };
             let size = overlaps::smaller(scene, i, j);
             let sized = |contact| Contact { size, no_gap: overlaps::OVERLAP * size, ..contact };
             self.contacts.extend(self.points.iter().map(new).map(sized));
@@ -93,7 +110,7 @@ impl Simulation<'_> {
         }
         let (scene, places) = (self.scene, &self.places);
         let is_jointed = |body: usize| places[body].is_some_and(|place| self.jointed[place as usize]);
-        let reach = |body: usize| scene.bodies[body].collider.shape.reach();
+        let reach = |body: usize| scene.bodies[body].collider.reach();
         let strays = |body: usize| {
             places[body].is_some_and(|place| {
                 let (from, to) = (&start[place as usize], &self.moving[place as usize]);
@@ -104,7 +121,8 @@ impl Simulation<'_> {
         };
         let overlap = |a: u32, b: u32| {
             let [a, b] = [a as usize, b as usize];
-            if !is_jointed(a) && !is_jointed(b) || self.joined.contains(&(a as u32, b as u32)) {
+            let passes = self.joined.contains(&(a as u32, b as u32)) || scene.is_apart(a as u32, b as u32);
+            if !is_jointed(a) && !is_jointed(b) || passes {
                 return false;
             }
             let [first, second] = [a, b].map(|body| (&scene.bodies[body].collider, self.pose(body)));
@@ -118,7 +136,7 @@ impl Simulation<'_> {
         let mut is_any = false;
         BroadPhase::default().sweep(
             scene.bodies.len(),
-            |body| scene.bodies[body].collider.shape.bounds(self.pose(body)),
+            |body| scene.bodies[body].collider.bounds(self.pose(body)),
             |body| places[body].is_some(),
             control,
             |a, b| {

@@ -96,6 +96,6 @@ impl Simulation<'_> {
 
 /// The size of the smaller of two bodies.
 pub(super) fn smaller(scene: &Scene, a: usize, b: usize) -> f64 {
-    let reach = |body: usize| scene.bodies[body].collider.shape.reach();
+    let reach = |body: usize| scene.bodies[body].collider.reach();
     reach(a).min(reach(b))
 }

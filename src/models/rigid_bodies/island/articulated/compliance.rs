@@ -64,7 +64,7 @@ impl Compliance {
                         let (home, place) = homes[body as usize];
                         if near.contains(&home) { apart(&linked[home].x[place]) } else { Default::default() }
                     };
-                    block.set_column(axis, &contacts[*other].velocity(of));
+                    block.set_column(axis, &contacts[*other].change(of));
                 }
             }
             for (&other, block) in others.iter().zip(columns) {
