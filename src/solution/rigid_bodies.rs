@@ -66,6 +66,8 @@ struct Course<'a> {
     starts: Vec<Motion>,
     pushed: Vec<bool>,
     states: Vec<f64>,
+    /// Forces that are outputs.
+    forces: Vec<f64>,
     energy: Energy,
     work: ViCounts,
     /// Steps in which a restitution was cut.
@@ -103,6 +105,7 @@ impl<'a> Course<'a> {
             t: plan.start,
             before: plan.start,
             states: vec![0.0; plan.initial.len()],
+            forces: Vec::new(),
             energy: Energy::default(),
             work: ViCounts::default(),
             limited: 0,
@@ -255,7 +258,10 @@ impl Stepper for Course<'_> {
             report.penetration,
             report.normal_impulse,
         ];
+        let (of_scene, forces) = of_scene.split_at_mut(values.len());
         of_scene.copy_from_slice(&values);
+        self.simulation.forces(&mut self.forces);
+        forces.copy_from_slice(&self.forces);
     }
 
     fn take_events(&mut self, events: &mut Vec<Event>) {

@@ -18,7 +18,7 @@ const BARS: [f64; 3] = [30.0, 1e-4, 1e-6];
 fn main() {
     let side = std::env::args().find_map(|argument| argument.parse().ok()).unwrap_or(10);
     let scene = heap::scene(side);
-    let mut simulation = Simulation::new(&scene, &SETTINGS);
+    let mut simulation = Simulation::new(&scene, 0.0, &SETTINGS);
     println!("{} spheres; bars: {} ms a step, depth {:.0e} R, residual {:.0e}", side.pow(3), BARS[0], BARS[1], BARS[2]);
     println!(
         "{:>6} {:>9} {:>9} {:>9} {:>9} {:>10} {:>10}",
@@ -31,7 +31,7 @@ fn main() {
         let (mut times, mut residuals, mut depth) = (Vec::new(), Vec::new(), 0.0_f64);
         for _ in 0..50 {
             let clock = Instant::now();
-            simulation.step(H, &control).expect("the spheres go on");
+            simulation.step(0.0, H, &control).expect("the spheres go on");
             times.push(clock.elapsed().as_secs_f64() * 1e3);
             residuals.push(simulation.report.residual);
             let overlap = simulation.report.penetration / RADIUS;

@@ -21,6 +21,8 @@ pub struct Contact {
     pub bodies: [Option<u32>; 2],
     /// `E`: the normal from the first body to the second, and two tangents.
     pub frame: Matrix3<f64>,
+    /// The point, in the world.
+    pub position: Vector3<f64>,
     /// From the centres of mass to the point.
     pub arms: [Vector3<f64>; 2],
     /// Whether it is a stop of a hinge: what meets is the angle about the normal, in radians, and impulses are those of torques.
@@ -58,6 +60,7 @@ impl Contact {
         let mut contact = Self {
             bodies,
             frame: frame(&point.normal),
+            position: point.position,
             arms: bodies.map(arm),
             turns: false,
             size: 0.0,

@@ -14,7 +14,7 @@ use super::action::Action;
 use super::contact::Contact;
 use super::delassus;
 use super::drive::DriveState;
-use super::joint::Joint;
+use super::joint::{Joint, Reaction};
 use super::linkage::Linkage;
 use super::motion::Motion;
 use super::scene::Scene;
@@ -71,6 +71,8 @@ pub struct Carried {
     pub halvings: u32,
     /// The drives of its joints.
     pub states: Vec<DriveState>,
+    /// What its joints did in the last step.
+    pub reactions: Vec<Reaction>,
 }
 
 impl Carried {
@@ -81,6 +83,11 @@ impl Carried {
         Self {
             tensions: vec![Vector6::zeros(); linkage.joints.len()],
             states: linkage.joints.iter().map(state).collect(),
+            reactions: linkage
+                .joints
+                .iter()
+                .map(|joint| Reaction { coordinate: coordinate(joint), ..Reaction::default() })
+                .collect(),
             ..Self::default()
         }
     }

@@ -43,6 +43,21 @@ pub struct Joint {
     pub drive: Option<Drive>,
     /// Whether its bodies do not touch each other.
     pub separates: bool,
+    /// What its outputs begin with; none for one that has none.
+    pub name: Option<String>,
+}
+
+/// What a joint does to its first body, in the mean of a step.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Reaction {
+    /// In the world, in newtons.
+    pub force: Vector3<f64>,
+    /// About the point of the joint, in newton metres.
+    pub torque: Vector3<f64>,
+    /// The coordinate that a hinge or slider leaves, or the length of a spring.
+    pub coordinate: f64,
+    /// The force or torque along it.
+    pub effort: f64,
 }
 
 /// One equation, `alpha . beta = 0`.
@@ -116,13 +131,19 @@ impl Joint {
             JointKind::Slider => [&sliding[..], &aligned].concat(),
             JointKind::Fixed => [point, aligned].concat(),
         };
-        Self { bodies, anchors, equations, drive: None, separates: true }
+        Self { bodies, anchors, equations, drive: None, separates: true, name: None }
     }
 
     /// The same with a drive along the coordinate that it leaves.
     #[must_use]
     pub fn with_drive(self, drive: Option<Drive>) -> Self {
         Self { drive, ..self }
+    }
+
+    /// The same with a name for its outputs.
+    #[must_use]
+    pub fn with_name(self, name: Option<String>) -> Self {
+        Self { name, ..self }
     }
 
     /// The rate of the coordinate of its drive, as all bodies are at the start.
@@ -138,7 +159,7 @@ impl Joint {
         let poses = [all[bodies.0].pose, bodies.1.map_or(Isometry3::identity(), |b| all[b].pose)];
         let anchors = [0, 1].map(|side| poses[side].inverse_transform_point(&at[side].into()).coords);
         let drive = Some(Drive { coordinate: Coordinate::Length, law, limits: Limits::NONE });
-        Self { bodies, anchors, equations: Vec::new(), drive, separates: false }
+        Self { bodies, anchors, equations: Vec::new(), drive, separates: false, name: None }
     }
 
     /// The coordinate that a hinge or a slider leaves, zero as the bodies are at the start.
@@ -166,6 +187,30 @@ impl Joint {
         let frames = [&Frame::of(&all[self.bodies.0].pose), &second];
         let (_, apart) = self.arms(frames);
         self.drive.as_ref().map_or(0.0, |drive| drive.value(frames, &apart, 0.0))
+    }
+
+    /// Names of its outputs.
+    pub fn output_names(&self) -> Vec<String> {
+        let Some(name) = &self.name else { return Vec::new() };
+        let keys: &[&str] = match &self.drive {
+            Some(Drive { coordinate: Coordinate::Length, .. }) => &["length", "force"],
+            Some(_) => &["fx", "fy", "fz", "tx", "ty", "tz", "coordinate", "effort"],
+            None => &["fx", "fy", "fz", "tx", "ty", "tz"],
+        };
+        keys.iter().map(|key| format!("{name}.{key}")).collect()
+    }
+
+    /// Its outputs, in their order.
+    pub fn outputs(&self, reaction: &Reaction, out: &mut Vec<f64>) {
+        if self.name.is_none() {
+            return;
+        }
+        let ends = [reaction.coordinate, reaction.effort];
+        let is_spring = self.drive.is_some_and(|drive| drive.coordinate == Coordinate::Length);
+        if !is_spring {
+            out.extend(reaction.force.iter().chain(&reaction.torque));
+        }
+        out.extend(if self.drive.is_some() { &ends[..] } else { &[] });
     }
 
     /// The number of its equations.

@@ -1,8 +1,10 @@
 //! The numbers that a scene puts out, by name.
 //!
 //! Of a body that moves: `x y z` the origin of its frame, `qw qx qy qz` its orientation, `vx vy vz` the velocity of that
-//! origin, `wx wy wz` its angular velocity, all in the world. Then the energies and the contacts of the whole scene.
+//! origin, `wx wy wz` its angular velocity, all in the world. Then the energies and the contacts of the whole scene,
+//! the contact forces of bodies for which they are asked for, and what joints with a name do.
 
+use super::joint::Joint;
 use super::motion::Motion;
 use super::scene::{Body, Scene};
 use analysis::{Analysis, Uniqueness};
@@ -10,6 +12,9 @@ use nalgebra::{Isometry3, Vector3};
 
 /// What is told of a body.
 pub const OF_BODY: [&str; 13] = ["x", "y", "z", "qw", "qx", "qy", "qz", "vx", "vy", "vz", "wx", "wy", "wz"];
+
+/// What is told of the contacts of a body where it is asked for: their force on it, and their torque about its centre of mass.
+const OF_CONTACTS: [&str; 6] = ["contact_fx", "contact_fy", "contact_fz", "contact_tx", "contact_ty", "contact_tz"];
 
 /// What is told of the scene.
 pub const OF_SCENE: [&str; 7] = [
@@ -31,7 +36,10 @@ impl Scene {
 
     /// The names of all outputs.
     pub fn output_names(&self) -> Vec<String> {
-        self.state_names().into_iter().chain(OF_SCENE.map(str::to_owned)).collect()
+        let contacts = self.bodies.iter().filter(|body| body.tells_contacts);
+        let contacts = contacts.flat_map(|body| OF_CONTACTS.map(|key| format!("{}.{key}", body.name)));
+        let joints = self.joints.iter().flat_map(Joint::output_names);
+        self.state_names().into_iter().chain(OF_SCENE.map(str::to_owned)).chain(contacts).chain(joints).collect()
     }
 
     /// The states at the start.

@@ -23,6 +23,8 @@ pub struct Body {
     pub material: usize,
     /// Whether nothing moves it.
     pub fixed: bool,
+    /// Whether the forces of its contacts are outputs.
+    pub tells_contacts: bool,
     /// How a body that is `fixed` moves all the same.
     pub motion: Option<Prescription>,
     /// The place of its group among those that may not touch each other; bodies without one touch all.

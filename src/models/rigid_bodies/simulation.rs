@@ -18,6 +18,7 @@
 
 mod arrival;
 mod detection;
+mod forces;
 mod overlaps;
 mod partition;
 mod report;
@@ -75,6 +76,8 @@ pub struct Simulation<'a> {
     acting: Vec<(u32, Option<u32>, u32)>,
     /// The time that the bodies have come to.
     t: f64,
+    /// What contacts did in the last step to the bodies for which that is asked for: force and torque.
+    contact_forces: Vec<(Vector3<f64>, Vector3<f64>)>,
     /// The bodies whose motion is given, and of each body of the scene its place among them.
     prescribed: Vec<Prescribed>,
     given: Vec<Option<u32>>,
@@ -139,6 +142,7 @@ impl<'a> Simulation<'a> {
             places,
             acting,
             t,
+            contact_forces: vec![Default::default(); scene.bodies.iter().filter(|body| body.tells_contacts).count()],
             prescribed,
             given,
             contacts: Vec::new(),
@@ -181,7 +185,9 @@ impl<'a> Simulation<'a> {
         self.t = t;
         self.report = ContactReport::default();
         self.happenings.clear();
+        self.contact_forces.fill(Default::default());
         self.advance(h, HALVINGS, control)?;
+        self.contact_forces.iter_mut().for_each(|(force, torque)| (*force, *torque) = (*force / h, *torque / h));
         self.measure_joints();
         self.check()
     }
@@ -230,6 +236,7 @@ impl<'a> Simulation<'a> {
             return Err(StepFailure::Unsolved { residual: self.report.residual });
         }
         self.follow(h);
+        self.add_contact_forces();
         self.judge();
         self.hold(|contact| contact.impulse.x > 0.0);
         for ((motion, is_jointed), is_held) in self.moving.iter_mut().zip(&self.jointed).zip(&self.held) {

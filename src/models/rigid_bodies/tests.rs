@@ -23,6 +23,7 @@ fn body(shape: Shape, mass: f64, at: [f64; 3]) -> Body {
         fixed: false,
         group: None,
         motion: None,
+        tells_contacts: false,
         mass,
         inertia: (Matrix3::from_diagonal_element(second.trace()) - second) * mass,
         centre: Vector3::zeros(),

@@ -51,6 +51,11 @@ pub struct RigidBody {
     pub material: Option<String>,
     /// How it moves, whatever pushes it: it pushes others, and needs no mass. Default by its own mass.
     pub motion: Option<BodyMotion>,
+    /// Whether `name.contact_fx contact_fy contact_fz`, the force of all contacts on it, and `name.contact_tx contact_ty contact_tz`,
+    /// their torque about its centre of mass, are outputs: in the world and in the mean of a step. Also of a body that
+    /// does not move, about the origin of its frame. Default `false`.
+    #[serde(default)]
+    pub contact_forces: bool,
     /// Its group, a name of which `contacts.exclude` says what its bodies do not touch. Default none.
     pub group: Option<String>,
     /// Whether it never moves, whatever pushes it.
@@ -167,6 +172,7 @@ impl RigidBody {
             fixed: !self.is_free(),
             group: None,
             motion: None,
+            tells_contacts: self.contact_forces,
             mass,
             inertia,
             centre,

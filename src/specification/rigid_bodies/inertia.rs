@@ -4,6 +4,7 @@ use crate::error::SpecificationError;
 use crate::expression::Expression;
 use crate::lowering::Lowering;
 use crate::place::Place;
+use crate::range;
 use nalgebra::{Matrix3, Vector3};
 use serde::Deserialize;
 use utoipa::ToSchema;
@@ -26,9 +27,8 @@ const ROUNDING: f64 = 1e-9;
 pub(super) fn lower(inertia: &Inertia, place: &Place<'_>, lowering: &mut Lowering) -> Option<Matrix3<f64>> {
     let matrix = match inertia {
         Inertia::Moments(moments) => {
-            let value = |i: usize| lowering.constant(&moments[i], &place.index(i));
-            let values: Vec<f64> = (0..3).map(value).collect::<Option<_>>()?;
-            Matrix3::from_diagonal(&Vector3::from_vec(values))
+            let value = |i, _| range::positive(&moments[i], "moment of inertia", &place.index(i), lowering);
+            Matrix3::from_diagonal(&Vector3::from_fn(value))
         }
         Inertia::Matrix(rows) => {
             let value = |k: usize| lowering.constant(&rows[k / 3][k % 3], &place.index(k / 3).index(k % 3));

@@ -38,6 +38,9 @@ pub struct PointJoint {
     /// The point, in the world at the start.
     #[schema(value_type = [Expression; 3])]
     pub at: Vector,
+    /// Its outputs are `name.fx fy fz`, the force on the first of its bodies that moves, and `name.tx ty tz`, the torque on it about the
+    /// point, in the world and in the mean of a step. Default no outputs.
+    pub name: Option<String>,
 }
 
 /// A common axis.
@@ -52,6 +55,10 @@ pub struct AxialJoint {
     /// The direction of the axis, in the world at the start.
     #[schema(value_type = [Expression; 3])]
     pub axis: Vector,
+    /// Its outputs are `name.fx fy fz`, the force on the first of its bodies that moves, and `name.tx ty tz`, the torque on it about the
+    /// point, in the world and in the mean of a step; with a motor, a spring or limits also `name.coordinate` and
+    /// `name.effort`, the force or torque along it. Default no outputs.
+    pub name: Option<String>,
     /// What drives it. Default nothing.
     pub motor: Option<Motor>,
     /// What pulls it back. Default nothing.
@@ -66,6 +73,9 @@ pub struct AxialJoint {
 pub struct FixedJoint {
     /// The names of two bodies, or of one that is joined to the world.
     pub bodies: Vec<String>,
+    /// Its outputs are `name.fx fy fz`, the force on the first of its bodies that moves, and `name.tx ty tz`, the torque on it about its
+    /// centre of mass at the start, in the world and in the mean of a step. Default no outputs.
+    pub name: Option<String>,
 }
 
 impl BodyJoint {
@@ -138,7 +148,7 @@ pub(super) fn lower(
             BodyJoint::Ball(PointJoint { bodies, .. }) => (bodies, None, JointKind::Ball),
             BodyJoint::Hinge(axial) => (&axial.bodies, Some(axial), JointKind::Hinge),
             BodyJoint::Slider(axial) => (&axial.bodies, Some(axial), JointKind::Slider),
-            BodyJoint::Fixed(FixedJoint { bodies }) => (bodies, None, JointKind::Fixed),
+            BodyJoint::Fixed(FixedJoint { bodies, .. }) => (bodies, None, JointKind::Fixed),
         };
         let at = match joint {
             BodyJoint::Ball(point) => Some(&point.at),
@@ -154,7 +164,14 @@ pub(super) fn lower(
             let axis: Unit<Vector3<f64>> = axis;
             let coordinate = rigid_bodies::Joint::coordinate(kind, pair, bodies, axis);
             let drive = law.zip(coordinate).map(|((law, limits), coordinate)| Drive { coordinate, law, limits });
-            lowered.push(rigid_bodies::Joint::new(kind, pair, bodies, at, axis).with_drive(drive));
+            let named = match joint {
+                BodyJoint::Ball(point) => &point.name,
+                BodyJoint::Fixed(fixed) => &fixed.name,
+                BodyJoint::Hinge(axial) | BodyJoint::Slider(axial) => &axial.name,
+            };
+            named.iter().for_each(|name| lowering.keep_name(name, &place.key("name")));
+            let joint = rigid_bodies::Joint::new(kind, pair, bodies, at, axis).with_drive(drive);
+            lowered.push(joint.with_name(named.clone()));
         }
     }
     lowered

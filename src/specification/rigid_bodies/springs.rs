@@ -17,6 +17,8 @@ use utoipa::ToSchema;
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BodySpring {
+    /// Its outputs are `name.length`, and `name.force`, which is above zero where it pushes, in the mean of a step. Default no outputs.
+    pub name: Option<String>,
     /// The names of two bodies, or of one that is tied to the world.
     pub bodies: Vec<String>,
     /// A point of the first body and one of the second or the world, where they are at the start.
@@ -58,7 +60,8 @@ pub(super) fn lower(
         };
         let at = if exchanged { [points[1], points[0]] } else { points };
         let law = DriveLaw::Force(ForceLaw { rest: rest.unwrap_or(apart), ..law });
-        lowered.push(Joint::spring(pair, bodies, at, law));
+        spring.name.iter().for_each(|name| lowering.keep_name(name, &place.key("name")));
+        lowered.push(Joint::spring(pair, bodies, at, law).with_name(spring.name.clone()));
     }
     lowered
 }

@@ -3,8 +3,9 @@
 
 use dvi::contact::law::Cone;
 use dvi::contact::{ImpactLaw, Settings};
-use dvi::models::rigid_bodies::{Body, Collider, Law, Laws, Scene, Shape};
+use dvi::models::rigid_bodies::{Body, Collider, Law, Laws, Scene, Shape, Signals};
 use nalgebra::{Isometry3, Matrix3, Vector3};
+use std::collections::HashSet;
 
 /// Of every sphere, in metres.
 pub const RADIUS: f64 = 0.1;
@@ -22,6 +23,9 @@ fn body(shape: Shape, at: Vector3<f64>, mass: f64) -> Body {
         collider: Collider::new(shape),
         material: 0,
         fixed: mass == 0.0,
+        tells_contacts: false,
+        motion: None,
+        group: None,
         mass,
         inertia: Matrix3::from_diagonal_element(0.4 * mass * RADIUS * RADIUS),
         centre: Vector3::zeros(),
@@ -53,5 +57,16 @@ pub fn scene(side: usize) -> Scene {
     }
     let laws = Laws::of_materials(&[Law { friction: 0.5, restitution: 0.0 }]);
     let gravity = Vector3::new(0.0, 0.0, -9.81);
-    Scene { gravity, bodies, laws, cone: Cone::Quadratic, joints: Vec::new(), resolve: false, warnings: Vec::new() }
+    Scene {
+        gravity,
+        bodies,
+        laws,
+        cone: Cone::Quadratic,
+        apart: HashSet::new(),
+        joints: Vec::new(),
+        actions: Vec::new(),
+        signals: Signals::default(),
+        resolve: false,
+        warnings: Vec::new(),
+    }
 }

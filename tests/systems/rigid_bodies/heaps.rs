@@ -8,11 +8,11 @@ use dvi::problem::Control;
 #[test]
 fn a_heap_of_spheres_that_falls_obeys_the_law_in_every_step() {
     let scene = scene(5);
-    let mut simulation = Simulation::new(&scene, &SETTINGS);
+    let mut simulation = Simulation::new(&scene, 0.0, &SETTINGS);
     let mut last: f64 = simulation.energies().iter().sum();
     let (start, mut most) = (last, 0);
     for step in 0..250 {
-        simulation.step(H, &Control::new()).expect("the spheres go on");
+        simulation.step(0.0, H, &Control::new()).expect("the spheres go on");
         let (report, energy) = (simulation.report, simulation.energies().iter().sum());
         assert!(report.residual <= SETTINGS.tolerance, "step {step}: {report:?}");
         assert!(report.penetration <= 1e-6 * RADIUS, "step {step}: {report:?}");

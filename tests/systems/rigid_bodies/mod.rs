@@ -2,6 +2,7 @@
 
 mod arches;
 mod chains;
+mod driven;
 mod events;
 mod free;
 mod friction;

@@ -125,7 +125,7 @@ impl Island {
             self.unsolved = Some(Unsolved::TooLong);
         }
         for (carried, linked) in self.carried.iter_mut().zip(linked) {
-            (carried.tensions, carried.states) = (linked.forces, linked.states);
+            (carried.tensions, carried.states, carried.reactions) = (linked.forces, linked.states, linked.reactions);
             (carried.largest_energy, carried.halvings) = (self.largest_energy, self.halvings);
         }
     }

@@ -20,7 +20,7 @@ pub use elimination::{Blocks, Plan};
 
 use super::drive::{Done, DriveState, Driving};
 use super::frame::Frame;
-use super::joint::{Joint, Row};
+use super::joint::{Joint, Reaction, Row};
 use super::midpoint::{Midpoint, apart as apart_of};
 use super::motion::Motion;
 use super::signals::Course;
@@ -90,10 +90,14 @@ pub struct Linked<'a> {
     /// The forces of the joints, and their impulses `lambda` in this step.
     pub forces: Vec<Vector6<f64>>,
     impulses: Vec<Vector6<f64>>,
+    /// What joints do to velocities at the end of this step.
+    corrections: Vec<Vector6<f64>>,
     /// The drives of the joints: their states, what they do in this step, and what they did in the last.
     pub states: Vec<DriveState>,
     driving: Vec<Driving>,
     pub done: Done,
+    /// What joints did in the last step.
+    pub reactions: Vec<Reaction>,
     /// Whether the last system of equations had a solution.
     pub is_solved: bool,
     matrix: Blocks,
@@ -117,7 +121,10 @@ impl<'a> Linked<'a> {
         let impulses = forces.clone();
         let diagonals = vec![Vector6::zeros(); joints.len()];
         let driving = vec![Driving::default(); joints.len()];
+        let reactions = vec![Reaction::default(); joints.len()];
         Self {
+            corrections: impulses.clone(),
+            reactions,
             diagonals,
             states,
             driving,
@@ -137,6 +144,7 @@ impl<'a> Linked<'a> {
     pub fn begin(&mut self, starts: &[Frame], course: &Course) {
         let h = course.h;
         self.impulses.iter_mut().zip(&self.forces).for_each(|(impulse, force)| *impulse = force * h);
+        self.corrections.fill(Vector6::zeros());
         self.is_solved = true;
         self.done = Done::default();
         for k in 0..self.joints.len() {
@@ -161,11 +169,28 @@ impl<'a> Linked<'a> {
         })
     }
 
+    /// What a joint did to its first body over a step.
+    fn reaction(&self, k: usize, midpoint: &Midpoint) -> Reaction {
+        let (joint, frames) = (self.joints[k], self.frames(&midpoint.means, k));
+        let (arms, apart) = joint.arms(frames);
+        let drive = joint.drive.as_ref();
+        let of_drive = drive.and_then(|drive| drive.equation(self.driving[k].reference));
+        let mut reaction = Reaction::default();
+        let impulses = self.impulses[k] + self.corrections[k];
+        for (equation, impulse) in joint.equations.iter().chain(&of_drive).zip(&impulses) {
+            let row = equation.row(frames, arms, apart);
+            reaction.force += row.force * (impulse / midpoint.h);
+            reaction.torque += (row.torques[0] - arms[0].cross(&row.force)) * (impulse / midpoint.h);
+        }
+        reaction
+    }
+
     /// Ends a step, and books what drives did in it.
     pub fn end(&mut self, midpoint: &Midpoint) {
         let h = midpoint.h;
         self.forces.iter_mut().zip(&self.impulses).for_each(|(force, impulse)| *force = impulse / h);
         for k in 0..self.joints.len() {
+            self.reactions[k] = self.reaction(k, midpoint);
             let (Some(drive), Some(from), Some(to)) =
                 (&self.joints[k].drive, self.deviation(k, &midpoint.starts), self.deviation(k, &midpoint.ends))
             else {
@@ -174,6 +199,9 @@ impl<'a> Linked<'a> {
             let work = self.impulses[k][self.joints[k].equations.len()] * (to - from) / h;
             let (state, done) = drive.end(&self.driving[k], to, work, h);
             self.states[k] = state;
+            self.reactions[k].coordinate = state.coordinate;
+            let row = self.joints[k].equations.len();
+            self.reactions[k].effort = drive.force(to, self.impulses[k][row] + self.corrections[k][row], h);
             self.done.drives += done.drives;
             self.done.damped += done.damped;
         }
@@ -276,13 +304,17 @@ impl<'a> Linked<'a> {
             }
             self.respond();
             self.add(velocities);
-            work += self.work_of_drives();
+            work += self.correct();
         }
         work
     }
 
-    /// The work that drives which prescribe a rate do with the impulses in `x`.
-    pub fn work_of_drives(&self) -> f64 {
+    /// Adds the impulses in `x` to what joints do to velocities at the end of the step, and gives the work of drives that prescribe
+    /// a rate in them.
+    pub fn correct(&mut self) -> f64 {
+        for (correction, x) in self.corrections.iter_mut().zip(&self.x[self.bodies.len()..]) {
+            *correction -= x;
+        }
         let driven = |(k, joint): (usize, &&Joint)| {
             let rate = self.driving[k].rate;
             if rate == 0.0 { 0.0 } else { -self.x[self.bodies.len() + k][joint.equations.len()] * rate }

@@ -115,7 +115,7 @@ impl Island {
         let are_replaced = self.replace_impulses(linked, homes, &midpoint.mean, &mut velocities, &p, h, law, control);
         self.report = self.report.zip(positions).map(|(velocities, positions)| velocities.beside(&positions));
         if are_replaced {
-            self.done.drives += driven + linked.iter().map(Linked::work_of_drives).sum::<f64>();
+            self.done.drives += driven + linked.iter_mut().map(Linked::correct).sum::<f64>();
             self.arrive(&midpoint, linked, &velocities, energy);
         }
         are_replaced

@@ -1,0 +1,38 @@
+//! Forces that are outputs: of contacts, and of joints.
+
+use super::Simulation;
+
+impl Simulation<'_> {
+    /// Contact forces of the bodies for which they are asked for, and what joints with a name do, in the order of outputs.
+    pub fn forces(&self, out: &mut Vec<f64>) {
+        out.clear();
+        for (force, torque) in &self.contact_forces {
+            out.extend(force.iter().chain(torque));
+        }
+        for (place, joint) in self.scene.joints.iter().enumerate().filter(|(_, joint)| joint.name.is_some()) {
+            let linkage = self.mechanism.of_joint[place] as usize;
+            let found = self.mechanism.linkages[linkage].joints.binary_search(&(place as u32)).ok();
+            let reaction = found.and_then(|k| self.carried[linkage].reactions.get(k)).copied();
+            joint.outputs(&reaction.unwrap_or_default(), out);
+        }
+    }
+
+    /// Adds up what contacts do to the bodies for which that is asked for, in a part of a step.
+    pub(super) fn add_contact_forces(&mut self) {
+        let mut forces = std::mem::take(&mut self.contact_forces);
+        let told = (0..self.scene.bodies.len()).filter(|&body| self.scene.bodies[body].tells_contacts);
+        for (body, (force, torque)) in told.zip(&mut forces) {
+            let centre = self.pose(body).translation.vector;
+            for contact in self.contacts.iter().filter(|contact| !contact.is_stop()) {
+                for (side, sign) in [(contact.key.0, -1.0), (contact.key.1, 1.0)] {
+                    if side as usize == body {
+                        let impulse = contact.frame.tr_mul(&contact.impulse) * sign;
+                        *force += impulse;
+                        *torque += (contact.position - centre).cross(&impulse);
+                    }
+                }
+            }
+        }
+        self.contact_forces = forces;
+    }
+}
