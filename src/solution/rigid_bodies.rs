@@ -66,8 +66,9 @@ struct Course<'a> {
     starts: Vec<Motion>,
     pushed: Vec<bool>,
     states: Vec<f64>,
-    /// Forces that are outputs.
-    forces: Vec<f64>,
+    /// Forces and coordinates of joints that are outputs, at the ends of the last two steps, and which are coordinates.
+    forces: [Vec<f64>; 2],
+    coordinates: Vec<bool>,
     energy: Energy,
     work: ViCounts,
     /// Steps in which a restitution was cut.
@@ -93,6 +94,7 @@ impl<'a> Course<'a> {
                 state: plan.initial.clone(),
             });
         }
+        let coordinates = simulation.coordinates();
         let mut course = Self {
             scene,
             starts: simulation.ends.clone(),
@@ -105,7 +107,8 @@ impl<'a> Course<'a> {
             t: plan.start,
             before: plan.start,
             states: vec![0.0; plan.initial.len()],
-            forces: Vec::new(),
+            forces: Default::default(),
+            coordinates,
             energy: Energy::default(),
             work: ViCounts::default(),
             limited: 0,
@@ -113,6 +116,7 @@ impl<'a> Course<'a> {
             events: 0,
             checks: Checks::default(),
         };
+        course.forces.iter_mut().for_each(|forces| course.simulation.forces(forces));
         let [kinetic, potential] = course.simulation.energies();
         course.energy = Energy::new(kinetic, potential);
         // What their weights hold over their own sizes, for bodies that rest.
@@ -228,6 +232,8 @@ impl Stepper for Course<'_> {
             return Err(failure(cause, self.scene, self.plan, self.t, &self.states));
         }
         (self.before, self.t) = (self.t, next);
+        self.forces.swap(0, 1);
+        self.simulation.forces(&mut self.forces[1]);
         self.steps += 1;
         self.write_states(next);
         self.book();
@@ -260,8 +266,12 @@ impl Stepper for Course<'_> {
         ];
         let (of_scene, forces) = of_scene.split_at_mut(values.len());
         of_scene.copy_from_slice(&values);
-        self.simulation.forces(&mut self.forces);
-        forces.copy_from_slice(&self.forces);
+        let h = self.t - self.before;
+        let fraction = if h > 0.0 { ((t - self.before) / h).clamp(0.0, 1.0) } else { 1.0 };
+        let [before, after] = &self.forces;
+        for (k, force) in forces.iter_mut().enumerate() {
+            *force = if self.coordinates[k] { before[k] + fraction * (after[k] - before[k]) } else { after[k] };
+        }
     }
 
     fn take_events(&mut self, events: &mut Vec<Event>) {

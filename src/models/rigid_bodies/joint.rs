@@ -200,6 +200,11 @@ impl Joint {
         keys.iter().map(|key| format!("{name}.{key}")).collect()
     }
 
+    /// Which of its outputs is its coordinate.
+    pub fn are_coordinates(&self) -> Vec<bool> {
+        self.output_names().iter().map(|name| name.ends_with(".coordinate") || name.ends_with(".length")).collect()
+    }
+
     /// Its outputs, in their order.
     pub fn outputs(&self, reaction: &Reaction, out: &mut Vec<f64>) {
         if self.name.is_none() {

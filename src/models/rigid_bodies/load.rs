@@ -7,19 +7,24 @@
 
 use super::contact::Contact;
 use super::joint::Joint;
+use super::linkage::Linkage;
+use super::motion::Motion;
 use super::scene::Scene;
 use contact::islands::threads;
 use contact::law::{Cone, Size};
+use nalgebra::{Matrix3, Vector6};
 
 /// Bytes of a contact beside those that the law takes: among all, in its island, and in what is remembered of it.
 const OF_CONTACT: usize = 4 * size_of::<Contact>();
 /// Bytes of a pair of bodies that are near.
 const OF_PAIR: usize = size_of::<(u32, u32)>();
-/// The rows of a joint at the most; the bytes of an entry of `G M^-1 G^T`, with its factors; and those that the three
-/// columns of a contact take in a row, before and after they are solved with.
-const ROWS: usize = 6;
-const OF_ENTRY: usize = 128;
-const OF_ROW: usize = 6 * size_of::<f64>();
+/// Bytes of a body that joints hold, and of a joint, beside the matrix: where they were, are and come to be, and what is
+/// kept to come back to.
+const OF_HELD_BODY: usize = 8 * size_of::<Motion>();
+const OF_JOINT: usize = 24 * size_of::<Vector6<f64>>();
+/// Bytes of what couples two contacts on bodies that joints bring together, beside what the law takes: the compliance as it is
+/// assembled, whole and symmetric, with both halves of that.
+const OF_COUPLING: usize = 2 * size_of::<(usize, Matrix3<f64>)>();
 
 /// What is known of the contacts so far.
 #[derive(Clone, Debug, Default)]
@@ -33,6 +38,8 @@ pub struct Load {
     /// The bytes of the largest islands, by their roots: of as many as are solved at a time.
     largest: Vec<(u32, usize)>,
     at_a_time: usize,
+    /// A body of each linkage, and the bytes that its equations take.
+    linkages: Vec<(usize, usize)>,
 }
 
 /// A body, and if it is the root of its island that as well.
@@ -51,14 +58,22 @@ struct Island {
     blocks: usize,
     /// Contacts on bodies with joints.
     joined: usize,
-    rows: usize,
-    entries: usize,
+    /// The bytes of linkages.
+    linkages: usize,
 }
 
 impl Load {
     /// Nothing touches yet.
     pub fn of(scene: &Scene) -> Self {
-        let mut load = Self { at_a_time: threads(), ..Self::default() };
+        let moving: Vec<usize> = (0..scene.bodies.len()).filter(|&body| !scene.bodies[body].fixed).collect();
+        let place = |body: usize| moving.binary_search(&body).ok().map(|place| place as u32);
+        let places: Vec<Option<u32>> = (0..scene.bodies.len()).map(place).collect();
+        let of = |linkage: &Linkage| {
+            let others = OF_HELD_BODY * linkage.bodies.len() + OF_JOINT * linkage.joints.len();
+            Some((moving[*linkage.bodies.first()? as usize], linkage.bytes() + others))
+        };
+        let linkages = Linkage::all(&scene.joints, &places, moving.len()).iter().filter_map(of).collect();
+        let mut load = Self { at_a_time: threads(), linkages, ..Self::default() };
         load.begin(scene);
         load
     }
@@ -74,18 +89,17 @@ impl Load {
         for Joint { bodies: (a, b), .. } in &scene.joints {
             let moves = |body: &usize| !scene.bodies[*body].fixed;
             let (a, b) = (Some(*a).filter(moves), b.filter(moves));
-            let Some(root) = self.join(a, b) else { continue };
+            self.join(a, b);
             for body in [a, b].into_iter().flatten() {
                 self.bodies[body].has_joints = true;
-                // Counted as contacts are until there are any: the rows of a body meet each other.
-                let before = self.bodies[body].contacts as usize;
-                self.bodies[body].contacts += 1;
-                self.bodies[root].island.entries += ROWS * ROWS * (2 * before + 1);
             }
-            self.bodies[root].island.rows += ROWS;
+        }
+        for k in 0..self.linkages.len() {
+            let (body, bytes) = self.linkages[k];
+            let root = self.root(body);
+            self.bodies[root].island.linkages += bytes;
             self.weigh(root);
         }
-        self.bodies.iter_mut().for_each(|body| body.contacts = 0);
     }
 
     /// Takes in so many contacts between two bodies, of which those are given that move.
@@ -167,15 +181,13 @@ impl Island {
         self.contacts += other.contacts;
         self.blocks += other.blocks;
         self.joined += other.joined;
-        self.rows += other.rows;
-        self.entries += other.entries;
+        self.linkages += other.linkages;
     }
 
     fn bytes(&self, friction: Option<Cone>) -> usize {
         // Beside the blocks of bodies those of all contacts that joints bring together.
-        let coupled = if self.rows > 0 { self.joined.saturating_mul(self.joined) } else { 0 };
+        let coupled = self.joined.saturating_mul(self.joined);
         let size = Size { contacts: self.contacts, blocks: self.blocks.saturating_add(coupled), friction };
-        let columns = self.joined.saturating_mul(self.rows).saturating_mul(OF_ROW);
-        size.bytes().saturating_add(columns).saturating_add(self.entries.saturating_mul(OF_ENTRY))
+        size.bytes().saturating_add(coupled.saturating_mul(OF_COUPLING)).saturating_add(self.linkages)
     }
 }

@@ -132,6 +132,15 @@ impl Plan {
         plan
     }
 
+    /// The bytes of a matrix with its factors, and of the plan itself.
+    pub fn bytes(&self) -> usize {
+        let lists = self.later.iter().map(|later| size_of_val(&later[..])).sum::<usize>();
+        let pairs = self.updates.iter().map(|pairs| size_of_val(&pairs[..])).sum::<usize>();
+        let headers = self.nodes * 3 * size_of::<Vec<u32>>();
+        let blocks = self.blocks.len() * (size_of::<Block>() + size_of::<((u32, u32), u32)>());
+        2 * self.entries * size_of::<f64>() + 3 * lists + pairs + headers + blocks
+    }
+
     /// Where the block of this row and column is.
     pub fn slot(&self, row: u32, column: u32) -> u32 {
         if row == column { row } else { self.slots[&(row, column)] }

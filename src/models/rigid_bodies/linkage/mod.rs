@@ -74,6 +74,11 @@ impl Linkage {
         (0..islands.len()).map(linkage).collect()
     }
 
+    /// The bytes of its equations.
+    pub fn bytes(&self) -> usize {
+        self.plan.bytes()
+    }
+
     /// A body without joints.
     pub fn alone() -> Self {
         Self { bodies: vec![0], plan: Plan::new(1, &[], &[]), ..Self::default() }

@@ -1,5 +1,6 @@
 //! Forces that are outputs: of contacts, and of joints.
 
+use super::super::joint::Joint;
 use super::Simulation;
 
 impl Simulation<'_> {
@@ -15,6 +16,12 @@ impl Simulation<'_> {
             let reaction = found.and_then(|k| self.carried[linkage].reactions.get(k)).copied();
             joint.outputs(&reaction.unwrap_or_default(), out);
         }
+    }
+
+    /// Coordinates of hinges, sliders and springs among those outputs: they go on within a step, and forces are means of it.
+    pub fn coordinates(&self) -> Vec<bool> {
+        let contacts = self.contact_forces.iter().flat_map(|_| [false; 6]);
+        contacts.chain(self.scene.joints.iter().flat_map(Joint::are_coordinates)).collect()
     }
 
     /// Adds up what contacts do to the bodies for which that is asked for, in a part of a step.
