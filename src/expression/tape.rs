@@ -145,6 +145,11 @@ impl Tape {
         }
     }
 
+    /// The largest finite number of the last evaluation, with all on the way to the outputs, by its size.
+    pub fn largest(&self) -> f64 {
+        self.registers.iter().filter(|value| value.is_finite()).fold(0.0, |largest, value| largest.max(value.abs()))
+    }
+
     /// Visits the operations in order, each with the registers of its operands.
     pub(super) fn for_each_operation(&self, mut visit: impl FnMut(Operator, usize, usize)) {
         for block in &self.program.blocks {

@@ -6,6 +6,9 @@ use expression::Tape;
 const GAUSS: [(f64, f64); 3] =
     [(0.112_701_665_379_258_3, 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.887_298_334_620_741_7, 5.0 / 18.0)];
 
+/// Rounding of an expression, in parts of its largest term.
+const ROUNDING: f64 = 64.0 * f64::EPSILON;
+
 /// The functions of a scene.
 #[derive(Clone, Debug, Default)]
 pub struct Signals {
@@ -38,6 +41,13 @@ impl Signals {
         let mut both = vec![0.0; 2 * self.count];
         self.program.clone().evaluate(t, &[], &mut both);
         both.chunks_exact(2).map(|pair| (pair[0], pair[1])).unzip()
+    }
+
+    /// How far values and rates at a time are off by rounding: what the largest number on the way to them leaves where it cancels.
+    pub fn rounding(&self, t: f64) -> f64 {
+        let mut program = self.program.clone();
+        program.evaluate(t, &[], &mut vec![0.0; 2 * self.count]);
+        ROUNDING * program.largest()
     }
 
     /// All that a step asks for.

@@ -97,6 +97,7 @@ const ROUNDING: f64 = 1e-6;
 /// and axes are placed at the start, and hold.
 pub(super) fn refuse_torn(joints: &[BodyJoint], scene: &Scene, t: Option<f64>, place: &Place<'_>, errors: &mut Errors) {
     let (values, rates) = t.map(|t| scene.signals.at(t)).unwrap_or_default();
+    let rounding = t.map_or(0.0, |t| scene.signals.rounding(t));
     for (k, (given, joint)) in joints.iter().zip(&scene.joints).enumerate() {
         let asked = joint.drive.and_then(|drive| match drive.law {
             DriveLaw::Position(function) => rates.get(function).copied(),
@@ -104,7 +105,7 @@ pub(super) fn refuse_torn(joints: &[BodyJoint], scene: &Scene, t: Option<f64>, p
             DriveLaw::Force(_) => None,
         });
         if let Some((rate, asked)) = joint.rate(&scene.bodies).zip(asked)
-            && (rate - asked).abs() > ROUNDING * rate.abs().max(asked.abs())
+            && (rate - asked).abs() > ROUNDING * rate.abs().max(asked.abs()) + rounding
         {
             let detail =
                 format!("the motor moves the joint at a rate of {asked} at the start, and its bodies move at {rate}");

@@ -130,6 +130,12 @@ impl Functions {
         Signals { program: Tape::compile(&lowering.graph, &self.nodes), count: self.nodes.len() / 2 }
     }
 
+    /// How far the value of a function at the start is off by rounding.
+    fn rounding_at_start(&self, function: usize, lowering: &Lowering<'_>) -> f64 {
+        let program = Tape::compile(&lowering.graph, &self.nodes[2 * function..2 * function + 2]);
+        lowering.start.map_or(0.0, |t| Signals { program, count: 1 }.rounding(t))
+    }
+
     /// Value and rate of a function at the start, if that is known.
     pub fn at_start(&self, function: usize, lowering: &Lowering<'_>) -> Option<[f64; 2]> {
         let mut values = [0.0; 2];
@@ -178,7 +184,8 @@ pub(super) fn lower(
                     .push(error.expected("a `servo` or an `effort` beside `spring` and `limits`, or neither of them"));
             }
             if is_position
-                && let Some([start, _]) = functions.at_start(function, lowering).filter(|[start, _]| *start != 0.0)
+                && let Some([start, _]) = functions.at_start(function, lowering)
+                && start.abs() > functions.rounding_at_start(function, lowering)
             {
                 let detail = format!("the position is {start} at the start, where the coordinate of a joint is 0");
                 let error = SpecificationError::new(place.to_string(), "inconsistent_start", detail);

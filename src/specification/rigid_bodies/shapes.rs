@@ -30,7 +30,6 @@ pub enum RigidShape {
     /// A surface of triangles; for fixed bodies.
     TriangleMesh(MeshShape),
     /// Several shapes that move as one; at most 1,000. Their masses add up, also where they overlap.
-    #[schema(no_recursion)]
     Compound(Vec<CompoundPart>),
 }
 
