@@ -99,6 +99,10 @@ fn of_bodies(problem: &mut Json, last: impl Fn(&str) -> Result<Json, NotContinua
         ("velocity", &["vx", "vy", "vz"]),
         ("angular_velocity", &["wx", "wy", "wz"]),
     ];
+    if is_placed_at_its_start(problem) {
+        let why = "joints between bodies, springs, motors and motions are placed where its bodies are at the start";
+        return Err(NotContinuable::Problem(why));
+    }
     if let Some(Json::List(bodies)) = problem.member("bodies") {
         for body in bodies.iter_mut() {
             if matches!(body.member("fixed"), Some(Json::Bool(true))) {
@@ -113,6 +117,23 @@ fn of_bodies(problem: &mut Json, last: impl Fn(&str) -> Result<Json, NotContinua
     }
     problem.set("interpenetration", Json::Text("resolve".to_owned()));
     Ok(())
+}
+
+/// Whether something of a scene refers to where its bodies are at the start, by more than points and axes of the world.
+fn is_placed_at_its_start(problem: &mut Json) -> bool {
+    let has_springs = matches!(problem.member("springs"), Some(Json::List(springs)) if !springs.is_empty());
+    let mut moves_by_itself = false;
+    if let Some(Json::List(bodies)) = problem.member("bodies") {
+        moves_by_itself = bodies.iter_mut().any(|body| body.member("motion").is_some());
+    }
+    let mut is_relative = false;
+    if let Some(Json::List(joints)) = problem.member("joints") {
+        is_relative = joints.iter_mut().filter_map(Json::only_member).any(|(_, joint)| {
+            let two = matches!(joint.member("bodies"), Some(Json::List(bodies)) if bodies.len() > 1);
+            two || ["motor", "spring", "limits"].iter().any(|key| joint.member(key).is_some())
+        });
+    }
+    has_springs || moves_by_itself || is_relative
 }
 
 fn of_circuit(problem: &mut Json, last: impl Fn(&str) -> Result<Json, NotContinuable>) -> Result<(), NotContinuable> {

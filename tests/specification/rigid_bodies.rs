@@ -171,3 +171,113 @@ fn too_many_bodies_are_refused_before_they_are_looked_at() {
     let document = with(scene(), BODIES, Value::Array(vec![ball; 100_001]));
     assert_errors(&document, &[(BODIES, "too_many_bodies", "100001")]);
 }
+
+const PROBLEM: &str = "/problem/rigid_bodies";
+
+/// The scene with this joint alone.
+fn hinged(members: &Value) -> Value {
+    let mut hinge = json!({"bodies": ["box"], "at": [3, 0, 0.5], "axis": [0, 0, 1]});
+    hinge.as_object_mut().unwrap().extend(members.as_object().unwrap().clone());
+    with(scene(), &format!("{PROBLEM}/joints"), json!([{"hinge": hinge}]))
+}
+
+#[test]
+fn motors_springs_and_limits_say_what_cannot_be() {
+    let hinge = format!("{PROBLEM}/joints/0/hinge");
+    let refused = |members: Value, key: &str, code: &str, words: &str| {
+        assert_errors(&hinged(&members), &[(&format!("{hinge}/{key}"), code, words)]);
+    };
+    refused(json!({"motor": {"position": "1 + t"}}), "motor/position", "inconsistent_start", "1 at the start");
+    refused(json!({"motor": {"position": "2*t"}}), "motor", "inconsistent_start", "rate of 2");
+    refused(json!({"motor": {"velocity": "ball.x"}}), "motor/velocity", "depends_on_state", "how bodies move");
+    refused(json!({"motor": {"effort": "1/t"}}), "motor/effort", "outside_domain", "not finite");
+    refused(json!({"motor": {"servo": {"target": 1}}}), "motor/servo", "empty", "stiffness");
+    refused(
+        json!({"motor": {"servo": {"target": 1, "stiffness": 1, "largest_effort": 0}}}),
+        "motor/servo/largest_effort",
+        "out_of_range",
+        "largest effort",
+    );
+    refused(json!({"motor": {"position": "0*t"}, "limits": {"upper": 1}}), "motor/position", "conflict", "limits");
+    refused(json!({"spring": {"stiffness": -1}}), "spring/stiffness", "out_of_range", "-1");
+    refused(json!({"spring": {}}), "spring", "empty", "damping");
+    refused(json!({"limits": {}}), "limits", "empty", "limit");
+    refused(json!({"limits": {"lower": 0.1}}), "limits/lower", "out_of_range", "0.1");
+    refused(json!({"limits": {"lower": 0, "upper": 0}}), "limits", "out_of_range", "0");
+    // What is zero but for rounding is no mismatch, and parameters may stand in all of it.
+    let document = hinged(&json!({"motor": {"position": "6*(t + 0.1*(exp(-10*t) - 1))"}}));
+    Specification::from_json(document.to_string().as_bytes()).unwrap();
+}
+
+#[test]
+fn forces_and_springs_act_on_bodies_that_move() {
+    let forces = |force: Value| with(scene(), &format!("{PROBLEM}/forces"), json!([force]));
+    let place = format!("{PROBLEM}/forces/0");
+    let refused = |force: Value, key: &str, code: &str, words: &str| {
+        assert_errors(&forces(force), &[(&format!("{place}{key}"), code, words)]);
+    };
+    refused(json!({"body": "bal", "force": [0, 0, 1]}), "/body", "unknown_name", "bal");
+    refused(json!({"body": "ground", "force": [0, 0, 1]}), "/body", "conflict", "ground");
+    refused(json!({"body": "ball"}), "", "empty", "force");
+    refused(json!({"body": "ball", "force": ["boll.x", 0, 0]}), "/force/0", "unknown_name", "boll.x");
+    refused(json!({"body": "ball", "force": ["1/ball.x", 0, 0]}), "", "outside_domain", "not finite");
+    let springs = |spring: Value| with(scene(), &format!("{PROBLEM}/springs"), json!([spring]));
+    let place = format!("{PROBLEM}/springs/0");
+    let spring = |members: Value| {
+        let mut spring = json!({"bodies": ["ball"], "at": [[0, 0, 1], [0, 0, 2]], "stiffness": 10});
+        spring.as_object_mut().unwrap().extend(members.as_object().unwrap().clone());
+        springs(spring)
+    };
+    assert_errors(
+        &spring(json!({"at": [[0, 0, 1], [0, 0, 1]]})),
+        &[(&format!("{place}/at"), "zero_direction", "points")],
+    );
+    assert_errors(
+        &spring(json!({"rest_length": 0})),
+        &[(&format!("{place}/rest_length"), "out_of_range", "rest length")],
+    );
+    assert_errors(&spring(json!({"bodies": ["ground"]})), &[(&format!("{place}/bodies"), "nothing_to_join", "moves")]);
+    assert_errors(&spring(json!({"name": "ball"})), &[(&format!("{place}/name"), "duplicate_name", "ball")]);
+}
+
+#[test]
+fn motions_parts_and_groups_say_what_cannot_be() {
+    let bodies = |k: usize, key: &str, value: Value| with(scene(), &format!("{BODIES}/{k}/{key}"), value);
+    let at = |k: usize, key: &str| format!("{BODIES}/{k}/{key}");
+    let moved = json!({"position": ["t", 0, 1]});
+    let mut document = bodies(1, "motion", moved);
+    // A mass and a position of its own contradict it.
+    assert_errors(&document, &[(&at(1, "motion"), "conflict", "position"), (&at(1, "motion"), "conflict", "mass")]);
+    let ball = document["problem"]["rigid_bodies"]["bodies"][1].as_object_mut().unwrap();
+    ball.remove("mass");
+    ball.remove("position");
+    Specification::from_json(document.to_string().as_bytes()).unwrap();
+    document["problem"]["rigid_bodies"]["joints"] = json!([{"ball": {"bodies": ["box", "ball"], "at": [0, 0, 1]}}]);
+    assert_errors(&document, &[(&format!("{PROBLEM}/joints/0/ball/bodies/1"), "conflict", "motion")]);
+    assert_errors(&bodies(0, "motion", json!({})), &[(&at(0, "motion"), "conflict", "fixed")]);
+    let compound = |parts: Value| bodies(1, "shape", json!({"compound": parts}));
+    assert_errors(&compound(json!([])), &[(&at(1, "shape/compound"), "wrong_count", "0 shapes")]);
+    let nested = json!([{"shape": {"compound": [{"shape": {"sphere": {"radius": 1}}}]}}]);
+    assert_errors(&compound(nested), &[(&at(1, "shape/compound/0/shape"), "conflict", "compound")]);
+    let plane = json!([{"shape": {"half_space": {"normal": [0, 0, 1]}}}]);
+    assert_errors(&compound(plane), &[(&at(1, "shape"), "must_be_fixed", "half_space")]);
+    assert_errors(
+        &bodies(1, "centre_of_mass", json!([0, 0, 0.1])),
+        &[(&at(1, "centre_of_mass"), "conflict", "inertia")],
+    );
+    let matrix = |rows: Value| bodies(1, "inertia", rows);
+    let skew = json!([[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]);
+    assert_errors(&matrix(skew), &[(&at(1, "inertia"), "mass_not_symmetric", "0.1")]);
+    let negative = json!([[1, 2, 0], [2, 1, 0], [0, 0, 1]]);
+    assert_errors(&matrix(negative), &[(&at(1, "inertia"), "out_of_range", "-1")]);
+    let thin = json!([[1, 0, 0], [0, 1, 0], [0, 0, 3]]);
+    assert_errors(&matrix(thin), &[(&at(1, "inertia"), "triangle_inequality", "3")]);
+    let exclude = with(scene(), &format!("{PROBLEM}/contacts/exclude"), json!([["arm", "arm"]]));
+    assert_errors(
+        &exclude,
+        &[
+            (&format!("{PROBLEM}/contacts/exclude/0/0"), "unknown_name", "arm"),
+            (&format!("{PROBLEM}/contacts/exclude/0/1"), "unknown_name", "arm"),
+        ],
+    );
+}

@@ -79,6 +79,11 @@ pub struct FixedJoint {
 }
 
 impl BodyJoint {
+    /// Whether a motor drives it.
+    pub(super) fn has_motor(&self) -> bool {
+        matches!(self, Self::Hinge(axial) | Self::Slider(axial) if axial.motor.is_some())
+    }
+
     /// Its name in a document.
     fn key(&self) -> &'static str {
         match self {

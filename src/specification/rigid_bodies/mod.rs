@@ -118,7 +118,8 @@ impl Written for RigidBodiesProblem {
 
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
         let mut lowering = Lowering::new(start, self.named(), place);
-        if !self.forces.is_empty() {
+        let has_motions = self.bodies.iter().any(|body| body.motion.is_some());
+        if !self.forces.is_empty() || has_motions || self.joints.iter().any(BodyJoint::has_motor) {
             let outputs = forces::names(&self.bodies);
             lowering.bind_outputs(&outputs.iter().map(String::as_str).collect::<Vec<_>>());
         }

@@ -307,3 +307,16 @@ fn groups_that_exclude_each_other_go_through() {
         "{heights:?}"
     );
 }
+
+/// The example of a crank, a rod and a piston: the place of the piston is that of the geometry.
+#[test]
+fn a_motor_turns_a_crank_and_the_piston_is_where_geometry_has_it() {
+    let example = dvi::specification::EXAMPLES.iter().find(|example| example.name == "crank_slider").unwrap();
+    let solution = solve(&serde_json::from_str(example.text).unwrap());
+    let exact = |t: f64| {
+        let angle = 6.0 * (t + 0.1 * ((-10.0 * t).exp() - 1.0));
+        0.1 * angle.cos() + (0.09 - (0.1 * angle.sin()).powi(2)).sqrt()
+    };
+    assert!(distance(&solution, "piston.x", exact) < 1e-4);
+    assert!(lacking(&solution) < 1e-6 && solution.verdict.trusted);
+}

@@ -71,7 +71,7 @@ fn a_box_on_a_box_touches_in_the_corners_of_the_common_patch() {
     corners.sort_by(|a, b| a.partial_cmp(b).unwrap());
     assert_eq!(corners, [(-0.5, -0.75), (-0.5, 1.0), (1.0, -0.75), (1.0, 1.0)]);
     assert!(points.iter().all(|p| p.gap.abs() < 1e-15 && (p.normal - Vector3::z()).amax() < 1e-15));
-    let mut ids: Vec<u32> = points.iter().map(|p| p.id).collect();
+    let mut ids: Vec<u64> = points.iter().map(|p| p.id).collect();
     ids.sort_unstable();
     ids.dedup();
     assert_eq!(ids.len(), 4);
@@ -99,7 +99,7 @@ fn separating_axes_agree_with_the_library_where_boxes_overlap() {
         let (a, b) = (Collider::new(cuboid(1.0, 0.8, 0.6)), Collider::new(cuboid(0.5, 0.7, 0.9)));
         let (mut ours, mut theirs) = (Vec::new(), Vec::new());
         contacts((&a, &at(0.0, 0.0, 0.0)), (&b, &place), 1e-9, &mut ours);
-        library::contacts((&a, &at(0.0, 0.0, 0.0)), (&b, &place), 1e-9, &mut theirs);
+        library::contacts((&a.parts[0], &at(0.0, 0.0, 0.0)), (&b.parts[0], &place), 1e-9, &mut theirs);
         let depth = |points: &[ContactPoint]| points.iter().map(|p| p.gap).fold(f64::INFINITY, f64::min);
         if depth(&theirs) < -1e-6 {
             tested += 1;
