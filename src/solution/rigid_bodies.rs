@@ -75,6 +75,8 @@ struct Course<'a> {
     limited: u64,
     /// Steps that were too long for the joints, and taken in parts.
     halved: u64,
+    /// Newton's iterations.
+    newton: u64,
     /// Events so far.
     events: usize,
     checks: Checks,
@@ -113,6 +115,7 @@ impl<'a> Course<'a> {
             work: ViCounts::default(),
             limited: 0,
             halved: 0,
+            newton: 0,
             events: 0,
             checks: Checks::default(),
         };
@@ -142,6 +145,7 @@ impl<'a> Course<'a> {
         if report.solves > 0 {
             self.work.solver = report.solver;
         }
+        self.newton += report.newton;
         self.limited += u64::from(report.is_limited);
         self.halved += u64::from(report.parts > 1);
     }
@@ -292,6 +296,7 @@ impl Stepper for Course<'_> {
 
     fn finish(&mut self, diagnostics: &mut Diagnostics) {
         diagnostics.steps.accepted = self.steps;
+        diagnostics.newton_iterations = self.newton;
         if self.halved > 0 {
             diagnostics.steps.rejected = self.halved;
             diagnostics.steps.rejected_for.insert("joints", self.halved);
@@ -334,13 +339,27 @@ fn failure(cause: &StepFailure, scene: &Scene, plan: &Plan, t: f64, state: &[f64
                 "the law of contact and friction was not solved at t = {t} (residual {residual:e}): a smaller step may help"
             ),
         ),
-        StepFailure::Joints => ("joints", format!("the joints cannot all hold at t = {t}")),
+        StepFailure::Joints => ("joints", blocked(scene, t)),
         StepFailure::TooMuchMemory { contacts, most_touched, bytes } => {
             ("too_much_memory", too_much_memory(scene, plan, t, (contacts, most_touched, bytes)))
         }
         StepFailure::Interrupted => ("interrupted", format!("stopped at t = {t}")),
     };
     Failure { code: code.into(), message, time: t, state: state.to_vec() }
+}
+
+/// What is to be said where bodies on joints, or under forces that depend on how they move, find no step.
+fn blocked(scene: &Scene, t: f64) -> String {
+    let drives = scene.joints.iter().any(|joint| joint.drive.is_some());
+    let causes = [
+        (drives, "a motor jumps, is not finite, or pushes against what does not yield"),
+        (!scene.actions.is_empty(), "a force is not finite, or grows faster than any step follows"),
+    ];
+    let causes: Vec<&str> = causes.iter().filter(|(applies, _)| *applies).map(|(_, cause)| *cause).collect();
+    if causes.is_empty() {
+        return format!("the joints cannot all hold at t = {t}");
+    }
+    format!("no step, however short, is found to t = {t}: the joints cannot all hold, or {}", causes.join(", or "))
 }
 
 /// What is to be said of contacts that take too much memory: those that were found until they did.

@@ -149,8 +149,9 @@ pub struct Island {
     pub largest_energy: f64,
     /// The halvings of a step that held in the last.
     pub halvings: u32,
-    /// The steps that it took.
+    /// The steps that it took, and Newton's iterations in them and in those that were too long.
     pub steps: u64,
+    pub newton: u64,
     /// The set that friction is taken from.
     pub cone: Cone,
     /// How simultaneous impacts come about.
@@ -178,6 +179,7 @@ impl Island {
             largest_energy: 0.0,
             halvings: 0,
             steps: 0,
+            newton: 0,
             cone,
             impact_law,
             report: None,
@@ -196,7 +198,7 @@ impl Island {
         self.carried.clear();
         self.actions.clear();
         self.done = Work::default();
-        (self.largest_energy, self.halvings, self.steps) = (0.0, 0, 0);
+        (self.largest_energy, self.halvings, self.steps, self.newton) = (0.0, 0, 0, 0);
         (self.report, self.unsolved) = (None, None);
     }
 

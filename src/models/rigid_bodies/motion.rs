@@ -127,9 +127,9 @@ impl Motion {
         0.5 * (self.mass * self.velocity.norm_squared() + omega.dot(&(self.inertia * omega)))
     }
 
-    /// Whether every number of its state is finite.
+    /// Whether every number of its state is finite, and its kinetic energy.
     pub fn is_finite(&self) -> bool {
         let sum = self.pose.translation.vector.sum() + self.pose.rotation.coords.sum();
-        (sum + self.velocity.sum() + self.omega.sum()).is_finite()
+        (sum + self.velocity.sum() + self.omega.sum() + self.kinetic_energy()).is_finite()
     }
 }

@@ -295,11 +295,15 @@ impl<'a> Simulation<'a> {
     }
 
     fn check(&self) -> Result<(), StepFailure> {
-        let lost = |place: &Option<u32>| place.is_some_and(|place| !self.moving[place as usize].is_finite());
-        match self.places.iter().position(lost) {
-            Some(body) => Err(StepFailure::NotFinite { body }),
-            None => Ok(()),
-        }
+        let lost = |body: usize| match (self.places[body], self.given[body]) {
+            (Some(place), _) => !self.moving[place as usize].is_finite(),
+            (None, Some(place)) => {
+                let pose = &self.prescribed[place as usize].pose;
+                !(pose.translation.vector.sum() + pose.rotation.coords.sum()).is_finite()
+            }
+            (None, None) => false,
+        };
+        (0..self.places.len()).find(|&body| lost(body)).map_or(Ok(()), |body| Err(StepFailure::NotFinite { body }))
     }
 
     /// Kinetic and potential energy, the latter zero at the origin.

@@ -175,7 +175,7 @@ fn efforts_servos_and_springs_turn_a_hinge_as_oscillators_do() {
         1e-3,
         2.0,
     ));
-    assert!(distance(&bound, "hinge.coordinate", |t| t * t) < 1e-6);
+    assert!(distance(&bound, "hinge.coordinate", |t| t * t) < 1e-5);
     let (angle, w) = (0.5, (10.0_f64 / I).sqrt());
     let swung = solve(&rod(&json!({"spring": {"stiffness": 10, "rest": angle}}), 1e-3, 5.0));
     assert!(distance(&swung, "hinge.coordinate", |t| angle * (1.0 - (w * t).cos())) < 1e-5);
@@ -319,4 +319,27 @@ fn a_motor_turns_a_crank_and_the_piston_is_where_geometry_has_it() {
     };
     assert!(distance(&solution, "piston.x", exact) < 1e-4);
     assert!(lacking(&solution) < 1e-6 && solution.verdict.trusted);
+}
+
+/// What has no motion fails, and says what may be the cause.
+#[test]
+fn a_motor_that_jumps_and_forces_that_end_or_have_no_end_are_failures() {
+    let failure = |document: &Value| {
+        let specification = dvi::specification::Specification::from_json(document.to_string().as_bytes()).unwrap();
+        let solution = dvi::solve(&specification, &dvi::problem::Control::new());
+        let error = solution.error.expect("a failure");
+        (error.code.to_string(), error.message.to_string())
+    };
+    let (code, message) = failure(&rod(&json!({"motor": {"position": "if(t > 0.1, 1, 0)"}}), 1e-3, 0.2));
+    assert!(code == "joints" && message.contains("motor"), "{code} {message}");
+    let force = |force: &str| {
+        let forces = json!([{"body": "ball", "force": [force, 0, 0]}]);
+        scene(&json!({"bodies": [ball([0.0; 3], [0.0; 3])], "forces": forces}), 1.0, 1e-2)
+    };
+    let (code, message) = failure(&force("sqrt(0.1 - t)"));
+    assert!(code == "joints" && message.contains("force"), "{code} {message}");
+    assert_eq!(failure(&force("1e4*ball.vx + 1")).0, "not_finite");
+    let motion = json!({"name": "plate", "shape": {"box": {"size": [1, 1, 0.1]}}, "motion": {"position": [0, 0, "-1 - 0*sqrt(0.1 - t)"]}});
+    let moved = scene(&json!({"bodies": [ball([0.0; 3], [0.0; 3]), motion]}), 1.0, 1e-2);
+    assert_eq!(failure(&moved).0, "not_finite");
 }

@@ -205,6 +205,7 @@ impl Island {
         let (mut iterations, mut last) = (0, f64::INFINITY);
         while !iterate(&mut midpoint, linked, &mut last, |_, _| true) {
             iterations += 1;
+            self.newton += 1;
             if iterations == ITERATIONS || linked.iter().any(|linked| !linked.is_solved) {
                 return None;
             }

@@ -37,6 +37,7 @@ impl Simulation<'_> {
                 self.carried[linkage as usize] = std::mem::take(carried);
             }
             self.report.done += island.done;
+            self.report.newton += island.newton;
         }
         Ok(())
     }

@@ -64,6 +64,8 @@ pub struct ContactReport {
     pub islands: usize,
     /// The steps in which it was made: more than one where it was too long for the joints.
     pub parts: u64,
+    /// Newton's iterations of bodies on joints, as far as steps were made.
+    pub newton: u64,
     /// What drives and forces did.
     pub done: Work,
     /// Contact problems solved.

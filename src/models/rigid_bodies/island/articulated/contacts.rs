@@ -73,6 +73,7 @@ impl Island {
         let mut last = f64::INFINITY;
         for iteration in 0.. {
             let mut is_solved = false;
+            self.newton += 1;
             midpoint.push(&self.contacts, &p);
             let is_over = iterate(&mut midpoint, linked, &mut last, |midpoint, linked| {
                 let kept: Vec<Vec<Vector6<f64>>> = linked.iter().map(|linked| linked.x.clone()).collect();
