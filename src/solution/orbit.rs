@@ -154,10 +154,9 @@ pub fn find_orbit(
     let began = Instant::now();
     let mut search = Search { model, plan, settings, control, phase: asked.phase, shots: 0 };
     let found = search.check_forcing(asked.period).and_then(|()| search.find(asked.period));
-    let (start, period) = match &found {
-        Ok(shot) | Err((Some(shot), _)) => (shot.from.clone(), shot.period),
-        Err((None, _)) => (plan.initial.clone(), asked.period),
-    };
+    let reached = found.as_ref().map_or_else(|missed| missed.0.as_ref(), Some);
+    let (start, period) =
+        reached.map_or_else(|| (plan.initial.clone(), asked.period), |shot| (shot.from.clone(), shot.period));
     // Output times were asked for over the period that was expected.
     let at = |t: &f64| plan.start + (t - plan.start) * (period / asked.period);
     let along = Plan {
@@ -173,7 +172,8 @@ pub fn find_orbit(
     let shot = match found {
         Ok(shot) if solution.status == Status::Completed => shot,
         Ok(_) => return solution,
-        Err((_, failure)) => {
+        Err(missed) => {
+            let (_, failure) = *missed;
             let (status, failure) = ending(control, failure);
             (solution.status, solution.error) = (status, Some(failure));
             return solution;
@@ -217,12 +217,12 @@ fn is_stable(multipliers: &[[f64; 2]], is_free: bool) -> Option<bool> {
 }
 
 /// The shot that was the best, where there was one, and why there is none that is good.
-type Missed = (Option<Shot>, Failure);
+type Missed = Box<(Option<Shot>, Failure)>;
 
 impl Search<'_> {
     fn find(&mut self, period: f64) -> Result<Shot, Missed> {
         let initial = self.plan.initial.clone();
-        let mut shot = self.shoot(&initial, period).map_err(|failure| (None, failure))?;
+        let mut shot = self.shoot(&initial, period).map_err(|failure| Box::new((None, failure)))?;
         loop {
             let distance = shot.distance();
             if distance <= 1.0 {
@@ -234,7 +234,8 @@ impl Search<'_> {
                      tolerance from its beginning; begin nearer to it, or where the system has come to after a while",
                     shot.period
                 );
-                return Err((Some(shot), self.failure("no_orbit", message)));
+                let failure = self.failure("no_orbit", message);
+                return Err(Box::new((Some(shot), failure)));
             }
             let better = match shot.correction(self.phase, self.settings.rtol) {
                 Some(correction) => self.damped(&shot, &correction),
@@ -246,7 +247,7 @@ impl Search<'_> {
             });
             shot = match next {
                 Ok(next) => next,
-                Err(failure) => return Err((Some(shot), failure)),
+                Err(failure) => return Err(Box::new((Some(shot), failure))),
             };
         }
     }
@@ -278,7 +279,7 @@ impl Search<'_> {
         let message =
             "the search came to a state of rest, which has every period; begin nearer to the orbit".to_owned();
         let failure = self.failure("no_orbit", message);
-        Err((Some(shot), failure))
+        Err(Box::new((Some(shot), failure)))
     }
 
     /// Refuses a period that is not one of the problem itself; where it is free, a problem that depends on time.
@@ -317,7 +318,7 @@ impl Search<'_> {
                     now[row], later[row]
                 ),
             };
-            return Err((None, self.failure("not_periodic", message)));
+            return Err(Box::new((None, self.failure("not_periodic", message))));
         }
         Ok(())
     }

@@ -26,6 +26,7 @@ pub const EXAMPLES: &[Example] = examples! {
     "bouncing_ball"
     "buck_closed_loop"
     "buck_converter"
+    "buck_orbit"
     "coulomb_slope"
     "crank_slider"
     "diode_bridge"

@@ -39,6 +39,8 @@ pub fn halving(status: Status) -> Solution {
         sensitivities: None,
         trajectory,
         diagnostics: Diagnostics::default(),
+        orbit: None,
+        steady_state: None,
         study: None,
     }
 }

@@ -18,6 +18,7 @@ mod netlists;
 mod nonunique;
 mod observables;
 mod obstacle;
+mod orbits;
 mod pendulum;
 mod queues;
 pub mod reference;

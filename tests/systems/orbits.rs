@@ -1,0 +1,178 @@
+//! Periodic orbits and states of rest, held to closed forms; and refused where there are none.
+
+use crate::systems::harness::solve;
+use dvi::problem::Control;
+use dvi::solution::{Orbit, Solution, Status};
+use dvi::specification::Specification;
+use serde_json::{Value, json};
+use std::f64::consts::{PI, TAU};
+
+fn orbit_of(specification: Value) -> Orbit {
+    let solution = solve(&specification);
+    assert!(
+        solution.status == Status::Completed && solution.verdict.trusted,
+        "{:?} {:?}",
+        solution.error,
+        solution.verdict
+    );
+    solution.orbit.expect("an orbit")
+}
+
+fn failed(specification: Value) -> Solution {
+    let specification = Specification::from_json(specification.to_string().as_bytes()).expect("a specification");
+    let solution = dvi::solve(&specification, &Control::new());
+    assert!(solution.status == Status::Failed && !solution.verdict.trusted && solution.orbit.is_none());
+    solution
+}
+
+#[track_caller]
+fn assert_near(found: f64, exact: f64, tolerance: f64) {
+    assert!((found - exact).abs() <= tolerance * exact.abs().max(1e-3), "{found:?} for {exact:?}");
+}
+
+#[test]
+fn a_driven_oscillator_has_its_amplitude_and_its_multipliers() {
+    // x'' + 2 d x' + x = cos 2t: amplitude 1/|1 - 4 + 4 d i|, multipliers exp(lambda pi) with lambda = -d +- i sqrt(1 - d^2).
+    let d = 0.1_f64;
+    let orbit = orbit_of(json!({"problem": {"dvi": {"parameters": {"w": 2, "d": d}, "states": {
+            "x": {"initial": 0, "rate": "v"}, "v": {"initial": 0, "rate": "cos(w*t) - 2*d*v - x"}}}},
+        "periodic": {"period": "2*pi/w"}, "method": {"rtol": 1e-11, "atol": 1e-13}}));
+    assert!(orbit.shots <= 3, "a linear map takes one step of Newton's method: {}", orbit.shots);
+    let amplitude = 1.0 / 3.0_f64.hypot(4.0 * d);
+    let x = orbit.over_period["x"];
+    assert_near(x.max, amplitude, 1e-9);
+    assert_near(x.ripple, 2.0 * amplitude, 1e-9);
+    assert_near(x.rms, amplitude / 2.0_f64.sqrt(), 1e-9);
+    assert!(x.mean.abs() < 1e-10);
+    let [[re, im], _] = orbit.multipliers[..] else { panic!("two multipliers") };
+    let turned = PI * (1.0 - d * d).sqrt();
+    assert_near(re, (-d * PI).exp() * turned.cos(), 1e-9);
+    assert_near(im, (-d * PI).exp() * turned.sin().abs(), 1e-8);
+    assert_eq!(orbit.stable, Some(true));
+}
+
+#[test]
+fn a_free_period_is_found_with_the_orbit() {
+    // Van der Pol's equation at mu = 1, by series in forty digits (Amore and others 2018).
+    let orbit = orbit_of(json!({"problem": {"dvi": {"states": {
+            "x": {"initial": 2, "rate": "v"}, "v": {"initial": 0, "rate": "(1 - x^2)*v - x"}}}},
+        "periodic": {"period": {"free": 6.3, "phase": "v"}}, "method": {"rtol": 1e-11, "atol": 1e-13}}));
+    assert_near(orbit.period, 6.663_286_859_323_13, 1e-10);
+    assert_near(orbit.over_period["x"].max, 2.008_619_860_874_843, 1e-10);
+    assert_near(orbit.multipliers[0][0], 1.0, 1e-8);
+    assert_eq!(orbit.stable, Some(true));
+}
+
+#[test]
+fn a_rectifier_with_a_capacitor_ripples_as_its_equation_says() {
+    // The diode blocks where tan(wt) = -wRC, and conducts again where 10 sin meets the exponential.
+    let (r, c, w) = (1000.0, 1e-4, 100.0 * PI);
+    let orbit = orbit_of(json!({"problem": {"circuit": {"components": [
+            {"voltage_source": {"name": "V", "nodes": ["in", "0"], "volts": "10*sin(100*pi*t)"}},
+            {"diode": {"name": "D", "nodes": ["in", "out"]}},
+            {"capacitor": {"name": "C", "nodes": ["out", "0"], "farads": c}},
+            {"resistor": {"name": "R", "nodes": ["out", "0"], "ohms": r}}]}},
+        "periodic": {"period": 0.02}, "method": {"rtol": 1e-11}}));
+    let off = PI - (w * r * c).atan();
+    let held = |angle: f64| 10.0 * off.sin() * (-(angle - off) / (w * r * c)).exp();
+    let (mut before, mut after) = (TAU, TAU + 0.5 * PI);
+    for _ in 0..100 {
+        let middle = 0.5 * (before + after);
+        *if held(middle) > 10.0 * middle.sin() { &mut before } else { &mut after } = middle;
+    }
+    let out = orbit.over_period["v(out)"];
+    assert_near(out.min, held(before), 1e-9);
+    assert_near(out.max, 10.0, 1e-12);
+    assert!(
+        orbit.shots <= 5 && orbit.multipliers[0][0].abs() < 1e-9,
+        "what a diode overwrites is forgotten: {orbit:?}"
+    );
+}
+
+/// A buck converter with ideal switches, into a load.
+fn buck(ohms: f64) -> Value {
+    json!({"problem": {"circuit": {"parameters": {"period": 2e-5, "duty": 0.4}, "components": [
+            {"voltage_source": {"name": "V1", "nodes": ["in", "0"], "volts": 12}},
+            {"switch": {"name": "S1", "nodes": ["in", "x"], "closed": "cos(2*pi*t/period) - cos(pi*duty)",
+                "withstand_volts": 1000}},
+            {"diode": {"name": "D1", "nodes": ["0", "x"]}},
+            {"inductor": {"name": "L1", "nodes": ["x", "out"], "henries": 1e-4}},
+            {"capacitor": {"name": "C1", "nodes": ["out", "0"], "farads": 1e-5}},
+            {"resistor": {"name": "R1", "nodes": ["out", "0"], "ohms": ohms}}]}},
+        "periodic": {"period": "period"}, "method": {"rtol": 1e-10}})
+}
+
+#[test]
+fn a_converter_balances_over_its_period_and_decays_as_its_load_makes_it() {
+    let orbit = orbit_of(buck(2.0));
+    assert!(orbit.shots <= 5, "{}", orbit.shots);
+    // Continuous: the mean is that of the duty, and the multipliers are exp(lambda T), of modulus exp(-T/(2RC)).
+    assert_near(orbit.over_period["v(out)"].mean, 0.4 * 12.0, 1e-11);
+    let [re, im] = orbit.multipliers[0];
+    assert_near(re.hypot(im), (-0.5_f64).exp(), 1e-9);
+    let phase = 2e-5 * (1.0 / (1e-4 * 1e-5) - 1.0 / (2.0_f64 * 2.0 * 1e-5).powi(2)).sqrt();
+    assert_near(im, (-0.5_f64).exp() * phase.sin(), 1e-8);
+
+    // Discontinuous: coil and capacitor take nothing over a period, the current rests at zero, and all steps are proven.
+    let orbit = orbit_of(buck(200.0));
+    let of = |name: &str| orbit.over_period[name];
+    assert_near(of("v(x)").mean, of("v(out)").mean, 1e-9);
+    assert_near(of("i(L1)").mean, of("v(out)").mean / 200.0, 1e-8);
+    assert!(of("i(L1)").min.abs() < 1e-12 && of("v(out)").mean > 0.5 * 12.0);
+    assert!(orbit.multipliers[1][0].abs() < 1e-9, "the current is forgotten: {:?}", orbit.multipliers);
+}
+
+#[test]
+fn what_has_no_orbit_says_why() {
+    let of = |rate: &str, period: Value| {
+        failed(
+            json!({"problem": {"dvi": {"states": {"x": {"initial": 1, "rate": rate}}}}, "periodic": {"period": period}}),
+        )
+    };
+    for (rate, period, code) in [
+        ("1", json!(2), "no_orbit"),
+        ("-x", json!({"free": 2, "phase": "x"}), "no_orbit"),
+        ("sin(t) - x", json!(2), "not_periodic"),
+        ("sin(t) - x", json!({"free": 6, "phase": "x"}), "not_periodic"),
+    ] {
+        let error = of(rate, period).error.expect("a failure");
+        assert_eq!(error.code, code, "{}", error.message);
+    }
+}
+
+#[test]
+fn a_state_of_rest_has_its_eigenvalues() {
+    // z >= 0, z + y - 1 >= 0: z = 1 - y where y < 1, so that y' = -3y + 1 rests at a third; x' = x - x^3 at one.
+    let rest = |specification: Value| {
+        let solution = solve(&specification);
+        assert!(solution.verdict.trusted, "{:?} {:?}", solution.error, solution.verdict);
+        solution.steady_state.expect("a state of rest")
+    };
+    let found = rest(json!({"problem": {"dvi": {
+        "states": {"x": {"initial": 0.5, "rate": "x - x^3"}, "y": {"initial": 3, "rate": "-2*y + z"}},
+        "variables": {"z": {"inequality": "z + y - 1"}}, "set": [{"nonnegative": ["z"]}]}}, "steady_state": {}}));
+    assert_near(found.states["x"], 1.0, 1e-12);
+    assert_near(found.states["y"], 1.0 / 3.0, 1e-12);
+    assert_near(found.variables["z"], 2.0 / 3.0, 1e-12);
+    assert_near(found.eigenvalues[0][0], -2.0, 1e-9);
+    assert_near(found.eigenvalues[1][0], -3.0, 1e-9);
+    assert_eq!(found.stable, Some(true));
+
+    // An oscillator about an unstable point, in units in which it is slow.
+    let found = rest(json!({"problem": {"dvi": {"states": {
+        "x": {"initial": 3, "rate": "1e-6*v"}, "v": {"initial": 1, "rate": "1e-6*(0.2*v - x + 2)"}}}}, "steady_state": {}}));
+    assert_near(found.states["x"], 2.0, 1e-12);
+    assert_near(found.eigenvalues[0][0], 0.1e-6, 1e-9);
+    assert_near(found.eigenvalues[0][1].abs(), 1e-6 * 0.99_f64.sqrt(), 1e-9);
+    assert_eq!(found.stable, Some(false));
+}
+
+#[test]
+fn what_never_rests_says_why() {
+    for (rate, code) in [("1 + x^2", "no_steady_state"), ("sin(t) - x", "not_autonomous")] {
+        let solution =
+            failed(json!({"problem": {"dvi": {"states": {"x": {"initial": 1, "rate": rate}}}}, "steady_state": {}}));
+        let error = solution.error.expect("a failure");
+        assert_eq!(error.code, code, "{}", error.message);
+    }
+}
