@@ -53,9 +53,13 @@ Examples:
 Solves run in processes of their own (`dvi worker`), kept from one job to the next, that limit themselves to --memory-mib
 and what the program itself needs. A job that takes more, overflows its stack, meets a defect, or whose worker is killed,
 fails with the problem `too-much-memory`, `stack-overflow`, `defect` or `killed`; the service and the other jobs go on.
-In all, --workers, --relief and the checks of specifications (half as many as --workers) may take --memory-mib each, and
-some 100 MiB beside; the service itself takes what it keeps and sends, most of it bounded by --queue-mib, --answers-mib
+In all, --workers, --express, --relief and the checks of specifications (half as many as --workers) may take --memory-mib
+each, and some 100 MiB beside; the service itself takes what it keeps and sends, most of it bounded by --queue-mib, --answers-mib
 and, with --ephemeral, --kept-mib.
+
+No job waits for another's long one before it has had a first slice, a few times as long as it takes to start a worker:
+beside --workers, which solve to the end, --express are kept for those. A job that is not done in its slice goes on if one of
+the others has ended, and else begins again when one does; until then it is told as accepted.
 
 A job that was accepted with 202 is on the disk. The next start takes up what has not ended;
 a job that alone was running at two ends, other than by a signal to stop, is set aside.

@@ -52,7 +52,7 @@ impl Service {
         let tokens = if options.asks_tokens() { Some(Arc::new(tokens(&options)?)) } else { None };
         let jobs = Jobs::open(options.bounds(), solver, options.jobs_folder(), Arc::clone(&metrics))?;
         let jobs = Arc::new(jobs);
-        let pool = Pool::start(&jobs, options.workers, options.relief, launcher)?;
+        let pool = Pool::start(&jobs, options.supervised(), options.relief, launcher)?;
         let (bounds, counted) = (options.bounds(), Arc::clone(&metrics));
         let turns = Turns::new(options.workers.get(), bounds.queue);
         let checks = Turns::new(options.checkers(), bounds.queue);

@@ -50,6 +50,8 @@ pub struct Metrics {
     unsaved: Gauge,
     rebuilds: Counter,
     repeated: Counter,
+    yielded: Counter,
+    long: Gauge,
     orphaned: Gauge,
     kept: Gauge,
     kept_bytes: Gauge,
@@ -89,6 +91,8 @@ impl Default for Metrics {
             unsaved: Gauge::default(),
             rebuilds: Counter::default(),
             repeated: Counter::default(),
+            yielded: Counter::default(),
+            long: Gauge::default(),
             orphaned: Gauge::default(),
             kept: Gauge::default(),
             kept_bytes: Gauge::default(),
@@ -134,6 +138,12 @@ impl Default for Metrics {
             metrics.waiting_bytes.clone(),
         );
         registry.register("jobs_running", "Jobs that workers have in hand", metrics.running.clone());
+        registry.register("jobs_long", "Jobs in hand that need not make room for others", metrics.long.clone());
+        registry.register(
+            "jobs_yielded",
+            "Jobs that made room for others after their first slice, to begin again",
+            metrics.yielded.clone(),
+        );
         registry.register("workers", "Worker processes", metrics.workers.clone());
         registry.register("workers_busy", "Worker processes that solve or check", metrics.busy.clone());
         registry.register("workers_lost", "Workers that were replaced, by the reason", metrics.lost.clone());
@@ -201,6 +211,11 @@ impl Metrics {
         self.repeated.inc();
     }
 
+    /// Counts a job that goes back to the queue.
+    pub fn yielded(&self) {
+        self.yielded.inc();
+    }
+
     /// Counts the end of a solve, after this time, that left no solution.
     pub fn ended(&self, problem: Cow<'static, str>, code: Cow<'static, str>, time: Duration) {
         self.ended.get_or_create(&[("problem", problem.clone()), ("code", code)]).inc();
@@ -210,13 +225,17 @@ impl Metrics {
     /// Counts what becomes of workers, and logs it.
     pub fn notice(&self, event: Event<'_>) {
         match event {
-            Event::Started(pid) => {
+            Event::Started(pid, _) => {
                 self.workers.inc();
                 tracing::debug!(pid, "worker {pid} has started");
             }
             Event::Grown(bytes) => {
                 self.lost("grown");
                 tracing::debug!(bytes, "a worker is replaced, which held {} MiB", bytes >> 20);
+            }
+            Event::Unwanted(pid) => {
+                self.lost("unwanted");
+                tracing::debug!(pid, "worker {pid} is replaced, which did not stop what nobody wants");
             }
             Event::Died(pid, death) => {
                 self.lost(death.code());
@@ -285,6 +304,7 @@ impl Metrics {
         // No queue is longer than the greatest of these.
         self.waiting.set(i64::try_from(waiting).unwrap_or(i64::MAX));
         self.waiting_bytes.set(i64::try_from(jobs.waiting_bytes()).unwrap_or(i64::MAX));
+        self.long.set(i64::try_from(jobs.long()).unwrap_or(i64::MAX));
         self.running.set(i64::try_from(running).unwrap_or(i64::MAX));
         self.connections.set(i64::try_from(connections).unwrap_or(i64::MAX));
         self.writable.set(i64::from(jobs.is_writable()));

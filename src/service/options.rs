@@ -68,7 +68,12 @@ pub struct Options {
     #[arg(long, env = "DVI_WORKERS", value_name = "N", default_value_t = Options::default().workers)]
     pub workers: NonZeroUsize,
 
-    /// Further solves at a time, of clients for whom nothing runs while others hold all workers
+    /// Further solves at a time, each for some moments, so that no job waits for another's long one before it has had those; what
+    /// takes longer begins again when one of the others ends
+    #[arg(long, env = "DVI_EXPRESS", value_name = "N", default_value_t = Options::default().express)]
+    pub express: usize,
+
+    /// Further solves at a time, long ones of clients for whom none runs while others hold all workers
     #[arg(long, env = "DVI_RELIEF", value_name = "N", default_value_t = Options::default().relief)]
     pub relief: usize,
 
@@ -151,6 +156,7 @@ impl Default for Options {
             cors_origin: Vec::new(),
             path_prefix: String::new(),
             workers: available_parallelism().unwrap_or(NonZeroUsize::MIN),
+            express: 1,
             relief: 1,
             queue: count(1000),
             queue_mib: count(256),
@@ -227,6 +233,11 @@ impl Options {
     /// The time between the signal to stop and the end of every job.
     pub fn grace(&self) -> Duration {
         Duration::from_secs(self.grace_seconds)
+    }
+
+    /// Workers that take up jobs as they come, in relief aside.
+    pub fn supervised(&self) -> NonZeroUsize {
+        self.workers.saturating_add(self.express)
     }
 
     /// Workers that check specifications, beside those that solve: a check is shorter than a solve.

@@ -156,9 +156,7 @@ async fn a_client_that_holds_every_worker_does_not_hold_up_another() {
     gate.entered(2).await;
     // One after the other, though the first client holds both workers and waits for a third.
     for client in [2, 2, 3] {
-        let document = DECAY.replacen('{', "{\"label\":\"short\",", 1);
-        let call = Call::solve(document).client(client).header("prefer", "respond-async");
-        let path = call.send(&site).await.header("location").to_owned();
+        let path = short(&site, client).await;
         assert_eq!(site.ended(&path).await["status"], "successful");
         assert_eq!(site.get(&held[2]).await.json()["status"], "accepted", "it has its workers");
     }
@@ -168,6 +166,30 @@ async fn a_client_that_holds_every_worker_does_not_hold_up_another() {
     }
 }
 
+#[tokio::test]
+async fn a_long_job_of_a_client_who_has_none_runs_in_relief() {
+    let gate = Gate::new();
+    let options = Options { workers: count(1), express: 1, relief: 1, ..Options::default() };
+    let site = Site::new(options, gate.solver());
+    let first = site.accept(1).await;
+    site.runs(&first).await;
+    let held = [first, site.accept(1).await];
+    let other = site.accept(2).await;
+    site.runs(&other).await;
+    assert_eq!(site.get(&held[1]).await.json()["status"], "accepted", "its client has a worker");
+    gate.let_through(3);
+    for path in held.iter().chain([&other]) {
+        assert_eq!(site.ended(path).await["status"], "successful");
+    }
+}
+
+/// The path of a job of `client` that is not held.
+async fn short(site: &Site, client: u8) -> String {
+    let document = DECAY.replacen('{', "{\"label\":\"short\",", 1);
+    let call = Call::solve(document).client(client).header("prefer", "respond-async");
+    call.send(site).await.header("location").to_owned()
+}
+
 /// A solver that is held by the gate, but where the specification says otherwise.
 fn labelled_or_held(gate: &Arc<Gate>) -> dvi::service::jobs::Solver {
     let held = gate.solver();
@@ -175,4 +197,88 @@ fn labelled_or_held(gate: &Arc<Gate>) -> dvi::service::jobs::Solver {
         Some(_) => crate::harness::halving(dvi::solution::Status::Completed),
         None => held(specification, control),
     })
+}
+
+#[tokio::test]
+async fn a_new_job_waits_for_no_job_that_has_had_its_first_slice() {
+    let gate = Gate::new();
+    let options = Options { workers: count(2), express: 1, relief: 0, ..Options::default() };
+    let site = Site::new(options, labelled_or_held(&gate));
+    let mut held = Vec::new();
+    for client in [1, 1, 2, 3] {
+        held.push(site.accept(client).await);
+        if held.len() <= 2 {
+            site.runs(&held[held.len() - 1]).await;
+        }
+    }
+    // The others have had a slice each, made room, and are told as what they were.
+    gate.cancelled(2).await;
+    for path in &held[2..] {
+        let state = site.get(path).await.json();
+        assert_eq!((&state["status"], &state["steps"], state.get("started")), (&"accepted".into(), &0.into(), None));
+    }
+    for client in [1, 2, 4] {
+        let short = short(&site, client).await;
+        assert_eq!(site.ended(&short).await["status"], "successful");
+        assert!(site.get("/metrics").await.text().contains("dvi_jobs_long 2\n"));
+    }
+    // Each goes on from its beginning when there is a place, and none is lost.
+    gate.let_through(4);
+    for path in &held {
+        assert_eq!(site.ended(path).await["status"], "successful");
+    }
+    site.service.jobs().idle().await;
+    let figures = site.get("/metrics").await;
+    let yielded = figures.text().lines().find_map(|line| line.strip_prefix("dvi_jobs_yielded_total ")).unwrap();
+    assert_eq!(yielded, "2");
+    assert!(figures.text().contains("dvi_jobs_long 0\n"));
+}
+
+#[tokio::test]
+async fn a_job_that_makes_room_is_seen_to_start_and_to_switch_once() {
+    let gate = Gate::new();
+    let options = Options { workers: count(1), express: 1, relief: 0, ..Options::default() };
+    let site = Site::new(options, gate.solver());
+    let first = site.accept(1).await;
+    site.runs(&first).await;
+    let second = site.accept(2).await;
+    let events = tokio::spawn(Call::new("GET", &format!("{second}/events")).client(2).send_to(site.router.clone()));
+    gate.cancelled(1).await;
+    assert_eq!(site.get(&second).await.json()["status"], "accepted");
+    gate.let_through(1);
+    site.ended(&first).await;
+    site.runs(&second).await;
+    gate.let_through(1);
+    assert_eq!(site.ended(&second).await["attempt"], 1);
+    let told = events.await.unwrap();
+    let states: Vec<&str> = ["accepted", "running", "successful"].into();
+    let mut seen: Vec<&str> = told
+        .text()
+        .split("\"status\":\"")
+        .skip(1)
+        .filter_map(|rest| rest.split('"').next())
+        .filter(|word| states.contains(word))
+        .collect();
+    seen.dedup();
+    assert_eq!(seen.iter().filter(|word| **word == "accepted").count(), 1, "{}", told.text());
+    assert_eq!(seen.last(), Some(&"successful"));
+}
+
+#[tokio::test]
+async fn a_job_that_made_room_can_be_cancelled_and_forgotten_where_it_waits() {
+    let gate = Gate::new();
+    let options = Options { workers: count(1), express: 1, relief: 0, ..Options::default() };
+    let site = Site::new(options, gate.solver());
+    let held = site.accept(1).await;
+    site.runs(&held).await;
+    let (cancelled, forgotten) = (site.accept(2).await, site.accept(3).await);
+    gate.cancelled(2).await;
+    let state = Call::new("POST", &format!("{cancelled}/cancel")).send(&site).await.json();
+    assert_eq!(state["status"], "dismissed");
+    assert_eq!(Call::new("DELETE", &forgotten).send(&site).await.status, StatusCode::NO_CONTENT);
+    gate.let_through(1);
+    assert_eq!(site.ended(&held).await["status"], "successful");
+    site.service.jobs().idle().await;
+    gate.entered(3).await;
+    assert_eq!(site.get(&cancelled).await.json()["status"], "dismissed");
 }

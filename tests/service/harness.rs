@@ -63,7 +63,7 @@ pub fn instant() -> Solver {
 
 /// Bounds with one worker, whoever holds it.
 pub fn one_worker() -> Options {
-    Options { workers: NonZeroUsize::MIN, relief: 0, ..Options::default() }
+    Options { workers: NonZeroUsize::MIN, express: 0, relief: 0, ..Options::default() }
 }
 
 pub fn count(n: usize) -> NonZeroUsize {
@@ -157,6 +157,15 @@ impl Site {
         while self.get(path).await.json()["steps"] == 0 {
             assert!(start.elapsed() < Duration::from_secs(20), "the worker reports nothing");
             tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+    }
+
+    /// Returns when the job at `path` is told as one that runs.
+    pub async fn runs(&self, path: &str) {
+        let start = Instant::now();
+        while self.get(path).await.json()["status"] != "running" {
+            assert!(start.elapsed() < Duration::from_secs(20), "{path} does not run");
+            tokio::time::sleep(Duration::from_millis(1)).await;
         }
     }
 

@@ -122,7 +122,7 @@ pub async fn follow(
 #[derive(Default)]
 struct Followed {
     seen: u64,
-    /// In hand from the first look that finds the job running.
+    /// In hand from the first look that finds a worker at the job.
     control: Option<Arc<Control>>,
     status: Option<StatusInfo>,
     last: Option<Instant>,
@@ -130,10 +130,11 @@ struct Followed {
 
 impl Followed {
     async fn look(&mut self, shared: &Shared, job: &Job, sink: &EventSink) -> Result<(), Gone> {
-        if let jobs::State::Running { control, .. } = job.state() {
-            self.control = Some(control);
+        self.control = job.control().or(self.control.take());
+        // What has to begin again is told when it is sure to stay: its events are the same.
+        if matches!(job.state(), jobs::State::Running { .. }) {
+            self.switches(sink).await?;
         }
-        self.switches(sink).await?;
         let status = StatusInfo::of(job, &shared.jobs);
         if self.status.as_ref() != Some(&status) {
             self.last = Some(Instant::now());

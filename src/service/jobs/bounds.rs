@@ -10,7 +10,7 @@ use std::time::Duration;
 /// How much is taken on.
 #[derive(Clone, Copy, Debug)]
 pub struct Bounds {
-    /// Solves at a time, beside those in relief.
+    /// Solves that run to their ends at a time, beside those in relief.
     pub workers: usize,
     /// What may wait.
     pub queue: Room,

@@ -52,12 +52,13 @@ impl Jobs {
         ended.or_else(|| match job.go_back(document)? {
             Halt::Dismiss => Some(Outcome::Ended(job.ended(Ending::Dismissed).into())),
             Halt::Park => Some(Outcome::Stopped),
+            Halt::Yield => None,
         })
     }
 
     /// The end of a job, which runs from here on.
     fn glance(&self, job: &Job, known: &Known, anew: bool) -> Option<Ended> {
-        let control = job.start_within(time_to_run(GLANCE))?;
+        let control = job.start_within(time_to_run(GLANCE), true)?;
         if let Some(answer) = known.answer(job.client).filter(|_| !anew) {
             self.metrics.repeated();
             let Repeated { steps, verdict, results, .. } = answer.clone();
@@ -89,7 +90,7 @@ impl Jobs {
     /// no order.
     fn is_free(&self, client: Client) -> bool {
         let intake = self.lock();
-        !intake.draining && !intake.queue.any(|waiting| waiting != client)
+        !intake.draining && !intake.queue.any(|waiting, _| waiting != client)
     }
 }
 

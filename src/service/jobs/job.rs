@@ -5,6 +5,8 @@
 //! accepted ------------------------------> dismissed
 //! ```
 //!
+//! A worker that takes up a job may have to put it back: until it is sure to stay, the job is told as accepted.
+//!
 //! The words are those of OGC API - Processes, part 1, `statusCode`. *Successful* says that the end time was reached;
 //! whether the answer is trusted, its verdict says.
 //! A solve that a limit stopped did not do what it was asked, so its job is *failed*, as is one whose numerics
@@ -24,7 +26,9 @@ use serde::{Deserialize, Serialize};
 use specification::Time;
 use std::borrow::Cow;
 use std::fmt;
+use std::pin::pin;
 use std::str::FromStr;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::Notify;
@@ -89,6 +93,8 @@ pub enum State {
         control: Arc<Control>,
         /// What it is to become when it stops, if it was asked to.
         halt: Option<Halt>,
+        /// It may have to make room for others, and is told as one that waits until it is sure to stay.
+        on_trial: bool,
     },
     /// It will not change any more.
     Ended(Arc<Ended>),
@@ -101,6 +107,8 @@ pub enum Halt {
     Dismiss,
     /// The process is about to end; the next one starts it again.
     Park,
+    /// It has had its first slice, and others have not had theirs; it begins again later.
+    Yield,
 }
 
 /// What keeps a job when the process ends.
@@ -158,6 +166,8 @@ pub struct Job {
     pub(super) context: Context,
     /// What it is of, until it starts, where that was read here; and whether it is to be solved though the answer may be known.
     glance: Mutex<Option<(Arc<Known>, bool)>>,
+    /// It has had its first slice.
+    sliced: AtomicBool,
     life: Mutex<Life>,
     settled: Notify,
     /// Wakes whoever supervises its worker when it is to stop.
@@ -211,6 +221,7 @@ impl Job {
             digest: OnceLock::new(),
             context: Context::current(),
             glance: Mutex::new(known.map(|known| (known, anew))),
+            sliced: AtomicBool::new(false),
             life: Mutex::new(Life { state: State::Accepted(Some(document)), keeping, parked: false }),
             settled: Notify::new(),
             halted: Notify::new(),
@@ -238,15 +249,27 @@ impl Job {
             digest: document.map_or_else(OnceLock::new, OnceLock::from),
             context: Context::default(),
             glance: Mutex::default(),
+            sliced: AtomicBool::new(false),
             life: Mutex::new(Life { state, keeping: Keeping::Disk, parked: false }),
             settled: Notify::new(),
             halted: Notify::new(),
         }
     }
 
-    /// Where it stands now.
+    /// Where it stands now, as it is told: a job that may have to make room still waits.
     pub fn state(&self) -> State {
-        self.lock().state.clone()
+        match &self.lock().state {
+            State::Running { on_trial: true, .. } => State::Accepted(None),
+            state => state.clone(),
+        }
+    }
+
+    /// How to follow it, if a worker is at it, told or not.
+    pub fn control(&self) -> Option<Arc<Control>> {
+        match &self.lock().state {
+            State::Running { control, .. } => Some(Arc::clone(control)),
+            State::Accepted(_) | State::Ended(_) => None,
+        }
     }
 
     /// Whether the client can find it without its name.
@@ -269,23 +292,44 @@ impl Job {
         self.lock().is_lasting()
     }
 
-    /// Accepted to running, at most `wall` long. Nothing if it has been dismissed or parked meanwhile.
-    pub(super) fn start(&self, wall: Duration) -> Option<Arc<Control>> {
-        self.start_within(match Instant::now().checked_add(wall) {
+    /// Accepted to running, at most `wall` long, at first on trial or to stay. Nothing if it has been dismissed or parked
+    /// meanwhile.
+    pub(super) fn start(&self, wall: Duration, on_trial: bool) -> Option<Arc<Control>> {
+        let control = match Instant::now().checked_add(wall) {
             Some(deadline) => Control::with_deadline(deadline),
             None => Control::new(),
-        })
+        };
+        self.start_within(control, on_trial)
     }
 
     /// The same, as long as `control` lets it.
-    pub(super) fn start_within(&self, control: Control) -> Option<Arc<Control>> {
+    pub(super) fn start_within(&self, control: Control, on_trial: bool) -> Option<Arc<Control>> {
         let mut life = self.lock();
         if life.parked || !matches!(life.state, State::Accepted(_)) {
             return None;
         }
+        // A wish to stop that came as the last attempt ended is not one for this.
+        pin!(self.halted.notified()).as_mut().enable();
         let (started, control) = (Moment::now(), Arc::new(control));
-        life.state = State::Running { started, control: Arc::clone(&control), halt: None };
+        life.state = State::Running { started, control: Arc::clone(&control), halt: None, on_trial };
         Some(control)
+    }
+
+    /// Its trial is over, and it goes on.
+    pub(super) fn stay(&self) {
+        if let State::Running { on_trial, .. } = &mut self.lock().state {
+            *on_trial = false;
+        }
+    }
+
+    /// Whether it has had its first slice.
+    pub(super) fn has_had_slice(&self) -> bool {
+        self.sliced.load(Relaxed)
+    }
+
+    /// Its first slice is over.
+    pub(super) fn use_up_slice(&self) {
+        self.sliced.store(true, Relaxed);
     }
 
     /// What it is of, once, where that is in hand.
@@ -297,7 +341,7 @@ impl Job {
     pub(super) fn go_back(&self, document: &Arc<[u8]>) -> Option<Halt> {
         let mut life = self.lock();
         if let State::Running { halt, .. } = &life.state {
-            if halt.is_some() {
+            if let Some(Halt::Dismiss | Halt::Park) = halt {
                 return *halt;
             }
             life.state = State::Accepted(Some(Arc::clone(document)));
@@ -309,7 +353,7 @@ impl Job {
     pub(super) fn halt(&self, reason: Halt) -> bool {
         let mut life = self.lock();
         let State::Running { halt, .. } = &mut life.state else { return false };
-        *halt = Some(halt.unwrap_or(reason));
+        *halt = Some(halt.filter(|asked| *asked != Halt::Yield).unwrap_or(reason));
         self.halted.notify_one();
         true
     }
@@ -325,7 +369,7 @@ impl Job {
     /// The end, now, of what has been started.
     pub(super) fn ended(&self, ending: Ending) -> Ended {
         let finished = Moment::now();
-        match self.state() {
+        match &self.lock().state {
             State::Running { started, control, .. } => Ended {
                 started: Some(started.date),
                 finished: finished.date,

@@ -2,7 +2,8 @@
 //!
 //! 1. [`Jobs::submit`] puts a job in the store and in the queue, or says which bound is reached.
 //!    One that nobody has to wait for is solved at a glance instead.
-//! 2. Where a [worker](crate::worker) is free, it solves the first job of the client whose turn it is, under a deadline.
+//! 2. Where a [worker](crate::worker) is free, it solves the first job of the client whose turn it is, under a deadline. One
+//!    that takes longer than a [first slice](intake) may have to make room for others, and begins again.
 //! 3. The ended job is counted in the store, which forgets what is too old, and its waiters are woken.
 //!
 //! [`Jobs::cancel`] and [`Jobs::forget`] pass the queue by: they work when it is full. In a durable service a job that
@@ -35,6 +36,7 @@ mod results;
 mod salvage;
 mod seal;
 mod shortage;
+mod spent;
 mod spool;
 mod stopping;
 mod store;
@@ -77,7 +79,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use store::Store;
-use tokio::sync::{Notify, RwLock, Semaphore};
+use tokio::sync::{Notify, RwLock};
 
 /// All jobs of a service.
 pub struct Jobs {
@@ -85,9 +87,8 @@ pub struct Jobs {
     metrics: Arc<Metrics>,
     bounds: Bounds,
     intake: Mutex<Intake>,
-    /// One permit a waiting job. A job taken out of the queue leaves its permit behind: a worker that finds nothing
-    /// to take goes on waiting.
-    waiting: Semaphore,
+    /// Wakes a worker that waits, since a job has come in.
+    arrival: Notify,
     /// Wakes a relief worker that may have something to do.
     relief: Notify,
     store: Store,
@@ -96,6 +97,9 @@ pub struct Jobs {
     idle: Notify,
     /// Wakes supervisors that wait for a worker when they are to go.
     dismissed: Notify,
+    is_dismissed: AtomicBool,
+    /// The shortest time in which a worker has started, in nanoseconds.
+    fastest_start: AtomicU64,
     panics: AtomicU64,
     shortage: Shortage,
     /// Workers that live, and whether the last attempt to start one failed.
@@ -112,19 +116,20 @@ impl Jobs {
     pub fn open(bounds: Bounds, solver: Solver, folder: Option<&Path>, metrics: Arc<Metrics>) -> io::Result<Self> {
         let (store, accepted) = Store::open(folder, bounds.retention, bounds.result_bytes, &metrics)?;
         let mut queue = FairQueue::new(bounds.queue);
-        let waiting = Semaphore::new(accepted.len());
         accepted.into_iter().for_each(|job| queue.push(job.client, job));
         Ok(Self {
             solver,
             metrics,
             bounds,
-            intake: Mutex::new(Intake::new(queue)),
-            waiting,
+            intake: Mutex::new(Intake::new(queue, bounds.workers, bounds.wall)),
+            arrival: Notify::new(),
             relief: Notify::new(),
             store,
             suspects: RwLock::default(),
             idle: Notify::new(),
             dismissed: Notify::new(),
+            is_dismissed: AtomicBool::new(false),
+            fastest_start: AtomicU64::new(u64::MAX),
             panics: AtomicU64::new(0),
             shortage: Shortage::default(),
             living: AtomicUsize::new(0),
@@ -195,8 +200,7 @@ impl Jobs {
             intake.queue.push(client, Arc::clone(&job));
             place.map(|place| self.store.store(&job, &mut job.lock(), document, place))
         };
-        self.waiting.add_permits(1);
-        self.call_relief(&self.lock());
+        self.arrival.notify_one();
         if let Some(answer) = answer
             && let Err(unwritable) = answer.written().await
         {
@@ -278,6 +282,7 @@ impl Jobs {
 
     /// Forgets the jobs that ended too long before `now`.
     pub async fn expire(&self, now: Timestamp) {
+        self.lock().forget();
         self.store.expire(now).await;
     }
 
@@ -291,7 +296,7 @@ impl Jobs {
                 continue;
             }
             self.lock().queue.push(job.client, job);
-            self.waiting.add_permits(1);
+            self.arrival.notify_one();
         }
     }
 
@@ -331,6 +336,11 @@ impl Jobs {
         (intake.queue.len(), intake.running)
     }
 
+    /// How many of the jobs that run have not to make room for others.
+    pub fn long(&self) -> usize {
+        self.lock().long()
+    }
+
     /// How many ended jobs are kept, and the bytes of their specifications and results.
     pub fn kept(&self) -> (usize, usize) {
         self.store.index().kept()
@@ -358,7 +368,7 @@ impl Jobs {
 
     /// Wakes a relief worker, if there is something for it.
     fn call_relief(&self, intake: &Intake) {
-        if intake.wants_relief(self.bounds.workers) {
+        if intake.wants_relief() {
             self.relief.notify_one();
         }
     }

@@ -1,6 +1,6 @@
 //! The pool: threads that each supervise a worker, give it a job, wait for the end and take the next. A long solve delays no
-//! answer, and the number of workers bounds the work in hand. Where one client's long jobs hold all of them, relief workers
-//! take the jobs of clients for whom nothing runs, one at a time for each.
+//! answer, and the number of workers bounds the work in hand. Some more are there for the first slices of jobs. Where one
+//! client's long jobs hold all others, relief workers take long jobs of clients for whom none runs, one at a time for each.
 //!
 //! Each thread is a runtime of its own. Threads that share one wake each other in search of work whenever one of
 //! them is woken, which takes more time than a small solve.
@@ -22,7 +22,8 @@ pub struct Pool {
 }
 
 impl Pool {
-    /// Starts `workers` on the queue of `jobs`; the `relief` workers have their threads, and a process when they are needed.
+    /// Starts `workers` on the queue of `jobs`, those for first slices among them; the `relief` workers have their threads, and
+    /// a process when they are needed.
     ///
     /// # Errors
     /// The system gives no thread, or a worker cannot be started.

@@ -1,7 +1,7 @@
 //! A bounded queue in which no client can starve another: one line a client, first in first out, and the clients
-//! take turns (round robin: Nagle 1987, "On packet switches with infinite storage"). A client for whom less runs goes first,
-//! since jobs take different times: what is shared evenly is workers (max-min fairness: Bertsekas & Gallager 1992, "Data
-//! networks", section 6.5.2).
+//! take turns (round robin: Nagle 1987, "On packet switches with infinite storage"). Since jobs take different times, a client
+//! with less of a load goes first: what is shared evenly is workers and their time (max-min fairness: Bertsekas & Gallager
+//! 1992, "Data networks", section 6.5.2).
 
 use super::Client;
 use std::collections::{HashMap, VecDeque};
@@ -66,9 +66,9 @@ impl<T: Heavy> FairQueue<T> {
         self.waiting == 0
     }
 
-    /// Whether something waits of such a client.
-    pub fn any(&self, is_sought: impl Fn(Client) -> bool) -> bool {
-        self.turns.iter().any(|client| is_sought(*client))
+    /// Whether such an item waits.
+    pub fn any(&self, is_sought: impl Fn(Client, &T) -> bool) -> bool {
+        self.lines.iter().any(|(client, line)| line.iter().any(|item| is_sought(*client, item)))
     }
 
     /// How many clients have something waiting.
@@ -104,18 +104,18 @@ impl<T: Heavy> FairQueue<T> {
         line.push_back(item);
     }
 
-    /// Takes the first item of the client whose turn it is: of those for whom the least runs, the first in turn.
-    pub fn pop(&mut self, running: impl Fn(Client) -> usize) -> Option<T> {
-        self.pop_below(usize::MAX, running)
-    }
-
-    /// The same, of clients for whom less than so much runs.
-    pub fn pop_below(&mut self, most: usize, running: impl Fn(Client) -> usize) -> Option<T> {
-        let loads = self.turns.iter().map(|client| running(*client)).enumerate();
-        let (turn, _) = loads.filter(|(_, load)| *load < most).min_by_key(|(_, load)| *load)?;
+    /// Takes the first item that `may` be taken of the client whose turn it is: of those with the least `load`, the first in
+    /// turn. A client without a load is passed over.
+    pub fn pop<L: Ord>(&mut self, load: impl Fn(Client) -> Option<L>, may: impl Fn(&T) -> bool) -> Option<T> {
+        let of_client = |(turn, client): (usize, &Client)| {
+            let index = self.lines.get(client)?.iter().position(&may)?;
+            Some((load(*client)?, turn, index))
+        };
+        let firsts = self.turns.iter().enumerate().filter_map(of_client);
+        let (_, turn, index) = firsts.min_by(|(one, ..), (other, ..)| one.cmp(other))?;
         let client = self.turns.remove(turn)?;
         let line = self.lines.get_mut(&client)?;
-        let item = line.pop_front()?;
+        let item = line.remove(index)?;
         self.waiting -= 1;
         self.bytes -= item.bytes();
         if line.is_empty() {
@@ -180,6 +180,15 @@ mod tests {
         Client::at(IpAddr::from([10, 0, 0, last]))
     }
 
+    fn any(_: &&str) -> bool {
+        true
+    }
+
+    /// The next item where all clients have the same load.
+    fn take(queue: &mut FairQueue<&'static str>) -> Option<&'static str> {
+        queue.pop(|_| Some(0), any)
+    }
+
     fn queue_of(arrivals: &[(u8, &'static str)]) -> FairQueue<&'static str> {
         let mut queue = FairQueue::new(WIDE);
         for (from, item) in arrivals {
@@ -191,7 +200,7 @@ mod tests {
     #[test]
     fn a_late_client_is_served_after_one_job_of_a_busy_one() {
         let mut queue = queue_of(&[(1, "a1"), (1, "a2"), (1, "a3"), (2, "b1"), (3, "c1"), (2, "b2")]);
-        let order: Vec<_> = std::iter::from_fn(|| queue.pop(|_| 0)).collect();
+        let order: Vec<_> = std::iter::from_fn(|| take(&mut queue)).collect();
         assert_eq!(order, ["a1", "b1", "c1", "a2", "b2", "a3"]);
         assert!(queue.is_empty() && queue.lines.is_empty() && queue.turns.is_empty());
     }
@@ -201,23 +210,36 @@ mod tests {
         let mut queue = queue_of(&[(1, "a1"), (1, "a2"), (2, "b1"), (2, "b2"), (3, "c1")]);
         let load =
             |of: [usize; 3]| move |who: Client| (1..=3).find(|k| client(*k) == who).map_or(0, |k| of[k as usize - 1]);
-        assert_eq!(queue.pop(load([2, 1, 1])), Some("b1"));
-        assert_eq!(queue.pop(load([2, 2, 1])), Some("c1"));
-        assert_eq!(queue.pop_below(1, load([2, 2, 2])), None);
-        assert_eq!(queue.pop_below(1, load([2, 0, 2])), Some("b2"));
-        assert_eq!((queue.pop(load([9, 0, 0])), queue.pop(load([9, 0, 0])), queue.len()), (Some("a1"), Some("a2"), 0));
+        let below =
+            |most: usize, of: [usize; 3]| move |who: Client| Some(load(of)(who)).filter(|running| *running < most);
+        assert_eq!(queue.pop(below(9, [2, 1, 1]), any), Some("b1"));
+        assert_eq!(queue.pop(below(9, [2, 2, 1]), any), Some("c1"));
+        assert_eq!(queue.pop(below(1, [2, 2, 2]), any), None);
+        assert_eq!(queue.pop(below(1, [2, 0, 2]), any), Some("b2"));
+        assert_eq!((take(&mut queue), take(&mut queue), queue.len()), (Some("a1"), Some("a2"), 0));
+    }
+
+    #[test]
+    fn what_may_not_be_taken_yet_is_passed_over_and_keeps_its_place() {
+        let mut queue = queue_of(&[(1, "a1"), (1, "a2"), (2, "b1"), (1, "a3")]);
+        let is_late = |item: &&str| !item.ends_with('1');
+        assert_eq!(queue.pop(|_| Some(0), is_late), Some("a2"));
+        assert_eq!((queue.waiting, queue.bytes), (3, 6));
+        assert!(queue.any(|who, item| who == client(1) && *item == "a3") && !queue.any(|_, item| *item == "a2"));
+        let order: Vec<_> = std::iter::from_fn(|| take(&mut queue)).collect();
+        assert_eq!(order, ["b1", "a1", "a3"]);
     }
 
     #[test]
     fn positions_foretell_the_order_of_service() {
         let arrivals = [(1, "a1"), (1, "a2"), (1, "a3"), (2, "b1"), (3, "c1"), (2, "b2")];
         let mut queue = queue_of(&arrivals);
-        queue.pop(|_| 0);
+        take(&mut queue);
         let foretold: Vec<_> = arrivals
             .iter()
             .map(|(from, sought)| (queue.position(client(*from), |item| item == sought), *sought))
             .collect();
-        for (position, item) in std::iter::from_fn(|| queue.pop(|_| 0)).enumerate() {
+        for (position, item) in std::iter::from_fn(|| take(&mut queue)).enumerate() {
             assert!(foretold.contains(&(Some(position), item)), "{item} came at {position}: {foretold:?}");
         }
     }
@@ -233,7 +255,7 @@ mod tests {
         assert_eq!(queue.admits(client(2), 7), Err(Full::Bytes));
         queue.push(client(2), "b1");
         assert_eq!(queue.admits(client(3), 2), Err(Full::Queue));
-        queue.pop(|_| 0);
+        take(&mut queue);
         assert_eq!(queue.admits(client(1), 2), Ok(()));
         assert_eq!((queue.waiting, queue.bytes), (2, 4));
     }
@@ -253,7 +275,7 @@ mod tests {
         let mut queue = queue_of(&[(1, "a1"), (2, "b1"), (3, "c1")]);
         assert_eq!(queue.remove(client(2), |item| *item == "b1"), Some("b1"));
         assert_eq!(queue.remove(client(2), |item| *item == "b1"), None);
-        assert_eq!((queue.pop(|_| 0), queue.pop(|_| 0), queue.pop(|_| 0)), (Some("a1"), Some("c1"), None));
+        assert_eq!((take(&mut queue), take(&mut queue), take(&mut queue)), (Some("a1"), Some("c1"), None));
     }
 
     #[test]
@@ -261,6 +283,6 @@ mod tests {
         let mut queue = queue_of(&[(1, "a1"), (1, "a2"), (2, "b1"), (3, "c1")]);
         queue.retain(|item| !["a1", "b1"].contains(item));
         assert_eq!((queue.waiting, queue.bytes, queue.clients()), (2, 4, 2));
-        assert_eq!((queue.pop(|_| 0), queue.pop(|_| 0), queue.pop(|_| 0)), (Some("a2"), Some("c1"), None));
+        assert_eq!((take(&mut queue), take(&mut queue), take(&mut queue)), (Some("a2"), Some("c1"), None));
     }
 }

@@ -71,7 +71,7 @@ impl Turns {
                 if state.free == 0 {
                     return;
                 }
-                let Some(next) = state.waiting.pop(|_| 0) else { return };
+                let Some(next) = state.waiting.pop(|_| Some(0), |_| true) else { return };
                 state.free -= 1;
                 next
             };

@@ -2,25 +2,33 @@
 
 use super::crashes::MOST_KILLS;
 use super::ended::{Ended, Ending, Fault, Held};
+use super::intake::Lane;
 use super::job::{Halt, Job, State};
 use super::results::{Long, Results, TooLarge};
 use super::{Jobs, is_damage};
 use crate::worker::{Death, Event, Finished, Left, Origin, Prints, Solved, Supervisor, Task, Watch};
 use problem::Control;
 use solution::{Status, Verdict};
+use std::pin::pin;
 use std::borrow::Cow;
 use std::io;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::{Duration, Instant};
 use tokio::select;
+use tokio::time::sleep;
 use tracing::Instrument;
+
+/// A first slice in times that a worker takes to start.
+const STARTS: u32 = 4;
 
 /// What has become of a job that had its turn.
 pub(super) enum Outcome {
     Ended(Box<Ended>),
     /// It is to be left to the next process.
     Stopped,
+    /// It has had its first slice, and goes back to the queue.
+    Waits,
     /// It was cancelled or parked before it started.
     Gone,
 }
@@ -34,22 +42,33 @@ impl Jobs {
             () = supervisor.ready() => {}
             () = self.dismissed() => return false,
         }
-        select! {
-            permit = self.waiting.acquire() => match permit {
-                Ok(permit) => permit.forget(),
-                Err(_) => return false,
-            },
-            () = supervisor.idle() => return true,
+        if let Some((job, lane)) = self.next(supervisor).await {
+            self.see_through(place, supervisor, &job, lane).await;
         }
-        let next = self.lock().take();
-        if let Some(job) = next {
-            self.see_through(place, supervisor, &job, false).await;
-        }
-        true
+        !self.is_dismissed.load(Relaxed)
     }
 
-    /// Waits until a job of a client for whom nothing runs finds all workers taken, and has it solved in relief. False if
-    /// workers have been dismissed.
+    /// The next job for a worker; nothing after a while in which there was none, or if workers have been dismissed.
+    async fn next(&self, supervisor: &mut Supervisor) -> Option<(Arc<Job>, Lane)> {
+        let mut arrival = pin!(self.arrival.notified());
+        // Before the look at the queue: a job that comes in between is not overlooked.
+        arrival.as_mut().enable();
+        if self.is_dismissed.load(Relaxed) {
+            return None;
+        }
+        let next = self.lock().take();
+        if next.is_none() {
+            select! {
+                () = arrival => {}
+                () = supervisor.idle() => {}
+                () = self.dismissed() => {}
+            }
+        }
+        next
+    }
+
+    /// Waits until a job that has had its first slice, of a client of whom none runs to its end, finds all workers taken, and has
+    /// it solved in relief. False if workers have been dismissed.
     pub(super) async fn relieve_next(&self, place: usize, supervisor: &mut Supervisor) -> bool {
         select! {
             () = self.relief.notified() => {}
@@ -59,39 +78,51 @@ impl Jobs {
         loop {
             let next = {
                 let mut intake = self.lock();
-                let next = intake.relieve(self.bounds.workers);
+                let next = intake.relieve();
                 // There may be one for another relief worker as well.
                 self.call_relief(&intake);
                 next
             };
             let Some(job) = next else { return true };
-            self.see_through(place, supervisor, &job, true).await;
+            self.see_through(place, supervisor, &job, Lane::Relief).await;
         }
     }
 
-    async fn see_through(&self, place: usize, supervisor: &mut Supervisor, job: &Arc<Job>, relief: bool) {
+    async fn see_through(&self, place: usize, supervisor: &mut Supervisor, job: &Arc<Job>, mut lane: Lane) {
+        let begun = Instant::now();
         let mut origin = Origin::of(Some(job.id.to_string()), &job.context);
         let span = origin.span();
         origin.join(&span);
         let outcome = if job.crashes > 0 {
             let _alone = self.suspects.write().await;
-            self.attempt(place, supervisor, job, &origin).instrument(span).await
+            self.attempt(place, supervisor, job, &origin, &mut lane).instrument(span).await
         } else {
             let _beside_others = self.suspects.read().await;
-            self.attempt(place, supervisor, job, &origin).instrument(span).await
+            self.attempt(place, supervisor, job, &origin, &mut lane).instrument(span).await
         };
+        let waits = matches!(outcome, Outcome::Waits);
         match outcome {
             Outcome::Ended(ended) => {
                 job.log_end(&ended);
                 self.store.conclude(job, *ended).await;
             }
             Outcome::Stopped => self.store.park(job).await,
-            Outcome::Gone => {}
+            Outcome::Waits | Outcome::Gone => {}
         }
         let mut intake = self.lock();
-        intake.depart(job, relief);
+        intake.depart(job, lane, begun.elapsed());
+        if waits {
+            self.metrics.yielded();
+            let is_wanted = matches!(job.lock().state, State::Accepted(_));
+            // What the disk keeps is left to the next process by one that is about to stop.
+            if is_wanted && !(intake.draining && job.is_lasting()) {
+                intake.queue.push(job.client, Arc::clone(job));
+            }
+        } else {
+            intake.drain_rate.departed(Instant::now());
+        }
         self.announce_if_idle(&intake);
-        // Nothing may run for its client now.
+        // Nothing may run for its client now, or what runs may have taken its place.
         self.call_relief(&intake);
     }
 
@@ -99,11 +130,13 @@ impl Jobs {
     pub(super) fn notice(&self, event: Event<'_>) {
         self.metrics.notice(event);
         match event {
-            Event::Started(_) => {
+            Event::Started(_, time) => {
+                let time = u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
+                self.fastest_start.fetch_min(time, Relaxed);
                 self.living.fetch_add(1, Relaxed);
                 self.unstartable.store(false, Relaxed);
             }
-            Event::Grown(_) | Event::Died(..) => {
+            Event::Grown(_) | Event::Unwanted(_) | Event::Died(..) => {
                 self.living.fetch_sub(1, Relaxed);
             }
             Event::NotStarted(_) => self.unstartable.store(true, Relaxed),
@@ -117,7 +150,7 @@ impl Jobs {
 
     /// Sends workers home, each at the end of the job in hand.
     pub(super) fn dismiss_workers(&self) {
-        self.waiting.close();
+        self.is_dismissed.store(true, Relaxed);
         self.dismissed.notify_waiters();
     }
 
@@ -125,14 +158,21 @@ impl Jobs {
     async fn dismissed(&self) {
         loop {
             let dismissed = self.dismissed.notified();
-            if self.waiting.is_closed() {
+            if self.is_dismissed.load(Relaxed) {
                 return;
             }
             dismissed.await;
         }
     }
 
-    async fn attempt(&self, place: usize, supervisor: &mut Supervisor, job: &Job, origin: &Origin) -> Outcome {
+    async fn attempt(
+        &self,
+        place: usize,
+        supervisor: &mut Supervisor,
+        job: &Job,
+        origin: &Origin,
+        lane: &mut Lane,
+    ) -> Outcome {
         let document = match self.posted(job) {
             Ok(document) => document,
             Err(error) => {
@@ -150,8 +190,8 @@ impl Jobs {
             return outcome;
         }
         self.store.mark(place, job);
-        let outcome = match job.start(self.bounds.wall) {
-            Some(control) => self.solve(supervisor, job, origin, &document, &control).await,
+        let outcome = match job.start(self.bounds.wall, *lane == Lane::First) {
+            Some(control) => self.solve(supervisor, job, origin, &document, &control, lane).await,
             None => Outcome::Gone,
         };
         self.store.unmark(place, job);
@@ -164,17 +204,21 @@ impl Jobs {
         supervisor: &mut Supervisor,
         job: &Job,
         origin: &Origin,
-        document: &[u8],
+        document: &Arc<[u8]>,
         control: &Control,
+        lane: &mut Lane,
     ) -> Outcome {
-        self.metrics.waited(job.created.clock.elapsed());
+        if !job.has_had_slice() {
+            self.metrics.waited(job.created.clock.elapsed());
+        }
         let begun = Instant::now();
-        let watch = Watch { origin, control, halted: &job.halted, is_unwanted: &|| job.is_forgotten() };
+        let is_unwanted = || job.is_forgotten() || job.halted() == Some(Halt::Yield);
+        let watch = Watch { origin, control, halted: &job.halted, is_unwanted: &is_unwanted };
         let mut kills = 0;
         let (finished, spool) = loop {
             let mut spool = self.store.spool(job.id);
             let mut task = Task { solve: true, document, limits: self.limits(), watch: &watch, long: &mut spool };
-            let finished = supervisor.perform(&mut task).await;
+            let finished = self.perform(supervisor, &mut task, job, lane).await;
             let Err(Death::Killed(signal)) = finished else { break (finished, spool) };
             kills += 1;
             // Who ends a worker while there is memory says nothing of the job.
@@ -184,6 +228,17 @@ impl Jobs {
             tracing::warn!(signal, "the worker of job {} was ended from outside; the job begins again", job.id);
         };
         let halted = job.halted();
+        let is_over = matches!(&finished, Ok(Finished::Solved(solved, _)) if solved.status != Status::Stopped);
+        if halted == Some(Halt::Yield) && !is_over {
+            // Unless it has been asked for something else meanwhile.
+            match job.go_back(document) {
+                None => return Outcome::Waits,
+                Some(Halt::Park) => return Outcome::Stopped,
+                Some(Halt::Dismiss | Halt::Yield) => {
+                    return Outcome::Ended(job.ended(Ending::Dismissed).into());
+                }
+            }
+        }
         let broken = |fault, code: &'static str| {
             self.metrics.ended(job.problem(), code.into(), begun.elapsed());
             Outcome::Ended(job.ended(Ending::Broken(fault)).into())
@@ -213,7 +268,7 @@ impl Jobs {
             Ok(Finished::Refused(_, true)) | Err(Death::Overran) => match halted {
                 Some(Halt::Park) => Outcome::Stopped,
                 Some(Halt::Dismiss) => Outcome::Ended(job.ended(Ending::Dismissed).into()),
-                None => broken(Fault::Overran, "overran"),
+                Some(Halt::Yield) | None => broken(Fault::Overran, "overran"),
             },
             // A signal to the whole unit, which is about to stop.
             Err(Death::Killed(_)) if job.is_lasting() && self.is_draining() => Outcome::Stopped,
@@ -232,6 +287,39 @@ impl Jobs {
                 broken(Fault::of(&death, self.bounds.memory, estimate), death.code())
             }
         }
+    }
+
+    /// Has a job solved; at the end of its first slice it goes on if it may, and is asked to make room if not.
+    async fn perform(
+        &self,
+        supervisor: &mut Supervisor,
+        task: &mut Task<'_>,
+        job: &Job,
+        lane: &mut Lane,
+    ) -> Result<Finished, Death> {
+        let slice = self.slice();
+        let mut performed = pin!(supervisor.perform(task));
+        if *lane == Lane::First {
+            select! {
+                biased;
+                finished = &mut performed => return finished,
+                () = sleep(slice) => {}
+            }
+            job.use_up_slice();
+            if self.lock().goes_on(job) {
+                *lane = Lane::Long;
+                job.stay();
+            } else {
+                job.halt(Halt::Yield);
+            }
+        }
+        performed.await
+    }
+
+    /// The time of a first slice. A job that does not heed the wish to stop at its end costs a worker: of the time of the
+    /// workers that are kept for first slices, at most a part of `1/(1 + STARTS)` goes into starting others.
+    fn slice(&self) -> Duration {
+        Duration::from_nanos(self.fastest_start.load(Relaxed)).saturating_mul(STARTS)
     }
 
     /// Whether the system has ended a process for want of memory, which may have been the worker that is lost.

@@ -29,9 +29,6 @@ const LOOK: Duration = Duration::from_millis(100);
 /// seconds.
 const OVERRUN: Duration = Duration::from_secs(10);
 
-/// The same where nobody wants what the task has come to so far.
-const UNWANTED: Duration = Duration::from_millis(500);
-
 /// The time in which a worker starts, and in which one that has closed its pipe ends, on a busy machine.
 const START: Duration = Duration::from_secs(30);
 const END: Duration = Duration::from_secs(5);
@@ -105,23 +102,29 @@ pub struct Link {
     task: u64,
     /// The limits that hold for it.
     pub confinement: Confinement,
+    /// The time in which it was ready. Where nobody wants what a task has come to so far, its worker has as much to stop: to wait
+    /// longer would take more than to start another.
+    pub started_in: Duration,
     /// The memory that it held after its latest task.
     pub resident: u64,
 }
 
 impl Link {
-    /// Takes up a worker that has been started, as soon as it is ready.
+    /// Takes up a worker that has been started, at that time, as soon as it is ready.
     ///
     /// # Errors
     /// It does not answer, or is of another version.
-    pub async fn open(start: Start) -> io::Result<Self> {
+    pub async fn open(start: Start, begun: Instant) -> io::Result<Self> {
         let process = start.process.map(Process::new).transpose()?;
         let (orders, reports) = (Sender::from_owned_fd(start.orders)?, Receiver::from_owned_fd(start.reports)?);
         let id = process.as_ref().map_or(0, |process| process.child.id());
         let (decoder, confinement) = (Decoder::default(), Confinement::default());
-        let mut link = Self { orders, reports, decoder, process, id, task: 0, confinement, resident: 0 };
+        let started_in = Duration::ZERO;
+        let mut link = Self { orders, reports, decoder, process, id, task: 0, confinement, started_in, resident: 0 };
         match timeout(START, link.receive()).await.map_err(io::Error::from).flatten() {
-            Ok((Report::Ready { version: VERSION, confinement }, _)) => Ok(Self { confinement, ..link }),
+            Ok((Report::Ready { version: VERSION, confinement }, _)) => {
+                Ok(Self { confinement, started_in: begun.elapsed(), ..link })
+            }
             Ok((report, _)) => Err(io::Error::other(format!("{report:?} from a worker in place of version {VERSION}"))),
             Err(error) => Err(io::Error::other(format!("{error}: {:?}", link.death().await))),
         }
@@ -161,7 +164,8 @@ impl Link {
                 biased;
                 () = watch.halted.notified(), if !cancelled => {
                     cancelled = true;
-                    end = end.min(Instant::now() + OVERRUN);
+                    let grace = if (watch.is_unwanted)() { self.started_in } else { OVERRUN };
+                    end = end.min(Instant::now() + grace);
                     // A worker that is gone is met below.
                     let _ = self.send(&Order::Cancel { task }, &[]).await;
                 }
@@ -209,7 +213,7 @@ impl Link {
                 },
                 _ = looks.tick() => {
                     if cancelled && (watch.is_unwanted)() {
-                        end = end.min(Instant::now() + UNWANTED);
+                        end = end.min(Instant::now() + self.started_in);
                     }
                     if !looked {
                         looked = true;

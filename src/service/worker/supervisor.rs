@@ -7,7 +7,7 @@ use std::future::pending;
 use std::io;
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::time::sleep;
+use tokio::time::{Instant, sleep};
 
 /// Called with what becomes of workers.
 pub type Notice = Arc<dyn Fn(Event<'_>) + Send + Sync>;
@@ -15,10 +15,12 @@ pub type Notice = Arc<dyn Fn(Event<'_>) + Send + Sync>;
 /// What becomes of a worker.
 #[derive(Clone, Copy, Debug)]
 pub enum Event<'a> {
-    /// It takes orders.
-    Started(u32),
+    /// It takes orders, after this time.
+    Started(u32, Duration),
     /// It was replaced because it held so many bytes.
     Grown(u64),
+    /// It was replaced because it did not stop what nobody wants any more.
+    Unwanted(u32),
     /// It died.
     Died(u32, &'a Death),
     /// None could be started.
@@ -62,8 +64,9 @@ impl Supervisor {
     /// # Errors
     /// It cannot be started.
     pub async fn start(&mut self) -> io::Result<Confinement> {
-        let link = Link::open((self.launcher)()?).await?;
-        (self.notice)(Event::Started(link.id));
+        let begun = Instant::now();
+        let link = Link::open((self.launcher)()?, begun).await?;
+        (self.notice)(Event::Started(link.id, link.started_in));
         let confinement = link.confinement.clone();
         self.link = Some(link);
         Ok(confinement)
@@ -112,6 +115,10 @@ impl Supervisor {
                     self.lost(&death);
                 }
                 Err(Loss::NotTaken(death) | Loss::Died(death)) => {
+                    if death == Death::Overran && (task.watch.is_unwanted)() {
+                        (self.notice)(Event::Unwanted(link.id));
+                        self.link = None;
+                    }
                     self.lost(&death);
                     return Err(death);
                 }
