@@ -94,6 +94,10 @@ impl Specification {
         let of_problem = root.key("problem");
         let of_problem = of_problem.key(problem.name());
         let unread = Start { time: None, control, sizes: &vectors.sizes };
+        if time.is_none() && asked.key().is_none() && !repairs.explain("/time") {
+            let error = SpecificationError::new("", "missing_key", "`time` is missing");
+            errors.push(error.expected("`time`, such as `{\"end\": 10}`"));
+        }
         let time = asked.time(time, (problem.written().named(), &of_problem), unread, &mut found);
         let horizon = time.and_then(|time| check_time(time, &root.key("time"), &mut found));
         let horizon = horizon.filter(|_| !repairs.touch("/time"));

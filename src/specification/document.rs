@@ -19,7 +19,8 @@ use super::written::Written;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// A problem, the time to solve it over, and how. Only `problem` and `time.end` are required.
+/// A problem, the time to solve it over, and how. Only `problem` and `time.end` are required; `periodic` and `steady_state` need
+/// no time.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(as = Specification)]

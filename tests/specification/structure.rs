@@ -118,7 +118,8 @@ fn an_unknown_key_lists_the_valid_ones() {
     let expected = errors_of(document.to_string())[0].expected.clone().unwrap();
     assert_eq!(
         expected,
-        "one of `version`, `problem`, `time`, `method`, `output`, `limits`, `stop`, `sensitivities`, `study`, `label`"
+        "one of `version`, `problem`, `time`, `method`, `output`, `limits`, `stop`, `sensitivities`, \
+         `periodic`, `steady_state`, `study`, `label`"
     );
 }
 
