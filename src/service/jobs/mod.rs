@@ -3,7 +3,7 @@
 //! 1. [`Jobs::submit`] puts a job in the store and in the queue, or says which bound is reached.
 //!    One that nobody has to wait for is solved at a glance instead.
 //! 2. Where a [worker](crate::worker) is free, it solves the first job of the client whose turn it is, under a deadline. One
-//!    that takes longer than a [first slice](intake) may have to make room for others, and begins again.
+//!    that takes longer than a first slice may have to make room for others, and begins again.
 //! 3. The ended job is counted in the store, which forgets what is too old, and its waiters are woken.
 //!
 //! [`Jobs::cancel`] and [`Jobs::forget`] pass the queue by: they work when it is full. In a durable service a job that
