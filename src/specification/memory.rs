@@ -14,7 +14,21 @@ impl Specification {
     /// The bytes that a solve is known to take.
     pub fn memory_bytes(&self) -> usize {
         let numbers = self.trajectory_numbers().saturating_add(self.model().numbers(self));
-        numbers.saturating_mul(size_of::<f64>()).saturating_add(self.load.bytes()).saturating_add(OF_A_RUN)
+        numbers
+            .saturating_mul(size_of::<f64>())
+            .saturating_add(self.load.bytes())
+            .saturating_add(self.parts() * OF_A_RUN)
+    }
+
+    /// A run, and the equations of its derivatives, which are evaluated apart.
+    fn parts(&self) -> usize {
+        if self.directions() > 0 { 2 } else { 1 }
+    }
+
+    /// The directions in which a run is differentiated.
+    pub(super) fn directions(&self) -> usize {
+        let of_search = self.search().map_or(0, |_| self.model().initial().len());
+        self.sensitivities().map_or(of_search, |sensitivities| sensitivities.by.len())
     }
 
     fn trajectory_numbers(&self) -> usize {

@@ -104,7 +104,11 @@ impl Model for DviModel {
         let structure = self.structure();
         // On faces that are met the theory looks again, when the solvers are at rest.
         let analysed = if structure.variables > 0 { analysis_numbers(structure.unknowns()) } else { 0 };
-        run_numbers(structure, stages).max(analysed)
+        let run = run_numbers(structure, stages);
+        // The equations of the derivatives of all stages are one full matrix.
+        let (unknowns, directions) = (stages * structure.unknowns(), specification.directions());
+        let derived = if directions > 0 { run + unknowns * (unknowns + 3 * directions) } else { 0 };
+        run.max(analysed) + derived
     }
 
     fn describe(&self, specification: &Specification) -> Diagnostics {
