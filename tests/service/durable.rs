@@ -135,7 +135,7 @@ fn a_job_that_was_cancelled_or_deleted_stays_so_after_a_kill() {
 #[test]
 fn the_past_is_kept_within_its_bounds_on_the_disk_too() {
     let folder = Folder::new();
-    let server = Server::start(&folder, &["--workers", "1", "--kept-jobs", "2"]);
+    let server = Server::start(&folder, &["--workers", "1", "--express", "0", "--kept-jobs", "2"]);
     // Results of more than 64 KiB, which are files.
     let long = r#"{"problem":{"dvi":{"states":{"x":{"initial":1,"rate":"-x"}}}},"time":{"end":1},
         "output":{"times":{"count":5001}}}"#;
@@ -145,7 +145,7 @@ fn the_past_is_kept_within_its_bounds_on_the_disk_too() {
     assert!(kept.len() > 64 << 10);
     server.kill();
     std::fs::write(folder.path().join("results/00000000-0000-7000-8000-000000000000.part"), "half").unwrap();
-    let server = Server::start(&folder, &["--workers", "1", "--kept-jobs", "1"]);
+    let server = Server::start(&folder, &["--workers", "1", "--express", "0", "--kept-jobs", "1"]);
     server.get(&paths[0]).problem(404, "no-such-job");
     server.get(&paths[2]).problem(404, "no-such-job");
     assert_eq!(server.get(&format!("{}/results", paths[3])).body, kept);
