@@ -90,7 +90,8 @@ fn finish(
         let halted = Notify::new();
         let origin = Origin::default();
         let watch = Watch { origin: &origin, control, halted: &halted, is_unwanted: &|| false };
-        let task = &mut Task { solve: true, document, limits, watch: &watch, long: columns };
+        let task =
+            &mut Task { solve: true, document, limits, watch: &watch, long: columns, yields: false, slice: None };
         let performed = supervisor.perform(task);
         let interrupted = async {
             if tokio::signal::ctrl_c().await.is_ok() {

@@ -106,7 +106,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
         eprintln!("dvi: there is no home to keep jobs in: say --data DIR, or --ephemeral");
         return ExitCode::from(USAGE);
     }
-    let code = match serve(Options { data, ..arguments.options }, &log) {
+    let code = match serve(Options { data, program: Some(worker::SELF.into()), ..arguments.options }, &log) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             tracing::error!(%listen, %error, "cannot serve on {listen}: {error}");

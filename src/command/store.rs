@@ -2,7 +2,7 @@
 
 use super::UNREADABLE;
 use clap::{Args, Subcommand};
-use dvi::service::jobs::{Inspection, Salvaged, repair};
+use dvi::service::jobs::{Inspection, Salvaged, is_sound, repair};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -18,6 +18,15 @@ pub struct Arguments {
 enum Action {
     Check(Check),
     Repair(Repair),
+    #[command(hide = true)]
+    Examine(Examine),
+}
+
+/// Tell by the exit code whether the pages of a store are sound, as a service asks before it opens one
+#[derive(Args)]
+struct Examine {
+    /// The folder of the service
+    path: PathBuf,
 }
 
 /// Read every job and every result of a store, and tell which are not as they were written
@@ -71,6 +80,8 @@ pub fn run(arguments: &Arguments) -> ExitCode {
     match &arguments.action {
         Action::Check(Check { path }) => check(path),
         Action::Repair(Repair { path }) => mend(path),
+        Action::Examine(Examine { path }) if is_sound(path) => ExitCode::SUCCESS,
+        Action::Examine(_) => ExitCode::from(DAMAGED),
     }
 }
 

@@ -50,7 +50,8 @@ impl Service {
         options.check()?;
         let metrics = Arc::new(Metrics::default());
         let tokens = if options.asks_tokens() { Some(Arc::new(tokens(&options)?)) } else { None };
-        let jobs = Jobs::open(options.bounds(), solver, options.jobs_folder(), Arc::clone(&metrics))?;
+        let (folder, program) = (options.jobs_folder(), options.program.as_deref());
+        let jobs = Jobs::open(options.bounds(), solver, folder, program, Arc::clone(&metrics))?;
         let jobs = Arc::new(jobs);
         let pool = Pool::start(&jobs, options.supervised(), options.relief, launcher)?;
         let (bounds, counted) = (options.bounds(), Arc::clone(&metrics));

@@ -233,6 +233,10 @@ impl Metrics {
                 self.lost("grown");
                 tracing::debug!(bytes, "a worker is replaced, which held {} MiB", bytes >> 20);
             }
+            Event::Lowered(pid) => {
+                self.lost("lowered");
+                tracing::debug!(pid, "worker {pid} is replaced after a long task");
+            }
             Event::Unwanted(pid) => {
                 self.lost("unwanted");
                 tracing::debug!(pid, "worker {pid} is replaced, which did not stop what nobody wants");

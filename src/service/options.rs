@@ -6,6 +6,7 @@ use clap::builder::BoolishValueParser as FlagParser;
 use clap::{Args, Command};
 use serde::Serialize;
 use serde_json::Value;
+use std::ffi::OsString;
 use std::io;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::num::{NonZeroU64, NonZeroUsize};
@@ -39,6 +40,11 @@ pub struct Options {
     /// The folder of jobs that outlive the process, and of tokens
     #[arg(skip)]
     pub data: Option<PathBuf>,
+
+    /// This program, where its `store` command looks at that folder before it is opened
+    #[arg(skip)]
+    #[serde(skip)]
+    pub program: Option<OsString>,
 
     /// Keep jobs in memory and none after the end, whatever `--data` says
     #[arg(long, env = "DVI_EPHEMERAL", value_parser = FlagParser::new())]
@@ -149,6 +155,7 @@ impl Default for Options {
         Self {
             listen: (Ipv4Addr::LOCALHOST, 8080).into(),
             data: None,
+            program: None,
             ephemeral: false,
             ask_tokens: false,
             insecure: false,

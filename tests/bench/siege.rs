@@ -100,6 +100,9 @@ fn main() {
     });
     println!("{answers:?}");
     println!("alone: {alone}; beside them: {beside}; front at most {} MiB", most_kib >> 10);
+    for (time, told) in &beside.slowest {
+        println!("{time:.1} ms, of which the service says: {told}");
+    }
     println!("p99 {:.1} times that of a quiet service", beside.quantile(0.99) / alone.quantile(0.99));
     assert_eq!(server.get("/healthz").status, 200);
     assert_eq!(beside.failed, 0);
@@ -109,8 +112,13 @@ fn main() {
 struct Belts {
     /// In milliseconds, the shortest first.
     times: Vec<f64>,
+    /// The slowest, with what the service says of their times.
+    slowest: Vec<(f64, String)>,
     failed: usize,
 }
+
+/// Of so many it is told where their times went.
+const SLOWEST: usize = 20;
 
 impl Belts {
     fn quantile(&self, part: f64) -> f64 {
@@ -134,12 +142,17 @@ fn token(folder: &Folder, name: &str) -> String {
 
 /// Solves the belt ever anew.
 fn solve_belts(server: &Server, token: &str, time: Duration) -> Belts {
-    let (start, mut belts) = (Instant::now(), Belts { times: Vec::new(), failed: 0 });
+    let (start, mut belts) = (Instant::now(), Belts { times: Vec::new(), slowest: Vec::new(), failed: 0 });
     let headers = format!("{token}cache-control: no-cache\r\nprefer: wait=60\r\n");
     while start.elapsed() < time {
         let sent = Instant::now();
         let answer = server.try_send("POST", "/solve", &headers, BELT);
-        belts.times.push(1e3 * sent.elapsed().as_secs_f64());
+        let time = 1e3 * sent.elapsed().as_secs_f64();
+        belts.times.push(time);
+        let told = answer.as_ref().and_then(|answer| answer.field("server-timing")).unwrap_or_default();
+        belts.slowest.push((time, told.to_owned()));
+        belts.slowest.sort_by(|(one, _), (other, _)| other.total_cmp(one));
+        belts.slowest.truncate(SLOWEST);
         let is_well = answer.is_some_and(|answer| answer.status == 200 && answer.json()["status"] == "completed");
         belts.failed += usize::from(!is_well);
         thread::sleep(Duration::from_millis(20));

@@ -116,7 +116,15 @@ async fn what_a_worker_logs_has_the_ids_of_its_job() {
     let watch = Watch { origin: &origin, control: &control, halted: &halted, is_unwanted: &|| false };
     let limits = Limits { steps: 1000, memory: 1 << 28, wall_seconds: None, result_bytes: 1 << 20 };
     let (document, long) = (labelled("panics"), &mut io::sink());
-    let task = &mut Task { solve: true, document: document.as_bytes(), limits, watch: &watch, long };
+    let task = &mut Task {
+        solve: true,
+        document: document.as_bytes(),
+        limits,
+        watch: &watch,
+        long,
+        yields: false,
+        slice: None,
+    };
     let finished = supervisor.perform(task).await;
     let Err(Death::Defect(words)) = finished else { panic!("{finished:?}") };
     let line = words.lines().find(|line| line.contains("what the worker logs")).unwrap_or_else(|| panic!("{words}"));

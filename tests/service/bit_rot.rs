@@ -12,10 +12,6 @@ const FLIPS: usize = 200;
 /// Flips between one start and the next.
 const AT_ONCE: usize = 10;
 
-/// What the runtime says where a page has become its own ancestor: the library of the database goes down without end, which
-/// nobody can catch. One flip of some thousands does that in a store of a hundred pages, and the fewer the more there are.
-const ASTRAY: &str = "has overflowed its stack";
-
 /// What is asked of every job.
 const PARTS: [&str; 3] = ["", "/specification", "/results"];
 
@@ -45,8 +41,8 @@ fn no_flipped_bit_is_served_as_truth() {
     let bytes: usize = whole.values().map(Vec::len).sum();
 
     let mut random = Random(std::process::id().into());
-    let (mut served, mut damaged, mut unknown, mut refused, mut rebuilt, mut ended) = (0, 0, 0, 0, 0, 0);
-    'rounds: for round in 0..flips / at_once {
+    let (mut served, mut damaged, mut unknown, mut rebuilt) = (0, 0, 0, 0);
+    for round in 0..flips / at_once {
         let rotten = Folder::new();
         let mut files = whole.clone();
         for _ in 0..at_once {
@@ -63,24 +59,10 @@ fn no_flipped_bit_is_served_as_truth() {
             fs::create_dir_all(path.parent().unwrap()).unwrap();
             fs::write(path, bytes).unwrap();
         }
-        let server = match Server::try_start_at("127.0.0.1:0", &rotten, &["--workers", "1"]) {
-            Ok(server) => server,
-            Err(said) => {
-                assert!(said.contains("damaged") || said.contains("cannot serve") || said.contains(ASTRAY), "{said}");
-                println!("{}", said.lines().last().unwrap_or_default());
-                refused += 1;
-                continue;
-            }
-        };
+        let server = Server::start(&rotten, &["--workers", "1"]);
         for (path, told) in paths.iter().zip(&told) {
             for (part, told) in PARTS.iter().zip(told) {
-                let Some(answer) = server.try_send("GET", &format!("{path}{part}"), "", "") else {
-                    let said = server.stop().1;
-                    assert!(said.contains(ASTRAY), "round {round}: no answer to {path}{part}: {said}");
-                    println!("round {round}: {path}{part} led the library in a circle");
-                    ended += 1;
-                    continue 'rounds;
-                };
+                let answer = server.get(&format!("{path}{part}"));
                 match answer.status {
                     // A job of which something is damaged says so.
                     200 if answer.body.contains("damaged: ") && part.is_empty() => damaged += 1,
@@ -100,10 +82,7 @@ fn no_flipped_bit_is_served_as_truth() {
         server.reaches(&server.accept(DECAY), &["successful"]);
         rebuilt += u32::from(!server.get("/metrics").body.contains("dvi_store_rebuilds_total 0\n"));
     }
-    println!(
-        "{served} served as they were, {damaged} told as damaged, {unknown} unknown, {refused} starts refused, {rebuilt} stores built anew, {ended} services ended"
-    );
-    assert!(10 * (ended + refused) <= flips / at_once + 10, "{ended} services ended, {refused} starts refused");
+    println!("{served} served as they were, {damaged} told as damaged, {unknown} unknown, {rebuilt} stores built anew");
     assert!(served > 0 && damaged > 0, "{served} served, {damaged} damaged");
 }
 
@@ -205,22 +184,21 @@ fn rows_on_a_page_over_which_its_reader_panics_are_set_aside_alone() {
         assert!(figures.contains(&format!("dvi_damaged_jobs {lost}\n")), "{figures}");
         assert!(figures.contains(&format!("dvi_store_rebuilds_total {}\n", 1 - start)), "{figures}");
         server.reaches(&server.accept(DECAY), &["successful"]);
-        assert_eq!((server.beginning.contains("panicked at"), aside(&folder).len()), (start == 0, 1));
+        let is_told = server.beginning.contains("pages of the database are damaged; it is built anew");
+        assert_eq!((is_told, aside(&folder).len()), (start == 0, 1));
         assert!(server.stop().0.success());
     }
 }
 
 #[test]
-fn a_damaged_page_in_the_way_of_a_new_job_is_healed_while_the_service_runs() {
+fn a_damaged_page_of_specifications_is_healed_before_a_new_job_is_written_beside_it() {
     let folder = Folder::new();
     let server = Server::start(&folder, &["--workers", "2"]);
     let (paths, told) = solve_many(&server, 60);
     assert!(server.stop().0.success());
     spoil(&folder, &paths, b"\"dvi\":{\"states\"", true);
     let rotten = fs::read(folder.path().join("jobs.redb")).unwrap();
-    // A start reads no specifications, the next job is written beside them.
     let server = Server::start(&folder, &["--workers", "1"]);
-    assert!(server.get("/metrics").body.contains("dvi_store_rebuilds_total 0\n"));
     server.reaches(&server.accept(DECAY), &["successful"]);
     assert!(server.get("/metrics").body.contains("dvi_store_rebuilds_total 1\n"));
     assert_eq!(server.get("/readyz").status, 200);
@@ -235,10 +213,75 @@ fn a_damaged_page_in_the_way_of_a_new_job_is_healed_while_the_service_runs() {
     let is_same = |place: usize| kept.get(place..place + PAGE) == rotten.get(place..place + PAGE);
     let same = (0..kept.len()).step_by(PAGE).filter(|place| is_same(*place)).count();
     assert!(aside(&folder).len() == 1 && 2 * same > kept.len() / PAGE, "{same} of {} pages", kept.len() / PAGE);
-    let said = server.stop().1;
-    assert!(said.contains("have lost something, and the damaged file stays as"), "{said}");
+    assert!(server.beginning.contains("have lost something"), "{}", server.beginning);
+    assert!(server.beginning.contains(": specification") && server.stop().0.success());
     let server = Server::start(&folder, &["--workers", "1"]);
     assert!(paths.iter().zip(&told).all(|(path, told)| server.get(path).body == *told));
+}
+
+/// The header of a file of redb: what it begins with, and where it says whether it was closed in order and how large its pages are.
+const HEADER: [usize; 4] = [0, 8, 9, 13];
+
+#[test]
+fn a_store_whose_header_is_damaged_is_built_anew_from_its_pages() {
+    let folder = Folder::new();
+    let server = Server::start(&folder, &["--workers", "2"]);
+    let (paths, told) = solve_many(&server, 30);
+    assert!(server.stop().0.success());
+    let database = folder.path().join("jobs.redb");
+    let whole = fs::read(&database).unwrap();
+    for place in HEADER {
+        let mut rotten = whole.clone();
+        rotten[place] ^= 1;
+        fs::write(&database, &rotten).unwrap();
+        let server = Server::start(&folder, &["--workers", "1"]);
+        for (path, told) in paths.iter().zip(&told) {
+            assert_eq!(server.get(path).body, *told, "byte {place}");
+            for part in ["/specification", "/results"] {
+                assert_eq!(server.get(&format!("{path}{part}")).status, 200, "byte {place}");
+            }
+        }
+        server.reaches(&server.accept(DECAY), &["successful"]);
+        assert!(server.stop().0.success());
+    }
+}
+
+/// The kind of a page that leads to others; behind its head come a checksum and the number of each.
+const BRANCH: u8 = 2;
+const BRANCH_HEAD: usize = 8;
+const CHECKSUM: usize = 16;
+const NUMBER: usize = 8;
+
+#[test]
+fn pages_that_lead_in_a_circle_end_no_service() {
+    let folder = Folder::new();
+    let server = Server::start(&folder, &["--workers", "2"]);
+    let (paths, told) = solve_many(&server, 60);
+    assert!(server.stop().0.success());
+    let database = folder.path().join("jobs.redb");
+    // All that a branch leads to is the branch itself.
+    let mut circles = fs::read(&database).unwrap();
+    let mut count = 0;
+    for (number, page) in circles.chunks_mut(PAGE).enumerate().skip(1) {
+        let others = usize::from(u16::from_le_bytes([page[2], page[3]])) + 1;
+        let numbers = BRANCH_HEAD + CHECKSUM * others;
+        if page[0] == BRANCH && numbers + NUMBER * others <= PAGE {
+            let own = (number as u64 - 1).to_le_bytes();
+            page[numbers..][..NUMBER * others].chunks_mut(NUMBER).for_each(|other| other.copy_from_slice(&own));
+            count += 1;
+        }
+    }
+    assert!(count > 0, "no page leads to others");
+    fs::write(&database, circles).unwrap();
+    let server = Server::start(&folder, &["--workers", "1"]);
+    for (path, told) in paths.iter().zip(&told) {
+        assert_eq!(server.get(path).body, *told);
+        assert_eq!(server.get(&format!("{path}/specification")).status, 200);
+    }
+    server.reaches(&server.accept(DECAY), &["successful"]);
+    assert_eq!(server.get("/readyz").status, 200);
+    assert!(server.get("/metrics").body.contains("dvi_store_rebuilds_total 1\n"));
+    assert!(server.stop().0.success());
 }
 
 /// The files in a folder and below, by their names in it.

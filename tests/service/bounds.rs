@@ -251,17 +251,11 @@ async fn a_job_that_makes_room_is_seen_to_start_and_to_switch_once() {
     gate.let_through(1);
     assert_eq!(site.ended(&second).await["attempt"], 1);
     let told = events.await.unwrap();
-    let states: Vec<&str> = ["accepted", "running", "successful"].into();
-    let mut seen: Vec<&str> = told
-        .text()
-        .split("\"status\":\"")
-        .skip(1)
-        .filter_map(|rest| rest.split('"').next())
-        .filter(|word| states.contains(word))
-        .collect();
-    seen.dedup();
-    assert_eq!(seen.iter().filter(|word| **word == "accepted").count(), 1, "{}", told.text());
-    assert_eq!(seen.last(), Some(&"successful"));
+    let words = told.text().split("\"status\":\"").skip(1).filter_map(|rest| rest.split('"').next());
+    let states = ["accepted", "running", "successful"];
+    let seen: Vec<_> = words.map(|word| states.iter().position(|state| *state == word)).collect();
+    // Looks may come too late for a state, and never see one twice.
+    assert!(seen.is_sorted() && seen.last() == Some(&Some(2)), "{}", told.text());
 }
 
 #[tokio::test]

@@ -97,17 +97,17 @@ fn who_waits_when_the_service_stops_is_told_where_to_ask_later() {
 #[test]
 fn a_job_that_ran_alone_at_many_kills_is_set_aside_and_another_is_not() {
     let folder = Folder::new();
-    let server = Server::start(&folder, &["--workers", "1"]);
+    let server = Server::start(&folder, &["--workers", "1", "--express", "0"]);
     let culprit = server.accept(&oscillator(ENDLESS));
     server.reaches(&culprit, &["running"]);
     let waiting = server.accept(&oscillator(ENDLESS));
     server.kill();
     for attempt in 2..=16 {
-        let server = Server::start(&folder, &["--workers", "1"]);
+        let server = Server::start(&folder, &["--workers", "1", "--express", "0"]);
         assert_eq!(server.reaches(&culprit, &["running"])["attempt"], attempt);
         server.kill();
     }
-    let server = Server::start(&folder, &["--workers", "1"]);
+    let server = Server::start(&folder, &["--workers", "1", "--express", "0"]);
     let state = server.get(&culprit).json();
     assert_eq!(state["status"], "failed", "{state}");
     assert!(state["message"].as_str().unwrap().starts_with("poisoned"), "{state}");
@@ -118,7 +118,7 @@ fn a_job_that_ran_alone_at_many_kills_is_set_aside_and_another_is_not() {
 #[test]
 fn a_job_that_was_cancelled_or_deleted_stays_so_after_a_kill() {
     let folder = Folder::new();
-    let server = Server::start(&folder, &["--workers", "1"]);
+    let server = Server::start(&folder, &["--workers", "1", "--express", "0"]);
     let running = server.accept(&oscillator(ENDLESS));
     server.reaches(&running, &["running"]);
     let (cancelled, deleted) = (server.accept(DECAY), server.accept(DECAY));
@@ -126,7 +126,7 @@ fn a_job_that_was_cancelled_or_deleted_stays_so_after_a_kill() {
     assert_eq!(server.send("DELETE", &deleted, "", "").status, 204);
     assert_eq!(server.send("DELETE", &running, "", "").status, 204);
     server.kill();
-    let server = Server::start(&folder, &["--workers", "1"]);
+    let server = Server::start(&folder, &["--workers", "1", "--express", "0"]);
     assert_eq!(server.get(&cancelled).json()["status"], "dismissed");
     server.get(&deleted).problem(404, "no-such-job");
     server.get(&running).problem(404, "no-such-job");

@@ -88,7 +88,7 @@ fn a_full_disk_heals_and_nothing_is_lost() {
 #[test]
 fn a_folder_that_is_removed_is_noticed_and_so_is_its_return() {
     let (folder, elsewhere) = (Folder::new(), Folder::new());
-    let server = Server::start(&folder, &["--workers", "1"]);
+    let server = Server::start(&folder, &["--workers", "1", "--express", "0"]);
     let before = server.accept(DECAY);
     server.reaches(&before, &["successful"]);
     fs::rename(folder.path(), elsewhere.path()).unwrap();
@@ -157,8 +157,9 @@ fn on_a_small_disk(folder: &Folder) -> Option<Server> {
         command
     };
     inside(mount).status().ok()?.success().then_some(())?;
-    let serve =
-        format!("{mount} && exec \"$2\" serve --listen 127.0.0.1:0 --log-format json --workers 1 --data \"$1\"");
+    let serve = format!(
+        "{mount} && exec \"$2\" serve --listen 127.0.0.1:0 --log-format json --workers 1 --express 0 --data \"$1\""
+    );
     Some(Server::of(inside(&serve).arg(DVI)).unwrap())
 }
 

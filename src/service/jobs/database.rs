@@ -3,19 +3,21 @@
 use super::change::{Change, write};
 use super::guarded::guarded;
 use super::home::{Home, Memory};
-use super::salvage::Salvaged;
+use super::salvage::{Salvaged, Source};
 use super::seal::unseal;
 use super::tables::{self, FORGOTTEN, FORMAT, InFile, JOBS, LOST, RESULTS, SPECIFICATIONS, STARTS};
+use super::watched::{Sums, Watched};
 use super::{JobId, Record, is_damage};
 use redb::{Builder, Database as Redb, ReadableDatabase, ReadableTable, TableDefinition, TableError};
 use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::fmt;
+use std::fs::OpenOptions;
 use std::io;
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
-use std::sync::{PoisonError, RwLock};
+use std::sync::{Arc, Mutex, PoisonError, RwLock};
 
 /// Pages kept in memory. What is read again soon was just written; the rest is for the system's own cache.
 pub(super) const CACHE_BYTES: usize = 64 << 20;
@@ -52,15 +54,17 @@ pub struct Database {
 type Open = dyn Fn() -> io::Result<Redb> + Send + Sync;
 
 impl Database {
-    /// The database at `path`, made if it is not there.
-    pub fn at(path: &Path) -> impl Fn() -> io::Result<Redb> + Send + Sync + use<> {
+    /// The database at `path`, made if it is not there, whose blocks have those sums.
+    pub fn at(path: &Path, sums: Arc<Mutex<Sums>>) -> impl Fn() -> io::Result<Redb> + Send + Sync + use<> {
         let (path, opened) = (path.to_owned(), AtomicBool::new(false));
         move || {
             // A file that is gone is not made again: what it held would seem to be lost.
             if opened.load(Relaxed) && !path.exists() {
                 return Err(io::ErrorKind::NotFound.into());
             }
-            let redb = guarded(|| Ok(Builder::new().set_cache_size(CACHE_BYTES).create(&path)?))?;
+            let file = OpenOptions::new().read(true).write(true).create(true).truncate(false).open(&path)?;
+            let watched = Watched::over(file, sums.lock().unwrap_or_else(PoisonError::into_inner).clone())?;
+            let redb = guarded(|| Ok(Builder::new().set_cache_size(CACHE_BYTES).create_with_backend(watched)?))?;
             opened.store(true, Relaxed);
             Ok(redb)
         }
@@ -98,13 +102,27 @@ impl Database {
     /// # Errors
     /// As of [`Database::open`].
     pub fn in_file(path: &Path, file: &dyn Fn(JobId) -> Option<InFile>) -> io::Result<(Self, Option<u64>)> {
-        let (database, format) = Self::open(Self::at(path), file)?;
-        Ok((Self { home: Some(Home::of(path)?), ..database }, format))
+        let sums = Arc::default();
+        let (database, format) = Self::open(Self::at(path, Arc::clone(&sums)), file)?;
+        Ok((Self { home: Some(Home::of(path, sums)?), ..database }, format))
+    }
+
+    /// One that is only looked at, and not opened again.
+    pub fn looked_at(redb: Redb) -> Self {
+        let open = || Err(io::ErrorKind::NotConnected.into());
+        Self { open: Box::new(open), redb: RwLock::new(Some(redb)), home: None }
     }
 
     /// Whether its file is where it was opened.
     pub fn is_in_place(&self) -> bool {
         self.home.as_ref().is_none_or(Home::is_in_place)
+    }
+
+    /// Counts that it was built anew before it was opened.
+    pub fn count_rebuild(&self) {
+        if let Some(home) = &self.home {
+            home.count_rebuild();
+        }
     }
 
     /// How often it was built anew.
@@ -125,7 +143,8 @@ impl Database {
     /// Those of the disk; nothing has changed.
     pub fn rebuild(&self, reason: &io::Error) -> io::Result<Salvaged> {
         let Some(home) = &self.home else { return Err(io::ErrorKind::ReadOnlyFilesystem.into()) };
-        let (rebuilt, salvaged) = home.rebuild(self, reason)?;
+        let source = if self.can_be_opened() { Source::Tables(self) } else { Source::leaves(home.path())? };
+        let (rebuilt, salvaged) = home.rebuild(&source, reason)?;
         let last = self.redb.write().unwrap_or_else(PoisonError::into_inner).replace(rebuilt);
         // Whatever its last page says: it is not used any more.
         let _ = guarded(|| {
@@ -360,6 +379,11 @@ impl Database {
             tracing::error!(%error, "the database cannot be opened anew");
         }
         done
+    }
+
+    /// Whether it is open, or was not and is now.
+    fn can_be_opened(&self) -> bool {
+        self.redb.read().unwrap_or_else(PoisonError::into_inner).is_some() || self.reopen().is_ok()
     }
 
     /// Opens the database anew.

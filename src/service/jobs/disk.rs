@@ -13,6 +13,7 @@
 //! A start removes nothing that was once accepted or solved: the database may be missing, or of another version, by a
 //! mistake that can be mended.
 
+use super::apart;
 use super::change::Change;
 use super::crashes::recover;
 use super::database::{Database, Rows};
@@ -27,6 +28,7 @@ use super::writer::{Place, Unwritable, Writer};
 use super::{JobId, Record, Results, is_damage};
 use crate::digest::Digest;
 use std::collections::HashSet;
+use std::ffi::OsStr;
 use std::fs::Permissions;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
@@ -64,12 +66,15 @@ impl Disk {
     ///
     /// # Errors
     /// Another process uses the folder, or those of the disk.
-    pub fn open(folder: &Path) -> io::Result<(Self, Found)> {
-        Self::recover(folder).map_err(|error| io::Error::new(error.kind(), format!("{}: {error}", folder.display())))
+    /// Where there is a `program`, a process of it looks at the database first.
+    pub fn open(folder: &Path, program: Option<&OsStr>) -> io::Result<(Self, Found)> {
+        Self::recover(folder, program)
+            .map_err(|error| io::Error::new(error.kind(), format!("{}: {error}", folder.display())))
     }
 
-    fn recover(folder: &Path) -> io::Result<(Self, Found)> {
+    fn recover(folder: &Path, program: Option<&OsStr>) -> io::Result<(Self, Found)> {
         files::create(folder)?;
+        let is_healed = program.map_or(Ok(false), |program| apart::heal(program, folder))?;
         let path = folder.join("jobs.redb");
         let files = Arc::new(Files::open(folder.join("results"))?);
         let reserve = Reserve::at(folder.join("reserve"));
@@ -83,6 +88,9 @@ impl Disk {
             open()
         })?;
         let database = Arc::new(database);
+        if is_healed {
+            database.count_rebuild();
+        }
         if let Some(format) = format.filter(|format| *format < FORMAT) {
             tracing::info!("the store was of format {format} and is of format {FORMAT} now");
         }
@@ -287,7 +295,7 @@ mod tests {
     fn open(folder: &Folder) -> (Disk, Found) {
         let start = Instant::now();
         loop {
-            match Disk::open(&folder.0) {
+            match Disk::open(&folder.0, None) {
                 Ok(opened) => return opened,
                 Err(error) => assert!(start.elapsed() < Duration::from_secs(20), "{error}"),
             }
@@ -368,6 +376,45 @@ mod tests {
             assert!(is_damage(&disk.results(JobId::of_number(1), &held[1]).unwrap_err()));
             assert_eq!(disk.results(JobId::of_number(2), &held[2]).unwrap().text(), Some(texts[2].as_bytes()));
         }
+    }
+
+    #[test]
+    fn pages_that_change_while_the_database_is_open_are_not_followed() {
+        let folder = Folder::new("circles");
+        files::create(&folder.0).unwrap();
+        let path = folder.0.join("jobs.redb");
+        let (database, _) = Database::in_file(&path, &|_| None).unwrap();
+        let document: Arc<[u8]> = Arc::from(&[b' '; 1 << 20][..]);
+        let record = Record {
+            document: Some(Digest::of(&document)),
+            ended: None,
+            ..Record::example(Held::Table(Fingerprint::of(b"")))
+        };
+        // More than is kept in memory.
+        let ids: Vec<JobId> = (0..100).map(JobId::of_number).collect();
+        for id in &ids {
+            let document = Some(Arc::clone(&document));
+            database.apply(&[Change { document, ..Change::record(*id, &record) }]).unwrap();
+        }
+        drop(database);
+        let (database, _) = Database::in_file(&path, &|_| None).unwrap();
+        let mut pages = fs::read(&path).unwrap();
+        // All that a branch leads to is the branch itself, and what a leaf holds is another.
+        for (number, page) in pages.chunks_mut(4096).enumerate().skip(1) {
+            let others = usize::from(u16::from_le_bytes([page[2], page[3]])) + 1;
+            let is_branch = page[0] == 2;
+            match page.get_mut(8 + 16 * others..8 + 24 * others).filter(|_| is_branch) {
+                Some(numbers) => {
+                    numbers.chunks_mut(8).for_each(|other| other.copy_from_slice(&(number as u64 - 1).to_le_bytes()));
+                }
+                None => page[1000] ^= 1,
+            }
+        }
+        fs::write(&path, &pages).unwrap();
+        let read: Vec<_> = ids.iter().map(|id| database.document(*id)).collect();
+        let unreadable = read.iter().filter(|read| read.as_ref().is_err_and(is_damage)).count();
+        let whole = read.iter().flatten().filter(|read| read.as_deref() == Some(&*document)).count();
+        assert_eq!((unreadable + whole, unreadable > 0), (ids.len(), true), "{unreadable} of them cannot be read");
     }
 
     #[test]

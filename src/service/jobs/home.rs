@@ -1,10 +1,10 @@
 //! Where the file of a database is, and how another takes its place: what can be read of it is written to a new one beside it,
 //! which gets its name; the file itself stays, under a name that tells what it is and when that was.
 
-use super::database::Database;
 use super::files::{self, OWN};
 use super::marks::Marks;
-use super::salvage::{Salvaged, salvage};
+use super::salvage::{Salvaged, Source, salvage};
+use super::watched::Sums;
 use super::{JobId, Record};
 use jiff::Timestamp;
 use redb::Database as Redb;
@@ -14,7 +14,7 @@ use std::io;
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
-use std::sync::{Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 /// The rows of the jobs that a process knows.
 pub type Memory = Box<dyn Fn() -> Vec<(JobId, Record)> + Send + Sync>;
@@ -22,6 +22,8 @@ pub type Memory = Box<dyn Fn() -> Vec<(JobId, Record)> + Send + Sync>;
 /// A path, and which file it was that was opened there.
 pub struct Home {
     path: PathBuf,
+    /// Those of the blocks of the file.
+    sums: Arc<Mutex<Sums>>,
     file: Mutex<(u64, u64)>,
     memory: OnceLock<Memory>,
     rebuilds: AtomicU64,
@@ -29,18 +31,24 @@ pub struct Home {
 }
 
 impl Home {
-    /// That of the file which is at `path` now.
+    /// That of the file which is at `path` now, whose blocks have those sums.
     ///
     /// # Errors
     /// There is none.
-    pub fn of(path: &Path) -> io::Result<Self> {
+    pub fn of(path: &Path, sums: Arc<Mutex<Sums>>) -> io::Result<Self> {
         Ok(Self {
             path: path.to_owned(),
+            sums,
             file: Mutex::new(identity(path)?),
             memory: OnceLock::new(),
             rebuilds: AtomicU64::new(0),
             in_vain: AtomicBool::new(false),
         })
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
     }
 
     /// Whether the file is still there.
@@ -60,6 +68,11 @@ impl Home {
         self.rebuilds.load(Relaxed)
     }
 
+    /// Counts one more.
+    pub fn count_rebuild(&self) {
+        self.rebuilds.fetch_add(1, Relaxed);
+    }
+
     /// Whether it would help to build it anew.
     pub fn may_be_rebuilt(&self) -> bool {
         !self.in_vain.load(Relaxed)
@@ -74,16 +87,16 @@ impl Home {
     ///
     /// # Errors
     /// Those of the disk; the file is where it was.
-    pub fn rebuild(&self, database: &Database, reason: &io::Error) -> io::Result<(Redb, Salvaged)> {
+    pub fn rebuild(&self, source: &Source<'_>, reason: &io::Error) -> io::Result<(Redb, Salvaged)> {
         tracing::error!(%reason, "{} is built anew from what can be read", self.path.display());
         let part = beside(&self.path, "part");
-        let rebuilt = self.write(database, &part);
+        let rebuilt = self.write(source, &part);
         if rebuilt.is_err() {
             let _ = fs::remove_file(&part);
         }
         let (rebuilt, salvaged) = rebuilt?;
         let Salvaged { jobs, remembered, lost, aside } = &salvaged;
-        self.rebuilds.fetch_add(1, Relaxed);
+        self.count_rebuild();
         for (id, what) in lost {
             tracing::warn!(job.id = %id, "job {id} has lost its {}", what.join(", "));
         }
@@ -97,16 +110,21 @@ impl Home {
         Ok((rebuilt, salvaged))
     }
 
-    fn write(&self, database: &Database, part: &Path) -> io::Result<(Redb, Salvaged)> {
+    fn write(&self, source: &Source<'_>, part: &Path) -> io::Result<(Redb, Salvaged)> {
         let folder = self.path.parent().unwrap_or(Path::new("."));
-        match fs::remove_file(part) {
+        let new = match fs::remove_file(part) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
-            _ => OpenOptions::new().write(true).create_new(true).mode(OWN).open(part)?,
+            _ => OpenOptions::new().read(true).write(true).create_new(true).mode(OWN).open(part)?,
         };
         let starts = || Marks::all(folder).ok()?.into_iter().map(|(start, _)| start).max();
-        let start = database.starts().ok().or_else(starts).unwrap_or(0);
+        let start = match source {
+            Source::Tables(database) => database.starts().ok(),
+            Source::Leaves(..) => None,
+        };
+        let start = start.or_else(starts).unwrap_or(0);
         let remembered = self.memory.get().map(|memory| memory()).unwrap_or_default();
-        let (rebuilt, salvaged) = salvage(database, part, start, remembered)?;
+        let sums = Sums::default();
+        let (rebuilt, salvaged) = salvage(source, new, sums.clone(), start, remembered)?;
         let file = identity(part)?;
         let aside = beside(&self.path, &format!("damaged-{}", Timestamp::now().strftime("%Y%m%dT%H%M%S%3fZ")));
         // At any moment one of the two has the name of the store.
@@ -116,6 +134,7 @@ impl Home {
         // Before the name changes: whoever looks in between finds it removed, and waits.
         *self.file.lock().unwrap_or_else(PoisonError::into_inner) = file;
         fs::rename(part, &self.path)?;
+        *self.sums.lock().unwrap_or_else(PoisonError::into_inner) = sums;
         files::sync(folder)?;
         Ok((rebuilt, Salvaged { aside, ..salvaged }))
     }

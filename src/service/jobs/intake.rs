@@ -14,7 +14,7 @@ use super::job::Job;
 use super::queue::{FairQueue, Heavy};
 use super::spent::Spent;
 use std::collections::HashMap;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// What waits and what runs.
@@ -51,6 +51,27 @@ pub enum Lane {
     Long,
     /// The same, in the hands of a relief worker.
     Relief,
+}
+
+/// The lane of a job while it runs.
+#[derive(Debug)]
+pub struct LaneCell(Mutex<Lane>);
+
+impl LaneCell {
+    /// That one.
+    pub fn of(lane: Lane) -> Self {
+        Self(Mutex::new(lane))
+    }
+
+    /// Which it is.
+    pub fn get(&self) -> Lane {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// From now on it is another.
+    pub fn set(&self, lane: Lane) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = lane;
+    }
 }
 
 /// What a refused client is told before any job has ended.

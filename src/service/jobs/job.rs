@@ -32,7 +32,7 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::Notify;
-use uuid::Uuid;
+use uuid::{Uuid, Variant};
 
 /// The name of a job, sorting by time of birth.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -42,6 +42,12 @@ impl JobId {
     /// The number by which the database knows it.
     pub(super) fn number(self) -> u128 {
         self.0.as_u128()
+    }
+
+    /// The name with that key in the database, if it is one that was given here (RFC 9562, version 7).
+    pub(super) fn of_key(key: [u8; 16]) -> Option<Self> {
+        let id = Uuid::from_u128(u128::from_le_bytes(key));
+        (id.get_version_num() == 7 && id.get_variant() == Variant::RFC4122).then_some(Self(id))
     }
 
     /// The name of that number.

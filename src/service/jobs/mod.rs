@@ -9,6 +9,7 @@
 //! [`Jobs::cancel`] and [`Jobs::forget`] pass the queue by: they work when it is full. In a durable service a job that
 //! was accepted to be waited for elsewhere outlives the process: see [`store`](self).
 
+mod apart;
 mod bounds;
 mod change;
 mod client;
@@ -26,6 +27,7 @@ mod index;
 mod inspection;
 mod intake;
 mod job;
+mod leaves;
 mod marks;
 mod overlay;
 mod pool;
@@ -43,9 +45,11 @@ mod store;
 mod tables;
 mod turns;
 mod unsaved;
+mod watched;
 mod work;
 mod writer;
 
+pub use apart::is_sound;
 pub use bounds::{Bounds, Refusal};
 pub use client::Client;
 pub use ended::{Ended, Ending, Fault, Held, Timing};
@@ -73,6 +77,7 @@ use queue::FairQueue;
 use record::Record;
 use shortage::Shortage;
 use specification::{Draft, Specification, SpecificationError};
+use std::ffi::OsStr;
 use std::io;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::Relaxed};
@@ -109,12 +114,18 @@ pub struct Jobs {
 
 impl Jobs {
     /// The jobs of `folder`, those that have not ended in the queue; without a folder none, and none will outlive the
-    /// process.
+    /// process. Where there is a `program`, a process of it looks at the folder first.
     ///
     /// # Errors
     /// The folder is in use, or those of the disk.
-    pub fn open(bounds: Bounds, solver: Solver, folder: Option<&Path>, metrics: Arc<Metrics>) -> io::Result<Self> {
-        let (store, accepted) = Store::open(folder, bounds.retention, bounds.result_bytes, &metrics)?;
+    pub fn open(
+        bounds: Bounds,
+        solver: Solver,
+        folder: Option<&Path>,
+        program: Option<&OsStr>,
+        metrics: Arc<Metrics>,
+    ) -> io::Result<Self> {
+        let (store, accepted) = Store::open(folder, program, bounds.retention, bounds.result_bytes, &metrics)?;
         let mut queue = FairQueue::new(bounds.queue);
         accepted.into_iter().for_each(|job| queue.push(job.client, job));
         Ok(Self {

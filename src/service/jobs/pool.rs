@@ -88,7 +88,7 @@ mod tests {
     #[test]
     fn workers_leave_when_the_pool_is_dropped() {
         let bounds = Options::default().bounds();
-        let jobs = Arc::new(Jobs::open(bounds, Arc::new(study::solve), None, Arc::default()).unwrap());
+        let jobs = Arc::new(Jobs::open(bounds, Arc::new(study::solve), None, None, Arc::default()).unwrap());
         let launcher: Launcher = Arc::new(start);
         let pool = Pool::start(&jobs, NonZeroUsize::MIN, 1, &launcher).unwrap();
         let held = Arc::downgrade(&jobs);

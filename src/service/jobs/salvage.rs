@@ -5,13 +5,16 @@
 use super::database::{CACHE_BYTES, Database};
 use super::ended::Held;
 use super::guarded::guarded;
+use super::leaves::Leaves;
 use super::seal::{seal, unseal};
 use super::tables::{self, FORMAT, JOBS, LOST, RESULTS, SPECIFICATIONS, STARTS};
+use super::watched::{Sums, Watched};
 use super::{Inspection, JobId, Record};
 use crate::digest::Digest;
-use redb::{Builder, Database as Redb, TableDefinition, Value};
+use redb::{Builder, Database as Redb, TableDefinition, TableHandle, Value};
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::fs::File;
 use std::io;
 use std::mem::take;
 use std::ops::ControlFlow;
@@ -52,6 +55,72 @@ pub fn repair(folder: &Path) -> io::Result<Option<Salvaged>> {
     database.rebuild(&io::Error::new(io::ErrorKind::InvalidData, "it is to be repaired")).map(Some)
 }
 
+/// Where rows are read.
+pub enum Source<'a> {
+    /// A database that can be opened.
+    Tables(&'a Database),
+    /// The pages of one that cannot, and the latest row of each job on them.
+    Leaves(Leaves, BTreeMap<JobId, Vec<u8>>),
+}
+
+impl Source<'_> {
+    /// The pages of the file at `path`.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub fn leaves(path: &Path) -> io::Result<Self> {
+        let leaves = Leaves::of(path)?;
+        let rows = leaves.rows()?;
+        Ok(Self::Leaves(leaves, rows))
+    }
+
+    fn names(&self) -> BTreeSet<JobId> {
+        match self {
+            Self::Tables(database) => database.names(),
+            Self::Leaves(leaves, _) => leaves.names().unwrap_or_default(),
+        }
+    }
+
+    fn lost(&self) -> Vec<JobId> {
+        match self {
+            Self::Tables(database) => database.lost().unwrap_or_default(),
+            Self::Leaves(..) => Vec::new(),
+        }
+    }
+
+    /// Whether all that is found under a name is of the job's present state.
+    fn is_present(&self) -> bool {
+        matches!(self, Self::Tables(_))
+    }
+
+    /// Shows the rows of a table, up to what cannot be read.
+    fn scan<V>(&self, table: TableDefinition<'static, u128, V>, visit: &dyn Fn(JobId, &[u8]) -> ControlFlow<()>)
+    where
+        V: for<'a> Value<SelfType<'a> = &'a [u8]> + 'static,
+    {
+        match self {
+            Self::Tables(database) => drop(database.scan(table, visit)),
+            Self::Leaves(_, rows) if table.name() == JOBS.name() => {
+                let _ = rows.iter().try_for_each(|(id, row)| visit(*id, row));
+            }
+            Self::Leaves(leaves, _) => {
+                let mut is_over = false;
+                drop(leaves.scan(&mut |id, bytes| is_over = is_over || visit(id, bytes).is_break()));
+            }
+        }
+    }
+
+    fn find<V>(&self, table: TableDefinition<'static, u128, V>, id: JobId) -> Option<Vec<u8>>
+    where
+        V: for<'a> Value<SelfType<'a> = &'a [u8]> + 'static,
+    {
+        match self {
+            Self::Tables(database) => database.find(table, id).ok().flatten(),
+            Self::Leaves(..) => None,
+        }
+    }
+}
+
 /// What the row of a job says of its parts.
 struct Parts {
     /// The digest of its specification, where that is known.
@@ -62,17 +131,19 @@ struct Parts {
     is_foreign: bool,
 }
 
-/// Writes what can be read of a database, of the latest start, to a new one at `path`.
+/// Writes what can be read of a database, of the latest start, to a new one in `file`, whose blocks have those sums.
 ///
 /// # Errors
 /// Those of the disk that is written to.
 pub fn salvage(
-    from: &Database,
-    path: &Path,
+    from: &Source<'_>,
+    file: File,
+    sums: Sums,
     start: u64,
     remembered: Vec<(JobId, Record)>,
 ) -> io::Result<(Redb, Salvaged)> {
-    let into = guarded(|| Ok(Builder::new().set_cache_size(CACHE_BYTES).create(path)?))?;
+    let watched = Watched::over(file, sums)?;
+    let into = guarded(|| Ok(Builder::new().set_cache_size(CACHE_BYTES).create_with_backend(watched)?))?;
     guarded(|| tables::make(&into, None, &|_| None))?;
     let (mut salvaged, parts) = (Salvaged::default(), RefCell::new(HashMap::new()));
     let learn = |id, sealed: &[u8]| {
@@ -92,12 +163,12 @@ pub fn salvage(
         }
     }
     rows.flush()?;
-    lost.extend(from.lost().unwrap_or_default());
+    lost.extend(from.lost());
     let parts = parts.into_inner();
     let of = |id: JobId, bytes: &[u8], part: fn(&Parts) -> Option<Digest>| {
-        parts
-            .get(&id)
-            .is_some_and(|parts| parts.is_foreign || part(parts).is_some_and(|digest| digest.vouch(bytes).is_ok()))
+        parts.get(&id).is_some_and(|parts| {
+            (parts.is_foreign && from.is_present()) || part(parts).is_some_and(|digest| digest.vouch(bytes).is_ok())
+        })
     };
     let wanted = |part: fn(&Parts) -> Option<Digest>| {
         parts.iter().filter(|(_, parts)| part(parts).is_some()).map(|(id, _)| *id).collect()
@@ -147,7 +218,7 @@ impl Parts {
 
 /// Copies the rows of a table for which `holds` says so, and gives those of `wanted` that are not among them.
 fn copy<V>(
-    from: &Database,
+    from: &Source<'_>,
     into: &Redb,
     table: TableDefinition<'static, u128, V>,
     mut wanted: BTreeSet<JobId>,
@@ -172,11 +243,10 @@ where
             }
         }
     };
-    // Up to what cannot be read.
-    let _ = from.scan(table, &visit);
+    from.scan(table, &visit);
     let named: Vec<JobId> = rows.borrow().1.iter().copied().collect();
     for id in named {
-        if let Ok(Some(bytes)) = from.find(table, id) {
+        if let Some(bytes) = from.find(table, id) {
             let _ = visit(id, &bytes);
         }
     }

@@ -21,6 +21,7 @@ use crate::digest::Digest;
 use crate::metrics::Metrics;
 use jiff::Timestamp;
 use std::collections::HashSet;
+use std::ffi::OsStr;
 use std::io;
 use std::path::Path;
 use std::sync::Arc;
@@ -45,6 +46,7 @@ impl Store {
     /// The folder is in use, or those of the disk.
     pub fn open(
         folder: Option<&Path>,
+        program: Option<&OsStr>,
         retention: Retention,
         unsaved: usize,
         metrics: &Metrics,
@@ -54,7 +56,7 @@ impl Store {
         let Some(folder) = folder else {
             return Ok((Self { index, disk: None, damaged: HashSet::new(), unsaved }, Vec::new()));
         };
-        let (disk, Found { records, unreadable, damaged, orphaned }) = Disk::open(folder)?;
+        let (disk, Found { records, unreadable, damaged, orphaned }) = Disk::open(folder, program)?;
         metrics.found(unreadable, damaged.len(), orphaned);
         let (mut waiting, mut past) = (Vec::new(), Vec::new());
         for (id, mut record) in records {

@@ -77,6 +77,11 @@ pub fn format(redb: &Database) -> Result<Option<u64>, redb::Error> {
     Ok(has(JOBS.name()).then_some(1))
 }
 
+/// Whether there are rows of jobs of the first format.
+pub fn has_first_rows(redb: &Database) -> Result<bool, redb::Error> {
+    Ok(redb.begin_read()?.open_table(JOBS_OF_FORMAT_1).is_ok())
+}
+
 /// A file of results as JSON.
 #[derive(Clone, Copy, Debug)]
 pub struct InFile {
@@ -184,6 +189,7 @@ mod tests {
     use crate::jobs::Held;
     use crate::jobs::database::Database as Jobs;
     use std::path::PathBuf;
+    use std::sync::Arc;
     use std::{fs, io};
 
     /// A database of its own, removed at the end.
@@ -233,7 +239,7 @@ mod tests {
         let json = Fingerprint::of(b"results");
         let in_file = |id: JobId| (id.number() == 2).then_some(InFile { json, index: Some(Fingerprint::of(b"index")) });
         for _ in 0..2 {
-            let jobs = Jobs::open(Jobs::at(&file.0), &in_file).unwrap().0;
+            let jobs = Jobs::open(Jobs::at(&file.0, Arc::default()), &in_file).unwrap().0;
             let rows = jobs.records();
             assert_eq!(rows.unreadable, [JobId::of_number(4)]);
             let told: Vec<_> = rows
@@ -257,12 +263,12 @@ mod tests {
     #[test]
     fn a_store_of_a_later_format_is_refused_and_left_as_it_is() {
         let file = File::new("later");
-        drop(Jobs::open(Jobs::at(&file.0), &|_| None).unwrap());
+        drop(Jobs::open(Jobs::at(&file.0, Arc::default()), &|_| None).unwrap());
         file.write(|transaction| {
             transaction.open_table(FORMATS)?.insert((), FORMAT + 1)?;
             Ok(())
         });
-        let error = Jobs::open(Jobs::at(&file.0), &|_| None).unwrap_err();
+        let error = Jobs::open(Jobs::at(&file.0, Arc::default()), &|_| None).unwrap_err();
         assert_eq!(error.kind(), io::ErrorKind::Unsupported);
         assert!(error.to_string().contains("a later version of dvi"), "{error}");
         let redb = Database::open(&file.0).unwrap();
@@ -272,7 +278,7 @@ mod tests {
     #[test]
     fn a_store_is_refused_by_versions_before_formats_were_told() {
         let file = File::new("earlier");
-        drop(Jobs::open(Jobs::at(&file.0), &|_| None).unwrap());
+        drop(Jobs::open(Jobs::at(&file.0, Arc::default()), &|_| None).unwrap());
         let redb = Database::open(&file.0).unwrap();
         let transaction = redb.begin_write().unwrap();
         assert!(matches!(transaction.open_table(JOBS_OF_FORMAT_1), Err(redb::TableError::TableTypeMismatch { .. })));

@@ -2,11 +2,11 @@
 
 use super::crashes::MOST_KILLS;
 use super::ended::{Ended, Ending, Fault, Held};
-use super::intake::Lane;
+use super::intake::{Lane, LaneCell};
 use super::job::{Halt, Job, State};
 use super::results::{Long, Results, TooLarge};
 use super::{Jobs, is_damage};
-use crate::worker::{Death, Event, Finished, Left, Origin, Prints, Solved, Supervisor, Task, Watch};
+use crate::worker::{Death, Event, FAIR, Finished, Left, Origin, Prints, Slice, Solved, Supervisor, Task, Watch};
 use problem::Control;
 use solution::{Status, Verdict};
 use std::borrow::Cow;
@@ -16,11 +16,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::{Duration, Instant};
 use tokio::select;
-use tokio::time::sleep;
 use tracing::Instrument;
-
-/// A first slice in times that a worker takes to start.
-const STARTS: u32 = 4;
 
 /// What has become of a job that had its turn.
 pub(super) enum Outcome {
@@ -88,17 +84,17 @@ impl Jobs {
         }
     }
 
-    async fn see_through(&self, place: usize, supervisor: &mut Supervisor, job: &Arc<Job>, mut lane: Lane) {
-        let begun = Instant::now();
+    async fn see_through(&self, place: usize, supervisor: &mut Supervisor, job: &Arc<Job>, lane: Lane) {
+        let (begun, lane) = (Instant::now(), LaneCell::of(lane));
         let mut origin = Origin::of(Some(job.id.to_string()), &job.context);
         let span = origin.span();
         origin.join(&span);
         let outcome = if job.crashes > 0 {
             let _alone = self.suspects.write().await;
-            self.attempt(place, supervisor, job, &origin, &mut lane).instrument(span).await
+            self.attempt(place, supervisor, job, &origin, &lane).instrument(span).await
         } else {
             let _beside_others = self.suspects.read().await;
-            self.attempt(place, supervisor, job, &origin, &mut lane).instrument(span).await
+            self.attempt(place, supervisor, job, &origin, &lane).instrument(span).await
         };
         let waits = matches!(outcome, Outcome::Waits);
         match outcome {
@@ -110,7 +106,7 @@ impl Jobs {
             Outcome::Waits | Outcome::Gone => {}
         }
         let mut intake = self.lock();
-        intake.depart(job, lane, begun.elapsed());
+        intake.depart(job, lane.get(), begun.elapsed());
         if waits {
             self.metrics.yielded();
             let is_wanted = matches!(job.lock().state, State::Accepted(_));
@@ -136,7 +132,7 @@ impl Jobs {
                 self.living.fetch_add(1, Relaxed);
                 self.unstartable.store(false, Relaxed);
             }
-            Event::Grown(_) | Event::Unwanted(_) | Event::Died(..) => {
+            Event::Grown(_) | Event::Lowered(_) | Event::Unwanted(_) | Event::Died(..) => {
                 self.living.fetch_sub(1, Relaxed);
             }
             Event::NotStarted(_) => self.unstartable.store(true, Relaxed),
@@ -171,7 +167,7 @@ impl Jobs {
         supervisor: &mut Supervisor,
         job: &Job,
         origin: &Origin,
-        lane: &mut Lane,
+        lane: &LaneCell,
     ) -> Outcome {
         let document = match self.posted(job) {
             Ok(document) => document,
@@ -190,7 +186,7 @@ impl Jobs {
             return outcome;
         }
         self.store.mark(place, job);
-        let outcome = match job.start(self.bounds.wall, *lane == Lane::First) {
+        let outcome = match job.start(self.bounds.wall, lane.get() == Lane::First) {
             Some(control) => self.solve(supervisor, job, origin, &document, &control, lane).await,
             None => Outcome::Gone,
         };
@@ -206,7 +202,7 @@ impl Jobs {
         origin: &Origin,
         document: &Arc<[u8]>,
         control: &Control,
-        lane: &mut Lane,
+        lane: &LaneCell,
     ) -> Outcome {
         if !job.has_had_slice() {
             self.metrics.waited(job.created.clock.elapsed());
@@ -217,8 +213,11 @@ impl Jobs {
         let mut kills = 0;
         let (finished, spool) = loop {
             let mut spool = self.store.spool(job.id);
-            let mut task = Task { solve: true, document, limits: self.limits(), watch: &watch, long: &mut spool };
-            let finished = self.perform(supervisor, &mut task, job, lane).await;
+            let (limits, long) = (self.limits(), &mut spool);
+            let over = || self.end_slice(job, lane);
+            let slice = (lane.get() == Lane::First).then(|| Slice { time: self.slice(), over: &over });
+            let mut task = Task { solve: true, document, limits, watch: &watch, long, yields: true, slice };
+            let finished = supervisor.perform(&mut task).await;
             let Err(Death::Killed(signal)) = finished else { break (finished, spool) };
             kills += 1;
             // Who ends a worker while there is memory says nothing of the job.
@@ -289,37 +288,21 @@ impl Jobs {
         }
     }
 
-    /// Has a job solved; at the end of its first slice it goes on if it may, and is asked to make room if not.
-    async fn perform(
-        &self,
-        supervisor: &mut Supervisor,
-        task: &mut Task<'_>,
-        job: &Job,
-        lane: &mut Lane,
-    ) -> Result<Finished, Death> {
-        let slice = self.slice();
-        let mut performed = pin!(supervisor.perform(task));
-        if *lane == Lane::First {
-            select! {
-                biased;
-                finished = &mut performed => return finished,
-                () = sleep(slice) => {}
-            }
-            job.use_up_slice();
-            if self.lock().goes_on(job) {
-                *lane = Lane::Long;
-                job.stay();
-            } else {
-                job.halt(Halt::Yield);
-            }
+    /// At the end of its first slice a job goes on if it may, and is asked to make room if not.
+    fn end_slice(&self, job: &Job, lane: &LaneCell) {
+        job.use_up_slice();
+        if self.lock().goes_on(job) {
+            lane.set(Lane::Long);
+            job.stay();
+        } else {
+            job.halt(Halt::Yield);
         }
-        performed.await
     }
 
     /// The time of a first slice. A job that does not heed the wish to stop at its end costs a worker: of the time of the
-    /// workers that are kept for first slices, at most a part of `1/(1 + STARTS)` goes into starting others.
+    /// workers that are kept for first slices, at most a part of `1/(1 + FAIR)` goes into starting others.
     fn slice(&self) -> Duration {
-        Duration::from_nanos(self.fastest_start.load(Relaxed)).saturating_mul(STARTS)
+        Duration::from_nanos(self.fastest_start.load(Relaxed)).saturating_mul(FAIR)
     }
 
     /// Whether the system has ended a process for want of memory, which may have been the worker that is lost.

@@ -54,7 +54,9 @@ impl Checkers {
             let (control, is_unwanted) = (Control::new(), || asked.is_unwanted.load(Relaxed));
             let watch = Watch { origin: &origin, control: &control, halted: &asked.halted, is_unwanted: &is_unwanted };
             let (document, long) = (&*document, &mut io::sink());
-            let finished = supervisor.perform(&mut Task { solve: false, document, limits, watch: &watch, long }).await;
+            let finished = supervisor
+                .perform(&mut Task { solve: false, document, limits, watch: &watch, long, yields: true, slice: None })
+                .await;
             checkers.resting().push(supervisor);
             drop(turn);
             finished

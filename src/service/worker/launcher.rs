@@ -23,7 +23,7 @@ pub struct Start {
 pub type Launcher = Arc<dyn Fn() -> io::Result<Start> + Send + Sync>;
 
 /// This program, whatever has become of its file meanwhile: a front and its workers are of one version.
-const SELF: &str = "/proc/self/exe";
+pub const SELF: &str = "/proc/self/exe";
 
 /// Workers that are processes of `program`, or else of this one, each with so many MiB for a solve.
 pub fn program(program: Option<PathBuf>, memory_mib: usize) -> Launcher {

@@ -6,6 +6,8 @@ use super::launcher::Start;
 use super::message::{Facts, Limits, Order, Origin, Prints, Report, Solved, VERSION};
 use super::{Confinement, Loss};
 use problem::Control;
+use rustix::process::{Pid, setpriority_pgrp};
+use std::fs;
 use std::io::{self, Read, Write};
 use std::process::{Child, ChildStderr};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -36,6 +38,15 @@ const END: Duration = Duration::from_secs(5);
 /// The last words of a worker that are kept, in bytes.
 const LAST_WORDS: usize = 4 << 10;
 
+/// The time of a task, in times that its worker took to start, from which on others go before it: who is replaced afterwards
+/// has been at work for several times as long as that takes. Then come, in all, not much more than nine tenths of the processors
+/// to those that have just begun (each step of niceness makes a share smaller by a fifth).
+pub const FAIR: u32 = 4;
+const LOWERED: i32 = 10;
+
+/// Processes that want to run, for each processor, on a crowded machine: a slice lasts no longer than that makes it.
+const CROWDED: u32 = 4;
+
 /// Farther away than any deadline.
 const EVER: Duration = Duration::from_secs(1 << 30);
 
@@ -51,6 +62,18 @@ pub struct Task<'a> {
     pub watch: &'a Watch<'a>,
     /// Where the columns of a long result are written.
     pub long: &'a mut (dyn Write + Send),
+    /// Others go before its worker when it takes long.
+    pub yields: bool,
+    /// The time that it has before it is looked after, if that is bounded.
+    pub slice: Option<Slice<'a>>,
+}
+
+/// The first moments of a task.
+pub struct Slice<'a> {
+    /// The time that its worker runs meanwhile, whatever others have of the processors.
+    pub time: Duration,
+    /// Called at its end.
+    pub over: &'a (dyn Fn() + Sync),
 }
 
 /// Whose a task is, and who watches over it.
@@ -105,6 +128,8 @@ pub struct Link {
     /// The time in which it was ready. Where nobody wants what a task has come to so far, its worker has as much to stop: to wait
     /// longer would take more than to start another.
     pub started_in: Duration,
+    /// It has had a long task, and goes after others since.
+    pub is_lowered: bool,
     /// The memory that it held after its latest task.
     pub resident: u64,
 }
@@ -120,7 +145,18 @@ impl Link {
         let id = process.as_ref().map_or(0, |process| process.child.id());
         let (decoder, confinement) = (Decoder::default(), Confinement::default());
         let started_in = Duration::ZERO;
-        let mut link = Self { orders, reports, decoder, process, id, task: 0, confinement, started_in, resident: 0 };
+        let mut link = Self {
+            orders,
+            reports,
+            decoder,
+            process,
+            id,
+            task: 0,
+            confinement,
+            started_in,
+            is_lowered: false,
+            resident: 0,
+        };
         match timeout(START, link.receive()).await.map_err(io::Error::from).flatten() {
             Ok((Report::Ready { version: VERSION, confinement }, _)) => {
                 Ok(Self { confinement, started_in: begun.elapsed(), ..link })
@@ -141,7 +177,7 @@ impl Link {
     /// # Errors
     /// The worker is lost.
     pub async fn perform(&mut self, task: &mut Task<'_>) -> Result<Finished, Loss> {
-        let Task { solve, document, limits, watch, long } = task;
+        let Task { solve, document, limits, watch, long, yields, slice } = task;
         let (solve, limits) = (*solve, *limits);
         self.task += 1;
         let task = self.task;
@@ -152,6 +188,10 @@ impl Link {
         let mut end = begun + most + OVERRUN;
         let (mut taken, mut cancelled, mut looked) = (false, false, false);
         let mut written = 0;
+        let (fair, mut lowered) = (begun + self.started_in * FAIR, self.is_lowered || !*yields);
+        let before = effort(self.id);
+        let mut slice_end = begun + slice.as_ref().map_or(EVER, |slice| slice.time);
+        let longest_slice = begun + slice.as_ref().map_or(EVER, |slice| slice.time * CROWDED);
         match timeout_at(end, self.send(&order, document)).await {
             Ok(Ok(())) => {}
             Ok(Err(_)) => return Err(Loss::NotTaken(self.death().await)),
@@ -220,9 +260,30 @@ impl Link {
                         let _ = timeout_at(end, self.send(&Order::Look { task }, &[])).await;
                     }
                 }
+                () = sleep_until(slice_end) => {
+                    let Some(Slice { time, over }) = slice else { continue };
+                    let had = effort(self.id).zip(before).map_or(*time, |(now, before)| now.saturating_sub(before));
+                    slice_end = (Instant::now() + time.saturating_sub(had)).min(longest_slice);
+                    if slice_end <= Instant::now() {
+                        over();
+                        slice_end = begun + EVER;
+                    }
+                }
+                () = sleep_until(fair), if !lowered => {
+                    lowered = true;
+                    self.lower();
+                }
                 () = sleep_until(end) => return Err(self.overrun().await),
             }
         }
+    }
+
+    /// Lets others go before its worker, for good: nobody but root may raise it again.
+    fn lower(&mut self) {
+        self.is_lowered = true;
+        let group = i32::try_from(self.id).ok().and_then(Pid::from_raw);
+        // Where it cannot be lowered, it goes on as it is. All threads of the worker, which is a group of its own.
+        let _ = group.map(|group| setpriority_pgrp(Some(group), LOWERED));
     }
 
     async fn send(&mut self, order: &Order, document: &[u8]) -> io::Result<()> {
@@ -318,6 +379,16 @@ impl Drop for Process {
     fn drop(&mut self) {
         self.kill();
     }
+}
+
+/// The time that the threads of a process have run, if the system tells.
+fn effort(id: u32) -> Option<Duration> {
+    let threads = fs::read_dir(format!("/proc/{id}/task")).ok()?;
+    let of_thread = |thread: fs::DirEntry| {
+        let told = fs::read_to_string(thread.path().join("schedstat")).ok()?;
+        told.split(' ').next()?.parse().ok().map(Duration::from_nanos)
+    };
+    Some(threads.flatten().filter_map(of_thread).sum())
 }
 
 /// Keeps the last that comes.

@@ -19,6 +19,8 @@ pub enum Event<'a> {
     Started(u32, Duration),
     /// It was replaced because it held so many bytes.
     Grown(u64),
+    /// It was replaced because others go before it since it has had a long task.
+    Lowered(u32),
     /// It was replaced because it did not stop what nobody wants any more.
     Unwanted(u32),
     /// It died.
@@ -104,7 +106,10 @@ impl Supervisor {
             match link.perform(task).await {
                 Ok(finished) => {
                     let resident = link.resident;
-                    if resident > self.keep {
+                    if link.is_lowered {
+                        (self.notice)(Event::Lowered(link.id));
+                        self.link = None;
+                    } else if resident > self.keep {
                         (self.notice)(Event::Grown(resident));
                         self.link = None;
                     }

@@ -116,7 +116,15 @@ async fn listen(talk: Vec<u8>) -> bool {
     let (control, halted, origin) = (Control::new(), Notify::new(), Origin::default());
     let watch = Watch { origin: &origin, control: &control, halted: &halted, is_unwanted: &|| false };
     let mut long = Vec::new();
-    let task = &mut Task { solve: true, document: DOCUMENT, limits: LIMITS, watch: &watch, long: &mut long };
+    let task = &mut Task {
+        solve: true,
+        document: DOCUMENT,
+        limits: LIMITS,
+        watch: &watch,
+        long: &mut long,
+        yields: false,
+        slice: None,
+    };
     let finished = timeout(PATIENCE, supervisor.perform(task)).await.expect("an end");
     // No worker can have the front keep much more than a result may have.
     assert!(long.len() <= 8 * LIMITS.result_bytes, "{} bytes were kept", long.len());
