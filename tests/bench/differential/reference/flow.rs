@@ -172,10 +172,12 @@ impl Monitor {
         for k in 1..=PARTS {
             let s = h * k as f64 / PARTS as f64;
             if value(s) < 0.0 {
+                // Its zero itself, where the part begins above it: delays by the slack would add up over hundreds of events.
+                let zero = if value(before) >= slack { slack } else { 0.0 };
                 let (mut low, mut high) = (before, s);
                 for _ in 0..60 {
                     let middle = 0.5 * (low + high);
-                    if value(middle) < 0.0 { high = middle } else { low = middle }
+                    if value(middle) < zero { high = middle } else { low = middle }
                 }
                 return Some(high);
             }
