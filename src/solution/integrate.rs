@@ -154,6 +154,26 @@ impl Stepper for Course<'_> {
         true
     }
 
+    fn mode(&mut self) -> Option<String> {
+        let names = &self.plan.names[self.plan.initial.len()..];
+        let mut mode = String::new();
+        for (place, name) in self.radau.face().places.iter().zip(names) {
+            let sign = match place {
+                Place::Lower => "-",
+                Place::Upper => "+",
+                Place::Boundary(_) => "=",
+                Place::Vertex => "!",
+                Place::Inside | Place::Held => continue,
+            };
+            if !mode.is_empty() {
+                mode.push(',');
+            }
+            mode.push_str(name);
+            mode.push_str(sign);
+        }
+        Some(if mode.is_empty() { "free".to_owned() } else { mode })
+    }
+
     fn take_events(&mut self, events: &mut Vec<Event>) {
         let (plan, n) = (self.plan, self.plan.initial.len());
         events.extend(self.radau.take_switches().map(|Switch { t, variable, from, to }| {
