@@ -158,18 +158,18 @@ impl Stepper for Course<'_> {
         let names = &self.plan.names[self.plan.initial.len()..];
         let mut mode = String::new();
         for (place, name) in self.radau.face().places.iter().zip(names) {
-            let sign = match place {
-                Place::Lower => "-",
-                Place::Upper => "+",
-                Place::Boundary(_) => "=",
-                Place::Vertex => "!",
+            let bound = match place {
+                Place::Lower => ".lower",
+                Place::Upper => ".upper",
+                Place::Boundary(_) => ".boundary",
+                Place::Vertex => ".vertex",
                 Place::Inside | Place::Held => continue,
             };
             if !mode.is_empty() {
                 mode.push(',');
             }
             mode.push_str(name);
-            mode.push_str(sign);
+            mode.push_str(bound);
         }
         Some(if mode.is_empty() { "free".to_owned() } else { mode })
     }

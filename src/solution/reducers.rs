@@ -372,8 +372,8 @@ mod tests {
     #[test]
     fn runs_of_events_are_counted_and_modes_are_not() {
         let mut word = Word::default();
-        ["F+", "F+", "free", "F+"].iter().for_each(|letter| word.push(letter));
-        assert_eq!(word.finish(), "F+>free>F+");
+        ["F.upper", "F.upper", "free", "F.upper"].iter().for_each(|letter| word.push(letter));
+        assert_eq!(word.finish(), "F.upper>free>F.upper");
         let mut word = Word::default();
         ["a:impact", "a:impact", "b:impact", "a:impact"].iter().for_each(|letter| word.push(letter));
         assert_eq!(word.finish(), "a:impact*2>b:impact>a:impact");
@@ -384,12 +384,12 @@ mod tests {
         let word = |last: &str| {
             let mut word = Word::default();
             for k in 0..3000 {
-                word.push(if k % 2 == 0 { "F+" } else { "F-" });
+                word.push(if k % 2 == 0 { "F.upper" } else { "F.lower" });
             }
             word.push(last);
             word.finish()
         };
-        let (one, other) = (word("free"), word("F+"));
+        let (one, other) = (word("free"), word("F.upper"));
         assert!(one.len() < LONGEST_WORD + 30 && one != other, "{}", one.len());
         assert_eq!(one, word("free"));
     }

@@ -147,15 +147,7 @@ impl Specification {
             if let Some(set) = model.set() {
                 check_solver(set, method.vi_solver, &place, &mut found);
             }
-            let analysis = (errors.is_empty() && found.is_empty()).then(|| model.analyse(time.start))?;
-            model.check_method(&Asked { analysis: &analysis, method: &method, time }, &mut found);
-            if let Some(why) = model.no_global_error().filter(|_| output.global_error) {
-                found.report(&place_of_output.key("global_error"), "conflict", why);
-            }
-            let study = study.and_then(|study| {
-                let named = (problem.written().named(), &of_problem);
-                study.check((&*model, &method, time), named, &root.key("study"), &mut found)
-            });
+            let mut lacks_plan = false;
             let sweep = match sweep {
                 None => None,
                 Some(asked) => {
@@ -172,9 +164,21 @@ impl Specification {
                         are_inputs,
                     };
                     let horizon = (time.start, time.end);
-                    Some(asked.check(prepared, &nameable, horizon, (&of_problem, start), &mut found)?)
+                    let plan = asked.check(prepared, &nameable, horizon, (&of_problem, start), &mut found);
+                    lacks_plan = plan.is_none();
+                    plan
                 }
             };
+            let is_right = errors.is_empty() && found.is_empty() && !lacks_plan;
+            let analysis = is_right.then(|| model.analyse(time.start))?;
+            model.check_method(&Asked { analysis: &analysis, method: &method, time }, &mut found);
+            if let Some(why) = model.no_global_error().filter(|_| output.global_error) {
+                found.report(&place_of_output.key("global_error"), "conflict", why);
+            }
+            let study = study.and_then(|study| {
+                let named = (problem.written().named(), &of_problem);
+                study.check((&*model, &method, time), named, &root.key("study"), &mut found)
+            });
             let load = model.load(most_memory, control);
             Some(Self {
                 label,

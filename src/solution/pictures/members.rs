@@ -26,8 +26,11 @@ const MOST_MODES: usize = 11;
 const MOST_PARALLEL: usize = 2000;
 /// Points up to which each has a mark.
 const MARKED: usize = 60;
-/// Room for the scale of a map.
+/// Room for the scale of a map, and for words of modes.
 const SCALE: f64 = 96.0;
+const WORDS: f64 = 210.0;
+/// Characters of a word of modes: its beginning, by which those that are met first are told apart.
+const WORD: usize = 28;
 /// Steps of the scale that are drawn.
 const STEPS: usize = 48;
 
@@ -202,7 +205,7 @@ fn map(table: &Table, grid: &Grid<'_>) -> Drawn {
     let frame = Frame {
         x: Axis::spanning(edges(&grid.values[0]), 0.0),
         y: Axis::spanning(edges(&grid.values[1]), 0.0),
-        right: RIGHT - SCALE,
+        right: RIGHT - if word.is_some() { WORDS } else { SCALE },
         top: TOP,
     };
     let [x, y] = [0, 1].map(|k| edges(&grid.values[k]));
@@ -299,7 +302,7 @@ impl<'t> Colours<'t> {
             Self::Modes { modes, name, others, .. } => {
                 let mut group = group.add(text(plain(name, 14), "name", left, top - 8.0));
                 let more = (*others > 0).then(|| (OTHER.to_owned(), format!("{others} others")));
-                let named = modes.iter().enumerate().map(|(k, (mode, _))| (hue(k), plain(mode, 12)));
+                let named = modes.iter().enumerate().map(|(k, (mode, _))| (hue(k), plain(mode, WORD)));
                 for (k, (colour, name)) in named.chain(more).enumerate() {
                     let at = top + 22.0 * k as f64;
                     group = group.add(cell((left, at), (left + 12.0, at + 12.0), &colour));

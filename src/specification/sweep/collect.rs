@@ -48,8 +48,8 @@ pub enum Reducer {
     TimeOfFirst(Selector),
     /// When the last of the events happened; missing where none did.
     TimeOfLast(Selector),
-    /// The active sets in the order in which they were met, joined by `>`, runs of one as `*n`; of problems with contacts the
-    /// events. Beyond 4 KiB it is cut, and a digest of the whole is added.
+    /// The active sets in the order in which they were met, joined by `>`, such as `F.lower>free>F.upper`; of problems with
+    /// contacts the events, runs of one as `*n`. Beyond 4 KiB it is cut, and a digest of the whole is added.
     ModeWord,
 }
 
