@@ -70,6 +70,7 @@ fn table(part: &PathBuf) -> Result<Table, ExitCode> {
         eprintln!("dvi: {}: {why}", part.display());
         ExitCode::from(UNREADABLE)
     };
-    let solution = encodings::read_json(&bytes(part)?).map_err(|error| refuse(&format!("no answer of a sweep: {error}")))?;
+    let solution =
+        encodings::read_json(&bytes(part)?).map_err(|error| refuse(&format!("no answer of a sweep: {error}")))?;
     solution.table.ok_or_else(|| refuse("no answer of a sweep: there is no `table`"))
 }

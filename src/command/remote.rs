@@ -95,7 +95,13 @@ struct Status {
 }
 
 /// Has `specification`, from `file`, solved; the exit code says how it went.
-pub fn run(server: &Server, file: &Path, specification: Vec<u8>, media_type: &'static str, output: Option<&Path>) -> ExitCode {
+pub fn run(
+    server: &Server,
+    file: &Path,
+    specification: Vec<u8>,
+    media_type: &'static str,
+    output: Option<&Path>,
+) -> ExitCode {
     let runtime = match tokio::runtime::Builder::new_current_thread().enable_all().build() {
         Ok(runtime) => runtime,
         Err(error) => {

@@ -37,7 +37,9 @@ impl Format {
             (None, Some("arrow" | "arrows")) => Ok(Self::Arrow),
             (None, Some("svg")) => Ok(Self::Svg),
             (None, Some(other)) => {
-                eprintln!("dvi: no form of a result is known by .{other}: use .json, .csv, .ndjson, .arrow or .svg, or --format");
+                eprintln!(
+                    "dvi: no form of a result is known by .{other}: use .json, .csv, .ndjson, .arrow or .svg, or --format"
+                );
                 Err(ExitCode::from(USAGE))
             }
         }

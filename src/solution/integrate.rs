@@ -241,7 +241,8 @@ fn judge(radau: &mut Radau<'_>, plan: &Plan, switched: bool, diagnostics: &mut D
             vi.largest_residual = certificates.natural_map;
         }
     }
-    if switched && diagnostics.faces.len() < MOST_FACES {
+    // Of a member of a sweep nobody is shown the faces; the watch over them analyses those that it needs.
+    if switched && diagnostics.faces.len() < MOST_FACES && plan.reducers.is_none() {
         let n = plan.initial.len();
         let (t, face) = (radau.t(), radau.face().clone());
         let names = |kind: fn(Place) -> bool| -> Vec<String> {

@@ -84,13 +84,7 @@ impl Statistics {
         let all = means.iter().zip(squares).enumerate();
         all.map(|(k, (mean, square))| {
             let (min, max) = self.extremes.of(k);
-            OverTime {
-                mean: mean / self.time,
-                rms: (square / self.time).max(0.0).sqrt(),
-                min,
-                max,
-                ripple: max - min,
-            }
+            OverTime { mean: mean / self.time, rms: (square / self.time).max(0.0).sqrt(), min, max, ripple: max - min }
         })
         .collect()
     }

@@ -65,7 +65,14 @@ impl OfNumber {
         let quantiles = QUANTILES.map(|(name, part)| (name.to_owned(), quantile(part)));
         let (min, max) = (numbers[0], numbers[numbers.len() - 1]);
         let finite = |x: f64| if x.is_finite() { x } else { f64::MAX };
-        Some(Self { count: numbers.len() as u64, mean: mean * unit, sd: finite(sd), min, max, quantiles: quantiles.into() })
+        Some(Self {
+            count: numbers.len() as u64,
+            mean: mean * unit,
+            sd: finite(sd),
+            min,
+            max,
+            quantiles: quantiles.into(),
+        })
     }
 }
 

@@ -1,7 +1,7 @@
 //! The table of a sweep: one row a member, a column for each name that was swept, for each number that was collected, and for how
 //! the member ended.
 //!
-//! Columns are kept as such: eight bytes a number, four bytes a count or a word (words that come again are kept once). A number
+//! Columns are kept as such: eight bytes a number, four bytes a count, one or four a word (words that come again are kept once). A number
 //! that is missing is NaN here, and null or nothing wherever it is written.
 
 use rustc_hash::FxHashMap;
@@ -78,9 +78,62 @@ pub enum Values {
 /// Words, each kept once.
 #[derive(Clone, Debug, Default)]
 pub struct Words {
-    places: Vec<u32>,
+    places: Places,
     words: Vec<String>,
     known: FxHashMap<String, u32>,
+}
+
+/// Places in a list of words: a byte each, for as long as there are few words, as of columns that say how a member ended.
+#[derive(Clone, Debug)]
+enum Places {
+    Narrow(Vec<u8>),
+    Wide(Vec<u32>),
+}
+
+impl Default for Places {
+    fn default() -> Self {
+        Self::Narrow(Vec::new())
+    }
+}
+
+impl Places {
+    fn len(&self) -> usize {
+        match self {
+            Self::Narrow(places) => places.len(),
+            Self::Wide(places) => places.len(),
+        }
+    }
+
+    fn get(&self, row: usize) -> Option<u32> {
+        match self {
+            Self::Narrow(places) => {
+                places.get(row).map(|place| if *place == u8::MAX { MISSING } else { u32::from(*place) })
+            }
+            Self::Wide(places) => places.get(row).copied(),
+        }
+    }
+
+    fn push(&mut self, place: u32) {
+        if let Self::Narrow(places) = self {
+            match u8::try_from(place) {
+                _ if place == MISSING => return places.push(u8::MAX),
+                Ok(place) if place < u8::MAX => return places.push(place),
+                _ => {}
+            }
+            let wide = (0..self.len()).map(|row| self.get(row).unwrap_or(MISSING)).collect();
+            *self = Self::Wide(wide);
+        }
+        if let Self::Wide(places) = self {
+            places.push(place);
+        }
+    }
+
+    fn reserve(&mut self, rows: usize) {
+        match self {
+            Self::Narrow(places) => places.reserve_exact(rows),
+            Self::Wide(places) => places.reserve_exact(rows),
+        }
+    }
 }
 
 /// Why tables are not parts of one.
@@ -112,13 +165,15 @@ impl Words {
 
     /// The word of a row.
     pub fn get(&self, row: usize) -> Option<&str> {
-        self.words.get(*self.places.get(row)? as usize).map(String::as_str)
+        self.words.get(self.places.get(row)? as usize).map(String::as_str)
     }
 
     fn append(&mut self, other: &Self) {
         let places: Vec<u32> = other.words.iter().map(|word| self.place(word)).collect();
-        let of = |place: &u32| places.get(*place as usize).copied().unwrap_or(MISSING);
-        self.places.extend(other.places.iter().map(of));
+        for row in 0..other.places.len() {
+            let place = other.places.get(row).and_then(|place| places.get(place as usize)).copied();
+            self.places.push(place.unwrap_or(MISSING));
+        }
     }
 }
 
@@ -132,7 +187,8 @@ impl PartialEq for Values {
     fn eq(&self, other: &Self) -> bool {
         match (self, other) {
             (Self::Numbers(a), Self::Numbers(b)) => {
-                a.len() == b.len() && a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits() || a.is_nan() && b.is_nan())
+                a.len() == b.len()
+                    && a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits() || a.is_nan() && b.is_nan())
             }
             (Self::Counts(a), Self::Counts(b)) => a == b,
             (Self::Flags(a), Self::Flags(b)) => a == b,
@@ -192,7 +248,7 @@ impl Values {
             Self::Numbers(values) => values.reserve_exact(rows),
             Self::Counts(values) => values.reserve_exact(rows),
             Self::Flags(values) => values.reserve_exact(rows),
-            Self::Words(words) => words.places.reserve_exact(rows),
+            Self::Words(words) => words.places.reserve(rows),
         }
     }
 
@@ -269,6 +325,11 @@ impl Table {
         self.columns.first().map_or(0, |column| column.values.len())
     }
 
+    /// Makes room for so many rows more.
+    pub fn reserve(&mut self, rows: usize) {
+        self.columns.iter_mut().for_each(|column| column.values.reserve(rows));
+    }
+
     /// The column of that name.
     pub fn column(&self, name: &str) -> Option<&Values> {
         self.columns.iter().find(|column| column.name == name).map(|column| &column.values)
@@ -328,7 +389,8 @@ impl Table {
         if this.features != other.features {
             return refuse("the instructions of their machines", &this.features, &other.features);
         }
-        let names = |table: &Self| table.columns.iter().map(|column| column.name.as_str()).collect::<Vec<_>>().join(", ");
+        let names =
+            |table: &Self| table.columns.iter().map(|column| column.name.as_str()).collect::<Vec<_>>().join(", ");
         if self.members != part.members || names(self) != names(&part) {
             return refuse("their columns or members", &names(self), &names(&part));
         }
@@ -364,7 +426,8 @@ impl Table {
 }
 
 fn schema_of_columns() -> Schema {
-    let list = ArrayBuilder::new().items(ObjectBuilder::new().schema_type(utoipa::openapi::schema::SchemaType::AnyValue));
+    let list =
+        ArrayBuilder::new().items(ObjectBuilder::new().schema_type(utoipa::openapi::schema::SchemaType::AnyValue));
     let columns = ObjectBuilder::new().schema_type(Type::Object);
     columns
         .additional_properties(Some(AdditionalProperties::RefOr(RefOr::T(Schema::Array(list.build())))))
@@ -557,6 +620,20 @@ mod tests {
         merged.append(table(&[1], &[1.5], &[Some("b")])).unwrap();
         merged.sort().unwrap();
         assert_eq!(merged, table(&[0, 1, 2], &[0.5, 1.5, 2.5], &[None, Some("b"), None]));
+    }
+
+    #[test]
+    fn many_words_are_told_apart() {
+        let mut words = Words::default();
+        for k in 0..1000 {
+            words.push(if k % 7 == 0 { None } else { Some("a") });
+            words.push(Some(&format!("word {}", k % 300)));
+        }
+        for k in 0..1000 {
+            assert_eq!(words.get(2 * k), if k % 7 == 0 { None } else { Some("a") });
+            assert_eq!(words.get(2 * k + 1), Some(format!("word {}", k % 300).as_str()));
+        }
+        assert_eq!(words.get(2000), None);
     }
 
     #[test]

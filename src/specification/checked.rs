@@ -2,8 +2,8 @@
 
 use super::document::{Document, Limits, Problem, Time};
 use super::draft::Draft;
-use super::json::Json;
 use super::error::{Errors, SpecificationError};
+use super::json::Json;
 use super::label;
 use super::lowering::{Lowering, MOST_UNKNOWNS, Start};
 use super::method::{Method, ViSolverName, out_of_range};
@@ -138,7 +138,11 @@ impl Specification {
                 found.report(&root.key("sensitivities"), "conflict", why);
             }
             if study.is_some() && sweep.is_some() {
-                found.report(&root.key("sweep"), "conflict", "a `study` compares runs of one problem; a `sweep` solves many");
+                found.report(
+                    &root.key("sweep"),
+                    "conflict",
+                    "a `study` compares runs of one problem; a `sweep` solves many",
+                );
             }
             let derivatives = sensitivities.as_ref().map_or(&[][..], |sensitivities| &sensitivities.names);
             let default = model.default_outputs();
@@ -151,7 +155,8 @@ impl Specification {
             let sweep = match sweep {
                 None => None,
                 Some(asked) => {
-                    let labels: Vec<String> = observables.monitors.iter().map(|monitor| monitor.label.clone()).collect();
+                    let labels: Vec<String> =
+                        observables.monitors.iter().map(|monitor| monitor.label.clone()).collect();
                     let states = model.state_names().len();
                     let of_events = model.dvi().map(|model| model.variable_names.as_slice());
                     let nameable = Nameable {

@@ -4,8 +4,8 @@
 use super::checked::Specification;
 use super::document::Document;
 use super::error::SpecificationError;
-use super::output::MOST_TIMES;
 use super::json::Json;
+use super::output::MOST_TIMES;
 use super::reading::{Reading, read, read_tree};
 use super::times::Times;
 use problem::Control;

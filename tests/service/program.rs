@@ -430,5 +430,4 @@ fn numbers_are_set_on_the_command_line_and_results_go_to_files() {
     assert_eq!(run(&["solve", "-", "-o", "result.docx"], SWEEP_LESS).status.code(), Some(64));
 }
 
-const SWEEP_LESS: &str =
-    r#"{"problem": {"dvi": {"parameters": {"k": 1}, "states": {"x": {"initial": 1, "rate": "-k*x"}}}}, "time": {"end": 1}}"#;
+const SWEEP_LESS: &str = r#"{"problem": {"dvi": {"parameters": {"k": 1}, "states": {"x": {"initial": 1, "rate": "-k*x"}}}}, "time": {"end": 1}}"#;

@@ -195,7 +195,8 @@ fn the_bytes_are_the_same_however_the_work_is_shared() {
     assert_eq!(json_of(&dvi::study::merge(parts.iter().map(read_back)).unwrap()), whole);
     let missing = dvi::study::merge(parts[1..].iter().map(read_back)).unwrap();
     assert_eq!(missing.error.unwrap().code, "members_missing");
-    let other = read(&json!({"problem": {"dvi": {"parameters": {"k": 1}, "states": {"x": {"initial": 3, "rate": "-k*x"}}}},
+    let other =
+        read(&json!({"problem": {"dvi": {"parameters": {"k": 1}, "states": {"x": {"initial": 3, "rate": "-k*x"}}}},
         "time": {"end": 1}, "sweep": {"over": {"k": [1]}}}));
     let other = dvi::solve(&other, &control).table.unwrap();
     assert!(dvi::study::merge([read_back(&parts[0]), other]).is_err());
@@ -295,7 +296,11 @@ fn components_and_elements_of_vectors_are_swept_by_name() {
         "problem": {"dvi": {"parameters": {"n": 2}, "states": {"x[1..n]": {"initial": 1, "rate": "-x[i]"}}}},
         "time": {"end": 1}, "sweep": {"over": {"n": [1, 2, 5]}, "collect": {"sum": {"final": "sum(x)"}}}}));
     for (row, n) in [1.0, 2.0, 5.0].into_iter().enumerate() {
-        assert!((numbers(&sizes, "sum")[row] - n * (-1.0_f64).exp()).abs() < 1e-5, "row {row}: {:?}", words(&sizes, "error"));
+        assert!(
+            (numbers(&sizes, "sum")[row] - n * (-1.0_f64).exp()).abs() < 1e-5,
+            "row {row}: {:?}",
+            words(&sizes, "error")
+        );
     }
 }
 

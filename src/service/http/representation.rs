@@ -94,7 +94,10 @@ impl Representation {
         if let Some(form) = self.of_members().filter(|_| part.skeleton.has_table()) {
             let room = shared.room.take(part.skeleton.text().len()).await;
             let written = aside(shared, job.client, large, move || members(&part, form)).await?;
-            return Ok(Body::from(Bytes::from_owner(Taken::new(written.map_err(|error| unreadable(id, &error))?, room))));
+            return Ok(Body::from(Bytes::from_owner(Taken::new(
+                written.map_err(|error| unreadable(id, &error))?,
+                room,
+            ))));
         }
         let table: Box<dyn Table> = match self {
             Self::Json => {

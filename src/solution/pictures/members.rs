@@ -121,7 +121,8 @@ impl Frame {
 
 /// The columns that were collected and have numbers.
 fn collected(table: &Table) -> Vec<(&str, &Values)> {
-    let of = |name: &'_ String| Some((table.collected.iter().find(|known| *known == name)?.as_str(), table.column(name)?));
+    let of =
+        |name: &'_ String| Some((table.collected.iter().find(|known| *known == name)?.as_str(), table.column(name)?));
     let numbers = |(_, values): &(&str, &Values)| matches!(values, Values::Numbers(_) | Values::Counts(_));
     table.collected.iter().filter_map(of).filter(numbers).collect()
 }
@@ -200,7 +201,9 @@ fn map(table: &Table, grid: &Grid<'_>) -> Drawn {
     let colours = match (word, collected(table).first()) {
         (Some((name, values)), _) => Colours::of_modes(name, values),
         (None, Some((name, values))) => Colours::of_numbers(name, values),
-        (None, None) => return Drawn { group: Group::new(), extra: 0.0, below: Some("no number was collected".to_owned()) },
+        (None, None) => {
+            return Drawn { group: Group::new(), extra: 0.0, below: Some("no number was collected".to_owned()) };
+        }
     };
     let frame = Frame {
         x: Axis::spanning(edges(&grid.values[0]), 0.0),
@@ -242,9 +245,19 @@ fn cell(from: Point, to: Point, colour: &str) -> Rectangle {
 
 /// The colours of a map.
 enum Colours<'t> {
-    Numbers { name: &'t str, values: &'t Values, axis: Axis, ends: (f64, f64) },
+    Numbers {
+        name: &'t str,
+        values: &'t Values,
+        axis: Axis,
+        ends: (f64, f64),
+    },
     /// Modes by how many members have them.
-    Modes { name: &'t str, values: &'t Values, modes: Vec<(&'t str, usize)>, others: usize },
+    Modes {
+        name: &'t str,
+        values: &'t Values,
+        modes: Vec<(&'t str, usize)>,
+        others: usize,
+    },
 }
 
 impl<'t> Colours<'t> {
@@ -297,7 +310,12 @@ impl<'t> Colours<'t> {
                     group = group.add(text(label, "", left + 20.0, top + HEIGHT - fraction * HEIGHT + 4.0));
                 }
                 let name = plain(name, 14);
-                group.add(text(axis.unit().map_or_else(|| name.clone(), |unit| format!("{name} {unit}")), "name", left, top - 8.0))
+                group.add(text(
+                    axis.unit().map_or_else(|| name.clone(), |unit| format!("{name} {unit}")),
+                    "name",
+                    left,
+                    top - 8.0,
+                ))
             }
             Self::Modes { modes, name, others, .. } => {
                 let mut group = group.add(text(plain(name, 14), "name", left, top - 8.0));
@@ -325,7 +343,8 @@ const OTHER: &str = "#9198a1";
 /// The colour of the mode in place `k`: Okabe and Ito's, then lighter ones.
 fn hue(k: usize) -> String {
     const HUES: [&str; MOST_MODES] = [
-        "#0072b2", "#e69f00", "#009e73", "#d55e00", "#56b4e9", "#cc79a7", "#f0e442", "#7fb8d8", "#f2cf80", "#80ceb9", "#eaae80",
+        "#0072b2", "#e69f00", "#009e73", "#d55e00", "#56b4e9", "#cc79a7", "#f0e442", "#7fb8d8", "#f2cf80", "#80ceb9",
+        "#eaae80",
     ];
     HUES[k % HUES.len()].to_owned()
 }
@@ -355,7 +374,9 @@ fn parallel(table: &Table) -> Drawn {
     let swept = table.swept.iter().filter_map(|name| Some((name.as_str(), table.column(name)?)));
     let axes: Vec<(&str, &Values, Axis)> = swept
         .chain(collected(table))
-        .map(|(name, values)| (name, values, Axis::spanning((0..values.len()).filter_map(|row| values.number(row)), 0.0)))
+        .map(|(name, values)| {
+            (name, values, Axis::spanning((0..values.len()).filter_map(|row| values.number(row)), 0.0))
+        })
         .collect();
     let x = |k: usize| LEFT + (RIGHT - LEFT) * k as f64 / (axes.len().max(2) - 1) as f64;
     let mut group = Group::new();
@@ -367,7 +388,10 @@ fn parallel(table: &Table) -> Drawn {
         let points: Option<Vec<Point>> = axes.iter().enumerate().map(point).collect();
         if let Some(points) = points {
             let of = axes.last().and_then(|(_, values, axis)| Some(axis.fraction(values.number(row)?)));
-            group = group.add(polyline(&points, 0).set("style", format!("stroke:{};stroke-width:0.7;opacity:0.6", shade(of.unwrap_or(0.5)))));
+            group = group.add(
+                polyline(&points, 0)
+                    .set("style", format!("stroke:{};stroke-width:0.7;opacity:0.6", shade(of.unwrap_or(0.5)))),
+            );
         }
     }
     for (k, (name, _, axis)) in axes.iter().enumerate() {

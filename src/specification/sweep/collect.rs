@@ -155,12 +155,16 @@ pub fn lower(
         Some(asked) => asked,
         None => {
             let states = &nameable.outputs[..nameable.states.min(nameable.outputs.len())];
-            default = states.iter().map(|&name| (name.to_owned(), Reducer::Final(Expression::Text(name.to_owned())))).collect();
+            default = states
+                .iter()
+                .map(|&name| (name.to_owned(), Reducer::Final(Expression::Text(name.to_owned()))))
+                .collect();
             &default
         }
     };
     if asked.len() > MOST {
-        let error = SpecificationError::new(place.to_string(), "too_many_unknowns", format!("{} reducers", asked.len()));
+        let error =
+            SpecificationError::new(place.to_string(), "too_many_unknowns", format!("{} reducers", asked.len()));
         errors.push(error.expected(format!("at most {MOST}")));
         return Reducers::default();
     }

@@ -180,15 +180,14 @@ mod tests {
     #[test]
     fn means_over_sobol_points_converge_faster_than_those_over_random_ones() {
         // The integral of x y e^(x y) over the unit square is e's series: the sum of 1 / (k! (k + 2)^2).
-        let exact: f64 = (0..30).map(|k| (1..=k).map(f64::from).product::<f64>().recip() / f64::from(k + 2).powi(2)).sum();
+        let exact: f64 =
+            (0..30).map(|k| (1..=k).map(f64::from).product::<f64>().recip() / f64::from(k + 2).powi(2)).sum();
         let error = |name, count: usize, seed| {
             let of = |member: &Vec<f64>| member[0] * member[1] * (member[0] * member[1]).exp();
             let members = members(&Design::new(name, vec![unit_range(); 2], count, seed));
             members.iter().map(of).sum::<f64>() / count as f64 - exact
         };
-        let spread = |name, count| {
-            (0..16).map(|seed| f64::powi(error(name, count, seed), 2)).sum::<f64>().sqrt() / 4.0
-        };
+        let spread = |name, count| (0..16).map(|seed| f64::powi(error(name, count, seed), 2)).sum::<f64>().sqrt() / 4.0;
         for (name, least, most) in [(DesignName::Random, 0.35, 0.65), (DesignName::Sobol, 1.3, 1.8)] {
             let order = (spread(name, 64) / spread(name, 4096)).ln() / 64.0_f64.ln();
             assert!((least..most).contains(&order), "{name:?}: {order}");

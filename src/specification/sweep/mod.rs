@@ -15,6 +15,7 @@ pub(super) use collect::Nameable;
 pub(super) use target::{lift, set};
 
 use super::checked::Specification;
+use super::choices::choices;
 use super::error::{Errors, SpecificationError};
 use super::json::Json;
 use super::lowering::Start;
@@ -29,6 +30,13 @@ use solution::Reducers;
 use std::sync::Arc;
 use target::{targets, unknown};
 use utoipa::ToSchema;
+
+choices! {
+    /// What is kept of each run of a sweep beside its row.
+    KeepName {
+        "nothing" Nothing: "The row alone: trajectories would take as much for each member as a solve does."
+    }
+}
 
 /// The most members.
 const MOST_MEMBERS: usize = 10_000_000;
@@ -58,6 +66,10 @@ pub struct SweepRequest {
     /// What is kept of each run, by the name of its column. Default the final value of every state.
     #[schema(value_type = Option<std::collections::BTreeMap<String, Reducer>>)]
     pub collect: Option<Ordered<Reducer>>,
+    /// What is kept of each run beside its row.
+    #[serde(default)]
+    #[schema(value_type = KeepName, default = "nothing")]
+    pub keep: KeepName,
     /// Draws depend on it and on the number of a member alone. Default 0.
     #[serde(default)]
     #[schema(default = 0)]
@@ -127,7 +139,8 @@ impl SweepRequest {
 
     /// Names of columns are not to stand twice.
     fn check_names(&self, reducers: &Reducers, place: &Place<'_>, errors: &mut Errors) {
-        let own = ["member", "status", "trusted", "error", "steps", "switches", "residual", "warnings", "period", "stable"];
+        let own =
+            ["member", "status", "trusted", "error", "steps", "switches", "residual", "warnings", "period", "stable"];
         let swept: Vec<&str> = match (&self.over, &self.table) {
             (Some(over), _) => over.names().collect(),
             (None, Some(table)) => table.columns.iter().map(String::as_str).collect(),
@@ -166,7 +179,8 @@ impl SweepRequest {
             (None, Some(table)) => table.ranges(&place.key("table"), errors)?,
         };
         if ranges.len() > MOST_NAMES {
-            let error = SpecificationError::new(place.to_string(), "too_many_unknowns", format!("{} names", ranges.len()));
+            let error =
+                SpecificationError::new(place.to_string(), "too_many_unknowns", format!("{} names", ranges.len()));
             errors.push(error.expected(format!("at most {MOST_NAMES}")));
             return None;
         }
@@ -211,7 +225,8 @@ impl SweepRequest {
             Some(_) if !is_drawn => {
                 let detail = format!("`{}` has as many members as `over` and `table` say", name.name());
                 let error = SpecificationError::new(key.to_string(), "conflict", detail);
-                errors.push(error.expected("no `count`, or one of the designs `random`, `sobol` and `latin_hypercube`"));
+                errors
+                    .push(error.expected("no `count`, or one of the designs `random`, `sobol` and `latin_hypercube`"));
                 return None;
             }
             _ => {}
@@ -241,8 +256,11 @@ impl SweepRequest {
                 None => {
                     let place = place.key("over");
                     let detail = format!("a distribution has no points for the design `{}`", name.name());
-                    let error =
-                        SpecificationError::new(place.key(names.get(i).copied().unwrap_or("")).to_string(), "conflict", detail);
+                    let error = SpecificationError::new(
+                        place.key(names.get(i).copied().unwrap_or("")).to_string(),
+                        "conflict",
+                        detail,
+                    );
                     errors.push(error.expected(
                         "a list, `linspace` or `logspace`, or `\"design\": \"random\"` (`sobol`, `latin_hypercube`) with a `count`",
                     ));
@@ -258,8 +276,13 @@ impl SweepRequest {
         let first = counts.first().copied().unwrap_or(0);
         if let Some(i) = counts.iter().position(|count| *count != first) {
             let place = place.key("over");
-            let detail = format!("{} values beside the {first} of `{}`", counts[i], names.first().copied().unwrap_or(""));
-            let error = SpecificationError::new(place.key(names.get(i).copied().unwrap_or("")).to_string(), "wrong_count", detail);
+            let detail =
+                format!("{} values beside the {first} of `{}`", counts[i], names.first().copied().unwrap_or(""));
+            let error = SpecificationError::new(
+                place.key(names.get(i).copied().unwrap_or("")).to_string(),
+                "wrong_count",
+                detail,
+            );
             errors.push(error.expected("the same number of values for all names"));
             return None;
         }

@@ -146,7 +146,7 @@ pub fn lift(json: &mut Json, vectors: &mut Vectors, errors: &mut Errors) -> Vec<
             Some(Json::Number(number)) => Some(number.clone()),
             _ => None,
         };
-        let value = given.or_else(|| Number::from_f64(range.as_ref()?.representative())).unwrap_or_else(|| 1.into());
+        let value = given.or_else(|| number(range.as_ref()?.representative())).unwrap_or_else(|| 1.into());
         let parameter = if is_parameter { name.clone() } else { free_name(json, &name) };
         if !is_parameter {
             put(json, path, Json::Text(parameter.clone()));
@@ -167,7 +167,7 @@ pub fn set<'a>(json: &mut Json, values: &'a [(String, f64)]) -> Vec<&'a str> {
     let known = targets(json);
     let mut unknown = Vec::new();
     for (name, value) in values {
-        match (known.iter().find(|(known, _)| known == name), Number::from_f64(*value)) {
+        match (known.iter().find(|(known, _)| known == name), number(*value)) {
             (Some((_, path)), Some(number)) => put(json, path, Json::Number(number)),
             _ => unknown.push(name.as_str()),
         }
@@ -175,11 +175,26 @@ pub fn set<'a>(json: &mut Json, values: &'a [(String, f64)]) -> Vec<&'a str> {
     unknown
 }
 
+/// A number as JSON has it: one that is whole without a point, as sizes are written.
+fn number(value: f64) -> Option<Number> {
+    let whole = value as i64;
+    // Beyond 2^53 not every whole number is a double; zero may have a sign.
+    let is_whole = value.abs() < 9e15 && value == whole as f64 && value.to_bits() != (-0.0_f64).to_bits();
+    if is_whole { Some(whole.into()) } else { Number::from_f64(value) }
+}
+
 /// The error of a name that stands for nothing.
 pub fn unknown(name: &str, pointer: String, known: &[(String, Vec<Step>)]) -> SpecificationError {
     let names = || known.iter().map(|(name, _)| name.as_str());
-    let detail = format!("`{}` is neither a parameter nor the start of a state, nor a number of something with a name", abridged(name));
-    SpecificationError::new(pointer, "unknown_name", detail).expected(listed(names())).did_you_mean(nearest(name, names()))
+    let detail = format!(
+        "`{}` is neither a parameter nor the start of a state, nor a number of something with a name",
+        abridged(name)
+    );
+    let expected = match known.is_empty() {
+        true => "a parameter: put the number under `parameters`, and the name of the parameter in its place".to_owned(),
+        false => listed(names()),
+    };
+    SpecificationError::new(pointer, "unknown_name", detail).expected(expected).did_you_mean(nearest(name, names()))
 }
 
 /// Puts a value at a place; members of objects that are missing are made.

@@ -14,10 +14,11 @@ use problem::{Control, Stop};
 use rows::Template;
 use solution::{CheckCode, Failure, Solution, Status, Table, Unmergeable};
 use specification::Specification;
+use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread;
 
 /// The most members of which one thread makes the rows before it looks for others.
@@ -30,7 +31,12 @@ const STACK_BYTES: usize = 8 << 20;
 /// The rows of some members of a sweep.
 ///
 /// `threads` share the work; it stops when `control` says so, and keeps the rows that are done.
-pub fn sweep(specification: &Specification, members: Range<usize>, threads: NonZeroUsize, control: &Control) -> Solution {
+pub fn sweep(
+    specification: &Specification,
+    members: Range<usize>,
+    threads: NonZeroUsize,
+    control: &Control,
+) -> Solution {
     let template = Template::new(specification, control);
     let count = members.len();
     let chunk = (count / (threads.get() * CHUNKS)).clamp(1, CHUNK);
@@ -43,8 +49,9 @@ pub fn sweep(specification: &Specification, members: Range<usize>, threads: NonZ
         next: AtomicUsize::new(0),
         rows: AtomicU64::new(0),
         steps: AtomicU64::new(0),
-        done: Mutex::new((0..chunks).map(|_| None).collect()),
+        done: Mutex::new(Done { table: template.empty(), next: 0, waiting: BTreeMap::new() }),
     };
+    work.done().table.reserve(count);
     if threads.get() == 1 || chunks <= 1 {
         work.make();
     } else {
@@ -59,10 +66,9 @@ pub fn sweep(specification: &Specification, members: Range<usize>, threads: NonZ
             work.make();
         });
     }
-    let parts = work.done.into_inner().unwrap_or_else(PoisonError::into_inner);
-    let mut table = template.empty();
-    table.columns.iter_mut().for_each(|column| column.values.reserve(count));
-    for part in parts.into_iter().flatten() {
+    let Done { mut table, waiting, .. } = work.done.into_inner().unwrap_or_else(PoisonError::into_inner);
+    // Behind a chunk that was not begun: the sweep was stopped.
+    for part in waiting.into_values() {
         // Parts of one template have the same columns.
         let _ = table.append(part);
     }
@@ -97,7 +103,8 @@ fn answer(table: Table, asked: usize, (code, why): (&'static str, &str)) -> Solu
     }
     let total = |name: &str| {
         let values = table.column(name);
-        values.map_or(0, |values| (0..values.len()).filter_map(|row| values.number(row)).map(|count| count as u64).sum())
+        values
+            .map_or(0, |values| (0..values.len()).filter_map(|row| values.number(row)).map(|count| count as u64).sum())
     };
     let diagnostics = &mut solution.diagnostics;
     diagnostics.method = "sweep";
@@ -121,7 +128,8 @@ fn judge(table: &Table, solution: &mut Solution) {
         format!("{untrusted} of {} members are not trusted: see `trusted` and `warnings` in their rows", table.rows())
     });
     if table.failed > 0 {
-        let message = format!("{} of {} members failed: see `status` and `error` in their rows", table.failed, table.rows());
+        let message =
+            format!("{} of {} members failed: see `status` and `error` in their rows", table.failed, table.rows());
         checks.caveat("failed_members", message);
     }
 }
@@ -135,7 +143,27 @@ struct Work<'w> {
     next: AtomicUsize,
     rows: AtomicU64,
     steps: AtomicU64,
-    done: Mutex<Vec<Option<Table>>>,
+    done: Mutex<Done>,
+}
+
+/// Rows that are done.
+struct Done {
+    /// Those of all chunks before the next one.
+    table: Table,
+    next: usize,
+    /// Those of chunks that were done before their turn.
+    waiting: BTreeMap<usize, Table>,
+}
+
+impl Done {
+    fn take(&mut self, number: usize, rows: Table) {
+        self.waiting.insert(number, rows);
+        while let Some(rows) = self.waiting.remove(&self.next) {
+            // Parts of one template have the same columns.
+            let _ = self.table.append(rows);
+            self.next += 1;
+        }
+    }
 }
 
 impl Work<'_> {
@@ -154,10 +182,11 @@ impl Work<'_> {
                 let steps = self.steps.fetch_add(steps, Relaxed) + steps;
                 self.control.report(rows as f64 / self.members.len() as f64, steps);
             });
-            let mut done = self.done.lock().unwrap_or_else(PoisonError::into_inner);
-            if let Some(place) = done.get_mut(number) {
-                *place = Some(rows);
-            }
+            self.done().take(number, rows);
         }
+    }
+
+    fn done(&self) -> MutexGuard<'_, Done> {
+        self.done.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -66,7 +66,9 @@ impl<'s> Template<'s> {
                 return;
             }
             let last = (members - 1) as u128;
-            self.plan.design.write((probe as u128 * last / (PROBES.min(members).max(2) - 1) as u128) as usize, &mut values);
+            self.plan
+                .design
+                .write((probe as u128 * last / (PROBES.min(members).max(2) - 1) as u128) as usize, &mut values);
             if let Err(Unbound::Structure) = self.bind(&values)
                 && let Ok(anew) = self.specification.member_anew(&values, control)
             {
@@ -191,9 +193,8 @@ impl Rows {
             Err(refused) => Some((refused.code, refused.message.as_str())),
         };
         let error = error.map(|(code, message)| format!("{code}: {message}").chars().take(ERROR).collect::<String>());
-        let (steps, switches) = solution.map_or((0, 0), |solution| {
-            (solution.diagnostics.steps.accepted, solution.diagnostics.switches)
-        });
+        let (steps, switches) =
+            solution.map_or((0, 0), |solution| (solution.diagnostics.steps.accepted, solution.diagnostics.switches));
         let of_law = |solution: &Solution| solution.diagnostics.checks.get(CheckCode::LawResidual);
         let residual = solution.and_then(of_law).map(|(value, _)| value);
         let orbit = solution.and_then(|solution| solution.orbit.as_ref());
