@@ -3,7 +3,7 @@
 mod command;
 
 use clap::{CommandFactory, Parser, Subcommand};
-use command::{check, explain, healthcheck, methods, report, serve, solve, store, token, usage, worker};
+use command::{check, explain, healthcheck, merge, methods, report, serve, solve, store, sweep, token, usage, worker};
 use mimalloc::MiMalloc;
 use std::process::ExitCode;
 
@@ -25,6 +25,7 @@ Examples:
   dvi solve api/examples/diode_bridge.json            solve, result as JSON
   dvi solve --format csv circuit.json > circuit.csv   solve, trajectory as a table
   dvi solve --format svg circuit.json > circuit.svg   solve, trajectory as a picture
+  dvi sweep -o belts.csv belts.json                   solve for many values of parameters, on all cores
   dvi check circuit.json                              find all errors without solving
   dvi explain unknown_key                             explain a code of an error or a warning
   dvi methods                                         list what there is to choose from
@@ -35,6 +36,8 @@ Examples:
 #[derive(Subcommand)]
 enum Command {
     Solve(solve::Arguments),
+    Sweep(sweep::Arguments),
+    Merge(merge::Arguments),
     Check(check::Arguments),
     Explain(explain::Arguments),
     Methods(methods::Arguments),
@@ -58,6 +61,8 @@ fn main() -> ExitCode {
     };
     match cli.command {
         Command::Solve(arguments) => solve::run(&arguments),
+        Command::Sweep(arguments) => sweep::run(&arguments),
+        Command::Merge(arguments) => merge::run(&arguments),
         Command::Check(arguments) => check::run(&arguments),
         Command::Explain(arguments) => explain::run(&arguments),
         Command::Methods(arguments) => methods::run(&arguments),

@@ -16,12 +16,15 @@ mod obstacle;
 mod orbit;
 pub mod pictures;
 mod quadrature;
+mod reducers;
 mod rigid_bodies;
 mod run;
 mod sensitivities;
 mod statistics;
 mod steady_state;
 mod study;
+mod summary;
+mod table;
 mod trajectory;
 mod uniqueness;
 mod verdict;
@@ -38,12 +41,15 @@ pub use observables::{Direction, EndedBy, Monitored, Observables};
 pub use obstacle::{describe_obstacle, integrate_obstacle};
 pub use orbit::{Orbit, Periodic, find_orbit};
 pub use problem::{Event, EventKind, Warning};
+pub use reducers::{Collected, Over, Reducers, Reduction, Selected};
 pub use rigid_bodies::{describe_rigid_bodies, step_rigid_bodies};
 pub use run::{Plan, Stepper, run};
 pub use sensitivities::{By, Checked, Sensitivities};
 pub use statistics::OverTime;
 pub use steady_state::{SteadyState, find_steady_state};
 pub use study::{Series, Study, StudyRun};
+pub use summary::{OfNumber, Summary};
+pub use table::{Column, Provenance, Table, Unmergeable, Values, Words};
 pub use trajectory::{Field, Trajectory};
 pub use uniqueness::uniqueness_caveat;
 pub use verdict::{Caveat, CheckCode, Checks, Measured, Reason, Verdict};
@@ -55,10 +61,11 @@ use std::borrow::Cow;
 use utoipa::ToSchema;
 
 /// How a solve ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Status {
     /// The end time was reached, or what `stop` asks for happened.
+    #[default]
     Completed,
     /// A limit or a cancel; the trajectory so far is kept.
     Stopped,
@@ -81,7 +88,7 @@ pub struct Failure {
 }
 
 /// The answer to a specification. Every number in it is finite.
-#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize, ToSchema)]
 pub struct Solution {
     /// The version of its form, 1: members may come to it, none goes or changes its meaning.
     #[serde(default)]
@@ -112,9 +119,18 @@ pub struct Solution {
     /// The state of rest, where one was looked for and found; the trajectory is a short run from it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub steady_state: Option<SteadyState>,
+    /// One row for each member of a sweep.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub table: Option<Table>,
+    /// Of each number that a sweep collects.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub summary: Option<Summary>,
     /// Error against run time, where it was asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub study: Option<Study>,
+    /// What reducers have made of the run, in the order of [`Plan::reducers`]; a part of no answer of its own.
+    #[serde(skip)]
+    pub collected: Vec<Collected>,
 }
 
 /// Reads what stands there and keeps none of it.

@@ -36,13 +36,15 @@ pub enum CheckCode {
     ReturnResidual,
     /// The distance by which an accumulation of events was stepped over.
     AccumulationPassed,
+    /// Members of a sweep that are not to be relied upon.
+    UntrustedMembers,
     /// The time that is missing to the end asked for.
     NotAtEnd,
 }
 
 impl CheckCode {
     /// All codes, in the order in which they are reported.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::LawResidual,
         Self::ConstraintResidual,
         Self::JointDrift,
@@ -53,6 +55,7 @@ impl CheckCode {
         Self::Derivatives,
         Self::ReturnResidual,
         Self::AccumulationPassed,
+        Self::UntrustedMembers,
         Self::NotAtEnd,
     ];
 
@@ -69,6 +72,7 @@ impl CheckCode {
             Self::Derivatives => "derivatives",
             Self::ReturnResidual => "return_residual",
             Self::AccumulationPassed => "accumulation_passed",
+            Self::UntrustedMembers => "untrusted_members",
             Self::NotAtEnd => "not_at_end",
         }
     }
@@ -114,6 +118,9 @@ impl CheckCode {
             Self::AccumulationPassed => {
                 "How far an accumulation of events (Zeno) was from its limit when the run passed over it: a distance of the \
                  states, or a part of the largest energy. Allowed is the tolerance."
+            }
+            Self::UntrustedMembers => {
+                "Number of members of a sweep that reached their end and are not trusted; none is allowed."
             }
             Self::NotAtEnd => "Time from where the run ended to the end that was asked for; none is allowed.",
         }

@@ -3,6 +3,7 @@
 use super::document::{Document, Limits, Problem, Time};
 use super::draft::Draft;
 use super::error::{Errors, SpecificationError};
+use super::json::Json;
 use super::label;
 use super::lowering::{Lowering, MOST_UNKNOWNS, Start};
 use super::method::{Method, ViSolverName, out_of_range};
@@ -14,6 +15,7 @@ use super::plan::MOST_STEPS;
 use super::repairs::Repairs;
 use super::search::{self, Search};
 use super::study::StudyPlan;
+use super::sweep::{Nameable, Prepared, SweepPlan};
 use super::vectors::Vectors;
 use analysis::Analysis;
 use models::rigid_bodies::Load;
@@ -37,6 +39,7 @@ pub struct Specification {
     search: Option<Search>,
     pub(super) global_error: bool,
     pub(super) study: Option<StudyPlan>,
+    sweep: Option<SweepPlan>,
     limits: Limits,
     /// What its bodies come to where they touch at the start.
     pub(super) load: Load,
@@ -68,7 +71,7 @@ impl Specification {
     /// Checks what a document means. What was mended in reading it is not held against it again.
     pub(super) fn check(
         document: Document,
-        (repairs, vectors): (&Repairs, &Vectors),
+        (repairs, vectors, prepared): (&Repairs, &Vectors, &Prepared),
         most_memory: usize,
         control: &Control,
         errors: &mut Errors,
@@ -84,6 +87,7 @@ impl Specification {
             sensitivities,
             periodic,
             steady_state,
+            sweep,
             study,
             label,
         } = document;
@@ -133,6 +137,13 @@ impl Specification {
                 let why = "a `study` compares runs, of which one alone has derivatives";
                 found.report(&root.key("sensitivities"), "conflict", why);
             }
+            if study.is_some() && sweep.is_some() {
+                found.report(
+                    &root.key("sweep"),
+                    "conflict",
+                    "a `study` compares runs of one problem; a `sweep` solves many",
+                );
+            }
             let derivatives = sensitivities.as_ref().map_or(&[][..], |sensitivities| &sensitivities.names);
             let default = model.default_outputs();
             let columns = Columns { outputs: &names, default, observables: &observables, derivatives };
@@ -140,7 +151,31 @@ impl Specification {
             if let Some(set) = model.set() {
                 check_solver(set, method.vi_solver, &place, &mut found);
             }
-            let analysis = (errors.is_empty() && found.is_empty()).then(|| model.analyse(time.start))?;
+            let mut lacks_plan = false;
+            let sweep = match sweep {
+                None => None,
+                Some(asked) => {
+                    let labels: Vec<String> =
+                        observables.monitors.iter().map(|monitor| monitor.label.clone()).collect();
+                    let states = model.state_names().len();
+                    let of_events = model.dvi().map(|model| model.variable_names.as_slice());
+                    let nameable = Nameable {
+                        outputs: &names,
+                        states,
+                        named: problem.written().named(),
+                        derivatives,
+                        of_events,
+                        labels: &labels,
+                        are_inputs,
+                    };
+                    let horizon = (time.start, time.end);
+                    let plan = asked.check(prepared, &nameable, horizon, (&of_problem, start), &mut found);
+                    lacks_plan = plan.is_none();
+                    plan
+                }
+            };
+            let is_right = errors.is_empty() && found.is_empty() && !lacks_plan;
+            let analysis = is_right.then(|| model.analyse(time.start))?;
             model.check_method(&Asked { analysis: &analysis, method: &method, time }, &mut found);
             if let Some(why) = model.no_global_error().filter(|_| output.global_error) {
                 found.report(&place_of_output.key("global_error"), "conflict", why);
@@ -164,6 +199,7 @@ impl Specification {
                 search,
                 global_error: output.global_error,
                 study,
+                sweep,
                 limits,
                 load,
                 most_memory,
@@ -178,10 +214,22 @@ impl Specification {
         specification
     }
 
+    /// Reads and checks the tree of a document with these values of names of numbers.
+    pub(super) fn from_tree(
+        tree: Json,
+        values: &[(String, f64)],
+        control: &Control,
+    ) -> Result<Self, Vec<SpecificationError>> {
+        Draft::of_tree(tree, values)?.check(control)
+    }
+
     /// The same with another model of the same names, which has these values of its parameters.
     pub(super) fn with_model(&self, model: Arc<dyn Model>, parameters: &[f64], analysis: Analysis) -> Self {
         let mut bound = Self { model, analysis, ..self.clone() };
         bound.observables.program.bind(parameters);
+        if let Some(sweep) = &mut bound.sweep {
+            sweep.reducers.program.bind(parameters);
+        }
         bound
     }
 
@@ -260,6 +308,11 @@ impl Specification {
     /// The study that is asked for.
     pub fn study(&self) -> Option<&StudyPlan> {
         self.study.as_ref()
+    }
+
+    /// The sweep that is asked for.
+    pub fn sweep(&self) -> Option<&SweepPlan> {
+        self.sweep.as_ref()
     }
 
     /// The wall-clock time the user allows, in seconds.

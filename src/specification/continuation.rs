@@ -47,6 +47,9 @@ pub fn continued(
     last: impl Fn(&str) -> Option<f64>,
 ) -> Result<Vec<u8>, NotContinuable> {
     let mut json: Json = serde_json::from_slice(document).map_err(|_| NotContinuable::Unreadable)?;
+    if json.member("sweep").is_some() {
+        return Err(NotContinuable::Problem("a sweep is many runs, each with an end of its own"));
+    }
     vectors::write_out(&mut json, &mut Errors::default());
     let last = |name: &str| last(name).and_then(number).ok_or_else(|| NotContinuable::Column(name.to_owned()));
     let (name, problem) = json.member("problem").and_then(Json::only_member).ok_or(NotContinuable::Unreadable)?;

@@ -15,6 +15,7 @@ use super::rigid_bodies::RigidBodiesProblem;
 use super::search::{PeriodicRequest, SteadyStateRequest};
 use super::sensitivities::SensitivitiesRequest;
 use super::study::StudyRequest;
+use super::sweep::SweepRequest;
 use super::written::Written;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -50,6 +51,8 @@ pub struct Document {
     pub periodic: Option<PeriodicRequest>,
     /// A state of rest, in place of a run over `time`.
     pub steady_state: Option<SteadyStateRequest>,
+    /// The same problem for many values of some of its numbers.
+    pub sweep: Option<SweepRequest>,
     /// A study of error against run time.
     pub study: Option<StudyRequest>,
     /// Free text, at most 200 characters.

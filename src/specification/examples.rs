@@ -35,6 +35,7 @@ pub const EXAMPLES: &[Example] = examples! {
     "diode_bridge_netlist"
     "fluid_queue"
     "friction_belt"
+    "friction_belt_map"
     "friction_chain"
     "friction_disk"
     "heavy_chain"

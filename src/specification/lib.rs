@@ -58,6 +58,7 @@ mod stages;
 mod start;
 mod study;
 mod summary;
+mod sweep;
 mod syntax;
 mod tables;
 mod times;
@@ -104,6 +105,10 @@ pub use set::{BallBlock, Block, BoxBlock, PolyhedronBlock};
 pub use stages::Stages;
 pub use study::{Exact, Rung, StudyPlan, StudyRequest};
 pub use summary::Summary;
+pub use sweep::{
+    AtTime, Design, DesignName, KeepName, Range, Reducer, Rule, Selector, SweepPlan, SweepRequest, TableOfMembers,
+    Target, edited,
+};
 pub use tables::{InterpolationName, TableOfPoints};
 pub use times::Times;
 pub use tolerance::AbsoluteTolerance;

@@ -8,10 +8,12 @@ use super::error::{Errors, SpecificationError};
 use super::json::Json;
 use super::place::{Step, pointer};
 use super::repairs::Repairs;
+use super::sweep::{self, Prepared};
 use super::syntax;
 use super::vectors::{self, Vectors};
 use serde::Deserialize;
 use serde_path_to_error::{Path, Segment};
+use std::sync::Arc;
 
 /// Bytes that may be read again in all while mending: it bounds the time that a large and bad document can take.
 const WORK: usize = 64 << 20;
@@ -26,6 +28,7 @@ pub(super) struct Reading {
     pub repairs: Repairs,
     pub errors: Errors,
     pub vectors: Vectors,
+    pub prepared: Prepared,
 }
 
 /// Reads a document.
@@ -33,25 +36,47 @@ pub(super) struct Reading {
 /// # Errors
 /// The structural errors, where no mending led to a readable document.
 pub(super) fn read(text: &[u8]) -> Result<Reading, Vec<SpecificationError>> {
+    read_tree(tree(text)?, &[], text.len())
+}
+
+/// The tree of a document.
+///
+/// # Errors
+/// It is no JSON.
+pub(super) fn tree(text: &[u8]) -> Result<Json, Vec<SpecificationError>> {
+    parse(text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(text)).map_err(|error| vec![error])
+}
+
+/// Reads a tree of a text of so many bytes, with these values of names of numbers.
+///
+/// # Errors
+/// As of [`read`].
+pub(super) fn read_tree(
+    mut json: Json,
+    values: &[(String, f64)],
+    bytes: usize,
+) -> Result<Reading, Vec<SpecificationError>> {
     let mut errors = Errors::default();
-    let text = text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(text);
-    let mut json = match parse(text) {
-        Ok(json) => json,
-        Err(error) => {
-            errors.push(error);
-            return Err(errors.into_list());
-        }
-    };
     json.remove_duplicates(&mut Vec::new(), &mut |path| {
         let detail = "this key stands twice in its object";
         errors.push(SpecificationError::new(pointer(path), "duplicate_key", detail).expected("each key once"));
     });
-    let vectors = vectors::write_out(&mut json, &mut errors);
+    let is_swept = matches!(json.child(&Step::Key("sweep".to_owned())), Some(Json::Object(_)));
+    let source = is_swept.then(|| Arc::new(json.clone()));
+    // Sizes of vectors have their values before these are written out, starts of elements behind that.
+    let rest: Vec<&str> = if values.is_empty() { Vec::new() } else { sweep::set(&mut json, values) };
+    let mut vectors = vectors::write_out(&mut json, &mut errors);
+    let rest: Vec<(String, f64)> = values.iter().filter(|(name, _)| rest.contains(&name.as_str())).cloned().collect();
+    if !rest.is_empty() {
+        sweep::set(&mut json, &rest);
+    }
+    let targets = if is_swept { sweep::lift(&mut json, &mut vectors, &mut errors) } else { Vec::new() };
+    let prepared = Prepared { targets, source };
     let mut repairs = Repairs::default();
-    for _ in 0..(WORK / text.len().max(1)).clamp(4, 256) {
+    for _ in 0..(WORK / bytes.max(1)).clamp(4, 256) {
         // The place of an error costs time to keep, so it is looked for only when there is one.
         if let Ok(document) = Document::deserialize(&json) {
-            return Ok(Reading { document, repairs, errors, vectors });
+            return Ok(Reading { document, repairs, errors, vectors, prepared });
         }
         let Err(error) = serde_path_to_error::deserialize::<_, Document>(&json) else { break };
         let path = steps(error.path(), &json);

@@ -41,7 +41,10 @@ pub fn halving(status: Status) -> Solution {
         diagnostics: Diagnostics::default(),
         orbit: None,
         steady_state: None,
+        table: None,
+        summary: None,
         study: None,
+        collected: Vec::new(),
     }
 }
 

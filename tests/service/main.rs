@@ -38,6 +38,7 @@ mod solve;
 mod spans;
 mod store;
 mod supervision;
+mod sweeps;
 mod tokens;
 mod verdict;
 mod workers;

@@ -369,3 +369,65 @@ fn a_solve_that_takes_too_much_memory_says_so() {
     assert!(told.starts_with("dvi: too_much_memory: the solve took more than the 1 MiB of --memory-mib, "), "{told}");
     assert_eq!(told.lines().count(), 1, "{told}");
 }
+
+/// A decay over rates and starts.
+const SWEEP: &str = r#"{"label": "decays", "problem": {"dvi": {"parameters": {"k": 1}, "states": {"x": {"initial": 1, "rate": "-k*x"}}}},
+"time": {"end": 1}, "sweep": {"over": {"k": {"linspace": [0, 2, 5]}, "x.initial": [1, 2, 3]}}}"#;
+
+#[test]
+fn a_sweep_in_parts_is_the_sweep_and_mixtures_are_refused() {
+    let folder = std::env::temp_dir().join(format!("dvi-sweep-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
+    let (specification, whole, merged) = (path("sweep.json"), path("whole.json"), path("merged.json"));
+    std::fs::write(&specification, SWEEP).unwrap();
+    let succeeds = |arguments: &[&str]| {
+        let output = run(arguments, "");
+        assert_eq!(output.status.code(), Some(0), "{arguments:?}: {output:?}");
+        assert!(output.stderr.is_empty(), "{output:?}");
+        output
+    };
+    succeeds(&["sweep", &specification, "-o", &whole, "--threads", "1"]);
+    let parts: Vec<String> = (1..=4).map(|k| path(&format!("part{k}.json"))).collect();
+    for (k, part) in parts.iter().enumerate() {
+        succeeds(&["sweep", &specification, "--shard", &format!("{}/4", k + 1), "-o", part]);
+    }
+    succeeds(&["merge", &parts[2], &parts[0], &parts[3], &parts[1], "-o", &merged]);
+    assert_eq!(std::fs::read(&merged).unwrap(), std::fs::read(&whole).unwrap());
+    let missing = run(&["merge", &parts[0], &parts[1], "--format", "csv"], "");
+    assert_eq!(missing.status.code(), Some(1), "{missing:?}");
+    assert!(String::from_utf8(missing.stderr).unwrap().starts_with("dvi: members_missing: "));
+    let twice = run(&["merge", &parts[0], &parts[0]], "");
+    assert_eq!(twice.status.code(), Some(2), "{twice:?}");
+    let other = path("other.json");
+    succeeds(&["sweep", &specification, "--set", "/time/end=2", "--shard", "2/4", "-o", &other]);
+    let mixed = run(&["merge", &parts[0], &other], "");
+    assert_eq!(mixed.status.code(), Some(2), "{mixed:?}");
+    assert!(String::from_utf8(mixed.stderr).unwrap().contains("specification"));
+    let csv = succeeds(&["sweep", &specification, "--format", "csv"]);
+    assert_eq!(String::from_utf8(csv.stdout).unwrap().lines().count(), 16);
+    for (name, begin) in [("t.csv", "member,k"), ("t.ndjson", "{\"member\":0"), ("t.svg", "<svg")] {
+        succeeds(&["sweep", &specification, "-o", &path(name)]);
+        assert!(std::fs::read_to_string(path(name)).unwrap().starts_with(begin), "{name}");
+    }
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn numbers_are_set_on_the_command_line_and_results_go_to_files() {
+    let output = run(&["solve", "-", "--set", "x.initial=3", "--set", "/time/end=2", "--format", "csv"], SWEEP_LESS);
+    let table = String::from_utf8(output.stdout).unwrap();
+    assert!(table.starts_with("t,x\n0.0,3.0\n") && table.lines().last().unwrap().starts_with("2.0,"), "{table}");
+    let unknown = run(&["solve", "-", "--set", "kk=3"], SWEEP_LESS);
+    assert_eq!(unknown.status.code(), Some(2));
+    assert!(String::from_utf8(unknown.stderr).unwrap().contains("did you mean k?"));
+    assert_eq!(run(&["solve", "-", "--set", "k"], SWEEP_LESS).status.code(), Some(64));
+    let file = std::env::temp_dir().join(format!("dvi-result-{}.csv", std::process::id()));
+    let output = run(&["solve", "-", "-o", file.to_str().unwrap()], SWEEP_LESS);
+    assert!(output.status.success() && output.stdout.is_empty(), "{output:?}");
+    assert!(std::fs::read_to_string(&file).unwrap().starts_with("t,x\n"));
+    std::fs::remove_file(&file).unwrap();
+    assert_eq!(run(&["solve", "-", "-o", "result.docx"], SWEEP_LESS).status.code(), Some(64));
+}
+
+const SWEEP_LESS: &str = r#"{"problem": {"dvi": {"parameters": {"k": 1}, "states": {"x": {"initial": 1, "rate": "-k*x"}}}}, "time": {"end": 1}}"#;

@@ -19,5 +19,6 @@ mod semantics;
 mod slips;
 mod structure;
 mod study;
+mod sweep;
 mod uniqueness;
 mod vectors;

@@ -31,4 +31,5 @@ mod size;
 mod sliding;
 mod stiff;
 mod study;
+mod sweeps;
 mod verdicts;

@@ -77,7 +77,7 @@ fn is_of(structure: &Structure<'_>, specification: &Specification) -> bool {
     let known = || parameters.names().iter().map(String::as_str).zip(parameters.values().iter().copied());
     let same = structure.parameters().count() == known().count()
         && structure.parameters().all(|given| known().any(|known| known == given));
-    same && !advised && specification.study().is_none()
+    same && !advised && specification.study().is_none() && specification.sweep().is_none()
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {

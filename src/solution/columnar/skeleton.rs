@@ -1,6 +1,8 @@
 //! A solution without its columns, as JSON: what an excerpt of it says beside the numbers.
 
-use crate::{Checked, EndedBy, Event, Failure, Orbit, Solution, Status, SteadyState, Trajectory, Verdict, Version};
+use crate::{
+    Checked, EndedBy, Event, Failure, Orbit, Solution, Status, SteadyState, Summary, Trajectory, Verdict, Version,
+};
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
 use std::borrow::Cow;
@@ -36,6 +38,10 @@ struct Parts<'a> {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     steady_state: Option<SteadyState>,
     #[serde(borrow, default, skip_serializing_if = "Option::is_none")]
+    table: Option<Cow<'a, RawValue>>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    summary: Option<Summary>,
+    #[serde(borrow, default, skip_serializing_if = "Option::is_none")]
     study: Option<Cow<'a, RawValue>>,
 }
 
@@ -56,7 +62,10 @@ impl Skeleton {
             sensitivities,
             orbit,
             steady_state,
+            table,
+            summary,
             study,
+            collected: _,
         } = solution;
         let evidence = |text: serde_json::Result<Box<RawValue>>| text.map(Cow::Owned);
         let parts = Parts {
@@ -70,6 +79,8 @@ impl Skeleton {
             sensitivities: sensitivities.clone(),
             orbit: orbit.clone(),
             steady_state: steady_state.clone(),
+            table: table.as_ref().map(|table| evidence(serde_json::value::to_raw_value(table))).transpose()?,
+            summary: summary.clone(),
             study: study.as_ref().map(|study| evidence(serde_json::value::to_raw_value(study))).transpose()?,
         };
         Ok(Self(serde_json::to_string(&parts)?))
@@ -127,6 +138,11 @@ impl Skeleton {
         let solution: Solution = serde_json::from_str(&self.0)?;
         let events = solution.trajectory.events;
         Ok(Solution { trajectory: Trajectory { events, ..trajectory }, ..solution })
+    }
+
+    /// Whether it is the answer of a sweep. Within a string, quotes are not without a backslash.
+    pub fn has_table(&self) -> bool {
+        self.0.contains("\"table\":{\"columns\":")
     }
 
     /// The verdict on the solution.

@@ -223,7 +223,10 @@ mod tests {
             diagnostics: Diagnostics { switches: 7, ..Diagnostics::default() },
             orbit: None,
             steady_state: None,
+            table: None,
+            summary: None,
             study: None,
+            collected: Vec::new(),
         }
     }
 

@@ -18,7 +18,10 @@ fn solution(t: Vec<f64>, columns: Vec<Vec<f64>>) -> Solution {
         diagnostics: Diagnostics::default(),
         orbit: None,
         steady_state: None,
+        table: None,
+        summary: None,
         study: None,
+        collected: Vec::new(),
     }
 }
 

@@ -39,6 +39,11 @@ impl Vectors {
         moved.filter(|error| seen.insert((error.pointer.clone(), error.code))).collect()
     }
 
+    /// Has errors at a place reported at another.
+    pub fn stands_for(&mut self, new: String, old: String) {
+        self.origins.insert(new, old);
+    }
+
     fn origin(&self, pointer: String) -> String {
         let mut end = pointer.len();
         loop {
