@@ -8,6 +8,7 @@ mod diagnostics;
 pub mod encodings;
 mod energy_balance;
 mod excerpt;
+mod fit;
 mod global_error;
 mod integrate;
 mod mechanical_checks;
@@ -33,6 +34,7 @@ pub use diagnostics::{
     Contraction, Diagnostics, Evaluations, Face, GlobalError, Refinement, Screening, Steps, Tried, ViCounts,
 };
 pub use excerpt::{Excerpt, ExcerptError, Selection};
+pub use fit::{Column, Estimate, Fit, FitAnswer, FitStart, Fitted, Loss, fit};
 pub use integrate::{describe, integrate};
 pub use observables::{Direction, EndedBy, Monitored, Observables};
 pub use obstacle::{describe_obstacle, integrate_obstacle};
@@ -112,6 +114,9 @@ pub struct Solution {
     /// The state of rest, where one was looked for and found; the trajectory is a short run from it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub steady_state: Option<SteadyState>,
+    /// Parameters fitted to data, where that was asked for; the trajectory is the fitted one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fit: Option<FitAnswer>,
     /// Error against run time, where it was asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub study: Option<Study>,

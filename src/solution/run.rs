@@ -213,6 +213,7 @@ impl<'a> Run<'a> {
                 sensitivities: None,
                 orbit: None,
                 steady_state: None,
+                fit: None,
                 study: None,
             },
             x: self.x,

@@ -84,6 +84,7 @@ impl Specification {
             sensitivities,
             periodic,
             steady_state,
+            fit,
             study,
             label,
         } = document;
@@ -129,6 +130,16 @@ impl Specification {
                 ("output.global_error", output.global_error),
             ];
             let search = asked.check(&*model, time, &others, &mut found);
+            let others = [
+                ("periodic", periodic.is_some()),
+                ("steady_state", steady_state.is_some()),
+                others[0],
+                others[1],
+                others[2],
+                others[3],
+            ];
+            let fit = fit.and_then(|fit| fit.check(&*model, time, &others, &mut found));
+            let search = search.or(fit.map(|fit| Search::Fit(Arc::new(fit))));
             if study.is_some() && sensitivities.is_some() {
                 let why = "a `study` compares runs, of which one alone has derivatives";
                 found.report(&root.key("sensitivities"), "conflict", why);
@@ -248,8 +259,8 @@ impl Specification {
     }
 
     /// What is looked for in place of a run over the horizon.
-    pub fn search(&self) -> Option<Search> {
-        self.search
+    pub fn search(&self) -> Option<&Search> {
+        self.search.as_ref()
     }
 
     /// Whether the error at the end is to be estimated.

@@ -4,6 +4,7 @@ use super::circuit::CircuitProblem;
 use super::convolution::ConvolutionProblem;
 use super::dvi::DviProblem;
 use super::elastic::ElasticProblem;
+use super::fit::FitRequest;
 use super::filippov::FilippovProblem;
 use super::lcs::LcsProblem;
 use super::mechanical::MechanicalProblem;
@@ -50,6 +51,8 @@ pub struct Document {
     pub periodic: Option<PeriodicRequest>,
     /// A state of rest, in place of a run over `time`.
     pub steady_state: Option<SteadyStateRequest>,
+    /// Parameters fitted to data, with runs over `time`.
+    pub fit: Option<FitRequest>,
     /// A study of error against run time.
     pub study: Option<StudyRequest>,
     /// Free text, at most 200 characters.

@@ -22,6 +22,7 @@ pub struct Example {
 pub const EXAMPLES: &[Example] = examples! {
     "american_put"
     "bar_impact"
+    "belt_fit"
     "bottleneck"
     "bouncing_ball"
     "buck_closed_loop"

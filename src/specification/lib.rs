@@ -25,6 +25,7 @@ mod error;
 mod examples;
 mod expression;
 mod filippov;
+mod fit;
 mod foreign;
 mod json;
 mod kinks;
@@ -84,6 +85,7 @@ pub use elastic::{
 pub use elements::{Elements, ElementsOf};
 pub use error::SpecificationError;
 pub use examples::{EXAMPLES, Example};
+pub use fit::{FitData, FitParameter, FitRequest, LossName, Spread, SpreadOfState};
 pub use filippov::{FilippovProblem, FilippovRegion, FilippovState};
 pub use lcs::LcsProblem;
 pub use matrix::{Matrix, SparseMatrix};

@@ -41,6 +41,7 @@ pub fn halving(status: Status) -> Solution {
         diagnostics: Diagnostics::default(),
         orbit: None,
         steady_state: None,
+        fit: None,
         study: None,
     }
 }

@@ -8,6 +8,7 @@ mod converters;
 mod elastic;
 mod features;
 mod filippov;
+mod fits;
 mod friction;
 mod functions_of_time;
 mod global_error;

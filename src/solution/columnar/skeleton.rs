@@ -1,6 +1,6 @@
 //! A solution without its columns, as JSON: what an excerpt of it says beside the numbers.
 
-use crate::{Checked, EndedBy, Event, Failure, Orbit, Solution, Status, SteadyState, Trajectory, Verdict, Version};
+use crate::{Checked, EndedBy, Event, Failure, FitAnswer, Orbit, Solution, Status, SteadyState, Trajectory, Verdict, Version};
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
 use std::borrow::Cow;
@@ -35,6 +35,8 @@ struct Parts<'a> {
     orbit: Option<Orbit>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     steady_state: Option<SteadyState>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    fit: Option<FitAnswer>,
     #[serde(borrow, default, skip_serializing_if = "Option::is_none")]
     study: Option<Cow<'a, RawValue>>,
 }
@@ -56,6 +58,7 @@ impl Skeleton {
             sensitivities,
             orbit,
             steady_state,
+            fit,
             study,
         } = solution;
         let evidence = |text: serde_json::Result<Box<RawValue>>| text.map(Cow::Owned);
@@ -70,6 +73,7 @@ impl Skeleton {
             sensitivities: sensitivities.clone(),
             orbit: orbit.clone(),
             steady_state: steady_state.clone(),
+            fit: fit.clone(),
             study: study.as_ref().map(|study| evidence(serde_json::value::to_raw_value(study))).transpose()?,
         };
         Ok(Self(serde_json::to_string(&parts)?))

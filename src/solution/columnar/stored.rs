@@ -223,6 +223,7 @@ mod tests {
             diagnostics: Diagnostics { switches: 7, ..Diagnostics::default() },
             orbit: None,
             steady_state: None,
+            fit: None,
             study: None,
         }
     }

@@ -145,6 +145,7 @@ mod tests {
             diagnostics,
             orbit: None,
             steady_state: None,
+            fit: None,
             study: None,
         };
         let mut json = Vec::new();
@@ -197,6 +198,7 @@ mod tests {
             diagnostics,
             orbit: None,
             steady_state: None,
+            fit: None,
             study: None,
         };
         let mut json = Vec::new();

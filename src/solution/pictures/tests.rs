@@ -18,6 +18,7 @@ fn solution(t: Vec<f64>, columns: Vec<Vec<f64>>) -> Solution {
         diagnostics: Diagnostics::default(),
         orbit: None,
         steady_state: None,
+        fit: None,
         study: None,
     }
 }
