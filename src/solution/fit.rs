@@ -110,7 +110,7 @@ pub struct FitAnswer {
 }
 
 /// A parameter as the data tell it.
-#[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct Estimate {
     /// Its most likely value.
     pub estimate: f64,

@@ -21,6 +21,7 @@ mod rigid_bodies;
 mod run;
 mod sensitivities;
 mod statistics;
+mod static_vi;
 mod steady_state;
 mod study;
 mod trajectory;
@@ -43,6 +44,7 @@ pub use problem::{Event, EventKind, Warning};
 pub use rigid_bodies::{describe_rigid_bodies, step_rigid_bodies};
 pub use run::{Plan, Stepper, run};
 pub use sensitivities::{By, Checked, Sensitivities};
+pub use static_vi::{StaticPlan, StaticSolution, describe_static, solve_static};
 pub use statistics::OverTime;
 pub use steady_state::{SteadyState, find_steady_state};
 pub use study::{Series, Study, StudyRun};
@@ -117,6 +119,9 @@ pub struct Solution {
     /// Parameters fitted to data, where that was asked for; the trajectory is the fitted one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fit: Option<FitAnswer>,
+    /// The solution of a static problem, where it has one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub solution: Option<StaticSolution>,
     /// Error against run time, where it was asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub study: Option<Study>,

@@ -214,6 +214,7 @@ impl<'a> Run<'a> {
                 orbit: None,
                 steady_state: None,
                 fit: None,
+                solution: None,
                 study: None,
             },
             x: self.x,

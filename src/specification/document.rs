@@ -15,13 +15,14 @@ use super::output::Output;
 use super::rigid_bodies::RigidBodiesProblem;
 use super::search::{PeriodicRequest, SteadyStateRequest};
 use super::sensitivities::SensitivitiesRequest;
+use super::static_vi::ViProblem;
 use super::study::StudyRequest;
 use super::written::Written;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// A problem, the time to solve it over, and how. Only `problem` and `time.end` are required; `periodic` and `steady_state` need
-/// no time.
+/// A problem, the time to solve it over, and how. Only `problem` and `time.end` are required; `periodic`, `steady_state`
+/// and a problem of type `vi` need no time.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(as = Specification)]
@@ -31,7 +32,7 @@ pub struct Document {
     pub version: Option<u64>,
     /// What is to be solved.
     pub problem: Problem,
-    /// The time horizon. Required, but beside `periodic` and `steady_state`.
+    /// The time horizon. Required, but beside `periodic` and `steady_state`, and for `vi`, which has none.
     pub time: Option<Time>,
     /// How it is solved.
     #[serde(default)]
@@ -90,6 +91,8 @@ pub enum Problem {
     Convolution(ConvolutionProblem),
     /// An elastic or viscoelastic body in dynamic contact with obstacles.
     Elastic(Box<ElasticProblem>),
+    /// A static variational inequality, without states and time.
+    Vi(ViProblem),
 }
 
 impl Problem {
@@ -109,6 +112,7 @@ impl Problem {
             Self::Circuit(problem) => problem,
             Self::Convolution(problem) => problem,
             Self::Elastic(problem) => &**problem,
+            Self::Vi(problem) => problem,
         }
     }
 }

@@ -10,6 +10,7 @@
 mod active_set;
 mod auto;
 mod block_gauss_seidel;
+mod certificate;
 mod conic;
 mod contradiction;
 pub mod coulomb;
@@ -20,7 +21,9 @@ mod gap;
 mod gauge;
 mod josephy_newton;
 mod lemke;
+mod portfolio;
 mod semismooth_newton;
+mod sparse_newton;
 mod splitting;
 #[cfg(test)]
 mod tests;
@@ -28,10 +31,13 @@ mod tests;
 pub use active_set::{ActiveSet, DenseActiveSet, Unsuitable};
 pub use auto::{Attempt, Auto, SolverKind};
 pub use block_gauss_seidel::BlockGaussSeidel;
+pub use certificate::{Certificate, MOST_VARIABLES, certificate};
 pub use conic::Conic;
 pub use josephy_newton::{JosephyNewton, NonlinearVi};
 pub use lemke::Lemke;
+pub use portfolio::{Found, Portfolio, start};
 pub use semismooth_newton::SemismoothNewton;
+pub use sparse_newton::{SparseNewton, SparseVi};
 
 use nalgebra::DMatrix;
 use problem::{Control, ConvexSet};

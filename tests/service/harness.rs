@@ -42,6 +42,7 @@ pub fn halving(status: Status) -> Solution {
         orbit: None,
         steady_state: None,
         fit: None,
+        solution: None,
         study: None,
     }
 }

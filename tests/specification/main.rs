@@ -18,6 +18,7 @@ mod rigid_bodies;
 mod schema;
 mod semantics;
 mod slips;
+mod static_vi;
 mod structure;
 mod study;
 mod uniqueness;

@@ -30,6 +30,7 @@ mod sensitivities;
 mod sets;
 mod size;
 mod sliding;
+mod static_problems;
 mod stiff;
 mod study;
 mod verdicts;

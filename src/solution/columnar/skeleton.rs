@@ -1,6 +1,6 @@
 //! A solution without its columns, as JSON: what an excerpt of it says beside the numbers.
 
-use crate::{Checked, EndedBy, Event, Failure, FitAnswer, Orbit, Solution, Status, SteadyState, Trajectory, Verdict, Version};
+use crate::{Checked, EndedBy, Event, Failure, FitAnswer, Orbit, Solution, StaticSolution, Status, SteadyState, Trajectory, Verdict, Version};
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
 use std::borrow::Cow;
@@ -37,6 +37,8 @@ struct Parts<'a> {
     steady_state: Option<SteadyState>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     fit: Option<FitAnswer>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    solution: Option<StaticSolution>,
     #[serde(borrow, default, skip_serializing_if = "Option::is_none")]
     study: Option<Cow<'a, RawValue>>,
 }
@@ -59,6 +61,7 @@ impl Skeleton {
             orbit,
             steady_state,
             fit,
+            solution: of_static,
             study,
         } = solution;
         let evidence = |text: serde_json::Result<Box<RawValue>>| text.map(Cow::Owned);
@@ -74,6 +77,7 @@ impl Skeleton {
             orbit: orbit.clone(),
             steady_state: steady_state.clone(),
             fit: fit.clone(),
+            solution: of_static.clone(),
             study: study.as_ref().map(|study| evidence(serde_json::value::to_raw_value(study))).transpose()?,
         };
         Ok(Self(serde_json::to_string(&parts)?))

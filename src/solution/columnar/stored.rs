@@ -224,6 +224,7 @@ mod tests {
             orbit: None,
             steady_state: None,
             fit: None,
+            solution: None,
             study: None,
         }
     }

@@ -146,6 +146,7 @@ mod tests {
             orbit: None,
             steady_state: None,
             fit: None,
+            solution: None,
             study: None,
         };
         let mut json = Vec::new();
@@ -199,6 +200,7 @@ mod tests {
             orbit: None,
             steady_state: None,
             fit: None,
+            solution: None,
             study: None,
         };
         let mut json = Vec::new();

@@ -11,6 +11,8 @@
 use super::least_squares::{LeastSquares, Loss, Minimum};
 use nalgebra::DMatrix;
 
+/// Many times the iterations that any singular value decomposition takes.
+pub const ITERATIONS: usize = 10_000;
 /// The part of a direction that is none: to the accuracy of singular vectors.
 const PART: f64 = 1e-6;
 /// The probability of an interval.
@@ -66,7 +68,7 @@ pub fn intervals(problem: &LeastSquares<'_>, minimum: &Minimum, size: &[f64]) ->
         // Rows of zeros, so that there is a singular value for each parameter.
         let rows = m.max(free.len());
         let matrix = matrix.resize(rows, free.len(), 0.0);
-        let mut svd = matrix.try_svd(false, true, f64::EPSILON, 0)?;
+        let mut svd = matrix.try_svd(false, true, f64::EPSILON, ITERATIONS)?;
         svd.sort_by_singular_values();
         let v_t = svd.v_t?;
         singular_values.extend(svd.singular_values.iter().copied());

@@ -10,6 +10,7 @@
 //! properties*). The damping follows the ratio of what a step gained to what was predicted (Nielsen 1999, *Damping parameter in
 //! Marquardt's method*). Huber's loss enters by its weights `psi(r)/r` (Huber and Ronchetti 2009, section 7.8).
 
+use super::intervals::ITERATIONS;
 use nalgebra::{DMatrix, DVector, Dyn, SVD};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -202,7 +203,7 @@ impl LeastSquares<'_> {
         if free.is_empty() {
             return None;
         }
-        let svd = matrix.try_svd(true, true, f64::EPSILON, 0)?;
+        let svd = matrix.try_svd(true, true, f64::EPSILON, ITERATIONS)?;
         let right = svd.u.as_ref()?.tr_mul(&weighted);
         Some(Linear { free, scale, svd, right })
     }

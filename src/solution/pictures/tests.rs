@@ -19,6 +19,7 @@ fn solution(t: Vec<f64>, columns: Vec<Vec<f64>>) -> Solution {
         orbit: None,
         steady_state: None,
         fit: None,
+        solution: None,
         study: None,
     }
 }
