@@ -10,6 +10,7 @@ mod least_squares;
 pub use least_squares::Loss;
 
 use super::integrate::{integrate, integrate_once};
+use super::observables::Observables;
 use super::run::{Ended, Plan, ending};
 use super::sensitivities::{By, Sensitivities};
 use super::{CheckCode, Failure, Solution, Status};
@@ -29,6 +30,9 @@ use utoipa::ToSchema;
 const FAR_APART: f64 = 100.0;
 /// Directions of parameters are told apart to so many tolerances: derivatives are as exact as a run.
 const TOLERANCES: f64 = 10.0;
+/// The cube root of the rounding of doubles: by this part of its size a parameter is moved for a central difference of a
+/// definition, whose states have derivatives that are exact.
+const MOVED: f64 = 6e-6;
 /// The share of the work that the search makes up; the last run is checked against others.
 const SHARE: f64 = 0.9;
 /// Where the search begins, so that its runs are not heard as that of the answer.
@@ -68,13 +72,22 @@ pub struct Fitted {
     pub upper: f64,
 }
 
-/// The data of a state.
+/// What was measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Quantity {
+    /// A state.
+    State(usize),
+    /// A definition of the user, which depends on states, parameters and time alone.
+    Definition(usize),
+}
+
+/// The data of a state or a definition.
 #[derive(Clone, Debug)]
 pub struct Column {
     /// Its name.
     pub name: String,
     /// Which it is.
-    pub state: usize,
+    pub of: Quantity,
     /// Its values; none where it was not measured.
     pub values: Vec<Option<f64>>,
     /// Their standard deviations.
@@ -172,6 +185,50 @@ fn generalised_golden_ratio(d: usize) -> f64 {
         x = (1.0 + x).powf(1.0 / (d as f64 + 1.0));
     }
     x
+}
+
+/// Definitions of the user as functions of states and parameters.
+struct Definitions {
+    of: Observables,
+    parameters: Vec<f64>,
+    outputs: Vec<f64>,
+    values: Vec<f64>,
+}
+
+impl Definitions {
+    fn new(of: Observables, outputs: usize, parameters: &[f64]) -> Self {
+        let values = vec![0.0; of.names.len() + of.monitors.len()];
+        Self { values, parameters: parameters.to_vec(), outputs: vec![0.0; outputs], of }
+    }
+
+    fn at(&mut self, definition: usize, t: f64, x: &[f64]) -> f64 {
+        self.outputs[..x.len()].copy_from_slice(x);
+        self.of.program.evaluate(t, &self.outputs, &mut self.values);
+        self.values[definition]
+    }
+
+    /// The difference of the values a step forwards and one back, along which states change by `dx` and a parameter by `step`.
+    fn difference(
+        &mut self,
+        definition: usize,
+        t: f64,
+        (x, dx): (&[f64], &[f64]),
+        (parameter, step): (Option<usize>, f64),
+    ) -> f64 {
+        let mut moved = self.parameters.clone();
+        let [above, below] = [1.0, -1.0].map(|sign| {
+            if let Some(parameter) = parameter {
+                moved[parameter] = self.parameters[parameter] + sign * step;
+                self.of.program.bind(&moved);
+            }
+            let x: Vec<f64> = x.iter().zip(dx).map(|(x, dx)| x + sign * dx).collect();
+            self.at(definition, t, &x)
+        });
+        if parameter.is_some() {
+            self.of.program.bind(&self.parameters);
+        }
+        above - below
+    }
 }
 
 /// A search on its way.
@@ -275,12 +332,17 @@ impl Search<'_> {
         Failure { code: "no_fit".into(), message, time: self.plan.start, state: self.plan.initial.clone() }
     }
 
-    /// The states that were measured, by what is fitted.
+    /// The states that what was measured depends on, by what is fitted.
     fn columns(&self) -> Sensitivities {
-        let of: Vec<usize> = self.fit.data.iter().map(|column| column.state).collect();
+        let states = || self.fit.data.iter().map(|column| column.of);
+        let of: Vec<usize> = match states().all(|of| matches!(of, Quantity::State(_))) {
+            true => states().filter_map(|of| if let Quantity::State(state) = of { Some(state) } else { None }).collect(),
+            false => (0..self.plan.initial.len()).collect(),
+        };
         let by: Vec<By> = self.fit.parameters.iter().map(|fitted| fitted.by).collect();
-        let names = self.fit.data.iter().flat_map(|column| {
-            self.fit.parameters.iter().map(move |fitted| format!("d{}/d{}", column.name, fitted.name))
+        let names = of.iter().flat_map(|&state| {
+            let of = &self.plan.names[state];
+            self.fit.parameters.iter().map(move |fitted| format!("d{of}/d{}", fitted.name))
         });
         Sensitivities { names: names.collect(), by, of }
     }
@@ -317,11 +379,12 @@ impl Search<'_> {
     /// The residuals and their derivatives from one run up to the last of the data.
     fn residuals(&self, point: &[f64]) -> Result<Residuals, Failure> {
         let (fit, p) = (self.fit, point.len());
-        let (model, mut plan) = self.bound(point, Some(self.columns()))?;
-        // What the user defines stands before the derivatives, and none of it is needed.
-        plan.observables = Default::default();
+        let columns = self.columns();
+        let of = columns.of.clone();
+        let (model, mut plan) = self.bound(point, Some(columns))?;
+        let observables = std::mem::take(&mut plan.observables);
         let first = plan.names.len();
-        plan.fields = fit.data.iter().map(|column| column.state).chain(first..first + fit.data.len() * p).collect();
+        plan.fields = of.iter().copied().chain(first..first + of.len() * p).collect();
         plan.times = Some(fit.t.clone());
         plan.end = fit.t.last().copied().filter(|last| *last > plan.start).unwrap_or(plan.end);
         plan.global_error = false;
@@ -329,24 +392,47 @@ impl Search<'_> {
         if let Some(failure) = solution.error {
             return Err(failure);
         }
-        let columns: Vec<&[f64]> = solution.trajectory.fields.iter().map(|field| field.values.as_slice()).collect();
-        let (states, derivatives) = columns.split_at(fit.data.len());
+        let fields: Vec<&[f64]> = solution.trajectory.fields.iter().map(|field| field.values.as_slice()).collect();
+        let (states, derivatives) = fields.split_at(of.len());
+        let parameters = model.parameters.as_ref().map_or(&[][..], |parameters| parameters.values());
+        let mut definitions = Definitions::new(observables, first, parameters);
         let m = fit.observations();
         let mut values = DVector::zeros(m);
         let mut jacobian = DMatrix::zeros(m, p);
         let (mut row, mut noise) = (0, 0.0);
-        for ((column, state), derivatives) in fit.data.iter().zip(states).zip(derivatives.chunks(p)) {
-            let atol = self.settings.atol[column.state];
+        for (number, column) in fit.data.iter().enumerate() {
             for (i, (value, sd)) in column.values.iter().zip(&column.sd).enumerate() {
                 let Some(value) = value else { continue };
-                values[row] = (state[i] - value) / sd;
-                derivatives.iter().enumerate().for_each(|(k, by)| jacobian[(row, k)] = by[i] / sd);
-                noise += ((atol + self.settings.rtol * state[i].abs()) / sd).powi(2);
+                let (found, error) = match column.of {
+                    Quantity::State(state) => {
+                        // Where all are states they are in the order of the data.
+                        let at = of.iter().position(|of| *of == state).unwrap_or(number);
+                        derivatives[at * p..][..p].iter().enumerate().for_each(|(k, by)| jacobian[(row, k)] = by[i] / sd);
+                        let found = states[at][i];
+                        (found, self.settings.atol[state] + self.settings.rtol * found.abs())
+                    }
+                    Quantity::Definition(definition) => {
+                        let x: Vec<f64> = states.iter().map(|state| state[i]).collect();
+                        let found = definitions.at(definition, fit.t[i], &x);
+                        for (k, fitted) in fit.parameters.iter().enumerate() {
+                            let step = MOVED * size(point[k], fitted);
+                            let dx: Vec<f64> = (0..of.len()).map(|state| step * derivatives[state * p + k][i]).collect();
+                            let parameter = if let By::Parameter(parameter) = fitted.by { Some(parameter) } else { None };
+                            let difference = definitions.difference(definition, fit.t[i], (&x, &dx), (parameter, step));
+                            jacobian[(row, k)] = difference / (2.0 * step * sd);
+                        }
+                        (found, self.settings.rtol * found.abs())
+                    }
+                };
+                values[row] = (found - value) / sd;
+                noise += (error / sd).powi(2);
                 row += 1;
             }
         }
-        if values.iter().chain(jacobian.iter()).any(|value| !value.is_finite()) {
-            return Err(self.failure("a residual or its derivative is not finite".to_owned()));
+        // Their squares are summed.
+        if !(values.norm_squared().is_finite() && jacobian.norm_squared().is_finite() && noise.is_finite()) {
+            let message = "a residual or its derivative is not finite beside its standard deviation, or its square is not";
+            return Err(self.failure(message.to_owned()));
         }
         Ok(Residuals { values, jacobian, noise: noise.sqrt() })
     }

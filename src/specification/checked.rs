@@ -145,7 +145,7 @@ impl Specification {
                 others[2],
                 others[3],
             ];
-            let fit = fit.and_then(|fit| fit.check(&*model, time, &others, &mut found));
+            let fit = fit.and_then(|fit| fit.check((&*model, &observables), time, &others, &mut found));
             let search = search.or(fit.map(|fit| Search::Fit(Arc::new(fit))));
             if study.is_some() && is_static {
                 found.report(&root.key("study"), "conflict", "a `study` compares runs over time, and a static problem has none");

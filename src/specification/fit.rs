@@ -13,7 +13,7 @@ use expression::nearest;
 use models::DviModel;
 use serde::de::{Error, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
-use solution::{By, Column, Fit, Fitted, Loss};
+use solution::{By, Column, Fit, Fitted, Loss, Quantity, Observables};
 use std::fmt;
 use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{AdditionalProperties, ArrayBuilder, ObjectBuilder, OneOfBuilder, Schema, Type};
@@ -69,14 +69,14 @@ choices! {
     }
 }
 
-/// Values of states over time: `{"t": [..], "x": [..], "sd": 0.01}`.
+/// Values of states, and of definitions in them, over time: `{"t": [..], "x": [..], "sd": 0.01}`.
 #[derive(Clone, Debug)]
 pub struct FitData {
     /// The times, increasing, within the horizon.
     pub t: Vec<f64>,
     /// The standard deviations of the values; where they are not given, all values count alike.
     pub sd: Option<Spread>,
-    /// The values by state; null where none was measured.
+    /// The values by name; null where none was measured.
     pub columns: Ordered<Vec<Option<f64>>>,
 }
 
@@ -102,7 +102,7 @@ impl FitRequest {
     /// Checks it for a model; `others` are the keys beside it that do not go with it.
     pub(super) fn check(
         &self,
-        model: &dyn Model,
+        (model, observables): (&dyn Model, &Observables),
         time: Time,
         others: &[(&'static str, bool)],
         errors: &mut Errors,
@@ -116,7 +116,7 @@ impl FitRequest {
         let fit = dvi.map(|dvi| Fit {
             parameters: self.parameters(model, dvi, &place, &mut found),
             t: self.data.t.clone(),
-            data: self.data.check(dvi, time, &place, &mut found),
+            data: self.data.check((dvi, observables), time, &place, &mut found),
             is_scaled: self.data.sd.is_some(),
             loss: match self.loss {
                 LossName::Squares => Loss::Squares,
@@ -215,9 +215,21 @@ impl FitRequest {
 }
 
 impl FitData {
-    fn check(&self, dvi: &DviModel, time: Time, place: &Place<'_>, found: &mut Errors) -> Vec<Column> {
+    fn check(
+        &self,
+        (dvi, observables): (&DviModel, &Observables),
+        time: Time, place: &Place<'_>,
+        found: &mut Errors,
+    ) -> Vec<Column> {
         let place = place.key("data");
-        let names = || dvi.state_names.iter().map(String::as_str);
+        let states = dvi.state_names.len();
+        // Other definitions depend on variables, whose derivatives are not followed.
+        let defined = observables.names.iter().zip(&observables.reach).enumerate().filter(|(_, (_, reach))| **reach <= states);
+        let defined: Vec<(&str, Quantity)> =
+            defined.map(|(k, (name, _))| (name.as_str(), Quantity::Definition(k))).collect();
+        let of_states = dvi.state_names.iter().enumerate().map(|(k, name)| (name.as_str(), Quantity::State(k)));
+        let all: Vec<(&str, Quantity)> = of_states.chain(defined).collect();
+        let names = || all.iter().map(|(name, _)| *name);
         self.check_times(time, &place.key("t"), found);
         if self.columns.is_empty() {
             let error = SpecificationError::new(place.to_string(), "empty", "there are no values");
@@ -241,16 +253,16 @@ impl FitData {
                 found.push(error.expected("a value for each time, `null` where none was measured"));
             }
             let sd = self.spread(name, &place, found);
-            let Some(state) = names().position(|state| state == name) else {
-                let detail = format!("`{}` is not a state", abridged(name));
+            let Some(&(_, of)) = all.iter().find(|(known, _)| *known == name) else {
+                let detail = format!("`{}` is neither a state nor a definition of states alone", abridged(name));
                 let error = SpecificationError::new(of_column.to_string(), "unknown_name", detail);
                 found.push(error.expected(listed(names())).did_you_mean(nearest(name, names())));
                 continue;
             };
-            if columns.iter().any(|column| column.state == state) {
+            if columns.iter().any(|column| column.of == of) {
                 found.report(&of_column, "duplicate_name", format!("`{name}` is given already"));
             }
-            columns.push(Column { name: name.to_owned(), state, values: values.clone(), sd });
+            columns.push(Column { name: name.to_owned(), of, values: values.clone(), sd });
         }
         columns
     }
@@ -355,7 +367,7 @@ impl PartialSchema for FitData {
             .required("t")
             .additional_properties(Some(AdditionalProperties::RefOr(ArrayBuilder::new().items(value).into())))
             .description(Some(
-                "Values of states over time, `{\"t\": [0, 1], \"x\": [1, 0.4], \"sd\": 0.01}`: a list for each state that was \
+                "Values of states, and of definitions in them, over time, `{\"t\": [0, 1], \"x\": [1, 0.4], \"sd\": 0.01}`: a list for each state that was \
                  measured, with null where it was not.",
             ))
             .into()

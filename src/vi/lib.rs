@@ -19,10 +19,12 @@ mod equilibration;
 mod fischer_burmeister;
 mod gap;
 mod gauge;
+mod interior_point;
 mod josephy_newton;
 mod lemke;
 mod portfolio;
 mod semismooth_newton;
+mod sparse_jacobian;
 mod sparse_newton;
 mod splitting;
 #[cfg(test)]
@@ -37,7 +39,8 @@ pub use josephy_newton::{JosephyNewton, NonlinearVi};
 pub use lemke::Lemke;
 pub use portfolio::{Found, Portfolio, start};
 pub use semismooth_newton::SemismoothNewton;
-pub use sparse_newton::{SparseNewton, SparseVi};
+pub use sparse_jacobian::SparseVi;
+pub use sparse_newton::SparseNewton;
 
 use nalgebra::DMatrix;
 use problem::{Control, ConvexSet};

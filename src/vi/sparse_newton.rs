@@ -11,9 +11,8 @@
 //! Facchinei and Pang 2003, sections 8.3, 9.1 and 12.1). The factors have one pattern, which is analysed once.
 
 use super::fischer_burmeister::psi;
-use super::{Outcome, Report};
-use factorisation::{Analysis, SparseLu, SparseMatrix};
-use faer::sparse::Triplet;
+use super::sparse_jacobian::{Fit, SparseJacobian};
+use super::{Outcome, Report, SparseVi};
 use problem::{Control, ConvexSet};
 
 /// Newton steps; practical problems take ten to sixty.
@@ -32,41 +31,19 @@ const DESCENT: f64 = 1e-4;
 const ARMIJO: f64 = 1e-4;
 const HALVINGS: usize = 40;
 
-/// A diagonal entry below this part of the largest in its row says nothing about the scale of the row.
-const SMALL_DIAGONAL: f64 = 1.0 / 64.0;
-
 /// The proximal term, as fractions of `|psi|`: the next is tried where one has not lowered `|psi|` to the fraction below.
 const PROXIMAL: [f64; 4] = [0.0, 1e-6, 1e-3, 1e-1];
 const SUFFICIENT_DECREASE: f64 = 0.9;
 
+/// The same for steps of the natural map: none, or so little that regular systems lose no digit that counts.
+const REGULARISED: [f64; 2] = [0.0, 1e-9];
+
 /// A residual this small against the terms is rounding.
 const EXACT: f64 = 1e-15;
 
-/// A nonlinear variational inequality with a sparse derivative.
-pub trait SparseVi {
-    /// `K`, of dimension `m`.
-    fn set(&self) -> &ConvexSet;
-
-    /// The places of `F'` that may be nonzero, as `(row, column)`.
-    fn pattern(&self) -> &[(usize, usize)];
-
-    /// Writes `F(z)` (m). What is not defined comes out as NaN or an infinity.
-    fn evaluate(&mut self, z: &[f64], f: &mut [f64]);
-
-    /// Writes the entries of `F'(z)`, in the order of the pattern.
-    fn derivatives(&mut self, z: &[f64], values: &mut [f64]);
-}
-
 /// The method, for problems of one pattern.
 pub struct SparseNewton {
-    /// `F'`, with a place for each entry of the diagonal.
-    matrix: SparseMatrix,
-    /// The place of each entry of the pattern in the values of the matrix, and of each of the diagonal.
-    places: Vec<usize>,
-    diagonal: Vec<usize>,
-    system: SparseMatrix,
-    factors: SparseLu<f64>,
-    derivatives: Vec<f64>,
+    jacobian: SparseJacobian,
     scale: Vec<f64>,
     /// `F` at the iterate and at a trial point.
     f: Vec<f64>,
@@ -81,45 +58,12 @@ pub struct SparseNewton {
     best_f: Vec<f64>,
 }
 
-/// How well a point solves a problem.
-#[derive(Clone, Copy, Debug)]
-struct Fit {
-    /// `max |z - P(z - F)|`
-    residual: f64,
-    /// `max |z - P(z - S F)|`
-    scaled: f64,
-    /// The largest of the terms that cancel in it.
-    terms: f64,
-}
-
-impl Fit {
-    fn relative(&self) -> f64 {
-        if self.scaled == 0.0 { 0.0 } else { self.scaled / self.terms }
-    }
-}
-
 impl SparseNewton {
     /// For `m` variables and a pattern; nothing where the factors do not fit into memory, or `control` asks to stop.
     pub fn new(m: usize, pattern: &[(usize, usize)], control: &Control) -> Option<Self> {
-        let entries = pattern.iter().copied().chain((0..m).map(|i| (i, i)));
-        let triplets: Vec<Triplet<usize, usize, f64>> = entries.map(|(i, j)| Triplet::new(i, j, 0.0)).collect();
-        let matrix = SparseMatrix::try_new_from_triplets(m, m, &triplets).ok()?;
-        let place = |(i, j): (usize, usize)| {
-            let range = matrix.symbolic().col_range(j);
-            let rows = &matrix.symbolic().row_idx()[range.clone()];
-            rows.binary_search(&i).ok().map(|at| range.start + at)
-        };
-        let places = pattern.iter().map(|&at| place(at)).collect::<Option<Vec<usize>>>()?;
-        let diagonal = (0..m).map(|i| place((i, i))).collect::<Option<Vec<usize>>>()?;
-        let analysis = Analysis::new_unless(matrix.symbolic(), || control.poll().is_some())?;
         let vector = || vec![0.0; m];
         Some(Self {
-            system: matrix.clone(),
-            matrix,
-            factors: SparseLu::new(&analysis)?,
-            derivatives: vec![0.0; places.len()],
-            places,
-            diagonal,
+            jacobian: SparseJacobian::new(m, pattern, control)?,
             scale: vec![1.0; m],
             f: vector(),
             trial_f: vector(),
@@ -135,8 +79,16 @@ impl SparseNewton {
     }
 
     /// Solves from `z` until the natural-map residual is below `tolerance` beside its terms, and further as long as steps
-    /// converge fast; leaves the best point in `z`. Only for products of intervals.
-    pub fn solve(&mut self, vi: &mut dyn SparseVi, tolerance: f64, z: &mut [f64], control: &Control) -> Report {
+    /// converge fast; leaves the best point in `z`. Only for products of intervals. Without a search it ends where a step of
+    /// the natural map does not come nearer.
+    pub fn solve(
+        &mut self,
+        vi: &mut dyn SparseVi,
+        tolerance: f64,
+        z: &mut [f64],
+        searches: bool,
+        control: &Control,
+    ) -> Report {
         if vi.set().has_blocks() {
             return Report::UNSUITABLE;
         }
@@ -164,11 +116,13 @@ impl SparseNewton {
                 return report(Outcome::Interrupted);
             }
             let norm = norm(&self.psi);
-            let stepped = self.natural_step(vi, z, control) && self.norm_at_trial(vi) <= NATURAL_DECREASE * norm;
+            let stepped = REGULARISED.iter().any(|&proximal| {
+                self.natural_step(vi, z, proximal, control) && self.norm_at_trial(vi) <= NATURAL_DECREASE * norm
+            });
             if stepped {
                 z.copy_from_slice(&self.trial);
                 std::mem::swap(&mut self.f, &mut self.trial_f);
-            } else if !self.descend(vi, z, norm, control) {
+            } else if !searches || !self.descend(vi, z, norm, control) {
                 return report(if is_solved { Outcome::Solved } else { Outcome::Limit });
             }
         }
@@ -179,45 +133,15 @@ impl SparseNewton {
 
     /// The residual and its terms at the iterate.
     fn fit(&self, set: &ConvexSet, z: &[f64]) -> Fit {
-        let mut terms: Vec<f64> = self.f.iter().map(|f| f.abs()).collect();
-        for (j, z) in z.iter().enumerate() {
-            let rows = self.matrix.symbolic().row_idx_of_col_raw(j);
-            for (&i, a) in rows.iter().zip(self.matrix.val_of_col(j)) {
-                terms[i] += (a * z).abs();
-            }
-        }
-        let mut fit = Fit { residual: 0.0, scaled: 0.0, terms: 0.0 };
-        for (i, ((z, f), s)) in z.iter().zip(&self.f).zip(&self.scale).enumerate() {
-            let of = |s: f64| (z - set.project(i, z - s * f)).abs();
-            let (residual, scaled) = (of(1.0), of(*s));
-            if residual.is_nan() {
-                return Fit { residual, scaled, terms: 1.0 };
-            }
-            fit.residual = fit.residual.max(residual);
-            fit.scaled = fit.scaled.max(scaled);
-            fit.terms = fit.terms.max(z.abs()).max(s * terms[i]);
-        }
-        fit
+        Fit::of(&self.jacobian, set, (z, &self.f), &self.scale)
     }
 
     /// `F'`, the scales, and `psi` with its derivatives at the iterate; false where a number is not finite.
     fn linearise(&mut self, vi: &mut dyn SparseVi, z: &[f64]) -> bool {
-        vi.derivatives(z, &mut self.derivatives);
-        if !self.derivatives.iter().chain(&self.f).all(|a| a.is_finite()) {
+        if !self.jacobian.evaluate(vi, z) || !self.f.iter().all(|f| f.is_finite()) {
             return false;
         }
-        let (symbolic, values) = self.matrix.parts_mut();
-        values.fill(0.0);
-        self.places.iter().zip(&self.derivatives).for_each(|(&place, value)| values[place] += value);
-        let mut largest = vec![0.0_f64; z.len()];
-        for (&i, a) in symbolic.row_idx().iter().zip(values.iter()) {
-            largest[i] = largest[i].max(a.abs());
-        }
-        for (i, (scale, largest)) in self.scale.iter_mut().zip(&largest).enumerate() {
-            let own = values[self.diagonal[i]].abs();
-            let size = if own >= SMALL_DIAGONAL * largest { own } else { *largest };
-            *scale = if size > 0.0 { size.recip() } else { 1.0 };
-        }
+        self.jacobian.scales(&mut self.scale);
         let set = vi.set();
         for i in 0..z.len() {
             let at = psi(z[i], self.scale[i] * self.f[i], set.lower[i], set.upper[i]);
@@ -226,22 +150,8 @@ impl SparseNewton {
         true
     }
 
-    /// Solves a system whose rows are those of `F'` times one factor, with another on the diagonal; the right hand side is in
-    /// the direction.
-    fn solve_system(&mut self, control: &Control, row: impl Fn(usize) -> (f64, f64)) -> bool {
-        let (symbolic, values) = self.system.parts_mut();
-        for ((value, a), &i) in values.iter_mut().zip(self.matrix.val()).zip(symbolic.row_idx()) {
-            *value = row(i).0 * a;
-        }
-        for (i, &place) in self.diagonal.iter().enumerate() {
-            values[place] += row(i).1;
-        }
-        let is_factored = self.factors.factorise_unless(&self.system, || control.poll().is_some());
-        is_factored && self.factors.solve(&mut self.direction) && self.direction.iter().all(|d| d.is_finite())
-    }
-
     /// The Newton step of the natural map, to the trial point. False if its system is singular.
-    fn natural_step(&mut self, vi: &mut dyn SparseVi, z: &[f64], control: &Control) -> bool {
+    fn natural_step(&mut self, vi: &mut dyn SparseVi, z: &[f64], proximal: f64, control: &Control) -> bool {
         let set = vi.set();
         let mut is_inside = vec![false; z.len()];
         for i in 0..z.len() {
@@ -253,9 +163,9 @@ impl SparseNewton {
                 set.project(i, moved) - z[i]
             };
         }
-        let scale = std::mem::take(&mut self.scale);
-        let is_solved = self.solve_system(control, |i| if is_inside[i] { (scale[i], 0.0) } else { (0.0, 1.0) });
-        self.scale = scale;
+        let scale = &self.scale;
+        let row = |i: usize| if is_inside[i] { (scale[i], proximal) } else { (0.0, 1.0) };
+        let is_solved = self.jacobian.factorise(row, control) && self.jacobian.solve(&mut self.direction);
         if is_solved {
             let set = vi.set();
             for (i, trial) in self.trial.iter_mut().enumerate() {
@@ -282,9 +192,7 @@ impl SparseNewton {
         let weighted: Vec<f64> =
             self.psi.iter().zip(&self.by_w).zip(&self.scale).map(|((psi, by_w), s)| psi * by_w * s).collect();
         for (j, gradient) in self.gradient.iter_mut().enumerate() {
-            let rows = self.matrix.symbolic().row_idx_of_col_raw(j);
-            let column = rows.iter().zip(self.matrix.val_of_col(j));
-            *gradient = self.by_z[j] * self.psi[j] + column.map(|(&i, a)| a * weighted[i]).sum::<f64>();
+            *gradient = self.by_z[j] * self.psi[j] + self.jacobian.column(j).map(|(&i, a)| a * weighted[i]).sum::<f64>();
         }
         let mut reached = norm;
         for proximal in PROXIMAL {
@@ -293,9 +201,9 @@ impl SparseNewton {
             }
             let mu = proximal * norm.min(1.0);
             self.direction.iter_mut().zip(&self.psi).for_each(|(d, psi)| *d = -psi);
-            let [by_z, by_w, scale] = [&mut self.by_z, &mut self.by_w, &mut self.scale].map(std::mem::take);
-            let is_solved = self.solve_system(control, |i| (by_w[i] * scale[i], by_z[i] + mu * by_w[i]));
-            (self.by_z, self.by_w, self.scale) = (by_z, by_w, scale);
+            let [by_z, by_w, scale] = [&self.by_z, &self.by_w, &self.scale];
+            let row = |i: usize| (by_w[i] * scale[i], by_z[i] + mu * by_w[i]);
+            let is_solved = self.jacobian.factorise(row, control) && self.jacobian.solve(&mut self.direction);
             let slope: f64 = self.gradient.iter().zip(&self.direction).map(|(g, d)| g * d).sum();
             if is_solved && slope <= -DESCENT * norm * norm {
                 reached = self.search(vi, z, norm, slope, reached);

@@ -49,7 +49,7 @@ fn every_wrong_value_of_a_fit_is_told_at_its_place() {
         ),
         (
             json!({"parameters": parameters, "data": {"t": [0.5, 0.6], "xx": [1, 2]}}),
-            ("/fit/data/xx", "unknown_name", "`xx` is not a state"),
+            ("/fit/data/xx", "unknown_name", "`xx` is neither a state nor a definition"),
         ),
         (
             json!({"parameters": parameters, "data": {"t": [0.5, 0.6], "x": [1, 2], "sd": 0}}),

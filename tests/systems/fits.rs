@@ -146,6 +146,24 @@ fn the_capacitor_of_a_rectifier_is_found_through_the_diodes_switch() {
 }
 
 #[test]
+fn what_is_measured_may_be_a_definition_of_states_and_parameters() {
+    // An instrument shows gain x^2 of x = exp(-a t): ln y = ln gain - 2 a t.
+    let t: Vec<f64> = (0..=10).map(|i| f64::from(i) * 0.3).collect();
+    let y: Vec<f64> = t.iter().map(|t| 3.0 * (-2.0 * 0.7 * t).exp()).collect();
+    let (_, fit) = fitted(&json!({"problem": {"dvi": {"parameters": {"a": 1, "gain": 1}, "definitions": {"y": "gain*x^2"},
+            "states": {"x": {"initial": 1, "rate": "-a*x"}, "w": {"initial": 0, "rate": "1"}}}},
+        "time": {"end": 3}, "method": {"rtol": 1e-11, "atol": 1e-13},
+        "fit": {"parameters": {"a": {}, "gain": {}}, "data": {"t": t, "y": y, "sd": 0.01, "w": t}}}));
+    assert_near(fit.parameters["a"].estimate, 0.7, 1e-8);
+    assert_near(fit.parameters["gain"].estimate, 3.0, 1e-8);
+    // With dy/da = -2 t y and dy/dgain = y/gain.
+    let sum = |f: &dyn Fn(f64, f64) -> f64| -> f64 { t.iter().zip(&y).map(|(t, y)| f(*t, *y)).sum() };
+    let [aa, ag, gg] =
+        [sum(&|t, y| (2.0 * t * y).powi(2)), sum(&|t, y| -2.0 * t * y * y / 3.0), sum(&|_, y| y * y / 9.0)];
+    assert_near(fit.parameters["a"].sd.unwrap(), 0.01 * (gg / (aa * gg - ag * ag)).sqrt(), 1e-6);
+}
+
+#[test]
 fn two_parameters_that_enter_as_a_product_are_not_told_apart() {
     let t: Vec<f64> = (1..=10).map(|i| f64::from(i) * 0.3).collect();
     let x: Vec<f64> = t.iter().map(|t| (-0.6 * t).exp()).collect();

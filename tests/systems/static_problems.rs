@@ -147,6 +147,70 @@ fn mathiesens_market_has_prices_up_to_a_factor() {
     assert!(!found.certificate.starts_with("the only"), "{}", found.certificate);
 }
 
+#[test]
+fn colvilles_first_problem_has_its_published_prices_and_quantities() {
+    // Problems 86 and 117 of Hock and Schittkowski 1981, the optimality of both at once: `y` of one and `u` of the other.
+    let e = [-15.0, -27.0, -36.0, -18.0, -12.0];
+    let c = [
+        [30.0, -20.0, -10.0, 32.0, -10.0],
+        [-20.0, 39.0, -6.0, -31.0, 32.0],
+        [-10.0, -6.0, 10.0, -6.0, -10.0],
+        [32.0, -31.0, -6.0, 39.0, -20.0],
+        [-10.0, 32.0, -10.0, -20.0, 30.0],
+    ];
+    let d = [4.0, 8.0, 10.0, 6.0, 2.0];
+    let b = [-40.0, -2.0, -0.25, -4.0, -4.0, -1.0, -40.0, -60.0, 5.0, 1.0];
+    let a = [
+        [-16.0, 2.0, 0.0, 1.0, 0.0],
+        [0.0, -2.0, 0.0, 0.4, 2.0],
+        [-3.5, 0.0, 2.0, 0.0, 0.0],
+        [0.0, -2.0, 0.0, -4.0, -1.0],
+        [0.0, -9.0, -2.0, 1.0, -2.8],
+        [2.0, 0.0, -4.0, 0.0, 0.0],
+        [-1.0, -1.0, -1.0, -1.0, -1.0],
+        [-1.0, -2.0, -3.0, -2.0, -1.0],
+        [1.0, 2.0, 3.0, 4.0, 5.0],
+        [1.0, 1.0, 1.0, 1.0, 1.0],
+    ];
+    let mut rows: Vec<String> = (0..5)
+        .map(|j| {
+            let of_y: String = (0..5).map(|k| format!(" + ({})*x{}", 2.0 * c[k][j], k + 1)).collect();
+            let of_u: String = (0..10).map(|i| format!(" - ({})*x{}", a[i][j], i + 6)).collect();
+            format!("{}{of_y} + {}*x{}^2{of_u}", e[j], 3.0 * d[j], j + 1)
+        })
+        .collect();
+    rows.extend((0..10).map(|i| {
+        let of_y: String = (0..5).map(|j| format!(" + ({})*x{}", a[i][j], j + 1)).collect();
+        format!("-({}){of_y}", b[i])
+    }));
+    let rows: Vec<&str> = rows.iter().map(String::as_str).collect();
+    let (_, found) = solved(&complementarity(&rows, &[0.0; 15]));
+    assert_point(&found, &[0.3, 0.333_467_61, 0.4, 0.428_310_10, 0.223_964_87], 1e-8);
+    assert_point(&found, &[0.3, 0.3335, 0.4, 0.4283, 0.224, 0.0, 0.0, 5.1741, 0.0, 3.0611, 11.8395, 0.0, 0.0, 0.1039, 0.0], 6e-5);
+}
+
+#[test]
+fn dantzigs_transport_has_its_published_cost_and_several_plans() {
+    // Dantzig 1963, section 3.3: two plants, three markets, 153.675 thousand dollars.
+    let cost = [[0.225, 0.153, 0.162], [0.225, 0.162, 0.126]];
+    let mut variables = Vec::new();
+    for (i, row) in cost.iter().enumerate() {
+        for (j, cost) in row.iter().enumerate() {
+            variables.push((format!("x{i}{j}"), format!("s{i} + {cost} - p{j}")));
+        }
+    }
+    variables.extend([("s0".to_owned(), "350 - x00 - x01 - x02".to_owned()), ("s1".to_owned(), "600 - x10 - x11 - x12".to_owned())]);
+    variables.extend([325, 300, 275].iter().enumerate().map(|(j, demand)| (format!("p{j}"), format!("x0{j} + x1{j} - {demand}"))));
+    let names: Vec<&String> = variables.iter().map(|(name, _)| name).collect();
+    let rows: Vec<(&str, &str, f64)> = variables.iter().map(|(name, row)| (name.as_str(), row.as_str(), 0.0)).collect();
+    let mut specification = problem(&rows, json!([{"nonnegative": names}]));
+    specification["problem"]["vi"]["definitions"] =
+        json!({"cost": "0.225*x00 + 0.153*x01 + 0.162*x02 + 0.225*x10 + 0.162*x11 + 0.126*x12"});
+    let (solution, _) = solved(&specification);
+    assert!((solution.trajectory.field("cost").unwrap()[0] - 153.675).abs() < 1e-9);
+    assert!(is_told(&solution, "many_solutions"), "{:?}", solution.verdict);
+}
+
 /// Three routes and the demand that they carry; `u` is the time that they take.
 fn braess(bridge: bool) -> Value {
     let mut variables = vec![("h1", "10*(h1 + h3) + 50 + h1 - u", 0.0), ("h2", "50 + h2 + 10*(h2 + h3) - u", 0.0)];

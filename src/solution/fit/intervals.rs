@@ -79,7 +79,7 @@ pub fn intervals(problem: &LeastSquares<'_>, minimum: &Minimum, size: &[f64]) ->
         for (a, &k) in free.iter().enumerate() {
             for (b, &l) in free.iter().enumerate().filter(|(b, _)| !open[a] && !open[*b]) {
                 let sum: f64 = (0..rank).map(|i| v_t[(i, a)] * v_t[(i, b)] / singular_values[i].powi(2)).sum();
-                covariance[k][l] = Some(size[k] * size[l] * sum);
+                covariance[k][l] = Some(size[k] * size[l] * sum).filter(|value| value.is_finite());
             }
             sd[k] = covariance[k][k].map(f64::sqrt);
         }
