@@ -8,6 +8,7 @@ mod diagnostics;
 pub mod encodings;
 mod energy_balance;
 mod excerpt;
+mod fit;
 mod global_error;
 mod integrate;
 mod mechanical_checks;
@@ -20,6 +21,7 @@ mod reducers;
 mod rigid_bodies;
 mod run;
 mod sensitivities;
+mod static_vi;
 mod statistics;
 mod steady_state;
 mod study;
@@ -36,6 +38,7 @@ pub use diagnostics::{
     Contraction, Diagnostics, Evaluations, Face, GlobalError, Refinement, Screening, Steps, Tried, ViCounts,
 };
 pub use excerpt::{Excerpt, ExcerptError, Selection};
+pub use fit::{Column, Estimate, Fit, FitAnswer, FitStart, Fitted, Loss, Quantity, fit};
 pub use integrate::{describe, integrate};
 pub use observables::{Direction, EndedBy, Monitored, Observables};
 pub use obstacle::{describe_obstacle, integrate_obstacle};
@@ -45,6 +48,7 @@ pub use reducers::{Collected, Over, Reducers, Reduction, Selected};
 pub use rigid_bodies::{describe_rigid_bodies, step_rigid_bodies};
 pub use run::{Plan, Stepper, run};
 pub use sensitivities::{By, Checked, Sensitivities};
+pub use static_vi::{StaticPlan, StaticSolution, describe_static, solve_static};
 pub use statistics::OverTime;
 pub use steady_state::{SteadyState, find_steady_state};
 pub use study::{Series, Study, StudyRun};
@@ -125,6 +129,12 @@ pub struct Solution {
     /// Of each number that a sweep collects.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub summary: Option<Summary>,
+    /// Parameters fitted to data, where that was asked for; the trajectory is the fitted one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fit: Option<FitAnswer>,
+    /// The solution of a static problem, where it has one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub solution: Option<StaticSolution>,
     /// Error against run time, where it was asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub study: Option<Study>,

@@ -230,6 +230,8 @@ impl<'a> Run<'a> {
                 steady_state: None,
                 table: None,
                 summary: None,
+                fit: None,
+                solution: None,
                 study: None,
                 collected: collected.unwrap_or_default(),
             },

@@ -34,6 +34,8 @@ pub enum CheckCode {
     Derivatives,
     /// How far a run from a state of rest, or once along an orbit, ends from where it began.
     ReturnResidual,
+    /// How far fitted parameters are from the minimum.
+    FitDistance,
     /// The distance by which an accumulation of events was stepped over.
     AccumulationPassed,
     /// Members of a sweep that are not to be relied upon.
@@ -54,6 +56,7 @@ impl CheckCode {
         Self::GlobalError,
         Self::Derivatives,
         Self::ReturnResidual,
+        Self::FitDistance,
         Self::AccumulationPassed,
         Self::UntrustedMembers,
         Self::NotAtEnd,
@@ -71,6 +74,7 @@ impl CheckCode {
             Self::GlobalError => "global_error",
             Self::Derivatives => "derivatives",
             Self::ReturnResidual => "return_residual",
+            Self::FitDistance => "fit_distance",
             Self::AccumulationPassed => "accumulation_passed",
             Self::UntrustedMembers => "untrusted_members",
             Self::NotAtEnd => "not_at_end",
@@ -114,6 +118,10 @@ impl CheckCode {
             Self::ReturnResidual => {
                 "How far a run once along an orbit, or from a state of rest, ends from where it began, in units of \
                  `atol + rtol |x|`; measured where `periodic` or `steady_state` asks for one. Allowed is one for each step."
+            }
+            Self::FitDistance => {
+                "How far the estimates of `fit` are from the minimum that the derivatives there predict, in standard errors. \
+                 Allowed is a hundredth, or what the tolerance of the runs leaves."
             }
             Self::AccumulationPassed => {
                 "How far an accumulation of events (Zeno) was from its limit when the run passed over it: a distance of the \

@@ -88,6 +88,7 @@ impl Specification {
             periodic,
             steady_state,
             sweep,
+            fit,
             study,
             label,
         } = document;
@@ -98,6 +99,13 @@ impl Specification {
         let of_problem = root.key("problem");
         let of_problem = of_problem.key(problem.name());
         let unread = Start { time: None, control, sizes: &vectors.sizes };
+        let is_static = problem.written().is_static();
+        if time.is_some() && is_static {
+            let error = SpecificationError::new("/time", "conflict", "a static problem has no time");
+            found.push(error.expected("no `time`"));
+        }
+        // Any horizon: nothing depends on it.
+        let time = if is_static { Some(Time { start: 0.0, end: 1.0 }) } else { time };
         if time.is_none() && asked.key().is_none() && !repairs.explain("/time") {
             let error = SpecificationError::new("", "missing_key", "`time` is missing");
             errors.push(error.expected("`time`, such as `{\"end\": 10}`"));
@@ -133,6 +141,23 @@ impl Specification {
                 ("output.global_error", output.global_error),
             ];
             let search = asked.check(&*model, time, &others, &mut found);
+            let others = [
+                ("periodic", periodic.is_some()),
+                ("steady_state", steady_state.is_some()),
+                others[0],
+                others[1],
+                others[2],
+                others[3],
+            ];
+            let fit = fit.and_then(|fit| fit.check((&*model, &observables), time, &others, &mut found));
+            let search = search.or(fit.map(|fit| Search::Fit(Arc::new(fit))));
+            if study.is_some() && is_static {
+                found.report(
+                    &root.key("study"),
+                    "conflict",
+                    "a `study` compares runs over time, and a static problem has none",
+                );
+            }
             if study.is_some() && sensitivities.is_some() {
                 let why = "a `study` compares runs, of which one alone has derivatives";
                 found.report(&root.key("sensitivities"), "conflict", why);
@@ -180,7 +205,7 @@ impl Specification {
             if let Some(why) = model.no_global_error().filter(|_| output.global_error) {
                 found.report(&place_of_output.key("global_error"), "conflict", why);
             }
-            let study = study.and_then(|study| {
+            let study = study.filter(|_| !is_static).and_then(|study| {
                 let named = (problem.written().named(), &of_problem);
                 study.check((&*model, &method, time), named, &root.key("study"), &mut found)
             });
@@ -296,8 +321,8 @@ impl Specification {
     }
 
     /// What is looked for in place of a run over the horizon.
-    pub fn search(&self) -> Option<Search> {
-        self.search
+    pub fn search(&self) -> Option<&Search> {
+        self.search.as_ref()
     }
 
     /// Whether the error at the end is to be estimated.

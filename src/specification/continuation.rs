@@ -51,6 +51,11 @@ pub fn continued(
         return Err(NotContinuable::Problem("a sweep is many runs, each with an end of its own"));
     }
     vectors::write_out(&mut json, &mut Errors::default());
+    if json.member("fit").is_some() {
+        return Err(NotContinuable::Problem(
+            "a fit is of all its data at once: solve on with its estimates as parameters",
+        ));
+    }
     let last = |name: &str| last(name).and_then(number).ok_or_else(|| NotContinuable::Column(name.to_owned()));
     let (name, problem) = json.member("problem").and_then(Json::only_member).ok_or(NotContinuable::Unreadable)?;
     match name {
@@ -70,6 +75,7 @@ pub fn continued(
         }
         "rigid_bodies" => of_bodies(problem, last)?,
         "circuit" => of_circuit(problem, last)?,
+        "vi" => return Err(NotContinuable::Problem("a static problem has no time to go on in")),
         "convolution" => return Err(NotContinuable::Problem("a problem with memory depends on its whole past")),
         _ => return Err(NotContinuable::Problem("its start is an expression in space, which values at nodes are not")),
     }

@@ -5,6 +5,7 @@ use super::convolution::ConvolutionProblem;
 use super::dvi::DviProblem;
 use super::elastic::ElasticProblem;
 use super::filippov::FilippovProblem;
+use super::fit::FitRequest;
 use super::lcs::LcsProblem;
 use super::mechanical::MechanicalProblem;
 use super::method::Method;
@@ -14,14 +15,15 @@ use super::output::Output;
 use super::rigid_bodies::RigidBodiesProblem;
 use super::search::{PeriodicRequest, SteadyStateRequest};
 use super::sensitivities::SensitivitiesRequest;
+use super::static_vi::ViProblem;
 use super::study::StudyRequest;
 use super::sweep::SweepRequest;
 use super::written::Written;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// A problem, the time to solve it over, and how. Only `problem` and `time.end` are required; `periodic` and `steady_state` need
-/// no time.
+/// A problem, the time to solve it over, and how. Only `problem` and `time.end` are required; `periodic`, `steady_state`
+/// and a problem of type `vi` need no time.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(as = Specification)]
@@ -31,7 +33,7 @@ pub struct Document {
     pub version: Option<u64>,
     /// What is to be solved.
     pub problem: Problem,
-    /// The time horizon. Required, but beside `periodic` and `steady_state`.
+    /// The time horizon. Required, but beside `periodic` and `steady_state`, and for `vi`, which has none.
     pub time: Option<Time>,
     /// How it is solved.
     #[serde(default)]
@@ -53,6 +55,8 @@ pub struct Document {
     pub steady_state: Option<SteadyStateRequest>,
     /// The same problem for many values of some of its numbers.
     pub sweep: Option<SweepRequest>,
+    /// Parameters fitted to data, with runs over `time`.
+    pub fit: Option<FitRequest>,
     /// A study of error against run time.
     pub study: Option<StudyRequest>,
     /// Free text, at most 200 characters.
@@ -90,6 +94,8 @@ pub enum Problem {
     Convolution(ConvolutionProblem),
     /// An elastic or viscoelastic body in dynamic contact with obstacles.
     Elastic(Box<ElasticProblem>),
+    /// A static variational inequality, without states and time.
+    Vi(ViProblem),
 }
 
 impl Problem {
@@ -109,6 +115,7 @@ impl Problem {
             Self::Circuit(problem) => problem,
             Self::Convolution(problem) => problem,
             Self::Elastic(problem) => &**problem,
+            Self::Vi(problem) => problem,
         }
     }
 }

@@ -22,8 +22,10 @@ pub struct Example {
 pub const EXAMPLES: &[Example] = examples! {
     "american_put"
     "bar_impact"
+    "belt_fit"
     "bottleneck"
     "bouncing_ball"
+    "braess"
     "buck_closed_loop"
     "buck_converter"
     "buck_orbit"
@@ -42,6 +44,7 @@ pub const EXAMPLES: &[Example] = examples! {
     "hires"
     "memory_abel"
     "memory_relaxation"
+    "nash_cournot"
     "newton_cradle"
     "obstacle_membrane"
     "oxygen_diffusion"

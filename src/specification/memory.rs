@@ -3,6 +3,7 @@
 //! come to, the steps where no times are asked for) is bounded as it does.
 
 use super::checked::Specification;
+use super::search::Search;
 
 /// The bytes of a run of one unknown, measured: lists of every kind, the diagnostics and the verdict.
 const OF_A_RUN: usize = 6 << 10;
@@ -42,7 +43,10 @@ impl Specification {
 
     /// The directions in which a run is differentiated.
     pub(super) fn directions(&self) -> usize {
-        let of_search = self.search().map_or(0, |_| self.model().initial().len());
+        let of_search = self.search().map_or(0, |search| match search {
+            Search::Fit(fit) => fit.parameters.len(),
+            Search::Periodic(_) | Search::SteadyState => self.model().initial().len(),
+        });
         self.sensitivities().map_or(of_search, |sensitivities| sensitivities.by.len())
     }
 

@@ -43,6 +43,8 @@ pub fn halving(status: Status) -> Solution {
         steady_state: None,
         table: None,
         summary: None,
+        fit: None,
+        solution: None,
         study: None,
         collected: Vec::new(),
     }

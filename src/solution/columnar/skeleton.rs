@@ -1,7 +1,8 @@
 //! A solution without its columns, as JSON: what an excerpt of it says beside the numbers.
 
 use crate::{
-    Checked, EndedBy, Event, Failure, Orbit, Solution, Status, SteadyState, Summary, Trajectory, Verdict, Version,
+    Checked, EndedBy, Event, Failure, FitAnswer, Orbit, Solution, StaticSolution, Status, SteadyState, Summary,
+    Trajectory, Verdict, Version,
 };
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
@@ -37,6 +38,10 @@ struct Parts<'a> {
     orbit: Option<Orbit>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     steady_state: Option<SteadyState>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    fit: Option<FitAnswer>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    solution: Option<StaticSolution>,
     #[serde(borrow, default, skip_serializing_if = "Option::is_none")]
     table: Option<Cow<'a, RawValue>>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -64,6 +69,8 @@ impl Skeleton {
             steady_state,
             table,
             summary,
+            fit,
+            solution: of_static,
             study,
             collected: _,
         } = solution;
@@ -81,6 +88,8 @@ impl Skeleton {
             steady_state: steady_state.clone(),
             table: table.as_ref().map(|table| evidence(serde_json::value::to_raw_value(table))).transpose()?,
             summary: summary.clone(),
+            fit: fit.clone(),
+            solution: of_static.clone(),
             study: study.as_ref().map(|study| evidence(serde_json::value::to_raw_value(study))).transpose()?,
         };
         Ok(Self(serde_json::to_string(&parts)?))

@@ -225,6 +225,8 @@ mod tests {
             steady_state: None,
             table: None,
             summary: None,
+            fit: None,
+            solution: None,
             study: None,
             collected: Vec::new(),
         }

@@ -151,6 +151,8 @@ mod tests {
             steady_state: None,
             table: None,
             summary: None,
+            fit: None,
+            solution: None,
             study: None,
             collected: Vec::new(),
         };
@@ -206,6 +208,8 @@ mod tests {
             steady_state: None,
             table: None,
             summary: None,
+            fit: None,
+            solution: None,
             study: None,
             collected: Vec::new(),
         };

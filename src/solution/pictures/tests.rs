@@ -20,6 +20,8 @@ fn solution(t: Vec<f64>, columns: Vec<Vec<f64>>) -> Solution {
         steady_state: None,
         table: None,
         summary: None,
+        fit: None,
+        solution: None,
         study: None,
         collected: Vec::new(),
     }
