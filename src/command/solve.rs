@@ -1,20 +1,19 @@
 //! `dvi solve`: one solve in this process, or by a server. The result goes to standard output, all else to standard error.
 
 use super::remote::{self, Server};
-use super::{UNWRITABLE, bytes, confined, read, verdict};
+use super::{UNWRITABLE, bytes, confined, read, several, verdict};
 use clap::{Args, ValueEnum};
 use dvi::problem::Control;
 use dvi::solution::{Solution, Status, Verdict, encodings, pictures};
-use dvi::specification::Specification;
 use serde::Deserialize;
 use std::io::{self, BufWriter, IsTerminal, Write};
 use std::num::NonZeroUsize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Solve a specification
 ///
@@ -24,8 +23,10 @@ use std::time::{Duration, Instant};
 #[derive(Args)]
 #[command(after_help = HELP, verbatim_doc_comment)]
 pub struct Arguments {
-    /// The specification, a JSON file; - is standard input
-    file: PathBuf,
+    /// The specification, a JSON file; - is standard input. Of several files each result is written beside its specification,
+    /// of NAME.json as NAME.result.FORMAT, and all cores solve
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
 
     /// The form of the result
     #[arg(long, value_enum, default_value_t = Format::Json)]
@@ -65,13 +66,14 @@ Examples:
   dvi solve api/examples/diode_bridge.json
   dvi solve --format csv spring.json | head
   dvi solve --format svg spring.json > spring.svg
+  dvi solve --format csv *.json                    spring.json becomes spring.result.csv, and so on
   generate-specification | dvi solve - > result.json
   dvi solve --memory-mib 4096 large.json
   dvi solve --server http://localhost:8080 spring.json";
 
 /// A form of the result.
 #[derive(Clone, Copy, ValueEnum)]
-enum Format {
+pub(super) enum Format {
     /// Verdict, trajectory, events and diagnostics
     Json,
     /// The trajectory as a table
@@ -85,6 +87,17 @@ enum Format {
 }
 
 impl Format {
+    /// The end of the name of a file that has it.
+    pub(super) fn extension(self) -> &'static str {
+        match self {
+            Self::Json => "json",
+            Self::Csv => "csv",
+            Self::Ndjson => "ndjson",
+            Self::Arrow => "arrow",
+            Self::Svg => "svg",
+        }
+    }
+
     fn media_type(self) -> &'static str {
         match self {
             Self::Json => "application/json",
@@ -101,30 +114,38 @@ const GLANCE: Duration = Duration::from_millis(100);
 
 /// Solves and writes; the exit code says how it went.
 pub fn run(arguments: &Arguments) -> ExitCode {
+    let [file] = arguments.files.as_slice() else {
+        return several::run(&arguments.files, arguments.format, arguments.server.is_some() || arguments.memory_mib.is_some());
+    };
+    run_alone(arguments, file)
+}
+
+fn run_alone(arguments: &Arguments, file: &Path) -> ExitCode {
     if let Some(server) = &arguments.server {
-        return match bytes(&arguments.file) {
+        return match bytes(file) {
             Ok(specification) => {
                 let server = server.clone().showing(arguments.token.as_deref());
-                remote::run(&server, &arguments.file, specification, arguments.format.media_type())
+                remote::run(&server, file, specification, arguments.format.media_type())
             }
             Err(code) => code,
         };
     }
     if let Some(memory_mib) = arguments.memory_mib {
-        return solve_confined(arguments, memory_mib).unwrap_or_else(|code| code);
+        return solve_confined(arguments, file, memory_mib).unwrap_or_else(|code| code);
     }
-    let specification = match read(&arguments.file) {
+    let specification = match read(file) {
         Ok(specification) => specification,
         Err(code) => return code,
     };
-    let control = Arc::new(control(&specification));
-    cancel_on_interrupt(Arc::clone(&control));
+    let control = Arc::new(specification.control());
+    let interrupted = Arc::clone(&control);
+    on_interrupt(move || interrupted.cancel());
     let solution = with_progress(&control, || dvi::solve(&specification, &control));
     if let Some(error) = &solution.error {
         eprintln!("dvi: {} at t = {}: {}", error.code, error.time, error.message);
     }
     eprint!("{}", verdict::lines(&solution.verdict));
-    let written = write(&solution, specification.label(), arguments.format);
+    let written = write_to_standard_output(&solution, specification.label(), arguments.format);
     exit_code(written, solution.status, &solution.verdict)
 }
 
@@ -146,10 +167,10 @@ struct Labelled {
 }
 
 /// The same in a process of its own, which may take so much memory.
-fn solve_confined(arguments: &Arguments, memory_mib: NonZeroUsize) -> Result<ExitCode, ExitCode> {
-    let document = bytes(&arguments.file)?;
+fn solve_confined(arguments: &Arguments, file: &Path, memory_mib: NonZeroUsize) -> Result<ExitCode, ExitCode> {
+    let document = bytes(file)?;
     let control = Control::new();
-    let (solved, json) = with_progress(&control, || confined::solve(&arguments.file, &document, memory_mib, &control))?;
+    let (solved, json) = with_progress(&control, || confined::solve(file, &document, memory_mib, &control))?;
     if let Some(failed) = &solved.failed {
         eprintln!("dvi: {} at t = {}: {}", failed.code, failed.time, failed.message);
     }
@@ -161,26 +182,19 @@ fn solve_confined(arguments: &Arguments, memory_mib: NonZeroUsize) -> Result<Exi
         }
         Format::Csv | Format::Ndjson | Format::Arrow | Format::Svg => {
             let label = serde_json::from_slice::<Labelled>(&document).ok().and_then(|document| document.label);
-            encodings::read_json(&json).and_then(|solution| write(&solution, label.as_deref(), arguments.format))
+            encodings::read_json(&json)
+                .and_then(|solution| write_to_standard_output(&solution, label.as_deref(), arguments.format))
         }
     };
     Ok(exit_code(written, solved.status, &solved.verdict))
 }
 
-fn control(specification: &Specification) -> Control {
-    let allowed = specification.wall_seconds().and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
-    match allowed.and_then(|allowed| Instant::now().checked_add(allowed)) {
-        Some(deadline) => Control::with_deadline(deadline),
-        None => Control::new(),
-    }
-}
-
 /// Waits for Ctrl-C on a thread of its own. Where that cannot be had, Ctrl-C ends the process, as it always did.
-fn cancel_on_interrupt(control: Arc<Control>) {
+pub(super) fn on_interrupt(act: impl FnOnce() + Send + 'static) {
     let wait = move || {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_io().build()?;
         runtime.block_on(tokio::signal::ctrl_c())?;
-        control.cancel();
+        act();
         io::Result::Ok(())
     };
     let thread = thread::Builder::new().name("dvi-interrupt".to_owned()).spawn(wait);
@@ -218,8 +232,17 @@ fn show_progress(control: &Control, ended: &Receiver<()>) {
     }
 }
 
-fn write(solution: &Solution, label: Option<&str>, format: Format) -> io::Result<()> {
-    let mut out = BufWriter::new(io::stdout().lock());
+fn write_to_standard_output(solution: &Solution, label: Option<&str>, format: Format) -> io::Result<()> {
+    write(solution, label, format, &mut BufWriter::new(io::stdout().lock()))
+}
+
+/// Writes a result in a form.
+pub(super) fn write(
+    solution: &Solution,
+    label: Option<&str>,
+    format: Format,
+    mut out: &mut impl Write,
+) -> io::Result<()> {
     match format {
         Format::Json => {
             encodings::write_json(solution, &mut out)?;

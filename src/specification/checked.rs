@@ -8,18 +8,20 @@ use super::lowering::{Lowering, MOST_UNKNOWNS, Start};
 use super::method::{Method, ViSolverName, out_of_range};
 use super::model::{Asked, Model};
 use super::observables;
-use super::output::Columns;
+use super::output::{Columns, Output};
 use super::place::Place;
 use super::plan::MOST_STEPS;
 use super::repairs::Repairs;
 use super::search::{self, Search};
 use super::study::StudyPlan;
+use super::times::Times;
 use super::vectors::Vectors;
 use analysis::Analysis;
 use models::rigid_bodies::Load;
 use problem::{Control, ConvexSet};
 use solution::{Observables, Sensitivities};
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 /// A specification that has passed every check, lowered and ready to be solved any number of times.
 #[derive(Clone, Debug)]
@@ -74,6 +76,7 @@ impl Specification {
         errors: &mut Errors,
     ) -> Option<Self> {
         let Document {
+            schema: _,
             version,
             problem,
             time,
@@ -190,6 +193,28 @@ impl Specification {
     pub fn within_steps(mut self, most: u64) -> Self {
         self.limits.steps = Some(self.step_limit().unwrap_or(MOST_STEPS).min(most));
         self
+    }
+
+    /// The same problem, reported at these times, which increase and lie within the horizon, in place of those that it asks
+    /// for, and without a study.
+    ///
+    /// # Errors
+    /// All that is wrong with the times.
+    pub fn reporting_at(&self, times: Vec<f64>) -> Result<Self, Vec<SpecificationError>> {
+        let mut errors = Errors::default();
+        let output = Output { times: Times::List(times), ..Output::default() };
+        let output_times = output.times(Some(self.time), &Place::Root.key("output"), &mut errors);
+        match errors.is_empty() {
+            true => Ok(Self { output_times, study: None, ..self.clone() }),
+            false => Err(errors.into_list()),
+        }
+    }
+
+    /// A control that stops a solve when the wall-clock time is over that the user allows, counted from now.
+    pub fn control(&self) -> Control {
+        let allowed = self.wall_seconds().and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
+        let deadline = allowed.and_then(|allowed| Instant::now().checked_add(allowed));
+        deadline.map_or_else(Control::new, Control::with_deadline)
     }
 
     /// The user's own words for it, at most 200 characters.

@@ -46,6 +46,7 @@ pub(super) fn read(text: &[u8]) -> Result<Reading, Vec<SpecificationError>> {
         let detail = "this key stands twice in its object";
         errors.push(SpecificationError::new(pointer(path), "duplicate_key", detail).expected("each key once"));
     });
+    rename_until(&mut json, &mut errors);
     let vectors = vectors::write_out(&mut json, &mut errors);
     let mut repairs = Repairs::default();
     for _ in 0..(WORK / text.len().max(1)).clamp(4, 256) {
@@ -60,6 +61,22 @@ pub(super) fn read(text: &[u8]) -> Result<Reading, Vec<SpecificationError>> {
         }
     }
     Err(vectors.at_origins(errors.into_list()))
+}
+
+/// The end of the horizon by its other name: `end` is a reserved word of MATLAB, Octave and Julia.
+fn rename_until(json: &mut Json, errors: &mut Errors) {
+    let time = [Step::Key("time".to_owned())];
+    let Some(Json::Object(members)) = json.at_mut(&time) else { return };
+    let [end, until] = ["end", "until"].map(|key| members.iter().position(|(name, _)| name == key));
+    match (end, until) {
+        (None, Some(until)) => members[until].0 = "end".to_owned(),
+        (Some(_), Some(until)) => {
+            members.remove(until);
+            let detail = "`until` is another name of `end`, which stands here too";
+            errors.push(SpecificationError::new("/time/until", "conflict", detail).expected("one of the two"));
+        }
+        (_, None) => {}
+    }
 }
 
 /// Reads JSON text; an error names its line and column, and the place as far as it was reached.
@@ -80,6 +97,8 @@ fn steps(path: &Path, json: &Json) -> Vec<Step> {
     let mut steps = Vec::new();
     for segment in path.iter() {
         let step = match segment {
+            // One value in the place of a list of it alone.
+            Segment::Seq { index: 0 } if at.is_some_and(|value| !matches!(value, Json::List(_) | Json::Null)) => continue,
             Segment::Seq { index } => Step::Index(*index),
             Segment::Map { key } => Step::Key(key.clone()),
             Segment::Enum { variant } if matches!(at, Some(Json::Object(_))) => Step::Key(variant.clone()),

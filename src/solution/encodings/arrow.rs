@@ -29,6 +29,11 @@ impl Arrow {
         Self { metadata: metadata.map(|(key, value)| (key.to_owned(), value)).into(), begun: None }
     }
 
+    /// The metadata of its schema.
+    pub fn metadata(&self) -> &HashMap<String, String> {
+        &self.metadata
+    }
+
     /// Hands on what has been written.
     fn pass_on(&mut self, out: &mut dyn Write) -> io::Result<()> {
         let Some((_, writer)) = &mut self.begun else { return Ok(()) };
