@@ -32,13 +32,15 @@ Examples:
 pub fn run(arguments: &Arguments, mut program: Command) -> ExitCode {
     if let Some(folder) = &arguments.folder {
         let written = std::fs::create_dir_all(folder).and_then(|()| generate_to(program, folder));
-        return finished(written.map_err(|error| io::Error::new(error.kind(), format!("{}: {error}", folder.display()))));
+        return finished(
+            written.map_err(|error| io::Error::new(error.kind(), format!("{}: {error}", folder.display()))),
+        );
     }
     program.build();
     let page = match &arguments.subcommand {
         None => program,
         Some(name) => match program.find_subcommand(name) {
-            Some(found) => found.clone().name(format!("dvi-{name}")),
+            Some(found) => found.clone(),
             None => {
                 eprintln!("dvi: there is no subcommand `{name}`: `dvi --help` lists all");
                 return ExitCode::from(USAGE);

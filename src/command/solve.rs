@@ -115,7 +115,11 @@ const GLANCE: Duration = Duration::from_millis(100);
 /// Solves and writes; the exit code says how it went.
 pub fn run(arguments: &Arguments) -> ExitCode {
     let [file] = arguments.files.as_slice() else {
-        return several::run(&arguments.files, arguments.format, arguments.server.is_some() || arguments.memory_mib.is_some());
+        return several::run(
+            &arguments.files,
+            arguments.format,
+            arguments.server.is_some() || arguments.memory_mib.is_some(),
+        );
     };
     run_alone(arguments, file)
 }
@@ -251,7 +255,7 @@ pub(super) fn write(
         Format::Csv => encodings::write_table(&mut encodings::Csv, &solution.trajectory, &mut out)?,
         Format::Ndjson => encodings::write_table(&mut encodings::Lines, &solution.trajectory, &mut out)?,
         Format::Arrow => {
-            let mut table = encodings::Arrow::with(&solution.verdict);
+            let mut table = encodings::Arrow::with(&solution.verdict).of(solution.provenance.as_ref());
             encodings::write_table(&mut table, &solution.trajectory, &mut out)?;
         }
         Format::Svg => pictures::write_svg(solution, label, &mut out)?,

@@ -15,6 +15,7 @@ mod observables;
 mod obstacle;
 mod orbit;
 pub mod pictures;
+mod provenance;
 mod quadrature;
 mod rigid_bodies;
 mod run;
@@ -38,6 +39,7 @@ pub use observables::{Direction, EndedBy, Monitored, Observables};
 pub use obstacle::{describe_obstacle, integrate_obstacle};
 pub use orbit::{Orbit, Periodic, find_orbit};
 pub use problem::{Event, EventKind, Warning};
+pub use provenance::Provenance;
 pub use rigid_bodies::{describe_rigid_bodies, step_rigid_bodies};
 pub use run::{Plan, Stepper, run};
 pub use sensitivities::{By, Checked, Sensitivities};
@@ -92,6 +94,9 @@ pub struct Solution {
     /// Whether it may be relied upon, and what speaks against it.
     #[serde(default)]
     pub verdict: Verdict,
+    /// What it is the answer to.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub provenance: Option<Provenance>,
     /// Why it stopped or failed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error: Option<Failure>,

@@ -11,6 +11,7 @@ use super::observables;
 use super::output::{Columns, Output};
 use super::place::Place;
 use super::plan::MOST_STEPS;
+use super::reading::{Digest, digest};
 use super::repairs::Repairs;
 use super::search::{self, Search};
 use super::study::StudyPlan;
@@ -19,7 +20,7 @@ use super::vectors::Vectors;
 use analysis::Analysis;
 use models::rigid_bodies::Load;
 use problem::{Control, ConvexSet};
-use solution::{Observables, Sensitivities};
+use solution::{Observables, Provenance, Sensitivities};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -44,6 +45,8 @@ pub struct Specification {
     pub(super) load: Load,
     pub(super) most_memory: usize,
     analysis: Analysis,
+    /// What its text is known by; nothing where other parameters were bound.
+    digest: Option<Digest>,
 }
 
 /// The version of the language of specifications.
@@ -171,6 +174,7 @@ impl Specification {
                 load,
                 most_memory,
                 analysis,
+                digest: None,
             })
         });
         if control.poll().is_some() {
@@ -183,7 +187,7 @@ impl Specification {
 
     /// The same with another model of the same names, which has these values of its parameters.
     pub(super) fn with_model(&self, model: Arc<dyn Model>, parameters: &[f64], analysis: Analysis) -> Self {
-        let mut bound = Self { model, analysis, ..self.clone() };
+        let mut bound = Self { model, analysis, digest: None, ..self.clone() };
         bound.observables.program.bind(parameters);
         bound
     }
@@ -207,6 +211,31 @@ impl Specification {
         match errors.is_empty() {
             true => Ok(Self { output_times, study: None, ..self.clone() }),
             false => Err(errors.into_list()),
+        }
+    }
+
+    pub(super) fn with_digest(self, digest: Digest) -> Self {
+        Self { digest: Some(digest), ..self }
+    }
+
+    /// The same, known to be what reading `text` gives.
+    #[must_use]
+    pub fn of_text(self, text: &[u8]) -> Self {
+        self.with_digest(digest(text))
+    }
+
+    /// What an answer to it is the answer to.
+    pub fn provenance(&self) -> Provenance {
+        let atol = self.absolute_tolerances.first().copied();
+        let hexadecimal = |digest: &Digest| digest.iter().map(|byte| format!("{byte:02x}")).collect();
+        Provenance {
+            program: concat!("dvi ", env!("CARGO_PKG_VERSION")).to_owned(),
+            label: self.label.clone(),
+            problem: self.problem.to_owned(),
+            digest: self.digest.as_ref().map(hexadecimal),
+            rtol: self.method.rtol,
+            atol: atol.filter(|atol| self.absolute_tolerances.iter().all(|other| other == atol)),
+            step: self.method.step,
         }
     }
 

@@ -104,9 +104,7 @@ impl<'de> Deserializer<'de> for &'de Json {
 
     fn deserialize_seq<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mismatch> {
         match self {
-            Json::Number(_) | Json::Text(_) | Json::Object(_) => {
-                visitor.visit_seq(SeqDeserializer::new(once(self)))
-            }
+            Json::Number(_) | Json::Text(_) | Json::Object(_) => visitor.visit_seq(SeqDeserializer::new(once(self))),
             _ => self.deserialize_any(visitor),
         }
     }
@@ -120,8 +118,9 @@ impl<'de> Deserializer<'de> for &'de Json {
         match self {
             Json::Text(name) => visitor.visit_enum(name.as_str().into_deserializer()),
             Json::Object(entries) => match members(entries, Some(valid)).count() {
-                1 => visitor
-                    .visit_enum(MapAccessDeserializer::new(MapDeserializer::new(members(entries, Some(valid))))),
+                1 => {
+                    visitor.visit_enum(MapAccessDeserializer::new(MapDeserializer::new(members(entries, Some(valid)))))
+                }
                 count => Err(Mismatch::NotAVariant { found: format!("an object with {count} keys"), valid }),
             },
             _ => match Mismatch::invalid_type(self.unexpected(), &visitor) {

@@ -12,9 +12,18 @@ use super::syntax;
 use super::vectors::{self, Vectors};
 use serde::Deserialize;
 use serde_path_to_error::{Path, Segment};
+use sha2::{Digest as _, Sha256};
 
 /// Bytes that may be read again in all while mending: it bounds the time that a large and bad document can take.
 const WORK: usize = 64 << 20;
+
+/// What a text is known by.
+pub(super) type Digest = [u8; 32];
+
+/// The SHA-256 (FIPS 180-4) of a text.
+pub(super) fn digest(text: &[u8]) -> Digest {
+    Sha256::digest(text).into()
+}
 
 /// What some editors put before text in UTF-8.
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
@@ -26,6 +35,8 @@ pub(super) struct Reading {
     pub repairs: Repairs,
     pub errors: Errors,
     pub vectors: Vectors,
+    /// The SHA-256 of the text.
+    pub digest: Digest,
 }
 
 /// Reads a document.
@@ -34,6 +45,7 @@ pub(super) struct Reading {
 /// The structural errors, where no mending led to a readable document.
 pub(super) fn read(text: &[u8]) -> Result<Reading, Vec<SpecificationError>> {
     let mut errors = Errors::default();
+    let digest = digest(text);
     let text = text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(text);
     let mut json = match parse(text) {
         Ok(json) => json,
@@ -52,7 +64,7 @@ pub(super) fn read(text: &[u8]) -> Result<Reading, Vec<SpecificationError>> {
     for _ in 0..(WORK / text.len().max(1)).clamp(4, 256) {
         // The place of an error costs time to keep, so it is looked for only when there is one.
         if let Ok(document) = Document::deserialize(&json) {
-            return Ok(Reading { document, repairs, errors, vectors });
+            return Ok(Reading { document, repairs, errors, vectors, digest });
         }
         let Err(error) = serde_path_to_error::deserialize::<_, Document>(&json) else { break };
         let path = steps(error.path(), &json);
@@ -98,7 +110,9 @@ fn steps(path: &Path, json: &Json) -> Vec<Step> {
     for segment in path.iter() {
         let step = match segment {
             // One value in the place of a list of it alone.
-            Segment::Seq { index: 0 } if at.is_some_and(|value| !matches!(value, Json::List(_) | Json::Null)) => continue,
+            Segment::Seq { index: 0 } if at.is_some_and(|value| !matches!(value, Json::List(_) | Json::Null)) => {
+                continue;
+            }
             Segment::Seq { index } => Step::Index(*index),
             Segment::Map { key } => Step::Key(key.clone()),
             Segment::Enum { variant } if matches!(at, Some(Json::Object(_))) => Step::Key(variant.clone()),

@@ -7,9 +7,15 @@ use specification::Specification;
 
 /// Solves a checked specification. Stops at the next step when `control` says so; never panics on a user's input.
 pub fn solve(specification: &Specification, control: &Control) -> Solution {
-    let Some(plan) = specification.study() else { return solve_once(specification, control) };
-    let mut solution = control.part(0.0..FIRST, || solve_once(specification, control));
-    solution.study = Some(control.part(FIRST..1.0, || study(specification, plan, control)));
+    let mut solution = match specification.study() {
+        None => solve_once(specification, control),
+        Some(plan) => {
+            let solution = control.part(0.0..FIRST, || solve_once(specification, control));
+            let study = control.part(FIRST..1.0, || study(specification, plan, control));
+            Solution { study: Some(study), ..solution }
+        }
+    };
+    solution.provenance = Some(specification.provenance());
     solution
 }
 

@@ -36,7 +36,8 @@ impl Answer {
             let solution = read_json(json)?;
             Ok((solution, Skeleton::read(json)?.0))
         };
-        let (solution, skeleton) = py.detach(read).map_err(|error: io::Error| PyValueError::new_err(error.to_string()))?;
+        let (solution, skeleton) =
+            py.detach(read).map_err(|error: io::Error| PyValueError::new_err(error.to_string()))?;
         Ok(Self { solution: Arc::new(solution), label, came: Some((skeleton, json.to_vec())) })
     }
 

@@ -37,7 +37,8 @@ pub fn stream<'py>(py: Python<'py>, solution: &Arc<Solution>) -> PyResult<Bound<
         .chain(named)
         .map(|(name, values)| (Field::new(name, DataType::Float64, false), column(values, solution)))
         .unzip();
-    let schema = Arc::new(Schema::new_with_metadata(fields, Arrow::with(&solution.verdict).metadata().clone()));
+    let metadata = Arrow::with(&solution.verdict).of(solution.provenance.as_ref());
+    let schema = Arc::new(Schema::new_with_metadata(fields, metadata.metadata().clone()));
     let batch = RecordBatch::try_new(Arc::clone(&schema), columns).map_err(broken)?;
     let batches = RecordBatchIterator::new([Ok(batch)], schema);
     PyCapsule::new_with_value(py, FFI_ArrowArrayStream::new(Box::new(batches)), c"arrow_array_stream")

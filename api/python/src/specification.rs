@@ -10,7 +10,12 @@ use pyo3::prelude::*;
 use specification::SpecificationError;
 use std::sync::Arc;
 
-create_exception!(_dvi, Malformed, PyValueError, "A specification with errors; its one argument is their list, as JSON.");
+create_exception!(
+    _dvi,
+    Malformed,
+    PyValueError,
+    "A specification with errors; its one argument is their list, as JSON."
+);
 
 /// A specification that has passed every check.
 #[pyclass(frozen, module = "dvi._dvi")]
@@ -41,12 +46,7 @@ impl Specification {
     /// Solves it, and reports at `times` in place of what it asks for, where they are given. On Ctrl-C the exception has the
     /// answer so far as `answer`.
     #[pyo3(signature = (progress = None, times = None))]
-    fn solve(
-        &self,
-        py: Python<'_>,
-        progress: Option<&Bound<'_, PyAny>>,
-        times: Option<Vec<f64>>,
-    ) -> PyResult<Answer> {
+    fn solve(&self, py: Python<'_>, progress: Option<&Bound<'_, PyAny>>, times: Option<Vec<f64>>) -> PyResult<Answer> {
         let specification = match times {
             None => Arc::clone(&self.0),
             Some(times) => Arc::new(self.0.reporting_at(times).map_err(|errors| malformed(&errors))?),

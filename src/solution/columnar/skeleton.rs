@@ -1,6 +1,6 @@
 //! A solution without its columns, as JSON: what an excerpt of it says beside the numbers.
 
-use crate::{Checked, EndedBy, Event, Failure, Orbit, Solution, Status, SteadyState, Trajectory, Verdict, Version};
+use crate::{Checked, EndedBy, Event, Failure, Orbit, Provenance, Solution, Status, SteadyState, Trajectory, Verdict, Version};
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
 use std::borrow::Cow;
@@ -22,6 +22,8 @@ struct Parts<'a> {
     status: Status,
     #[serde(default)]
     verdict: Verdict,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    provenance: Option<Provenance>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     error: Option<Failure>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -49,6 +51,7 @@ impl Skeleton {
             version,
             status,
             verdict,
+            provenance,
             error,
             ended_by,
             trajectory,
@@ -63,6 +66,7 @@ impl Skeleton {
             version: *version,
             status: *status,
             verdict: verdict.clone(),
+            provenance: provenance.clone(),
             error: error.clone(),
             ended_by: ended_by.clone(),
             trajectory: Trajectory { events: trajectory.events.clone(), ..Trajectory::default() },
@@ -127,6 +131,14 @@ impl Skeleton {
         let solution: Solution = serde_json::from_str(&self.0)?;
         let events = solution.trajectory.events;
         Ok(Solution { trajectory: Trajectory { events, ..trajectory }, ..solution })
+    }
+
+    /// What the solution is the answer to.
+    ///
+    /// # Errors
+    /// The text is not that of a solution.
+    pub fn provenance(&self) -> io::Result<Option<Provenance>> {
+        Ok(serde_json::from_str::<Parts<'_>>(&self.0)?.provenance)
     }
 
     /// The verdict on the solution.

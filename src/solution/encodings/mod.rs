@@ -144,6 +144,7 @@ mod tests {
             trajectory,
             diagnostics,
             orbit: None,
+            provenance: None,
             steady_state: None,
             study: None,
         };
@@ -196,6 +197,7 @@ mod tests {
             trajectory,
             diagnostics,
             orbit: None,
+            provenance: None,
             steady_state: None,
             study: None,
         };

@@ -123,10 +123,11 @@ impl<'a> Circuit<'a> {
             if !lowering.errors.is_empty() {
                 return None;
             }
-            let errors = match model::model(self, (&elements, &terms, &drives), (&names, definitions, remarks), lowering) {
-                Ok(model) => return Some(model),
-                Err(errors) => errors,
-            };
+            let errors =
+                match model::model(self, (&elements, &terms, &drives), (&names, definitions, remarks), lowering) {
+                    Ok(model) => return Some(model),
+                    Err(errors) => errors,
+                };
             let is_named = |k: usize| errors.iter().any(|error| error.pointer == self.at_component(k));
             let is_transformer = |k: &usize| matches!(self.components[*k], Component::Transformer(_));
             let turned: Vec<usize> =

@@ -202,6 +202,12 @@ class Result:
         return self._evidence.get(name)
 
     @property
+    def provenance(self) -> dict[str, Any]:
+        """What it is the answer to: the program and its version, the label, the type of the problem, the SHA-256 of the
+        specification, the tolerances."""
+        return self._evidence.get("provenance", {})
+
+    @property
     def error(self) -> Optional[dict[str, Any]]:
         """Why the end was not reached."""
         return self._part("error")

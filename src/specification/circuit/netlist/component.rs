@@ -10,7 +10,8 @@ use crate::circuit::lowering::GROUND;
 use crate::expression::Expression;
 use std::collections::HashMap;
 
-const KINDS: &str = "a component: a name that begins with R, C, L, V, I, D, E, F, G, H, S, W, K or X; a comment begins with `*`";
+const KINDS: &str =
+    "a component: a name that begins with R, C, L, V, I, D, E, F, G, H, S, W, K or X; a comment begins with `*`";
 
 /// The tokens of a component that have not been read, and the last that was.
 pub(super) struct Rest<'a, 's> {
@@ -111,8 +112,7 @@ pub(super) fn read<'a>(
         return Err(NetlistError::new(first, "unknown_component", detail, KINDS));
     }
     let name = frame.component(first, names);
-    let nodes =
-        (frame.node(rest.next("two nodes")?, names), frame.node(rest.next("a second node")?, names));
+    let nodes = (frame.node(rest.next("two nodes")?, names), frame.node(rest.next("a second node")?, names));
     Ok(vec![match kind {
         'R' => {
             let ohms = rest.value("a resistance in ohms")?.into();

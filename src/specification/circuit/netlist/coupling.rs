@@ -45,7 +45,11 @@ impl<'a> Coupling<'a> {
     /// # Errors
     /// They are not there, or their values are no numbers.
     pub fn apply(&self, components: &mut Vec<Component>, lines: &mut Vec<usize>) -> Result<(), NetlistError> {
-        let place = |name: &String| components.iter().position(|component| matches!(component, Component::Inductor(inductor) if inductor.name == *name));
+        let place = |name: &String| {
+            components
+                .iter()
+                .position(|component| matches!(component, Component::Inductor(inductor) if inductor.name == *name))
+        };
         let [Some(p), Some(s)] = [place(&self.inductors[0]), place(&self.inductors[1])] else {
             let detail = format!("`{}` couples what are no two inductors, or are coupled already", self.first.shown());
             return Err(NetlistError::new(self.first, "unknown_name", detail, "two inductors, each in one coupling"));
@@ -54,7 +58,8 @@ impl<'a> Coupling<'a> {
             return Ok(());
         };
         let (primary, secondary) = (primary.clone(), secondary.clone());
-        let number = |expression: &Expression| if let Expression::Number(number) = expression { *number } else { f64::NAN };
+        let number =
+            |expression: &Expression| if let Expression::Number(number) = expression { *number } else { f64::NAN };
         let [l1, l2] = [&primary, &secondary].map(|inductor| number(&inductor.henries));
         let [i1, i2] = [&primary, &secondary].map(|inductor| inductor.amperes.as_ref().map(number));
         let ratio = self.k * (l1 / l2).sqrt();
@@ -68,7 +73,10 @@ impl<'a> Coupling<'a> {
         let (inner, mut made) = if leakage > 0.0 {
             let inner = format!("{}.in", self.name);
             let (name, nodes) = (primary.name.clone(), (a, inner.clone()));
-            (inner, vec![Component::Inductor(Inductor { name, nodes, henries: leakage.into(), amperes: primary.amperes })])
+            (
+                inner,
+                vec![Component::Inductor(Inductor { name, nodes, henries: leakage.into(), amperes: primary.amperes })],
+            )
         } else {
             (a, Vec::new())
         };

@@ -9,13 +9,30 @@ use std::collections::HashMap;
 
 /// Commands of output, and options of numerics that are others here: they say nothing of the circuit.
 const SAY_NOTHING: [&str; 18] = [
-    ".end", ".option", ".options", ".opt", ".print", ".plot", ".probe", ".save", ".width", ".temp", ".backanno", ".meas",
-    ".measure", ".four", ".title", ".nodeset", ".endc", ".ends",
+    ".end",
+    ".option",
+    ".options",
+    ".opt",
+    ".print",
+    ".plot",
+    ".probe",
+    ".save",
+    ".width",
+    ".temp",
+    ".backanno",
+    ".meas",
+    ".measure",
+    ".four",
+    ".title",
+    ".nodeset",
+    ".endc",
+    ".ends",
 ];
 /// Analyses that are not made.
 const OTHER_ANALYSES: [&str; 8] = [".ac", ".dc", ".op", ".noise", ".tf", ".disto", ".pz", ".sens"];
 
-const COMMANDS: &str = ".tran, .param, .model, .ic, .subckt; analyses other than .tran and commands of output are passed over";
+const COMMANDS: &str =
+    ".tran, .param, .model, .ic, .subckt; analyses other than .tran and commands of output are passed over";
 
 /// A subcircuit as it is declared.
 #[derive(Clone, Debug)]
@@ -170,7 +187,9 @@ impl<'a> Deck<'a> {
 /// `.tran step end [start [largest step]] [UIC]`, or `.tran end` alone.
 fn transient(first: Token<'_>, words: &[Token<'_>], scope: &Scope) -> Result<Transient, NetlistError> {
     const EXPECTED: &str = ".tran STEP END, with UIC behind it where the start is as IC= says";
-    let is_word = |token: &&Token<'_>| token.text.starts_with(char::is_alphabetic) && !scope.contains_key(&token.text.to_lowercase());
+    let is_word = |token: &&Token<'_>| {
+        token.text.starts_with(char::is_alphabetic) && !scope.contains_key(&token.text.to_lowercase())
+    };
     let numbers: Vec<f64> =
         words.iter().filter(|token| !is_word(token)).map(|&token| value_in(token, scope)).collect::<Result<_, _>>()?;
     let from_initial = words.iter().filter(is_word).any(|token| token.text.eq_ignore_ascii_case("uic"));
@@ -211,7 +230,12 @@ pub(super) fn assignments<'a>(words: &[Token<'a>]) -> Result<Vec<(Token<'a>, Tok
             [key, equals, value] if equals.text == "=" => given.push((key, value)),
             _ => {
                 let detail = format!("`{}` is not understood here", group[0].shown());
-                return Err(NetlistError::new(group[0], "unexpected_word", detail, "name=value, expressions in braces"));
+                return Err(NetlistError::new(
+                    group[0],
+                    "unexpected_word",
+                    detail,
+                    "name=value, expressions in braces",
+                ));
             }
         }
     }

@@ -50,6 +50,7 @@ struct Expansion<'d, 'a> {
     errors: Vec<NetlistError>,
     /// Subcircuits that have been written out.
     instances: usize,
+    is_too_large: bool,
 }
 
 /// Reads the components of a deck.
@@ -64,8 +65,15 @@ pub(super) fn expand(deck: &Deck<'_>, errors: Vec<NetlistError>) -> Result<Netli
         transient: deck.transient,
         remarks: Vec::new(),
     };
-    let mut expansion =
-        Expansion { deck, names: Names::default(), netlist, couplings: Vec::new(), errors, instances: 0 };
+    let mut expansion = Expansion {
+        deck,
+        names: Names::default(),
+        netlist,
+        couplings: Vec::new(),
+        errors,
+        instances: 0,
+        is_too_large: false,
+    };
     let frame = Frame { prefix: "", ports: HashMap::new(), scope: deck.scope.clone() };
     expansion.lines(&deck.components, &frame, 0);
     for coupling in std::mem::take(&mut expansion.couplings) {
@@ -84,6 +92,11 @@ impl<'a> Expansion<'_, 'a> {
         for statement in statements {
             let Some(&first) = statement.tokens.first() else { continue };
             if self.netlist.components.len() > MOST_COMPONENTS || self.instances > MOST_COMPONENTS {
+                if !std::mem::replace(&mut self.is_too_large, true) {
+                    let detail = format!("subcircuits make more than {MOST_COMPONENTS} components");
+                    let expected = format!("1 to {MOST_COMPONENTS} components");
+                    self.errors.push(NetlistError::new(first, "number_of_components", detail, &expected));
+                }
                 return;
             }
             let read = match first.text.chars().next().unwrap_or(' ').to_ascii_uppercase() {
@@ -100,7 +113,9 @@ impl<'a> Expansion<'_, 'a> {
             for token in statement.tokens.iter().skip(1) {
                 // The value of a capacitor alone may be meant in farads.
                 let meant = likely_meant(token.text);
-                if let Some(meant) = meant.filter(|meant| !meant.contains("farad") || first.text.starts_with(['C', 'c'])) {
+                if let Some(meant) =
+                    meant.filter(|meant| !meant.contains("farad") || first.text.starts_with(['C', 'c']))
+                {
                     self.remark(format!("line {}: `{}`: {meant}", token.line, token.shown()));
                 }
             }
@@ -127,7 +142,12 @@ impl<'a> Expansion<'_, 'a> {
         };
         let Some(subcircuit) = self.deck.subcircuits.get(&name.text.to_lowercase()) else {
             let detail = format!("there is no subcircuit `{}`", name.shown());
-            return Err(NetlistError::new(name, "unknown_name", detail, ".subckt with that name, in the netlist itself"));
+            return Err(NetlistError::new(
+                name,
+                "unknown_name",
+                detail,
+                ".subckt with that name, in the netlist itself",
+            ));
         };
         if nodes.len() != subcircuit.ports.len() {
             let (given, wanted) = (nodes.len(), subcircuit.ports.len());
@@ -181,7 +201,11 @@ impl<'a> Expansion<'_, 'a> {
             .initial
             .iter()
             .map(|&given| {
-                let name = if given.is_current { frame.component(given.of, &mut self.names) } else { frame.node(given.of, &mut self.names) };
+                let name = if given.is_current {
+                    frame.component(given.of, &mut self.names)
+                } else {
+                    frame.node(given.of, &mut self.names)
+                };
                 (name, given)
             })
             .collect();
@@ -211,9 +235,18 @@ impl<'a> Expansion<'_, 'a> {
             }
         }
         for ((_, given), _) in given.iter().zip(used).filter(|(_, used)| !used) {
-            let what = if given.is_current { "no inductor of that name" } else { "no capacitor from it to ground or to another node of .ic" };
+            let what = if given.is_current {
+                "no inductor of that name"
+            } else {
+                "no capacitor from it to ground or to another node of .ic"
+            };
             let detail = format!(".ic of `{}`: there is {what}, so that nothing holds this start", given.of.shown());
-            self.errors.push(NetlistError::new(given.of, "inconsistent_start", detail, "IC= of a capacitor or an inductor"));
+            self.errors.push(NetlistError::new(
+                given.of,
+                "inconsistent_start",
+                detail,
+                "IC= of a capacitor or an inductor",
+            ));
         }
     }
 
@@ -229,10 +262,12 @@ impl<'a> Expansion<'_, 'a> {
         idealised.sort_unstable();
         for (name, left_out) in idealised {
             let which = if left_out.is_empty() { String::new() } else { format!(" without {}", left_out.join(", ")) };
-            let message = format!("the diodes of the model `{name}` are ideal{which}: no drop but that of `VF=`, no recovery");
+            let message =
+                format!("the diodes of the model `{name}` are ideal{which}: no drop but that of `VF=`, no recovery");
             self.remark(message);
         }
-        let passed_over: Vec<String> = self.deck.passed_over.iter().map(|token| format!("`{}`", token.shown())).collect();
+        let passed_over: Vec<String> =
+            self.deck.passed_over.iter().map(|token| format!("`{}`", token.shown())).collect();
         if !passed_over.is_empty() {
             self.remark(format!("{} is passed over: `.tran` alone is run", passed_over.join(", ")));
         }

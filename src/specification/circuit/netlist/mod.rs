@@ -92,7 +92,12 @@ pub(crate) fn read(text: &str) -> Result<Netlist, Vec<NetlistError>> {
 fn value_in(token: Token<'_>, scope: &Scope) -> Result<f64, NetlistError> {
     if let Some(expression) = token.expression() {
         return arithmetic::evaluate(expression, scope).map_err(|why| {
-            NetlistError::new(token, "malformed_number", format!("`{}`: {why}", token.shown()), "an expression in numbers and .param")
+            NetlistError::new(
+                token,
+                "malformed_number",
+                format!("`{}`: {why}", token.shown()),
+                "an expression in numbers and .param",
+            )
         });
     }
     match scope.get(&token.text.to_lowercase()) {

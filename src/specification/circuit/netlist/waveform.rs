@@ -132,7 +132,8 @@ fn piecewise_linear(token: Token<'_>, values: &[Token<'_>], numbers: &[f64]) -> 
 }
 
 fn exponential(token: Token<'_>, values: &[Token<'_>], numbers: &[f64]) -> Result<Expression, NetlistError> {
-    const EXPECTED: &str = "EXP(low high delay constant delay_back constant_back), the first four at least; constants above 0";
+    const EXPECTED: &str =
+        "EXP(low high delay constant delay_back constant_back), the first four at least; constants above 0";
     let &[low, high, delay, constant, ref back @ ..] = numbers else {
         return Err(refuse(token, &format!("EXP has {} values", numbers.len()), EXPECTED));
     };
