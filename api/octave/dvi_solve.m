@@ -22,13 +22,13 @@ function answer = dvi_solve (specification, url, token)
   text = specification;
   if (~ischar (text)), text = jsonencode (text); end
   sent = tempname (); got = tempname ();
-  tidy = onCleanup (@() cellfun (@remove, {sent, got}));
+  tidy = onCleanup (@() cellfun (@forget, {sent, got}));
   write_text (sent, text);
   command = sprintf ('curl -sS -o "%s" -w "%%{http_code}" -H "Content-Type: application/json"', got);
   command = [command ' -H "Prefer: wait=60" -H "Accept: application/json"'];
   if (~isempty (token))
     % The token is read from a file: a command line is seen by all users of a machine.
-    secret = tempname (); tidy_secret = onCleanup (@() remove (secret));
+    secret = tempname (); tidy_secret = onCleanup (@() forget (secret));
     write_text (secret, sprintf ('header = "Authorization: Bearer %s"', token));
     command = sprintf ('%s -K "%s"', command, secret);
   end
@@ -69,6 +69,6 @@ function write_text (name, text)
   file = fopen (name, 'w'); fwrite (file, unicode2native (text, 'UTF-8')); fclose (file);
 end
 
-function remove (name)
+function forget (name)
   if (exist (name, 'file')), delete (name); end
 end
