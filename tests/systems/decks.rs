@@ -97,7 +97,7 @@ fn a_doubler_doubles() {
 }
 
 #[test]
-fn a_multiplier_of_four_stages_goes_to_four_peaks() {
+fn a_multiplier_of_two_stages_goes_to_four_peaks() {
     let stage = ".subckt stage in low high out\nC1 in high 1u\nD1 low high DI\nD2 high out DI\nC2 low out 1u\n.ends\n";
     let deck = format!(
         "Cockcroft-Walton multiplier, two stages\n{stage}V1 in 0 SIN(0 10 10k)\nRs in a 0.1\nX1 a 0 h1 o1 stage\n\

@@ -283,7 +283,9 @@ def _asked(retry_after: Optional[str], attempt: int) -> float:
 
 def _events(stream: Any) -> Iterator[tuple[str, Optional[str], Any]]:
     """Server-sent events: names, numbers and data (WHATWG HTML, section 9.2)."""
-    name, number, data = "message", None, []
+    name = "message"
+    number: Optional[str] = None
+    data: list[str] = []
     for line in stream:
         text = line.decode().rstrip("\r\n")
         if not text:

@@ -69,7 +69,7 @@ class Expression:
 
     def __neg__(self) -> Expression:
         # A product keeps its sign in front: -k*x is the same number whichever way it is read.
-        return Expression("-" + _within(self, PRODUCT, first=False), PRODUCT if self.binds >= PRODUCT else PRODUCT)
+        return Expression("-" + _within(self, PRODUCT, first=False), PRODUCT)
 
     def __pos__(self) -> Expression:
         return self
@@ -131,19 +131,19 @@ def _within(value: Operand, least: int, first: bool) -> str:
 
 def _sum(left: Operand, sign: str, right: Operand) -> Expression:
     if not _is_operand(left) or not _is_operand(right):
-        return NotImplemented
+        return NotImplemented  # type: ignore[no-any-return]
     return Expression(f"{_within(left, SUM, True)} {sign} {_within(right, PRODUCT, False)}", SUM)
 
 
 def _product(left: Operand, sign: str, right: Operand) -> Expression:
     if not _is_operand(left) or not _is_operand(right):
-        return NotImplemented
+        return NotImplemented  # type: ignore[no-any-return]
     return Expression(f"{_within(left, PRODUCT, True)}{sign}{_within(right, POWER, False)}", PRODUCT)
 
 
 def _power(left: Operand, right: Operand) -> Expression:
     if not _is_operand(left) or not _is_operand(right):
-        return NotImplemented
+        return NotImplemented  # type: ignore[no-any-return]
     return Expression(f"{_within(left, ATOM, False)}^{_within(right, ATOM, False)}", POWER)
 
 
@@ -196,7 +196,7 @@ mod = _function("mod", "The remainder; of time and parameters.")
 pwm = _function("pwm", "pwm(t, period, duty): one for the first part of each period, then zero.")
 sawtooth = _function("sawtooth", "sawtooth(t, period): from zero to one over each period.")
 triangle = _function("triangle", "triangle(t, period): up and down over each period.")
-pulse = _function("pulse", "pulse(t, from, to): one between the two times.")
+pulse = _function("pulse", "pulse(t, start, width): one from `start` on for `width`, else zero.")
 
 
 def where(condition: str, then: Operand, otherwise: Operand) -> Expression:

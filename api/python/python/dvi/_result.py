@@ -196,7 +196,7 @@ class Result:
     @property
     def diagnostics(self) -> dict[str, Any]:
         """What was done and measured."""
-        return self._evidence.get("diagnostics", {})
+        return self._part("diagnostics") or {}
 
     def _part(self, name: str) -> Optional[dict[str, Any]]:
         return self._evidence.get(name)
@@ -205,7 +205,7 @@ class Result:
     def provenance(self) -> dict[str, Any]:
         """What it is the answer to: the program and its version, the label, the type of the problem, the SHA-256 of the
         specification, the tolerances."""
-        return self._evidence.get("provenance", {})
+        return self._part("provenance") or {}
 
     @property
     def error(self) -> Optional[dict[str, Any]]:
