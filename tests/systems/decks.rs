@@ -9,10 +9,21 @@ use std::f64::consts::TAU;
 
 /// The specification that a deck is, solved to tight tolerances.
 fn run(deck: &str) -> Solution {
+    run_with(deck, json!({"count": 201}))
+}
+
+fn run_with(deck: &str, times: Value) -> Solution {
     let mut document: Value = serde_json::from_slice(&document_of(deck.as_bytes())).expect("a document");
     document["method"] = json!({"rtol": 1e-10, "atol": 1e-13});
-    document["output"] = json!({"times": {"count": 201}});
+    document["output"] = json!({"times": times});
     solve(&document)
+}
+
+/// Reported at its steps, which end on the edges of a pulse: at the edge itself either side is right.
+fn run_to_its_edges(deck: &str) -> Solution {
+    let solution = run_with(deck, json!("steps"));
+    assert!(solution.verdict.trusted, "{:?}", solution.verdict);
+    solution
 }
 
 /// Asserts that a column is within `most` of its closed form at all times.
@@ -112,10 +123,12 @@ fn a_multiplier_of_two_stages_goes_to_four_peaks() {
 /// A chopper into a coil: the current is exponential on either side of each switch, so that it is known from switch to switch.
 #[test]
 fn a_buck_chopper_follows_its_exponentials() {
-    let solution = run("Buck chopper, 24 V, 20 kHz, duty 0.4\n\
+    let solution = run_to_its_edges(
+        "Buck chopper, 24 V, 20 kHz, duty 0.4\n\
                         V1 in 0 24\nS1 in sw g 0 MOS\nD1 0 sw DI\nL1 sw out 100u IC=0\nR1 out 0 2\n\
                         Vg g 0 PULSE(0 10 0 0 0 20u 50u)\n\
-                        .model MOS SW(Ron=50m VT=5 VH=0)\n.model DI D(VFWD=0)\n.tran 0.5u 1m uic\n.end");
+                        .model MOS SW(Ron=50m VT=5 VH=0)\n.model DI D(VFWD=0)\n.tran 0.5u 1m uic\n.end",
+    );
     let (on, off, period) = (20e-6, 30e-6, 50e-6);
     let (r_on, r_off, l) = (2.05, 2.0, 100e-6);
     let exact = |t: f64| {
@@ -136,19 +149,19 @@ fn a_buck_chopper_follows_its_exponentials() {
             }
         }
     };
-    assert_is(&solution, "i(L1)", 1e-6, exact);
+    assert_is(&solution, "i(L1)", 1e-10, exact);
 }
 
 /// The mean output of a boost converter without losses is `V/(1 - D)`; the ripple is small against it.
 #[test]
 fn a_boost_converter_raises_by_its_duty() {
-    let solution = run(
+    let solution = run_to_its_edges(
         "Boost converter 12 V to 24 V\nVin in 0 12\nL1 in sw 100u IC=4.8\nS1 sw 0 g 0 SX\nD1 sw out DX\n\
                         C1 out 0 1m IC=24\nRL out 0 10\nVg g 0 PULSE(0 1 0 0 0 5u 10u)\n\
-                        .model SX VSWITCH(Ron=1u Roff=10Meg Von=0.6 Voff=0.4)\n.model DX D(Vfwd=0)\n.tran 1u 1m 0 1u uic\n.end",
+                        .model SX VSWITCH(Ron=1m Roff=1Meg Von=0.6 Voff=0.4)\n.model DX D(Vfwd=0)\n.tran 1u 1m 0 1u uic\n.end",
     );
     let out = column(&solution, "v(out)");
-    assert!(out.iter().all(|v| (v - 24.0).abs() < 0.05), "{out:?}");
+    assert!(out.iter().all(|v| (v - 24.0).abs() < 0.1), "{out:?}");
 }
 
 #[test]
