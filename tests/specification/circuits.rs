@@ -243,3 +243,43 @@ fn what_a_law_names_and_the_circuit_does_not_have_is_told_with_what_it_has() {
     assert!(errors[0].detail.starts_with("there is no `v(outt)`"), "{}", errors[0].detail);
     assert_eq!(errors[0].did_you_mean.as_deref(), Some("v(out)"));
 }
+
+/// Decks with words and lines lost, doubled, swapped and put in from elsewhere.
+#[test]
+fn mangled_decks_are_answered_at_a_line_they_have() {
+    let decks = [
+        "Buck\nV1 in 0 24\nS1 in sw g 0 MOS\nD1 0 sw DI\nL1 sw out 100u IC=0\nR1 out 0 2\nC1 out 0 {2*c}\n\
+         Vg g 0 PULSE(0 10 0 0 0 20u 50u)\n.param c=10u\n.model MOS SW(Ron=50m VT=5 VH=0)\n.model DI D(VFWD=0)\n.tran 1u 1m uic\n.end",
+        "Ladder\nV1 in 0 SIN(0 1 50)\nX1 in a rc\nX2 a b rc r=2k\n.subckt rc i o r=1k\nR1 i o {r}\nC1 o 0 1u\n.ends\n\
+         .ic V(a)=1 V(b)='1/2'\nE1 e 0 a b 2\nRe e 0 1k\nW1 e 0 V1 CS\n.model CS CSW(IT=1m)\n.tran 1m 10m\n.end",
+        "Coils\nI1 0 p EXP(0 1 1m 1m)\nL1 p 0 1\nL2 s 0 1m\nK1 L1 L2 0.9\nR1 s 0 1Meg\nF1 0 q V9 3\nV9 q r 0\nRq r 0 1\n\
+         .control\nrun\n.endc\n.options reltol=1e-4\n.tran 1 2\n.end",
+    ];
+    let words: Vec<&str> = decks.iter().flat_map(|deck| deck.split_inclusive([' ', '\n', '=', '(', ')'])).collect();
+    let mut random = fastrand::Rng::with_seed(7);
+    let mut refused = 0;
+    for _ in 0..2000 {
+        let mut text: Vec<&str> =
+            random.choice(decks).unwrap_or_default().split_inclusive([' ', '\n', '=', '(', ')']).collect();
+        for _ in 0..random.usize(1..6) {
+            let (at, other) = (random.usize(0..text.len()), random.usize(0..text.len()));
+            match random.u8(0..4) {
+                0 if text.len() > 1 => drop(text.remove(at)),
+                1 => text.insert(at, text[other]),
+                2 => text.swap(at, other),
+                _ => text.insert(at, words[random.usize(0..words.len())]),
+            }
+        }
+        let text = text.concat();
+        let Err(errors) = Specification::from_json(netlist(&text).to_string().as_bytes()) else { continue };
+        refused += 1;
+        for error in errors {
+            assert_eq!(error.pointer, NETLIST, "{error:?} of\n{text}");
+            if let Some(line) = error.detail.strip_prefix("line ") {
+                let number: usize = line.split([',', ':']).next().and_then(|line| line.parse().ok()).expect("a number");
+                assert!((1..=text.lines().count()).contains(&number), "{error:?} of\n{text}");
+            }
+        }
+    }
+    assert!((500..2000).contains(&refused), "{refused}");
+}
