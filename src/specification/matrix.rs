@@ -6,7 +6,7 @@ use super::lowering::{Constant, Lowering};
 use super::place::Place;
 use expression::{Assumption, Node};
 use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
-use serde::de::{Deserializer, Error, IntoDeserializer, MapAccess, SeqAccess, Visitor};
+use serde::de::{Deserializer, Error, IntoDeserializer, MapAccess, SeqAccess, Unexpected, Visitor};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use utoipa::PartialSchema;
@@ -118,7 +118,9 @@ impl Matrix {
     ) {
         match self {
             // A row is written flat where a program does not tell it from a column.
-            Matrix::Dense(lines) if rows == 1 && lines.len() == columns && lines.iter().all(|line| line.len() == 1) => {
+            Matrix::Dense(lines)
+                if rows == 1 && columns > 1 && lines.len() == columns && lines.iter().all(|line| line.len() == 1) =>
+            {
                 for (j, value) in lines.iter().flatten().enumerate() {
                     visit(0, j, value, &place.index(j), lowering);
                 }
@@ -164,7 +166,10 @@ impl Matrix {
 
 fn wrong_shape(place: &Place<'_>, detail: String, rows: usize, columns: usize, lowering: &mut Lowering) {
     let error = SpecificationError::new(place.to_string(), "wrong_shape", detail);
-    lowering.errors.push(error.expected(format!("{rows} x {columns}")));
+    let row = format!("[{}]", vec![".."; columns.min(SHOWN)].join(", "));
+    let shown = format!("[{}]", vec![row; rows.min(SHOWN)].join(", "));
+    let example = if rows.max(columns) <= SHOWN { format!(", as `{shown}`") } else { String::new() };
+    lowering.errors.push(error.expected(format!("{rows} x {columns}{example}")));
 }
 
 impl PartialSchema for Matrix {
@@ -195,6 +200,9 @@ impl<'de> Deserialize<'de> for Matrix {
 
 struct MatrixVisitor;
 
+/// Rows and columns of a matrix that is shown as an example.
+const SHOWN: usize = 4;
+
 /// A matrix of one entry, written as it alone.
 fn alone<'de, E: Error>(entry: impl Deserializer<'de, Error = E>) -> Result<Matrix, E> {
     Expression::deserialize(entry).map(|entry| Matrix::Dense(vec![vec![entry]]))
@@ -220,7 +228,10 @@ impl<'de> Visitor<'de> for MatrixVisitor {
     }
 
     fn visit_str<E: Error>(self, text: &str) -> Result<Matrix, E> {
-        alone(text.into_deserializer())
+        match text.trim_start().starts_with(['[', '{']) {
+            true => Err(E::invalid_type(Unexpected::Str(text), &self)),
+            false => alone(text.into_deserializer()),
+        }
     }
 
     fn visit_seq<A: SeqAccess<'de>>(self, access: A) -> Result<Matrix, A::Error> {

@@ -113,6 +113,28 @@ def test_what_python_would_do_in_silence_is_refused():
         x + math.inf
 
 
+def test_a_parameter_may_have_a_name_of_the_builder():
+    p = dvi.Problem(stop=2, mass=4)
+    x = p.state("x", 1)
+    with pytest.raises(TypeError):
+        x / p.stop
+    with pytest.raises(TypeError, match="the builder's own"):
+        dvi.sin(p.stop)
+    x.rate = -p["stop"] * x / p["mass"]
+    assert x.rate == "-stop*x/mass" and abs(p.solve(1, rtol=1e-9)["x"][-1] - math.exp(-0.5)) < 1e-8
+    with pytest.raises(KeyError, match="no parameter"):
+        p["x"]
+
+
+def test_a_mass_matrix_stands_before_the_rates():
+    p = dvi.Problem()
+    x, y = p.state("x", 1), p.state("y", 1)
+    x.rate, y.rate = -x, -y
+    p.mass_matrix = np.array([[2.0, 0.0], [0.0, 4.0]])
+    r = p.solve(1, rtol=1e-9)
+    assert abs(r["x"][-1] - math.exp(-0.5)) < 1e-8 and abs(r["y"][-1] - math.exp(-0.25)) < 1e-8
+
+
 def test_what_is_left_out_is_an_error_of_the_specification():
     p = dvi.Problem()
     p.state("x", 0)

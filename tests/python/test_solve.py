@@ -269,6 +269,30 @@ def test_examples_schema_and_catalogue_come_with_the_package():
         dvi.example("nothing")
 
 
+def test_results_are_pickled_with_all_they_hold(belt):
+    import pickle
+
+    r = dvi.solve({**belt, "label": "kept"})
+    back = pickle.loads(pickle.dumps(r))
+    assert back["x"].tobytes() == r["x"].tobytes() and back.evidence == r.evidence and "kept" in back.to_svg()
+
+
+def test_an_answer_says_what_it_is_the_answer_to(belt):
+    import hashlib
+
+    text = json.dumps({**belt, "label": "traced"})
+    provenance = dvi.solve(text).provenance
+    assert provenance["digest"] == hashlib.sha256(text.encode()).hexdigest()
+    assert provenance["program"] == f"dvi {dvi.__version__}" and provenance["label"] == "traced"
+
+
+def test_a_deck_is_solved_as_a_file(tmp_path):
+    deck = tmp_path / "rc.cir"
+    deck.write_text("An RC circuit\nV1 in 0 5\nR1 in out 1k\nC1 out 0 1u IC=0\n.tran 1u 5m uic\n.end\n")
+    r = dvi.solve(deck)
+    assert abs(r["v(out)"][-1] - 5 * (1 - math.exp(-5))) < 1e-5 and r.provenance["label"] == "An RC circuit"
+
+
 def test_a_misspelt_field_is_named_with_its_neighbour(belt):
     r = dvi.solve(belt)
     with pytest.raises(KeyError, match="there is no field 'X'"):

@@ -185,7 +185,7 @@ fn an_error_in_a_deck_has_its_line_and_column() {
         ("R1 a 0 {x}", "malformed_number", "line 3, column 8: `{x}`: nothing is called `x`"),
         ("R1 a 0 {1+", "malformed_number", "line 3, column 8"),
         ("R1 a 0 {(1}", "malformed_number", "`)` is missing"),
-        (".param a={b} b={a}\nR1 a 0 1", "malformed_number", "line 3, column 10"),
+        (".param a={b} b={a}\nR1 a 0 1", "malformed_number", "line 3, column 16: `{a}`: nothing is called `a`"),
         (".model X NPN(BF=100)", "unknown_component", "line 3, column 10: models of `NPN`"),
         ("S1 a 0 c 0 X\n.model X D", "unknown_name", "line 3, column 12: the model `X` is one of another kind"),
         ("S1 a 0 c 0 X\n.model X SW(VH=-1)", "out_of_range", "smooth switch"),

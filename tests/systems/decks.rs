@@ -259,7 +259,7 @@ fn a_relaxation_oscillator_has_its_period() {
     );
     let closes = events(&solution, "closed(S1)");
     let r = 1.0 / (1.0 / 1e4 + 1.0 / 100.0);
-    let floor = 10.0 * r / 1e4;
+    let floor: f64 = 10.0 * r / 1e4;
     let up = |from: f64, to: f64| 1e4 * 1e-6 * ((10.0 - from) / (10.0 - to)).ln();
     let down = r * 1e-6 * ((6.0 - floor) / (4.0 - floor)).ln();
     let first = up(0.0, 6.0);

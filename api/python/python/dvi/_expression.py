@@ -114,7 +114,8 @@ def expression(value: Operand) -> Expression:
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
         if hasattr(value, "item") and getattr(value, "size", 0) == 1:
             return expression(value.item())
-        raise TypeError(f"{value!r} is no expression: a number, a text or a term is")
+        hint = "; a parameter with a name of the builder's own is p[\"name\"]" if callable(value) else ""
+        raise TypeError(f"{value!r} is no expression: a number, a text or a term is{hint}")
     number = float(value)
     if not math.isfinite(number):
         raise ValueError(f"{number} is no value of an expression")

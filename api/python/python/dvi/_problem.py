@@ -102,7 +102,8 @@ class Table:
 class Problem:
     """A differential variational inequality in the making.
 
-    The arguments are parameters, which are attributes then: `Problem(m=1).m`. `label` is the user's own words for it.
+    The arguments are parameters, which are attributes then: `Problem(m=1).m`; where a name is one of the builder's own,
+    `Problem(stop=1)["stop"]`. `label` is the user's own words for it.
 
     >>> p = Problem(m=1, k=1, f=1, v_belt=0.5)
     >>> x, v = p.state("x", 4), p.state("v", 0)
@@ -123,11 +124,17 @@ class Problem:
         self._set: list[dict[str, Any]] = []
         self._stop: list[dict[str, Any]] = []
         #: The mass matrix M, a list of rows; None is the identity.
-        self.mass: Any = None
+        self.mass_matrix: Any = None
         #: Further keys of the specification, such as `sensitivities` or `study`, merged into it as they stand.
         self.further: dict[str, Any] = {}
         for name, value in parameters.items():
             self.parameter(name, value)
+
+    def __getitem__(self, name: str) -> Parameter:
+        """A parameter whose name is one of the builder's own: `p["mass"]`, `p["stop"]`."""
+        if name in self._parameters:
+            return Parameter(name, self)
+        raise KeyError(f"there is no parameter {name!r} among {', '.join(self._parameters) or 'none'}")
 
     def __getattr__(self, name: str) -> Parameter:
         parameters = self.__dict__.get("_parameters", {})
@@ -251,7 +258,7 @@ class Problem:
             "states": self._states,
             "variables": self._variables,
             "set": self._set,
-            "mass": _written(self.mass),
+            "mass": _written(self.mass_matrix),
         }
         problem = {key: value for key, value in problem.items() if key == "states" or (value is not None and len(value) > 0)}
         document: dict[str, Any] = {"problem": {"dvi": problem}}

@@ -90,6 +90,10 @@ class Result:
         """Reads an answer that the program or a service wrote."""
         return cls(_dvi.Answer.from_json(text.encode() if isinstance(text, str) else text, label))
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # The specification stays behind: values at other times are then not to be had.
+        return Result.from_json, (self.to_json(), self.provenance.get("label"))
+
     def completed(self) -> Result:
         """This answer, if the end was reached; else raises `SolveError`. Warns where it is not trusted."""
         if self.status != "completed":
