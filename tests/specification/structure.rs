@@ -215,10 +215,9 @@ fn one_value_stands_for_a_list_of_it_alone() {
     // What is wrong with it is at its place in what was written.
     let wrong = with(block(), "/problem/dvi/set", json!({"bxo": {"of": "F"}}));
     assert_suggestion(&wrong, "/problem/dvi/set/bxo", "unknown_choice", "box");
-    assert_errors(
-        &with(block(), "/problem/dvi/mass", json!(3)),
-        &[("/problem/dvi/mass", "wrong_shape", "expected 2 rows")],
-    );
+    let rows = ("/problem/dvi/mass", "wrong_shape", "expected 2 rows");
+    let entries = ("/problem/dvi/mass/0", "wrong_shape", "expected 2 entries");
+    assert_errors(&with(block(), "/problem/dvi/mass", json!(3)), &[rows, entries]);
 }
 
 #[test]
