@@ -272,7 +272,7 @@ fn a_relaxation_oscillator_has_its_period() {
 #[test]
 fn a_current_switch_closes_at_its_current() {
     let solution = run(
-        "Overcurrent\nV1 a 0 PWL(0 0 1 10)\nVs a b 0\nR1 b 0 100\nV2 c 0 5\nRp c d 100\nW1 d 0 Vs RELAY\nC1 d 0 1p\n\
+        "Overcurrent\nV1 a 0 PWL(0 0 1 10)\nVs a b 0\nR1 b 0 100\nV2 c 0 5\nRp c d 100\nW1 d 0 Vs RELAY\nC1 d 0 1p IC=5\n\
                         .model RELAY CSW(IT=50m IH=0 RON=1)\n.tran 1m 1\n.end",
     );
     // 50 mA through 100 ohms at 5 V, half way up the ramp.

@@ -166,12 +166,18 @@ impl<'a> Expansion<'_, 'a> {
             .map(|(port, &node)| (port.clone(), frame.node(node, &mut self.names)))
             .collect();
         let mut scope = self.deck.scope.clone();
-        for &(key, value) in &subcircuit.defaults {
-            let value = value_in(value, &scope)?;
-            scope.insert(key.text.to_lowercase(), value);
-        }
+        let mut given = Scope::new();
         for (key, value) in assignments(options)? {
-            scope.insert(key.text.to_lowercase(), value_in(value, &frame.scope)?);
+            given.insert(key.text.to_lowercase(), value_in(value, &frame.scope)?);
+        }
+        // Defaults build on what is given in place of others.
+        scope.extend(given.clone());
+        for &(key, value) in &subcircuit.defaults {
+            let key = key.text.to_lowercase();
+            if !given.contains_key(&key) {
+                let value = value_in(value, &scope)?;
+                scope.insert(key, value);
+            }
         }
         let prefix = format!("{}.", frame.component(first, &mut self.names));
         // A parameter of its own is one of this instance.
