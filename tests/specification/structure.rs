@@ -250,6 +250,10 @@ fn comments_and_the_address_of_the_schema_are_passed_over() {
         specification.model().state_names(),
         Specification::from_json(block().to_string().as_bytes()).unwrap().model().state_names()
     );
+    // Beside the type of a problem with vectors too.
+    let vectors = json!({"parameters": {"n": 2}, "states": {"x[1..n]": {"initial": 1, "rate": "-x[i]"}}});
+    let vectors = json!({"problem": {"comment": "why", "dvi": vectors}, "time": {"end": 1}});
+    assert!(Specification::from_json(vectors.to_string().as_bytes()).is_ok());
     let schema = json!({"initial": 0, "rate": "1"});
     let state = with(block(), "/problem/dvi/states/comment", schema);
     assert!(
