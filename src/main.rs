@@ -3,7 +3,10 @@
 mod command;
 
 use clap::{CommandFactory, Parser, Subcommand};
-use command::{check, explain, healthcheck, merge, methods, report, serve, solve, store, sweep, token, usage, worker};
+use command::{
+    check, completions, explain, healthcheck, man, merge, methods, report, serve, solve, store, sweep, token, usage,
+    worker,
+};
 use mimalloc::MiMalloc;
 use std::process::ExitCode;
 
@@ -26,6 +29,7 @@ Examples:
   dvi solve --format csv circuit.json > circuit.csv   solve, trajectory as a table
   dvi solve --format svg circuit.json > circuit.svg   solve, trajectory as a picture
   dvi sweep -o belts.csv belts.json                   solve for many values of parameters, on all cores
+  dvi solve *.json                                    several, each result beside its specification
   dvi check circuit.json                              find all errors without solving
   dvi explain unknown_key                             explain a code of an error or a warning
   dvi methods                                         list what there is to choose from
@@ -46,6 +50,8 @@ enum Command {
     Worker(worker::Arguments),
     Store(store::Arguments),
     Token(token::Arguments),
+    Completions(completions::Arguments),
+    Man(man::Arguments),
     Healthcheck(healthcheck::Arguments),
 }
 
@@ -71,6 +77,8 @@ fn main() -> ExitCode {
         Command::Worker(arguments) => worker::run(&arguments),
         Command::Store(arguments) => store::run(&arguments),
         Command::Token(arguments) => token::run(&arguments),
+        Command::Completions(arguments) => completions::run(&arguments, Cli::command()),
+        Command::Man(arguments) => man::run(&arguments, Cli::command()),
         Command::Healthcheck(arguments) => healthcheck::run(&arguments),
     }
 }

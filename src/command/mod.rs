@@ -1,10 +1,12 @@
 //! What the subcommands share: exit codes, reading a specification, and telling what is wrong with one.
 
 pub mod check;
+pub mod completions;
 mod confined;
 pub mod data;
 pub mod explain;
 pub mod healthcheck;
+pub mod man;
 pub mod merge;
 pub mod methods;
 mod peers;
@@ -13,6 +15,7 @@ mod remote;
 pub mod report;
 mod result;
 pub mod serve;
+mod several;
 pub mod solve;
 mod spans;
 pub mod store;
@@ -22,7 +25,7 @@ pub mod usage;
 mod verdict;
 pub mod worker;
 
-use dvi::specification::{Specification, SpecificationError, edited};
+use dvi::specification::{Specification, SpecificationError, document_of, edited};
 use serde::Deserialize;
 use std::fmt::Write as _;
 use std::io::{self, Read};
@@ -98,7 +101,7 @@ fn told(file: &Path, errors: Vec<SpecificationError>) -> ExitCode {
     ExitCode::from(BAD_SPECIFICATION)
 }
 
-/// The bytes of a file, or of standard input where it is called `-`.
+/// The specification in a file, or on standard input where it is called `-`; a deck of SPICE becomes one.
 pub fn bytes(file: &Path) -> Result<Vec<u8>, ExitCode> {
     bytes_of(file).map_err(|error| {
         eprintln!("dvi: cannot read {}: {error}", file.display());
@@ -110,9 +113,9 @@ fn bytes_of(file: &Path) -> io::Result<Vec<u8>> {
     if file == Path::new("-") {
         let mut text = Vec::new();
         io::stdin().lock().read_to_end(&mut text)?;
-        return Ok(text);
+        return Ok(document_of(&text).into_owned());
     }
-    std::fs::read(file)
+    std::fs::read(file).map(|text| document_of(&text).into_owned())
 }
 
 /// The errors for people: a paragraph each, the place first.

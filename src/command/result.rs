@@ -45,6 +45,17 @@ impl Format {
         }
     }
 
+    /// The end of the name of a file that has it.
+    pub fn extension(self) -> &'static str {
+        match self {
+            Self::Json => "json",
+            Self::Csv => "csv",
+            Self::Ndjson => "ndjson",
+            Self::Arrow => "arrow",
+            Self::Svg => "svg",
+        }
+    }
+
     /// Its media type.
     pub fn media_type(self) -> &'static str {
         match self {
@@ -80,7 +91,7 @@ pub fn write(solution: &Solution, label: Option<&str>, format: Format, out: &mut
         Format::Csv => encodings::write_table(&mut encodings::Csv, &solution.trajectory, out)?,
         Format::Ndjson => encodings::write_table(&mut encodings::Lines, &solution.trajectory, out)?,
         Format::Arrow => {
-            let mut table = encodings::Arrow::with(&solution.verdict);
+            let mut table = encodings::Arrow::with(&solution.verdict).of(solution.provenance.as_ref());
             encodings::write_table(&mut table, &solution.trajectory, out)?;
         }
         Format::Svg => pictures::write_svg(solution, label, out)?,

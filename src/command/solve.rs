@@ -2,20 +2,19 @@
 
 use super::remote::{self, Server};
 use super::result::{Format, destination, write};
-use super::{UNWRITABLE, bytes, confined, read_text, setting, verdict, with_settings};
+use super::{UNWRITABLE, USAGE, bytes, confined, read_text, setting, several, verdict, with_settings};
 use clap::Args;
 use dvi::problem::Control;
 use dvi::solution::{Status, Verdict, encodings};
-use dvi::specification::Specification;
 use serde::Deserialize;
 use std::io::{self, IsTerminal, Write};
 use std::num::NonZeroUsize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Solve a specification
 ///
@@ -25,8 +24,10 @@ use std::time::{Duration, Instant};
 #[derive(Args)]
 #[command(after_help = HELP, verbatim_doc_comment)]
 pub struct Arguments {
-    /// The specification, a JSON file; - is standard input
-    file: PathBuf,
+    /// The specification, a JSON file; - is standard input. Of several files each result is written beside its specification,
+    /// of NAME.json as NAME.result.FORMAT, and all cores solve
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
 
     /// The form of the result; default by the extension of the file, or JSON
     #[arg(long, value_enum)]
@@ -76,6 +77,7 @@ Examples:
   dvi solve --format csv spring.json | head
   dvi solve --format svg spring.json > spring.svg
   dvi solve --set k=2 --set x.initial=0.5 -o spring.csv spring.json
+  dvi solve --format csv *.json                    spring.json becomes spring.result.csv, and so on
   generate-specification | dvi solve - > result.json
   dvi solve --memory-mib 4096 large.json
   dvi solve --server http://localhost:8080 spring.json";
@@ -89,24 +91,36 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Ok(format) => format,
         Err(code) => return code,
     };
-    let text = match bytes(&arguments.file).and_then(|text| with_settings(&arguments.file, text, &arguments.set)) {
+    let [file] = arguments.files.as_slice() else {
+        let is_alone = arguments.server.is_some() || arguments.memory_mib.is_some();
+        if is_alone || arguments.output.is_some() || !arguments.set.is_empty() {
+            eprintln!("dvi: --server, --memory-mib, --output and --set take one file at a time");
+            return ExitCode::from(USAGE);
+        }
+        return several::run(&arguments.files, format);
+    };
+    run_alone(arguments, file, format)
+}
+
+fn run_alone(arguments: &Arguments, file: &Path, format: Format) -> ExitCode {
+    let text = match bytes(file).and_then(|text| with_settings(file, text, &arguments.set)) {
         Ok(text) => text,
         Err(code) => return code,
     };
     if let Some(server) = &arguments.server {
         let server = server.clone().showing(arguments.token.as_deref());
-        let output = arguments.output.as_deref();
-        return remote::run(&server, &arguments.file, text, format.media_type(), output);
+        return remote::run(&server, file, text, format.media_type(), arguments.output.as_deref());
     }
     if let Some(memory_mib) = arguments.memory_mib {
-        return solve_confined(arguments, format, &text, memory_mib).unwrap_or_else(|code| code);
+        return solve_confined(arguments, file, format, &text, memory_mib).unwrap_or_else(|code| code);
     }
-    let specification = match read_text(&arguments.file, &text) {
+    let specification = match read_text(file, &text) {
         Ok(specification) => specification,
         Err(code) => return code,
     };
-    let control = Arc::new(control(&specification));
-    cancel_on_interrupt(Arc::clone(&control));
+    let control = Arc::new(specification.control());
+    let interrupted = Arc::clone(&control);
+    on_interrupt(move || interrupted.cancel());
     let solution = with_progress(&control, || dvi::solve_on(threads(), &specification, &control));
     if let Some(error) = &solution.error {
         match solution.table {
@@ -145,12 +159,13 @@ struct Labelled {
 /// The same in a process of its own, which may take so much memory.
 fn solve_confined(
     arguments: &Arguments,
+    file: &Path,
     format: Format,
     document: &[u8],
     memory_mib: NonZeroUsize,
 ) -> Result<ExitCode, ExitCode> {
     let control = Control::new();
-    let (solved, json) = with_progress(&control, || confined::solve(&arguments.file, document, memory_mib, &control))?;
+    let (solved, json) = with_progress(&control, || confined::solve(file, document, memory_mib, &control))?;
     if let Some(failed) = &solved.failed {
         eprintln!("dvi: {} at t = {}: {}", failed.code, failed.time, failed.message);
     }
@@ -165,20 +180,12 @@ fn solve_confined(
     Ok(exit_code(written, solved.status, &solved.verdict))
 }
 
-pub(super) fn control(specification: &Specification) -> Control {
-    let allowed = specification.wall_seconds().and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
-    match allowed.and_then(|allowed| Instant::now().checked_add(allowed)) {
-        Some(deadline) => Control::with_deadline(deadline),
-        None => Control::new(),
-    }
-}
-
 /// Waits for Ctrl-C on a thread of its own. Where that cannot be had, Ctrl-C ends the process, as it always did.
-pub(super) fn cancel_on_interrupt(control: Arc<Control>) {
+pub(super) fn on_interrupt(act: impl FnOnce() + Send + 'static) {
     let wait = move || {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_io().build()?;
         runtime.block_on(tokio::signal::ctrl_c())?;
-        control.cancel();
+        act();
         io::Result::Ok(())
     };
     let thread = thread::Builder::new().name("dvi-interrupt".to_owned()).spawn(wait);

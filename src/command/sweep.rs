@@ -1,7 +1,7 @@
 //! `dvi sweep`: the members of a sweep on all cores of this machine, or a part of them.
 
 use super::result::{Format, destination, write};
-use super::solve::{cancel_on_interrupt, control, exit_code, threads, with_progress};
+use super::solve::{exit_code, on_interrupt, threads, with_progress};
 use super::{USAGE, bytes, read_text, setting, verdict, with_settings};
 use clap::Args;
 use dvi::study::sweep;
@@ -102,8 +102,9 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         return ExitCode::from(USAGE);
     };
     let members = arguments.shard.map_or(0..plan.members(), |shard| shard.members(plan.members()));
-    let control = Arc::new(control(&specification));
-    cancel_on_interrupt(Arc::clone(&control));
+    let control = Arc::new(specification.control());
+    let interrupted = Arc::clone(&control);
+    on_interrupt(move || interrupted.cancel());
     let threads = arguments.threads.unwrap_or_else(threads);
     let solution = with_progress(&control, || sweep(&specification, members, threads, &control));
     if let Some(error) = &solution.error {

@@ -16,6 +16,7 @@ mod observables;
 mod obstacle;
 mod orbit;
 pub mod pictures;
+mod provenance;
 mod quadrature;
 mod reducers;
 mod rigid_bodies;
@@ -44,6 +45,7 @@ pub use observables::{Direction, EndedBy, Monitored, Observables};
 pub use obstacle::{describe_obstacle, integrate_obstacle};
 pub use orbit::{Orbit, Periodic, find_orbit};
 pub use problem::{Event, EventKind, Warning};
+pub use provenance::Provenance;
 pub use reducers::{Collected, Over, Reducers, Reduction, Selected};
 pub use rigid_bodies::{describe_rigid_bodies, step_rigid_bodies};
 pub use run::{Plan, Stepper, run};
@@ -53,7 +55,7 @@ pub use statistics::OverTime;
 pub use steady_state::{SteadyState, find_steady_state};
 pub use study::{Series, Study, StudyRun};
 pub use summary::{OfNumber, Summary};
-pub use table::{Column, Provenance, Table, Unmergeable, Values, Words};
+pub use table::{Column, Table, TableProvenance, Unmergeable, Values, Words};
 pub use trajectory::{Field, Trajectory};
 pub use uniqueness::uniqueness_caveat;
 pub use verdict::{Caveat, CheckCode, Checks, Measured, Reason, Verdict};
@@ -103,6 +105,9 @@ pub struct Solution {
     /// Whether it may be relied upon, and what speaks against it.
     #[serde(default)]
     pub verdict: Verdict,
+    /// What it is the answer to.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub provenance: Option<Provenance>,
     /// Why it stopped or failed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error: Option<Failure>,

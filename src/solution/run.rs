@@ -221,6 +221,7 @@ impl<'a> Run<'a> {
                 version: Version,
                 status,
                 verdict,
+                provenance: None,
                 error,
                 ended_by,
                 trajectory,

@@ -36,12 +36,12 @@ pub struct Table {
     pub collected: Vec<String>,
     /// What made it.
     #[serde(flatten)]
-    pub provenance: Provenance,
+    pub provenance: TableProvenance,
 }
 
 /// What a table was made by, and of: parts that differ in it are not parts of one table.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
-pub struct Provenance {
+pub struct TableProvenance {
     /// The version of the program.
     #[serde(default, rename = "program")]
     pub version: String,
@@ -594,7 +594,7 @@ mod tests {
             failed: errors.iter().flatten().count() as u64,
             swept: vec!["x".to_owned()],
             collected: Vec::new(),
-            provenance: Provenance { version: "1".to_owned(), ..Provenance::default() },
+            provenance: TableProvenance { version: "1".to_owned(), ..TableProvenance::default() },
         }
     }
 

@@ -9,19 +9,22 @@ use super::lowering::{Lowering, MOST_UNKNOWNS, Start};
 use super::method::{Method, ViSolverName, out_of_range};
 use super::model::{Asked, Model};
 use super::observables;
-use super::output::Columns;
+use super::output::{Columns, Output};
 use super::place::Place;
 use super::plan::MOST_STEPS;
+use super::reading::{Digest, digest};
 use super::repairs::Repairs;
 use super::search::{self, Search};
 use super::study::StudyPlan;
 use super::sweep::{Nameable, Prepared, SweepPlan};
+use super::times::Times;
 use super::vectors::Vectors;
 use analysis::Analysis;
 use models::rigid_bodies::Load;
 use problem::{Control, ConvexSet};
-use solution::{Observables, Sensitivities};
+use solution::{Observables, Provenance, Sensitivities};
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 /// A specification that has passed every check, lowered and ready to be solved any number of times.
 #[derive(Clone, Debug)]
@@ -45,6 +48,8 @@ pub struct Specification {
     pub(super) load: Load,
     pub(super) most_memory: usize,
     analysis: Analysis,
+    /// What its text is known by; nothing where other parameters were bound.
+    digest: Option<Digest>,
 }
 
 /// The version of the language of specifications.
@@ -77,6 +82,7 @@ impl Specification {
         errors: &mut Errors,
     ) -> Option<Self> {
         let Document {
+            schema: _,
             version,
             problem,
             time,
@@ -229,6 +235,7 @@ impl Specification {
                 load,
                 most_memory,
                 analysis,
+                digest: None,
             })
         });
         if control.poll().is_some() {
@@ -250,7 +257,7 @@ impl Specification {
 
     /// The same with another model of the same names, which has these values of its parameters.
     pub(super) fn with_model(&self, model: Arc<dyn Model>, parameters: &[f64], analysis: Analysis) -> Self {
-        let mut bound = Self { model, analysis, ..self.clone() };
+        let mut bound = Self { model, analysis, digest: None, ..self.clone() };
         bound.observables.program.bind(parameters);
         if let Some(sweep) = &mut bound.sweep {
             sweep.reducers.program.bind(parameters);
@@ -263,6 +270,53 @@ impl Specification {
     pub fn within_steps(mut self, most: u64) -> Self {
         self.limits.steps = Some(self.step_limit().unwrap_or(MOST_STEPS).min(most));
         self
+    }
+
+    /// The same problem, reported at these times, which increase and lie within the horizon, in place of those that it asks
+    /// for, and without a study.
+    ///
+    /// # Errors
+    /// All that is wrong with the times.
+    pub fn reporting_at(&self, times: Vec<f64>) -> Result<Self, Vec<SpecificationError>> {
+        let mut errors = Errors::default();
+        let output = Output { times: Times::List(times), ..Output::default() };
+        let output_times = output.times(Some(self.time), &Place::Root.key("output"), &mut errors);
+        match errors.is_empty() {
+            true => Ok(Self { output_times, study: None, ..self.clone() }),
+            false => Err(errors.into_list()),
+        }
+    }
+
+    pub(super) fn with_digest(self, digest: Option<Digest>) -> Self {
+        Self { digest, ..self }
+    }
+
+    /// The same, known to be what reading `text` gives.
+    #[must_use]
+    pub fn of_text(self, text: &[u8]) -> Self {
+        self.with_digest(Some(digest(text)))
+    }
+
+    /// What an answer to it is the answer to.
+    pub fn provenance(&self) -> Provenance {
+        let atol = self.absolute_tolerances.first().copied();
+        let hexadecimal = |digest: &Digest| digest.iter().map(|byte| format!("{byte:02x}")).collect();
+        Provenance {
+            program: concat!("dvi ", env!("CARGO_PKG_VERSION")).to_owned(),
+            label: self.label.clone(),
+            problem: self.problem.to_owned(),
+            digest: self.digest.as_ref().map(hexadecimal),
+            rtol: self.method.rtol,
+            atol: atol.filter(|atol| self.absolute_tolerances.iter().all(|other| other == atol)),
+            step: self.method.step,
+        }
+    }
+
+    /// A control that stops a solve when the wall-clock time is over that the user allows, counted from now.
+    pub fn control(&self) -> Control {
+        let allowed = self.wall_seconds().and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
+        let deadline = allowed.and_then(|allowed| Instant::now().checked_add(allowed));
+        deadline.map_or_else(Control::new, Control::with_deadline)
     }
 
     /// The user's own words for it, at most 200 characters.

@@ -28,6 +28,9 @@ use utoipa::ToSchema;
 #[serde(deny_unknown_fields)]
 #[schema(as = Specification)]
 pub struct Document {
+    /// The address of the schema of specifications, for editors that complete and explain them. Nothing else looks at it.
+    #[serde(rename = "$schema", default)]
+    pub schema: Option<String>,
     /// The version of the language of specifications: 1, as where it is absent.
     #[schema(minimum = 1, maximum = 1)]
     pub version: Option<u64>,
@@ -128,7 +131,7 @@ pub struct Time {
     #[serde(default)]
     #[schema(default = 0.0)]
     pub start: f64,
-    /// Where the solve ends; after `start`.
+    /// Where the solve ends; after `start`. It may be written as `until`, for programs that reserve the word `end`.
     pub end: f64,
 }
 

@@ -57,9 +57,9 @@ impl Draft {
     /// # Errors
     /// All that is wrong with it, at least one.
     pub fn check_within(self, most: usize, control: &Control) -> Result<Specification, Vec<SpecificationError>> {
-        let Reading { document, repairs, mut errors, vectors, prepared } = self.0;
+        let Reading { document, repairs, mut errors, vectors, prepared, digest } = self.0;
         match Specification::check(document, (&repairs, &vectors, &prepared), most, control, &mut errors) {
-            Some(specification) if errors.is_empty() => Ok(specification),
+            Some(specification) if errors.is_empty() => Ok(specification.with_digest(digest)),
             _ => Err(vectors.at_origins(errors.into_list())),
         }
     }

@@ -55,6 +55,7 @@ mod search;
 mod sensitivities;
 mod set;
 mod shapes;
+mod spice;
 mod stages;
 mod start;
 mod static_vi;
@@ -105,6 +106,7 @@ pub use rigid_bodies::{
 pub use schema::json_schema;
 pub use search::{FreePeriod, Period, PeriodicRequest, Search, SteadyStateRequest};
 pub use set::{BallBlock, Block, BoxBlock, PolyhedronBlock};
+pub use spice::document as document_of;
 pub use stages::Stages;
 pub use static_vi::{StaticVariable, ViProblem};
 pub use study::{Exact, Rung, StudyPlan, StudyRequest};

@@ -13,10 +13,19 @@ use super::syntax;
 use super::vectors::{self, Vectors};
 use serde::Deserialize;
 use serde_path_to_error::{Path, Segment};
+use sha2::{Digest as _, Sha256};
 use std::sync::Arc;
 
 /// Bytes that may be read again in all while mending: it bounds the time that a large and bad document can take.
 const WORK: usize = 64 << 20;
+
+/// What a text is known by.
+pub(super) type Digest = [u8; 32];
+
+/// The SHA-256 (FIPS 180-4) of a text.
+pub(super) fn digest(text: &[u8]) -> Digest {
+    Sha256::digest(text).into()
+}
 
 /// What some editors put before text in UTF-8.
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
@@ -29,6 +38,8 @@ pub(super) struct Reading {
     pub errors: Errors,
     pub vectors: Vectors,
     pub prepared: Prepared,
+    /// The SHA-256 of the text, where it was read of one.
+    pub digest: Option<Digest>,
 }
 
 /// Reads a document.
@@ -36,7 +47,8 @@ pub(super) struct Reading {
 /// # Errors
 /// The structural errors, where no mending led to a readable document.
 pub(super) fn read(text: &[u8]) -> Result<Reading, Vec<SpecificationError>> {
-    read_tree(tree(text)?, &[], text.len())
+    let reading = read_tree(tree(text)?, &[], text.len())?;
+    Ok(Reading { digest: Some(digest(text)), ..reading })
 }
 
 /// The tree of a document.
@@ -61,6 +73,7 @@ pub(super) fn read_tree(
         let detail = "this key stands twice in its object";
         errors.push(SpecificationError::new(pointer(path), "duplicate_key", detail).expected("each key once"));
     });
+    rename_until(&mut json, &mut errors);
     let is_swept = matches!(json.child(&Step::Key("sweep".to_owned())), Some(Json::Object(_)));
     let source = is_swept.then(|| Arc::new(json.clone()));
     // Sizes of vectors have their values before these are written out, starts of elements behind that.
@@ -76,7 +89,7 @@ pub(super) fn read_tree(
     for _ in 0..(WORK / bytes.max(1)).clamp(4, 256) {
         // The place of an error costs time to keep, so it is looked for only when there is one.
         if let Ok(document) = Document::deserialize(&json) {
-            return Ok(Reading { document, repairs, errors, vectors, prepared });
+            return Ok(Reading { document, repairs, errors, vectors, prepared, digest: None });
         }
         let Err(error) = serde_path_to_error::deserialize::<_, Document>(&json) else { break };
         let path = steps(error.path(), &json);
@@ -85,6 +98,22 @@ pub(super) fn read_tree(
         }
     }
     Err(vectors.at_origins(errors.into_list()))
+}
+
+/// The end of the horizon by its other name: `end` is a reserved word of MATLAB, Octave and Julia.
+fn rename_until(json: &mut Json, errors: &mut Errors) {
+    let time = [Step::Key("time".to_owned())];
+    let Some(Json::Object(members)) = json.at_mut(&time) else { return };
+    let [end, until] = ["end", "until"].map(|key| members.iter().position(|(name, _)| name == key));
+    match (end, until) {
+        (None, Some(until)) => members[until].0 = "end".to_owned(),
+        (Some(_), Some(until)) => {
+            members.remove(until);
+            let detail = "`until` is another name of `end`, which stands here too";
+            errors.push(SpecificationError::new("/time/until", "conflict", detail).expected("one of the two"));
+        }
+        (_, None) => {}
+    }
 }
 
 /// Reads JSON text; an error names its line and column, and the place as far as it was reached.
@@ -105,6 +134,10 @@ fn steps(path: &Path, json: &Json) -> Vec<Step> {
     let mut steps = Vec::new();
     for segment in path.iter() {
         let step = match segment {
+            // One value in the place of a list of it alone.
+            Segment::Seq { index: 0 } if at.is_some_and(|value| !matches!(value, Json::List(_) | Json::Null)) => {
+                continue;
+            }
             Segment::Seq { index } => Step::Index(*index),
             Segment::Map { key } => Step::Key(key.clone()),
             Segment::Enum { variant } if matches!(at, Some(Json::Object(_))) => Step::Key(variant.clone()),

@@ -13,12 +13,16 @@ pub fn solve(specification: &Specification, control: &Control) -> Solution {
 
 /// The same, with so many threads for the members of a sweep. The answer does not depend on their number.
 pub fn solve_on(threads: NonZeroUsize, specification: &Specification, control: &Control) -> Solution {
-    if let Some(plan) = specification.sweep() {
-        return sweep(specification, 0..plan.members(), threads, control);
-    }
-    let Some(plan) = specification.study() else { return solve_once(specification, control) };
-    let mut solution = control.part(0.0..FIRST, || solve_once(specification, control));
-    solution.study = Some(control.part(FIRST..1.0, || study(specification, plan, control)));
+    let mut solution = match (specification.sweep(), specification.study()) {
+        (Some(plan), _) => sweep(specification, 0..plan.members(), threads, control),
+        (None, None) => solve_once(specification, control),
+        (None, Some(plan)) => {
+            let solution = control.part(0.0..FIRST, || solve_once(specification, control));
+            let study = control.part(FIRST..1.0, || study(specification, plan, control));
+            Solution { study: Some(study), ..solution }
+        }
+    };
+    solution.provenance = Some(specification.provenance());
     solution
 }
 

@@ -40,6 +40,7 @@ pub fn halving(status: Status) -> Solution {
         trajectory,
         diagnostics: Diagnostics::default(),
         orbit: None,
+        provenance: None,
         steady_state: None,
         table: None,
         summary: None,

@@ -5,6 +5,7 @@ mod certificates;
 mod circuits;
 mod contact;
 mod converters;
+mod decks;
 mod elastic;
 mod features;
 mod filippov;

@@ -49,7 +49,7 @@ impl Compiled {
         let like = lock(&self.structures).find(&structure.text)?;
         let given: Vec<(&str, f64)> = structure.parameters().collect();
         // What cannot be bound is read, which says why.
-        let bound = Arc::new(Known::of(like.specification.with_parameters(&given).ok()?));
+        let bound = Arc::new(Known::of(like.specification.with_parameters(&given).ok()?.of_text(text)));
         if lock(&self.bound).again(text) {
             lock(&self.texts).insert(text.into(), Arc::clone(&bound));
         }

@@ -115,7 +115,11 @@ impl Representation {
             }
             Self::Csv => Box::new(Csv),
             Self::Lines => Box::new(Lines),
-            Self::Arrow => Box::new(Arrow::with(&part.skeleton.verdict().map_err(|error| unreadable(id, &error))?)),
+            Self::Arrow => {
+                let verdict = part.skeleton.verdict().map_err(|error| unreadable(id, &error))?;
+                let provenance = part.skeleton.provenance().map_err(|error| unreadable(id, &error))?;
+                Box::new(Arrow::with(&verdict).of(provenance.as_ref()))
+            }
         };
         let making = Making::Table(TablePieces::new(part.selection.clone(), table));
         pieces(Unwritten { part, making }, numbers, id, shared)

@@ -1,8 +1,8 @@
 //! A solution without its columns, as JSON: what an excerpt of it says beside the numbers.
 
 use crate::{
-    Checked, EndedBy, Event, Failure, FitAnswer, Orbit, Solution, StaticSolution, Status, SteadyState, Summary,
-    Trajectory, Verdict, Version,
+    Checked, EndedBy, Event, Failure, FitAnswer, Orbit, Provenance, Solution, StaticSolution, Status, SteadyState,
+    Summary, Trajectory, Verdict, Version,
 };
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
@@ -25,6 +25,8 @@ struct Parts<'a> {
     status: Status,
     #[serde(default)]
     verdict: Verdict,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    provenance: Option<Provenance>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     error: Option<Failure>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -60,6 +62,7 @@ impl Skeleton {
             version,
             status,
             verdict,
+            provenance,
             error,
             ended_by,
             trajectory,
@@ -79,6 +82,7 @@ impl Skeleton {
             version: *version,
             status: *status,
             verdict: verdict.clone(),
+            provenance: provenance.clone(),
             error: error.clone(),
             ended_by: ended_by.clone(),
             trajectory: Trajectory { events: trajectory.events.clone(), ..Trajectory::default() },
@@ -152,6 +156,14 @@ impl Skeleton {
     /// Whether it is the answer of a sweep. Within a string, quotes are not without a backslash.
     pub fn has_table(&self) -> bool {
         self.0.contains("\"table\":{\"columns\":")
+    }
+
+    /// What the solution is the answer to.
+    ///
+    /// # Errors
+    /// The text is not that of a solution.
+    pub fn provenance(&self) -> io::Result<Option<Provenance>> {
+        Ok(serde_json::from_str::<Parts<'_>>(&self.0)?.provenance)
     }
 
     /// The verdict on the solution.

@@ -222,6 +222,7 @@ mod tests {
             trajectory: Trajectory { t, fields, events },
             diagnostics: Diagnostics { switches: 7, ..Diagnostics::default() },
             orbit: None,
+            provenance: None,
             steady_state: None,
             table: None,
             summary: None,

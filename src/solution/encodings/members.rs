@@ -152,7 +152,7 @@ fn broken(error: ArrowError) -> io::Error {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Column, Provenance, Words};
+    use crate::{Column, TableProvenance, Words};
     use arrow_array::Array;
     use arrow_ipc::reader::StreamReader;
 
@@ -172,7 +172,7 @@ mod tests {
             failed: 0,
             swept: vec![],
             collected: vec![],
-            provenance: Provenance { digest: "abc".to_owned(), ..Provenance::default() },
+            provenance: TableProvenance { digest: "abc".to_owned(), ..TableProvenance::default() },
         };
         Solution { table: Some(table), ..Solution::default() }
     }

@@ -7,6 +7,7 @@
 
 mod range;
 
+use super::deserializer::COMMENT;
 use super::error::{Errors, SpecificationError};
 use super::json::Json;
 use super::place::{Step, pointer};
@@ -304,9 +305,8 @@ fn rename(element: &mut Json, name: &str) {
 impl Json {
     /// The value of an object with one member.
     fn only(&self) -> Option<&Json> {
-        match self {
-            Json::Object(members) if members.len() == 1 => members.first().map(|(_, value)| value),
-            _ => None,
-        }
+        let Json::Object(members) = self else { return None };
+        let mut members = members.iter().filter(|(name, _)| name != COMMENT);
+        members.next().filter(|_| members.next().is_none()).map(|(_, value)| value)
     }
 }

@@ -3,7 +3,7 @@
 use super::features;
 use problem::Control;
 use solution::{
-    CheckCode, Collected, Column, Plan, Provenance, Reducers, Reduction, Solution, Status, Table, Values, Words,
+    CheckCode, Collected, Column, Plan, Reducers, Reduction, Solution, Status, Table, TableProvenance, Values, Words,
 };
 use specification::{Search, Specification, SpecificationError, SweepPlan};
 use std::ops::Range;
@@ -271,7 +271,7 @@ fn empty(specification: &Specification, plan: &SweepPlan, reducers: &Reducers) -
         failed: 0,
         swept: plan.targets.iter().map(|target| target.name.clone()).collect(),
         collected: reducers.names.clone(),
-        provenance: Provenance {
+        provenance: TableProvenance {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             features: features(),
             digest: plan.digest.to_string(),
