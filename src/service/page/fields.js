@@ -3,6 +3,7 @@
 
 const MOST_IN_PANEL = 8;
 const DECADES = 1e4; // largest over least positive value from which an axis is logarithmic
+const MOST_DECADES = 1e12;
 const FLAT = 1e-12; // of the largest value: a curve that varies less is constant
 const ROUNDING = 1e-12; // of the largest field of the same quantity: a field below it is rounding
 
@@ -78,7 +79,10 @@ export const isConstant = ([least, largest]) => largest - least <= FLAT * Math.m
 // Whether a field is rounding beside the others of its quantity.
 export const isRounding = ([least, largest], scale) => Math.max(Math.abs(least), Math.abs(largest)) <= ROUNDING * scale;
 
-export const wantsDecades = ([least, largest]) => least > 0 && largest / least >= DECADES;
+// Whether a logarithmic axis shows a range: what falls to rounding would be all of it.
+export const hasDecades = ([least, largest]) => least > 0 && largest / least <= MOST_DECADES;
+
+export const wantsDecades = (found) => hasDecades(found) && found[1] / found[0] >= DECADES;
 
 // Whether the times of a run, without a start at zero, cover decades evenly enough for a logarithmic axis.
 export function wantsLogTime(t) {

@@ -13,7 +13,7 @@ const MOST = 60; // sliders
 
 // Numbers that are no quantities: sizes, indices, orders.
 const STRUCTURE = /\/(elements|triangles|orientation|normal|axis|count|nodes|lcs|tables|domain|vertices|points)(\/|$)/;
-const START = /\/(initial|velocity|angular_velocity|position|volts|amperes)(\/\d+)?$/;
+const START = /\/(initial|(coordinates|bodies)\/[^/]+\/(velocity|angular_velocity|position)|(capacitor\/volts|inductor\/amperes))(\/\d+)?$/;
 
 // The numbers of a specification that can be turned: {pointer, name, value, start}.
 export function knobsOf(specification) {
@@ -25,9 +25,10 @@ export function knobsOf(specification) {
     if (found.length >= MOST) return;
     if (typeof value === "number" || (typeof value === "string" && isConstant(pointer, value))) {
       const shown = typeof value === "number" ? value : valueOf(value);
-      if (!STRUCTURE.test(pointer) && Number.isFinite(shown)) found.push({ pointer, name, value: shown, start: START.test(pointer) });
+      if (!STRUCTURE.test(pointer) && Number.isFinite(shown)) found.push({ pointer, name, value: shown, start: START.test(pointer), declared: pointer.includes("/parameters/") });
     } else if (Array.isArray(value)) {
-      value.forEach((one, i) => visit(one, `${pointer}/${i}`, `${name} ${one?.name ?? Object.values(one ?? {})[0]?.name ?? i + 1}`));
+      const isVector = value.length <= 3 && value.every((one) => typeof one !== "object");
+      value.forEach((one, i) => visit(one, `${pointer}/${i}`, `${name} ${isVector ? "xyz"[i] : (one?.name ?? Object.values(one ?? {})[0]?.name ?? i + 1)}`));
     } else if (value !== null && typeof value === "object") {
       for (const [key, one] of Object.entries(value)) visit(one, `${pointer}/${escaped(key)}`, joined(name, key));
     }
@@ -37,7 +38,27 @@ export function knobsOf(specification) {
   for (const [key, value] of Object.entries(inner)) {
     if (!["parameters", "label", "netlist", "definitions", "integrals"].includes(key)) visit(value, `/problem/${type}/${key}`, key);
   }
-  return found;
+  if (type === "circuit" && typeof inner.netlist === "string") found.push(...ofNetlist(inner.netlist));
+  return found.slice(0, MOST);
+}
+
+const SUFFIXES = { t: 1e12, g: 1e9, meg: 1e6, k: 1e3, m: 1e-3, u: 1e-6, n: 1e-9, p: 1e-12, f: 1e-15 };
+
+// The values of a netlist's lines. Turned, a line has its number without a suffix.
+function ofNetlist(netlist) {
+  const line = /^([RCLVI]\S*)(\s+\S+\s+\S+\s+)(\d+\.?\d*(?:e[+-]?\d+)?)(meg|[tgkmunpf])?(?=\s|$)/gim;
+  return [...netlist.matchAll(line)].map((match) => {
+    const [whole, name, nodes, digits, suffix] = match;
+    const from = match.index + name.length + nodes.length;
+    return {
+      pointer: `/problem/circuit/netlist#${name}`,
+      name,
+      value: Number((Number(digits) * (SUFFIXES[suffix?.toLowerCase()] ?? 1)).toPrecision(12)),
+      start: false,
+      declared: true,
+      put: (value) => ["/problem/circuit/netlist", netlist.slice(0, from) + String(value) + netlist.slice(match.index + whole.length)],
+    };
+  });
 }
 
 // A string is a knob if it is a constant expression where a quantity stands, such as "2*pi" of a parameter.
@@ -45,14 +66,14 @@ const isConstant = (pointer, text) => /\/(parameters|initial)\//.test(`${pointer
 
 const escaped = (key) => key.replaceAll("~", "~0").replaceAll("/", "~1");
 
-const PLAIN = new Set(["states", "initial", "coordinates", "components", "bodies", "rate", "body"]);
+const PLAIN = new Set(["states", "initial", "coordinates", "components", "bodies", "rate", "body", "shape", "joints"]);
 
 const joined = (name, key) => {
   const words = name.split(" ").filter((word) => word !== "" && !PLAIN.has(word) && !KINDS.has(word));
   return [...words, ...(key === "initial" ? ["(0)"] : [key])].join(" ").replace(" (0)", "(0)");
 };
 
-const KINDS = new Set(["resistor", "capacitor", "inductor", "voltage_source", "current_source", "diode", "zener", "switch", "op_amp", "comparator", "transformer"]);
+const KINDS = new Set(["sphere", "box", "capsule", "cylinder", "hinge", "ball", "slider", "resistor", "capacitor", "inductor", "voltage_source", "current_source", "diode", "zener", "switch", "op_amp", "comparator", "transformer"]);
 
 // The range that a slider has at first: up to twice a positive number, both ways about a start.
 export function guessedRange({ value, start }) {
@@ -88,14 +109,17 @@ export class Knobs {
       return;
     }
     this.#rows = new Map();
-    const parameters = knobs.filter(({ start }) => !start);
-    const starts = knobs.filter(({ start }) => start);
-    const group = (title, list) =>
-      list.length === 0 ? [] : [element("h3", {}, title), element("div", { class: "knobs" }, ...list.map((knob) => this.#row(knob)))];
-    this.#root.replaceChildren(...group("Parameters", parameters), ...group("Initial values", starts));
+    const rows = (list) => element("div", { class: "knobs" }, ...list.map((knob) => this.#row(knob)));
+    const group = (title, list) => (list.length === 0 ? [] : [element("h3", {}, title), rows(list)]);
+    const declared = knobs.filter((knob) => knob.declared);
+    const starts = knobs.filter((knob) => knob.start && !knob.declared);
+    const others = knobs.filter((knob) => !knob.start && !knob.declared);
+    const folded = others.length === 0 ? [] : [element("details", { open: declared.length === 0 }, element("summary", {}, "Other numbers"), rows(others))];
+    this.#root.replaceChildren(...group("Parameters", declared), ...group("Initial values", starts), ...folded);
   }
 
   #update(row, knob) {
+    row.knob = knob;
     if (Number(row.slider.dataset.value) === knob.value) return;
     if (knob.value < row.low || knob.value > row.high) [row.low, row.high] = guessedRange(knob);
     this.#place(row, knob.value);
@@ -122,7 +146,8 @@ export class Knobs {
       const value = rounded(Number(slider.value));
       slider.dataset.value = value;
       told.textContent = number(value);
-      this.#turned(knob.pointer, value, done);
+      const [pointer, written] = row.knob.put?.(value) ?? [knob.pointer, value];
+      this.#turned(pointer, written, done);
     };
     slider.addEventListener("input", () => turn(false));
     slider.addEventListener("change", () => turn(true));
@@ -139,7 +164,7 @@ export class Knobs {
     return element(
       "div",
       { class: "knob" },
-      element("span", { class: "name", title: knob.pointer }, knob.name),
+      element("span", { class: "name", title: `${knob.name}: ${knob.pointer}` }, knob.name),
       told,
       row.from,
       slider,

@@ -160,6 +160,7 @@ function turn(pointer, value, done) {
   markStale();
   if (byId("live").checked && followed === null) live.solve(text);
   if (done) {
+    offerKnobs(text);
     clearTimeout(pause);
     pause = setTimeout(() => checkText({ solves: false }), PAUSE);
   }
@@ -285,6 +286,15 @@ async function show(status, text) {
   byId("outcome").textContent = run ? `${status.status} in ${seconds(run.diagnostics.wall_seconds ?? 0)}` : status.status;
   byId("outcome").dataset.status = status.status;
   checkText();
+}
+
+// Nothing is in view: what was there is of another problem.
+function forgetShown() {
+  shown = null;
+  [other, ghost] = [null, null];
+  byId("chosen").hidden = true;
+  byId("empty").hidden = true;
+  stage.clear();
 }
 
 // A job without an answer: what is known of it, and nothing of another run.
@@ -514,6 +524,7 @@ async function choose(name) {
   followed = null;
   byId("progress").hidden = true;
   const hadFocus = byId("gallery").contains(document.activeElement);
+  forgetShown();
   byId("before").hidden = false;
   byId("before").textContent = "Loading the example ...";
   try {
@@ -523,11 +534,11 @@ async function choose(name) {
     fill(text);
     history.replaceState(null, "", location.pathname);
     tellMessage();
-    markStale();
     if (hadFocus) byId("result").focus();
+    const runs = byId("live").checked && isSmall(text);
+    markStale("", runs ? "Solving ..." : "Press Solve: this example is not run by itself.");
+    if (runs) live.solve(text);
     await checkText();
-    if (byId("live").checked && isSmall(text)) live.solve(text);
-    else markStale("Press Solve: this example is not run by itself. What stands below is of an earlier text.", "Press Solve: this example is not run by itself.");
   } catch (refusal) {
     byId("before").hidden = true;
     tellMessage(refusal.message);

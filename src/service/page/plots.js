@@ -6,12 +6,13 @@
 
 import { largestDifference } from "./comparison.js";
 import { element } from "./element.js";
-import { hasSeconds, isConstant, isRounding, panels, range, typeOf, wantsDecades } from "./fields.js";
+import { hasDecades, hasSeconds, isConstant, isRounding, panels, range, typeOf, wantsDecades } from "./fields.js";
 import { number, ticks } from "./numbers.js";
 
 const HEIGHTS = [300, 220, 180, 156]; // of a panel, where there are one, two, three or more
-const FOOT = 30; // pixels of the labels of the times
+const FOOT = 36; // pixels of the labels of the times
 const NEAR = 6; // pixels within which an event is pointed at
+const OFFERED = 30; // largest over least value from which a logarithmic axis is offered
 const TICK = 7; // pixels of an event's tick
 
 export class Plots {
@@ -120,8 +121,7 @@ export class Plots {
   }
 
   #isLog(group, ranges) {
-    const decades = ranges.some(wantsDecades) && ranges.every(([least]) => least > 0);
-    return decades !== this.#linear.has(group.quantity) && ranges.every(([least]) => least > 0);
+    return ranges.every(hasDecades) && ranges.some(wantsDecades) !== this.#linear.has(group.quantity);
   }
 
   #series(group) {
@@ -160,7 +160,7 @@ export class Plots {
     const difference = differs === null ? null : element("span", { class: "difference" }, `largest difference ${number(differs, 3)}`);
     const unit = group.unit ? ` in ${group.unit}` : "";
     const title = element("b", {}, alone ? first : group.quantity, unit === "" ? null : element("span", { class: "unit" }, unit));
-    const scale = ranges.every(([least]) => least > 0)
+    const scale = ranges.every(hasDecades) && (log || ranges.some(([least, largest]) => largest / least >= OFFERED))
       ? element("button", { type: "button", class: "scale", "aria-pressed": String(log), click: () => this.#toggle(group) }, "log")
       : null;
     const canvas = element("div");
@@ -175,7 +175,7 @@ export class Plots {
     const options = {
       width: this.#root.clientWidth || 600,
       height: total,
-      padding: [8, 10, 0, 0],
+      padding: [8, null, 0, 0],
       legend: { show: false },
       scales: { x: { time: false, distr: this.#logTime ? 3 : 1 }, y: { distr: log ? 3 : 1, range: log ? undefined : (_, low, high) => roomy(low, high) } },
       cursor: { sync: { key: "t" }, drag: { x: true, y: false }, y: false },
@@ -183,10 +183,11 @@ export class Plots {
       axes: [
         {
           ...axis,
-          size: last ? 34 : 6,
+          size: last ? 26 : 6,
           values: (_, at) => (last ? labels(at, this.#logTime) : at.map(() => "")),
           label: last ? (hasSeconds(typeOf(this.#specification)) ? "t in s" : "t") : undefined,
-          labelSize: 16,
+          labelSize: 18,
+          labelGap: -4,
         },
         { ...axis, size: 64, values: (_, at) => labels(at, log) },
       ],

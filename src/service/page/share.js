@@ -34,8 +34,8 @@ export async function unpacked(letters) {
 export function isSmall(text) {
   if (text.length > SMALL) return false;
   try {
-    const { study, sweep, fit, sensitivities, output } = JSON.parse(text);
-    return !study && !sweep && !fit && !sensitivities && !output?.global_error;
+    const { study, sweep, fit } = JSON.parse(text);
+    return !study && !sweep && !fit;
   } catch {
     return false;
   }

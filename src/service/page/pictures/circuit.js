@@ -117,8 +117,10 @@ export function make(specification, run) {
       const i0 = current(component)?.[k] ?? 0;
       const flows = Math.abs(i0) > 1e-6 * largest;
       const ink = flows ? colour("--accent") : colour("--quiet");
-      const middle = (from + to) / 2;
-      const half = Math.min(22, Math.abs(to - from) / 2 - 4);
+      // Between two rails, never on one that it passes.
+      const rows = Math.abs(to - from) / ROW;
+      const middle = Math.min(from, to) + ROW * (Math.ceil(rows / 2) - 0.5);
+      const half = 22;
       const down = to > from ? 1 : -1;
       line(context, [[x(i), from], [x(i), middle - down * half]], ink, 1.6);
       line(context, [[x(i), middle + down * half], [x(i), to]], ink, 1.6);

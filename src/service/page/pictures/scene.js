@@ -25,10 +25,10 @@ export function needs(specification) {
   const scene = specification.problem.rigid_bodies;
   const bodies = named(scene.bodies ?? []);
   if (bodies.length > MOST || bodies.some(({ name }) => isRange(name))) return null;
-  const moving = bodies.filter((body) => !body.fixed);
+  const moving = bodies.filter((body) => !body.fixed && !body.motion);
   const withForces = bodies.length <= MANY;
   const forces = withForces ? moving.flatMap(({ name }) => ["x", "y", "z"].map((axis) => `${name}.contact_f${axis}`)) : [];
-  const shown = withForces ? scene.bodies.map((body) => (body.fixed ? body : { ...body, contact_forces: true })) : scene.bodies;
+  const shown = withForces ? scene.bodies.map((body) => (body.fixed || body.motion ? body : { ...body, contact_forces: true })) : scene.bodies;
   return {
     ...film(specification),
     problem: { rigid_bodies: { ...scene, bodies: shown } },
@@ -75,7 +75,7 @@ export async function make(specification, run, { bundle }) {
   const poses = [];
   bodies.forEach((body, i) => {
     const colour = body.fixed ? (dark ? 0x5a6472 : 0xb9c0c8) : COLOURS[i % COLOURS.length];
-    const columns = POSE.map((key) => run.fields[`${body.name}.${key}`]);
+    const columns = body.motion ? givenMotion(body, run.t, scope) : POSE.map((key) => run.fields[`${body.name}.${key}`]);
     const place = vector(body.position, [0, 0, 0]);
     const turn = vector(body.orientation, [1, 0, 0, 0]);
     const group = new three.Group();
@@ -154,7 +154,7 @@ export async function make(specification, run, { bundle }) {
   const typical = sizes[Math.floor(sizes.length / 2)] ?? 1;
 
   const camera = new three.PerspectiveCamera(35, 1.6, size / 100, size * 60);
-  const view = new three.Spherical(size * 1.9, 1.15, -0.9);
+  const view = new three.Spherical(size * 1.45, 1.15, -0.9);
   const frame = new three.Quaternion().setFromUnitVectors(new three.Vector3(0, 1, 0), up);
   camera.up.copy(up);
   const look = () => {
@@ -203,6 +203,32 @@ export async function make(specification, run, { bundle }) {
   };
   const legend = forces.length > 0 ? "Red: the force of all contacts on a body, in the mean of a step. " : "";
   return { element: canvas, draw, dispose, hint: `${legend}Drag to turn, wheel or + and - to come nearer.` };
+}
+
+// The poses of a body whose motion is given: its position as it stands, or its velocity added up; and its turning added up.
+function givenMotion({ motion, position, orientation }, times, scope) {
+  const at = (list, t) => list.map((expression) => value(expression, { t, ...scope }));
+  let place = at(position ?? [0, 0, 0], times[0]);
+  let turn = at(orientation ?? [1, 0, 0, 0], times[0]);
+  const columns = POSE.map(() => []);
+  times.forEach((t, k) => {
+    const h = k === 0 ? 0 : t - times[k - 1];
+    const middle = t - h / 2;
+    if (motion.position) place = at(motion.position, t);
+    else if (motion.velocity) place = at(motion.velocity, middle).map((v, i) => place[i] + h * v);
+    if (motion.angular_velocity) turn = turned(turn, at(motion.angular_velocity, middle), h);
+    [...place, ...turn].forEach((one, i) => columns[i].push(one));
+  });
+  return columns;
+}
+
+// The unit quaternion [w, x, y, z] after a rotation with an angular velocity for a time.
+function turned([w, x, y, z], omega, h) {
+  const rate = Math.hypot(...omega);
+  if (rate * h === 0) return [w, x, y, z];
+  const [c, s] = [Math.cos((rate * h) / 2), Math.sin((rate * h) / 2) / rate];
+  const [a, b, d] = omega.map((one) => one * s);
+  return [c * w - a * x - b * y - d * z, c * x + a * w + b * z - d * y, c * y + b * w + d * x - a * z, c * z + d * w + a * y - b * x];
 }
 
 // The frame before a time, and how far it is to the next.
