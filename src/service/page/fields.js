@@ -4,6 +4,7 @@
 const MOST_IN_PANEL = 8;
 const DECADES = 1e4; // largest over least positive value from which an axis is logarithmic
 const MOST_DECADES = 1e12;
+const SEEN = 200; // a curve is seen beside one that is at most so many times as large
 const FLAT = 1e-12; // of the largest value: a curve that varies less is constant
 const ROUNDING = 1e-12; // of the largest field of the same quantity: a field below it is rounding
 
@@ -52,15 +53,17 @@ export function describe(field, specification) {
   return { quantity: vector ? vector[1] : field, unit: "", alone: !vector };
 }
 
-// The fields in panels: those of one quantity together, at most `MOST_IN_PANEL`, in the order in which they come. Pairs of
-// coordinates and their rates are apart, as their quantities differ.
-export function panels(fields, specification) {
+// The fields in panels: those of one quantity together, at most `MOST_IN_PANEL`, in the order in which they come, unless one is so small beside
+// another that it would lie on the axis. Pairs of coordinates and their rates are apart, as their quantities differ.
+export function panels(fields, specification, sizeOf) {
   const groups = [];
   for (const field of fields) {
     const { quantity, unit, alone } = describe(field, specification);
-    const open = alone ? null : groups.findLast((one) => one.quantity === quantity && one.fields.length < MOST_IN_PANEL);
-    if (open) open.fields.push(field);
-    else groups.push({ quantity, unit, fields: [field] });
+    const size = sizeOf(field);
+    const fits = (one) => size === 0 || one.size === 0 || (size < SEEN * one.size && one.size < SEEN * size);
+    const open = alone ? null : groups.findLast((one) => one.quantity === quantity && one.fields.length < MOST_IN_PANEL && fits(one));
+    if (open) [open.fields, open.size] = [[...open.fields, field], Math.max(open.size, size)];
+    else groups.push({ quantity, unit, fields: [field], size });
   }
   return groups;
 }

@@ -13,6 +13,7 @@ const TEXTS = {
   newton_cradle: [0, "x_i'' = -g/l x_i,  0 <= x_{i+1} - x_i", "Five balls on strings, struck one after the other. Sequential impacts carry the blow through, as the toy does."],
   woodpecker: [0, "M q'' = f(q, q') + W r,  three contacts with friction", "A bird on a sleeve climbs down a pole by impacts and friction alone. It settles to a limit cycle with locking and sliding."],
   rocking_block: [0, "Housner's block: two corners, unilateral and rough", "A block rocks from corner to corner and loses energy at every blow. The period shortens as the amplitude falls."],
+  coulomb_slope: [0, "m v' = m g sin - F,  |F| <= mu m g cos", "A block on a slope slides, stops or never starts, by its friction. The solution is a polynomial between its switches, so the method has it exactly."],
   torn_off: [0, "v' = pull t - F,  |F| <= mu", "A body is pulled ever harder until it is torn off. The answer has the time, the work of friction and the slopes by both parameters."],
   rolling_ball: [1, "Newton and Euler, Coulomb's law at the contact", "A sliding ball comes to roll with 5/7 of its speed. Friction acts until the contact point rests."],
   heavy_chain: [1, "six bodies, six joints", "A heavy ball swings on a chain of links a thousand times lighter. Ratios of mass like this break most game engines."],

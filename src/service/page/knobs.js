@@ -78,7 +78,7 @@ const KINDS = new Set(["sphere", "box", "capsule", "cylinder", "hinge", "ball", 
 // The range that a slider has at first: up to twice a positive number, both ways about a start.
 export function guessedRange({ value, start }) {
   if (value === 0) return [-1, 1];
-  const size = Math.abs(value);
+  const size = Number(Math.abs(value).toPrecision(2));
   if (start) return [-2 * size, 2 * size];
   return value > 0 ? [0, 2 * size] : [-2 * size, 0];
 }

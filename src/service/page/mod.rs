@@ -1,7 +1,8 @@
 //! `GET /`: the page, for people. Its files are part of the program and need neither a build step nor the network.
 //!
 //! The content security policy lets it run the scripts and styles of this service alone, none of them inline, and talk
-//! to nobody else: what is in a label or a message can never become code. The plots are drawn by uPlot (`vendor/`).
+//! to nobody else: what is in a label or a message can never become code. Plots are drawn by uPlot, bodies in space by three.js, which is
+//! fetched only then, and the text is written in CodeMirror (`vendor/`; the latter two are made by `vendor/bundle`).
 
 use super::context::address;
 use super::http::{Kind, Problem};
@@ -32,21 +33,45 @@ macro_rules! files {
 const INDEX: &str = "index.html";
 
 const FILES: &[File] = files! {
-    "index.html": "text/html; charset=utf-8";
     "icon.svg": "image/svg+xml";
+    "index.html": "text/html; charset=utf-8";
     "page.css": "text/css; charset=utf-8";
     "page.js": "text/javascript; charset=utf-8";
+    "claims.js": "text/javascript; charset=utf-8";
+    "clock.js": "text/javascript; charset=utf-8";
     "comparison.js": "text/javascript; charset=utf-8";
     "editor.js": "text/javascript; charset=utf-8";
     "element.js": "text/javascript; charset=utf-8";
     "events.js": "text/javascript; charset=utf-8";
     "evidence.js": "text/javascript; charset=utf-8";
+    "expressions.js": "text/javascript; charset=utf-8";
+    "fields.js": "text/javascript; charset=utf-8";
+    "figure.js": "text/javascript; charset=utf-8";
+    "fixes.js": "text/javascript; charset=utf-8";
+    "gallery.js": "text/javascript; charset=utf-8";
+    "jobs.js": "text/javascript; charset=utf-8";
+    "knobs.js": "text/javascript; charset=utf-8";
+    "language.js": "text/javascript; charset=utf-8";
+    "live.js": "text/javascript; charset=utf-8";
     "numbers.js": "text/javascript; charset=utf-8";
     "places.js": "text/javascript; charset=utf-8";
     "plots.js": "text/javascript; charset=utf-8";
     "service.js": "text/javascript; charset=utf-8";
+    "share.js": "text/javascript; charset=utf-8";
+    "stage.js": "text/javascript; charset=utf-8";
     "study.js": "text/javascript; charset=utf-8";
+    "unknown.js": "text/javascript; charset=utf-8";
     "verdict.js": "text/javascript; charset=utf-8";
+    "pictures/circuit.js": "text/javascript; charset=utf-8";
+    "pictures/hull.js": "text/javascript; charset=utf-8";
+    "pictures/index.js": "text/javascript; charset=utf-8";
+    "pictures/phase.js": "text/javascript; charset=utf-8";
+    "pictures/plane.js": "text/javascript; charset=utf-8";
+    "pictures/profile.js": "text/javascript; charset=utf-8";
+    "pictures/scene.js": "text/javascript; charset=utf-8";
+    "pictures/surface.js": "text/javascript; charset=utf-8";
+    "vendor/codemirror.js": "text/javascript; charset=utf-8";
+    "vendor/three.js": "text/javascript; charset=utf-8";
     "vendor/uplot.css": "text/css; charset=utf-8";
     "vendor/uplot.js": "text/javascript; charset=utf-8";
 };
@@ -121,8 +146,13 @@ mod tests {
             for address in file.text.split(['"', '\'']).filter_map(|piece| piece.strip_prefix("/page/")) {
                 assert!(FILES.iter().any(|file| file.name == address), "{}: {address}", file.name);
             }
-            for module in file.text.split('"').filter_map(|piece| piece.strip_prefix("./")) {
-                assert!(FILES.iter().any(|file| file.name == module), "{}: {module}", file.name);
+            let folder = file.name.rsplit_once('/').map_or(String::new(), |(folder, _)| format!("{folder}/"));
+            for module in file.text.split('"').filter(|piece| piece.starts_with("./") || piece.starts_with("../")) {
+                let name = match module.strip_prefix("../") {
+                    Some(above) => above.to_owned(),
+                    None => format!("{folder}{}", &module[2..]),
+                };
+                assert!(name.is_empty() || FILES.iter().any(|file| file.name == name), "{}: {module}", file.name);
             }
             for inline in ["style=", "onclick=", "<style", "javascript:", "innerHTML", "http://", "https://"] {
                 let shown = file.text.replace("http://www.w3.org/2000/svg", "");

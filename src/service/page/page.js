@@ -485,6 +485,8 @@ async function openAddressed() {
   const id = hash.get("job") ?? new URLSearchParams(location.search).get("job");
   const letters = hash.get("s");
   if (letters) return openLink(letters);
+  const name = hash.get("example");
+  if (name && [...byId("example").options].some(({ value }) => value === name)) return choose(name);
   if (id && id !== shown?.id && id !== followed) {
     toggleJobs(false);
     await watch(id);
@@ -532,7 +534,7 @@ async function choose(name) {
     ghost = null;
     quick = true;
     fill(text);
-    history.replaceState(null, "", location.pathname);
+    history.replaceState(null, "", `#example=${name}`);
     tellMessage();
     if (hadFocus) byId("result").focus();
     const runs = byId("live").checked && isSmall(text);

@@ -84,6 +84,8 @@ export class Plots {
 
   // New values in the same panels: what a slider does many times a second. False if the panels have to be built anew.
   #renew() {
+    const groups = this.#groups();
+    if (groups.length !== this.#panels.length || groups.some(({ fields }, i) => fields.join() !== this.#panels[i].group.fields.join())) return false;
     for (const panel of this.#panels) {
       if (panel.group.fields.some((field) => !this.#runs[0].fields[field])) return false;
       const ranges = panel.group.fields.map((field) => range(this.#runs[0].fields[field]));
@@ -108,12 +110,18 @@ export class Plots {
     this.#root.replaceChildren();
     this.#panels = [];
     if (this.#runs.length === 0) return;
-    const groups = panels(this.#fields, this.#specification);
+    const groups = this.#groups();
     const height = HEIGHTS[Math.min(groups.length, HEIGHTS.length) - 1];
     this.#panels = groups.map((group, i) => this.#panel(group, height, i === groups.length - 1));
     this.#tell(null);
     if (this.#span) this.#zoom(...this.#span);
     this.#placeHeads();
+  }
+
+  #groups() {
+    const [run] = this.#runs;
+    const size = (field) => (run.fields[field] ? Math.max(...range(run.fields[field]).map(Math.abs)) : 0);
+    return panels(this.#fields, this.#specification, size);
   }
 
   #colour(name) {
