@@ -1,7 +1,7 @@
 //! A chapter of Markdown as HTML: headings get ids, links to other files become addresses of chapters, and a specification can be
 //! opened on the page by one click.
 
-use super::{Chapter, Section, escaped, id_of};
+use super::{Chapter, Section, id_of};
 use pulldown_cmark::{CodeBlockKind, CowStr, Event, Options, Parser, Tag, TagEnd, html};
 
 /// The chapter of a file.
@@ -118,14 +118,6 @@ fn base64url(bytes: &[u8]) -> String {
         }
     }
     text
-}
-
-/// A table of contents: the headings of a chapter as links.
-pub fn contents(chapter: &Chapter) -> String {
-    let items = chapter.sections.iter().skip(1);
-    let items: String =
-        items.map(|section| format!("<li><a href=\"#{}\">{}</a></li>\n", section.id, escaped(&section.heading))).collect();
-    format!("<ul>\n{items}</ul>\n")
 }
 
 #[cfg(test)]

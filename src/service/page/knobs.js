@@ -12,7 +12,7 @@ const STEPS = 400;
 const MOST = 60; // sliders
 
 // Numbers that are no quantities: sizes, indices, orders.
-const STRUCTURE = /\/(elements|triangles|orientation|normal|axis|count|nodes|lcs|tables|domain|vertices|points)(\/|$)/;
+const STRUCTURE = /\/(elements|triangles|orientation|normal|axis|count|nodes|mass\/\d+|[ABCD]|tables|domain|vertices|points)(\/|$)/;
 const START = /\/(initial|(coordinates|bodies)\/[^/]+\/(velocity|angular_velocity|position)|(capacitor\/volts|inductor\/amperes))(\/\d+)?$/;
 
 // The numbers of a specification that can be turned: {pointer, name, value, start}.

@@ -531,6 +531,7 @@ async function choose(name) {
   byId("before").textContent = "Loading the example ...";
   try {
     const text = await service.example(name);
+    if (byId("example").value !== name) return; // another was chosen meanwhile
     ghost = null;
     quick = true;
     fill(text);

@@ -8,6 +8,8 @@ import { pictureOf } from "./pictures/index.js";
 import { Refused, solveNow } from "./service.js";
 
 const AT_ONCE = 1.5; // seconds that an answer may have taken whose film is made unasked
+const PAUSE = 150; // milliseconds without a newer answer before a film is made
+const FRAMES = 100; // times from which an answer serves as its own film
 const LONGEST = 60; // seconds that a film may take
 
 export class Stage {
@@ -17,6 +19,7 @@ export class Stage {
   #clock;
   #picture = null; // {element, draw, dispose, hint}
   #asked = null; // the controller of the film on its way
+  #later = null;
   #of = ""; // the specification of the film that is shown
 
   constructor(root, place, hint, clock) {
@@ -24,6 +27,7 @@ export class Stage {
   }
 
   clear() {
+    clearTimeout(this.#later);
     this.#asked?.abort();
     this.#picture?.dispose();
     this.#picture = null;
@@ -45,11 +49,21 @@ export class Stage {
     if (film === null) return this.clear();
     const text = JSON.stringify(film);
     if (text === this.#of) return this.draw(this.#clock.time);
+    clearTimeout(this.#later);
+    if (serves(run, film)) {
+      this.#asked?.abort();
+      this.#asked = null;
+      return this.#put(kind, run, text);
+    }
     const cost = run.diagnostics.wall_seconds ?? 0;
-    if (cost <= AT_ONCE) return this.#make(kind, specification, text);
+    const make = () => this.#make(kind, specification, text);
+    if (cost <= AT_ONCE) {
+      // While a slider is dragged, the answers come first.
+      this.#later = setTimeout(make, this.#picture === null ? 0 : PAUSE);
+      return;
+    }
     this.clear();
     this.#root.hidden = false;
-    const make = () => this.#make(kind, specification, text);
     this.#place.replaceChildren(element("button", { type: "button", click: make }, `Draw the picture (solves again, about ${seconds(cost)})`));
   }
 
@@ -65,21 +79,26 @@ export class Stage {
       const answer = await solveNow(text, LONGEST, controller.signal);
       if (controller.signal.aborted) return;
       if (answer === null) return this.#say("The picture takes longer than a minute, and is left out.");
-      const bundle = (name) => new URL(`./vendor/${name}`, import.meta.url).href;
-      const picture = await kind.make(specification, { ...answer.trajectory }, { bundle });
-      if (controller.signal.aborted) return picture?.dispose();
-      if (picture === null) return this.clear();
-      this.#picture?.dispose();
-      this.#picture = picture;
-      this.#of = text;
-      this.#root.hidden = false;
-      this.#place.replaceChildren(picture.element);
-      this.#hint.textContent = picture.hint;
-      picture.draw(this.#clock.time);
+      await this.#put(kind, { ...answer.trajectory, specification }, text, controller.signal);
     } catch (error) {
       if (controller.signal.aborted) return;
       this.#say(error instanceof Refused ? `There is no picture: ${error.message}` : error.message);
     }
+  }
+
+  // Draws a run. What `signal` ends meanwhile is not shown.
+  async #put(kind, run, text, signal = null) {
+    const bundle = (name) => new URL(`./vendor/${name}`, import.meta.url).href;
+    const picture = await kind.make(run.specification, run, { bundle });
+    if (signal?.aborted) return picture?.dispose();
+    if (picture === null) return this.clear();
+    this.#picture?.dispose();
+    this.#picture = picture;
+    this.#of = text;
+    this.#root.hidden = false;
+    this.#place.replaceChildren(picture.element);
+    this.#hint.textContent = picture.hint;
+    picture.draw(this.#clock.time);
   }
 
   #say(words) {
@@ -90,4 +109,12 @@ export class Stage {
     this.#place.replaceChildren(element("p", { class: "hint" }, words));
     this.#hint.textContent = "";
   }
+}
+
+// Whether an answer has all that its film would have.
+function serves(run, film) {
+  if (run.t.length < FRAMES || JSON.stringify(film.problem) !== JSON.stringify(run.specification.problem)) return false;
+  const [problem] = Object.values(film.problem);
+  const fields = film.output.fields ?? Object.keys(problem.states ?? problem.coordinates ?? {});
+  return fields.every((field) => run.fields[field] !== undefined);
 }
