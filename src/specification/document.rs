@@ -15,6 +15,7 @@ use super::rigid_bodies::RigidBodiesProblem;
 use super::search::{PeriodicRequest, SteadyStateRequest};
 use super::sensitivities::SensitivitiesRequest;
 use super::study::StudyRequest;
+use super::view::View;
 use super::written::Written;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -52,6 +53,8 @@ pub struct Document {
     pub steady_state: Option<SteadyStateRequest>,
     /// A study of error against run time.
     pub study: Option<StudyRequest>,
+    /// How a system in a plane is drawn on the page.
+    pub view: Option<View>,
     /// Free text, at most 200 characters.
     #[schema(max_length = 200)]
     pub label: Option<String>,

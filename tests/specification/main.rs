@@ -7,6 +7,7 @@ mod elastic;
 mod equations;
 mod examples;
 mod filippov;
+mod guide;
 mod hostile;
 mod index;
 mod mechanical;

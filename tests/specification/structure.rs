@@ -119,7 +119,7 @@ fn an_unknown_key_lists_the_valid_ones() {
     assert_eq!(
         expected,
         "one of `version`, `problem`, `time`, `method`, `output`, `limits`, `stop`, `sensitivities`, \
-         `periodic`, `steady_state`, `study`, `label`"
+         `periodic`, `steady_state`, `study`, `view`, `label`"
     );
 }
 

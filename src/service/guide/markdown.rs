@@ -21,7 +21,7 @@ pub fn chapter(name: &str, text: &str) -> Chapter {
     let mut body = String::with_capacity(2 * text.len());
     html::push_html(&mut body, with_links_to_the_page(events).into_iter());
     // What is wider than a screen scrolls by itself, also by keys.
-    let body = body.replace("<table>", "<div class=\"wide\" tabindex=\"0\" role=\"region\" aria-label=\"Table\"><table>");
+    let body = body.replace("<table>", "<div class=\"wide\" tabindex=\"0\"><table>");
     let body = body.replace("</table>", "</table></div>").replace("<pre>", "<pre tabindex=\"0\">");
     Chapter { name: name.to_owned(), title, html: body, sections }
 }

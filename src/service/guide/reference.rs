@@ -81,7 +81,7 @@ impl Chapter {
             parts.iter().flat_map(|part| members(part.get("properties")).map(move |(key, inner)| (*part, key, inner))).collect();
         if !rows.is_empty() {
             self.html.push_str(
-                "<div class=\"wide\" tabindex=\"0\" role=\"region\" aria-label=\"Keys\"><table>\n<thead><tr><th scope=\"col\">Key</th>\
+                "<div class=\"wide\" tabindex=\"0\"><table>\n<thead><tr><th scope=\"col\">Key</th>\
                  <th scope=\"col\">Value</th><th scope=\"col\">Meaning</th></tr></thead>\n<tbody>\n",
             );
             for (part, key, inner) in rows {

@@ -96,7 +96,7 @@ export function claims(run, guide) {
       "li",
       { class: `claim ${light}` },
       element("span", { class: "light", role: "img", "aria-label": WORDS[light], title: WORDS[light] }, SIGNS[light]),
-      element("span", {}, element("b", {}, title), " ", element("span", { class: "rests" }, rests), " ", element("a", { href: `${guide}#${code}`, "aria-label": `Explanation of ${code.replaceAll("_", " ")}` }, "why?")),
+      element("span", {}, element("b", {}, title), " ", element("span", { class: "rests" }, rests), " ", element("a", { href: `${guide}#${code}`, "aria-label": `why? ${code.replaceAll("_", " ")}` }, "why?")),
     ),
   );
   return element("ul", { class: "claims" }, ...items);

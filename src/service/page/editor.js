@@ -81,7 +81,7 @@ export class Editor {
           autocompletion({ override: [(context) => this.#complete(context)], activateOnTyping: true }),
           hoverTooltip((view, at) => this.#meaning(view, at)),
           keymap.of([...completionKeymap, ...lintKeymap, ...searchKeymap, ...historyKeymap, ...defaultKeymap]),
-          EditorView.contentAttributes.of({ "aria-label": "Specification, JSON", spellcheck: "false", autocapitalize: "off" }),
+          EditorView.contentAttributes.of({ "aria-label": "Specification, JSON", spellcheck: "false", autocapitalize: "off", tabindex: "0" }),
           EditorView.updateListener.of((update) => update.docChanged && changed()),
         ],
       }),

@@ -97,5 +97,5 @@ function list(title, items) {
   if (items.length === 0) return null;
   const shown = items.slice(0, LONGEST).map((item) => element("li", {}, told("", item)));
   if (items.length > LONGEST) shown.push(element("li", {}, `and ${number(items.length - LONGEST)} more, in the download`));
-  return element("details", {}, element("summary", {}, `${title} (${number(items.length)})`), element("ol", {}, ...shown));
+  return element("details", {}, element("summary", {}, `${title} (${number(items.length)})`), element("ol", { tabindex: "0" }, ...shown));
 }

@@ -56,7 +56,7 @@ export function gallery(examples, choose) {
   return [...groups, ["More", more]]
     .filter(([, list]) => list.length > 0)
     .flatMap(([field, list]) => [
-      element("h3", {}, field),
+      element("h2", { class: "part-title" }, field),
       element("ul", { class: "cards" }, ...list.map((example) => element("li", {}, card(example, choose)))),
     ]);
 }

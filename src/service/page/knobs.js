@@ -110,7 +110,7 @@ export class Knobs {
     }
     this.#rows = new Map();
     const rows = (list) => element("div", { class: "knobs" }, ...list.map((knob) => this.#row(knob)));
-    const group = (title, list) => (list.length === 0 ? [] : [element("h3", {}, title), rows(list)]);
+    const group = (title, list) => (list.length === 0 ? [] : [element("h2", { class: "part-title" }, title), rows(list)]);
     const declared = knobs.filter((knob) => knob.declared);
     const starts = knobs.filter((knob) => knob.start && !knob.declared);
     const others = knobs.filter((knob) => !knob.start && !knob.declared);
