@@ -26,6 +26,8 @@ const LOOK = EditorView.theme({
   ".cm-tooltip-autocomplete ul li[aria-selected]": { backgroundColor: "var(--accent)", color: "var(--on-accent)" },
   ".cm-completionDetail": { color: "inherit", opacity: ".8", marginLeft: ".6em" },
   ".cm-completionInfo": { whiteSpace: "pre-wrap", maxWidth: "22rem", fontFamily: "system-ui, sans-serif" },
+  // The underline of the library is an image in the address of a style, which the policy refuses.
+  ".cm-lintRange, .cm-lintRange-error, .cm-lintRange-active": { backgroundImage: "none", textDecoration: "underline wavy var(--bad) 1px" },
   ".cm-diagnostic": { fontFamily: "system-ui, sans-serif", whiteSpace: "pre-wrap" },
   ".cm-diagnosticAction": { backgroundColor: "var(--accent)", color: "var(--on-accent)", borderRadius: "4px" },
   ".cm-panels": { backgroundColor: "var(--sheet)", color: "var(--ink)" },

@@ -82,7 +82,9 @@ async function checkText({ solves = false } = {}) {
     const summary = await service.check(text, signal);
     if (signal.aborted) return;
     tellCheck([], analysis(summary));
-    if (solves && text !== shown?.text && isSmall(text)) live.solve(text);
+    if (!solves || text === shown?.text) return;
+    if (isSmall(text)) live.solve(text);
+    else markStale("Press Solve: this is not run by itself. What stands below is of an earlier text.", "Press Solve: this is not run by itself.");
   } catch (refusal) {
     if (!signal.aborted) tellRefusal(refusal, text);
   }

@@ -11,6 +11,8 @@ const FRAMES = 241;
 const FRAMES_OF_MANY = 121;
 const MANY = 40; // bodies from which forces and trails are left out
 const MOST = 1500; // bodies that are drawn
+const SLOWEST = 24; // frames a second below which less is drawn
+const PAUSED = 2000; // milliseconds between frames of different plays
 const POSE = ["x", "y", "z", "qw", "qx", "qy", "qz"];
 const COLOURS = [0x2f6fab, 0xc2571a, 0x2b7d46, 0x8a3f8f, 0xb08900, 0x00798c, 0xa4262c, 0x6b7280];
 
@@ -56,9 +58,10 @@ export async function make(specification, run, { bundle }) {
   const world = new three.Scene();
   const canvas = element("canvas", { "aria-label": "The bodies in space; drag to turn, wheel to come nearer", role: "img", tabindex: "0" });
   const dark = matchMedia("(prefers-color-scheme: dark)").matches;
+  const software = drawsInSoftware();
   let renderer;
   try {
-    renderer = new three.WebGLRenderer({ canvas, antialias: true, alpha: true });
+    renderer = new three.WebGLRenderer({ canvas, antialias: !software, alpha: true });
   } catch {
     throw new Error("This browser has no WebGL: the scene cannot be drawn here.");
   }
@@ -108,7 +111,7 @@ export async function make(specification, run, { bundle }) {
   world.add(new three.HemisphereLight(0xffffff, dark ? 0x303840 : 0xb0b0a8, 1.6));
   const sun = new three.DirectionalLight(0xffffff, 1.8);
   sun.castShadow = true;
-  sun.shadow.mapSize.set(1024, 1024);
+  sun.shadow.mapSize.set(software ? 512 : 1024, software ? 512 : 1024);
   Object.assign(sun.shadow.camera, { left: -size, right: size, top: size, bottom: -size, near: size / 100, far: 8 * size });
   const side = Math.abs(up.x) < 0.9 ? new three.Vector3(1, 0, 0) : new three.Vector3(0, 1, 0);
   sun.position.copy(centre).addScaledVector(up, 2.5 * size).addScaledVector(side, 0.8 * size).addScaledVector(side.clone().cross(up), 0.6 * size);
@@ -164,10 +167,19 @@ export async function make(specification, run, { bundle }) {
   };
   steer(canvas, view, look);
 
+  // Where frames come slowly, shadows go first, then every second pixel.
+  let quality = 1;
+  const pace = new Pace(() => {
+    if (sun.castShadow) sun.castShadow = false;
+    else if (quality === 1) {
+      quality = 0.6;
+      resize();
+    }
+  });
   const resize = () => {
     const width = canvas.clientWidth || 800;
     const height = canvas.clientHeight || 500;
-    renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+    renderer.setPixelRatio(Math.min(devicePixelRatio, software ? 1 : 2) * quality);
     renderer.setSize(width, height, false);
     camera.aspect = width / height;
     camera.updateProjectionMatrix();
@@ -177,6 +189,7 @@ export async function make(specification, run, { bundle }) {
 
   const [p, q] = [new three.Quaternion(), new three.Quaternion()];
   const draw = (time) => {
+    pace.frame();
     const { k, part } = between(run.t, time);
     const next = Math.min(k + 1, run.t.length - 1);
     for (const { group, columns: [x, y, z, w, i, j, l] } of movers) {
@@ -203,6 +216,38 @@ export async function make(specification, run, { bundle }) {
   };
   const legend = forces.length > 0 ? "Red: the force of all contacts on a body, in the mean of a step. " : "";
   return { element: canvas, draw, dispose, hint: `${legend}Drag to turn, wheel or + and - to come nearer.` };
+}
+
+// Whether a processor draws what a graphics card should.
+function drawsInSoftware() {
+  const context = document.createElement("canvas").getContext("webgl2");
+  const names = context?.getExtension("WEBGL_debug_renderer_info");
+  const name = names ? String(context.getParameter(names.UNMASKED_RENDERER_WEBGL)) : "";
+  context?.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|software/i.test(name);
+}
+
+// Calls `slow()` where a film comes with fewer frames than `SLOWEST` a second, again after as many more.
+class Pace {
+  #slow;
+  #last = 0;
+  #intervals = [];
+
+  constructor(slow) {
+    this.#slow = slow;
+  }
+
+  frame() {
+    const now = performance.now();
+    const interval = now - this.#last;
+    this.#last = now;
+    if (interval > PAUSED) return;
+    this.#intervals.push(interval);
+    if (this.#intervals.length < 10) return;
+    const mean = this.#intervals.reduce((sum, one) => sum + one, 0) / this.#intervals.length;
+    this.#intervals = [];
+    if (mean > 1000 / SLOWEST) this.#slow();
+  }
 }
 
 // The poses of a body whose motion is given: its position as it stands, or its velocity added up; and its turning added up.
@@ -329,7 +374,7 @@ class Shapes {
     const upright = (geometry) => geometry.rotateX(Math.PI / 2);
     switch (kind) {
       case "sphere":
-        return new three.SphereGeometry(number(given.radius, 1), 24, 16);
+        return new three.SphereGeometry(number(given.radius, 1), 20, 12);
       case "belt": {
         const radius = number(given.radius, 1);
         return upright(new three.CylinderGeometry(1.004 * radius, 1.004 * radius, 0.16 * radius, 24, 1, true));
