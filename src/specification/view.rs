@@ -34,7 +34,8 @@ impl View {
         let place = Place::Root.key("view");
         for (key, count) in [("points", self.points.len()), ("segments", self.segments.len())] {
             if count > MOST {
-                let error = SpecificationError::new(place.key(key).to_string(), "out_of_range", format!("{count} {key}"));
+                let error =
+                    SpecificationError::new(place.key(key).to_string(), "out_of_range", format!("{count} {key}"));
                 lowering.errors.push(error.expected(format!("at most {MOST}")));
                 return;
             }
@@ -59,7 +60,11 @@ impl View {
         for (i, segment) in self.segments.iter().enumerate() {
             let place = place.index(i);
             if segment.len() < 2 {
-                let error = SpecificationError::new(place.to_string(), "wrong_count", format!("found {} entries", segment.len()));
+                let error = SpecificationError::new(
+                    place.to_string(),
+                    "wrong_count",
+                    format!("found {} entries", segment.len()),
+                );
                 errors.push(error.expected("two or more names of points"));
             }
             for (j, name) in segment.iter().enumerate().filter(|(_, name)| !known.contains(name.as_str())) {

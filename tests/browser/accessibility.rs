@@ -49,7 +49,9 @@ fn nothing_is_wrong_with_the_page() {
 #[test]
 fn nothing_is_wrong_with_the_guide() {
     let page = Page::open("axe-guide", "/");
-    for (chapter, narrow) in [("", false), ("/keys", false), ("/evidence", true), ("/interface", false), ("/search?q=energy", true)] {
+    for (chapter, narrow) in
+        [("", false), ("/keys", false), ("/evidence", true), ("/interface", false), ("/search?q=energy", true)]
+    {
         let address = page.value(&format!("location.origin + '/docs{chapter}'"));
         page.call("Page.navigate", json!({"url": address}));
         page.wait("document.readyState === 'complete' && document.querySelector('main') !== null");

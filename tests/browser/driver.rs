@@ -158,12 +158,13 @@ impl Page {
         self.tab_to("#text");
         self.press("a", true);
         self.paste(text);
-
     }
 
     /// The numbers of the lines that the editor marks as wrong.
     pub fn marked(&self) -> Value {
-        self.value(&format!("[...{EDITOR}.querySelectorAll('.cm-lineNumbers .marked')].map((line) => line.textContent)"))
+        self.value(&format!(
+            "[...{EDITOR}.querySelectorAll('.cm-lineNumbers .marked')].map((line) => line.textContent)"
+        ))
     }
 
     /// Keeps a picture of the page as the reader sees it, for people to look at.

@@ -4,7 +4,8 @@ use crate::driver::Page;
 use serde_json::json;
 
 /// A digest of what the picture shows.
-const IMAGE: &str = "(() => { const canvas = document.querySelector('#stage canvas'); return canvas ? canvas.toDataURL().length + ':' +
+const IMAGE: &str =
+    "(() => { const canvas = document.querySelector('#stage canvas'); return canvas ? canvas.toDataURL().length + ':' +
     canvas.toDataURL().slice(-200) : ''; })()";
 
 /// Chooses an example and waits for its picture.
@@ -14,7 +15,9 @@ fn picture_of(page: &Page, example: &str) {
     page.wait("/ in /.test(document.getElementById('outcome').textContent) || !document.getElementById('before').hidden && /press Solve/i.test(document.getElementById('before').textContent)");
     if page.value("document.getElementById('chosen').hidden") == true {
         page.value("document.getElementById('solve').click()");
-        page.wait("!document.getElementById('chosen').hidden && / in /.test(document.getElementById('outcome').textContent)");
+        page.wait(
+            "!document.getElementById('chosen').hidden && / in /.test(document.getElementById('outcome').textContent)",
+        );
     }
     page.wait("document.querySelector('#stage canvas, #stage button') !== null");
     page.value("document.querySelector('#stage button')?.click()");
@@ -24,7 +27,9 @@ fn picture_of(page: &Page, example: &str) {
 #[test]
 fn every_kind_of_picture_is_drawn_and_moves() {
     let page = Page::open("pictures", "/");
-    for example in ["bouncing_ball", "diode_bridge_netlist", "oxygen_diffusion", "bar_impact", "switching_circle", "friction_belt"] {
+    for example in
+        ["bouncing_ball", "diode_bridge_netlist", "oxygen_diffusion", "bar_impact", "switching_circle", "friction_belt"]
+    {
         picture_of(&page, example);
         page.wait(&format!("{IMAGE} !== ''"));
         let at_start = page.value(IMAGE);
@@ -41,7 +46,8 @@ fn bodies_in_space_are_drawn_and_three_is_fetched_only_then() {
     let fetched = "performance.getEntriesByType('resource').some((entry) => entry.name.endsWith('/three.js'))";
     picture_of(&page, "friction_belt");
     assert_eq!(page.value(fetched), false);
-    let light = page.value("performance.getEntriesByType('resource').reduce((sum, entry) => sum + entry.transferSize, 0)");
+    let light =
+        page.value("performance.getEntriesByType('resource').reduce((sum, entry) => sum + entry.transferSize, 0)");
     assert!(light.as_f64().unwrap() < 250e3, "{light} bytes without a scene");
     picture_of(&page, "rolling_ball");
     page.wait(fetched);
@@ -82,10 +88,7 @@ fn figures_have_names_units_and_a_legend() {
         return [shown.map(({fields}) => fields), [...read.querySelectorAll('text')].map((one) => one.textContent).filter((one) => /[a-z]/i.test(one)),
             read.querySelectorAll('parsererror').length];
     })";
-    let wanted = json!([
-        [["v(a)", "v(b)"], ["i(L1)"]],
-        ["A <b>", "voltage in V", "v(b)", "v(a)", "t in s", "i(L1) in A"],
-        0
-    ]);
+    let wanted =
+        json!([[["v(a)", "v(b)"], ["i(L1)"]], ["A <b>", "voltage in V", "v(b)", "v(a)", "t in s", "i(L1) in A"], 0]);
     assert_eq!(page.value(told), wanted);
 }

@@ -20,8 +20,11 @@ async fn pages(site: &Site) -> BTreeMap<String, String> {
     let first = site.get("/docs").await;
     assert_eq!(first.status, StatusCode::OK);
     let mut pages = BTreeMap::from([("/docs".to_owned(), first.text().to_owned())]);
-    let chapters: BTreeSet<String> =
-        attributes(first.text(), "href").into_iter().filter(|href| href.starts_with("/docs/")).map(str::to_owned).collect();
+    let chapters: BTreeSet<String> = attributes(first.text(), "href")
+        .into_iter()
+        .filter(|href| href.starts_with("/docs/"))
+        .map(str::to_owned)
+        .collect();
     for chapter in chapters {
         let address = chapter.split('#').next().unwrap().to_owned();
         let page = site.get(&address).await;
@@ -63,7 +66,8 @@ async fn every_key_field_and_code_stands_in_the_guide() {
     let pages = pages(&site).await;
     let all: String = pages.values().cloned().collect();
     let named = |word: &str| all.contains(&format!("<code>{word}</code>"));
-    let schema: Value = serde_json::from_slice(&fs::read(Path::new(ROOT).join("api/specification.schema.json")).unwrap()).unwrap();
+    let schema: Value =
+        serde_json::from_slice(&fs::read(Path::new(ROOT).join("api/specification.schema.json")).unwrap()).unwrap();
     let mut keys = BTreeSet::new();
     properties(&schema, &mut keys);
     let description = dvi::service::http::description();
@@ -71,9 +75,14 @@ async fn every_key_field_and_code_stands_in_the_guide() {
         properties(&description["components"]["schemas"][name], &mut keys);
     }
     // An alternative with one key stands as `{"key": ..}`.
-    let missing: Vec<&String> = keys.iter().filter(|key| !named(key) && !all.contains(&format!("{{&quot;{key}&quot;: ..}}"))).filter(|key| !all.contains(&format!("{{\"{key}\": ..}}"))).collect();
+    let missing: Vec<&String> = keys
+        .iter()
+        .filter(|key| !named(key) && !all.contains(&format!("{{&quot;{key}&quot;: ..}}")))
+        .filter(|key| !all.contains(&format!("{{\"{key}\": ..}}")))
+        .collect();
     assert!(missing.is_empty(), "{missing:?}");
-    let missing: Vec<&str> = dvi::explanation::pages().iter().map(|page| page.code).filter(|code| !named(code)).collect();
+    let missing: Vec<&str> =
+        dvi::explanation::pages().iter().map(|page| page.code).filter(|code| !named(code)).collect();
     assert!(missing.is_empty(), "{missing:?}");
 }
 
@@ -95,7 +104,8 @@ fn properties(schema: &Value, into: &mut BTreeSet<String>) {
 fn what_is_written_most_is_explained_in_words() {
     let folder = fs::read_dir(Path::new(ROOT).join("api/guide")).unwrap();
     let text: String = folder.map(|file| fs::read_to_string(file.unwrap().path()).unwrap()).collect();
-    let schema: Value = serde_json::from_slice(&fs::read(Path::new(ROOT).join("api/specification.schema.json")).unwrap()).unwrap();
+    let schema: Value =
+        serde_json::from_slice(&fs::read(Path::new(ROOT).join("api/specification.schema.json")).unwrap()).unwrap();
     let mut words: Vec<String> = dvi::solution::CheckCode::ALL.map(|code| code.name().to_owned()).into();
     for name in ["Problem", "Block"] {
         let alternatives = schema["$defs"][name]["oneOf"].as_array().unwrap();
@@ -103,7 +113,10 @@ fn what_is_written_most_is_explained_in_words() {
     }
     words.extend(schema["properties"].as_object().unwrap().keys().cloned());
     words.extend(schema["$defs"]["Method"]["properties"].as_object().unwrap().keys().cloned());
-    let missing: Vec<&String> = words.iter().filter(|word| !text.contains(&format!("`{word}`")) && !text.contains(&format!("\"{word}\""))).collect();
+    let missing: Vec<&String> = words
+        .iter()
+        .filter(|word| !text.contains(&format!("`{word}`")) && !text.contains(&format!("\"{word}\"")))
+        .collect();
     assert!(missing.is_empty(), "{missing:?}");
     for entry in fs::read_dir(Path::new(ROOT).join("api/examples")).unwrap() {
         let name = entry.unwrap().path().file_stem().unwrap().to_str().unwrap().to_owned();

@@ -81,7 +81,8 @@ fn with_links_to_the_page(events: Vec<Event<'_>>) -> Vec<Event<'_>> {
             }
             Event::End(TagEnd::CodeBlock) => {
                 if let Some((place, block)) = open.take().filter(|(_, block)| block.contains("\"problem\"")) {
-                    let link = format!("<p class=\"open\"><a href=\"/#s={}\">Open this on the page</a></p>\n", packed(&block));
+                    let link =
+                        format!("<p class=\"open\"><a href=\"/#s={}\">Open this on the page</a></p>\n", packed(&block));
                     made.insert(place, Event::Html(link.into()));
                 }
             }
@@ -127,7 +128,9 @@ mod tests {
     #[test]
     fn base64_has_the_vectors_of_the_standard() {
         // RFC 4648, section 10, without padding.
-        for (text, wanted) in [("", ""), ("f", "Zg"), ("fo", "Zm8"), ("foo", "Zm9v"), ("foob", "Zm9vYg"), ("foobar", "Zm9vYmFy")] {
+        for (text, wanted) in
+            [("", ""), ("f", "Zg"), ("fo", "Zm8"), ("foo", "Zm9v"), ("foob", "Zm9vYg"), ("foobar", "Zm9vYmFy")]
+        {
             assert_eq!(base64url(text.as_bytes()), wanted);
         }
     }

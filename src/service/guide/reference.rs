@@ -77,8 +77,10 @@ impl Chapter {
         let _ = write!(self.html, "<section>\n<h2 id=\"{id}\">{}</h2>\n<p>{}</p>\n", escaped(name), with_code(said));
         let mut words = vec![said.to_owned()];
         let parts: Vec<&Value> = std::iter::once(schema).chain(list(schema.get("allOf"))).collect();
-        let rows: Vec<(&Value, &String, &Value)> =
-            parts.iter().flat_map(|part| members(part.get("properties")).map(move |(key, inner)| (*part, key, inner))).collect();
+        let rows: Vec<(&Value, &String, &Value)> = parts
+            .iter()
+            .flat_map(|part| members(part.get("properties")).map(move |(key, inner)| (*part, key, inner)))
+            .collect();
         if !rows.is_empty() {
             self.html.push_str(
                 "<div class=\"wide\" tabindex=\"0\"><table>\n<thead><tr><th scope=\"col\">Key</th>\
@@ -109,7 +111,8 @@ impl Chapter {
             }
             self.html.push_str("</ul>\n");
         }
-        let choices: Vec<String> = list(schema.get("enum")).map(|one| format!("<code>{}</code>", escaped(&one.to_string()))).collect();
+        let choices: Vec<String> =
+            list(schema.get("enum")).map(|one| format!("<code>{}</code>", escaped(&one.to_string()))).collect();
         if !choices.is_empty() {
             let _ = writeln!(self.html, "<p>One of {}.</p>", choices.join(", "));
         }
@@ -132,10 +135,15 @@ fn kind(schema: &Value) -> String {
         return format!("<a href=\"#{}\">{}</a>", escaped(&name.to_lowercase()), escaped(name));
     }
     if let Some(words) = schema.get("enum") {
-        let words: Vec<String> = list(Some(words)).map(|word| format!("<code>{}</code>", escaped(&word.to_string()))).collect();
+        let words: Vec<String> =
+            list(Some(words)).map(|word| format!("<code>{}</code>", escaped(&word.to_string()))).collect();
         return words.join(" or ");
     }
-    let inner: Vec<String> = list(schema.get("oneOf")).chain(list(schema.get("anyOf"))).filter(|one| one["type"] != "null").map(kind).collect();
+    let inner: Vec<String> = list(schema.get("oneOf"))
+        .chain(list(schema.get("anyOf")))
+        .filter(|one| one["type"] != "null")
+        .map(kind)
+        .collect();
     if !inner.is_empty() {
         return inner.join(" or ");
     }
@@ -166,16 +174,27 @@ fn kind(schema: &Value) -> String {
 /// The bounds of a number.
 fn bounds(schema: &Value) -> String {
     let bound = |key: &str, words: &str| schema.get(key).map(|value| format!(" {words} {value}."));
-    let all = [bound("minimum", "At least"), bound("exclusiveMinimum", "Above"), bound("maximum", "At most"), bound("default", "Default")];
+    let all = [
+        bound("minimum", "At least"),
+        bound("exclusiveMinimum", "Above"),
+        bound("maximum", "At most"),
+        bound("default", "Default"),
+    ];
     let said = description(schema);
-    all.into_iter().flatten().filter(|one| !said.contains(one.trim().trim_end_matches('.'))).map(|one| escaped(&one)).collect()
+    all.into_iter()
+        .flatten()
+        .filter(|one| !said.contains(one.trim().trim_end_matches('.')))
+        .map(|one| escaped(&one))
+        .collect()
 }
 
 /// The names of the schemas that a schema refers to.
 fn references(schema: &Value, into: &mut Vec<String>) {
     match schema {
         Value::Object(inner) => {
-            if let Some(name) = inner.get("$ref").and_then(Value::as_str).and_then(|reference| reference.rsplit('/').next()) {
+            if let Some(name) =
+                inner.get("$ref").and_then(Value::as_str).and_then(|reference| reference.rsplit('/').next())
+            {
                 into.push(name.to_owned());
             }
             inner.values().for_each(|one| references(one, into));

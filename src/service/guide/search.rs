@@ -32,7 +32,14 @@ pub fn search<'a>(chapters: &'a [Chapter], query: &str) -> Vec<Found<'a>> {
             words.iter().all(|word| heading.contains(word) || text.contains(word)).then(|| {
                 let missed = words.iter().filter(|word| !heading.contains(**word)).count();
                 let whole = usize::from(heading != query);
-                (2 * missed + whole, Found { chapter, section, excerpt: excerpt(&section.text, &text, words.first().copied().unwrap_or_default()) })
+                (
+                    2 * missed + whole,
+                    Found {
+                        chapter,
+                        section,
+                        excerpt: excerpt(&section.text, &text, words.first().copied().unwrap_or_default()),
+                    },
+                )
             })
         })
         .collect();

@@ -73,7 +73,8 @@ fn find(chapter: Option<&Chapter>) -> Answer<Page> {
 )]
 pub async fn search_guide(RawQuery(query): RawQuery) -> Page {
     let pairs = form_urlencoded::parse(query.as_deref().unwrap_or_default().as_bytes());
-    let words = pairs.into_iter().find(|(name, _)| name == "q").map(|(_, value)| value.into_owned()).unwrap_or_default();
+    let words =
+        pairs.into_iter().find(|(name, _)| name == "q").map(|(_, value)| value.into_owned()).unwrap_or_default();
     let words: String = words.chars().take(LONGEST_QUERY).collect();
     let found = guide::search(&CHAPTERS, &words);
     let count = match found.len() {
@@ -127,7 +128,10 @@ pub async fn find_style() -> impl IntoResponse {
 /// A body in the frame of the guide: where one is, where one can go, and the search.
 fn page(title: &str, name: &str, body: &str) -> String {
     let mut links = String::new();
-    let entries = CHAPTERS.iter().map(|chapter| (chapter.name.as_str(), chapter.title.as_str())).chain([("interface", "Interface over HTTP")]);
+    let entries = CHAPTERS
+        .iter()
+        .map(|chapter| (chapter.name.as_str(), chapter.title.as_str()))
+        .chain([("interface", "Interface over HTTP")]);
     for (other, title) in entries {
         let here = if other == name { " aria-current=\"page\"" } else { "" };
         let _ = writeln!(links, "<li><a href=\"/docs/{other}\"{here}>{}</a></li>", escaped(title));

@@ -354,7 +354,10 @@ function draw() {
   const ghosts = ghost !== null && ghost !== shown && other === null ? ghost : null;
   plots.show(runs, chosen, { specification: shown?.specification, logTime: byId("logtime").checked, ghost: ghosts });
   byId("claims").replaceChildren(...(shown && Object.keys(shown.diagnostics).length > 0 ? [claims(shown, GUIDE)] : []));
-  byId("evidence").replaceChildren(...(runs.length > 0 ? evidence(runs) : []));
+  // While a slider is dragged, nobody reads tables that are folded.
+  if (byId("raw").open || ghost === null) showEvidence();
+  byId("legend").hidden = other === null;
+  byId("legend").textContent = other === null ? "" : `Solid: ${shown.label ?? "without a label"}. Dashed: ${other.label ?? "without a label"}.`;
   const warnings = runs.flatMap((run) => run.diagnostics.warnings ?? []);
   byId("warnings").hidden = warnings.length === 0;
   byId("warnings").replaceChildren(
@@ -374,6 +377,11 @@ function offerFields() {
   byId("vertical").replaceChildren(...options());
   byId("horizontal").value = names[0] ?? "t";
   byId("vertical").value = names[1] ?? names[0] ?? "t";
+}
+
+function showEvidence() {
+  const runs = [shown, other].filter((run) => run !== null);
+  byId("evidence").replaceChildren(...(runs.length > 0 ? evidence(runs) : []));
 }
 
 let phase = null;
@@ -580,6 +588,7 @@ async function start() {
   byId("svg").addEventListener("click", () => save(async () => asSvg(panelsNow()), "figure.svg"));
   byId("png").addEventListener("click", () => save(() => png(panelsNow()), "figure.png"));
   byId("phasebox").addEventListener("toggle", drawPhase);
+  byId("raw").addEventListener("toggle", showEvidence);
   for (const id of ["horizontal", "vertical", "equal"]) byId(id).addEventListener("change", drawPhase);
   byId("phasesvg").addEventListener("click", () => phase && save(async () => asSvg(phase.figure), "phase.svg"));
   byId("phasepng").addEventListener("click", () => phase && save(() => png(phase.figure), "phase.png"));
