@@ -160,18 +160,21 @@ export class Editor {
     const inString = node.name === "String" || node.name === "PropertyName";
     if (node.name === "PropertyName" || (node.name === "Object" && expectsKey(context.state, node, context.pos))) {
       const parent = node.name === "PropertyName" ? path.slice(0, -1) : path;
-      const from = inString ? node.from : context.pos;
-      const typed = context.state.sliceDoc(from, context.pos);
       if (!inString && !context.explicit) return null;
       const after = /^\s*:/.test(text.slice(inString ? node.to : context.pos));
+      // Within quotes, these are written anew with the key.
+      const apply = (written) => (view, completion, from, to) => {
+        const [start, end] = inString ? [from - 1, to + (view.state.sliceDoc(to, to + 1) === '"' ? 1 : 0)] : [from, to];
+        view.dispatch({ changes: { from: start, to: end, insert: written }, selection: { anchor: start + written.length }, userEvent: "input.complete" });
+      };
       const options = keysAt(this.#schema, parent, value).map(({ key, description, required, sample }) => ({
-        label: `"${key}"`,
+        label: key,
         detail: required ? "required" : undefined,
         info: description,
         boost: required ? 1 : 0,
-        apply: after ? `"${key}"` : `"${key}": ${sample}`,
+        apply: apply(after ? `"${key}"` : `"${key}": ${sample}`),
       }));
-      return { from, to: inString ? closing(text, node, context.pos) : undefined, options, filter: typed.length > 1 };
+      return { from: inString ? node.from + 1 : context.pos, options, validFor: /^\w*$/ };
     }
     const words = valuesAt(this.#schema, path, value).map(({ word, description }) => ({ label: JSON.stringify(word), info: description, type: "enum" }));
     if (words.length > 0 && (inString || context.explicit)) {
@@ -220,9 +223,6 @@ const unquoted = (string) => string.replace(/^"|"$/g, "");
 function expectsKey(state, node, pos) {
   return /[{,]\s*$/.test(state.sliceDoc(Math.max(node.from, pos - 200), pos));
 }
-
-// A string that is being typed may run on to the end of the line.
-const closing = (text, node, pos) => (node.to > pos && text.slice(pos, node.to).includes("\n") ? pos : node.to);
 
 // The document as far as it can be read: cut where it breaks, and closed.
 export function lenient(text) {

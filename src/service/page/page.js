@@ -52,6 +52,7 @@ let other = null; // the run it is compared with
 let followed = null; // the id of the job whose progress is in view
 let leave = null; // leaves it
 let quick = true; // whether the last live answer came in time
+let dragging = false; // whether a slider is held
 let filling = false; // whether the page itself changes the text
 
 // ---- writing and checking
@@ -61,6 +62,8 @@ let pause = null;
 
 function textChanged() {
   if (filling) return;
+  ghost = null; // of another text than the one that a slider turned
+  byId("shared").textContent = "";
   markStale();
   clearTimeout(pause);
   pause = setTimeout(textRested, PAUSE);
@@ -153,7 +156,8 @@ function fill(text) {
 // ---- turning knobs
 
 function turn(pointer, value, done) {
-  if (ghost === null && shown !== null) ghost = shown;
+  if (!dragging) ghost = shown;
+  dragging = !done;
   filling = true;
   editor.write(pointer, value);
   filling = false;
