@@ -6,7 +6,7 @@ import { number, ticks } from "./numbers.js";
 
 const NAMESPACE = "http://www.w3.org/2000/svg";
 const LEFT = 74;
-const RIGHT = 16;
+const RIGHT = 34;
 const COLOURS = ["#1f5a93", "#c2571a", "#2b7d46", "#8a3f8f", "#8a6d00", "#00798c", "#a4262c", "#555555"];
 const MOST_POINTS = 4000; // of a line: a pixel of a figure shows no more
 

@@ -11,7 +11,11 @@ use axum::extract::Path;
 use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
+use flate2::Compression;
+use flate2::write::GzEncoder;
 use std::hash::{DefaultHasher, Hash, Hasher};
+use std::io::Write as _;
+use std::sync::OnceLock;
 
 /// What the browser may load, run and call.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self'; \
@@ -22,17 +26,19 @@ struct File {
     name: &'static str,
     media_type: &'static str,
     text: &'static str,
+    /// The text by `gzip` at its best, made when it is first asked for: a fifth less than what compressing each answer fast sends.
+    compressed: OnceLock<Vec<u8>>,
 }
 
 macro_rules! files {
     ($($name:literal: $media_type:literal;)*) => {
-        &[$(File { name: $name, media_type: $media_type, text: include_str!($name) }),*]
+        &[$(File { name: $name, media_type: $media_type, text: include_str!($name), compressed: OnceLock::new() }),*]
     };
 }
 
 const INDEX: &str = "index.html";
 
-const FILES: &[File] = files! {
+static FILES: &[File] = files! {
     "icon.svg": "image/svg+xml";
     "index.html": "text/html; charset=utf-8";
     "page.css": "text/css; charset=utf-8";
@@ -62,6 +68,8 @@ const FILES: &[File] = files! {
     "study.js": "text/javascript; charset=utf-8";
     "unknown.js": "text/javascript; charset=utf-8";
     "verdict.js": "text/javascript; charset=utf-8";
+    "pictures/film.js": "text/javascript; charset=utf-8";
+    "pictures/kinds.js": "text/javascript; charset=utf-8";
     "pictures/circuit.js": "text/javascript; charset=utf-8";
     "pictures/hull.js": "text/javascript; charset=utf-8";
     "pictures/index.js": "text/javascript; charset=utf-8";
@@ -93,18 +101,39 @@ fn find_file(name: &str, headers: &HeaderMap) -> Response {
     let known = headers.get(header::IF_NONE_MATCH).is_some_and(|value| Some(value) == tag.as_ref());
     let text = || match address("/") {
         root if name == INDEX => file.text.replace("=\"/", &format!("=\"{root}")).into_response(),
+        _ if takes_gzip(headers) => ([(header::CONTENT_ENCODING, "gzip")], file.compressed()).into_response(),
         _ => file.text.into_response(),
     };
     let mut response = if known { StatusCode::NOT_MODIFIED.into_response() } else { text() };
     let headers = response.headers_mut();
     headers.insert(header::CONTENT_TYPE, HeaderValue::from_static(file.media_type));
     headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-cache"));
+    headers.insert(header::VARY, HeaderValue::from_static("accept-encoding"));
     headers.extend(tag.map(|tag| (header::ETAG, tag)));
     headers.insert(header::CONTENT_SECURITY_POLICY, HeaderValue::from_static(POLICY));
     response
 }
 
+/// Whether a client takes answers by `gzip` (RFC 9110, section 12.5.3).
+fn takes_gzip(headers: &HeaderMap) -> bool {
+    let lines = headers.get_all(header::ACCEPT_ENCODING).iter().filter_map(|line| line.to_str().ok());
+    lines.flat_map(|line| line.split(',')).any(|coding| {
+        let (name, weight) = coding.split_once(';').unwrap_or((coding, ""));
+        let weight = weight.trim().strip_prefix("q=").map_or(1.0, |weight| weight.parse().unwrap_or(0.0));
+        name.trim().eq_ignore_ascii_case("gzip") && weight > 0.0
+    })
+}
+
 impl File {
+    fn compressed(&'static self) -> &'static [u8] {
+        self.compressed.get_or_init(|| {
+            let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
+            // Writing to memory does not fail.
+            let _ = encoder.write_all(self.text.as_bytes());
+            encoder.finish().unwrap_or_default()
+        })
+    }
+
     /// Another program with another text gives another tag.
     fn tag(&self) -> Option<HeaderValue> {
         let mut hasher = DefaultHasher::new();
@@ -116,6 +145,7 @@ impl File {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::io::Read as _;
 
     fn get(name: &str, known: Option<HeaderValue>) -> Response {
         find_file(name, &known.into_iter().map(|tag| (header::IF_NONE_MATCH, tag)).collect())
@@ -130,6 +160,21 @@ mod tests {
             assert_eq!(response.headers()[header::CONTENT_TYPE], file.media_type);
         }
         assert_eq!(get("../mod.rs", None).status(), StatusCode::NOT_FOUND);
+    }
+
+    #[test]
+    fn files_are_compressed_for_who_takes_them_so() {
+        let with = |codings: &'static str| {
+            find_file("page.js", &HeaderMap::from_iter([(header::ACCEPT_ENCODING, HeaderValue::from_static(codings))]))
+        };
+        assert_eq!(with("br, GZIP;q=0.5").headers()[header::CONTENT_ENCODING], "gzip");
+        for codings in ["br", "gzip;q=0", "gzipped"] {
+            assert!(!with(codings).headers().contains_key(header::CONTENT_ENCODING), "{codings}");
+        }
+        let file = FILES.iter().find(|file| file.name == "page.js").unwrap();
+        let mut text = String::new();
+        flate2::read::GzDecoder::new(file.compressed()).read_to_string(&mut text).unwrap();
+        assert_eq!(text, file.text);
     }
 
     #[test]

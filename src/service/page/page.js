@@ -421,6 +421,13 @@ async function save(fetched, name) {
 
 const asSvg = (figure) => new Blob([textOf(figure)], { type: "image/svg+xml" });
 
+// On paper no time is marked.
+function unmarked(figure) {
+  const copy = figure.cloneNode(true);
+  copy.querySelector(".now")?.remove();
+  return copy;
+}
+
 const panelsNow = () =>
   panelsFigure(plots.figure(), { title: shown?.label ?? "", specification: shown?.specification, span: plots.span, logTime: byId("logtime").checked });
 
@@ -594,8 +601,8 @@ async function start() {
   byId("phasebox").addEventListener("toggle", drawPhase);
   byId("raw").addEventListener("toggle", showEvidence);
   for (const id of ["horizontal", "vertical", "equal"]) byId(id).addEventListener("change", drawPhase);
-  byId("phasesvg").addEventListener("click", () => phase && save(async () => asSvg(phase.figure), "phase.svg"));
-  byId("phasepng").addEventListener("click", () => phase && save(() => png(phase.figure), "phase.png"));
+  byId("phasesvg").addEventListener("click", () => phase && save(async () => asSvg(unmarked(phase.figure)), "phase.svg"));
+  byId("phasepng").addEventListener("click", () => phase && save(() => png(unmarked(phase.figure)), "phase.png"));
   byId("example").addEventListener("change", (event) => event.target.value !== "" && choose(event.target.value));
   byId("browse").addEventListener("click", browse);
   byId("list").addEventListener("click", () => toggleJobs());

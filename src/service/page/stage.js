@@ -4,7 +4,7 @@
 
 import { element } from "./element.js";
 import { seconds } from "./numbers.js";
-import { pictureOf } from "./pictures/index.js";
+import { load, pictureOf } from "./pictures/index.js";
 import { Refused, solveNow } from "./service.js";
 
 const AT_ONCE = 1.5; // seconds that an answer may have taken whose film is made unasked
@@ -19,6 +19,9 @@ export class Stage {
   #clock;
   #picture = null; // {element, draw, dispose, hint}
   #asked = null; // the controller of the film on its way
+  #kinds = new Map();
+  #name = null; // of the kind that is shown
+  #wanted = null; // the run whose picture is wanted
   #later = null;
   #of = ""; // the specification of the film that is shown
 
@@ -27,6 +30,7 @@ export class Stage {
   }
 
   clear() {
+    this.#wanted = null;
     clearTimeout(this.#later);
     this.#asked?.abort();
     this.#picture?.dispose();
@@ -44,7 +48,11 @@ export class Stage {
   // The picture of a run, made anew only where the specification is another.
   show(run) {
     const { specification } = run;
-    const kind = run.t.length > 1 && run.study === undefined ? pictureOf(specification) : null;
+    const name = run.t.length > 1 && !run.study ? pictureOf(specification) : null;
+    if (name !== this.#name) this.clear(); // of another kind
+    [this.#name, this.#wanted] = [name, run];
+    if (name !== null && !this.#kinds.has(name)) return this.#fetch(name, run);
+    const kind = this.#kinds.get(name);
     const film = kind?.needs(specification) ?? null;
     if (film === null) return this.clear();
     const text = JSON.stringify(film);
@@ -53,7 +61,7 @@ export class Stage {
     if (serves(run, film)) {
       this.#asked?.abort();
       this.#asked = null;
-      return this.#put(kind, run, text);
+      return this.#put(kind, run, text).catch((error) => this.#say(`There is no picture: ${error.message}`));
     }
     const cost = run.diagnostics.wall_seconds ?? 0;
     const make = () => this.#make(kind, specification, text);
@@ -83,6 +91,16 @@ export class Stage {
     } catch (error) {
       if (controller.signal.aborted) return;
       this.#say(error instanceof Refused ? `There is no picture: ${error.message}` : error.message);
+    }
+  }
+
+  // Fetches the script of a kind of picture, and goes on if its run is still wanted.
+  async #fetch(name, run) {
+    try {
+      this.#kinds.set(name, await load(name));
+      if (this.#wanted === run) this.show(run);
+    } catch (error) {
+      if (this.#wanted === run) this.#say(`There is no picture: ${error.message}`);
     }
   }
 

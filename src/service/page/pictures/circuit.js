@@ -2,7 +2,7 @@
 // from the netlist alone, for any circuit, without a crossing that could be read as a joint. Dots move with the currents; rails have
 // the colour of their voltage; what conducts is lit.
 
-import { film } from "./scene.js";
+import { film } from "./film.js";
 import { nearestTo } from "../plots.js";
 import { number } from "../numbers.js";
 import { dot, line, surface } from "./surface.js";

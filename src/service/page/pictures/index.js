@@ -1,28 +1,28 @@
-// The picture of what is simulated, by the type of the problem: each is drawn from the specification and a film, an answer at the times
-// of frames, by one time cursor.
+// The picture of what is simulated, by the type of the problem: each is drawn from the specification and a film by one time cursor. A file is
+// fetched where its picture is wanted.
 
-import * as circuit from "./circuit.js";
-import * as phase from "./phase.js";
-import * as plane from "./plane.js";
-import { elasticMake, elasticNeeds, obstacleMake, obstacleNeeds } from "./profile.js";
 import { typeOf } from "../fields.js";
-import * as scene from "./scene.js";
+import { statesOf, viewOf } from "./kinds.js";
 
-const BY_TYPE = {
-  rigid_bodies: scene,
-  circuit,
-  obstacle: { needs: obstacleNeeds, make: obstacleMake },
-  elastic: { needs: elasticNeeds, make: elasticMake },
+const LOADERS = {
+  scene: () => import("./scene.js"),
+  circuit: () => import("./circuit.js"),
+  obstacle: () => import("./profile.js").then(({ obstacleNeeds, obstacleMake }) => ({ needs: obstacleNeeds, make: obstacleMake })),
+  elastic: () => import("./profile.js").then(({ elasticNeeds, elasticMake }) => ({ needs: elasticNeeds, make: elasticMake })),
+  plane: () => import("./plane.js"),
+  phase: () => import("./phase.js"),
 };
 
-// {needs, make} of a specification, nothing where there is no picture of such a problem.
+const BY_TYPE = { rigid_bodies: "scene", circuit: "circuit", obstacle: "obstacle", elastic: "elastic", mechanical: "plane" };
+
+// The name of the picture of a specification, nothing where there is no picture of such a problem.
 export function pictureOf(specification) {
   if (specification === null || typeof specification !== "object" || !specification.problem) return null;
-  // A run that looks for an orbit or a state of rest has a trajectory of its own, which no film of other times shows.
+  // A run that looks for a state of rest has nothing that moves.
   if (specification.steady_state) return null;
-  if (plane.viewOf(specification)) return plane;
-  const type = typeOf(specification);
-  if (BY_TYPE[type]) return BY_TYPE[type];
-  if (type === "mechanical") return plane;
-  return phase.statesOf(specification) ? phase : null;
+  if (viewOf(specification)) return "plane";
+  return BY_TYPE[typeOf(specification)] ?? (statesOf(specification) ? "phase" : null);
 }
+
+// {needs, make} of a picture.
+export const load = (name) => LOADERS[name]();

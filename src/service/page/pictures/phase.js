@@ -4,18 +4,13 @@
 import { compile, parameterValues } from "../expressions.js";
 import { range } from "../fields.js";
 import { axis, padded } from "../figure.js";
-import { between, film, mixed } from "./scene.js";
+import { between, film, mixed } from "./film.js";
+import { statesOf } from "./kinds.js";
 import { dot, line, surface } from "./surface.js";
 
 const FRAMES = 801;
 const CELLS = 90; // along each axis, over which the surface is sought
 const INSIDE = 1e-6; // a share away from 0 and 1 by more than this slides
-
-export function statesOf(specification) {
-  const [problem] = Object.values(specification.problem);
-  const names = Object.keys(problem?.states ?? {});
-  return names.length === 2 && names.every((name) => !name.includes("[")) ? names : null;
-}
 
 export function needs(specification) {
   if (!statesOf(specification)) return null;

@@ -4,18 +4,14 @@
 import { compile, parameterValues } from "../expressions.js";
 import { number } from "../numbers.js";
 import { nearestTo } from "../plots.js";
-import { between, film, mixed } from "./scene.js";
+import { between, film, mixed } from "./film.js";
+import { viewOf } from "./kinds.js";
 import { range } from "../fields.js";
 import { dot, fitted, line, surface } from "./surface.js";
 
 const FRAMES = 601;
 const FLASH = 0.02; // of the horizon, for which an impact is seen
 const CLOSED = 1e-4; // of the largest gap
-
-export const viewOf = (specification) => {
-  const { view } = specification;
-  return view && typeof view === "object" && Object.keys(view.points ?? {}).length > 0 ? view : null;
-};
 
 const contactsOf = (specification) => {
   const contacts = specification.problem.mechanical?.contacts;

@@ -4,7 +4,7 @@
 import { parameterValues, compile } from "../expressions.js";
 import { number } from "../numbers.js";
 import { range } from "../fields.js";
-import { between, film, mixed } from "./scene.js";
+import { between, film, mixed } from "./film.js";
 import { dot, fitted, line, surface } from "./surface.js";
 
 const FRAMES = 121;

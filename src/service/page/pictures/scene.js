@@ -5,6 +5,7 @@
 
 import { element } from "../element.js";
 import { parameterValues, value } from "../expressions.js";
+import { between, film, mixed } from "./film.js";
 import { hullOf } from "./hull.js";
 
 const FRAMES = 241;
@@ -39,11 +40,6 @@ export function needs(specification) {
       fields: [...moving.flatMap(({ name }) => POSE.map((key) => `${name}.${key}`)), ...forces],
     },
   };
-}
-
-// A specification without what a film does not need.
-export function film({ label, study, sweep, fit, sensitivities, ...rest }) {
-  return rest;
 }
 
 export async function make(specification, run, { bundle }) {
@@ -275,20 +271,6 @@ function turned([w, x, y, z], omega, h) {
   const [a, b, d] = omega.map((one) => one * s);
   return [c * w - a * x - b * y - d * z, c * x + a * w + b * z - d * y, c * y + b * w + d * x - a * z, c * z + d * w + a * y - b * x];
 }
-
-// The frame before a time, and how far it is to the next.
-export function between(times, time) {
-  let [low, high] = [0, times.length - 1];
-  while (high - low > 1) {
-    const middle = (low + high) >> 1;
-    if (times[middle] <= time) low = middle;
-    else high = middle;
-  }
-  const part = (time - times[low]) / (times[high] - times[low] || 1);
-  return { k: low, part: Math.min(1, Math.max(0, part)) };
-}
-
-export const mixed = (column, k, next, part) => column[k] + part * (column[next] - column[k]);
 
 // Turns the view by dragging and by the arrows.
 function steer(canvas, view, look) {
