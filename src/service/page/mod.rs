@@ -15,7 +15,7 @@ use flate2::Compression;
 use flate2::write::GzEncoder;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::io::Write as _;
-use std::sync::OnceLock;
+use std::sync::{LazyLock, OnceLock};
 
 /// What the browser may load, run and call.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self'; \
@@ -32,13 +32,13 @@ struct File {
 
 macro_rules! files {
     ($($name:literal: $media_type:literal;)*) => {
-        &[$(File { name: $name, media_type: $media_type, text: include_str!($name), compressed: OnceLock::new() }),*]
+        LazyLock::new(|| vec![$(File { name: $name, media_type: $media_type, text: include_str!($name), compressed: OnceLock::new() }),*])
     };
 }
 
 const INDEX: &str = "index.html";
 
-static FILES: &[File] = files! {
+static FILES: LazyLock<Vec<File>> = files! {
     "icon.svg": "image/svg+xml";
     "index.html": "text/html; charset=utf-8";
     "page.css": "text/css; charset=utf-8";
@@ -153,7 +153,7 @@ mod tests {
 
     #[test]
     fn every_file_is_given_under_the_policy() {
-        for file in FILES {
+        for file in FILES.iter() {
             let response = get(file.name, None);
             assert_eq!(response.status(), StatusCode::OK, "{}", file.name);
             assert_eq!(response.headers()[header::CONTENT_SECURITY_POLICY], POLICY);
