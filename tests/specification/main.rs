@@ -22,3 +22,4 @@ mod structure;
 mod study;
 mod uniqueness;
 mod vectors;
+mod view;
