@@ -4,6 +4,7 @@ pub mod access;
 mod compiled;
 mod context;
 mod digest;
+pub mod guide;
 pub mod http;
 pub mod jobs;
 mod log;

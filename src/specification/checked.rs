@@ -96,6 +96,7 @@ impl Specification {
             sweep,
             fit,
             study,
+            view,
             label,
         } = document;
         let mut found = Errors::default();
@@ -134,7 +135,7 @@ impl Specification {
             let names = model.output_names();
             let names: Vec<&str> = names.iter().map(String::as_str).collect();
             let time = time?;
-            let request = observables::Request { named: problem.written().named(), stop: &stop };
+            let request = observables::Request { named: problem.written().named(), stop: &stop, view: view.as_ref() };
             let are_inputs = model.parameters().is_some();
             let observables = request.lower(&names, are_inputs, (&of_problem, start), &mut found);
             request.check(&*model, (output.global_error, study.is_some()), &mut found);

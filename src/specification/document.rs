@@ -18,6 +18,7 @@ use super::sensitivities::SensitivitiesRequest;
 use super::static_vi::ViProblem;
 use super::study::StudyRequest;
 use super::sweep::SweepRequest;
+use super::view::View;
 use super::written::Written;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -62,6 +63,8 @@ pub struct Document {
     pub fit: Option<FitRequest>,
     /// A study of error against run time.
     pub study: Option<StudyRequest>,
+    /// How a system in a plane is drawn on the page.
+    pub view: Option<View>,
     /// Free text, at most 200 characters.
     #[schema(max_length = 200)]
     pub label: Option<String>,

@@ -67,6 +67,7 @@ mod tables;
 mod times;
 mod tolerance;
 mod vectors;
+mod view;
 mod wording;
 mod written;
 

@@ -9,6 +9,7 @@ use super::label;
 use super::lowering::{Lowering, Named, Start};
 use super::model::Model;
 use super::place::Place;
+use super::view::View;
 use super::wording::abridged;
 use expression::{Node, Tape};
 use serde::{Deserialize, Serialize};
@@ -41,6 +42,7 @@ pub struct Stop {
 pub(super) struct Request<'a> {
     pub named: Named<'a>,
     pub stop: &'a [Stop],
+    pub view: Option<&'a View>,
 }
 
 impl Request<'_> {
@@ -54,7 +56,7 @@ impl Request<'_> {
     ) -> Observables {
         let Named { definitions, integrals, .. } = self.named;
         let count = definitions.len() + integrals.len() + self.stop.len();
-        if count == 0 {
+        if count == 0 && self.view.is_none() {
             return Observables::default();
         }
         if count > MOST {
@@ -83,6 +85,9 @@ impl Request<'_> {
             let place = of_stop.index(i);
             nodes.push(lowering.node_or_zero(&stop.when, &place.key("when")));
             monitors.push(stop.monitored(&place, &mut lowering.errors));
+        }
+        if let Some(view) = self.view {
+            view.check(&mut lowering);
         }
         let names = definitions.names().chain(integrals.names()).map(String::from).collect();
         let program = Tape::compile(&lowering.graph, &nodes);

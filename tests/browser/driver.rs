@@ -14,9 +14,12 @@ use std::time::{Duration, Instant};
 /// The longest that anything on the page may take: the machine may be busy.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-const LAUNCH: &str = r#"exec "$0" --headless --no-sandbox --disable-gpu --disable-dev-shm-usage --no-first-run \
+const LAUNCH: &str = r#"exec "$0" --headless --no-sandbox --disable-gpu --enable-unsafe-swiftshader --disable-dev-shm-usage --no-first-run \
     --disable-extensions --disable-background-networking --remote-debugging-pipe --user-data-dir="$1" \
     --window-size=1360,1000 about:blank 3<&0 4>&1 0</dev/null 1>/dev/null 2>/dev/null"#;
+
+/// What is inside of the editor.
+pub const EDITOR: &str = "document.getElementById('text').shadowRoot";
 
 pub struct Page {
     child: Child,
@@ -108,7 +111,11 @@ impl Page {
             "ArrowLeft" => (37, None),
             "ArrowRight" => (39, None),
             "ArrowDown" => (40, None),
-            key => (key.to_uppercase().bytes().next().unwrap().into(), Some(key)),
+            "ArrowUp" => (38, None),
+            "Escape" => (27, None),
+            "Home" => (36, None),
+            "End" => (35, None),
+            key => (key.to_uppercase().bytes().next().unwrap().into(), (!control).then_some(key)),
         };
         let modifiers = if control { 2 } else { 0 };
         let mut down = json!({"type": if text.is_some() { "keyDown" } else { "rawKeyDown" }, "key": key,
@@ -138,8 +145,9 @@ impl Page {
         self.call("Input.insertText", json!({"text": text}));
     }
 
-    /// Puts `specification` in place of the text, by keys, and submits it.
+    /// Puts `specification` in place of the text, by keys, and submits it; nothing is solved while it is written.
     pub fn solve(&self, specification: &str) {
+        self.value("document.getElementById('live').checked = false");
         self.replace_text(specification);
         self.value("document.getElementById('outcome').textContent = ''");
         self.press("Enter", true);
@@ -148,8 +156,15 @@ impl Page {
 
     pub fn replace_text(&self, text: &str) {
         self.tab_to("#text");
-        self.value("document.activeElement.select()");
+        self.press("a", true);
         self.paste(text);
+    }
+
+    /// The numbers of the lines that the editor marks as wrong.
+    pub fn marked(&self) -> Value {
+        self.value(&format!(
+            "[...{EDITOR}.querySelectorAll('.cm-lineNumbers .marked')].map((line) => line.textContent)"
+        ))
     }
 
     /// Keeps a picture of the page as the reader sees it, for people to look at.

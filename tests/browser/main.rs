@@ -2,10 +2,15 @@
 //!
 //! Needs Debian's package `chromium`; `DVI_CHROMIUM` names another program.
 
+mod accessibility;
 mod comparing;
 mod driver;
+mod editing;
+mod guide;
+mod live;
 mod looks;
 mod numbers;
+mod pictures;
 mod places;
 mod prefix;
 mod server;

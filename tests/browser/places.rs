@@ -1,6 +1,6 @@
 //! Errors of a specification, at the lines where they are.
 
-use crate::driver::Page;
+use crate::driver::{EDITOR, Page};
 use serde_json::json;
 
 const BROKEN: &str = r#"{
@@ -19,8 +19,8 @@ const BROKEN: &str = r#"{
 fn every_wrong_line_is_marked_and_can_be_gone_to() {
     let page = Page::open("marks", "/");
     page.replace_text(BROKEN);
-    page.wait("document.querySelectorAll('#lines .marked').length > 0");
-    let marked = page.value("[...document.querySelectorAll('#lines .marked')].map((line) => line.innerText)");
+    page.wait(&format!("{EDITOR}.querySelectorAll('.marked').length > 0"));
+    let marked = page.marked();
     assert!(marked.as_array().unwrap().contains(&json!("5")), "{marked}");
     assert!(!marked.as_array().unwrap().contains(&json!("4")), "{marked}");
     assert!(page.text("#check").contains("did you mean initial?"));
@@ -28,15 +28,16 @@ fn every_wrong_line_is_marked_and_can_be_gone_to() {
 
     page.tab_to(".place");
     page.press("Enter", false);
-    let line = "((text) => text.value.slice(0, text.selectionStart).split('\\n').length)(document.activeElement)";
+    let line =
+        format!("[...{EDITOR}.querySelectorAll('.cm-line')].findIndex((line) => line.matches('.cm-activeLine')) + 1");
     let named = page.text(".place");
-    assert_eq!(format!("line {}", page.value(line)), named);
+    assert_eq!(format!("line {}", page.value(&line)), named);
 
     let repaired =
         BROKEN.replace("inital", "initial").replace("[\"z\"]", "{}").replace("[{\"nonnegative\": [\"w\"]}]", "[]");
     page.replace_text(&repaired);
     page.wait("document.getElementById('check').innerText.startsWith('Correct')");
-    assert_eq!(page.value("document.querySelectorAll('#lines .marked').length"), 0);
+    assert_eq!(page.marked(), json!([]));
     assert_eq!(page.complaints(), Vec::<String>::new());
 }
 
@@ -44,8 +45,8 @@ fn every_wrong_line_is_marked_and_can_be_gone_to() {
 fn a_text_that_is_no_json_is_marked_where_it_breaks() {
     let page = Page::open("syntax", "/");
     page.replace_text("{\n  \"problem\": {},\n  \"time\": {\"end\": 1,,}\n}");
-    page.wait("document.querySelectorAll('#lines .marked').length === 1");
-    assert_eq!(page.text("#lines .marked"), "3");
+    page.wait(&format!("{EDITOR}.querySelectorAll('.cm-lineNumbers .marked').length === 1"));
+    assert_eq!(page.marked(), json!(["3"]));
 }
 
 #[test]

@@ -105,6 +105,7 @@ fn an_answer_that_is_not_trusted_says_why_each_value_beside_what_is_allowed() {
     }
     assert_eq!(page.text("#verdict .caveats"), "this is a solution; it is not certified to be the only one");
     assert_eq!(page.value("document.getElementById('verdict').getAttribute('role')"), "status");
+    page.value("document.getElementById('raw').open = true");
     let evidence = page.text("#evidence");
     assert!(evidence.contains("law residual") && evidence.contains("3e-10, allowed 1e-8"), "{evidence}");
     let beyond = page.value("[...document.querySelectorAll('#evidence td.bad')].map((cell) => cell.textContent)");

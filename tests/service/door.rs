@@ -69,7 +69,7 @@ async fn under_a_path_every_address_has_it() {
     assert!(list.header("link").starts_with("</dvi/jobs?"), "{list:?}");
     assert_eq!(site.get("/dvi/jobs/nothing").await.json()["type"], "/dvi/problems/no-such-job");
     assert_eq!(site.get("/dvi/nothing").await.json()["type"], "/dvi/problems/not-found");
-    for page in ["/dvi/", "/", "/dvi/docs"] {
+    for page in ["/dvi/", "/", "/dvi/docs", "/dvi/docs/interface", "/dvi/docs/search?q=step"] {
         let page = site.get(page).await;
         assert!(!page.text().replace("=\"/dvi/", "").contains("=\"/"), "{}", page.text());
     }

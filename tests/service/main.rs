@@ -15,6 +15,7 @@ mod explanations;
 mod full_disk;
 mod fuzzed;
 mod glance;
+mod guide;
 mod harness;
 mod hostile;
 mod job_list;

@@ -96,7 +96,7 @@ async fn what_is_described_answers_and_what_is_not_does_not() {
 #[tokio::test]
 async fn the_page_shows_every_operation_and_needs_nobody_else() {
     let site = Site::new(one_worker(), instant());
-    let page = site.get("/docs").await;
+    let page = site.get("/docs/interface").await;
     assert_eq!(page.status, StatusCode::OK);
     assert!(page.header("content-type").starts_with("text/html"));
     let policy = page.header("content-security-policy");

@@ -121,7 +121,7 @@ fn an_unknown_key_lists_the_valid_ones() {
     assert_eq!(
         expected,
         "one of `$schema`, `version`, `problem`, `time`, `method`, `output`, `limits`, `stop`, `sensitivities`, \
-         `periodic`, `steady_state`, `sweep`, `fit`, `study`, `label`"
+         `periodic`, `steady_state`, `sweep`, `fit`, `study`, `view`, `label`"
     );
 }
 

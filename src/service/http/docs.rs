@@ -1,18 +1,17 @@
 //! An `OpenAPI` description as a page of HTML: operations by their tag, each with what it takes and what it answers, then
 //! the schemas.
 
+use crate::guide::escaped;
 use serde_json::{Map, Value};
 use std::fmt::Write as _;
 
-/// The page of a description.
-pub fn page(description: &Value) -> String {
+/// The body of the page of a description.
+pub fn body(description: &Value) -> String {
     let text = |pointer: &str| escaped(description.pointer(pointer).and_then(Value::as_str).unwrap_or_default());
     let (title, version) = (text("/info/title"), text("/info/version"));
     let mut html = format!(
-        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
-         <meta name=\"viewport\" content=\"width=device-width\">\n<title>{title} {version}</title>\n\
-         <link rel=\"stylesheet\" href=\"/docs/style.css\">\n</head>\n<body>\n\
-         <h1>{title} <small>{version}</small></h1>\n<p>{} <a href=\"/openapi.json\">OpenAPI</a></p>\n",
+        "<h1>Interface over HTTP <small>{title} {version}</small></h1>\n<p>{} As a description for programs: \
+         <a href=\"/openapi.json\">OpenAPI</a>.</p>\n",
         text("/info/description")
     );
     for tag in list(description.get("tags")) {
@@ -32,12 +31,11 @@ pub fn page(description: &Value) -> String {
         let name = escaped(name);
         let _ = writeln!(
             html,
-            "<details id=\"{name}\"><summary><code>{name}</code> {}</summary>\n<pre>{}</pre></details>",
+            "<details id=\"{name}\"><summary><code>{name}</code> {}</summary>\n<pre tabindex=\"0\">{}</pre></details>",
             told(schema, "description"),
             escaped(&format!("{schema:#}"))
         );
     }
-    html.push_str("</body>\n</html>\n");
     html
 }
 
@@ -101,11 +99,6 @@ fn members(value: Option<&Value>) -> impl Iterator<Item = (&String, &Value)> {
     value.and_then(Value::as_object).into_iter().flat_map(Map::iter)
 }
 
-/// Text, and no markup.
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -113,7 +106,7 @@ mod tests {
 
     #[test]
     fn a_description_becomes_text_and_not_markup() {
-        let page = page(&json!({
+        let page = body(&json!({
             "info": {"title": "<script>", "version": "1"},
             "tags": [{"name": "a&b"}],
             "paths": {"/x": {"get": {"tags": ["a&b"], "summary": "\"s\"", "responses": {

@@ -12,6 +12,7 @@ mod event_stream;
 mod events;
 mod examples;
 mod excerpt;
+mod guide;
 mod health;
 mod host;
 mod job_list;
@@ -127,8 +128,11 @@ fn open() -> OpenApiRouter<Shared> {
         .routes(routes!(problems::find_problem))
         .routes(routes!(schema::find_schema))
         .routes(routes!(openapi::find_description))
-        .routes(routes!(openapi::read_description))
-        .routes(routes!(openapi::find_style))
+        .routes(routes!(guide::read_guide))
+        .routes(routes!(guide::read_chapter))
+        .routes(routes!(guide::search_guide))
+        .routes(routes!(guide::read_description))
+        .routes(routes!(guide::find_style))
         .routes(routes!(health::check_health))
         .routes(routes!(health::check_readiness))
         .routes(routes!(health::find_version))

@@ -1,13 +1,11 @@
-//! `GET /openapi.json`: the description of the interface (`OpenAPI` 3.1), made from the handlers; and `GET /docs`: the same
-//! to be read, as a page without scripts that asks nobody for anything.
+//! `GET /openapi.json`: the description of the interface (`OpenAPI` 3.1), made from the handlers. `GET /docs/interface` is the
+//! same to be read.
 
 use super::described;
-use super::docs;
 use super::problem::Problem;
 use super::{open, work};
-use crate::context::address;
 use axum::http::{HeaderName, HeaderValue, header};
-use axum::response::{Html, IntoResponse};
+use axum::response::IntoResponse;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
@@ -15,19 +13,16 @@ use utoipa::openapi::response::{Response, ResponseBuilder};
 use utoipa::openapi::{ContentBuilder, Ref, RefOr};
 use utoipa::{IntoResponses, OpenApi, ToSchema};
 
-const STYLE: &str = include_str!("docs.css");
 const JSON: [(HeaderName, &str); 1] = [(header::CONTENT_TYPE, "application/json")];
-const CSS: [(HeaderName, &str); 1] = [(header::CONTENT_TYPE, "text/css; charset=utf-8")];
 
-/// The policy of the page: its own style, and nothing else.
-const POLICY: HeaderValue = HeaderValue::from_static(
-    "default-src 'none'; style-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+/// The policy of pages to be read: the style and the icon of the service, its search, and nothing else.
+pub(super) const POLICY: HeaderValue = HeaderValue::from_static(
+    "default-src 'none'; style-src 'self'; img-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'",
 );
 
 /// The description, made once.
-static DESCRIPTION: LazyLock<Value> = LazyLock::new(description);
+pub(super) static DESCRIPTION: LazyLock<Value> = LazyLock::new(description);
 static TEXT: LazyLock<String> = LazyLock::new(|| DESCRIPTION.to_string());
-static PAGE: LazyLock<String> = LazyLock::new(|| docs::page(&DESCRIPTION));
 
 /// What is not said by the handlers.
 #[derive(OpenApi)]
@@ -80,30 +75,4 @@ impl IntoResponses for Problem {
 )]
 pub async fn find_description() -> impl IntoResponse {
     (JSON, TEXT.as_str())
-}
-
-/// Read the description of the interface.
-///
-/// The description as a page for people, without scripts.
-#[utoipa::path(
-    get,
-    path = "/docs",
-    tag = "catalogue",
-    responses((status = 200, description = "A page", body = String, content_type = "text/html"))
-)]
-pub async fn read_description() -> impl IntoResponse {
-    ([(header::CONTENT_SECURITY_POLICY, POLICY)], Html(PAGE.replace("=\"/", &format!("=\"{}", address("/")))))
-}
-
-/// The style of the page.
-///
-/// The style sheet of `/docs`.
-#[utoipa::path(
-    get,
-    path = "/docs/style.css",
-    tag = "catalogue",
-    responses((status = 200, description = "A style sheet", body = String, content_type = "text/css"))
-)]
-pub async fn find_style() -> impl IntoResponse {
-    (CSS, STYLE)
 }

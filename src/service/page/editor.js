@@ -1,64 +1,252 @@
-// The text of a specification, with its lines numbered and those that are wrong marked.
+// The text of a specification: CodeMirror with what the schema knows (completion, meanings under the pointer) and what the
+// service says (errors at their lines, each with the fix it suggests).
 //
-// Numbers and marks stand in a list behind the text, which is transparent; only the lines in view are made, so that a
-// specification of a hundred thousand lines scrolls like a short one.
+// It lives in a shadow tree, where its styles are sheets of the script and need no exception from the security policy.
 
+import {
+  EditorState, EditorView, GutterMarker, HighlightStyle, RangeSet, StateEffect, StateField, autocompletion, bracketMatching, completionKeymap,
+  defaultKeymap, gutterLineClass, highlightActiveLine, highlightSpecialChars, history, historyKeymap, hoverTooltip, indentUnit, json, keymap,
+  lineNumbers, lintKeymap, placeholder, searchKeymap, setDiagnostics, syntaxHighlighting, syntaxTree, tags,
+} from "./vendor/codemirror.js";
 import { element } from "./element.js";
+import { keysAt, meaningOf, namesOf, takesExpression, valuesAt } from "./language.js";
+import { rangesOf } from "./places.js";
+
+const LOOK = EditorView.theme({
+  "&": { height: "100%", fontSize: "13.3px", color: "var(--ink)", backgroundColor: "var(--paper)" },
+  ".cm-scroller": { fontFamily: 'ui-monospace, "DejaVu Sans Mono", Menlo, Consolas, monospace', lineHeight: "1.5rem" },
+  ".cm-content": { caretColor: "var(--ink)" },
+  "&.cm-focused": { outline: "none" },
+  "&.cm-focused .cm-selectionBackground, .cm-content ::selection": { backgroundColor: "var(--select)" },
+  ".cm-gutters": { backgroundColor: "var(--paper)", color: "var(--quiet)", border: "none" },
+  ".cm-activeLine, .cm-activeLineGutter": { backgroundColor: "transparent" },
+  ".cm-gutterElement.marked": { backgroundColor: "var(--bad-band)", color: "var(--bad)", fontWeight: "700", boxShadow: "inset 3px 0 var(--bad)" },
+  ".cm-tooltip": { backgroundColor: "var(--sheet)", color: "var(--ink)", border: "1px solid var(--rule)", borderRadius: "6px", maxWidth: "32rem", fontSize: "13px" },
+  ".cm-meaning": { padding: ".4rem .7rem", whiteSpace: "pre-wrap", fontFamily: "system-ui, sans-serif" },
+  ".cm-tooltip-autocomplete ul li[aria-selected]": { backgroundColor: "var(--accent)", color: "var(--on-accent)" },
+  ".cm-completionDetail": { color: "inherit", opacity: ".8", marginLeft: ".6em" },
+  ".cm-completionInfo": { whiteSpace: "pre-wrap", maxWidth: "22rem", fontFamily: "system-ui, sans-serif" },
+  // The underline of the library is an image in the address of a style, which the policy refuses.
+  ".cm-lintRange, .cm-lintRange-error, .cm-lintRange-active": { backgroundImage: "none", textDecoration: "underline wavy var(--bad) 1px" },
+  ".cm-diagnostic": { fontFamily: "system-ui, sans-serif", whiteSpace: "pre-wrap" },
+  ".cm-diagnosticAction": { backgroundColor: "var(--accent)", color: "var(--on-accent)", borderRadius: "4px" },
+  ".cm-panels": { backgroundColor: "var(--sheet)", color: "var(--ink)" },
+  ".cm-placeholder": { color: "var(--quiet)" },
+  ".cm-matchingBracket": { backgroundColor: "var(--select)" },
+});
+
+const COLOURS = HighlightStyle.define([
+  { tag: tags.propertyName, color: "var(--accent)" },
+  { tag: tags.string, color: "var(--string)" },
+  { tag: tags.number, color: "var(--number)" },
+  { tag: [tags.bool, tags.null], color: "var(--warn)" },
+]);
+
+const setMarks = StateEffect.define();
+const marker = new (class extends GutterMarker {
+  elementClass = "marked";
+})();
+
+// The lines that are wrong, in the gutter.
+const marks = StateField.define({
+  create: () => RangeSet.empty,
+  update(set, transaction) {
+    const { doc } = transaction.state;
+    for (const effect of transaction.effects) {
+      if (!effect.is(setMarks)) continue;
+      const lines = [...new Set(effect.value)].filter((line) => line < doc.lines).sort((a, b) => a - b);
+      return RangeSet.of(lines.map((line) => marker.range(doc.line(line + 1).from)));
+    }
+    return set.map(transaction.changes);
+  },
+  provide: (field) => gutterLineClass.from(field),
+});
 
 export class Editor {
-  #text;
-  #lines;
-  #marks = new Map();
+  #view;
+  #schema = null;
 
-  constructor(text, lines) {
-    this.#text = text;
-    this.#lines = lines;
-    for (const event of ["input", "scroll"]) text.addEventListener(event, () => this.#draw());
-    new ResizeObserver(() => this.#draw()).observe(text);
+  // `changed()` is called when the text has changed, `submit()` on Ctrl+Enter.
+  constructor(host, { changed, submit }) {
+    const shadow = host.attachShadow({ mode: "open" });
+    const solve = () => (submit(), true);
+    this.#view = new EditorView({
+      parent: shadow,
+      root: shadow,
+      state: EditorState.create({
+        doc: "",
+        extensions: [
+          keymap.of([{ key: "Mod-Enter", run: solve }]),
+          lineNumbers(), highlightSpecialChars(), highlightActiveLine(), history(), bracketMatching(), indentUnit.of("  "),
+          json(), syntaxHighlighting(COLOURS), LOOK, marks,
+          placeholder("Pick an example, or paste a specification."),
+          autocompletion({ override: [(context) => this.#complete(context)], activateOnTyping: true }),
+          hoverTooltip((view, at) => this.#meaning(view, at)),
+          keymap.of([...completionKeymap, ...lintKeymap, ...searchKeymap, ...historyKeymap, ...defaultKeymap]),
+          EditorView.contentAttributes.of({ "aria-label": "Specification, JSON", spellcheck: "false", autocapitalize: "off", tabindex: "0" }),
+          EditorView.updateListener.of((update) => update.docChanged && changed()),
+        ],
+      }),
+    });
+  }
+
+  // Gives the editor the schema, from which it completes and explains.
+  set schema(schema) {
+    this.#schema = schema;
   }
 
   get text() {
-    return this.#text.value;
+    return this.#view.state.doc.toString();
   }
 
   set text(text) {
-    this.#text.value = text;
-    this.#text.scrollTop = 0;
-    this.#text.dispatchEvent(new Event("input"));
+    const { state } = this.#view;
+    this.#view.dispatch({ changes: { from: 0, to: state.doc.length, insert: text }, selection: { anchor: 0 } });
+    this.#view.scrollDOM.scrollTop = 0;
   }
 
-  // Marks lines, counted from 0, each with what is to be said of it.
-  mark(marks) {
-    this.#marks = new Map(marks);
-    this.#text.setAttribute("aria-invalid", this.#marks.size > 0);
-    this.#draw();
+  // Writes another value in the place of that at `pointer`; nothing if it is not there.
+  write(pointer, value) {
+    const [range] = rangesOf(this.text, [pointer]);
+    if (!range) return;
+    this.#view.dispatch({ changes: { from: range[0], to: range[1], insert: JSON.stringify(value) }, userEvent: "input.type" });
   }
 
-  // Puts the cursor on a line and shows it.
+  // Marks errors: {line, from, to, message, fixes: [{name, apply(text) -> [from, to, insert]}]}.
+  mark(errors) {
+    const { state } = this.#view;
+    const { length, lines } = state.doc;
+    const diagnostics = errors.map(({ line, from, to, message, fixes }) => {
+      const row = state.doc.line(Math.min(line, lines - 1) + 1);
+      return {
+        from: Math.min(from ?? row.from, length),
+        to: Math.min(to ?? row.to, length),
+        severity: "error",
+        message,
+        actions: fixes.map(({ name, change }) => ({
+          name,
+          apply: (view) => view.dispatch({ changes: change }),
+        })),
+      };
+    });
+    this.#view.dispatch(setDiagnostics(state, diagnostics));
+    this.#view.dispatch({ effects: setMarks.of(errors.map(({ line }) => line)) });
+    this.#view.contentDOM.setAttribute("aria-invalid", errors.length > 0);
+  }
+
+  change(change) {
+    this.#view.dispatch({ changes: change });
+    this.#view.focus();
+  }
+
+  focus() {
+    this.#view.focus();
+  }
+
+  // Puts the cursor on a line, counted from 0, and shows it.
   goTo(line) {
-    const lines = this.text.split("\n");
-    const start = lines.slice(0, line).join("\n").length + (line > 0 ? 1 : 0);
-    this.#text.focus();
-    this.#text.setSelectionRange(start, start + (lines[line]?.length ?? 0));
-    this.#text.scrollTop = Math.max(0, (line - 3) * this.#lineHeight);
+    const { doc } = this.#view.state;
+    const { from, to } = doc.line(Math.min(line + 1, doc.lines));
+    this.#view.focus();
+    this.#view.dispatch({ selection: { anchor: from, head: to }, effects: EditorView.scrollIntoView(from, { y: "center" }) });
   }
 
-  get #lineHeight() {
-    return parseFloat(getComputedStyle(this.#text).lineHeight);
-  }
-
-  #draw() {
-    const { scrollTop, clientHeight, value } = this.#text;
-    const height = this.#lineHeight;
-    const first = Math.floor(scrollTop / height);
-    const count = value.split("\n").length;
-    const last = Math.min(count, first + Math.ceil(clientHeight / height) + 1);
-    const numbers = [];
-    for (let line = first; line < last; line += 1) {
-      const mark = this.#marks.get(line);
-      numbers.push(element("li", { class: mark ? "marked" : null, title: mark }, String(line + 1)));
+  #complete(context) {
+    if (this.#schema === null) return null;
+    const node = syntaxTree(context.state).resolveInner(context.pos, -1);
+    const text = context.state.doc.toString();
+    const value = lenient(text);
+    const path = pathAt(context.state, node);
+    const inString = node.name === "String" || node.name === "PropertyName";
+    if (node.name === "PropertyName" || (node.name === "Object" && expectsKey(context.state, node, context.pos))) {
+      const parent = node.name === "PropertyName" ? path.slice(0, -1) : path;
+      if (!inString && !context.explicit) return null;
+      const after = /^\s*:/.test(text.slice(inString ? node.to : context.pos));
+      // Within quotes, these are written anew with the key.
+      const apply = (written) => (view, completion, from, to) => {
+        const [start, end] = inString ? [from - 1, to + (view.state.sliceDoc(to, to + 1) === '"' ? 1 : 0)] : [from, to];
+        view.dispatch({ changes: { from: start, to: end, insert: written }, selection: { anchor: start + written.length }, userEvent: "input.complete" });
+      };
+      const options = keysAt(this.#schema, parent, value).map(({ key, description, required, sample }) => ({
+        label: key,
+        detail: required ? "required" : undefined,
+        info: description,
+        boost: required ? 1 : 0,
+        apply: apply(after ? `"${key}"` : `"${key}": ${sample}`),
+      }));
+      return { from: inString ? node.from + 1 : context.pos, options, validFor: /^\w*$/ };
     }
-    this.#lines.replaceChildren(...numbers);
-    this.#lines.style.transform = `translateY(${first * height - scrollTop}px)`;
+    const words = valuesAt(this.#schema, path, value).map(({ word, description }) => ({ label: JSON.stringify(word), info: description, type: "enum" }));
+    if (words.length > 0 && (inString || context.explicit)) {
+      return { from: inString ? node.from : context.pos, to: inString ? node.to : undefined, options: words };
+    }
+    if (node.name === "String" && takesExpression(this.#schema, path, value)) {
+      const word = context.matchBefore(/[A-Za-z_][A-Za-z_0-9]*/);
+      if (!word) return null;
+      const options = [...namesOf(value)].map(([label, detail]) => ({ label, detail, type: detail === "function" ? "function" : "variable" }));
+      return { from: word.from, options };
+    }
+    return null;
+  }
+
+  #meaning(view, at) {
+    if (this.#schema === null) return null;
+    const node = syntaxTree(view.state).resolveInner(at, 1);
+    if (node.name !== "PropertyName") return null;
+    const path = pathAt(view.state, node);
+    const meaning = meaningOf(this.#schema, path, lenient(view.state.doc.toString()));
+    if (!meaning) return null;
+    const create = () => ({ dom: element("div", { class: "cm-meaning" }, element("b", {}, `${path.at(-1)}  `), meaning) });
+    return { pos: node.from, end: node.to, above: true, create };
+  }
+}
+
+// The keys and indices that lead to a node of the tree.
+function pathAt(state, node) {
+  const path = [];
+  for (let at = node; at !== null; at = at.parent) {
+    if (at.name === "Property") {
+      const name = at.getChild("PropertyName");
+      if (name) path.unshift(unquoted(state.sliceDoc(name.from, name.to)));
+    } else if (at.parent?.name === "Array" && !["[", "]", ","].includes(at.name)) {
+      let index = 0;
+      for (let child = at.parent.firstChild; child && child.from < at.from; child = child.nextSibling) if (!/^[[\],⚠]$/.test(child.name)) index += 1;
+      path.unshift(index);
+    }
+  }
+  return path;
+}
+
+const unquoted = (string) => string.replace(/^"|"$/g, "");
+
+// Whether a key comes next in an object: nothing but space since `{` or `,`.
+function expectsKey(state, node, pos) {
+  return /[{,]\s*$/.test(state.sliceDoc(Math.max(node.from, pos - 200), pos));
+}
+
+// The document as far as it can be read: cut where it breaks, and closed.
+export function lenient(text) {
+  try {
+    return JSON.parse(text);
+  } catch {
+    const root = {};
+    const stack = [{ into: root, key: "root" }];
+    for (const { 0: token } of text.matchAll(/"(?:[^"\\\n]|\\.)*"?|[{}[\],:]|[^\s{}[\],:"]+/g)) {
+      const top = stack.at(-1);
+      if (top === undefined) break;
+      const put = (value) => {
+        if (Array.isArray(top.into)) top.into.push(value);
+        else if (top.key !== null) [top.into[top.key], top.key] = [value, null];
+      };
+      if (token === "{" || token === "[") {
+        const made = token === "{" ? {} : [];
+        put(made);
+        stack.push({ into: made, key: null });
+      } else if (token === "}" || token === "]") stack.pop();
+      else if (token === ":" || token === ",") continue;
+      else if (!Array.isArray(top.into) && top.key === null) top.key = unquoted(token);
+      else put(token.startsWith('"') ? unquoted(token) : Number(token));
+    }
+    return root.root ?? null;
   }
 }

@@ -93,9 +93,13 @@ function table(title, rows) {
   return element("table", {}, element("caption", {}, title), element("tbody", {}, ...rows));
 }
 
+const isEvent = (item) => item !== null && typeof item === "object" && "kind" in item && "of" in item && "t" in item;
+
+const eventText = ({ t, kind, of }) => `t = ${number(t, 9)}: ${words(kind)} of ${of}`;
+
 function list(title, items) {
   if (items.length === 0) return null;
-  const shown = items.slice(0, LONGEST).map((item) => element("li", {}, told("", item)));
+  const shown = items.slice(0, LONGEST).map((item) => element("li", {}, isEvent(item) ? eventText(item) : told("", item)));
   if (items.length > LONGEST) shown.push(element("li", {}, `and ${number(items.length - LONGEST)} more, in the download`));
-  return element("details", {}, element("summary", {}, `${title} (${number(items.length)})`), element("ol", {}, ...shown));
+  return element("details", {}, element("summary", {}, `${title} (${number(items.length)})`), element("ol", { tabindex: "0" }, ...shown));
 }

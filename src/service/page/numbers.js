@@ -13,7 +13,8 @@ export function number(value, digits = 5) {
   return whole ? value.toLocaleString("en").replaceAll(",", "\u202f") : trimmed(value.toPrecision(digits));
 }
 
-const trimmed = (text) => (text.includes(".") ? text.replace(/\.?0+$/, "") : text);
+// Rounding may have carried a number into the next power of ten.
+const trimmed = (text) => (text.includes("e") ? String(Number(text)) : text.includes(".") ? text.replace(/\.?0+$/, "") : text);
 
 // A measurement beside what is allowed. JSON has no infinity: the largest number stands for it.
 export const measured = ({ value, allowed }) => {

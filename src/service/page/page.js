@@ -1,16 +1,28 @@
-// The page: what is written is checked, what is submitted is followed, and what has ended is shown.
+// The page: what is written is checked and, while it is quick, solved at once; what is submitted is followed; what has ended is shown.
 //
-// The job that is shown is named in the address (`#job=ID`), so that it can be kept and sent; the ids of the jobs of
-// this browser are kept in its local storage.
+// An answer belongs to the text that it is of. Where the text is another, the answer is marked as old, until there is a new one. The address
+// has the job that is shown (`#job=ID`) or the whole specification (`#s=...`).
 
-import { Editor } from "./editor.js";
+import { Clock } from "./clock.js";
+import { claims } from "./claims.js";
+import { Editor, lenient } from "./editor.js";
 import { byId, element } from "./element.js";
 import { analysis, evidence } from "./evidence.js";
+import { describe, wantsLogTime } from "./fields.js";
+import { panelsFigure, phaseFigure, png, textOf } from "./figure.js";
+import { fixesOf } from "./fixes.js";
+import { gallery } from "./gallery.js";
+import { Jobs } from "./jobs.js";
+import { Knobs } from "./knobs.js";
+import { Live } from "./live.js";
 import { number, seconds } from "./numbers.js";
-import { lineAt, linesOf } from "./places.js";
-import { Plots } from "./plots.js";
+import { lineAt, linesOf, rangesOf } from "./places.js";
+import { Plots, nearestTo } from "./plots.js";
 import * as service from "./service.js";
+import { isSmall, packed, unpacked } from "./share.js";
+import { Stage } from "./stage.js";
 import { study } from "./study.js";
+import { unknownParts } from "./unknown.js";
 import { verdicts } from "./verdict.js";
 
 const PAUSE = 250; // milliseconds without a keystroke before a check
@@ -20,32 +32,71 @@ const REMEMBERED = 50; // jobs
 const FORMATS = [
   ["JSON", "application/json", "json"],
   ["CSV", "text/csv", "csv"],
+  ["Arrow", "application/vnd.apache.arrow.stream", "arrows"],
   ["SVG", "image/svg+xml", "svg"],
 ];
 
-const editor = new Editor(byId("text"), byId("lines"));
+const GUIDE = `${service.base}/docs/evidence`;
+
+const clock = new Clock(byId("clock"));
 const plots = new Plots(byId("plots"), byId("hover"));
-let shown = null; // the run in view: {id, label, verdict, t, fields, events, diagnostics}
+const stage = new Stage(byId("picture"), byId("stage"), byId("stagehint"), clock);
+const editor = new Editor(byId("text"), { changed: textChanged, submit: solve });
+const knobs = new Knobs(byId("knobs"), turn);
+const live = new Live({ answer: showLive, slow: tellSlow, refused: tellRefusal });
+const jobs = new Jobs(byId("jobtable"), { open: () => toggleJobs(false), fail: tellMessage });
+
+let shown = null; // the run in view: {id, text, specification, label, verdict, t, fields, events, diagnostics}
+let ghost = null; // the run that was in view before a slider moved
 let other = null; // the run it is compared with
 let followed = null; // the id of the job whose progress is in view
 let leave = null; // leaves it
+let quick = true; // whether the last live answer came in time
+let dragging = false; // whether a slider is held
+let filling = false; // whether the page itself changes the text
 
 // ---- writing and checking
 
 let checking = null;
+let pause = null;
 
-async function checkText() {
+function textChanged() {
+  if (filling) return;
+  ghost = null; // of another text than the one that a slider turned
+  byId("shared").textContent = "";
+  markStale();
+  clearTimeout(pause);
+  pause = setTimeout(textRested, PAUSE);
+}
+
+function textRested() {
+  checkText({ solves: byId("live").checked && quick && followed === null });
+}
+
+// Checks the text, and solves it where `solves` says so and it is correct.
+async function checkText({ solves = false } = {}) {
   checking?.abort();
   checking = new AbortController();
   const { signal } = checking;
   const { text } = editor;
   if (text.trim() === "") return tellCheck([], []);
+  offerKnobs(text);
   try {
     const summary = await service.check(text, signal);
-    if (!signal.aborted) tellCheck([], analysis(summary));
+    if (signal.aborted) return;
+    tellCheck([], analysis(summary));
+    if (!solves || text === shown?.text) return;
+    if (isSmall(text)) live.solve(text);
+    else markStale("Press Solve: this is not run by itself. What stands below is of an earlier text.", "Press Solve: this is not run by itself.");
   } catch (refusal) {
     if (!signal.aborted) tellRefusal(refusal, text);
   }
+}
+
+function offerKnobs(text) {
+  const specification = lenient(text);
+  knobs.show(specification);
+  byId("sliders").hidden = knobs.count === 0;
 }
 
 function tellRefusal(refusal, text) {
@@ -53,6 +104,8 @@ function tellRefusal(refusal, text) {
   const errors = refusal.problem.errors ?? [];
   if (errors.length === 0) return tellCheck([], [element("p", { class: "bad" }, refusal.message)]);
   const lines = places(errors, text);
+  const ranges = rangesOf(text, errors.map((error) => error.pointer));
+  const fixes = errors.map((error) => fixesOf(error, text));
   const items = errors.map((error, i) =>
     element(
       "li",
@@ -62,12 +115,20 @@ function tellRefusal(refusal, text) {
       element("span", { class: "detail" }, error.detail),
       error.expected ? element("span", { class: "hint" }, `expected ${error.expected}`) : null,
       error.did_you_mean ? element("span", { class: "hint" }, `did you mean ${error.did_you_mean}?`) : null,
+      ...fixes[i].map(({ name, change }) => element("button", { type: "button", class: "fix", click: () => editor.change(change) }, name)),
+      element("a", { class: "hint", href: `${service.base}/docs/codes#${error.code}` }, error.code),
     ),
   );
   const count = errors.length === 1 ? "One error" : `${number(errors.length)} errors`;
   tellCheck(
-    errors.map((error, i) => [lines[i], error.detail]),
-    [element("p", { class: "bad" }, count), element("ul", { class: "errors" }, ...items)],
+    errors.map((error, i) => ({
+      line: lines[i],
+      from: error.code === "syntax" ? null : ranges[i]?.[0],
+      to: error.code === "syntax" ? null : ranges[i]?.[1],
+      message: [error.detail, error.expected && `expected ${error.expected}`].filter(Boolean).join("\n"),
+      fixes: fixes[i],
+    })),
+    [element("p", { class: "bad" }, count), element("ul", { class: "errors", tabindex: "0" }, ...items)],
   );
 }
 
@@ -83,17 +144,77 @@ function places(errors, text) {
 function tellCheck(marks, parts) {
   editor.mark(marks);
   byId("check").replaceChildren(...parts);
+  if (marks.length > 0) markStale("The text has errors: what stands below is of an earlier text.");
+}
+
+function fill(text) {
+  filling = true;
+  editor.text = text;
+  filling = false;
+}
+
+// ---- turning knobs
+
+function turn(pointer, value, done) {
+  if (!dragging) ghost = shown;
+  dragging = !done;
+  filling = true;
+  editor.write(pointer, value);
+  filling = false;
+  const { text } = editor;
+  if (text === shown?.text) return;
+  markStale();
+  if (byId("live").checked && followed === null) live.solve(text);
+  if (done) {
+    offerKnobs(text);
+    clearTimeout(pause);
+    pause = setTimeout(() => checkText({ solves: false }), PAUSE);
+  }
+}
+
+function showLive(answer, text) {
+  quick = true;
+  const specification = lenient(text);
+  const run = runOf(answer, { text, specification, label: specification?.label, id: null });
+  present(run, { keep: ghost !== null });
+  byId("outcome").dataset.status = run.status === "completed" ? "successful" : "failed";
+  byId("outcome").textContent = `${run.status === "completed" ? "successful" : run.status.replaceAll("_", " ")} in ${seconds(run.diagnostics.wall_seconds ?? 0)}`;
+  tellMessage(run.error?.message ?? run.error?.detail);
+  if (editor.text === text) {
+    markStale();
+    tellCheck([], byId("check").querySelector(".bad") ? [element("p", { class: "good" }, "Correct.")] : [...byId("check").children]);
+  }
+}
+
+function tellSlow(text) {
+  quick = false;
+  if (editor.text === text) markStale("This takes longer than a moment: press Solve. What stands below is of an earlier text.", "This takes longer than a moment: press Solve.");
+}
+
+// Marks what is in view as old where it is not of the text in the editor.
+function markStale(words = "What stands below is of an earlier text.", alone = null) {
+  const stale = shown !== null && shown.text !== null && shown.text !== editor.text;
+  const running = followed !== null;
+  const told = stale ? words : shown === null && alone !== null ? alone : null;
+  if (running) return;
+  byId("before").hidden = told === null;
+  byId("before").textContent = told ?? "";
+  byId("chosen").classList.toggle("stale", stale);
 }
 
 // ---- submitting and following
 
 async function solve() {
   const { text } = editor;
+  clearTimeout(pause);
+  live.stop();
   byId("solve").disabled = true;
   try {
     const status = await service.submit(text);
     remember(status);
-    watch(status.id);
+    ghost = null;
+    watch(status.id, text);
+    if (matchMedia("(max-width: 60rem)").matches) byId("result").scrollIntoView();
   } catch (refusal) {
     tellRefusal(refusal, text);
   } finally {
@@ -101,17 +222,19 @@ async function solve() {
   }
 }
 
-async function watch(id) {
+async function watch(id, text = null) {
   tellMessage();
   try {
-    await follow(id);
+    await follow(id, text);
   } catch (refusal) {
+    if (followed === id) followed = null;
     byId("progress").hidden = true;
     tellMessage(refusal.message);
+    setAside(false);
   }
 }
 
-async function follow(id) {
+async function follow(id, text) {
   leave?.abort();
   leave = new AbortController();
   followed = id;
@@ -120,7 +243,20 @@ async function follow(id) {
   const status = await service.follow(id, tellProgress, leave.signal);
   if (status === null) return;
   byId("progress").hidden = true;
-  await show(status);
+  const known = text ?? (await service.specification(id).catch(() => null));
+  if (followed === id) followed = null;
+  if (text === null && known !== null) fill(pretty(known));
+  await show(status, text === null && known !== null ? pretty(known) : known);
+}
+
+// A specification on one line is broken into several; one that has lines keeps them.
+function pretty(text) {
+  if (text.includes("\n") || text.length < 120) return text;
+  try {
+    return JSON.stringify(JSON.parse(text), null, 2);
+  } catch {
+    return text;
+  }
 }
 
 function tellProgress(status) {
@@ -134,35 +270,80 @@ function tellProgress(status) {
 
 // ---- showing what has ended
 
-async function fetchRun(id, label) {
-  const { trajectory, diagnostics, status, verdict, error, study } = await service.results(id);
-  return { id, label, status, verdict, error, ...trajectory, diagnostics, study };
-}
+const runOf = ({ trajectory, diagnostics = {}, ...rest }, more) => ({ t: [], fields: {}, events: [], ...trajectory, diagnostics, ...rest, ...more });
+
+const fetchRun = async (id, label, text) => runOf(await service.results(id), { id, label, text, specification: text === null ? {} : (lenient(text) ?? {}) });
 
 // What is in view is of the run before, while the next is on its way.
 function setAside(aside) {
   byId("before").hidden = !aside || byId("chosen").hidden;
+  byId("before").textContent = aside ? "What stands below is of the run before." : "";
   byId("chosen").classList.toggle("before", aside);
 }
 
-async function show(status) {
-  location.hash = `job=${status.id}`;
+async function show(status, text) {
+  history.replaceState(null, "", `#job=${status.id}`);
   tellMessage(status.message);
-  const run = await fetchRun(status.id, status.label).catch((refusal) => tellMessage(refusal.message));
-  shown = run ?? null;
+  const run = await fetchRun(status.id, status.label, text).catch((refusal) => tellMessage(refusal.message));
+  keep(remembered().map((job) => (job.id === status.id ? { ...job, trusted: status.trusted } : job)));
+  setAside(false);
+  if (run) present(run);
+  else presentNothing(status);
+  byId("outcome").textContent = run ? `${status.status} in ${seconds(run.diagnostics.wall_seconds ?? 0)}` : status.status;
+  byId("outcome").dataset.status = status.status;
+  checkText();
+}
+
+// Nothing is in view: what was there is of another problem.
+function forgetShown() {
+  shown = null;
+  [other, ghost] = [null, null];
+  byId("chosen").hidden = true;
+  byId("empty").hidden = true;
+  stage.clear();
+}
+
+// A job without an answer: what is known of it, and nothing of another run.
+function presentNothing(status) {
+  shown = null;
+  [other, ghost] = [null, null];
+  byId("empty").hidden = true;
+  byId("chosen").hidden = false;
+  byId("label").textContent = status.label ?? "Without a label";
+  for (const id of ["verdict", "study", "unknown", "downloads", "evidence", "claims", "phase"]) byId(id).replaceChildren();
+  if (status.verdict) byId("verdict").replaceChildren(...verdicts([{ verdict: status.verdict, diagnostics: {} }]).filter(Boolean));
+  byId("fields").replaceChildren(element("legend", {}, "Fields"));
+  for (const id of ["warnings", "picture", "clock", "plotbar", "phasebox", "raw"]) byId(id).hidden = true;
+  stage.clear();
+  plots.show([], []);
+  byId("hover").textContent = "";
+}
+
+function present(run, { keep: keeps = false } = {}) {
+  const sameFields = shown !== null && Object.keys(shown.fields).join() === Object.keys(run.fields).join() && shown.t.length > 0;
+  shown = run;
   other = null;
   byId("empty").hidden = true;
   byId("chosen").hidden = false;
+  byId("browse").hidden = false;
   setAside(false);
-  byId("label").textContent = status.label ?? "Without a label";
-  byId("outcome").textContent = run ? `${status.status} in ${seconds(run.diagnostics.wall_seconds ?? 0)}` : status.status;
-  byId("outcome").dataset.status = status.status;
-  keep(remembered().map((job) => (job.id === status.id ? { ...job, trusted: status.trusted } : job)));
-  byId("study").replaceChildren(...(shown?.study ? study(shown.study) : []));
+  markStale();
+  byId("label").textContent = run.label ?? "Without a label";
+  byId("study").replaceChildren(...(run.study ? study(run.study) : []));
+  byId("unknown").replaceChildren(...unknownParts(run));
+  for (const id of ["plotbar", "phasebox"]) byId(id).hidden = run.t.length < 2;
+  byId("raw").hidden = false;
   offerDownloads();
-  offerFields();
+  if (!sameFields) {
+    ghost = keeps ? ghost : null;
+    offerFields();
+    byId("logtime").checked = run.t.length > 2 && wantsLogTime(run.t);
+  }
   offerOthers();
+  byId("clock").hidden = run.t.length < 2;
+  if (run.t.length > 1) clock.set(run);
   draw();
+  stage.show(run);
 }
 
 function tellMessage(message) {
@@ -174,11 +355,19 @@ function draw() {
   const runs = [shown, other].filter((run) => run !== null);
   const chosen = [...byId("fields").querySelectorAll("input:checked")].map((input) => input.value);
   byId("verdict").replaceChildren(...verdicts(runs).filter((part) => part !== null));
-  plots.show(runs, chosen);
-  byId("evidence").replaceChildren(...(runs.length > 0 ? evidence(runs) : []));
+  const ghosts = ghost !== null && ghost !== shown && other === null ? ghost : null;
+  plots.show(runs, chosen, { specification: shown?.specification, logTime: byId("logtime").checked, ghost: ghosts });
+  byId("claims").replaceChildren(...(shown && Object.keys(shown.diagnostics).length > 0 ? [claims(shown, GUIDE)] : []));
+  // While a slider is dragged, nobody reads tables that are folded.
+  if (byId("raw").open || ghost === null) showEvidence();
+  byId("legend").hidden = other === null;
+  byId("legend").textContent = other === null ? "" : `Solid: ${shown.label ?? "without a label"}. Dashed: ${other.label ?? "without a label"}.`;
   const warnings = runs.flatMap((run) => run.diagnostics.warnings ?? []);
   byId("warnings").hidden = warnings.length === 0;
-  byId("warnings").replaceChildren(...warnings.map((warning) => element("li", {}, warning.message)));
+  byId("warnings").replaceChildren(
+    ...warnings.map((warning) => element("li", {}, warning.message, " ", warning.code ? element("a", { href: `${service.base}/docs/codes#${warning.code}` }, "more") : null)),
+  );
+  drawPhase();
 }
 
 function offerFields() {
@@ -187,25 +376,60 @@ function offerFields() {
     element("label", {}, element("input", { type: "checkbox", value: name, checked: i < PANELS, change: draw }), name),
   );
   byId("fields").replaceChildren(element("legend", {}, "Fields"), ...boxes);
+  const options = () => [element("option", { value: "t" }, "t"), ...names.map((name) => element("option", { value: name }, name))];
+  byId("horizontal").replaceChildren(...options());
+  byId("vertical").replaceChildren(...options());
+  byId("horizontal").value = names[0] ?? "t";
+  byId("vertical").value = names[1] ?? names[0] ?? "t";
+}
+
+function showEvidence() {
+  const runs = [shown, other].filter((run) => run !== null);
+  byId("evidence").replaceChildren(...(runs.length > 0 ? evidence(runs) : []));
+}
+
+let phase = null;
+
+function drawPhase() {
+  if (!byId("phasebox").open || shown === null || shown.t.length < 2) return;
+  phase = phaseFigure(shown, byId("horizontal").value, byId("vertical").value, {
+    title: shown.label ?? "",
+    specification: shown.specification,
+    describe,
+    equal: byId("equal").checked,
+  });
+  byId("phase").replaceChildren(phase.figure);
 }
 
 function offerDownloads() {
-  const { id } = shown ?? {};
+  const { id, text } = shown ?? {};
   const buttons = FORMATS.map(([name, type, extension]) =>
-    element("button", { type: "button", click: () => save(id, type, extension) }, name),
+    element("button", { type: "button", click: () => save(() => (id ? service.download(id, type) : service.solveAs(text, type)), `${id ?? "answer"}.${extension}`) }, name),
   );
-  byId("downloads").replaceChildren(...(id ? buttons : []));
+  byId("downloads").replaceChildren(...(id || text ? buttons : []));
 }
 
-async function save(id, type, extension) {
+async function save(fetched, name) {
   try {
-    const address = URL.createObjectURL(await service.download(id, type));
-    element("a", { href: address, download: `${id}.${extension}` }).click();
-    URL.revokeObjectURL(address);
+    const address = URL.createObjectURL(await fetched());
+    element("a", { href: address, download: name }).click();
+    setTimeout(() => URL.revokeObjectURL(address), 1000);
   } catch (refusal) {
     tellMessage(refusal.message);
   }
 }
+
+const asSvg = (figure) => new Blob([textOf(figure)], { type: "image/svg+xml" });
+
+// On paper no time is marked.
+function unmarked(figure) {
+  const copy = figure.cloneNode(true);
+  copy.querySelector(".now")?.remove();
+  return copy;
+}
+
+const panelsNow = () =>
+  panelsFigure(plots.figure(), { title: shown?.label ?? "", specification: shown?.specification, span: plots.span, logTime: byId("logtime").checked });
 
 function offerOthers() {
   const others = remembered().filter((job) => job.id !== shown?.id);
@@ -218,7 +442,7 @@ async function compare() {
   other = null;
   if (id !== "") {
     try {
-      other = await fetchRun(id, remembered().find((job) => job.id === id)?.label);
+      other = await fetchRun(id, remembered().find((job) => job.id === id)?.label, null);
     } catch (refusal) {
       tellMessage(refusal.message);
     }
@@ -226,7 +450,7 @@ async function compare() {
   draw();
 }
 
-// ---- the jobs of this browser
+// ---- the jobs of this browser, and of this token
 
 const named = (job) => `${job.label ?? "Without a label"}, ${new Date(job.created).toLocaleTimeString()}`;
 
@@ -269,22 +493,92 @@ async function forget(id) {
   offerOthers();
 }
 
+function toggleJobs(open = byId("jobtable").hidden) {
+  byId("jobtable").hidden = !open;
+  byId("list").setAttribute("aria-expanded", String(open));
+  jobs.show(open);
+}
+
+// ---- addresses
+
 async function openAddressed() {
-  const id = new URLSearchParams(location.hash.slice(1)).get("job");
-  if (id && id !== shown?.id && id !== followed) await watch(id);
+  const hash = new URLSearchParams(location.hash.slice(1));
+  const id = hash.get("job") ?? new URLSearchParams(location.search).get("job");
+  const letters = hash.get("s");
+  if (letters) return openLink(letters);
+  const name = hash.get("example");
+  if (name && [...byId("example").options].some(({ value }) => value === name)) return choose(name);
+  if (id && id !== shown?.id && id !== followed) {
+    toggleJobs(false);
+    await watch(id);
+  }
+}
+
+async function openLink(letters) {
+  let text;
+  try {
+    text = await unpacked(letters);
+  } catch {
+    return tellMessage("The link is damaged: its specification cannot be read.");
+  }
+  fill(text);
+  tellMessage();
+  await checkText();
+  if (isSmall(text)) live.solve(text);
+  else markStale("The link brought another specification: press Solve to run it. What stands below is of an earlier text.", "The link brought a specification that is not small: press Solve to run it.");
+}
+
+async function share() {
+  const { text } = editor;
+  const address = `${location.origin}${location.pathname}#s=${await packed(text)}`;
+  history.replaceState(null, "", address);
+  try {
+    await navigator.clipboard.writeText(address);
+    byId("shared").textContent = "Copied: the link carries the whole specification, and no token.";
+  } catch {
+    byId("shared").textContent = "The link stands in the address bar: it carries the whole specification, and no token.";
+  }
+}
+
+async function choose(name) {
+  byId("example").value = name;
+  live.stop();
+  leave?.abort();
+  followed = null;
+  byId("progress").hidden = true;
+  const hadFocus = byId("gallery").contains(document.activeElement);
+  forgetShown();
+  byId("before").hidden = false;
+  byId("before").textContent = "Loading the example ...";
+  try {
+    const text = await service.example(name);
+    if (byId("example").value !== name) return; // another was chosen meanwhile
+    ghost = null;
+    quick = true;
+    fill(text);
+    history.replaceState(null, "", `#example=${name}`);
+    tellMessage();
+    if (hadFocus) byId("result").focus();
+    const runs = byId("live").checked && isSmall(text);
+    markStale("", runs ? "Solving ..." : "Press Solve: this example is not run by itself.");
+    if (runs) live.solve(text);
+    await checkText();
+  } catch (refusal) {
+    byId("before").hidden = true;
+    tellMessage(refusal.message);
+  }
+}
+
+function browse() {
+  toggleJobs(false);
+  byId("empty").hidden = false;
+  byId("empty").scrollIntoView();
+  byId("gallery").querySelector("button")?.focus();
 }
 
 // ---- everything a user can do
 
 async function start() {
-  let pause = null;
-  byId("text").addEventListener("input", () => {
-    clearTimeout(pause);
-    pause = setTimeout(checkText, PAUSE);
-  });
-  byId("text").addEventListener("keydown", (event) => {
-    if (event.key === "Enter" && (event.ctrlKey || event.metaKey)) solve();
-  });
   byId("solve").addEventListener("click", solve);
   byId("format").addEventListener("click", () => {
     try {
@@ -293,11 +587,31 @@ async function start() {
       checkText();
     }
   });
+  byId("share").addEventListener("click", share);
+  byId("live").addEventListener("change", (event) => {
+    quick = true;
+    if (!event.target.checked) live.stop();
+    else textRested();
+  });
   byId("cancel").addEventListener("click", () => service.cancel(followed).catch((refusal) => tellMessage(refusal.message)));
   byId("other").addEventListener("change", compare);
-  byId("example").addEventListener("change", async (event) => {
-    if (event.target.value !== "") editor.text = await service.example(event.target.value);
+  byId("logtime").addEventListener("change", draw);
+  byId("svg").addEventListener("click", () => save(async () => asSvg(panelsNow()), "figure.svg"));
+  byId("png").addEventListener("click", () => save(() => png(panelsNow()), "figure.png"));
+  byId("phasebox").addEventListener("toggle", drawPhase);
+  byId("raw").addEventListener("toggle", showEvidence);
+  for (const id of ["horizontal", "vertical", "equal"]) byId(id).addEventListener("change", drawPhase);
+  byId("phasesvg").addEventListener("click", () => phase && save(async () => asSvg(unmarked(phase.figure)), "phase.svg"));
+  byId("phasepng").addEventListener("click", () => phase && save(() => png(unmarked(phase.figure)), "phase.png"));
+  byId("example").addEventListener("change", (event) => event.target.value !== "" && choose(event.target.value));
+  byId("browse").addEventListener("click", browse);
+  byId("list").addEventListener("click", () => toggleJobs());
+  clock.listen((time) => {
+    plots.setTime(time);
+    stage.draw(time);
+    if (phase && shown && byId("phasebox").open) phase.move(nearestTo(shown.t, time));
   });
+  plots.picked = (time) => clock.go(time);
   addEventListener("tokenrequired", () => (byId("access").hidden = false));
   byId("use").addEventListener("click", () => {
     service.useToken(byId("token").value.trim());
@@ -307,11 +621,13 @@ async function start() {
     openAddressed();
   });
   addEventListener("hashchange", openAddressed);
+  byId("clock").hidden = true;
   listJobs();
+  service.schema().then((schema) => (editor.schema = schema), () => {});
   try {
-    for (const { name, title } of await service.examples()) {
-      byId("example").append(element("option", { value: name }, title));
-    }
+    const examples = await service.examples();
+    for (const { name, title } of examples) byId("example").append(element("option", { value: name }, title));
+    byId("gallery").replaceChildren(...gallery(examples, choose));
   } catch (refusal) {
     tellCheck([], [element("p", { class: "bad" }, refusal.message)]);
   }

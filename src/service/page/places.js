@@ -7,6 +7,20 @@
 // The line, from 0, on which each of `pointers` begins: the key of a member, or an element. A pointer to what is not
 // there, such as a missing key, gets the line of the nearest thing around it.
 export function linesOf(text, pointers) {
+  return found(text, pointers).map((path) => lineAt(text, path.findLast((place) => place.start !== null)?.start ?? 0));
+}
+
+// The offsets [from, to) of the values that `pointers` name, null of what is not there.
+export function rangesOf(text, pointers) {
+  const paths = found(text, pointers);
+  return paths.map((path, i) => {
+    const { from, to } = path.at(-1);
+    return from === null || to === null || path.length !== pointers[i].split("/").length ? null : [from, to];
+  });
+}
+
+// The places on the way to each of `pointers`.
+function found(text, pointers) {
   const root = place();
   const wanted = pointers.map((pointer) => {
     const path = [root];
@@ -19,7 +33,7 @@ export function linesOf(text, pointers) {
     return path;
   });
   find(text, root);
-  return wanted.map((path) => lineAt(text, path.findLast((place) => place.start !== null)?.start ?? 0));
+  return wanted;
 }
 
 export function lineAt(text, offset) {
@@ -28,9 +42,10 @@ export function lineAt(text, offset) {
   return line;
 }
 
-const place = () => ({ start: null, children: new Map() });
+// `start` is where a key or an element begins, `from` and `to` are those of its value.
+const place = () => ({ start: null, from: null, to: null, children: new Map() });
 
-// Sets where `root` and the places under it start. Of members with the same key the last counts.
+// Sets where `root` and the places under it start and end. Of members with the same key the last counts.
 function find(text, root) {
   const open = []; // the containers around the scan: {place, index}, the index of a list only
   let keyed = false; // whether the key of a member has been read, and its value comes next
@@ -44,7 +59,8 @@ function find(text, root) {
       if (inList) inside.index += 1;
       keyed = false;
     } else if (found === "}" || found === "]") {
-      open.pop();
+      const closed = open.pop()?.place;
+      if (closed) closed.to = at + 1;
       keyed = false;
     } else if (inside && !inList && !keyed) {
       keyed = true;
@@ -53,6 +69,7 @@ function find(text, root) {
     } else {
       const value = !inside ? root : inList ? inside.place?.children.get(String(inside.index)) : member;
       if (value && !keyed) value.start = at;
+      if (value) [value.from, value.to] = [at, at + found.length];
       if (found === "{") open.push({ place: value });
       if (found === "[") open.push({ place: value, index: 0 });
       if (found === "{" || found === "[") keyed = false;

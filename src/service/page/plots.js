@@ -1,23 +1,36 @@
-// Trajectories: a panel a field, all over the same times, with one cursor and one zoom, and a line a run.
+// Trajectories: a panel for each quantity, all over the same times, with one cursor and one zoom, and a line for each field of
+// each run.
 //
-// Dragging zooms, a double click shows all; so do the arrows, `+`, `-` and `0` once the panels have the focus.
+// Dragging zooms, a double click shows all; so do the arrows, `+`, `-` and `0` once the panels have the focus. Events are
+// ticks at the foot of a panel, one a pixel at most; a run of before is a ghost behind the lines.
 
 import { largestDifference } from "./comparison.js";
 import { element } from "./element.js";
+import { hasDecades, hasSeconds, isConstant, isRounding, panels, range, typeOf, wantsDecades } from "./fields.js";
 import { number, ticks } from "./numbers.js";
 
-const HEIGHT = 132;
-const LAST_HEIGHT = 158; // with the labels of the times
+const HEIGHTS = [300, 220, 180, 156]; // of a panel, where there are one, two, three or more
+const FOOT = 36; // pixels of the labels of the times
 const NEAR = 6; // pixels within which an event is pointed at
+const OFFERED = 30; // largest over least value from which a logarithmic axis is offered
+const TICK = 7; // pixels of an event's tick
 
 export class Plots {
   #root;
   #hover;
   #runs = [];
+  #ghost = null;
   #fields = [];
+  #specification = {};
+  #logTime = false;
+  #linear = new Set(); // quantities that the reader wants on a linear axis although they cover decades, or the reverse
   #panels = [];
   #span = null; // the times shown
   #syncing = false;
+  #time = null;
+
+  // Called with a time when the reader clicks on it.
+  picked = () => {};
 
   constructor(root, hover) {
     this.#root = root;
@@ -32,91 +45,242 @@ export class Plots {
       if (root.clientWidth === width) return;
       width = root.clientWidth;
       for (const { plot, height } of this.#panels) plot.setSize({ width, height });
+      this.#placeHeads();
     }).observe(root);
   }
 
-  // Shows these fields of these runs: `{t, fields, events}` each.
-  show(runs, fields) {
-    const same = runs.length === this.#runs.length && runs.every((run, i) => run === this.#runs[i]);
-    this.#runs = runs;
-    this.#fields = fields;
-    if (!same) this.#span = null;
+  // Shows these fields of these runs, `{t, fields, events}` each, of a problem; `ghost` is the run that the reader saw before.
+  show(runs, fields, { specification = {}, logTime = false, ghost = null } = {}) {
+    const sameFields = fields.length === this.#fields.length && fields.every((field, i) => field === this.#fields[i]);
+    const [type, before] = [typeOf(specification), typeOf(this.#specification)];
+    const steady = sameFields && type === before && logTime === this.#logTime && runs.length === 1 && this.#runs.length === 1;
+    const sameTimes = steady && runs[0].t[0] === this.#runs[0].t[0] && runs[0].t.at(-1) === this.#runs[0].t.at(-1);
+    const had = this.#ghost !== null;
+    [this.#runs, this.#fields, this.#specification, this.#logTime, this.#ghost] = [runs, fields, specification, logTime, ghost];
+    if (!sameTimes) this.#span = null;
+    if (sameTimes && had === (ghost !== null) && this.#panels.length > 0 && this.#renew()) return;
     this.#build();
+  }
+
+  // The panels as data, from which a figure is drawn.
+  figure() {
+    return this.#panels.map((panel) => ({
+      ...panel.group,
+      log: panel.log,
+      series: panel.series.map(({ run, field, colour, dash }) => ({ name: field, t: run.t, values: run.fields[field], colour, dash, run: run.label })),
+      events: this.#runs[0].events.filter((event) => panel.group.fields.some((field) => isOf(event, field))),
+    }));
+  }
+
+  get span() {
+    return this.#span;
+  }
+
+  // Puts the time cursor of the pictures on all panels.
+  setTime(time) {
+    this.#time = time;
+    this.#placeHeads();
+  }
+
+  // New values in the same panels: what a slider does many times a second. False if the panels have to be built anew.
+  #renew() {
+    const groups = this.#groups();
+    if (groups.length !== this.#panels.length || groups.some(({ fields }, i) => fields.join() !== this.#panels[i].group.fields.join())) return false;
+    for (const panel of this.#panels) {
+      if (panel.group.fields.some((field) => !this.#runs[0].fields[field])) return false;
+      const ranges = panel.group.fields.map((field) => range(this.#runs[0].fields[field]));
+      if (this.#isLog(panel.group, ranges) !== panel.log) return false;
+    }
+    for (const panel of this.#panels) {
+      panel.series = this.#series(panel.group);
+      this.#tellConstants(panel);
+      panel.plot.setData(this.#data(panel.series), false);
+      panel.plot.batch(() => {
+        const [min, max] = this.#span ?? this.#whole();
+        panel.plot.setScale("x", { min, max });
+      });
+    }
+    this.#tell(null);
+    this.#placeHeads();
+    return true;
   }
 
   #build() {
     for (const { plot } of this.#panels) plot.destroy();
     this.#root.replaceChildren();
     this.#panels = [];
-    this.#panels = this.#fields.map((field, i) => this.#panel(field, i === this.#fields.length - 1));
+    if (this.#runs.length === 0) return;
+    const groups = this.#groups();
+    const height = HEIGHTS[Math.min(groups.length, HEIGHTS.length) - 1];
+    this.#panels = groups.map((group, i) => this.#panel(group, height, i === groups.length - 1));
     this.#tell(null);
     if (this.#span) this.#zoom(...this.#span);
+    this.#placeHeads();
   }
 
-  #panel(field, last) {
-    const style = getComputedStyle(this.#root);
-    const colour = (name) => style.getPropertyValue(name).trim();
-    const runs = this.#runs.filter((run) => run.fields[field]);
+  #groups() {
+    const [run] = this.#runs;
+    const size = (field) => (run.fields[field] ? Math.max(...range(run.fields[field]).map(Math.abs)) : 0);
+    return panels(this.#fields, this.#specification, size);
+  }
+
+  #colour(name) {
+    return getComputedStyle(this.#root).getPropertyValue(name).trim();
+  }
+
+  #isLog(group, ranges) {
+    return ranges.every(hasDecades) && ranges.some(wantsDecades) !== this.#linear.has(group.quantity);
+  }
+
+  #series(group) {
+    const shown = this.#runs.flatMap((run, place) =>
+      group.fields
+        .filter((field) => run.fields[field])
+        .map((field) => {
+          const at = group.fields.indexOf(field);
+          const second = group.fields.length === 1 && place === 1;
+          return { run, field, place, colour: this.#colour(second ? "--second" : `--line-${at}`), dash: place ? [6, 4] : undefined };
+        }),
+    );
+    return shown;
+  }
+
+  // The ghost comes first, behind all.
+  #data(series) {
+    const ghosts = this.#ghost === null ? [] : series.map(({ field }) => ({ run: this.#ghost, field }));
+    const all = [...ghosts, ...series];
+    const same = all.every(({ run }) => run.t === all[0].run.t);
+    const from = this.#logTime ? (t) => t.findIndex((time) => time > 0) : () => 0;
+    const column = ({ run, field }) => (run.fields[field] ?? run.t.map(() => null)).slice(from(run.t));
+    if (same) return [all[0].run.t.slice(from(all[0].run.t)), ...all.map(column)];
+    return uPlot.join(all.map((one) => [one.run.t.slice(from(one.run.t)), column(one)]));
+  }
+
+  #panel(group, height, last) {
+    const series = this.#series(group);
+    const ranges = group.fields.map((field) => range(this.#runs.flatMap((run) => run.fields[field] ?? [])));
+    const log = this.#isLog(group, ranges);
     const values = element("span", { class: "values" });
-    const differs = runs.length > 1 ? largestDifference(runs[0].t, runs[0].fields[field], runs[1].t, runs[1].fields[field]) : null;
+    const alone = group.fields.length === 1;
+    const first = group.fields[0];
+    const [a, b] = this.#runs;
+    const differs = alone && b?.fields[first] ? largestDifference(a.t, a.fields[first], b.t, b.fields[first]) : null;
     const difference = differs === null ? null : element("span", { class: "difference" }, `largest difference ${number(differs, 3)}`);
+    const unit = group.unit ? ` in ${group.unit}` : "";
+    const title = element("b", {}, alone ? first : group.quantity, unit === "" ? null : element("span", { class: "unit" }, unit));
+    const scale = ranges.every(hasDecades) && (log || ranges.some(([least, largest]) => largest / least >= OFFERED))
+      ? element("button", { type: "button", class: "scale", "aria-pressed": String(log), click: () => this.#toggle(group) }, "log")
+      : null;
     const canvas = element("div");
-    const figure = element("figure", { "data-field": field }, element("figcaption", {}, element("b", {}, field), values, difference), canvas);
+    const figure = element("figure", { "data-field": group.fields.join(" ") }, element("figcaption", {}, title, values, difference, scale), canvas);
     this.#root.append(figure);
 
-    const font = `11px ${style.fontFamily}`;
-    const axis = { stroke: colour("--quiet"), font, grid: { stroke: colour("--grid"), width: 1 }, ticks: { show: false } };
-    const stroke = [colour("--first"), colour("--second")];
-    const series = runs.map((run) => {
-      const place = this.#runs.indexOf(run);
-      return { label: field, stroke: stroke[place], width: 1.6, dash: place ? [6, 4] : undefined, points: { show: run.t.length < 3 } };
-    });
-    const height = last ? LAST_HEIGHT : HEIGHT;
+    const font = `11px ${getComputedStyle(this.#root).fontFamily}`;
+    const axis = { stroke: this.#colour("--quiet"), font, labelFont: font, grid: { stroke: this.#colour("--grid"), width: 1 }, ticks: { show: false } };
+    const line = ({ colour, dash, run, field }) => ({ label: field, stroke: colour, width: 1.6, dash, points: { show: run.t.length < 3 } });
+    const ghosts = this.#ghost === null ? [] : series.map(({ colour }) => ({ stroke: `${colour}55`, width: 1.6, points: { show: false } }));
+    const total = height + (last ? FOOT : 0);
     const options = {
       width: this.#root.clientWidth || 600,
-      height,
+      height: total,
+      padding: [8, null, 0, 0],
       legend: { show: false },
-      scales: { x: { time: false } },
+      scales: { x: { time: false, distr: this.#logTime ? 3 : 1 }, y: { distr: log ? 3 : 1, range: log ? undefined : (_, low, high) => roomy(low, high) } },
       cursor: { sync: { key: "t" }, drag: { x: true, y: false }, y: false },
-      series: [{}, ...series],
+      series: [{}, ...ghosts, ...series.map(line)],
       axes: [
-        { ...axis, size: last ? 34 : 6, values: (_, at) => (last ? ticks(at) : at.map(() => "")) },
-        { ...axis, size: 64, values: (_, at) => ticks(at) },
+        {
+          ...axis,
+          size: last ? 26 : 6,
+          values: (_, at) => (last ? labels(at, this.#logTime) : at.map(() => "")),
+          label: last ? (hasSeconds(typeOf(this.#specification)) ? "t in s" : "t") : undefined,
+          labelSize: 18,
+          labelGap: -4,
+        },
+        { ...axis, size: 64, values: (_, at) => labels(at, log) },
       ],
       hooks: {
-        drawClear: [(plot) => this.#drawEvents(plot, field, stroke)],
+        draw: [(plot) => this.#drawEvents(plot, group, last)],
         setCursor: [(plot) => this.#point(plot)],
         setScale: [(plot, scale) => scale === "x" && this.#zoomed(plot)],
+        ready: [(plot) => plot.over.addEventListener("click", () => this.#pick(plot))],
       },
     };
-    return { field, runs, values, height, plot: new uPlot(options, columns(runs, field), canvas) };
+    const plot = new uPlot(options, this.#data(series), canvas);
+    const head = element("div", { class: "head", hidden: true });
+    plot.over.append(head);
+    const panel = { group, series, values, height: total, log, plot, head, title, note: element("span", { class: "note" }) };
+    title.after(panel.note);
+    this.#tellConstants(panel);
+    return panel;
   }
 
-  #drawEvents(plot, field, stroke) {
+  // Says of a curve that is constant, or rounding, what it is.
+  #tellConstants({ group, note }) {
+    const [run] = this.#runs;
+    const scales = this.#fields.filter((field) => run.fields[field]).map((field) => Math.max(...range(run.fields[field]).map(Math.abs)));
+    const told = group.fields
+      .filter((field) => run.fields[field] && run.t.length > 2)
+      .map((field) => {
+        const alone = group.fields.length === 1 ? "" : `${field} `;
+        const found = range(run.fields[field]);
+        if (isConstant(found)) return `${alone}constant ${number(found[0])}`;
+        if (group.unit !== "" && isRounding(found, Math.max(...scales))) return `${alone}zero to rounding`;
+        return null;
+      });
+    note.textContent = told.filter((one) => one !== null).slice(0, 3).join(", ");
+  }
+
+  #toggle(group) {
+    if (this.#linear.has(group.quantity)) this.#linear.delete(group.quantity);
+    else this.#linear.add(group.quantity);
+    this.#build();
+    this.#root.querySelectorAll("figure .scale")[0]?.focus();
+  }
+
+  #drawEvents(plot, group, last) {
     const { ctx, bbox } = plot;
     const width = devicePixelRatio;
+    const foot = bbox.top + bbox.height;
     ctx.save();
+    ctx.beginPath();
+    ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+    ctx.clip();
     ctx.lineWidth = width;
-    this.#runs.forEach((run, i) => {
-      ctx.strokeStyle = stroke[i];
-      ctx.setLineDash(i ? [3 * width, 3 * width] : []);
-      for (const own of [false, true]) {
-        let drawn = -Infinity;
-        ctx.globalAlpha = own ? 0.55 : 0.16;
-        ctx.beginPath();
+    this.#runs.forEach((run, place) => {
+      const lift = place * (TICK + 2) * width;
+      for (const own of last ? [false, true] : [true]) {
+        const drawn = new Set();
+        ctx.globalAlpha = own ? 0.9 : 0.45;
         for (const event of run.events) {
-          if ((field === event.of || field.startsWith(`${event.of}_`)) !== own) continue;
+          const at = group.fields.findIndex((field) => isOf(event, field));
+          if (at !== -1 !== own) continue;
           const x = Math.round(plot.valToPos(event.t, "x", true));
-          // Where events accumulate, one line a pixel shows as much as all of them.
-          if (x < bbox.left || x > bbox.left + bbox.width || x === drawn) continue;
-          drawn = x;
-          ctx.moveTo(x, bbox.top);
-          ctx.lineTo(x, bbox.top + bbox.height);
+          // Where events accumulate, one tick a pixel shows as much as all of them.
+          if (!(x >= bbox.left && x <= bbox.left + bbox.width) || drawn.has(x)) continue;
+          drawn.add(x);
+          ctx.strokeStyle = own ? this.#colour(`--line-${at}`) : this.#colour("--quiet");
+          ctx.beginPath();
+          ctx.moveTo(x, foot - lift);
+          ctx.lineTo(x, foot - lift - TICK * width);
+          ctx.stroke();
         }
-        ctx.stroke();
       }
     });
     ctx.restore();
+  }
+
+  #pick(plot) {
+    const { left } = plot.cursor;
+    if (left >= 0) this.picked(plot.posToVal(left, "x"));
+  }
+
+  #placeHeads() {
+    for (const { plot, head } of this.#panels) {
+      const inside = this.#time !== null && this.#time >= plot.scales.x.min && this.#time <= plot.scales.x.max;
+      head.hidden = !inside;
+      if (inside) head.style.transform = `translateX(${plot.valToPos(this.#time, "x")}px)`;
+    }
   }
 
   #point(plot) {
@@ -134,17 +298,20 @@ export class Plots {
   }
 
   #tell(at) {
-    for (const { field, runs, values } of this.#panels) {
-      const told = runs.map((run) => {
-        const value = at === null ? null : run.fields[field][nearestTo(run.t, at.time)];
-        return element("span", { class: this.#runs.indexOf(run) ? "second" : "first" }, at === null ? "" : number(value, 6));
+    for (const { group, series, values } of this.#panels) {
+      const alone = group.fields.length === 1;
+      const told = series.map(({ run, field, place, colour }) => {
+        const value = at === null ? "" : number(run.fields[field][nearestTo(run.t, at.time)], 6);
+        const shown = element("span", { class: place ? "second" : "first" }, alone ? value : `${field} ${value}`);
+        if (!alone) shown.prepend(swatch(colour, place));
+        return shown;
       });
       values.replaceChildren(...told);
     }
     const event = at?.near;
     this.#hover.textContent =
       at === null
-        ? "Point at a plot to read it; drag to zoom, double-click to see all."
+        ? "Point at a plot to read it; drag to zoom, double-click to see all; click to move the time."
         : `t = ${number(at.time, 6)}${event ? ` · ${event.kind.replaceAll("_", " ")} of ${event.of} at t = ${number(event.t, 9)}` : ""}`;
   }
 
@@ -156,23 +323,24 @@ export class Plots {
 
   #zoom(min, max) {
     this.#syncing = true;
-    this.#span = [min, max];
+    const [low, high] = this.#whole();
+    this.#span = min <= low && max >= high ? null : [min, max];
     for (const { plot } of this.#panels) {
       if (plot.scales.x.min !== min || plot.scales.x.max !== max) plot.setScale("x", { min, max });
     }
+    this.#placeHeads();
     // uPlot tells of a new scale after this task.
     queueMicrotask(() => queueMicrotask(() => (this.#syncing = false)));
   }
 
   #whole() {
-    const starts = this.#runs.map((run) => run.t[0]);
-    const ends = this.#runs.map((run) => run.t.at(-1));
-    return [Math.min(...starts), Math.max(...ends)];
+    const start = (run) => (this.#logTime ? (run.t.find((time) => time > 0) ?? run.t[0]) : run.t[0]);
+    return [Math.min(...this.#runs.map(start)), Math.max(...this.#runs.map((run) => run.t.at(-1)))];
   }
 
   #key(event) {
     const plot = this.#panels[0]?.plot;
-    if (!plot || event.ctrlKey || event.metaKey || event.altKey) return;
+    if (!plot || event.target !== this.#root || event.ctrlKey || event.metaKey || event.altKey) return;
     const { min, max } = plot.scales.x;
     const width = plot.over.clientWidth;
     const left = plot.cursor.left >= 0 ? plot.cursor.left : width / 2;
@@ -183,7 +351,7 @@ export class Plots {
     };
     const moved = (by) => {
       const to = Math.min(width, Math.max(0, left + by * (event.shiftKey ? 20 : 2)));
-      for (const panel of this.#panels) panel.plot.setCursor({ left: to, top: HEIGHT / 2 });
+      for (const panel of this.#panels) panel.plot.setCursor({ left: to, top: 10 });
     };
     const keys = {
       ArrowLeft: () => moved(-1),
@@ -192,6 +360,7 @@ export class Plots {
       "=": () => scaled(0.5),
       "-": () => scaled(2),
       0: () => this.#zoom(...this.#whole()),
+      Enter: () => this.#pick(plot),
     };
     if (!keys[event.key]) return;
     event.preventDefault();
@@ -199,13 +368,29 @@ export class Plots {
   }
 }
 
-// The columns of a field of all runs over all their times. A run of one moment becomes a point.
-function columns(runs, field) {
-  const tables = runs.map((run) => [run.t, run.fields[field]]);
-  return tables.length === 1 ? tables[0] : uPlot.join(tables);
+const isOf = (event, field) => field === event.of || field.startsWith(`${event.of}_`) || field.endsWith(`(${event.of})`);
+
+// A little room above and below; of a constant, as much as it is large.
+function roomy(low, high) {
+  if (low == null || high == null) return [0, 1];
+  const room = isConstant([low, high]) ? Math.abs(low) / 2 || 1 : (high - low) * 0.06;
+  return [low - room, high + room];
 }
 
-function nearestTo(times, time) {
+// The ticks of an axis; of a logarithmic one powers of ten alone.
+function labels(at, log) {
+  if (!log) return ticks(at);
+  return at.map((value) => (value !== null && Math.abs(Math.log10(value) - Math.round(Math.log10(value))) < 1e-9 ? number(value) : ""));
+}
+
+function swatch(colour, place) {
+  const mark = element("i", { class: place ? "swatch dashed" : "swatch", "aria-hidden": "true" });
+  mark.style.borderTopColor = colour;
+  return mark;
+}
+
+// The index of the time that is nearest.
+export function nearestTo(times, time) {
   let [low, high] = [0, times.length - 1];
   while (high - low > 1) {
     const middle = (low + high) >> 1;

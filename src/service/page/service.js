@@ -10,7 +10,7 @@ export class Refused extends Error {
 }
 
 // What stands before every address where the service lives under a path.
-const base = new URL("..", import.meta.url).pathname.slice(0, -1);
+export const base = new URL("..", import.meta.url).pathname.slice(0, -1);
 
 // Where the service asks for a token, it is kept until the tab is closed, and told with every request.
 const token = () => sessionStorage.getItem("token");
@@ -27,7 +27,8 @@ async function ask(address, options = {}) {
   let response;
   try {
     response = await fetch(base + address, { ...options, headers });
-  } catch {
+  } catch (error) {
+    if (options.signal?.aborted) throw error;
     throw new Refused({ title: "The service does not answer", detail: "The service does not answer.", errors: [] });
   }
   if (response.ok) return response;
@@ -51,6 +52,38 @@ const posted = (body, headers = {}) => ({
 export const examples = () => json("/examples");
 export const example = async (name) => (await ask(`/examples/${encodeURIComponent(name)}`)).text();
 export const check = (text, signal) => json("/check", { ...posted(text), signal });
+export const schema = () => json("/schema");
+export const version = () => json("/version");
+
+// The answer to a specification that takes no longer than `seconds`, `null` if it does; it leaves no job behind. What `signal` ends
+// is cancelled at the service.
+export async function solveNow(text, seconds, signal) {
+  const limit = AbortSignal.timeout(seconds * 1000);
+  const either = AbortSignal.any([signal, limit]);
+  try {
+    const response = await ask("/solve", { ...posted(text, { prefer: `wait=${Math.ceil(seconds) + 1}` }), signal: either });
+    const job = /\/jobs\/([^>/]+)>/.exec(response.headers.get("link") ?? "")?.[1];
+    const answer = await response.json();
+    if (job) forget(job).catch(() => {}); // it goes by itself when its time is over
+    return response.status === 200 ? answer : null;
+  } catch (error) {
+    if (limit.aborted && !signal.aborted) return null;
+    throw error;
+  }
+}
+
+// The answer to a specification as a file of a type.
+export const solveAs = async (text, type) => (await ask("/solve", posted(text, { accept: type, prefer: "wait=60" }))).blob();
+
+// A page of the jobs of this client, and the cursor of the next.
+export async function jobs(status, cursor) {
+  const query = new URLSearchParams({ limit: "50", ...(status ? { status } : {}), ...(cursor ? { cursor } : {}) });
+  const response = await ask(`/jobs?${query}`);
+  const next = /[?&]cursor=([^&>]+)[^>]*>; *rel="?next/.exec(response.headers.get("link") ?? "")?.[1] ?? null;
+  return { jobs: (await response.json()).jobs, next: next && decodeURIComponent(next) };
+}
+
+export const specification = async (id) => (await ask(`/jobs/${encodeURIComponent(id)}/specification`)).text();
 export const submit = (text) => json("/solve", posted(text, { prefer: "respond-async" }));
 export const cancel = (id) => json(`/jobs/${encodeURIComponent(id)}/cancel`, { method: "POST" });
 export const forget = (id) => ask(`/jobs/${encodeURIComponent(id)}`, { method: "DELETE" });

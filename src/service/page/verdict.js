@@ -1,8 +1,9 @@
 // The verdict on an answer, which stands before the rest of it: a badge; what speaks against the answer, each value beside what is
 // allowed; and what should be known though it does not.
 
+import { sentenceOf } from "./claims.js";
 import { element } from "./element.js";
-import { measured, number } from "./numbers.js";
+import { measured } from "./numbers.js";
 
 // The verdict on one run, or on two to be compared.
 export function verdicts(runs) {
@@ -10,13 +11,12 @@ export function verdicts(runs) {
   return runs.flatMap((run, i) => one(run, whose[i]));
 }
 
-function one({ verdict, diagnostics }, whose) {
+function one(run, whose) {
+  const { verdict } = run;
   if (!verdict) return [badge("none", "?", `No verdict${whose}`, "the answer is of an earlier version of the service")];
   const { trusted, because, caveats } = verdict;
-  const checks = Object.keys(diagnostics?.checks ?? {}).length;
-  const made = checks === 1 ? "1 check was made" : `${number(checks)} checks were made`;
   const told = trusted
-    ? badge("yes", "✓", `Trusted${whose}`, checks === 0 ? "the end was reached; nothing else was checked" : `${made}, and nothing speaks against the answer`)
+    ? badge("yes", "✓", `Trusted${whose}`, sentenceOf(run))
     : badge("no", "✗", `Not trusted${whose}`, "these speak against the answer:");
   return [told, list("reasons", because.map(reason)), list("caveats", caveats.map(({ message }) => [element("span", {}, message)]))];
 }

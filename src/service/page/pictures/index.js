@@ -1,0 +1,28 @@
+// The picture of what is simulated, by the type of the problem: each is drawn from the specification and a film by one time cursor. A file is
+// fetched where its picture is wanted.
+
+import { typeOf } from "../fields.js";
+import { statesOf, viewOf } from "./kinds.js";
+
+const LOADERS = {
+  scene: () => import("./scene.js"),
+  circuit: () => import("./circuit.js"),
+  obstacle: () => import("./profile.js").then(({ obstacleNeeds, obstacleMake }) => ({ needs: obstacleNeeds, make: obstacleMake })),
+  elastic: () => import("./profile.js").then(({ elasticNeeds, elasticMake }) => ({ needs: elasticNeeds, make: elasticMake })),
+  plane: () => import("./plane.js"),
+  phase: () => import("./phase.js"),
+};
+
+const BY_TYPE = { rigid_bodies: "scene", circuit: "circuit", obstacle: "obstacle", elastic: "elastic", mechanical: "plane" };
+
+// The name of the picture of a specification, nothing where there is no picture of such a problem.
+export function pictureOf(specification) {
+  if (specification === null || typeof specification !== "object" || !specification.problem) return null;
+  // A run that looks for a state of rest has nothing that moves.
+  if (specification.steady_state) return null;
+  if (viewOf(specification)) return "plane";
+  return BY_TYPE[typeOf(specification)] ?? (statesOf(specification) ? "phase" : null);
+}
+
+// {needs, make} of a picture.
+export const load = (name) => LOADERS[name]();

@@ -1,0 +1,433 @@
+// Rigid bodies in space, drawn by three.js: shapes with their shadows, joints and springs, trails, and the force of all contacts
+// on a body as an arrow. The script is fetched only where there is a scene.
+//
+// The poses come from a solve of their own, at the times of a film, as a specification may keep other fields.
+
+import { element } from "../element.js";
+import { parameterValues, value } from "../expressions.js";
+import { between, film, mixed } from "./film.js";
+import { hullOf } from "./hull.js";
+
+const FRAMES = 241;
+const FRAMES_OF_MANY = 121;
+const MANY = 40; // bodies from which forces and trails are left out
+const MOST = 1500; // bodies that are drawn
+const SLOWEST = 24; // frames a second below which less is drawn
+const PAUSED = 2000; // milliseconds between frames of different plays
+const POSE = ["x", "y", "z", "qw", "qx", "qy", "qz"];
+const COLOURS = [0x2f6fab, 0xc2571a, 0x2b7d46, 0x8a3f8f, 0xb08900, 0x00798c, 0xa4262c, 0x6b7280];
+
+// `"name": "ball[1..3]"` stands for three bodies, which this picture does not draw.
+const isRange = (name) => /\.\./.test(name ?? "");
+
+export function named(bodies) {
+  return bodies.map((body, i) => ({ ...body, name: body.name ?? `body${i + 1}` }));
+}
+
+export function needs(specification) {
+  const scene = specification.problem.rigid_bodies;
+  const bodies = named(scene.bodies ?? []);
+  if (bodies.length > MOST || bodies.some(({ name }) => isRange(name))) return null;
+  const moving = bodies.filter((body) => !body.fixed && !body.motion);
+  const withForces = bodies.length <= MANY;
+  const forces = withForces ? moving.flatMap(({ name }) => ["x", "y", "z"].map((axis) => `${name}.contact_f${axis}`)) : [];
+  const shown = withForces ? scene.bodies.map((body) => (body.fixed || body.motion ? body : { ...body, contact_forces: true })) : scene.bodies;
+  return {
+    ...film(specification),
+    problem: { rigid_bodies: { ...scene, bodies: shown } },
+    output: {
+      times: { count: bodies.length > MANY ? FRAMES_OF_MANY : FRAMES },
+      fields: [...moving.flatMap(({ name }) => POSE.map((key) => `${name}.${key}`)), ...forces],
+    },
+  };
+}
+
+export async function make(specification, run, { bundle }) {
+  const three = await import(bundle("three.js"));
+  const scene = specification.problem.rigid_bodies;
+  const scope = parameterValues(scene.parameters);
+  const number = (expression, otherwise = 0) => {
+    const found = value(expression ?? otherwise, { t: run.t[0], ...scope });
+    return Number.isFinite(found) ? found : otherwise;
+  };
+  const vector = (list, otherwise) => (list ?? otherwise).map((one, i) => number(one, otherwise[i]));
+  const world = new three.Scene();
+  const canvas = element("canvas", { "aria-label": "The bodies in space; drag to turn, wheel to come nearer", role: "img", tabindex: "0" });
+  const dark = matchMedia("(prefers-color-scheme: dark)").matches;
+  const software = drawsInSoftware();
+  let renderer;
+  try {
+    renderer = new three.WebGLRenderer({ canvas, antialias: !software, alpha: true });
+  } catch {
+    throw new Error("This browser has no WebGL: the scene cannot be drawn here.");
+  }
+  renderer.shadowMap.enabled = true;
+  renderer.shadowMap.type = three.BasicShadowMap;
+
+  const gravity = new three.Vector3(...vector(scene.gravity, [0, 0, 0]));
+  const up = gravity.length() > 0 ? gravity.clone().multiplyScalar(-1).normalize() : new three.Vector3(0, 0, 1);
+
+  const bodies = named(scene.bodies);
+  const shapes = new Shapes(three, number, vector);
+  const movers = [];
+  const still = new three.Vector3();
+  const poses = [];
+  bodies.forEach((body, i) => {
+    const colour = body.fixed ? (dark ? 0x5a6472 : 0xb9c0c8) : COLOURS[i % COLOURS.length];
+    const columns = body.motion ? givenMotion(body, run.t, scope) : POSE.map((key) => run.fields[`${body.name}.${key}`]);
+    const place = vector(body.position, [0, 0, 0]);
+    const turn = vector(body.orientation, [1, 0, 0, 0]);
+    const group = new three.Group();
+    shapes.add(group, body.shape, colour, body.fixed);
+    world.add(group);
+    group.position.set(...place);
+    group.quaternion.set(turn[1], turn[2], turn[3], turn[0]).normalize();
+    poses.push({ name: body.name, group, start: { position: group.position.clone(), quaternion: group.quaternion.clone() } });
+    if (columns.every((column) => column !== undefined)) movers.push({ group, columns, body, colour });
+  });
+
+  // What the film covers, without grounds that have no end.
+  const [low, high] = [new three.Vector3(Infinity, Infinity, Infinity), new three.Vector3(-Infinity, -Infinity, -Infinity)];
+  const cover = (point, radius) => {
+    low.min(still.copy(point).addScalar(-radius));
+    high.max(still.copy(point).addScalar(radius));
+  };
+  const point = new three.Vector3();
+  for (const { columns, body } of movers) {
+    const radius = shapes.radius(body.shape);
+    const every = Math.max(1, Math.floor(run.t.length / 40));
+    for (let k = 0; k < run.t.length; k += every) cover(point.set(columns[0][k], columns[1][k], columns[2][k]), radius);
+  }
+  bodies.forEach((body, i) => body.fixed && Number.isFinite(shapes.radius(body.shape)) && cover(poses[i].group.position, Math.min(shapes.radius(body.shape), 3 * (high.distanceTo(low) || 1))));
+  if (!Number.isFinite(low.x)) cover(point.set(0, 0, 0), 1);
+  const centre = low.clone().add(high).multiplyScalar(0.5);
+  const size = Math.max(high.distanceTo(low), 1e-9);
+  shapes.sizeGrounds(size, centre);
+
+  world.add(new three.HemisphereLight(0xffffff, dark ? 0x303840 : 0xb0b0a8, 1.6));
+  const sun = new three.DirectionalLight(0xffffff, 1.8);
+  sun.castShadow = true;
+  sun.shadow.mapSize.set(software ? 512 : 1024, software ? 512 : 1024);
+  Object.assign(sun.shadow.camera, { left: -size, right: size, top: size, bottom: -size, near: size / 100, far: 8 * size });
+  const side = Math.abs(up.x) < 0.9 ? new three.Vector3(1, 0, 0) : new three.Vector3(0, 1, 0);
+  sun.position.copy(centre).addScaledVector(up, 2.5 * size).addScaledVector(side, 0.8 * size).addScaledVector(side.clone().cross(up), 0.6 * size);
+  sun.target.position.copy(centre);
+  world.add(sun, sun.target);
+
+  const ink = dark ? 0xdde3ea : 0x1f2933;
+  const line = (colour, points) => {
+    const geometry = new three.BufferGeometry().setFromPoints(points);
+    const made = new three.Line(geometry, new three.LineBasicMaterial({ color: colour }));
+    made.frustumCulled = false;
+    world.add(made);
+    return made;
+  };
+  const poseOf = (name) => poses.find((one) => one.name === name);
+  // A point of the world at the start, carried along by a body.
+  const carried = (at, name) => {
+    const pose = poseOf(name);
+    if (!pose) return () => at;
+    const local = at.clone().sub(pose.start.position).applyQuaternion(pose.start.quaternion.clone().invert());
+    return () => local.clone().applyQuaternion(pose.group.quaternion).add(pose.group.position);
+  };
+  const links = (scene.springs ?? []).map((spring) => {
+    const ends = spring.at.map((at, i) => carried(new three.Vector3(...vector(at, [0, 0, 0])), spring.bodies[i]));
+    return { ends, drawn: line(0xb08900, [still, still]) };
+  });
+  const pins = (scene.joints ?? []).flatMap((joint) => {
+    const [inner] = Object.values(joint);
+    if (!inner.at) return [];
+    const pin = new three.Mesh(new three.SphereGeometry(size / 160, 12, 8), new three.MeshBasicMaterial({ color: ink }));
+    world.add(pin);
+    return [{ pin, at: carried(new three.Vector3(...vector(inner.at, [0, 0, 0])), inner.bodies[0]) }];
+  });
+  const trails = movers.length > MANY ? [] : movers.map(({ columns, colour }) => {
+    const points = run.t.map((_, k) => new three.Vector3(columns[0][k], columns[1][k], columns[2][k]));
+    return line(colour, points);
+  });
+  const forces = movers.flatMap(({ body, group }) => {
+    const columns = ["x", "y", "z"].map((axis) => run.fields[`${body.name}.contact_f${axis}`]);
+    return columns.every((column) => column !== undefined) ? [{ columns, group, drawn: line(0xa4262c, [still, still]) }] : [];
+  });
+  const sizes = forces.flatMap(({ columns }) => columns[0].map((x, k) => Math.hypot(x, columns[1][k], columns[2][k]))).filter((force) => force > 0).sort((a, b) => a - b);
+  const typical = sizes[Math.floor(sizes.length / 2)] ?? 1;
+
+  const camera = new three.PerspectiveCamera(35, 1.6, size / 100, size * 60);
+  const view = new three.Spherical(size * 1.45, 1.15, -0.9);
+  const frame = new three.Quaternion().setFromUnitVectors(new three.Vector3(0, 1, 0), up);
+  camera.up.copy(up);
+  const look = () => {
+    camera.position.setFromSpherical(view).applyQuaternion(frame).add(centre);
+    camera.lookAt(centre);
+    renderer.render(world, camera);
+  };
+  steer(canvas, view, look);
+
+  // Where frames come slowly, shadows go first, then every second pixel.
+  let quality = 1;
+  const pace = new Pace(() => {
+    if (sun.castShadow) sun.castShadow = false;
+    else if (quality === 1) {
+      quality = 0.6;
+      resize();
+    }
+  });
+  const resize = () => {
+    const width = canvas.clientWidth || 800;
+    const height = canvas.clientHeight || 500;
+    renderer.setPixelRatio(Math.min(devicePixelRatio, software ? 1 : 2) * quality);
+    renderer.setSize(width, height, false);
+    camera.aspect = width / height;
+    camera.updateProjectionMatrix();
+  };
+  const observer = new ResizeObserver(() => (resize(), look()));
+  observer.observe(canvas);
+
+  const [p, q] = [new three.Quaternion(), new three.Quaternion()];
+  const draw = (time) => {
+    pace.frame();
+    const { k, part } = between(run.t, time);
+    const next = Math.min(k + 1, run.t.length - 1);
+    for (const { group, columns: [x, y, z, w, i, j, l] } of movers) {
+      group.position.set(mixed(x, k, next, part), mixed(y, k, next, part), mixed(z, k, next, part));
+      p.set(i[k], j[k], l[k], w[k]);
+      q.set(i[next], j[next], l[next], w[next]);
+      group.quaternion.copy(p.slerp(q, part)).normalize();
+    }
+    for (const { ends, drawn } of links) drawn.geometry.setFromPoints(ends.map((end) => end()));
+    for (const { pin, at } of pins) pin.position.copy(at());
+    trails.forEach((trail) => trail.geometry.setDrawRange(0, k + 1));
+    for (const { columns, group, drawn } of forces) {
+      const force = new three.Vector3(...columns.map((column) => column[k]));
+      const length = (0.15 * size * force.length()) / typical;
+      if (length > 0.6 * size) force.multiplyScalar((0.6 * size) / length);
+      drawn.geometry.setFromPoints([group.position, group.position.clone().addScaledVector(force, (0.15 * size) / typical)]);
+    }
+    look();
+  };
+  const dispose = () => {
+    observer.disconnect();
+    renderer.dispose();
+    renderer.forceContextLoss();
+  };
+  const legend = forces.length > 0 ? "Red: the force of all contacts on a body, in the mean of a step. " : "";
+  return { element: canvas, draw, dispose, hint: `${legend}Drag to turn, wheel or + and - to come nearer.` };
+}
+
+// Whether a processor draws what a graphics card should.
+function drawsInSoftware() {
+  const context = document.createElement("canvas").getContext("webgl2");
+  const names = context?.getExtension("WEBGL_debug_renderer_info");
+  const name = names ? String(context.getParameter(names.UNMASKED_RENDERER_WEBGL)) : "";
+  context?.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|software/i.test(name);
+}
+
+// Calls `slow()` where a film comes with fewer frames than `SLOWEST` a second, again after as many more.
+class Pace {
+  #slow;
+  #last = 0;
+  #intervals = [];
+
+  constructor(slow) {
+    this.#slow = slow;
+  }
+
+  frame() {
+    const now = performance.now();
+    const interval = now - this.#last;
+    this.#last = now;
+    if (interval > PAUSED) return;
+    this.#intervals.push(interval);
+    if (this.#intervals.length < 10) return;
+    const mean = this.#intervals.reduce((sum, one) => sum + one, 0) / this.#intervals.length;
+    this.#intervals = [];
+    if (mean > 1000 / SLOWEST) this.#slow();
+  }
+}
+
+// The poses of a body whose motion is given: its position as it stands, or its velocity added up; and its turning added up.
+function givenMotion({ motion, position, orientation }, times, scope) {
+  const at = (list, t) => list.map((expression) => value(expression, { t, ...scope }));
+  let place = at(position ?? [0, 0, 0], times[0]);
+  let turn = at(orientation ?? [1, 0, 0, 0], times[0]);
+  const columns = POSE.map(() => []);
+  times.forEach((t, k) => {
+    const h = k === 0 ? 0 : t - times[k - 1];
+    const middle = t - h / 2;
+    if (motion.position) place = at(motion.position, t);
+    else if (motion.velocity) place = at(motion.velocity, middle).map((v, i) => place[i] + h * v);
+    if (motion.angular_velocity) turn = turned(turn, at(motion.angular_velocity, middle), h);
+    [...place, ...turn].forEach((one, i) => columns[i].push(one));
+  });
+  return columns;
+}
+
+// The unit quaternion [w, x, y, z] after a rotation with an angular velocity for a time.
+function turned([w, x, y, z], omega, h) {
+  const rate = Math.hypot(...omega);
+  if (rate * h === 0) return [w, x, y, z];
+  const [c, s] = [Math.cos((rate * h) / 2), Math.sin((rate * h) / 2) / rate];
+  const [a, b, d] = omega.map((one) => one * s);
+  return [c * w - a * x - b * y - d * z, c * x + a * w + b * z - d * y, c * y + b * w + d * x - a * z, c * z + d * w + a * y - b * x];
+}
+
+// Turns the view by dragging and by the arrows.
+function steer(canvas, view, look) {
+  const turn = (dx, dy) => {
+    view.theta -= dx / 150;
+    view.phi = Math.min(3.05, Math.max(0.08, view.phi - dy / 150));
+    look();
+  };
+  const zoom = (factor) => {
+    view.radius *= factor;
+    look();
+  };
+  canvas.addEventListener("pointerdown", (event) => canvas.setPointerCapture(event.pointerId));
+  canvas.addEventListener("pointermove", (event) => event.buttons && turn(event.movementX, event.movementY));
+  canvas.addEventListener("wheel", (event) => {
+    event.preventDefault();
+    zoom(event.deltaY > 0 ? 1.1 : 1 / 1.1);
+  });
+  const keys = { ArrowLeft: [-20, 0], ArrowRight: [20, 0], ArrowUp: [0, -20], ArrowDown: [0, 20] };
+  canvas.addEventListener("keydown", (event) => {
+    if (keys[event.key]) turn(...keys[event.key]);
+    else if (event.key === "+") zoom(1 / 1.2);
+    else if (event.key === "-") zoom(1.2);
+    else return;
+    event.preventDefault();
+  });
+}
+
+// The shapes of bodies as meshes. Equal shapes share their geometry.
+class Shapes {
+  #three;
+  #number;
+  #vector;
+  #grounds = [];
+  #geometries = new Map();
+  #materials = new Map();
+
+  constructor(three, number, vector) {
+    [this.#three, this.#number, this.#vector] = [three, number, vector];
+  }
+
+  add(group, shape, colour, fixed) {
+    const three = this.#three;
+    const [kind, given] = Object.entries(shape)[0];
+    if (kind === "compound") {
+      for (const part of given) {
+        const inner = new three.Group();
+        const turn = this.#vector(part.orientation, [1, 0, 0, 0]);
+        inner.position.set(...this.#vector(part.position, [0, 0, 0]));
+        inner.quaternion.set(turn[1], turn[2], turn[3], turn[0]).normalize();
+        this.add(inner, part.shape, colour, fixed);
+        group.add(inner);
+      }
+      return;
+    }
+    if (kind === "half_space") return this.#ground(group, given);
+    const mesh = new three.Mesh(this.#geometry(kind, given), this.#material(colour));
+    mesh.castShadow = !fixed;
+    mesh.receiveShadow = true;
+    group.add(mesh);
+    if (kind === "sphere") {
+      // A ball that turns is seen to turn.
+      const ring = new three.Mesh(this.#geometry("belt", given), this.#material(0xf4f1ea));
+      group.add(ring);
+    }
+  }
+
+  #material(colour) {
+    if (!this.#materials.has(colour)) this.#materials.set(colour, new this.#three.MeshLambertMaterial({ color: colour }));
+    return this.#materials.get(colour);
+  }
+
+  #geometry(kind, given) {
+    const key = JSON.stringify([kind, given]);
+    if (!this.#geometries.has(key)) this.#geometries.set(key, this.#made(kind, given));
+    return this.#geometries.get(key);
+  }
+
+  #made(kind, given) {
+    const three = this.#three;
+    const number = this.#number;
+    // Capsules and cylinders of three.js lie along y, those of a specification along z.
+    const upright = (geometry) => geometry.rotateX(Math.PI / 2);
+    switch (kind) {
+      case "sphere":
+        return new three.SphereGeometry(number(given.radius, 1), 20, 12);
+      case "belt": {
+        const radius = number(given.radius, 1);
+        return upright(new three.CylinderGeometry(1.004 * radius, 1.004 * radius, 0.16 * radius, 24, 1, true));
+      }
+      case "box":
+        return new three.BoxGeometry(...this.#vector(given.size, [1, 1, 1]));
+      case "capsule":
+        return upright(new three.CapsuleGeometry(number(given.radius, 1), number(given.length, 1), 8, 16));
+      case "cylinder":
+        return upright(new three.CylinderGeometry(number(given.radius, 1), number(given.radius, 1), number(given.length, 1), 28));
+      case "convex_hull":
+        return this.#faces(hullOf(given.points.map((point) => this.#vector(point, [0, 0, 0]))));
+      default:
+        return this.#faces(given.triangles.map((triangle) => triangle.map((corner) => this.#vector(given.vertices[corner], [0, 0, 0]))));
+    }
+  }
+
+  #faces(triangles) {
+    const geometry = new this.#three.BufferGeometry();
+    geometry.setAttribute("position", new this.#three.BufferAttribute(new Float32Array(triangles.flat(2)), 3));
+    geometry.computeVertexNormals();
+    return geometry;
+  }
+
+  #ground(group, { normal }) {
+    const three = this.#three;
+    const up = new three.Vector3(...this.#vector(normal, [0, 0, 1])).normalize();
+    const plane = new three.Mesh(new three.PlaneGeometry(1, 1), new three.MeshLambertMaterial({ color: matchMedia("(prefers-color-scheme: dark)").matches ? 0x2b323b : 0xe9e7e1 }));
+    plane.quaternion.setFromUnitVectors(new three.Vector3(0, 0, 1), up);
+    plane.receiveShadow = true;
+    const grid = new three.GridHelper(1, 20, 0x8a94a0, 0xb9c0c8);
+    grid.quaternion.setFromUnitVectors(new three.Vector3(0, 1, 0), up);
+    grid.material.transparent = true;
+    grid.material.opacity = 0.4;
+    group.add(plane, grid);
+    this.#grounds.push({ group, plane, grid, up });
+  }
+
+  // Grounds have no end: they reach a little beyond all that happens, below it.
+  sizeGrounds(size, centre) {
+    for (const { group, plane, grid, up } of this.#grounds) {
+      const local = group.worldToLocal(centre.clone());
+      local.addScaledVector(up, -local.dot(up));
+      plane.position.copy(local);
+      grid.position.copy(local).addScaledVector(up, size / 2000);
+      plane.scale.setScalar(3 * size);
+      grid.scale.setScalar(3 * size);
+    }
+  }
+
+  // The radius of a ball about the origin of the frame that holds the shape.
+  radius(shape) {
+    const [kind, given] = Object.entries(shape)[0];
+    const farthest = (points) => Math.max(...points.map((point) => Math.hypot(...this.#vector(point, [0, 0, 0]))));
+    switch (kind) {
+      case "sphere":
+        return this.#number(given.radius, 1);
+      case "box":
+        return Math.hypot(...this.#vector(given.size, [1, 1, 1])) / 2;
+      case "capsule":
+        return this.#number(given.length, 1) / 2 + this.#number(given.radius, 1);
+      case "cylinder":
+        return Math.hypot(this.#number(given.length, 1) / 2, this.#number(given.radius, 1));
+      case "convex_hull":
+        return farthest(given.points);
+      case "triangle_mesh":
+        return farthest(given.vertices);
+      case "compound":
+        return Math.max(...given.map((part) => Math.hypot(...this.#vector(part.position, [0, 0, 0])) + this.radius(part.shape)));
+      default:
+        return Infinity;
+    }
+  }
+}

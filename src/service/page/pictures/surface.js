@@ -1,0 +1,62 @@
+// A canvas for pictures in a plane: it keeps its size and the screen's resolution, and has the colours of the page.
+
+import { element } from "../element.js";
+
+// `paint(context, {width, height, colour})` draws in CSS pixels; `redraw()` of the answer draws again.
+export function surface(label, height, paint) {
+  const canvas = element("canvas", { role: "img", "aria-label": label });
+  canvas.style.height = `${height}px`;
+  const colour = (name) => getComputedStyle(canvas).getPropertyValue(name).trim() || "#888888";
+  const redraw = () => {
+    const width = canvas.clientWidth;
+    if (width === 0) return;
+    const scale = Math.min(devicePixelRatio, 2);
+    const [w, h] = [Math.round(width * scale), Math.round(height * scale)];
+    if (canvas.width !== w || canvas.height !== h) [canvas.width, canvas.height] = [w, h];
+    const context = canvas.getContext("2d");
+    context.setTransform(scale, 0, 0, scale, 0, 0);
+    context.clearRect(0, 0, width, height);
+    context.font = "12px system-ui, sans-serif";
+    paint(context, { width, height, colour });
+  };
+  const observer = new ResizeObserver(redraw);
+  observer.observe(canvas);
+  const scheme = matchMedia("(prefers-color-scheme: dark)");
+  scheme.addEventListener("change", redraw);
+  const dispose = () => {
+    observer.disconnect();
+    scheme.removeEventListener("change", redraw);
+  };
+  return { canvas, redraw, dispose };
+}
+
+// A map from a box of the plane to pixels, a unit as long along both axes unless `stretch`; y grows upwards.
+export function fitted([xs, ys], { width, height }, room = 24, stretch = false) {
+  const [wide, high] = [xs[1] - xs[0] || 1, ys[1] - ys[0] || 1];
+  let [sx, sy] = [(width - 2 * room) / wide, (height - 2 * room) / high];
+  if (!stretch) sx = sy = Math.min(sx, sy);
+  const [mx, my] = [(xs[0] + xs[1]) / 2, (ys[0] + ys[1]) / 2];
+  return {
+    x: (x) => width / 2 + (x - mx) * sx,
+    y: (y) => height / 2 - (y - my) * sy,
+    sx,
+    sy,
+  };
+}
+
+export function line(context, points, colour, width = 1.6, dash = []) {
+  context.strokeStyle = colour;
+  context.lineWidth = width;
+  context.setLineDash(dash);
+  context.beginPath();
+  points.forEach(([x, y], i) => (i === 0 ? context.moveTo(x, y) : context.lineTo(x, y)));
+  context.stroke();
+  context.setLineDash([]);
+}
+
+export function dot(context, x, y, radius, colour) {
+  context.fillStyle = colour;
+  context.beginPath();
+  context.arc(x, y, radius, 0, 2 * Math.PI);
+  context.fill();
+}

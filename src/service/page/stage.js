@@ -1,0 +1,138 @@
+// Where the picture of an answer stands: its film is solved for beside the answer, and drawn at the time of the cursor.
+//
+// A film costs about what the answer did. Where that was long, it is asked for by a button.
+
+import { element } from "./element.js";
+import { seconds } from "./numbers.js";
+import { load, pictureOf } from "./pictures/index.js";
+import { Refused, solveNow } from "./service.js";
+
+const AT_ONCE = 1.5; // seconds that an answer may have taken whose film is made unasked
+const PAUSE = 150; // milliseconds without a newer answer before a film is made
+const FRAMES = 100; // times from which an answer serves as its own film
+const LONGEST = 60; // seconds that a film may take
+
+export class Stage {
+  #root;
+  #place;
+  #hint;
+  #clock;
+  #picture = null; // {element, draw, dispose, hint}
+  #asked = null; // the controller of the film on its way
+  #kinds = new Map();
+  #name = null; // of the kind that is shown
+  #wanted = null; // the run whose picture is wanted
+  #later = null;
+  #of = ""; // the specification of the film that is shown
+
+  constructor(root, place, hint, clock) {
+    [this.#root, this.#place, this.#hint, this.#clock] = [root, place, hint, clock];
+  }
+
+  clear() {
+    this.#wanted = null;
+    clearTimeout(this.#later);
+    this.#asked?.abort();
+    this.#picture?.dispose();
+    this.#picture = null;
+    this.#of = "";
+    this.#root.hidden = true;
+    this.#place.replaceChildren();
+    this.#hint.textContent = "";
+  }
+
+  draw(time) {
+    this.#picture?.draw(time);
+  }
+
+  // The picture of a run, made anew only where the specification is another.
+  show(run) {
+    const { specification } = run;
+    const name = run.t.length > 1 && !run.study ? pictureOf(specification) : null;
+    if (name !== this.#name) this.clear(); // of another kind
+    [this.#name, this.#wanted] = [name, run];
+    if (name !== null && !this.#kinds.has(name)) return this.#fetch(name, run);
+    const kind = this.#kinds.get(name);
+    const film = kind?.needs(specification) ?? null;
+    if (film === null) return this.clear();
+    const text = JSON.stringify(film);
+    if (text === this.#of) return this.draw(this.#clock.time);
+    clearTimeout(this.#later);
+    if (serves(run, film)) {
+      this.#asked?.abort();
+      this.#asked = null;
+      return this.#put(kind, run, text).catch((error) => this.#say(`There is no picture: ${error.message}`));
+    }
+    const cost = run.diagnostics.wall_seconds ?? 0;
+    const make = () => this.#make(kind, specification, text);
+    if (cost <= AT_ONCE) {
+      // While a slider is dragged, the answers come first.
+      this.#later = setTimeout(make, this.#picture === null ? 0 : PAUSE);
+      return;
+    }
+    this.clear();
+    this.#root.hidden = false;
+    this.#place.replaceChildren(element("button", { type: "button", click: make }, `Draw the picture (solves again, about ${seconds(cost)})`));
+  }
+
+  async #make(kind, specification, text) {
+    this.#asked?.abort();
+    const controller = new AbortController();
+    this.#asked = controller;
+    if (this.#picture === null) {
+      this.#root.hidden = false;
+      this.#place.replaceChildren(element("p", { class: "hint" }, "The picture is on its way ..."));
+    }
+    try {
+      const answer = await solveNow(text, LONGEST, controller.signal);
+      if (controller.signal.aborted) return;
+      if (answer === null) return this.#say("The picture takes longer than a minute, and is left out.");
+      await this.#put(kind, { ...answer.trajectory, specification }, text, controller.signal);
+    } catch (error) {
+      if (controller.signal.aborted) return;
+      this.#say(error instanceof Refused ? `There is no picture: ${error.message}` : error.message);
+    }
+  }
+
+  // Fetches the script of a kind of picture, and goes on if its run is still wanted.
+  async #fetch(name, run) {
+    try {
+      this.#kinds.set(name, await load(name));
+      if (this.#wanted === run) this.show(run);
+    } catch (error) {
+      if (this.#wanted === run) this.#say(`There is no picture: ${error.message}`);
+    }
+  }
+
+  // Draws a run. What `signal` ends meanwhile is not shown.
+  async #put(kind, run, text, signal = null) {
+    const bundle = (name) => new URL(`./vendor/${name}`, import.meta.url).href;
+    const picture = await kind.make(run.specification, run, { bundle });
+    if (signal?.aborted) return picture?.dispose();
+    if (picture === null) return this.clear();
+    this.#picture?.dispose();
+    this.#picture = picture;
+    this.#of = text;
+    this.#root.hidden = false;
+    this.#place.replaceChildren(picture.element);
+    this.#hint.textContent = picture.hint;
+    picture.draw(this.#clock.time);
+  }
+
+  #say(words) {
+    this.#picture?.dispose();
+    this.#picture = null;
+    this.#of = "";
+    this.#root.hidden = false;
+    this.#place.replaceChildren(element("p", { class: "hint" }, words));
+    this.#hint.textContent = "";
+  }
+}
+
+// Whether an answer has all that its film would have.
+function serves(run, film) {
+  if (run.t.length < FRAMES || JSON.stringify(film.problem) !== JSON.stringify(run.specification.problem)) return false;
+  const [problem] = Object.values(film.problem);
+  const fields = film.output.fields ?? Object.keys(problem.states ?? problem.coordinates ?? {});
+  return fields.every((field) => run.fields[field] !== undefined);
+}

@@ -1,0 +1,43 @@
+// Parts of an answer that this page has no picture of, such as tables of a kind that came to the service later: shown as they are.
+
+import { element } from "./element.js";
+import { number } from "./numbers.js";
+
+const KNOWN = new Set([
+  "version", "status", "verdict", "error", "trajectory", "diagnostics", "study", "t", "fields", "events", "id", "label", "text", "specification",
+]);
+const ROWS = 200;
+
+export function unknownParts(run) {
+  return Object.entries(run)
+    .filter(([key, value]) => !KNOWN.has(key) && value !== null && value !== undefined)
+    .map(([key, value]) => {
+      const shown = tableOf(value) ?? element("pre", {}, JSON.stringify(value, null, 2).slice(0, 20000));
+      return element("details", { open: true, class: "part" }, element("summary", {}, key.replaceAll("_", " ")), element("div", { class: "wide", tabindex: "0", role: "region", "aria-label": key.replaceAll("_", " ") }, shown));
+    });
+}
+
+const told = (value) => (typeof value === "number" ? number(value) : value === null ? "–" : typeof value === "object" ? JSON.stringify(value) : String(value));
+
+// A list of like objects, columns of equal length, or names with short values.
+function tableOf(value) {
+  if (Array.isArray(value) && value.length > 0 && value.every((row) => row !== null && typeof row === "object" && !Array.isArray(row))) {
+    const columns = [...new Set(value.flatMap((row) => Object.keys(row)))];
+    return rows(columns, value.slice(0, ROWS).map((row) => columns.map((name) => row[name] ?? null)), value.length);
+  }
+  if (Array.isArray(value) || typeof value !== "object") return null;
+  const entries = Object.entries(value);
+  const lists = entries.filter(([, one]) => Array.isArray(one));
+  if (lists.length === entries.length && lists.length > 0 && lists.every(([, one]) => one.length === lists[0][1].length)) {
+    const { length } = lists[0][1];
+    return rows(lists.map(([name]) => name), Array.from({ length: Math.min(length, ROWS) }, (_, i) => lists.map(([, one]) => one[i])), length);
+  }
+  return rows(["", "value"], entries.map(([name, one]) => [name.replaceAll("_", " "), one]), entries.length);
+}
+
+function rows(columns, list, all) {
+  const body = list.map((row) => element("tr", {}, ...row.map((value) => element("td", {}, told(value)))));
+  const left = all > list.length ? [element("tr", {}, element("td", { colspan: columns.length }, `and ${number(all - list.length)} more, in the download`))] : [];
+  const head = columns.map((name) => (name === "" ? element("td") : element("th", { scope: "col" }, name)));
+  return element("table", {}, element("thead", {}, element("tr", {}, ...head)), element("tbody", {}, ...body, ...left));
+}
