@@ -13,7 +13,7 @@ use expression::nearest;
 use models::DviModel;
 use serde::de::{Error, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
-use solution::{By, Column, Fit, Fitted, Loss, Observables, Quantity};
+use solution::{By, DataColumn, Fit, Fitted, Loss, Observables, Quantity};
 use std::fmt;
 use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{AdditionalProperties, ArrayBuilder, ObjectBuilder, OneOfBuilder, Schema, Type};
@@ -221,7 +221,7 @@ impl FitData {
         time: Time,
         place: &Place<'_>,
         found: &mut Errors,
-    ) -> Vec<Column> {
+    ) -> Vec<DataColumn> {
         let place = place.key("data");
         let states = dvi.state_names.len();
         // Other definitions depend on variables, whose derivatives are not followed.
@@ -246,7 +246,7 @@ impl FitData {
                 found.push(error.expected(listed(columns())).did_you_mean(nearest(name, columns())));
             }
         }
-        let mut columns: Vec<Column> = Vec::new();
+        let mut columns: Vec<DataColumn> = Vec::new();
         for (name, values) in self.columns.iter() {
             let of_column = place.key(name);
             if values.len() != self.t.len() {
@@ -264,7 +264,7 @@ impl FitData {
             if columns.iter().any(|column| column.of == of) {
                 found.report(&of_column, "duplicate_name", format!("`{name}` is given already"));
             }
-            columns.push(Column { name: name.to_owned(), of, values: values.clone(), sd });
+            columns.push(DataColumn { name: name.to_owned(), of, values: values.clone(), sd });
         }
         columns
     }
