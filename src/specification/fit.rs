@@ -6,7 +6,7 @@ use super::error::{Errors, SpecificationError};
 use super::method::out_of_range;
 use super::model::Model;
 use super::ordered::Ordered;
-use super::place::Place;
+use super::pointer::Pointer;
 use super::sensitivities::{INITIAL, differentiable};
 use super::wording::{abridged, listed};
 use expression::nearest;
@@ -107,7 +107,7 @@ impl FitRequest {
         others: &[(&'static str, bool)],
         errors: &mut Errors,
     ) -> Option<Fit> {
-        let place = Place::Root.key("fit");
+        let place = Pointer::Root.key("fit");
         let mut found = Errors::default();
         for (other, _) in others.iter().filter(|(_, given)| *given) {
             found.report(&place, "conflict", format!("`{other}` does not go with a fit"));
@@ -132,7 +132,7 @@ impl FitRequest {
         fit
     }
 
-    fn parameters(&self, model: &dyn Model, dvi: &DviModel, place: &Place<'_>, found: &mut Errors) -> Vec<Fitted> {
+    fn parameters(&self, model: &dyn Model, dvi: &DviModel, place: &Pointer<'_>, found: &mut Errors) -> Vec<Fitted> {
         let place = place.key("parameters");
         let (names, values) =
             model.parameters().map_or((&[][..], &[][..]), |parameters| (parameters.names(), parameters.values()));
@@ -183,7 +183,7 @@ impl FitRequest {
         fitted
     }
 
-    fn check_together(&self, fit: &Fit, place: &Place<'_>, found: &mut Errors) {
+    fn check_together(&self, fit: &Fit, place: &Pointer<'_>, found: &mut Errors) {
         if !(1..=MOST_STARTS).contains(&self.starts) {
             out_of_range(&place.key("starts"), self.starts as f64, &format!("1 to {MOST_STARTS}"), found);
         }
@@ -219,7 +219,7 @@ impl FitData {
         &self,
         (dvi, observables): (&DviModel, &Observables),
         time: Time,
-        place: &Place<'_>,
+        place: &Pointer<'_>,
         found: &mut Errors,
     ) -> Vec<DataColumn> {
         let place = place.key("data");
@@ -269,7 +269,7 @@ impl FitData {
         columns
     }
 
-    fn check_times(&self, time: Time, place: &Place<'_>, found: &mut Errors) {
+    fn check_times(&self, time: Time, place: &Pointer<'_>, found: &mut Errors) {
         if self.t.is_empty() {
             let error = SpecificationError::new(place.to_string(), "empty", "there are no times");
             found.push(error.expected("the times of the data, increasing"));
@@ -290,10 +290,10 @@ impl FitData {
     }
 
     /// The standard deviations of a column.
-    fn spread(&self, name: &str, place: &Place<'_>, found: &mut Errors) -> Vec<f64> {
+    fn spread(&self, name: &str, place: &Pointer<'_>, found: &mut Errors) -> Vec<f64> {
         let of_sd = place.key("sd");
         let count = self.t.len();
-        let mut check = |value: f64, place: &Place<'_>| {
+        let mut check = |value: f64, place: &Pointer<'_>| {
             if value <= 0.0 {
                 out_of_range(place, value, "above 0", found);
             }
