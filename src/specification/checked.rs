@@ -151,6 +151,7 @@ impl Specification {
             let others = [
                 ("periodic", periodic.is_some()),
                 ("steady_state", steady_state.is_some()),
+                ("sweep", sweep.is_some()),
                 others[0],
                 others[1],
                 others[2],

@@ -2,7 +2,7 @@
 
 /// Keys and choices here, and what people write for them, in small letters without `_` and `-`; the first that is valid in its
 /// place is meant.
-const SYNONYMS: [(&str, &[&str]); 80] = [
+const SYNONYMS: [(&str, &[&str]); 86] = [
     // The document.
     ("time", &["tspan", "timespan", "horizon", "simulation", "interval"]),
     ("method", &["solver", "options", "settings", "opts", "integrator", "numerics", "algorithm"]),

@@ -93,7 +93,7 @@ impl Representation {
         let numbers = part.numbers();
         if let Some(form) = self.of_members().filter(|_| part.skeleton.has_table()) {
             let room = shared.room.take(part.skeleton.text().len()).await;
-            let written = aside(shared, job.client, large, move || members(&part, form)).await?;
+            let written = run_blocking(shared, job.client, large, move || members(&part, form)).await?;
             return Ok(Body::from(Bytes::from_owner(Taken::new(
                 written.map_err(|error| unreadable(id, &error))?,
                 room,

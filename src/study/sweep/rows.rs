@@ -254,7 +254,8 @@ fn empty(specification: &Specification, plan: &SweepPlan, reducers: &Reducers) -
             columns.extend([("period", Values::Numbers(Vec::new())), ("stable", words())]);
         }
         Some(Search::SteadyState) => columns.push(("stable", words())),
-        None => {}
+        // A fit does not go with a sweep.
+        Some(Search::Fit(_)) | None => {}
     }
     columns.extend([
         ("status", words()),
