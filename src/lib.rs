@@ -17,7 +17,7 @@
 //! assert!((x.last().expect("a value at the end") - (-1.0_f64).exp()).abs() < 1e-6);
 //! ```
 
-pub use study::solve;
+pub use study::{solve, solve_on};
 pub use {
     analysis, contact, convolution, explanation, expression, factorisation, hybrid, models, numerics, problem, radau,
     service, solution, specification, study, vi,

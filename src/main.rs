@@ -3,7 +3,10 @@
 mod command;
 
 use clap::{CommandFactory, Parser, Subcommand};
-use command::{check, explain, healthcheck, methods, report, serve, solve, store, token, usage, worker};
+use command::{
+    check, completions, explain, healthcheck, man, merge, methods, report, serve, solve, store, sweep, token, usage,
+    worker,
+};
 use mimalloc::MiMalloc;
 use std::process::ExitCode;
 
@@ -25,6 +28,8 @@ Examples:
   dvi solve api/examples/diode_bridge.json            solve, result as JSON
   dvi solve --format csv circuit.json > circuit.csv   solve, trajectory as a table
   dvi solve --format svg circuit.json > circuit.svg   solve, trajectory as a picture
+  dvi sweep -o belts.csv belts.json                   solve for many values of parameters, on all cores
+  dvi solve *.json                                    several, each result beside its specification
   dvi check circuit.json                              find all errors without solving
   dvi explain unknown_key                             explain a code of an error or a warning
   dvi methods                                         list what there is to choose from
@@ -35,6 +40,8 @@ Examples:
 #[derive(Subcommand)]
 enum Command {
     Solve(solve::Arguments),
+    Sweep(sweep::Arguments),
+    Merge(merge::Arguments),
     Check(check::Arguments),
     Explain(explain::Arguments),
     Methods(methods::Arguments),
@@ -43,6 +50,8 @@ enum Command {
     Worker(worker::Arguments),
     Store(store::Arguments),
     Token(token::Arguments),
+    Completions(completions::Arguments),
+    Man(man::Arguments),
     Healthcheck(healthcheck::Arguments),
 }
 
@@ -58,6 +67,8 @@ fn main() -> ExitCode {
     };
     match cli.command {
         Command::Solve(arguments) => solve::run(&arguments),
+        Command::Sweep(arguments) => sweep::run(&arguments),
+        Command::Merge(arguments) => merge::run(&arguments),
         Command::Check(arguments) => check::run(&arguments),
         Command::Explain(arguments) => explain::run(&arguments),
         Command::Methods(arguments) => methods::run(&arguments),
@@ -66,6 +77,8 @@ fn main() -> ExitCode {
         Command::Worker(arguments) => worker::run(&arguments),
         Command::Store(arguments) => store::run(&arguments),
         Command::Token(arguments) => token::run(&arguments),
+        Command::Completions(arguments) => completions::run(&arguments, Cli::command()),
+        Command::Man(arguments) => man::run(&arguments, Cli::command()),
         Command::Healthcheck(arguments) => healthcheck::run(&arguments),
     }
 }

@@ -1,25 +1,31 @@
 //! What the subcommands share: exit codes, reading a specification, and telling what is wrong with one.
 
 pub mod check;
+pub mod completions;
 mod confined;
 pub mod data;
 pub mod explain;
 pub mod healthcheck;
+pub mod man;
+pub mod merge;
 pub mod methods;
 mod peers;
 mod progress;
 mod remote;
 pub mod report;
+mod result;
 pub mod serve;
+mod several;
 pub mod solve;
 mod spans;
 pub mod store;
+pub mod sweep;
 pub mod token;
 pub mod usage;
 mod verdict;
 pub mod worker;
 
-use dvi::specification::{Specification, SpecificationError};
+use dvi::specification::{Specification, SpecificationError, document_of, edited};
 use serde::Deserialize;
 use std::fmt::Write as _;
 use std::io::{self, Read};
@@ -66,15 +72,36 @@ impl From<SpecificationError> for Told {
 
 /// Reads and checks a file, or standard input where it is called `-`. What is wrong is told on standard error.
 pub fn read(file: &Path) -> Result<Specification, ExitCode> {
-    let text = bytes(file)?;
-    Specification::from_json(&text).map_err(|errors| {
-        let errors: Vec<Told> = errors.into_iter().map(Told::from).collect();
-        eprint!("{}", report(file, &errors));
-        ExitCode::from(BAD_SPECIFICATION)
-    })
+    read_text(file, &bytes(file)?)
 }
 
-/// The bytes of a file, or of standard input where it is called `-`.
+/// The same, of a text that is of that file.
+pub fn read_text(file: &Path, text: &[u8]) -> Result<Specification, ExitCode> {
+    Specification::from_json(text).map_err(|errors| told(file, errors))
+}
+
+/// A text with other values of some of its numbers.
+pub fn with_settings(file: &Path, text: Vec<u8>, settings: &[(String, String)]) -> Result<Vec<u8>, ExitCode> {
+    if settings.is_empty() {
+        return Ok(text);
+    }
+    edited(&text, settings).map_err(|errors| told(file, errors))
+}
+
+/// A name and a value, as `--set` has them.
+pub fn setting(text: &str) -> Result<(String, String), String> {
+    // A pointer may have an equals sign in it; a value that is a condition may have one, too.
+    let (name, value) = text.split_once('=').ok_or("write NAME=VALUE, such as m=2 or /method/rtol=1e-9")?;
+    Ok((name.trim().to_owned(), value.trim().to_owned()))
+}
+
+fn told(file: &Path, errors: Vec<SpecificationError>) -> ExitCode {
+    let errors: Vec<Told> = errors.into_iter().map(Told::from).collect();
+    eprint!("{}", report(file, &errors));
+    ExitCode::from(BAD_SPECIFICATION)
+}
+
+/// The specification in a file, or on standard input where it is called `-`; a deck of SPICE becomes one.
 pub fn bytes(file: &Path) -> Result<Vec<u8>, ExitCode> {
     bytes_of(file).map_err(|error| {
         eprintln!("dvi: cannot read {}: {error}", file.display());
@@ -86,9 +113,9 @@ fn bytes_of(file: &Path) -> io::Result<Vec<u8>> {
     if file == Path::new("-") {
         let mut text = Vec::new();
         io::stdin().lock().read_to_end(&mut text)?;
-        return Ok(text);
+        return Ok(document_of(&text).into_owned());
     }
-    std::fs::read(file)
+    std::fs::read(file).map(|text| document_of(&text).into_owned())
 }
 
 /// The errors for people: a paragraph each, the place first.

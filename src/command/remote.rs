@@ -2,8 +2,9 @@
 //!
 //! 1. The specification is posted as it is; the service checks it.
 //! 2. A solve that takes longer than a moment is followed until it ends. Ctrl-C cancels it there.
-//! 3. The result goes to standard output as the service sends it.
+//! 3. The result goes to standard output, or to a file, as the service sends it.
 
+use super::result::destination;
 use super::{BAD_SPECIFICATION, Told, UNANSWERED, UNWRITABLE, report, verdict};
 use axum::body::{Body, HttpBody, to_bytes};
 use axum::http::{HeaderMap, Method, Request, StatusCode, Uri, header, uri::Scheme};
@@ -94,7 +95,13 @@ struct Status {
 }
 
 /// Has `specification`, from `file`, solved; the exit code says how it went.
-pub fn run(server: &Server, file: &Path, specification: Vec<u8>, media_type: &'static str) -> ExitCode {
+pub fn run(
+    server: &Server,
+    file: &Path,
+    specification: Vec<u8>,
+    media_type: &'static str,
+    output: Option<&Path>,
+) -> ExitCode {
     let runtime = match tokio::runtime::Builder::new_current_thread().enable_all().build() {
         Ok(runtime) => runtime,
         Err(error) => {
@@ -102,7 +109,7 @@ pub fn run(server: &Server, file: &Path, specification: Vec<u8>, media_type: &'s
             return ExitCode::from(UNANSWERED);
         }
     };
-    match runtime.block_on(server.solve(specification, media_type)) {
+    match runtime.block_on(server.solve(specification, media_type, output)) {
         Ok(status) => {
             let reached_end = status.status == "successful";
             if !reached_end {
@@ -136,7 +143,12 @@ impl Server {
         Self { token: token.map(|token| format!("Bearer {token}")), ..self }
     }
 
-    async fn solve(&self, specification: Vec<u8>, media_type: &'static str) -> Result<Status, Trouble> {
+    async fn solve(
+        &self,
+        specification: Vec<u8>,
+        media_type: &'static str,
+        output: Option<&Path>,
+    ) -> Result<Status, Trouble> {
         let request = Request::builder()
             .header(header::CONTENT_TYPE, "application/json")
             .header(header::ACCEPT, media_type)
@@ -146,13 +158,13 @@ impl Server {
         if status != StatusCode::ACCEPTED {
             // Before the result, while the service is sure to know it.
             let ended = self.status(&job).await?;
-            write(body).await?;
+            write(body, output).await?;
             return Ok(ended);
         }
         let ended = self.follow(&job).await?;
         let request = Request::builder().header(header::ACCEPT, media_type);
         let (.., body) = self.send(request, Method::GET, &format!("{job}/results"), Body::empty()).await?;
-        write(body).await?;
+        write(body, output).await?;
         Ok(ended)
     }
 
@@ -239,8 +251,8 @@ async fn read<T: for<'a> Deserialize<'a>>(body: Incoming) -> Result<T, Trouble> 
 }
 
 /// Passes a result on to standard output.
-async fn write(mut body: Incoming) -> Result<(), Trouble> {
-    let mut out = io::stdout().lock();
+async fn write(mut body: Incoming, output: Option<&Path>) -> Result<(), Trouble> {
+    let mut out = destination(output).map_err(Trouble::Unwritable)?;
     while let Some(frame) = poll_fn(|context| Pin::new(&mut body).poll_frame(context)).await {
         let frame = frame.map_err(lost)?;
         let Some(data) = frame.data_ref() else { continue };

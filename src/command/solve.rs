@@ -1,20 +1,20 @@
 //! `dvi solve`: one solve in this process, or by a server. The result goes to standard output, all else to standard error.
 
 use super::remote::{self, Server};
-use super::{UNWRITABLE, bytes, confined, read, verdict};
-use clap::{Args, ValueEnum};
+use super::result::{Format, destination, write};
+use super::{UNWRITABLE, USAGE, bytes, confined, read_text, setting, several, verdict, with_settings};
+use clap::Args;
 use dvi::problem::Control;
-use dvi::solution::{Solution, Status, Verdict, encodings, pictures};
-use dvi::specification::Specification;
+use dvi::solution::{Status, Verdict, encodings};
 use serde::Deserialize;
-use std::io::{self, BufWriter, IsTerminal, Write};
+use std::io::{self, IsTerminal, Write};
 use std::num::NonZeroUsize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Solve a specification
 ///
@@ -24,12 +24,23 @@ use std::time::{Duration, Instant};
 #[derive(Args)]
 #[command(after_help = HELP, verbatim_doc_comment)]
 pub struct Arguments {
-    /// The specification, a JSON file; - is standard input
-    file: PathBuf,
+    /// The specification, a JSON file; - is standard input. Of several files each result is written beside its specification,
+    /// of NAME.json as NAME.result.FORMAT, and all cores solve
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
 
-    /// The form of the result
-    #[arg(long, value_enum, default_value_t = Format::Json)]
-    format: Format,
+    /// The form of the result; default by the extension of the file, or JSON
+    #[arg(long, value_enum)]
+    format: Option<Format>,
+
+    /// The file that the result goes to, in the place of standard output
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+
+    /// Another value for a number: of a parameter (m=2), of a start (x.initial=1), of a component (R1=100), or of anything by its
+    /// JSON pointer (/method/rtol=1e-9)
+    #[arg(long, value_name = "NAME=VALUE", value_parser = setting)]
+    set: Vec<(String, String)>,
 
     /// Memory that the solve may take, in MiB, beside what the program itself needs; a process that takes more is ended
     #[arg(long, value_name = "MIB", conflicts_with = "server")]
@@ -65,70 +76,65 @@ Examples:
   dvi solve api/examples/diode_bridge.json
   dvi solve --format csv spring.json | head
   dvi solve --format svg spring.json > spring.svg
+  dvi solve --set k=2 --set x.initial=0.5 -o spring.csv spring.json
+  dvi solve --format csv *.json                    spring.json becomes spring.result.csv, and so on
   generate-specification | dvi solve - > result.json
   dvi solve --memory-mib 4096 large.json
   dvi solve --server http://localhost:8080 spring.json";
-
-/// A form of the result.
-#[derive(Clone, Copy, ValueEnum)]
-enum Format {
-    /// Verdict, trajectory, events and diagnostics
-    Json,
-    /// The trajectory as a table
-    Csv,
-    /// The trajectory as JSON lines, an object a time
-    Ndjson,
-    /// The trajectory as an Arrow stream
-    Arrow,
-    /// The trajectory as a picture
-    Svg,
-}
-
-impl Format {
-    fn media_type(self) -> &'static str {
-        match self {
-            Self::Json => "application/json",
-            Self::Csv => "text/csv",
-            Self::Ndjson => "application/x-ndjson",
-            Self::Arrow => "application/vnd.apache.arrow.stream",
-            Self::Svg => "image/svg+xml",
-        }
-    }
-}
 
 /// The time between two looks at the progress.
 const GLANCE: Duration = Duration::from_millis(100);
 
 /// Solves and writes; the exit code says how it went.
 pub fn run(arguments: &Arguments) -> ExitCode {
+    let format = match Format::of(arguments.format, arguments.output.as_deref()) {
+        Ok(format) => format,
+        Err(code) => return code,
+    };
+    let [file] = arguments.files.as_slice() else {
+        let is_alone = arguments.server.is_some() || arguments.memory_mib.is_some();
+        if is_alone || arguments.output.is_some() || !arguments.set.is_empty() {
+            eprintln!("dvi: --server, --memory-mib, --output and --set take one file at a time");
+            return ExitCode::from(USAGE);
+        }
+        return several::run(&arguments.files, format);
+    };
+    run_alone(arguments, file, format)
+}
+
+fn run_alone(arguments: &Arguments, file: &Path, format: Format) -> ExitCode {
+    let text = match bytes(file).and_then(|text| with_settings(file, text, &arguments.set)) {
+        Ok(text) => text,
+        Err(code) => return code,
+    };
     if let Some(server) = &arguments.server {
-        return match bytes(&arguments.file) {
-            Ok(specification) => {
-                let server = server.clone().showing(arguments.token.as_deref());
-                remote::run(&server, &arguments.file, specification, arguments.format.media_type())
-            }
-            Err(code) => code,
-        };
+        let server = server.clone().showing(arguments.token.as_deref());
+        return remote::run(&server, file, text, format.media_type(), arguments.output.as_deref());
     }
     if let Some(memory_mib) = arguments.memory_mib {
-        return solve_confined(arguments, memory_mib).unwrap_or_else(|code| code);
+        return solve_confined(arguments, file, format, &text, memory_mib).unwrap_or_else(|code| code);
     }
-    let specification = match read(&arguments.file) {
+    let specification = match read_text(file, &text) {
         Ok(specification) => specification,
         Err(code) => return code,
     };
-    let control = Arc::new(control(&specification));
-    cancel_on_interrupt(Arc::clone(&control));
-    let solution = with_progress(&control, || dvi::solve(&specification, &control));
+    let control = Arc::new(specification.control());
+    let interrupted = Arc::clone(&control);
+    on_interrupt(move || interrupted.cancel());
+    let solution = with_progress(&control, || dvi::solve_on(threads(), &specification, &control));
     if let Some(error) = &solution.error {
-        eprintln!("dvi: {} at t = {}: {}", error.code, error.time, error.message);
+        match solution.table {
+            Some(_) => eprintln!("dvi: {}: {}", error.code, error.message),
+            None => eprintln!("dvi: {} at t = {}: {}", error.code, error.time, error.message),
+        }
     }
     eprint!("{}", verdict::lines(&solution.verdict));
-    let written = write(&solution, specification.label(), arguments.format);
+    let output = arguments.output.as_deref();
+    let written = destination(output).and_then(|mut out| write(&solution, specification.label(), format, &mut out));
     exit_code(written, solution.status, &solution.verdict)
 }
 
-fn exit_code(written: io::Result<()>, status: Status, verdict: &Verdict) -> ExitCode {
+pub(super) fn exit_code(written: io::Result<()>, status: Status, verdict: &Verdict) -> ExitCode {
     match written {
         // The reader has seen enough, as `head` does.
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
@@ -139,6 +145,11 @@ fn exit_code(written: io::Result<()>, status: Status, verdict: &Verdict) -> Exit
     }
 }
 
+/// As many threads as there are cores.
+pub(super) fn threads() -> NonZeroUsize {
+    thread::available_parallelism().unwrap_or(NonZeroUsize::MIN)
+}
+
 /// The label of a specification, whatever else it says.
 #[derive(Deserialize)]
 struct Labelled {
@@ -146,41 +157,35 @@ struct Labelled {
 }
 
 /// The same in a process of its own, which may take so much memory.
-fn solve_confined(arguments: &Arguments, memory_mib: NonZeroUsize) -> Result<ExitCode, ExitCode> {
-    let document = bytes(&arguments.file)?;
+fn solve_confined(
+    arguments: &Arguments,
+    file: &Path,
+    format: Format,
+    document: &[u8],
+    memory_mib: NonZeroUsize,
+) -> Result<ExitCode, ExitCode> {
     let control = Control::new();
-    let (solved, json) = with_progress(&control, || confined::solve(&arguments.file, &document, memory_mib, &control))?;
+    let (solved, json) = with_progress(&control, || confined::solve(file, document, memory_mib, &control))?;
     if let Some(failed) = &solved.failed {
         eprintln!("dvi: {} at t = {}: {}", failed.code, failed.time, failed.message);
     }
     eprint!("{}", verdict::lines(&solved.verdict));
-    let written = match arguments.format {
-        Format::Json => {
-            let mut out = io::stdout().lock();
-            out.write_all(&json).and_then(|()| out.write_all(b"\n"))
-        }
+    let written = destination(arguments.output.as_deref()).and_then(|mut out| match format {
+        Format::Json => out.write_all(&json).and_then(|()| out.write_all(b"\n")).and_then(|()| out.flush()),
         Format::Csv | Format::Ndjson | Format::Arrow | Format::Svg => {
-            let label = serde_json::from_slice::<Labelled>(&document).ok().and_then(|document| document.label);
-            encodings::read_json(&json).and_then(|solution| write(&solution, label.as_deref(), arguments.format))
+            let label = serde_json::from_slice::<Labelled>(document).ok().and_then(|document| document.label);
+            encodings::read_json(&json).and_then(|solution| write(&solution, label.as_deref(), format, &mut out))
         }
-    };
+    });
     Ok(exit_code(written, solved.status, &solved.verdict))
 }
 
-fn control(specification: &Specification) -> Control {
-    let allowed = specification.wall_seconds().and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
-    match allowed.and_then(|allowed| Instant::now().checked_add(allowed)) {
-        Some(deadline) => Control::with_deadline(deadline),
-        None => Control::new(),
-    }
-}
-
 /// Waits for Ctrl-C on a thread of its own. Where that cannot be had, Ctrl-C ends the process, as it always did.
-fn cancel_on_interrupt(control: Arc<Control>) {
+pub(super) fn on_interrupt(act: impl FnOnce() + Send + 'static) {
     let wait = move || {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_io().build()?;
         runtime.block_on(tokio::signal::ctrl_c())?;
-        control.cancel();
+        act();
         io::Result::Ok(())
     };
     let thread = thread::Builder::new().name("dvi-interrupt".to_owned()).spawn(wait);
@@ -190,7 +195,7 @@ fn cancel_on_interrupt(control: Arc<Control>) {
 }
 
 /// Shows the progress of a solve on a terminal while it runs.
-fn with_progress<T>(control: &Control, solve: impl FnOnce() -> T) -> T {
+pub(super) fn with_progress<T>(control: &Control, solve: impl FnOnce() -> T) -> T {
     if !io::stderr().is_terminal() {
         return solve();
     }
@@ -216,22 +221,4 @@ fn show_progress(control: &Control, ended: &Receiver<()>) {
     if drawn {
         let _ = write!(io::stderr(), "\r\x1b[K");
     }
-}
-
-fn write(solution: &Solution, label: Option<&str>, format: Format) -> io::Result<()> {
-    let mut out = BufWriter::new(io::stdout().lock());
-    match format {
-        Format::Json => {
-            encodings::write_json(solution, &mut out)?;
-            out.write_all(b"\n")?;
-        }
-        Format::Csv => encodings::write_table(&mut encodings::Csv, &solution.trajectory, &mut out)?,
-        Format::Ndjson => encodings::write_table(&mut encodings::Lines, &solution.trajectory, &mut out)?,
-        Format::Arrow => {
-            let mut table = encodings::Arrow::with(&solution.verdict);
-            encodings::write_table(&mut table, &solution.trajectory, &mut out)?;
-        }
-        Format::Svg => pictures::write_svg(solution, label, &mut out)?,
-    }
-    out.flush()
 }

@@ -8,10 +8,15 @@ use std::process::ExitCode;
 /// The exit code of a solve; the end that was not reached goes before the answer that is not trusted. A service of another
 /// version may give no verdict.
 pub fn exit_code(reached_end: bool, verdict: Option<&Verdict>) -> ExitCode {
+    ExitCode::from(code(reached_end, verdict))
+}
+
+/// The same as a number, to be compared.
+pub fn code(reached_end: bool, verdict: Option<&Verdict>) -> u8 {
     match verdict {
-        _ if !reached_end => ExitCode::from(UNFINISHED),
-        Some(verdict) if !verdict.trusted => ExitCode::from(UNTRUSTED),
-        Some(_) | None => ExitCode::SUCCESS,
+        _ if !reached_end => UNFINISHED,
+        Some(verdict) if !verdict.trusted => UNTRUSTED,
+        Some(_) | None => 0,
     }
 }
 

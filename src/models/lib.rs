@@ -22,6 +22,7 @@ mod regularity;
 mod reversal;
 pub mod rigid_bodies;
 mod slopes;
+mod static_model;
 mod symbolic;
 #[cfg(test)]
 mod tests;
@@ -35,5 +36,6 @@ pub use mechanical_model::{ContactCoefficient, ENERGIES, MechanicalModel, veloci
 pub use outputs::Outputs;
 pub use parameters::{Parameters, ParametricTerms};
 pub use slopes::Slopes;
+pub use static_model::{Inequality, StaticModel};
 pub use symbolic::{Refusal, Rows, Symbolic};
 pub use unbindable::Unbindable;

@@ -161,7 +161,7 @@ impl Parameters {
         match found.iter().position(|value| !value.is_finite()) {
             None => Ok((all, found)),
             Some(k) => Err(Unbindable::NotFinite {
-                parameters: named(&self.source.graph.parameters(self.node(k))),
+                parameters: named(&self.node(k).map_or_else(Vec::new, |node| self.source.graph.parameters(node))),
                 what: self.what(k),
                 value: found[k],
             }),
@@ -173,13 +173,13 @@ impl Parameters {
         terms.initial.len() + terms.mass.len() + terms.bounds.len() + terms.contacts.len()
     }
 
-    /// The node of a constant.
-    fn node(&self, k: usize) -> Node {
+    /// The node of a constant, of which there is one.
+    fn node(&self, k: usize) -> Option<Node> {
         let terms = &self.source.terms;
         let mass = terms.mass.iter().map(|&(.., node)| node);
         let bounds = terms.bounds.iter().map(|&(_, node)| node);
         let mut nodes = terms.initial.iter().copied().chain(mass).chain(bounds).chain(terms.contacts.iter().copied());
-        nodes.nth(k).unwrap_or(terms.initial[0])
+        nodes.nth(k)
     }
 
     fn what(&self, k: usize) -> String {

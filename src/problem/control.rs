@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use std::fmt;
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 /// The events that are at hand while a solve runs: the latest. Its trajectory has them all.
@@ -27,10 +27,10 @@ pub struct Interrupted;
 
 /// Shared between a solve and whoever started it. The solve polls it every step; nothing blocks.
 pub struct Control {
-    cancelled: AtomicBool,
+    cancelled: Arc<AtomicBool>,
     deadline: Option<Instant>,
     /// Asked behind the deadline: whether it may go on all the same.
-    reprieve: Option<Box<Reprieve>>,
+    reprieve: Option<Arc<Reprieve>>,
     fraction: AtomicU64,
     steps: AtomicU64,
     /// Where the part of the work that runs begins, and how much of the whole it is.
@@ -67,7 +67,7 @@ impl fmt::Debug for Control {
 impl Default for Control {
     fn default() -> Self {
         Self {
-            cancelled: AtomicBool::new(false),
+            cancelled: Arc::default(),
             deadline: None,
             reprieve: None,
             fraction: AtomicU64::new(0),
@@ -90,10 +90,17 @@ impl Control {
         Self { deadline: Some(deadline), ..Self::default() }
     }
 
+    /// The control of a part that runs beside others: it stops when this one does, and what it reports is heard by nobody.
+    #[must_use]
+    pub fn beside(&self) -> Self {
+        let (cancelled, reprieve) = (Arc::clone(&self.cancelled), self.reprieve.clone());
+        Self { cancelled, deadline: self.deadline, reprieve, ..Self::default() }
+    }
+
     /// The same, but behind the deadline the solve goes on for as long as `reprieve` says so.
     #[must_use]
     pub fn with_reprieve(self, reprieve: impl Fn() -> bool + Send + Sync + 'static) -> Self {
-        Self { reprieve: Some(Box::new(reprieve)), ..self }
+        Self { reprieve: Some(Arc::new(reprieve)), ..self }
     }
 
     /// When the solve is to stop, wherever it is then.

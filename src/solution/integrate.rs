@@ -154,6 +154,26 @@ impl Stepper for Course<'_> {
         true
     }
 
+    fn mode(&mut self) -> Option<String> {
+        let names = &self.plan.names[self.plan.initial.len()..];
+        let mut mode = String::new();
+        for (place, name) in self.radau.face().places.iter().zip(names) {
+            let bound = match place {
+                Place::Lower => ".lower",
+                Place::Upper => ".upper",
+                Place::Boundary(_) => ".boundary",
+                Place::Vertex => ".vertex",
+                Place::Inside | Place::Held => continue,
+            };
+            if !mode.is_empty() {
+                mode.push(',');
+            }
+            mode.push_str(name);
+            mode.push_str(bound);
+        }
+        Some(if mode.is_empty() { "free".to_owned() } else { mode })
+    }
+
     fn take_events(&mut self, events: &mut Vec<Event>) {
         let (plan, n) = (self.plan, self.plan.initial.len());
         events.extend(self.radau.take_switches().map(|Switch { t, variable, from, to }| {
@@ -221,7 +241,8 @@ fn judge(radau: &mut Radau<'_>, plan: &Plan, switched: bool, diagnostics: &mut D
             vi.largest_residual = certificates.natural_map;
         }
     }
-    if switched && diagnostics.faces.len() < MOST_FACES {
+    // Of a member of a sweep nobody is shown the faces; the watch over them analyses those that it needs.
+    if switched && diagnostics.faces.len() < MOST_FACES && plan.reducers.is_none() {
         let n = plan.initial.len();
         let (t, face) = (radau.t(), radau.face().clone());
         let names = |kind: fn(Place) -> bool| -> Vec<String> {

@@ -8,6 +8,7 @@ mod diagnostics;
 pub mod encodings;
 mod energy_balance;
 mod excerpt;
+mod fit;
 mod global_error;
 mod integrate;
 mod mechanical_checks;
@@ -15,13 +16,18 @@ mod observables;
 mod obstacle;
 mod orbit;
 pub mod pictures;
+mod provenance;
 mod quadrature;
+mod reducers;
 mod rigid_bodies;
 mod run;
 mod sensitivities;
+mod static_vi;
 mod statistics;
 mod steady_state;
 mod study;
+mod summary;
+mod table;
 mod trajectory;
 mod uniqueness;
 mod verdict;
@@ -33,17 +39,23 @@ pub use diagnostics::{
     Contraction, Diagnostics, Evaluations, Face, GlobalError, Refinement, Screening, Steps, Tried, ViCounts,
 };
 pub use excerpt::{Excerpt, ExcerptError, Selection};
+pub use fit::{Column, Estimate, Fit, FitAnswer, FitStart, Fitted, Loss, Quantity, fit};
 pub use integrate::{describe, integrate};
 pub use observables::{Direction, EndedBy, Monitored, Observables};
 pub use obstacle::{describe_obstacle, integrate_obstacle};
 pub use orbit::{Orbit, Periodic, find_orbit};
 pub use problem::{Event, EventKind, Warning};
+pub use provenance::Provenance;
+pub use reducers::{Collected, Over, Reducers, Reduction, Selected};
 pub use rigid_bodies::{describe_rigid_bodies, step_rigid_bodies};
 pub use run::{Plan, Stepper, run};
 pub use sensitivities::{By, Checked, Sensitivities};
+pub use static_vi::{StaticPlan, StaticSolution, describe_static, solve_static};
 pub use statistics::OverTime;
 pub use steady_state::{SteadyState, find_steady_state};
 pub use study::{Series, Study, StudyRun};
+pub use summary::{OfNumber, Summary};
+pub use table::{Column, Table, TableProvenance, Unmergeable, Values, Words};
 pub use trajectory::{Field, Trajectory};
 pub use uniqueness::uniqueness_caveat;
 pub use verdict::{Caveat, CheckCode, Checks, Measured, Reason, Verdict};
@@ -55,10 +67,11 @@ use std::borrow::Cow;
 use utoipa::ToSchema;
 
 /// How a solve ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Status {
     /// The end time was reached, or what `stop` asks for happened.
+    #[default]
     Completed,
     /// A limit or a cancel; the trajectory so far is kept.
     Stopped,
@@ -81,7 +94,7 @@ pub struct Failure {
 }
 
 /// The answer to a specification. Every number in it is finite.
-#[derive(Clone, Debug, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Default, Serialize, Deserialize, ToSchema)]
 pub struct Solution {
     /// The version of its form, 1: members may come to it, none goes or changes its meaning.
     #[serde(default)]
@@ -92,6 +105,9 @@ pub struct Solution {
     /// Whether it may be relied upon, and what speaks against it.
     #[serde(default)]
     pub verdict: Verdict,
+    /// What it is the answer to.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub provenance: Option<Provenance>,
     /// Why it stopped or failed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error: Option<Failure>,
@@ -112,9 +128,24 @@ pub struct Solution {
     /// The state of rest, where one was looked for and found; the trajectory is a short run from it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub steady_state: Option<SteadyState>,
+    /// One row for each member of a sweep.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub table: Option<Table>,
+    /// Of each number that a sweep collects.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub summary: Option<Summary>,
+    /// Parameters fitted to data, where that was asked for; the trajectory is the fitted one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fit: Option<FitAnswer>,
+    /// The solution of a static problem, where it has one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub solution: Option<StaticSolution>,
     /// Error against run time, where it was asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub study: Option<Study>,
+    /// What reducers have made of the run, in the order of [`Plan::reducers`]; a part of no answer of its own.
+    #[serde(skip)]
+    pub collected: Vec<Collected>,
 }
 
 /// Reads what stands there and keeps none of it.

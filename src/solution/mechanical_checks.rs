@@ -20,7 +20,7 @@ const STEPS: f64 = 30.0;
 
 /// The part of the largest energy that the order of a scheme may excuse. What lost a quarter of its energy has lost an
 /// eighth of its amplitude, which is seen.
-const MOST_EXCUSED: f64 = 0.25;
+const MOST_EXCUSED: f64 = 0.01;
 
 /// Rounding of a joint or a gap, in parts of its terms: what corrections leave.
 const ROUNDING: f64 = 1e-9;

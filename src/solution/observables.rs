@@ -18,6 +18,8 @@ pub struct Observables {
     pub names: Vec<String>,
     /// The number of integrals.
     pub integrals: usize,
+    /// Of each definition how many outputs of the problem there are up to the last that it depends on.
+    pub reach: Vec<usize>,
     /// The monitors.
     pub monitors: Vec<Monitored>,
     /// Definitions, integrands and monitors as a program in `t` and all outputs of the problem.

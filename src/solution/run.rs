@@ -1,12 +1,14 @@
 //! Runs a stepper from start to end: outputs, limits, events, evidence. Written once, outside the methods.
 
 use super::observables::{EndedBy, Observables, Observed};
+use super::reducers::{Reducers, Reducing};
 use super::sensitivities::Sensitivities;
 use super::statistics::{OverTime, Statistics};
 use super::{Diagnostics, Event, EventKind, Failure, Field, Solution, Status, Trajectory, Verdict, Version};
 use numerics::Interval;
 use problem::{Control, Stop};
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::time::Instant;
 
 /// What to run and what to keep of it.
@@ -32,6 +34,8 @@ pub struct Plan {
     pub global_error: bool,
     /// Whether mean, extremes and the like of the fields are to be found.
     pub statistics: bool,
+    /// What is collected of the run beside its trajectory.
+    pub reducers: Option<Arc<Reducers>>,
     /// The most steps.
     pub most_steps: u64,
     /// The most numbers in the trajectory.
@@ -76,6 +80,11 @@ pub trait Stepper {
 
     /// Writes the derivatives that are asked for at a time within the last step.
     fn derivatives(&mut self, _t: f64, _out: &mut [f64]) {}
+
+    /// The mode at the time reached, in a word; none of methods that tell no more of it than what happened.
+    fn mode(&mut self) -> Option<String> {
+        None
+    }
 
     /// Hands over what happened in the last step, in the order of time.
     fn take_events(&mut self, events: &mut Vec<Event>);
@@ -173,6 +182,9 @@ impl<'a> Run<'a> {
             self.control.report(done, stepper.accepted());
         };
         self.x.copy_from_slice(stepper.states());
+        if let Some(reducing) = &mut self.recorder.reducing {
+            reducing.end(stepper);
+        }
         driven
     }
 
@@ -181,8 +193,11 @@ impl<'a> Run<'a> {
             Ok(()) => (Status::Completed, None),
             Err((status, failure)) => (status, Some(failure)),
         };
-        let Recorder { trajectory, ended_by, observed, y, statistics, .. } = self.recorder;
+        let Recorder { trajectory, ended_by, observed, y, statistics, reducing, .. } = self.recorder;
         let derivatives = y[self.plan.names.len() + self.plan.observables.names.len()..].to_vec();
+        let is_complete = status == Status::Completed;
+        let collected = reducing.map(|reducing| reducing.finish(is_complete, &trajectory.events, &derivatives));
+        let collected = collected.or_else(|| self.plan.reducers.as_ref().map(|reducers| reducers.nothing()));
         let name = |place: usize| {
             let own = place.checked_sub(self.plan.names.len());
             own.map_or_else(|| self.plan.names[place].clone(), |own| self.plan.observables.names[own].clone())
@@ -206,6 +221,7 @@ impl<'a> Run<'a> {
                 version: Version,
                 status,
                 verdict,
+                provenance: None,
                 error,
                 ended_by,
                 trajectory,
@@ -213,7 +229,12 @@ impl<'a> Run<'a> {
                 sensitivities: None,
                 orbit: None,
                 steady_state: None,
+                table: None,
+                summary: None,
+                fit: None,
+                solution: None,
                 study: None,
+                collected: collected.unwrap_or_default(),
             },
             x: self.x,
             derivatives,
@@ -280,6 +301,7 @@ struct Recorder<'a> {
     observed: Option<Observed<'a>>,
     /// Those of the fields that are no integrals and no derivatives, with these places in `y`.
     statistics: Option<(Vec<usize>, Statistics)>,
+    reducing: Option<Reducing<'a>>,
     is_started: bool,
     ended_by: Option<EndedBy>,
     /// The column that is not finite, and when.
@@ -315,6 +337,7 @@ impl<'a> Recorder<'a> {
             y,
             observed: None,
             statistics,
+            reducing: None,
             is_started: false,
             ended_by: None,
             broken: None,
@@ -334,6 +357,8 @@ impl<'a> Recorder<'a> {
         if !(of.names.is_empty() && of.monitors.is_empty()) {
             self.observed = Some(Observed::new(of, self.plan.names.len(), stepper));
         }
+        let plan = self.plan;
+        self.reducing = plan.reducers.as_ref().map(|of| Reducing::new(of, plan.names.len(), stepper));
         match &self.plan.times {
             None => self.sample(stepper, self.plan.start),
             Some(times) => {
@@ -372,6 +397,9 @@ impl<'a> Recorder<'a> {
         }
         if let Some(observed) = &mut self.observed {
             observed.integrate(stepper, end);
+        }
+        if let Some(reducing) = &mut self.reducing {
+            reducing.step(stepper, begin, end, &self.trajectory.events[before..]);
         }
         if let Some((places, statistics)) = &mut self.statistics {
             let (count, definitions) = (self.plan.names.len(), self.plan.observables.definitions());

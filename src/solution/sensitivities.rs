@@ -198,6 +198,7 @@ pub(super) fn check(
             observables: Default::default(),
             sensitivities: None,
             initial,
+            reducers: None,
             ..plan.clone()
         };
         let ended = integrate_once(&bound, &reference, settings, analysis, control);

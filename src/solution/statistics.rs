@@ -2,6 +2,7 @@
 //! the places of extremes found within steps, so that output times play no part.
 
 use super::quadrature::integrate;
+use numerics::kronrod;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -32,73 +33,124 @@ pub(super) struct Statistics {
     time: f64,
     /// The integrals of all, then of their squares.
     integrals: Vec<f64>,
+    extremes: Extremes,
+    samples: Samples,
+}
+
+/// The least and the largest values of several outputs so far.
+#[derive(Clone, Debug)]
+pub(super) struct Extremes {
     least: Vec<f64>,
     largest: Vec<f64>,
+}
+
+/// Values of outputs at times within one step: room that is used again.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Samples {
+    times: Vec<f64>,
+    /// The values at the first time, at the second, and so on.
+    values: Vec<f64>,
+    order: Vec<usize>,
+    at_one: Vec<f64>,
 }
 
 impl Statistics {
     /// Of so many outputs.
     pub fn new(count: usize) -> Self {
-        Self {
-            time: 0.0,
-            integrals: vec![0.0; 2 * count],
-            least: vec![f64::INFINITY; count],
-            largest: vec![f64::NEG_INFINITY; count],
-        }
+        let (extremes, samples) = (Extremes::new(count), Samples::default());
+        Self { time: 0.0, integrals: vec![0.0; 2 * count], extremes, samples }
     }
 
     /// Takes a step from one time to another into account; `at` writes the outputs at a time within it.
     pub fn step(&mut self, from: f64, to: f64, mut at: impl FnMut(f64, &mut [f64])) {
-        let count = self.least.len();
-        let mut samples: Vec<(f64, Vec<f64>)> = Vec::new();
-        let mut sample = |t: f64, samples: &mut Vec<(f64, Vec<f64>)>| {
-            let mut values = vec![0.0; count];
-            at(t, &mut values);
-            samples.push((t, values));
-        };
-        sample(from, &mut samples);
-        sample(to, &mut samples);
-        integrate(from, to, &mut self.integrals, |t, out| {
-            sample(t, &mut samples);
-            let values = samples.last().map_or(&[][..], |(_, values)| values);
+        let count = self.extremes.least.len();
+        let Self { integrals, extremes, samples, time } = self;
+        samples.begin(count);
+        samples.take(from, &mut at);
+        samples.take(to, &mut at);
+        integrate(from, to, integrals, |t, out| {
+            let values = samples.take(t, &mut at);
             let (of_values, of_squares) = out.split_at_mut(count);
             of_values.copy_from_slice(values);
             of_squares.iter_mut().zip(values).for_each(|(square, value)| *square = value * value);
         });
-        self.time += to - from;
-        samples.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let mut values = vec![0.0; count];
-        for k in 0..count {
-            for (sign, extreme) in [(1.0, &mut self.largest[k]), (-1.0, &mut self.least[k])] {
-                let best = (0..samples.len())
-                    .max_by(|a, b| (sign * samples[*a].1[k]).total_cmp(&(sign * samples[*b].1[k])))
-                    .unwrap_or(0);
-                if sign * samples[best].1[k] <= sign * *extreme {
-                    continue;
-                }
-                let ends = [best.saturating_sub(1), (best + 1).min(samples.len() - 1)].map(|at| samples[at].0);
-                let found = highest(ends, |t| {
-                    at(t, &mut values);
-                    sign * values[k]
-                });
-                *extreme = sign * found.max(sign * samples[best].1[k]);
-            }
-        }
+        *time += to - from;
+        samples.widen(extremes, &mut at);
     }
 
     /// What has come of each output.
     pub fn finish(self) -> Vec<OverTime> {
-        let (means, squares) = self.integrals.split_at(self.least.len());
-        let extremes = self.least.iter().zip(&self.largest);
-        let all = means.iter().zip(squares).zip(extremes);
-        all.map(|((mean, square), (&min, &max))| OverTime {
-            mean: mean / self.time,
-            rms: (square / self.time).max(0.0).sqrt(),
-            min,
-            max,
-            ripple: max - min,
+        let (means, squares) = self.integrals.split_at(self.extremes.least.len());
+        let all = means.iter().zip(squares).enumerate();
+        all.map(|(k, (mean, square))| {
+            let (min, max) = self.extremes.of(k);
+            OverTime { mean: mean / self.time, rms: (square / self.time).max(0.0).sqrt(), min, max, ripple: max - min }
         })
         .collect()
+    }
+}
+
+impl Extremes {
+    /// Of so many outputs, none of which has been seen.
+    pub fn new(count: usize) -> Self {
+        Self { least: vec![f64::INFINITY; count], largest: vec![f64::NEG_INFINITY; count] }
+    }
+
+    /// The least and the largest value of an output.
+    pub fn of(&self, k: usize) -> (f64, f64) {
+        (self.least[k], self.largest[k])
+    }
+}
+
+impl Samples {
+    /// Takes a step from one time to another into account; `at` writes the outputs at a time within it.
+    pub fn step(&mut self, extremes: &mut Extremes, from: f64, to: f64, mut at: impl FnMut(f64, &mut [f64])) {
+        self.begin(extremes.least.len());
+        self.take(from, &mut at);
+        self.take(to, &mut at);
+        for (t, ..) in kronrod(from, to) {
+            self.take(t, &mut at);
+        }
+        self.widen(extremes, &mut at);
+    }
+
+    fn begin(&mut self, count: usize) {
+        self.times.clear();
+        self.values.clear();
+        self.at_one.resize(count, 0.0);
+    }
+
+    /// Takes the values at a time.
+    fn take(&mut self, t: f64, at: &mut impl FnMut(f64, &mut [f64])) -> &[f64] {
+        let begin = self.values.len();
+        self.times.push(t);
+        self.values.resize(begin + self.at_one.len(), 0.0);
+        at(t, &mut self.values[begin..]);
+        &self.values[begin..]
+    }
+
+    /// Widens the extremes by the hills and valleys about the samples.
+    fn widen(&mut self, extremes: &mut Extremes, at: &mut impl FnMut(f64, &mut [f64])) {
+        let Self { times, values, order, at_one } = self;
+        let count = at_one.len();
+        order.clear();
+        order.extend(0..times.len());
+        order.sort_by(|a, b| times[*a].total_cmp(&times[*b]));
+        for k in 0..count {
+            for (sign, extreme) in [(1.0, &mut extremes.largest[k]), (-1.0, &mut extremes.least[k])] {
+                let value = |at: usize| sign * values[order[at] * count + k];
+                let best = (0..order.len()).max_by(|a, b| value(*a).total_cmp(&value(*b))).unwrap_or(0);
+                if value(best) <= sign * *extreme {
+                    continue;
+                }
+                let ends = [best.saturating_sub(1), (best + 1).min(order.len() - 1)].map(|at| times[order[at]]);
+                let found = highest(ends, |t| {
+                    at(t, at_one);
+                    sign * at_one[k]
+                });
+                *extreme = sign * found.max(value(best));
+            }
+        }
     }
 }
 

@@ -34,15 +34,19 @@ pub enum CheckCode {
     Derivatives,
     /// How far a run from a state of rest, or once along an orbit, ends from where it began.
     ReturnResidual,
+    /// How far fitted parameters are from the minimum.
+    FitDistance,
     /// The distance by which an accumulation of events was stepped over.
     AccumulationPassed,
+    /// Members of a sweep that are not to be relied upon.
+    UntrustedMembers,
     /// The time that is missing to the end asked for.
     NotAtEnd,
 }
 
 impl CheckCode {
     /// All codes, in the order in which they are reported.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::LawResidual,
         Self::ConstraintResidual,
         Self::JointDrift,
@@ -52,7 +56,9 @@ impl CheckCode {
         Self::GlobalError,
         Self::Derivatives,
         Self::ReturnResidual,
+        Self::FitDistance,
         Self::AccumulationPassed,
+        Self::UntrustedMembers,
         Self::NotAtEnd,
     ];
 
@@ -68,7 +74,9 @@ impl CheckCode {
             Self::GlobalError => "global_error",
             Self::Derivatives => "derivatives",
             Self::ReturnResidual => "return_residual",
+            Self::FitDistance => "fit_distance",
             Self::AccumulationPassed => "accumulation_passed",
+            Self::UntrustedMembers => "untrusted_members",
             Self::NotAtEnd => "not_at_end",
         }
     }
@@ -111,9 +119,16 @@ impl CheckCode {
                 "How far a run once along an orbit, or from a state of rest, ends from where it began, in units of \
                  `atol + rtol |x|`; measured where `periodic` or `steady_state` asks for one. Allowed is one for each step."
             }
+            Self::FitDistance => {
+                "How far the estimates of `fit` are from the minimum that the derivatives there predict, in standard errors. \
+                 Allowed is a hundredth, or what the tolerance of the runs leaves."
+            }
             Self::AccumulationPassed => {
                 "How far an accumulation of events (Zeno) was from its limit when the run passed over it: a distance of the \
                  states, or a part of the largest energy. Allowed is the tolerance."
+            }
+            Self::UntrustedMembers => {
+                "Number of members of a sweep that reached their end and are not trusted; none is allowed."
             }
             Self::NotAtEnd => "Time from where the run ended to the end that was asked for; none is allowed.",
         }

@@ -100,7 +100,7 @@ fn choices<T: Copy>(all: &[T], told: impl Fn(T) -> (&'static str, &'static str))
 fn tagged(schema: &Value, definition: &str) -> Vec<Choice> {
     let variants = schema["$defs"][definition]["oneOf"].as_array();
     let choice = |variant: &Value| {
-        let name = variant["properties"].as_object()?.keys().next()?.clone();
+        let name = variant["required"][0].as_str()?.to_owned();
         Some(Choice { name, meaning: variant["description"].as_str()?.replace('\n', " ") })
     };
     variants.into_iter().flatten().filter_map(choice).collect()

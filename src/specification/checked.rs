@@ -3,23 +3,28 @@
 use super::document::{Document, Limits, Problem, Time};
 use super::draft::Draft;
 use super::error::{Errors, SpecificationError};
+use super::json::Json;
 use super::label;
 use super::lowering::{Lowering, MOST_UNKNOWNS, Start};
 use super::method::{Method, ViSolverName, out_of_range};
 use super::model::{Asked, Model};
 use super::observables;
-use super::output::Columns;
+use super::output::{Columns, Output};
 use super::place::Place;
 use super::plan::MOST_STEPS;
+use super::reading::{Digest, digest};
 use super::repairs::Repairs;
 use super::search::{self, Search};
 use super::study::StudyPlan;
+use super::sweep::{Nameable, Prepared, SweepPlan};
+use super::times::Times;
 use super::vectors::Vectors;
 use analysis::Analysis;
 use models::rigid_bodies::Load;
 use problem::{Control, ConvexSet};
-use solution::{Observables, Sensitivities};
+use solution::{Observables, Provenance, Sensitivities};
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 /// A specification that has passed every check, lowered and ready to be solved any number of times.
 #[derive(Clone, Debug)]
@@ -37,11 +42,14 @@ pub struct Specification {
     search: Option<Search>,
     pub(super) global_error: bool,
     pub(super) study: Option<StudyPlan>,
+    sweep: Option<SweepPlan>,
     limits: Limits,
     /// What its bodies come to where they touch at the start.
     pub(super) load: Load,
     pub(super) most_memory: usize,
     analysis: Analysis,
+    /// What its text is known by; nothing where other parameters were bound.
+    digest: Option<Digest>,
 }
 
 /// The version of the language of specifications.
@@ -68,12 +76,13 @@ impl Specification {
     /// Checks what a document means. What was mended in reading it is not held against it again.
     pub(super) fn check(
         document: Document,
-        (repairs, vectors): (&Repairs, &Vectors),
+        (repairs, vectors, prepared): (&Repairs, &Vectors, &Prepared),
         most_memory: usize,
         control: &Control,
         errors: &mut Errors,
     ) -> Option<Self> {
         let Document {
+            schema: _,
             version,
             problem,
             time,
@@ -84,6 +93,8 @@ impl Specification {
             sensitivities,
             periodic,
             steady_state,
+            sweep,
+            fit,
             study,
             view,
             label,
@@ -95,6 +106,13 @@ impl Specification {
         let of_problem = root.key("problem");
         let of_problem = of_problem.key(problem.name());
         let unread = Start { time: None, control, sizes: &vectors.sizes };
+        let is_static = problem.written().is_static();
+        if time.is_some() && is_static {
+            let error = SpecificationError::new("/time", "conflict", "a static problem has no time");
+            found.push(error.expected("no `time`"));
+        }
+        // Any horizon: nothing depends on it.
+        let time = if is_static { Some(Time { start: 0.0, end: 1.0 }) } else { time };
         if time.is_none() && asked.key().is_none() && !repairs.explain("/time") {
             let error = SpecificationError::new("", "missing_key", "`time` is missing");
             errors.push(error.expected("`time`, such as `{\"end\": 10}`"));
@@ -130,9 +148,33 @@ impl Specification {
                 ("output.global_error", output.global_error),
             ];
             let search = asked.check(&*model, time, &others, &mut found);
+            let others = [
+                ("periodic", periodic.is_some()),
+                ("steady_state", steady_state.is_some()),
+                others[0],
+                others[1],
+                others[2],
+                others[3],
+            ];
+            let fit = fit.and_then(|fit| fit.check((&*model, &observables), time, &others, &mut found));
+            let search = search.or(fit.map(|fit| Search::Fit(Arc::new(fit))));
+            if study.is_some() && is_static {
+                found.report(
+                    &root.key("study"),
+                    "conflict",
+                    "a `study` compares runs over time, and a static problem has none",
+                );
+            }
             if study.is_some() && sensitivities.is_some() {
                 let why = "a `study` compares runs, of which one alone has derivatives";
                 found.report(&root.key("sensitivities"), "conflict", why);
+            }
+            if study.is_some() && sweep.is_some() {
+                found.report(
+                    &root.key("sweep"),
+                    "conflict",
+                    "a `study` compares runs of one problem; a `sweep` solves many",
+                );
             }
             let derivatives = sensitivities.as_ref().map_or(&[][..], |sensitivities| &sensitivities.names);
             let default = model.default_outputs();
@@ -141,12 +183,36 @@ impl Specification {
             if let Some(set) = model.set() {
                 check_solver(set, method.vi_solver, &place, &mut found);
             }
-            let analysis = (errors.is_empty() && found.is_empty()).then(|| model.analyse(time.start))?;
+            let mut lacks_plan = false;
+            let sweep = match sweep {
+                None => None,
+                Some(asked) => {
+                    let labels: Vec<String> =
+                        observables.monitors.iter().map(|monitor| monitor.label.clone()).collect();
+                    let states = model.state_names().len();
+                    let of_events = model.dvi().map(|model| model.variable_names.as_slice());
+                    let nameable = Nameable {
+                        outputs: &names,
+                        states,
+                        named: problem.written().named(),
+                        derivatives,
+                        of_events,
+                        labels: &labels,
+                        are_inputs,
+                    };
+                    let horizon = (time.start, time.end);
+                    let plan = asked.check(prepared, &nameable, horizon, (&of_problem, start), &mut found);
+                    lacks_plan = plan.is_none();
+                    plan
+                }
+            };
+            let is_right = errors.is_empty() && found.is_empty() && !lacks_plan;
+            let analysis = is_right.then(|| model.analyse(time.start))?;
             model.check_method(&Asked { analysis: &analysis, method: &method, time }, &mut found);
             if let Some(why) = model.no_global_error().filter(|_| output.global_error) {
                 found.report(&place_of_output.key("global_error"), "conflict", why);
             }
-            let study = study.and_then(|study| {
+            let study = study.filter(|_| !is_static).and_then(|study| {
                 let named = (problem.written().named(), &of_problem);
                 study.check((&*model, &method, time), named, &root.key("study"), &mut found)
             });
@@ -165,10 +231,12 @@ impl Specification {
                 search,
                 global_error: output.global_error,
                 study,
+                sweep,
                 limits,
                 load,
                 most_memory,
                 analysis,
+                digest: None,
             })
         });
         if control.poll().is_some() {
@@ -179,10 +247,22 @@ impl Specification {
         specification
     }
 
+    /// Reads and checks the tree of a document with these values of names of numbers.
+    pub(super) fn from_tree(
+        tree: Json,
+        values: &[(String, f64)],
+        control: &Control,
+    ) -> Result<Self, Vec<SpecificationError>> {
+        Draft::of_tree(tree, values)?.check(control)
+    }
+
     /// The same with another model of the same names, which has these values of its parameters.
     pub(super) fn with_model(&self, model: Arc<dyn Model>, parameters: &[f64], analysis: Analysis) -> Self {
-        let mut bound = Self { model, analysis, ..self.clone() };
+        let mut bound = Self { model, analysis, digest: None, ..self.clone() };
         bound.observables.program.bind(parameters);
+        if let Some(sweep) = &mut bound.sweep {
+            sweep.reducers.program.bind(parameters);
+        }
         bound
     }
 
@@ -191,6 +271,53 @@ impl Specification {
     pub fn within_steps(mut self, most: u64) -> Self {
         self.limits.steps = Some(self.step_limit().unwrap_or(MOST_STEPS).min(most));
         self
+    }
+
+    /// The same problem, reported at these times, which increase and lie within the horizon, in place of those that it asks
+    /// for, and without a study.
+    ///
+    /// # Errors
+    /// All that is wrong with the times.
+    pub fn reporting_at(&self, times: Vec<f64>) -> Result<Self, Vec<SpecificationError>> {
+        let mut errors = Errors::default();
+        let output = Output { times: Times::List(times), ..Output::default() };
+        let output_times = output.times(Some(self.time), &Place::Root.key("output"), &mut errors);
+        match errors.is_empty() {
+            true => Ok(Self { output_times, study: None, ..self.clone() }),
+            false => Err(errors.into_list()),
+        }
+    }
+
+    pub(super) fn with_digest(self, digest: Option<Digest>) -> Self {
+        Self { digest, ..self }
+    }
+
+    /// The same, known to be what reading `text` gives.
+    #[must_use]
+    pub fn of_text(self, text: &[u8]) -> Self {
+        self.with_digest(Some(digest(text)))
+    }
+
+    /// What an answer to it is the answer to.
+    pub fn provenance(&self) -> Provenance {
+        let atol = self.absolute_tolerances.first().copied();
+        let hexadecimal = |digest: &Digest| digest.iter().map(|byte| format!("{byte:02x}")).collect();
+        Provenance {
+            program: concat!("dvi ", env!("CARGO_PKG_VERSION")).to_owned(),
+            label: self.label.clone(),
+            problem: self.problem.to_owned(),
+            digest: self.digest.as_ref().map(hexadecimal),
+            rtol: self.method.rtol,
+            atol: atol.filter(|atol| self.absolute_tolerances.iter().all(|other| other == atol)),
+            step: self.method.step,
+        }
+    }
+
+    /// A control that stops a solve when the wall-clock time is over that the user allows, counted from now.
+    pub fn control(&self) -> Control {
+        let allowed = self.wall_seconds().and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
+        let deadline = allowed.and_then(|allowed| Instant::now().checked_add(allowed));
+        deadline.map_or_else(Control::new, Control::with_deadline)
     }
 
     /// The user's own words for it, at most 200 characters.
@@ -249,8 +376,8 @@ impl Specification {
     }
 
     /// What is looked for in place of a run over the horizon.
-    pub fn search(&self) -> Option<Search> {
-        self.search
+    pub fn search(&self) -> Option<&Search> {
+        self.search.as_ref()
     }
 
     /// Whether the error at the end is to be estimated.
@@ -261,6 +388,11 @@ impl Specification {
     /// The study that is asked for.
     pub fn study(&self) -> Option<&StudyPlan> {
         self.study.as_ref()
+    }
+
+    /// The sweep that is asked for.
+    pub fn sweep(&self) -> Option<&SweepPlan> {
+        self.sweep.as_ref()
     }
 
     /// The wall-clock time the user allows, in seconds.

@@ -4,6 +4,7 @@
 //! States determine what comes after, and so they determine active sets, contact modes and regions, which are found anew
 //! at the start. Memory, and fields whose start is an expression in space, they do not determine.
 
+use super::deserializer::COMMENT;
 use super::error::Errors;
 use super::json::Json;
 use super::vectors;
@@ -47,9 +48,23 @@ pub fn continued(
     last: impl Fn(&str) -> Option<f64>,
 ) -> Result<Vec<u8>, NotContinuable> {
     let mut json: Json = serde_json::from_slice(document).map_err(|_| NotContinuable::Unreadable)?;
+    if json.member("sweep").is_some() {
+        return Err(NotContinuable::Problem("a sweep is many runs, each with an end of its own"));
+    }
     vectors::write_out(&mut json, &mut Errors::default());
+    if json.member("fit").is_some() {
+        return Err(NotContinuable::Problem(
+            "a fit is of all its data at once: solve on with its estimates as parameters",
+        ));
+    }
     let last = |name: &str| last(name).and_then(number).ok_or_else(|| NotContinuable::Column(name.to_owned()));
     let (name, problem) = json.member("problem").and_then(Json::only_member).ok_or(NotContinuable::Unreadable)?;
+    problem.write_lists(match name {
+        "lcs" => &["initial", "state_names"],
+        "rigid_bodies" => &["bodies", "joints", "springs"],
+        "circuit" => &["components"],
+        _ => &[],
+    });
     match name {
         "dvi" | "filippov" => {
             for (state, value) in problem.members("states") {
@@ -67,6 +82,7 @@ pub fn continued(
         }
         "rigid_bodies" => of_bodies(problem, last)?,
         "circuit" => of_circuit(problem, last)?,
+        "vi" => return Err(NotContinuable::Problem("a static problem has no time to go on in")),
         "convolution" => return Err(NotContinuable::Problem("a problem with memory depends on its whole past")),
         _ => return Err(NotContinuable::Problem("its start is an expression in space, which values at nodes are not")),
     }
@@ -188,7 +204,18 @@ impl Json {
 
     fn only_member(&mut self) -> Option<(&str, &mut Self)> {
         let Self::Object(members) = self else { return None };
-        members.first_mut().map(|(name, value)| (name.as_str(), value))
+        let member = members.iter_mut().find(|(name, _)| name != COMMENT);
+        member.map(|(name, value)| (name.as_str(), value))
+    }
+
+    /// Writes the values of these members as lists, where one stands for a list of it alone.
+    fn write_lists(&mut self, keys: &[&str]) {
+        let Self::Object(members) = self else { return };
+        for (_, value) in members.iter_mut().filter(|(name, _)| keys.contains(&name.as_str())) {
+            if !matches!(value, Self::List(_) | Self::Null) {
+                *value = Self::List(vec![std::mem::replace(value, Self::Null)]);
+            }
+        }
     }
 
     fn members(&mut self, key: &str) -> impl Iterator<Item = (&str, &mut Self)> {
@@ -257,5 +284,22 @@ mod tests {
         assert_eq!(String::from_utf8(text).unwrap(), expected);
         let missing = continued(document.as_bytes(), 1.0, 2.0, |name| (name == "y").then_some(0.0));
         assert_eq!(missing, Err(NotContinuable::Column("x".to_owned())));
+    }
+    #[test]
+    fn one_value_in_the_place_of_a_list_goes_on_too() {
+        let last = |name: &str| (name == "x1" || name == "a").then_some(0.5);
+        for (names, initial) in [("", "1"), (r#""state_names":"a","#, "1"), ("", "[1]")] {
+            let document = format!(
+                r#"{{"problem":{{"comment":"why","lcs":{{{names}"initial":{initial},"A":-1}}}},"time":{{"until":1}}}}"#
+            );
+            let text = String::from_utf8(continued(document.as_bytes(), 1.0, 2.0, last).unwrap()).unwrap();
+            assert!(
+                text.contains(r#""initial":[0.5]"#) && text.contains(r#""time":{"start":1.0,"end":2.0}"#),
+                "{text}"
+            );
+        }
+        let body = r#"{"problem":{"rigid_bodies":{"bodies":{"name":"ball"}}},"time":{"end":1}}"#;
+        let text = String::from_utf8(continued(body.as_bytes(), 1.0, 2.0, |_| Some(0.25)).unwrap()).unwrap();
+        assert!(text.contains(r#""position":[0.25,0.25,0.25]"#), "{text}");
     }
 }

@@ -1,11 +1,18 @@
 //! Reads serde types from a [`Json`]. Stricter than reading from text: an object is not to be written as a list, and
-//! a choice is a string or an object with exactly one key.
+//! a choice is a string or an object with exactly one key. In two things it is more lenient:
+//!
+//! - A value that is no list stands for a list of it alone: MATLAB, Octave and R write lists of one element so.
+//! - A member `comment` of an object of fixed keys is passed over, where it is no key of it.
 
 use super::json::Json;
 use super::mismatch::Mismatch;
 use serde::de::value::{MapAccessDeserializer, MapDeserializer, SeqDeserializer};
 use serde::de::{Deserializer, Error, IntoDeserializer, Unexpected, Visitor};
 use serde::forward_to_deserialize_any;
+use std::iter::once;
+
+/// The key that is passed over.
+pub(super) const COMMENT: &str = "comment";
 
 impl Json {
     fn unexpected(&self) -> Unexpected<'_> {
@@ -24,8 +31,14 @@ impl Json {
     }
 }
 
-fn members(members: &[(String, Json)]) -> impl Iterator<Item = (&str, &Json)> {
-    members.iter().map(|(name, value)| (name.as_str(), value))
+/// The members of an object; of one with these fixed keys, those that are no comment.
+fn members<'a>(
+    members: &'a [(String, Json)],
+    fixed: Option<&'static [&'static str]>,
+) -> impl Iterator<Item = (&'a str, &'a Json)> {
+    let passes_over = fixed.is_some_and(|fixed| !fixed.contains(&COMMENT));
+    let members = members.iter().map(|(name, value)| (name.as_str(), value));
+    members.filter(move |(name, _)| !(passes_over && *name == COMMENT))
 }
 
 impl<'de> Deserializer<'de> for &'de Json {
@@ -48,7 +61,7 @@ impl<'de> Deserializer<'de> for &'de Json {
                 Ok(value)
             }
             Json::Object(entries) => {
-                let mut access = MapDeserializer::new(members(entries));
+                let mut access = MapDeserializer::new(members(entries, None));
                 let value = visitor.visit_map(&mut access)?;
                 access.end()?;
                 Ok(value)
@@ -74,11 +87,26 @@ impl<'de> Deserializer<'de> for &'de Json {
     fn deserialize_struct<V: Visitor<'de>>(
         self,
         _name: &'static str,
-        _fields: &'static [&'static str],
+        fields: &'static [&'static str],
         visitor: V,
     ) -> Result<V::Value, Mismatch> {
         match self {
             Json::List(_) => Err(Mismatch::invalid_type(Unexpected::Seq, &visitor)),
+            Json::Object(entries) => {
+                let mut access = MapDeserializer::new(members(entries, Some(fields)));
+                let value = visitor.visit_map(&mut access)?;
+                access.end()?;
+                Ok(value)
+            }
+            _ => self.deserialize_any(visitor),
+        }
+    }
+
+    fn deserialize_seq<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mismatch> {
+        match self {
+            // A list in quotes is none.
+            Json::Text(text) if text.trim_start().starts_with('[') => self.deserialize_any(visitor),
+            Json::Number(_) | Json::Text(_) | Json::Object(_) => visitor.visit_seq(SeqDeserializer::new(once(self))),
             _ => self.deserialize_any(visitor),
         }
     }
@@ -91,12 +119,12 @@ impl<'de> Deserializer<'de> for &'de Json {
     ) -> Result<V::Value, Mismatch> {
         match self {
             Json::Text(name) => visitor.visit_enum(name.as_str().into_deserializer()),
-            Json::Object(entries) if entries.len() == 1 => {
-                visitor.visit_enum(MapAccessDeserializer::new(MapDeserializer::new(members(entries))))
-            }
-            Json::Object(entries) => {
-                Err(Mismatch::NotAVariant { found: format!("an object with {} keys", entries.len()), valid })
-            }
+            Json::Object(entries) => match members(entries, Some(valid)).count() {
+                1 => {
+                    visitor.visit_enum(MapAccessDeserializer::new(MapDeserializer::new(members(entries, Some(valid)))))
+                }
+                count => Err(Mismatch::NotAVariant { found: format!("an object with {count} keys"), valid }),
+            },
             _ => match Mismatch::invalid_type(self.unexpected(), &visitor) {
                 Mismatch::WrongType { found, .. } => Err(Mismatch::NotAVariant { found, valid }),
                 other => Err(other),
@@ -106,7 +134,7 @@ impl<'de> Deserializer<'de> for &'de Json {
 
     forward_to_deserialize_any! {
         bool i8 i16 i32 i64 u8 u16 u32 u64 f32 f64 char str string bytes byte_buf
-        unit unit_struct seq tuple tuple_struct map identifier ignored_any
+        unit unit_struct tuple tuple_struct map identifier ignored_any
     }
 }
 

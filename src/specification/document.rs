@@ -5,6 +5,7 @@ use super::convolution::ConvolutionProblem;
 use super::dvi::DviProblem;
 use super::elastic::ElasticProblem;
 use super::filippov::FilippovProblem;
+use super::fit::FitRequest;
 use super::lcs::LcsProblem;
 use super::mechanical::MechanicalProblem;
 use super::method::Method;
@@ -14,24 +15,29 @@ use super::output::Output;
 use super::rigid_bodies::RigidBodiesProblem;
 use super::search::{PeriodicRequest, SteadyStateRequest};
 use super::sensitivities::SensitivitiesRequest;
+use super::static_vi::ViProblem;
 use super::study::StudyRequest;
+use super::sweep::SweepRequest;
 use super::view::View;
 use super::written::Written;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// A problem, the time to solve it over, and how. Only `problem` and `time.end` are required; `periodic` and `steady_state` need
-/// no time.
+/// A problem, the time to solve it over, and how. Only `problem` and `time.end` are required; `periodic`, `steady_state`
+/// and a problem of type `vi` need no time.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(as = Specification)]
 pub struct Document {
+    /// The address of the schema of specifications, for editors that complete and explain them. Nothing else looks at it.
+    #[serde(rename = "$schema", default)]
+    pub schema: Option<String>,
     /// The version of the language of specifications: 1, as where it is absent.
     #[schema(minimum = 1, maximum = 1)]
     pub version: Option<u64>,
     /// What is to be solved.
     pub problem: Problem,
-    /// The time horizon. Required, but beside `periodic` and `steady_state`.
+    /// The time horizon. Required, but beside `periodic` and `steady_state`, and for `vi`, which has none.
     pub time: Option<Time>,
     /// How it is solved.
     #[serde(default)]
@@ -51,6 +57,10 @@ pub struct Document {
     pub periodic: Option<PeriodicRequest>,
     /// A state of rest, in place of a run over `time`.
     pub steady_state: Option<SteadyStateRequest>,
+    /// The same problem for many values of some of its numbers.
+    pub sweep: Option<SweepRequest>,
+    /// Parameters fitted to data, with runs over `time`.
+    pub fit: Option<FitRequest>,
     /// A study of error against run time.
     pub study: Option<StudyRequest>,
     /// How a system in a plane is drawn on the page.
@@ -90,6 +100,8 @@ pub enum Problem {
     Convolution(ConvolutionProblem),
     /// An elastic or viscoelastic body in dynamic contact with obstacles.
     Elastic(Box<ElasticProblem>),
+    /// A static variational inequality, without states and time.
+    Vi(ViProblem),
 }
 
 impl Problem {
@@ -109,6 +121,7 @@ impl Problem {
             Self::Circuit(problem) => problem,
             Self::Convolution(problem) => problem,
             Self::Elastic(problem) => &**problem,
+            Self::Vi(problem) => problem,
         }
     }
 }
@@ -121,7 +134,7 @@ pub struct Time {
     #[serde(default)]
     #[schema(default = 0.0)]
     pub start: f64,
-    /// Where the solve ends; after `start`.
+    /// Where the solve ends; after `start`. It may be written as `until`, for programs that reserve the word `end`.
     pub end: f64,
 }
 

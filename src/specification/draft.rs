@@ -4,8 +4,9 @@
 use super::checked::Specification;
 use super::document::Document;
 use super::error::SpecificationError;
+use super::json::Json;
 use super::output::MOST_TIMES;
-use super::reading::{Reading, read};
+use super::reading::{Reading, read, read_tree};
 use super::times::Times;
 use problem::Control;
 use std::time::Duration;
@@ -13,6 +14,9 @@ use std::time::Duration;
 /// The structure of a document is known, its meaning is not.
 #[derive(Debug)]
 pub struct Draft(Reading);
+
+/// The bytes that a tree is taken for which has been read before: it needs no mending, or little.
+const OF_TREE: usize = 1 << 20;
 
 /// What making an output time takes, in nanoseconds: measured.
 const A_TIME: usize = 5;
@@ -24,6 +28,11 @@ impl Draft {
     /// All that is wrong with its structure, at least one, where it could not be mended to be checked.
     pub fn read(text: &[u8]) -> Result<Self, Vec<SpecificationError>> {
         read(text).map(Self)
+    }
+
+    /// Reads the tree of a document, with these values of names of numbers.
+    pub(super) fn of_tree(tree: Json, values: &[(String, f64)]) -> Result<Self, Vec<SpecificationError>> {
+        read_tree(tree, values, OF_TREE).map(Self)
     }
 
     /// About how long the check takes beyond what the length of the text tells.
@@ -48,9 +57,9 @@ impl Draft {
     /// # Errors
     /// All that is wrong with it, at least one.
     pub fn check_within(self, most: usize, control: &Control) -> Result<Specification, Vec<SpecificationError>> {
-        let Reading { document, repairs, mut errors, vectors } = self.0;
-        match Specification::check(document, (&repairs, &vectors), most, control, &mut errors) {
-            Some(specification) if errors.is_empty() => Ok(specification),
+        let Reading { document, repairs, mut errors, vectors, prepared, digest } = self.0;
+        match Specification::check(document, (&repairs, &vectors, &prepared), most, control, &mut errors) {
+            Some(specification) if errors.is_empty() => Ok(specification.with_digest(digest)),
             _ => Err(vectors.at_origins(errors.into_list())),
         }
     }

@@ -136,6 +136,24 @@ const SYNONYMS: [(&str, &[&str]); 80] = [
     ("of", &["variables", "names", "name", "variable", "z", "x"]),
     ("lower", &["lb", "lowerbound", "min", "low", "minimum", "from", "l"]),
     ("upper", &["ub", "upperbound", "max", "high", "maximum", "to", "u"]),
+    // Fits.
+    (
+        "fit",
+        &[
+            "estimate",
+            "estimation",
+            "calibrate",
+            "calibration",
+            "identify",
+            "identification",
+            "regression",
+            "leastsquares",
+        ],
+    ),
+    ("data", &["measurements", "measured", "observations", "observed", "samples"]),
+    ("sd", &["sigma", "std", "stddev", "stdev", "error", "errors", "uncertainty", "noise", "standarddeviation"]),
+    ("starts", &["multistart", "restarts", "nstarts"]),
+    ("loss", &["objective", "cost", "robust", "norm"]),
     // The method.
     ("rtol", &["reltol", "tol", "tolerance", "eps", "accuracy", "precision", "epsrel", "relativetolerance"]),
     ("atol", &["abstol", "epsabs", "absolutetolerance"]),
@@ -187,7 +205,8 @@ const SYNONYMS: [(&str, &[&str]); 80] = [
     ("to", &["parameters", "by", "wrt", "params", "over"]),
     ("of", &["outputs", "states", "fields"]),
     // Types of problem.
-    ("dvi", &["ode", "dae", "ivp", "generic", "vi", "odes", "general"]),
+    ("dvi", &["ode", "dae", "ivp", "generic", "odes", "general"]),
+    ("vi", &["ncp", "mcp", "variationalinequality", "complementarity", "equilibrium", "nash", "static", "qp", "nlp"]),
     ("lcs", &["lcp", "mlcp", "linear", "statespace", "ss", "lti"]),
     ("filippov", &["piecewise", "relay", "slidingmode", "switched", "hybrid", "pws"]),
     ("rigid_bodies", &["multibody", "mbs", "bodies", "rigidbody", "physics", "urdf"]),

@@ -5,7 +5,7 @@ use super::place::Place;
 use super::wording::abridged;
 
 /// The longest label, in characters.
-const LONGEST: usize = 200;
+pub(super) const LONGEST: usize = 200;
 
 /// Reports a label that is too long.
 pub(super) fn check(label: Option<&str>, place: &Place<'_>, errors: &mut Errors) {

@@ -25,6 +25,7 @@ mod error;
 mod examples;
 mod expression;
 mod filippov;
+mod fit;
 mod foreign;
 mod json;
 mod kinks;
@@ -54,10 +55,13 @@ mod search;
 mod sensitivities;
 mod set;
 mod shapes;
+mod spice;
 mod stages;
 mod start;
+mod static_vi;
 mod study;
 mod summary;
+mod sweep;
 mod syntax;
 mod tables;
 mod times;
@@ -86,6 +90,7 @@ pub use elements::{Elements, ElementsOf};
 pub use error::SpecificationError;
 pub use examples::{EXAMPLES, Example};
 pub use filippov::{FilippovProblem, FilippovRegion, FilippovState};
+pub use fit::{FitData, FitParameter, FitRequest, LossName, Spread, SpreadOfState};
 pub use lcs::LcsProblem;
 pub use matrix::{Matrix, SparseMatrix};
 pub use mechanical::{ConeName, Contact, Coordinate, Friction, Interpenetration, Joint, MechanicalProblem};
@@ -102,9 +107,15 @@ pub use rigid_bodies::{
 pub use schema::json_schema;
 pub use search::{FreePeriod, Period, PeriodicRequest, Search, SteadyStateRequest};
 pub use set::{BallBlock, Block, BoxBlock, PolyhedronBlock};
+pub use spice::document as document_of;
 pub use stages::Stages;
+pub use static_vi::{StaticVariable, ViProblem};
 pub use study::{Exact, Rung, StudyPlan, StudyRequest};
 pub use summary::Summary;
+pub use sweep::{
+    AtTime, Design, DesignName, KeepName, Range, Reducer, Rule, Selector, SweepPlan, SweepRequest, TableOfMembers,
+    Target, edited,
+};
 pub use tables::{InterpolationName, TableOfPoints};
 pub use times::Times;
 pub use tolerance::AbsoluteTolerance;

@@ -6,7 +6,7 @@ use super::lowering::{Constant, Lowering};
 use super::place::Place;
 use expression::{Assumption, Node};
 use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
-use serde::de::{Deserializer, MapAccess, SeqAccess, Visitor};
+use serde::de::{Deserializer, Error, IntoDeserializer, MapAccess, SeqAccess, Unexpected, Visitor};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use utoipa::PartialSchema;
@@ -117,6 +117,14 @@ impl Matrix {
         mut visit: impl FnMut(usize, usize, &Expression, &Place<'_>, &mut Lowering),
     ) {
         match self {
+            // A row is written flat where a program does not tell it from a column.
+            Matrix::Dense(lines)
+                if rows == 1 && columns > 1 && lines.len() == columns && lines.iter().all(|line| line.len() == 1) =>
+            {
+                for (j, value) in lines.iter().flatten().enumerate() {
+                    visit(0, j, value, &place.index(j), lowering);
+                }
+            }
             Matrix::Dense(lines) => {
                 if lines.len() != rows {
                     let detail = format!("expected {rows} rows, got {}", lines.len());
@@ -158,7 +166,10 @@ impl Matrix {
 
 fn wrong_shape(place: &Place<'_>, detail: String, rows: usize, columns: usize, lowering: &mut Lowering) {
     let error = SpecificationError::new(place.to_string(), "wrong_shape", detail);
-    lowering.errors.push(error.expected(format!("{rows} x {columns}")));
+    let row = format!("[{}]", vec![".."; columns.min(SHOWN)].join(", "));
+    let shown = format!("[{}]", vec![row; rows.min(SHOWN)].join(", "));
+    let example = if rows.max(columns) <= SHOWN { format!(", as `{shown}`") } else { String::new() };
+    lowering.errors.push(error.expected(format!("{rows} x {columns}{example}")));
 }
 
 impl PartialSchema for Matrix {
@@ -189,11 +200,38 @@ impl<'de> Deserialize<'de> for Matrix {
 
 struct MatrixVisitor;
 
+/// Rows and columns of a matrix that is shown as an example.
+const SHOWN: usize = 4;
+
+/// A matrix of one entry, written as it alone.
+fn alone<'de, E: Error>(entry: impl Deserializer<'de, Error = E>) -> Result<Matrix, E> {
+    Expression::deserialize(entry).map(|entry| Matrix::Dense(vec![vec![entry]]))
+}
+
 impl<'de> Visitor<'de> for MatrixVisitor {
     type Value = Matrix;
 
     fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         formatter.write_str("a matrix: a list of rows, or {\"shape\": [r, c], \"entries\": [[i, j, value], ...]}")
+    }
+
+    fn visit_f64<E: Error>(self, value: f64) -> Result<Matrix, E> {
+        alone(value.into_deserializer())
+    }
+
+    fn visit_u64<E: Error>(self, value: u64) -> Result<Matrix, E> {
+        alone(value.into_deserializer())
+    }
+
+    fn visit_i64<E: Error>(self, value: i64) -> Result<Matrix, E> {
+        alone(value.into_deserializer())
+    }
+
+    fn visit_str<E: Error>(self, text: &str) -> Result<Matrix, E> {
+        match text.trim_start().starts_with(['[', '{']) {
+            true => Err(E::invalid_type(Unexpected::Str(text), &self)),
+            false => alone(text.into_deserializer()),
+        }
     }
 
     fn visit_seq<A: SeqAccess<'de>>(self, access: A) -> Result<Matrix, A::Error> {

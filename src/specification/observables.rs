@@ -71,6 +71,8 @@ impl Request<'_> {
         };
         lowering.bind_outputs(outputs);
         let mut nodes: Vec<Node> = lowering.define(definitions, place);
+        // The first input is the time.
+        let reach = nodes.iter().map(|&node| lowering.graph.inputs(node).into_iter().max().unwrap_or(0)).collect();
         let of_integrals = place.key("integrals");
         for (name, integrand) in integrals.iter() {
             let place = of_integrals.key(name);
@@ -90,7 +92,7 @@ impl Request<'_> {
         let names = definitions.names().chain(integrals.names()).map(String::from).collect();
         let program = Tape::compile(&lowering.graph, &nodes);
         errors.append(lowering.errors);
-        Observables { names, integrals: integrals.len(), monitors, program }
+        Observables { names, integrals: integrals.len(), reach, monitors, program }
     }
 
     /// Refuses what cannot go with a run that may end before its end.

@@ -32,6 +32,7 @@ impl Specification {
             fields: self.output_fields().to_vec(),
             global_error: self.estimates_global_error(),
             statistics: false,
+            reducers: None,
             most_steps: self.step_limit().unwrap_or(MOST_STEPS),
             most_values: MOST_VALUES,
             most_memory: self.most_memory,
@@ -54,9 +55,11 @@ impl Specification {
             first_step: method.first_step,
             max_step: method.max_step.unwrap_or(f64::INFINITY),
             min_step: method.min_step.unwrap_or(0.0),
-            interpolated: self.output_times().is_some_and(|times| times.iter().any(|t| is_inside(*t)))
+            interpolated: (self.sweep().is_none()
+                && self.output_times().is_some_and(|times| times.iter().any(|t| is_inside(*t))))
                 || self.observables().is_followed()
-                || self.search().is_some(),
+                || self.search().is_some()
+                || self.sweep().is_some_and(|sweep| sweep.reducers.is_dense()),
             switches: match method.switches {
                 Switches::Locate => radau::Switches::Locate,
                 Switches::StepOver => radau::Switches::StepOver,

@@ -8,13 +8,24 @@ use super::error::{Errors, SpecificationError};
 use super::json::Json;
 use super::place::{Step, pointer};
 use super::repairs::Repairs;
+use super::sweep::{self, Prepared};
 use super::syntax;
 use super::vectors::{self, Vectors};
 use serde::Deserialize;
 use serde_path_to_error::{Path, Segment};
+use sha2::{Digest as _, Sha256};
+use std::sync::Arc;
 
 /// Bytes that may be read again in all while mending: it bounds the time that a large and bad document can take.
 const WORK: usize = 64 << 20;
+
+/// What a text is known by.
+pub(super) type Digest = [u8; 32];
+
+/// The SHA-256 (FIPS 180-4) of a text.
+pub(super) fn digest(text: &[u8]) -> Digest {
+    Sha256::digest(text).into()
+}
 
 /// What some editors put before text in UTF-8.
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
@@ -26,6 +37,9 @@ pub(super) struct Reading {
     pub repairs: Repairs,
     pub errors: Errors,
     pub vectors: Vectors,
+    pub prepared: Prepared,
+    /// The SHA-256 of the text, where it was read of one.
+    pub digest: Option<Digest>,
 }
 
 /// Reads a document.
@@ -33,25 +47,49 @@ pub(super) struct Reading {
 /// # Errors
 /// The structural errors, where no mending led to a readable document.
 pub(super) fn read(text: &[u8]) -> Result<Reading, Vec<SpecificationError>> {
+    let reading = read_tree(tree(text)?, &[], text.len())?;
+    Ok(Reading { digest: Some(digest(text)), ..reading })
+}
+
+/// The tree of a document.
+///
+/// # Errors
+/// It is no JSON.
+pub(super) fn tree(text: &[u8]) -> Result<Json, Vec<SpecificationError>> {
+    parse(text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(text)).map_err(|error| vec![error])
+}
+
+/// Reads a tree of a text of so many bytes, with these values of names of numbers.
+///
+/// # Errors
+/// As of [`read`].
+pub(super) fn read_tree(
+    mut json: Json,
+    values: &[(String, f64)],
+    bytes: usize,
+) -> Result<Reading, Vec<SpecificationError>> {
     let mut errors = Errors::default();
-    let text = text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(text);
-    let mut json = match parse(text) {
-        Ok(json) => json,
-        Err(error) => {
-            errors.push(error);
-            return Err(errors.into_list());
-        }
-    };
     json.remove_duplicates(&mut Vec::new(), &mut |path| {
         let detail = "this key stands twice in its object";
         errors.push(SpecificationError::new(pointer(path), "duplicate_key", detail).expected("each key once"));
     });
-    let vectors = vectors::write_out(&mut json, &mut errors);
+    rename_until(&mut json, &mut errors);
+    let is_swept = matches!(json.child(&Step::Key("sweep".to_owned())), Some(Json::Object(_)));
+    let source = is_swept.then(|| Arc::new(json.clone()));
+    // Sizes of vectors have their values before these are written out, starts of elements behind that.
+    let rest: Vec<&str> = if values.is_empty() { Vec::new() } else { sweep::set(&mut json, values) };
+    let mut vectors = vectors::write_out(&mut json, &mut errors);
+    let rest: Vec<(String, f64)> = values.iter().filter(|(name, _)| rest.contains(&name.as_str())).cloned().collect();
+    if !rest.is_empty() {
+        sweep::set(&mut json, &rest);
+    }
+    let targets = if is_swept { sweep::lift(&mut json, &mut vectors, &mut errors) } else { Vec::new() };
+    let prepared = Prepared { targets, source };
     let mut repairs = Repairs::default();
-    for _ in 0..(WORK / text.len().max(1)).clamp(4, 256) {
+    for _ in 0..(WORK / bytes.max(1)).clamp(4, 256) {
         // The place of an error costs time to keep, so it is looked for only when there is one.
         if let Ok(document) = Document::deserialize(&json) {
-            return Ok(Reading { document, repairs, errors, vectors });
+            return Ok(Reading { document, repairs, errors, vectors, prepared, digest: None });
         }
         let Err(error) = serde_path_to_error::deserialize::<_, Document>(&json) else { break };
         let path = steps(error.path(), &json);
@@ -60,6 +98,22 @@ pub(super) fn read(text: &[u8]) -> Result<Reading, Vec<SpecificationError>> {
         }
     }
     Err(vectors.at_origins(errors.into_list()))
+}
+
+/// The end of the horizon by its other name: `end` is a reserved word of MATLAB, Octave and Julia.
+fn rename_until(json: &mut Json, errors: &mut Errors) {
+    let time = [Step::Key("time".to_owned())];
+    let Some(Json::Object(members)) = json.at_mut(&time) else { return };
+    let [end, until] = ["end", "until"].map(|key| members.iter().position(|(name, _)| name == key));
+    match (end, until) {
+        (None, Some(until)) => members[until].0 = "end".to_owned(),
+        (Some(_), Some(until)) => {
+            members.remove(until);
+            let detail = "`until` is another name of `end`, which stands here too";
+            errors.push(SpecificationError::new("/time/until", "conflict", detail).expected("one of the two"));
+        }
+        (_, None) => {}
+    }
 }
 
 /// Reads JSON text; an error names its line and column, and the place as far as it was reached.
@@ -80,6 +134,10 @@ fn steps(path: &Path, json: &Json) -> Vec<Step> {
     let mut steps = Vec::new();
     for segment in path.iter() {
         let step = match segment {
+            // One value in the place of a list of it alone.
+            Segment::Seq { index: 0 } if at.is_some_and(|value| !matches!(value, Json::List(_) | Json::Null)) => {
+                continue;
+            }
             Segment::Seq { index } => Step::Index(*index),
             Segment::Map { key } => Step::Key(key.clone()),
             Segment::Enum { variant } if matches!(at, Some(Json::Object(_))) => Step::Key(variant.clone()),

@@ -1,5 +1,6 @@
 //! The JSON Schema (draft 2020-12) of a specification, from the types that are deserialised.
 
+use super::deserializer::COMMENT;
 use super::document::Document;
 use serde_json::{Map, Value, json};
 use utoipa::{PartialSchema, ToSchema};
@@ -16,11 +17,23 @@ pub fn json_schema() -> Value {
         schema.insert("$defs".into(), Value::Object(definitions));
     }
     finish(&mut schema);
+    allow_until(&mut schema);
     schema
 }
 
+/// `end` by its other name.
+fn allow_until(schema: &mut Value) {
+    let Some(time) = schema.pointer_mut("/$defs/Time").and_then(Value::as_object_mut) else { return };
+    if let Some(properties) = time.get_mut("properties").and_then(Value::as_object_mut) {
+        let description = "Another name of `end`, for programs that reserve that word.";
+        properties.insert("until".into(), json!({"type": "number", "format": "double", "description": description}));
+    }
+    time.remove("required");
+    time.insert("oneOf".into(), json!([{"required": ["end"]}, {"required": ["until"]}]));
+}
+
 /// References point into a document of the service; here the definitions stand beside the schema itself. And every object
-/// that lists its keys has no others, a choice that is tagged by one included.
+/// that lists its keys has no others but a comment, a choice that is tagged by one included.
 fn finish(schema: &mut Value) {
     match schema {
         Value::Object(members) => {
@@ -34,6 +47,9 @@ fn finish(schema: &mut Value) {
             }
             if members.get("type").is_some_and(|kind| kind == "object") && members.contains_key("properties") {
                 members.insert("additionalProperties".into(), json!(false));
+                if let Some(properties) = members.get_mut("properties").and_then(Value::as_object_mut) {
+                    properties.entry(COMMENT).or_insert(json!(true));
+                }
             }
         }
         Value::Array(items) => items.iter_mut().for_each(finish),

@@ -13,8 +13,9 @@ use expression::nearest;
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{Error, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
-use solution::Periodic;
+use solution::{Fit, Periodic};
 use std::fmt;
+use std::sync::Arc;
 use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{AdditionalProperties, ObjectBuilder, OneOfBuilder, Schema, Type};
 use utoipa::{PartialSchema, ToSchema};
@@ -54,12 +55,14 @@ pub struct FreePeriod {
 pub struct SteadyStateRequest {}
 
 /// What is looked for.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub enum Search {
     /// An orbit.
     Periodic(Periodic),
     /// A state of rest.
     SteadyState,
+    /// Parameters that fit data.
+    Fit(Arc<Fit>),
 }
 
 /// What was asked for, before it is checked.

@@ -16,7 +16,7 @@ const MOST_UNKNOWNS: usize = 100;
 const MOST_COLUMNS: usize = 10_000;
 
 /// What an initial value is named by, behind the name of its state.
-const INITIAL: &str = ".initial";
+pub(super) const INITIAL: &str = ".initial";
 
 /// Derivatives of states by parameters and initial values, as columns `dx/dm` beside the states.
 #[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]

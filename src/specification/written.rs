@@ -24,6 +24,11 @@ pub(super) trait Written {
         0
     }
 
+    /// Whether it has no time.
+    fn is_static(&self) -> bool {
+        false
+    }
+
     /// Lowers the problem as far as it can be.
     fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c>;
 }

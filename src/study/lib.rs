@@ -8,9 +8,11 @@ mod page;
 pub mod report;
 mod solve;
 pub mod stability;
+mod sweep;
 
 pub use page::html;
-pub use solve::solve;
+pub use solve::{solve, solve_on};
+pub use sweep::{features, merge, sweep};
 
 use problem::Control;
 use solution::pictures::work_precision;

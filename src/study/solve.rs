@@ -1,15 +1,28 @@
 //! A specification solved, with its study where it asks for one.
 
-use crate::study;
+use crate::{study, sweep};
 use problem::Control;
 use solution::Solution;
 use specification::Specification;
+use std::num::NonZeroUsize;
 
 /// Solves a checked specification. Stops at the next step when `control` says so; never panics on a user's input.
 pub fn solve(specification: &Specification, control: &Control) -> Solution {
-    let Some(plan) = specification.study() else { return solve_once(specification, control) };
-    let mut solution = control.part(0.0..FIRST, || solve_once(specification, control));
-    solution.study = Some(control.part(FIRST..1.0, || study(specification, plan, control)));
+    solve_on(NonZeroUsize::MIN, specification, control)
+}
+
+/// The same, with so many threads for the members of a sweep. The answer does not depend on their number.
+pub fn solve_on(threads: NonZeroUsize, specification: &Specification, control: &Control) -> Solution {
+    let mut solution = match (specification.sweep(), specification.study()) {
+        (Some(plan), _) => sweep(specification, 0..plan.members(), threads, control),
+        (None, None) => solve_once(specification, control),
+        (None, Some(plan)) => {
+            let solution = control.part(0.0..FIRST, || solve_once(specification, control));
+            let study = control.part(FIRST..1.0, || study(specification, plan, control));
+            Solution { study: Some(study), ..solution }
+        }
+    };
+    solution.provenance = Some(specification.provenance());
     solution
 }
 

@@ -10,6 +10,7 @@
 mod active_set;
 mod auto;
 mod block_gauss_seidel;
+mod certificate;
 mod conic;
 mod contradiction;
 pub mod coulomb;
@@ -18,9 +19,13 @@ mod equilibration;
 mod fischer_burmeister;
 mod gap;
 mod gauge;
+mod interior_point;
 mod josephy_newton;
 mod lemke;
+mod portfolio;
 mod semismooth_newton;
+mod sparse_jacobian;
+mod sparse_newton;
 mod splitting;
 #[cfg(test)]
 mod tests;
@@ -28,10 +33,14 @@ mod tests;
 pub use active_set::{ActiveSet, DenseActiveSet, Unsuitable};
 pub use auto::{Attempt, Auto, SolverKind};
 pub use block_gauss_seidel::BlockGaussSeidel;
+pub use certificate::{Certificate, MOST_VARIABLES, certificate};
 pub use conic::Conic;
 pub use josephy_newton::{JosephyNewton, NonlinearVi};
 pub use lemke::Lemke;
+pub use portfolio::{Found, Portfolio, start};
 pub use semismooth_newton::SemismoothNewton;
+pub use sparse_jacobian::SparseVi;
+pub use sparse_newton::SparseNewton;
 
 use nalgebra::DMatrix;
 use problem::{Control, ConvexSet};

@@ -40,8 +40,14 @@ pub fn halving(status: Status) -> Solution {
         trajectory,
         diagnostics: Diagnostics::default(),
         orbit: None,
+        provenance: None,
         steady_state: None,
+        table: None,
+        summary: None,
+        fit: None,
+        solution: None,
         study: None,
+        collected: Vec::new(),
     }
 }
 

@@ -39,6 +39,7 @@ mod solve;
 mod spans;
 mod store;
 mod supervision;
+mod sweeps;
 mod tokens;
 mod verdict;
 mod workers;

@@ -369,3 +369,172 @@ fn a_solve_that_takes_too_much_memory_says_so() {
     assert!(told.starts_with("dvi: too_much_memory: the solve took more than the 1 MiB of --memory-mib, "), "{told}");
     assert_eq!(told.lines().count(), 1, "{told}");
 }
+
+/// A decay over rates and starts.
+const SWEEP: &str = r#"{"label": "decays", "problem": {"dvi": {"parameters": {"k": 1}, "states": {"x": {"initial": 1, "rate": "-k*x"}}}},
+"time": {"end": 1}, "sweep": {"over": {"k": {"linspace": [0, 2, 5]}, "x.initial": [1, 2, 3]}}}"#;
+
+#[test]
+fn a_sweep_in_parts_is_the_sweep_and_mixtures_are_refused() {
+    let folder = std::env::temp_dir().join(format!("dvi-sweep-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
+    let (specification, whole, merged) = (path("sweep.json"), path("whole.json"), path("merged.json"));
+    std::fs::write(&specification, SWEEP).unwrap();
+    let succeeds = |arguments: &[&str]| {
+        let output = run(arguments, "");
+        assert_eq!(output.status.code(), Some(0), "{arguments:?}: {output:?}");
+        assert!(output.stderr.is_empty(), "{output:?}");
+        output
+    };
+    succeeds(&["sweep", &specification, "-o", &whole, "--threads", "1"]);
+    let parts: Vec<String> = (1..=4).map(|k| path(&format!("part{k}.json"))).collect();
+    for (k, part) in parts.iter().enumerate() {
+        succeeds(&["sweep", &specification, "--shard", &format!("{}/4", k + 1), "-o", part]);
+    }
+    succeeds(&["merge", &parts[2], &parts[0], &parts[3], &parts[1], "-o", &merged]);
+    assert_eq!(std::fs::read(&merged).unwrap(), std::fs::read(&whole).unwrap());
+    let missing = run(&["merge", &parts[0], &parts[1], "--format", "csv"], "");
+    assert_eq!(missing.status.code(), Some(1), "{missing:?}");
+    assert!(String::from_utf8(missing.stderr).unwrap().starts_with("dvi: members_missing: "));
+    let twice = run(&["merge", &parts[0], &parts[0]], "");
+    assert_eq!(twice.status.code(), Some(2), "{twice:?}");
+    let other = path("other.json");
+    succeeds(&["sweep", &specification, "--set", "/time/end=2", "--shard", "2/4", "-o", &other]);
+    let mixed = run(&["merge", &parts[0], &other], "");
+    assert_eq!(mixed.status.code(), Some(2), "{mixed:?}");
+    assert!(String::from_utf8(mixed.stderr).unwrap().contains("specification"));
+    let csv = succeeds(&["sweep", &specification, "--format", "csv"]);
+    assert_eq!(String::from_utf8(csv.stdout).unwrap().lines().count(), 16);
+    for (name, begin) in [("t.csv", "member,k"), ("t.ndjson", "{\"member\":0"), ("t.svg", "<svg")] {
+        succeeds(&["sweep", &specification, "-o", &path(name)]);
+        assert!(std::fs::read_to_string(path(name)).unwrap().starts_with(begin), "{name}");
+    }
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
+#[test]
+fn numbers_are_set_on_the_command_line_and_results_go_to_files() {
+    let output = run(&["solve", "-", "--set", "x.initial=3", "--set", "/time/end=2", "--format", "csv"], SWEEP_LESS);
+    let table = String::from_utf8(output.stdout).unwrap();
+    assert!(table.starts_with("t,x\n0.0,3.0\n") && table.lines().last().unwrap().starts_with("2.0,"), "{table}");
+    let unknown = run(&["solve", "-", "--set", "kk=3"], SWEEP_LESS);
+    assert_eq!(unknown.status.code(), Some(2));
+    assert!(String::from_utf8(unknown.stderr).unwrap().contains("did you mean k?"));
+    assert_eq!(run(&["solve", "-", "--set", "k"], SWEEP_LESS).status.code(), Some(64));
+    let file = std::env::temp_dir().join(format!("dvi-result-{}.csv", std::process::id()));
+    let output = run(&["solve", "-", "-o", file.to_str().unwrap()], SWEEP_LESS);
+    assert!(output.status.success() && output.stdout.is_empty(), "{output:?}");
+    assert!(std::fs::read_to_string(&file).unwrap().starts_with("t,x\n"));
+    std::fs::remove_file(&file).unwrap();
+    assert_eq!(run(&["solve", "-", "-o", "result.docx"], SWEEP_LESS).status.code(), Some(64));
+}
+
+const SWEEP_LESS: &str = r#"{"problem": {"dvi": {"parameters": {"k": 1}, "states": {"x": {"initial": 1, "rate": "-k*x"}}}}, "time": {"end": 1}}"#;
+/// A folder that is removed in the end.
+struct Folder(std::path::PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("dvi-{name}-{}", std::process::id()));
+        std::fs::create_dir_all(&path).unwrap();
+        Self(path)
+    }
+
+    fn with(&self, name: &str, text: &str) -> String {
+        let path = self.0.join(name);
+        std::fs::write(&path, text).unwrap();
+        path.to_str().unwrap().to_owned()
+    }
+
+    fn read(&self, name: &str) -> String {
+        std::fs::read_to_string(self.0.join(name)).unwrap_or_default()
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+#[test]
+fn several_files_are_solved_each_beside_itself() {
+    let folder = Folder::new("several");
+    let (decay, coarse) = (folder.with("decay.json", DECAY), folder.with("coarse.json", COARSE));
+    let alone = run(&["solve", "--format", "csv", &decay], "").stdout;
+    let output = run(&["solve", "--format", "csv", &decay, &coarse], "");
+    let told = String::from_utf8(output.stderr).unwrap();
+    assert!(output.stdout.is_empty());
+    // That of the first which is not 0.
+    assert_eq!(output.status.code(), Some(7), "{told}");
+    assert!(told.contains("decay.json: completed, ") && told.contains("  dvi: not trusted: energy balance"), "{told}");
+    assert_eq!(folder.read("decay.result.csv").into_bytes(), alone);
+    assert!(folder.read("coarse.result.csv").starts_with("t,q,q_dot,"));
+
+    let bad = folder.with("bad.json", "{");
+    let output = run(&["solve", &bad, &decay, &coarse], "");
+    assert_eq!(output.status.code(), Some(2), "{output:?}");
+    assert!(folder.read("decay.result.json").contains("\"completed\"") && folder.read("bad.result.json").is_empty());
+
+    for arguments in [
+        vec!["solve", "-", &decay],
+        vec!["solve", &decay, &decay],
+        vec!["solve", "--memory-mib", "99", &decay, &coarse],
+    ] {
+        assert_eq!(run(&arguments, "").status.code(), Some(64), "{arguments:?}");
+    }
+}
+
+#[test]
+fn a_deck_is_solved_as_a_file() {
+    let folder = Folder::new("deck");
+    let deck =
+        folder.with("rc.cir", "An RC circuit\nV1 in 0 5\nR1 in out 1k\nC1 out 0 1u IC=0\n.tran 1u 5m uic\n.end\n");
+    let output = run(&["solve", &deck], "");
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    let result: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let end = result["trajectory"]["fields"]["v(out)"].as_array().unwrap().last().unwrap().as_f64().unwrap();
+    assert!((end - 5.0 * (1.0 - (-5.0_f64).exp())).abs() < 1e-5);
+    assert_eq!(
+        (&result["provenance"]["label"], &result["provenance"]["problem"]),
+        (&"An RC circuit".into(), &"circuit".into())
+    );
+    let wrong = folder.with("wrong.cir", "Wrong\nR1 a 0 {x}\n.tran 1 1\n");
+    let output = run(&["check", &wrong], "");
+    let told = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.code() == Some(2) && told.contains("line 2, column 8: `{x}`"), "{told}");
+}
+
+/// The digest is that of `sha256sum`.
+#[test]
+fn an_answer_says_what_it_is_the_answer_to() {
+    let output = run(
+        &["solve", "-"],
+        "{\"label\":\"x\",\"problem\":{\"dvi\":{\"states\":{\"x\":{\"initial\":1,\"rate\":\"-x\"}}}},\"time\":{\"end\":1}}",
+    );
+    let result: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let digest = "030ebdb953b383602abf91cfd4ea0f8fe564d1bbae3f9ce274b9841763a4c880";
+    let told = serde_json::json!({
+        "program": concat!("dvi ", env!("CARGO_PKG_VERSION")), "label": "x", "problem": "dvi", "digest": digest,
+        "rtol": 1e-6, "atol": 1e-9
+    });
+    assert_eq!(result["provenance"], told);
+}
+
+#[test]
+fn shells_and_man_know_every_subcommand() {
+    for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
+        let output = run(&["completions", shell], "");
+        let text = String::from_utf8(output.stdout).unwrap();
+        assert!(output.status.success() && text.contains("healthcheck") && text.contains("memory-mib"), "{shell}");
+    }
+    let page = String::from_utf8(run(&["man"], "").stdout).unwrap();
+    assert!(page.contains(".TH dvi 1") && page.contains("dvi\\-solve"), "{page}");
+    let page = String::from_utf8(run(&["man", "solve"], "").stdout).unwrap();
+    assert!(page.contains(".TH dvi-solve 1") && page.contains("\\-\\-format"), "{page}");
+    assert_eq!(run(&["man", "nothing"], "").status.code(), Some(64));
+    let folder = Folder::new("man");
+    assert!(run(&["man", "--folder", folder.0.to_str().unwrap()], "").status.success());
+    assert!(folder.read("dvi-token-create.1").contains(".TH dvi-token-create 1"));
+}

@@ -157,12 +157,13 @@ fn values_are_above_zero_at_their_place() {
 #[test]
 fn an_error_in_a_netlist_has_its_line_and_column() {
     assert_netlist("R1 a 0 1\nQ1 a b c", &[("unknown_component", "line 2, column 1: `Q1`")]);
-    assert_netlist(".tran 1 2", &[("unknown_component", "line 1, column 1: the command `.tran`")]);
+    assert_netlist(".step R 1 2", &[("unknown_component", "line 1, column 1: the command `.step`")]);
     assert_netlist("* one\n  R1 a 0 1k2", &[("malformed_number", "line 2, column 10: `1k2` is not a number")]);
     assert_netlist("R1 a", &[("incomplete_component", "line 1, column 4: something is missing after `a`")]);
     assert_netlist("C1 a 0 1u IC 5", &[("unexpected_word", "line 1, column 14: `5` stands where `=` belongs")]);
-    assert_netlist("D1 a 0 1N4148", &[("unexpected_word", "line 1, column 8: `1N4148`")]);
-    assert_netlist("V1 a 0 EXP(0 1)", &[("unknown_source", "line 1, column 8: `EXP`")]);
+    assert_netlist("D1 a 0 1N4148", &[("unknown_name", "line 1, column 8: there is no model `1N4148`")]);
+    assert_netlist("V1 a 0 SFFM(0 1)", &[("unknown_source", "line 1, column 8: `SFFM`")]);
+    assert_netlist("V1 a 0 EXP(0 1)", &[("malformed_source", "line 1, column 8: EXP has 2 values")]);
     assert_netlist(
         "V1 a 0 SIN(1)\nV2 b 0 PULSE(0 1\n+ 0 1 1 1 2)\nV3 c 0 PWL(1 2 0 3)\nV4 d 0 PWL(1 2 3)\nV5 e 0 PULSE(0 1 -1)",
         &[
@@ -175,6 +176,44 @@ fn an_error_in_a_netlist_has_its_line_and_column() {
     );
     assert_netlist("R1 a 0 -5\nC1 a 0 1u", &[("out_of_range", "line 1: the ohms of `R1` are -5")]);
     assert_netlist("R1 a 0 1\nr1 A 0 2\nC1 a 0 1", &[("duplicate_name", "line 2: `R1`")]);
+}
+
+#[test]
+fn an_error_in_a_deck_has_its_line_and_column() {
+    let title = "A deck\n.tran 1u 1m\n";
+    for (text, code, part) in [
+        ("R1 a 0 {x}", "malformed_number", "line 3, column 8: `{x}`: nothing is called `x`"),
+        ("R1 a 0 {1+", "malformed_number", "line 3, column 8"),
+        ("R1 a 0 {(1}", "malformed_number", "`)` is missing"),
+        (".param a={b} b={a}\nR1 a 0 1", "malformed_number", "line 3, column 16: `{a}`: nothing is called `a`"),
+        (".model X NPN(BF=100)", "unknown_component", "line 3, column 10: models of `NPN`"),
+        ("S1 a 0 c 0 X\n.model X D", "unknown_name", "line 3, column 12: the model `X` is one of another kind"),
+        ("S1 a 0 c 0 X\n.model X SW(VH=-1)", "out_of_range", "smooth switch"),
+        ("X1 a b nothing", "unknown_name", "line 3, column 8: there is no subcircuit `nothing`"),
+        ("X1 a two\n.subckt two a b\nR1 a b 1\n.ends", "wrong_count", "has 2 nodes, and is given 1"),
+        (".subckt two a b\nR1 a b 1", "incomplete_component", "line 3, column 9: the subcircuit `two` has no end"),
+        ("X1 a loop\n.subckt loop a\nX1 a loop\n.ends", "too_deep", "16 levels"),
+        ("K1 L1 L2 0.5", "unknown_name", "line 3, column 1: `K1` couples"),
+        ("L1 a 0 1\nL2 b 0 1\nK1 L1 L2 1.5", "out_of_range", "a coupling of 1.5"),
+        ("R1 a 0 1\n.ic V(a)=1", "inconsistent_start", ".ic of `a`"),
+        ("R1 a 0 1\n.ic V(a)", "unexpected_word", "`V` begins no start"),
+        (".lib diodes.lib", "unknown_component", "line 3, column 1: the command `.lib`"),
+        (".tran 0", "malformed_source", "line 3, column 1: .tran has no end above zero"),
+    ] {
+        assert_netlist(&format!("{title}{text}\n.end"), &[(code, part)]);
+    }
+}
+
+#[test]
+fn subcircuits_that_multiply_are_answered() {
+    let levels: String =
+        (0..15).map(|k| format!(".subckt s{k} a\n{}.ends\n", format!("X1 a s{0}\nX2 a s{0}\n", k + 1))).collect();
+    let text = format!("{levels}.subckt s15 a\nR1 a 0 1\n.ends\nX1 a s0\nC1 a 0 1");
+    let errors = Specification::from_json(netlist(&text).to_string().as_bytes()).unwrap_err();
+    assert!(
+        errors.iter().all(|error| ["number_of_components", "too_deep", "too_many_unknowns"].contains(&error.code)),
+        "{errors:?}"
+    );
 }
 
 #[test]
@@ -203,4 +242,44 @@ fn what_a_law_names_and_the_circuit_does_not_have_is_told_with_what_it_has() {
     assert_eq!(errors[0].pointer, "/problem/circuit/components/0/voltage_source/volts");
     assert!(errors[0].detail.starts_with("there is no `v(outt)`"), "{}", errors[0].detail);
     assert_eq!(errors[0].did_you_mean.as_deref(), Some("v(out)"));
+}
+
+/// Decks with words and lines lost, doubled, swapped and put in from elsewhere.
+#[test]
+fn mangled_decks_are_answered_at_a_line_they_have() {
+    let decks = [
+        "Buck\nV1 in 0 24\nS1 in sw g 0 MOS\nD1 0 sw DI\nL1 sw out 100u IC=0\nR1 out 0 2\nC1 out 0 {2*c}\n\
+         Vg g 0 PULSE(0 10 0 0 0 20u 50u)\n.param c=10u\n.model MOS SW(Ron=50m VT=5 VH=0)\n.model DI D(VFWD=0)\n.tran 1u 1m uic\n.end",
+        "Ladder\nV1 in 0 SIN(0 1 50)\nX1 in a rc\nX2 a b rc r=2k\n.subckt rc i o r=1k\nR1 i o {r}\nC1 o 0 1u\n.ends\n\
+         .ic V(a)=1 V(b)='1/2'\nE1 e 0 a b 2\nRe e 0 1k\nW1 e 0 V1 CS\n.model CS CSW(IT=1m)\n.tran 1m 10m\n.end",
+        "Coils\nI1 0 p EXP(0 1 1m 1m)\nL1 p 0 1\nL2 s 0 1m\nK1 L1 L2 0.9\nR1 s 0 1Meg\nF1 0 q V9 3\nV9 q r 0\nRq r 0 1\n\
+         .control\nrun\n.endc\n.options reltol=1e-4\n.tran 1 2\n.end",
+    ];
+    let words: Vec<&str> = decks.iter().flat_map(|deck| deck.split_inclusive([' ', '\n', '=', '(', ')'])).collect();
+    let mut random = fastrand::Rng::with_seed(7);
+    let mut refused = 0;
+    for _ in 0..2000 {
+        let mut text: Vec<&str> =
+            random.choice(decks).unwrap_or_default().split_inclusive([' ', '\n', '=', '(', ')']).collect();
+        for _ in 0..random.usize(1..6) {
+            let (at, other) = (random.usize(0..text.len()), random.usize(0..text.len()));
+            match random.u8(0..4) {
+                0 if text.len() > 1 => drop(text.remove(at)),
+                1 => text.insert(at, text[other]),
+                2 => text.swap(at, other),
+                _ => text.insert(at, words[random.usize(0..words.len())]),
+            }
+        }
+        let text = text.concat();
+        let Err(errors) = Specification::from_json(netlist(&text).to_string().as_bytes()) else { continue };
+        refused += 1;
+        for error in errors {
+            assert_eq!(error.pointer, NETLIST, "{error:?} of\n{text}");
+            if let Some(line) = error.detail.strip_prefix("line ") {
+                let number: usize = line.split([',', ':']).next().and_then(|line| line.parse().ok()).expect("a number");
+                assert!((1..=text.lines().count()).contains(&number), "{error:?} of\n{text}");
+            }
+        }
+    }
+    assert!((500..2000).contains(&refused), "{refused}");
 }

@@ -1,7 +1,9 @@
 //! Documents of the wrong form: syntax, unknown and missing keys, values of the wrong kind.
 
 use crate::documents::*;
-use serde_json::json;
+use dvi::problem::Control;
+use dvi::specification::Specification;
+use serde_json::{Value, json};
 
 #[test]
 fn an_empty_body_is_told_so() {
@@ -118,8 +120,8 @@ fn an_unknown_key_lists_the_valid_ones() {
     let expected = errors_of(document.to_string())[0].expected.clone().unwrap();
     assert_eq!(
         expected,
-        "one of `version`, `problem`, `time`, `method`, `output`, `limits`, `stop`, `sensitivities`, \
-         `periodic`, `steady_state`, `study`, `view`, `label`"
+        "one of `$schema`, `version`, `problem`, `time`, `method`, `output`, `limits`, `stop`, `sensitivities`, \
+         `periodic`, `steady_state`, `sweep`, `fit`, `study`, `view`, `label`"
     );
 }
 
@@ -170,13 +172,100 @@ fn values_of_the_wrong_kind_say_what_was_found_and_expected() {
         ("/problem/dvi/states/x/rate", json!(true), "found true, expected an expression"),
         ("/problem/dvi/states/x/initial", json!(null), "found null, expected an expression"),
         ("/problem/dvi/states/x", json!(["1", "v"]), "found a list, expected an object"),
-        ("/problem/dvi/set", json!({"box": {}}), "found an object, expected a list"),
-        ("/problem/dvi/set/0/box/of", json!("F"), "found the string \"F\", expected a list"),
-        ("/problem/dvi/mass", json!(3), "found the number 3, expected a matrix"),
+        ("/problem/dvi/set", json!(true), "found true, expected a list"),
+        ("/problem/dvi/set/0/box/of", json!(false), "found false, expected a list"),
+        ("/problem/dvi/mass", json!(true), "found true, expected a matrix"),
         ("/study", json!([1e-3]), "found a list, expected an object"),
     ] {
         assert_errors(&with(block(), pointer, value), &[(pointer, "wrong_type", detail)]);
     }
+}
+
+/// MATLAB, Octave and R write a list of one element as the element, and a column as a flat list.
+#[test]
+fn one_value_stands_for_a_list_of_it_alone() {
+    let set = json!({"box": {"of": "F", "lower": -1, "upper": 1}});
+    let document = with(with(block(), "/problem/dvi/set", set), "/output", json!({"fields": "x"}));
+    let specification = Specification::from_json(document.to_string().as_bytes()).unwrap();
+    let names = specification.model().output_names();
+    let kept: Vec<&str> = specification.output_fields().iter().map(|&field| names[field].as_str()).collect();
+    assert_eq!(kept, ["x"]);
+    let small = |problem: Value| json!({"problem": {"lcs": problem}, "time": {"end": 1}});
+    let written = [
+        small(
+            json!({"initial": [1], "A": [[-1]], "a": [0], "B": [[2]], "C": [[1]], "D": [[1]], "g": [0], "set": [{"nonnegative": ["z1"]}]}),
+        ),
+        small(json!({"initial": 1, "A": -1, "a": 0, "B": 2, "C": 1, "D": "1", "g": 0, "set": {"nonnegative": "z1"}})),
+    ];
+    let read = written.map(|document| Specification::from_json(document.to_string().as_bytes()).unwrap());
+    let [lists, alone] = read.each_ref().map(|read| dvi::solve(read, &Control::new()).trajectory);
+    assert_eq!(lists, alone);
+    // A column of two, and a row of two, both as flat lists.
+    let written = [
+        small(
+            json!({"initial": [1, 2], "A": [[-1, 0], [0, -2]], "B": [[1], [3]], "C": [[1, 4]], "D": [[1]], "set": [{"nonnegative": ["z1"]}]}),
+        ),
+        small(
+            json!({"initial": [1, 2], "A": [[-1, 0], [0, -2]], "B": [1, 3], "C": [1, 4], "D": 1, "set": {"nonnegative": "z1"}}),
+        ),
+    ];
+    let read = written.map(|document| Specification::from_json(document.to_string().as_bytes()).unwrap());
+    let [lists, flat] = read.each_ref().map(|read| dvi::solve(read, &Control::new()).trajectory);
+    assert_eq!(lists, flat);
+    // What is wrong with it is at its place in what was written.
+    let wrong = with(block(), "/problem/dvi/set", json!({"bxo": {"of": "F"}}));
+    assert_suggestion(&wrong, "/problem/dvi/set/bxo", "unknown_choice", "box");
+    let rows = ("/problem/dvi/mass", "wrong_shape", "expected 2 rows");
+    let entries = ("/problem/dvi/mass/0", "wrong_shape", "expected 2 entries");
+    assert_errors(&with(block(), "/problem/dvi/mass", json!(3)), &[rows, entries]);
+}
+
+#[test]
+fn the_end_may_be_called_until_and_not_twice() {
+    let document = with(block(), "/time", json!({"until": 10}));
+    assert_eq!(Specification::from_json(document.to_string().as_bytes()).unwrap().time().end, 10.0);
+    let twice = with(block(), "/time", json!({"until": 10, "end": 10}));
+    assert_errors(&twice, &[("/time/until", "conflict", "another name of `end`")]);
+}
+
+/// A comment may say what it will in an object of fixed keys; among names it is a name.
+#[test]
+fn comments_and_the_address_of_the_schema_are_passed_over() {
+    let remark = json!("why it is so");
+    let mut document = block();
+    document["$schema"] = json!("http://localhost:8080/schema");
+    for pointer in [
+        "",
+        "/time",
+        "/problem",
+        "/problem/dvi",
+        "/problem/dvi/states/x",
+        "/problem/dvi/set/0",
+        "/problem/dvi/set/0/box",
+    ] {
+        document.pointer_mut(pointer).unwrap()["comment"] = remark.clone();
+    }
+    let specification = Specification::from_json(document.to_string().as_bytes()).unwrap();
+    assert_eq!(
+        specification.model().state_names(),
+        Specification::from_json(block().to_string().as_bytes()).unwrap().model().state_names()
+    );
+    // Beside the type of a problem with vectors too.
+    let vectors = json!({"parameters": {"n": 2}, "states": {"x[1..n]": {"initial": 1, "rate": "-x[i]"}}});
+    let vectors = json!({"problem": {"comment": "why", "dvi": vectors}, "time": {"end": 1}});
+    assert!(Specification::from_json(vectors.to_string().as_bytes()).is_ok());
+    let schema = json!({"initial": 0, "rate": "1"});
+    let state = with(block(), "/problem/dvi/states/comment", schema);
+    assert!(
+        Specification::from_json(state.to_string().as_bytes())
+            .unwrap()
+            .model()
+            .state_names()
+            .contains(&"comment".to_owned())
+    );
+    let elsewhere = with(block(), "/time/$schema", json!("x"));
+    assert_errors(&elsewhere, &[("/time/$schema", "unknown_key", "not a key here")]);
+    assert_errors(&with(block(), "/$schema", json!(3)), &[("/$schema", "wrong_type", "expected a string")]);
 }
 
 #[test]

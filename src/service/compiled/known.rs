@@ -42,7 +42,8 @@ impl Known {
     /// Nothing is known of its answer.
     pub fn of(specification: Specification) -> Self {
         let facts = Facts::of(&specification);
-        let is_plain = specification.model().dvi().is_some() && specification.study().is_none();
+        let is_plain =
+            specification.model().dvi().is_some() && specification.study().is_none() && specification.sweep().is_none();
         Self { is_small: is_plain && facts.memory <= SMALL, facts, specification, answer: OnceLock::new() }
     }
 

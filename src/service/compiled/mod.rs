@@ -49,7 +49,7 @@ impl Compiled {
         let like = lock(&self.structures).find(&structure.text)?;
         let given: Vec<(&str, f64)> = structure.parameters().collect();
         // What cannot be bound is read, which says why.
-        let bound = Arc::new(Known::of(like.specification.with_parameters(&given).ok()?));
+        let bound = Arc::new(Known::of(like.specification.with_parameters(&given).ok()?.of_text(text)));
         if lock(&self.bound).again(text) {
             lock(&self.texts).insert(text.into(), Arc::clone(&bound));
         }
@@ -77,7 +77,7 @@ fn is_of(structure: &Structure<'_>, specification: &Specification) -> bool {
     let known = || parameters.names().iter().map(String::as_str).zip(parameters.values().iter().copied());
     let same = structure.parameters().count() == known().count()
         && structure.parameters().all(|given| known().any(|known| known == given));
-    same && !advised && specification.study().is_none()
+    same && !advised && specification.study().is_none() && specification.sweep().is_none()
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {

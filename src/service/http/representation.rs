@@ -13,7 +13,7 @@ use axum::http::HeaderValue;
 use axum::http::request::Parts;
 use solution::Excerpt;
 use solution::columnar::{JsonPieces, TablePieces};
-use solution::encodings::{Arrow, Csv, Lines, Table};
+use solution::encodings::{Arrow, Csv, Lines, MembersForm, Table, write_members};
 use solution::pictures::write_svg;
 use std::io;
 use std::sync::Arc;
@@ -55,6 +55,16 @@ impl Representation {
         })
     }
 
+    /// The form of the table of a sweep.
+    fn of_members(self) -> Option<MembersForm> {
+        match self {
+            Self::Csv => Some(MembersForm::Csv),
+            Self::Lines => Some(MembersForm::Lines),
+            Self::Arrow => Some(MembersForm::Arrow),
+            Self::Json | Self::Svg => None,
+        }
+    }
+
     /// The results of `job`, or an excerpt of them, in this form. Short ones have their JSON in hand; what is long is written
     /// as the client takes it.
     ///
@@ -81,6 +91,14 @@ impl Representation {
             Err(error) => return Err(no_excerpt(shared, job, error).await),
         };
         let numbers = part.numbers();
+        if let Some(form) = self.of_members().filter(|_| part.skeleton.has_table()) {
+            let room = shared.room.take(part.skeleton.text().len()).await;
+            let written = aside(shared, job.client, large, move || members(&part, form)).await?;
+            return Ok(Body::from(Bytes::from_owner(Taken::new(
+                written.map_err(|error| unreadable(id, &error))?,
+                room,
+            ))));
+        }
         let table: Box<dyn Table> = match self {
             Self::Json => {
                 let making = Making::Json(JsonPieces::new(part.selection.clone(), part.skeleton.clone()));
@@ -97,7 +115,11 @@ impl Representation {
             }
             Self::Csv => Box::new(Csv),
             Self::Lines => Box::new(Lines),
-            Self::Arrow => Box::new(Arrow::with(&part.skeleton.verdict().map_err(|error| unreadable(id, &error))?)),
+            Self::Arrow => {
+                let verdict = part.skeleton.verdict().map_err(|error| unreadable(id, &error))?;
+                let provenance = part.skeleton.provenance().map_err(|error| unreadable(id, &error))?;
+                Box::new(Arrow::with(&verdict).of(provenance.as_ref()))
+            }
         };
         let making = Making::Table(TablePieces::new(part.selection.clone(), table));
         pieces(Unwritten { part, making }, numbers, id, shared)
@@ -151,6 +173,12 @@ fn picture(part: &Part, label: Option<&str>) -> io::Result<Vec<u8>> {
     let mut text = Vec::new();
     write_svg(&part.solution()?, label, &mut text)?;
     Ok(text)
+}
+
+fn members(part: &Part, form: MembersForm) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    write_members(&part.solution()?, form, &mut bytes)?;
+    Ok(bytes)
 }
 
 /// The JSON of short results, not copied.

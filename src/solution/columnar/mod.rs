@@ -14,6 +14,7 @@ mod pieces;
 mod skeleton;
 mod stored;
 
+pub(super) use checksum::checksum;
 pub use pieces::{JsonPieces, TablePieces, write_whole};
 pub use skeleton::Skeleton;
 pub use stored::{Source, Stored, write_columns};

@@ -1,6 +1,9 @@
 //! A solution without its columns, as JSON: what an excerpt of it says beside the numbers.
 
-use crate::{Checked, EndedBy, Event, Failure, Orbit, Solution, Status, SteadyState, Trajectory, Verdict, Version};
+use crate::{
+    Checked, EndedBy, Event, Failure, FitAnswer, Orbit, Provenance, Solution, StaticSolution, Status, SteadyState,
+    Summary, Trajectory, Verdict, Version,
+};
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
 use std::borrow::Cow;
@@ -23,6 +26,8 @@ struct Parts<'a> {
     #[serde(default)]
     verdict: Verdict,
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    provenance: Option<Provenance>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     error: Option<Failure>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     ended_by: Option<EndedBy>,
@@ -35,6 +40,14 @@ struct Parts<'a> {
     orbit: Option<Orbit>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     steady_state: Option<SteadyState>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    fit: Option<FitAnswer>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    solution: Option<StaticSolution>,
+    #[serde(borrow, default, skip_serializing_if = "Option::is_none")]
+    table: Option<Cow<'a, RawValue>>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    summary: Option<Summary>,
     #[serde(borrow, default, skip_serializing_if = "Option::is_none")]
     study: Option<Cow<'a, RawValue>>,
 }
@@ -49,6 +62,7 @@ impl Skeleton {
             version,
             status,
             verdict,
+            provenance,
             error,
             ended_by,
             trajectory,
@@ -56,13 +70,19 @@ impl Skeleton {
             sensitivities,
             orbit,
             steady_state,
+            table,
+            summary,
+            fit,
+            solution: of_static,
             study,
+            collected: _,
         } = solution;
         let evidence = |text: serde_json::Result<Box<RawValue>>| text.map(Cow::Owned);
         let parts = Parts {
             version: *version,
             status: *status,
             verdict: verdict.clone(),
+            provenance: provenance.clone(),
             error: error.clone(),
             ended_by: ended_by.clone(),
             trajectory: Trajectory { events: trajectory.events.clone(), ..Trajectory::default() },
@@ -70,6 +90,10 @@ impl Skeleton {
             sensitivities: sensitivities.clone(),
             orbit: orbit.clone(),
             steady_state: steady_state.clone(),
+            table: table.as_ref().map(|table| evidence(serde_json::value::to_raw_value(table))).transpose()?,
+            summary: summary.clone(),
+            fit: fit.clone(),
+            solution: of_static.clone(),
             study: study.as_ref().map(|study| evidence(serde_json::value::to_raw_value(study))).transpose()?,
         };
         Ok(Self(serde_json::to_string(&parts)?))
@@ -127,6 +151,19 @@ impl Skeleton {
         let solution: Solution = serde_json::from_str(&self.0)?;
         let events = solution.trajectory.events;
         Ok(Solution { trajectory: Trajectory { events, ..trajectory }, ..solution })
+    }
+
+    /// Whether it is the answer of a sweep. Within a string, quotes are not without a backslash.
+    pub fn has_table(&self) -> bool {
+        self.0.contains("\"table\":{\"columns\":")
+    }
+
+    /// What the solution is the answer to.
+    ///
+    /// # Errors
+    /// The text is not that of a solution.
+    pub fn provenance(&self) -> io::Result<Option<Provenance>> {
+        Ok(serde_json::from_str::<Parts<'_>>(&self.0)?.provenance)
     }
 
     /// The verdict on the solution.

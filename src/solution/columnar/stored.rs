@@ -222,8 +222,14 @@ mod tests {
             trajectory: Trajectory { t, fields, events },
             diagnostics: Diagnostics { switches: 7, ..Diagnostics::default() },
             orbit: None,
+            provenance: None,
             steady_state: None,
+            table: None,
+            summary: None,
+            fit: None,
+            solution: None,
             study: None,
+            collected: Vec::new(),
         }
     }
 

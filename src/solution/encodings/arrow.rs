@@ -1,10 +1,11 @@
 //! The streaming form of Arrow's interprocess communication (`application/vnd.apache.arrow.stream`): a schema, record
 //! batches of columns of doubles, none of them null, and the mark of the end.
 //!
-//! The metadata of the schema hold the verdict: `dvi.trusted` is `true` or `false`, `dvi.verdict` the whole of it as JSON.
+//! The metadata of the schema hold the verdict: `dvi.trusted` is `true` or `false`, `dvi.verdict` the whole of it as JSON; and as
+//! `dvi.provenance` what the answer is to.
 
 use super::Table;
-use crate::{Trajectory, Verdict};
+use crate::{Provenance, Trajectory, Verdict};
 use arrow_array::{ArrayRef, Float64Array, RecordBatch};
 use arrow_ipc::writer::StreamWriter;
 use arrow_schema::{ArrowError, DataType, Schema};
@@ -27,6 +28,20 @@ impl Arrow {
         let json = serde_json::to_string(verdict).unwrap_or_default();
         let metadata = [("dvi.trusted", verdict.trusted.to_string()), ("dvi.verdict", json)];
         Self { metadata: metadata.map(|(key, value)| (key.to_owned(), value)).into(), begun: None }
+    }
+
+    /// The same, with what the answer is to.
+    #[must_use]
+    pub fn of(mut self, provenance: Option<&Provenance>) -> Self {
+        if let Some(json) = provenance.and_then(|provenance| serde_json::to_string(provenance).ok()) {
+            self.metadata.insert("dvi.provenance".to_owned(), json);
+        }
+        self
+    }
+
+    /// The metadata of its schema.
+    pub fn metadata(&self) -> &HashMap<String, String> {
+        &self.metadata
     }
 
     /// Hands on what has been written.

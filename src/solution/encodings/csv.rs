@@ -39,7 +39,7 @@ impl Table for Csv {
 }
 
 /// A field of text, quoted where RFC 4180, section 2, asks for it.
-fn write_text(text: &str, out: &mut dyn Write) -> io::Result<()> {
+pub(super) fn write_text(text: &str, out: &mut (impl Write + ?Sized)) -> io::Result<()> {
     if text.contains(['"', ',', '\n', '\r']) {
         write!(out, "\"{}\"", text.replace('"', "\"\""))
     } else {

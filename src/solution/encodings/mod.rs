@@ -4,6 +4,8 @@
 //! - JSON: one object, columns as arrays. It alone has events and diagnostics.
 //! - Tables, written some rows at a time: [CSV](Csv), [JSON lines](Lines), [Arrow].
 //!
+//! The answer of a sweep is a table of its own, with words and with what is missing ([`write_members`]).
+//!
 //! The verdict stands in JSON right after `status`, and in the metadata of an Arrow schema. CSV (RFC 4180) has no comments, and
 //! each of the JSON lines is a row: readers of data frames would take anything else for data. There the header `Dvi-Trusted` of
 //! the service and the exit code of the program say it.
@@ -11,10 +13,12 @@
 mod arrow;
 mod csv;
 mod lines;
+mod members;
 
 pub use arrow::Arrow;
 pub use csv::Csv;
 pub use lines::Lines;
+pub use members::{MembersForm, write_members};
 
 use super::{Solution, Trajectory};
 use std::io::{self, Write};
@@ -144,8 +148,14 @@ mod tests {
             trajectory,
             diagnostics,
             orbit: None,
+            provenance: None,
             steady_state: None,
+            table: None,
+            summary: None,
+            fit: None,
+            solution: None,
             study: None,
+            collected: Vec::new(),
         };
         let mut json = Vec::new();
         write_json(&solution, &mut json).unwrap();
@@ -196,8 +206,14 @@ mod tests {
             trajectory,
             diagnostics,
             orbit: None,
+            provenance: None,
             steady_state: None,
+            table: None,
+            summary: None,
+            fit: None,
+            solution: None,
             study: None,
+            collected: Vec::new(),
         };
         let mut json = Vec::new();
         write_json(&solution, &mut json).unwrap();

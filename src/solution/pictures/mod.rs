@@ -8,6 +8,7 @@ mod axis;
 mod double_logarithmic;
 mod elements;
 mod legend;
+mod members;
 mod overview;
 mod panel;
 mod thinning;
@@ -41,13 +42,17 @@ const APART: f64 = 2.0;
 const LINE_CHARACTERS: usize = 80;
 const LARGE_CHARACTERS: usize = 60;
 
-/// Writes the picture of a solution, under its label; that of a study shows error against run time.
+/// Writes the picture of a solution, under its label; that of a study shows error against run time, that of a sweep its
+/// table.
 ///
 /// # Errors
 /// Those of `out`.
 pub fn write_svg(solution: &Solution, label: Option<&str>, out: &mut impl Write) -> io::Result<()> {
     if let Some(study) = &solution.study {
         return writeln!(out, "{}", study.picture);
+    }
+    if let Some(table) = &solution.table {
+        return writeln!(out, "{}", members::members(solution, table, label));
     }
     let trajectory = &solution.trajectory;
     let axis = Axis::spanning(trajectory.t.iter().copied(), 0.0);

@@ -17,8 +17,14 @@ fn solution(t: Vec<f64>, columns: Vec<Vec<f64>>) -> Solution {
         trajectory,
         diagnostics: Diagnostics::default(),
         orbit: None,
+        provenance: None,
         steady_state: None,
+        table: None,
+        summary: None,
+        fit: None,
+        solution: None,
         study: None,
+        collected: Vec::new(),
     }
 }
 

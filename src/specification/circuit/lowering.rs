@@ -40,13 +40,14 @@ impl Written for CircuitProblem {
         let model = match (&self.components, &self.netlist) {
             (Some(components), None) => {
                 let circuit = Circuit::new(components, place.key("components"), None);
-                circuit.model(&self.definitions, &mut lowering)
+                circuit.model((&self.definitions, &[]), &mut lowering)
             }
             (None, Some(text)) => {
                 let place = place.key("netlist");
                 match netlist::read(text) {
-                    Ok(netlist::Netlist { components, lines }) => {
-                        Circuit::new(&components, place, Some(&lines)).model(&self.definitions, &mut lowering)
+                    Ok(netlist::Netlist { components, lines, remarks, .. }) => {
+                        let circuit = Circuit::new(&components, place, Some(&lines));
+                        circuit.model((&self.definitions, &remarks), &mut lowering)
                     }
                     Err(errors) => {
                         errors.into_iter().for_each(|error| lowering.errors.push(error.at(&place)));
@@ -82,7 +83,12 @@ impl<'a> Circuit<'a> {
         Self { components, owners, place, lines }
     }
 
-    fn model(&self, definitions: &Ordered<Expression>, lowering: &mut Lowering) -> Option<Arc<dyn Model>> {
+    /// The model, with what is remarked of how its netlist is read.
+    fn model(
+        &self,
+        (definitions, remarks): (&Ordered<Expression>, &[String]),
+        lowering: &mut Lowering,
+    ) -> Option<Arc<dyn Model>> {
         let count = self.components.len();
         if count == 0 || count > MOST_COMPONENTS {
             let detail = format!("{count} components");
@@ -117,10 +123,11 @@ impl<'a> Circuit<'a> {
             if !lowering.errors.is_empty() {
                 return None;
             }
-            let errors = match model::model(self, (&elements, &terms, &drives), (&names, definitions), lowering) {
-                Ok(model) => return Some(model),
-                Err(errors) => errors,
-            };
+            let errors =
+                match model::model(self, (&elements, &terms, &drives), (&names, definitions, remarks), lowering) {
+                    Ok(model) => return Some(model),
+                    Err(errors) => errors,
+                };
             let is_named = |k: usize| errors.iter().any(|error| error.pointer == self.at_component(k));
             let is_transformer = |k: &usize| matches!(self.components[*k], Component::Transformer(_));
             let turned: Vec<usize> =

@@ -7,7 +7,7 @@ mod elements;
 mod faults;
 mod lowering;
 mod model;
-mod netlist;
+pub(super) mod netlist;
 
 pub use components::{
     Capacitor, Comparator, Component, CurrentSource, Diode, Inductor, OpAmp, Resistor, Switch, Transformer,
@@ -52,10 +52,11 @@ pub struct CircuitProblem {
     pub integrals: Ordered<Expression>,
     /// At most 10000 components.
     pub components: Option<Vec<Component>>,
-    /// A netlist as SPICE reads it, at most 64 KiB: lines of `R`, `C`, `L`, `V`, `I`, `D` (ideal) and the
-    /// controlled sources `E`, `F`, `G` and `H` with a gain, sources `DC`, `SIN`,
-    /// `PULSE` and `PWL`, values with suffixes as in `4.7k` or `100n`, `IC=` of capacitors and inductors, comments after
-    /// `*` and `;`, continuations after `+`.
+    /// A netlist as SPICE reads it, at most 64 KiB: lines of `R`, `C`, `L`, `V`, `I`, `D` (ideal), switches `S` and `W` with a
+    /// `.model`, the controlled sources `E`, `F`, `G` and `H` with a gain, `K` for two coupled inductors, `X` for a `.subckt`;
+    /// sources `DC`, `SIN`, `PULSE`, `PWL` and `EXP`, values with suffixes as in `4.7k` or `100n` and expressions in braces with
+    /// names of `.param`, `IC=` of capacitors and inductors, `.ic`, comments after `*` and `;`, continuations after `+`. With
+    /// `.tran` its first line is its title; the horizon is that of `time` all the same.
     #[schema(max_length = 65536)]
     pub netlist: Option<String>,
 }

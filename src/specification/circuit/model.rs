@@ -15,7 +15,7 @@ use models::circuit::{
     CircuitParameters, Columns, Element, Equations as Forms, Fault, Law, NormalTree, Port, Quantity, System, Terms,
 };
 use models::{DviModel, Equations, KinkAdvice, Linear, Outputs, ParametricTerms, Refusal};
-use problem::Mass;
+use problem::{Mass, Warning};
 use std::sync::Arc;
 
 /// The model of a circuit whose components are right each by itself.
@@ -25,7 +25,7 @@ use std::sync::Arc;
 pub(super) fn model(
     circuit: &Circuit<'_>,
     (elements, terms, drives): (&[Element], &Terms, &[(usize, Drive<'_>)]),
-    (names, definitions): (&Names<'_>, &Ordered<Expression>),
+    (names, definitions, remarks): (&Names<'_>, &Ordered<Expression>, &[String]),
     lowering: &mut Lowering,
 ) -> Result<Arc<dyn Model>, Vec<SpecificationError>> {
     let told = |faults: Vec<Fault>| -> Vec<SpecificationError> { faults.iter().map(|f| names.error(f)).collect() };
@@ -102,7 +102,7 @@ pub(super) fn model(
         outputs,
         initial,
         equations,
-        warnings: Vec::new(),
+        warnings: remarks.iter().map(|remark| Warning { code: "netlist", message: remark.clone() }).collect(),
         kinks: KinkAdvice::default(),
         parameters,
     };

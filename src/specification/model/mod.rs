@@ -9,6 +9,7 @@ mod dvi;
 mod mechanical;
 mod obstacle;
 mod rigid_bodies;
+mod static_vi;
 
 use super::checked::Specification;
 use super::document::Time;

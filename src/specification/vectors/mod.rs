@@ -7,6 +7,7 @@
 
 mod range;
 
+use super::deserializer::COMMENT;
 use super::error::{Errors, SpecificationError};
 use super::json::Json;
 use super::place::{Step, pointer};
@@ -37,6 +38,11 @@ impl Vectors {
         let errors = errors.into_iter().filter(|error| !is_told(error));
         let moved = errors.map(|error| SpecificationError { pointer: self.origin(error.pointer), ..error });
         moved.filter(|error| seen.insert((error.pointer.clone(), error.code))).collect()
+    }
+
+    /// Has errors at a place reported at another.
+    pub fn stands_for(&mut self, new: String, old: String) {
+        self.origins.insert(new, old);
     }
 
     fn origin(&self, pointer: String) -> String {
@@ -299,9 +305,8 @@ fn rename(element: &mut Json, name: &str) {
 impl Json {
     /// The value of an object with one member.
     fn only(&self) -> Option<&Json> {
-        match self {
-            Json::Object(members) if members.len() == 1 => members.first().map(|(_, value)| value),
-            _ => None,
-        }
+        let Json::Object(members) = self else { return None };
+        let mut members = members.iter().filter(|(name, _)| name != COMMENT);
+        members.next().filter(|_| members.next().is_none()).map(|(_, value)| value)
     }
 }

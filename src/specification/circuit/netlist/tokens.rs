@@ -1,9 +1,10 @@
-//! The words of a netlist. Blanks, commas and parentheses part them; `=` is a word of its own. A line that begins with
-//! `*` is a comment, as is what stands after `;`; one that begins with `+` goes on with the line before.
+//! The words of a netlist. Blanks, commas and parentheses part them; `=` is a word of its own, and so is what stands in braces
+//! or quotes. A line that begins with `*` is a comment, as is what stands after `;` or ` $ `; one that begins with `+` goes on
+//! with the line before.
 
 use crate::wording::abridged;
 use std::ops::Range;
-use winnow::combinator::{alt, preceded, repeat};
+use winnow::combinator::{alt, opt, preceded, repeat};
 use winnow::prelude::*;
 use winnow::stream::LocatingSlice;
 use winnow::token::take_while;
@@ -21,7 +22,13 @@ pub(super) struct Token<'a> {
 impl<'a> Token<'a> {
     /// Whether it begins as a number does.
     pub fn is_like_a_number(self) -> bool {
-        self.text.starts_with(|c: char| c.is_ascii_digit() || "+-.".contains(c))
+        self.text.starts_with(|c: char| c.is_ascii_digit() || "+-.{'".contains(c))
+    }
+
+    /// What stands between braces or quotes, if it is an expression in them.
+    pub fn expression(self) -> Option<&'a str> {
+        let within = |open, close| self.text.strip_prefix(open)?.strip_suffix(close);
+        within('{', '}').or_else(|| within('\'', '\''))
     }
 
     /// As it can stand in a message.
@@ -47,6 +54,7 @@ pub(super) fn statements(text: &str) -> Vec<Statement<'_>> {
             Some(_) => (false, 0),
         };
         let code = line[offset..].split(';').next().unwrap_or_default();
+        let code = code.split(" $ ").next().unwrap_or_default();
         let tokens: Vec<Token<'_>> = words(code)
             .into_iter()
             .map(|(text, place)| {
@@ -68,7 +76,13 @@ fn words(text: &str) -> Vec<(&str, Range<usize>)> {
     fn is_blank(c: char) -> bool {
         c.is_whitespace() || "(),".contains(c)
     }
-    let word = alt(("=", take_while(1.., |c: char| !is_blank(c) && c != '=')));
+    let until = |close: char| take_while(0.., move |c: char| c != close);
+    let word = alt((
+        "=",
+        ('{', until('}'), opt('}')).take(),
+        ('\'', until('\''), opt('\'')).take(),
+        take_while(1.., |c: char| !is_blank(c) && !"={'".contains(c)),
+    ));
     let blanks = || take_while::<_, LocatingSlice<&str>, winnow::error::EmptyError>(0.., is_blank);
     let mut all = repeat(0.., preceded(blanks(), word.with_span()));
     // Whatever is not blank is a word, so that only blanks are left.
@@ -78,6 +92,12 @@ fn words(text: &str) -> Vec<(&str, Range<usize>)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_expression_in_braces_or_quotes_is_one_word() {
+        let told: Vec<&str> = words("R1 a b {2*(r + 1)} x='a, b'\t{open").into_iter().map(|(word, _)| word).collect();
+        assert_eq!(told, ["R1", "a", "b", "{2*(r + 1)}", "x", "=", "'a, b'", "{open"]);
+    }
 
     #[test]
     fn lines_go_on_and_comments_say_nothing() {

@@ -37,10 +37,22 @@ pub(super) fn value(token: Token<'_>) -> Result<f64, NetlistError> {
 }
 
 /// The number scaled as the letters say, and rounded once: the reciprocal of a small scale is exact, itself it is not.
-fn scaled(number: f64, letters: &str) -> f64 {
+pub(super) fn scaled(number: f64, letters: &str) -> f64 {
     let letters = letters.to_lowercase();
     let scale = SCALES.iter().find(|(suffix, _)| letters.starts_with(suffix)).map_or(1.0, |&(_, scale)| scale);
     if scale < 1.0 { number / (1.0 / scale).round() } else { number * scale }
+}
+
+/// What someone else than SPICE would read a number as, where that is likely: `1M` as a million, `1F` as a farad.
+pub(super) fn likely_meant(text: &str) -> Option<&'static str> {
+    let letters = text.trim_start_matches(|c: char| c.is_ascii_digit() || "+-.".contains(c));
+    let is_number = letters.len() < text.len();
+    match letters {
+        _ if !is_number => None,
+        "M" | "MOhm" | "MOhms" | "MHz" => Some("`M` is a thousandth in SPICE: a million is `Meg`"),
+        "F" | "f" | "Farad" | "farad" => Some("`F` is 1e-15 in SPICE: a farad has no suffix"),
+        _ => None,
+    }
 }
 
 #[cfg(test)]
@@ -74,6 +86,16 @@ mod tests {
         ];
         for (text, expected) in known {
             assert_eq!(of(text), Some(expected), "{text}");
+        }
+    }
+
+    #[test]
+    fn scales_that_are_likely_another_are_told() {
+        for text in ["1M", "2.2M", "1MHz", "1F", "-3f"] {
+            assert!(likely_meant(text).is_some(), "{text}");
+        }
+        for text in ["1m", "1Meg", "1MEG", "1mF", "10u", "M", "F", "f1", "100pF"] {
+            assert_eq!(likely_meant(text), None, "{text}");
         }
     }
 

@@ -6,27 +6,32 @@
 //! SIN(vo va freq td theta phase)  vo + va sin(2 pi freq s + phase) exp(-theta s), s = max(t - td, 0)
 //! PULSE(v1 v2 td tr tf pw per)    v1, from td on v2 after a rise of tr, for pw, and v1 after a fall of tf; every per
 //! PWL(t1 v1 t2 v2 ..)             straight lines between these points; where times are equal, jumps
+//! EXP(v1 v2 td1 tau1 td2 tau2)    from td1 on towards v2 with the time constant tau1, from td2 on back with tau2
 //! ```
 
 use super::tokens::Token;
-use super::value::value;
 use super::{NetlistError, Rest};
 use crate::expression::Expression;
 use std::f64::consts::PI;
 
-const KINDS: &str = "a value, DC, SIN, PULSE or PWL";
+const KINDS: &str = "a value, DC, SIN, PULSE, PWL or EXP";
 
 /// The most points of a piecewise linear source.
 const MOST_POINTS: usize = 500;
 
 /// Reads a source to the end of its line. A waveform replaces the value that stands before it.
-pub(super) fn read(rest: &mut Rest<'_>) -> Result<Expression, NetlistError> {
+pub(super) fn read(rest: &mut Rest<'_, '_>) -> Result<Expression, NetlistError> {
     let mut token = rest.next(KINDS)?;
     let mut source = None;
     if token.text.eq_ignore_ascii_case("dc") {
         source = Some(rest.value("a value")?.into());
-    } else if token.is_like_a_number() {
-        source = Some(value(token)?.into());
+    } else if rest.is_value(token) {
+        source = Some(rest.number(token)?.into());
+    }
+    // What an analysis of small signals would take says nothing here.
+    if source.is_some() && rest.peek().is_some_and(|token| token.text.eq_ignore_ascii_case("ac")) {
+        rest.next("AC")?;
+        rest.values()?;
     }
     if let Some(constant) = source {
         match rest.peek() {
@@ -35,9 +40,10 @@ pub(super) fn read(rest: &mut Rest<'_>) -> Result<Expression, NetlistError> {
         }
     }
     let read = match token.text.to_ascii_lowercase().as_str() {
-        "sin" => sine,
+        "sin" | "sine" => sine,
         "pulse" => pulse,
         "pwl" => piecewise_linear,
+        "exp" => exponential,
         _ => {
             let detail = format!("`{}` is no source known here", token.shown());
             return Err(NetlistError::new(token, "unknown_source", detail, KINDS));
@@ -45,7 +51,7 @@ pub(super) fn read(rest: &mut Rest<'_>) -> Result<Expression, NetlistError> {
     };
     let values = rest.values()?;
     rest.options([])?;
-    let numbers = values.iter().map(|&token| value(token)).collect::<Result<Vec<f64>, _>>()?;
+    let numbers = values.iter().map(|&token| rest.number(token)).collect::<Result<Vec<f64>, _>>()?;
     read(token, &values, &numbers)
 }
 
@@ -123,6 +129,25 @@ fn piecewise_linear(token: Token<'_>, values: &[Token<'_>], numbers: &[f64]) -> 
         sum += &format!(" + ({:?})*{ramp}", numbers[k + 1] - numbers[k - 1]);
     }
     Ok(Expression::Text(sum))
+}
+
+fn exponential(token: Token<'_>, values: &[Token<'_>], numbers: &[f64]) -> Result<Expression, NetlistError> {
+    const EXPECTED: &str =
+        "EXP(low high delay constant delay_back constant_back), the first four at least; constants above 0";
+    let &[low, high, delay, constant, ref back @ ..] = numbers else {
+        return Err(refuse(token, &format!("EXP has {} values", numbers.len()), EXPECTED));
+    };
+    let height = high - low;
+    let term = |delay: f64, constant: f64| format!("(1 - exp(-max(t - ({delay:?}), 0)/({constant:?})))");
+    let back = match back {
+        [] => String::new(),
+        &[delay_back, constant_back] if constant_back > 0.0 => format!(" - {}", term(delay_back, constant_back)),
+        _ => return Err(refuse(values.last().copied().unwrap_or(token), "EXP cannot go back so", EXPECTED)),
+    };
+    if constant <= 0.0 {
+        return Err(refuse(values[3], "a time constant of EXP is not above zero", EXPECTED));
+    }
+    Ok(Expression::Text(format!("({low:?}) + ({height:?})*({}{back})", term(delay, constant))))
 }
 
 /// From 0 where `since` is negative to 1 where it is more than `duration`.

@@ -134,7 +134,7 @@ pub struct Monitor {
 }
 
 /// Below this part of its terms a monitor is zero: what rounding and bisection leave of it.
-const ZERO: f64 = 1e-9;
+pub const ZERO: f64 = 1e-9;
 /// Between events it may be negative by this part.
 const SLACK: f64 = 1e-12;
 
@@ -172,10 +172,12 @@ impl Monitor {
         for k in 1..=PARTS {
             let s = h * k as f64 / PARTS as f64;
             if value(s) < 0.0 {
+                // Its zero itself, where the part begins above it: delays by the slack would add up over hundreds of events.
+                let zero = if value(before) >= slack { slack } else { 0.0 };
                 let (mut low, mut high) = (before, s);
                 for _ in 0..60 {
                     let middle = 0.5 * (low + high);
-                    if value(middle) < 0.0 { high = middle } else { low = middle }
+                    if value(middle) < zero { high = middle } else { low = middle }
                 }
                 return Some(high);
             }
@@ -190,14 +192,20 @@ pub fn terms(row: &RowDVector<f64>, sizes: &DVector<f64>) -> f64 {
     row.iter().zip(sizes.iter()).map(|(c, size)| (c * size).abs()).sum()
 }
 
-/// The sign of the first derivative of `row y` that is not zero along `y' = M y`, from the function itself on; zero if there
-/// is none.
-pub fn lexicographic_sign(row: &RowDVector<f64>, m: &DMatrix<f64>, y: &DVector<f64>, sizes: &DVector<f64>) -> f64 {
+/// The sign of the first derivative of `row y` that is above a part `zero` of its terms along `y' = M y`, from the function
+/// itself on; zero if there is none.
+pub fn lexicographic_sign(
+    row: &RowDVector<f64>,
+    m: &DMatrix<f64>,
+    y: &DVector<f64>,
+    sizes: &DVector<f64>,
+    zero: f64,
+) -> f64 {
     let mut row = row.clone();
     for _ in 0..=m.nrows() {
         let value = (&row * y)[0];
         let terms = terms(&row, sizes);
-        if value.abs() > ZERO * terms {
+        if value.abs() > zero * terms {
             return value.signum();
         }
         row *= m;

@@ -5,9 +5,12 @@
 //! `W (C_J x + g_J + ..) = 0` is kept by the states, and `W C_J x' = ..` holds besides. At the start and at each event the
 //! modes are enumerated, and that one is taken in which every monitor is positive right after, judged by the first derivative
 //! that does not vanish. If two lead on in different directions there is no unique answer, and none is given.
+//!
+//! What counts as zero decides at events, and an accumulation of them ends by it. Two runs, one with thresholds far below those
+//! of the other, differ by what that does to the answer.
 
 use super::Values;
-use super::flow::{Driven, Flow, Monitor, lexicographic_sign, terms};
+use super::flow::{Driven, Flow, Monitor, ZERO, lexicographic_sign, terms};
 use crate::differential::linear::{Linear, Shape};
 use nalgebra::{DMatrix, DVector, RowDVector};
 
@@ -18,6 +21,8 @@ const MOST_EVENTS: usize = 20_000;
 const MOST_VARIABLES: usize = 4;
 /// What rounding leaves of a constraint that holds, as a part of its terms.
 const HOLDS: f64 = 1e-8;
+/// The thresholds of the finer of two runs, in parts of those of the coarser.
+const FINER: f64 = 1e-2;
 /// What is determined at all has singular values above this part of the largest.
 const RANK: f64 = 1e-10;
 
@@ -33,6 +38,8 @@ struct Mode {
     flow: DMatrix<f64>,
     /// What must not become negative.
     monitors: Vec<RowDVector<f64>>,
+    /// What the states keep at zero.
+    kept: Vec<RowDVector<f64>>,
 }
 
 /// The system in all unknowns.
@@ -43,6 +50,8 @@ struct Modes<'a> {
     gaps: Vec<RowDVector<f64>>,
     bounds: Vec<(f64, f64)>,
     driven: Driven,
+    /// What counts as zero, in parts of `HOLDS` and `ZERO`.
+    part: f64,
 }
 
 /// The states at `times`; `None` where the set is not of bounds alone, modes are many, or the answer is not unique.
@@ -65,8 +74,15 @@ pub fn solve(system: &Linear, initial: &[f64], times: &[f64]) -> Option<Values> 
         matrix.iter().zip(signals).map(|(row, signal)| driven.row(row, signal)).collect()
     };
     let (rates, gaps) = (rows(&system.a, &system.drive), rows(&system.c, &system.gap));
-    let modes = Modes { system, rates, gaps, bounds, driven };
-    modes.run(initial, times)
+    let coarse = Modes { system, rates, gaps, bounds, driven, part: 1.0 };
+    let values = coarse.run(initial, times)?;
+    // Thresholds that rounding reaches have no finer run; then their own estimate stands alone.
+    let Some(mut finer) = (Modes { part: FINER, ..coarse }).run(initial, times) else { return Some(values) };
+    for (k, accuracy) in finer.accuracy.iter_mut().enumerate() {
+        let apart = finer.columns[k].iter().zip(&values.columns[k]).map(|(a, b)| (a - b).abs());
+        *accuracy = apart.fold(*accuracy, f64::max);
+    }
+    Some(finer)
 }
 
 impl Modes<'_> {
@@ -78,6 +94,7 @@ impl Modes<'_> {
         let (mut next, mut steps) = (0, 0.0);
         for events in 0..MOST_EVENTS {
             let mode = self.choose(&y, &sizes)?;
+            mode.project(&mut y, &sizes, n);
             let flow = Flow::new(mode.flow, end / 200.0);
             let monitors: Vec<Monitor> = mode.monitors.into_iter().map(|row| Monitor::new(row, &flow.m)).collect();
             steps += 1.0;
@@ -96,7 +113,7 @@ impl Modes<'_> {
                 }
                 if next == times.len() {
                     // What counts as zero at an event may be another mode, until the next.
-                    let part = 1e-9 + HOLDS * events as f64;
+                    let part = 1e-9 + self.part * HOLDS * events as f64;
                     let accuracy = sizes.iter().take(n).map(|size| part * size).collect();
                     return Some(Values { columns, accuracy });
                 }
@@ -129,7 +146,7 @@ impl Modes<'_> {
             let places: Vec<Place> =
                 (0..m as u32).map(|i| [Place::Inside, Place::Lower, Place::Upper][k / 3_usize.pow(i) % 3]).collect();
             let Some(mode) = self.mode(&places, y, sizes) else { continue };
-            if mode.monitors.iter().any(|row| lexicographic_sign(row, &mode.flow, y, sizes) < 0.0) {
+            if mode.monitors.iter().any(|row| lexicographic_sign(row, &mode.flow, y, sizes, self.part * ZERO) < 0.0) {
                 continue;
             }
             let direction = &mode.flow * y;
@@ -173,6 +190,7 @@ impl Modes<'_> {
         };
         let (all, states): (Vec<usize>, Vec<usize>) = ((0..places.len()).collect(), (0..n).collect());
         let (b, d) = (entries(&self.system.b, &states, &all), entries(&self.system.d, &all, &all));
+        let mut at_zero = Vec::new();
         if !inside.is_empty() {
             let d_inside = entries(&self.system.d, &inside, &inside);
             let rows: Vec<RowDVector<f64>> = inside.iter().map(|&i| &self.gaps[i] + d.row(i) * &z).collect();
@@ -182,7 +200,8 @@ impl Modes<'_> {
             let kept = left.transpose() * &r;
             for row in kept.row_iter() {
                 let row = row.clone_owned();
-                if (&row * y)[0].abs() > HOLDS * terms(&row, sizes) {
+                at_zero.push(row.clone());
+                if (&row * y)[0].abs() > self.part * HOLDS * terms(&row, sizes) {
                     return None;
                 }
             }
@@ -201,7 +220,8 @@ impl Modes<'_> {
             }
             let left_over = (&stack * &solved + &known) * y;
             let sizes_of_terms = (stack.abs() * solved.abs() + known.abs()) * sizes;
-            if left_over.iter().zip(sizes_of_terms.iter()).any(|(value, terms)| value.abs() > HOLDS * terms) {
+            if left_over.iter().zip(sizes_of_terms.iter()).any(|(value, terms)| value.abs() > self.part * HOLDS * terms)
+            {
                 return None;
             }
             inside.iter().enumerate().for_each(|(k, &i)| z.set_row(i, &solved.row(k)));
@@ -225,7 +245,7 @@ impl Modes<'_> {
                 }
             }
         }
-        Some(Mode { flow: self.flow(&z), monitors })
+        Some(Mode { flow: self.flow(&z), monitors, kept: at_zero })
     }
 
     /// The rates of all unknowns where the variables are these functions of them.
@@ -234,6 +254,24 @@ impl Modes<'_> {
             self.system.b[i].iter().enumerate().fold(rate.clone(), |sum, (j, b)| sum + z.row(j) * *b)
         };
         self.driven.rates(&self.rates.iter().enumerate().map(row).collect::<Vec<_>>())
+    }
+}
+
+impl Mode {
+    /// Moves the states to where the mode keeps them, by the least change in units of their sizes: what location leaves of a
+    /// constraint would stay for as long as the mode lasts.
+    fn project(&self, y: &mut DVector<f64>, sizes: &DVector<f64>, n: usize) {
+        if self.kept.is_empty() {
+            return;
+        }
+        let weights = DVector::from_fn(n, |j, _| sizes[j]);
+        let scaled = DMatrix::from_fn(self.kept.len(), n, |i, j| self.kept[i][j] * weights[j]);
+        let left = DVector::from_fn(self.kept.len(), |i, _| (&self.kept[i] * &*y)[0]);
+        let svd = scaled.svd(true, true);
+        let cut = RANK * svd.singular_values.amax().max(f64::MIN_POSITIVE);
+        if let Ok(change) = svd.solve(&left, cut) {
+            (0..n).for_each(|j| y[j] -= weights[j] * change[j]);
+        }
     }
 }
 

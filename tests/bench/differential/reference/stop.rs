@@ -2,7 +2,7 @@
 //! strikes. It rests on the stop while the force presses it there.
 
 use super::Values;
-use super::flow::{Driven, Flow, Monitor, lexicographic_sign};
+use super::flow::{Driven, Flow, Monitor, ZERO, lexicographic_sign};
 use crate::differential::signal::Signal;
 use nalgebra::RowDVector;
 
@@ -41,15 +41,15 @@ impl Stop {
         let mut columns = vec![Vec::new(); 2];
         let (mut next, mut steps) = (0, 0.0);
         for _ in 0..MOST_EVENTS {
-            let touches = lexicographic_sign(&gap, &flows[0].m, &y, &sizes) < 0.0
+            let touches = lexicographic_sign(&gap, &flows[0].m, &y, &sizes, ZERO) < 0.0
                 || (gap.clone() * &y)[0] <= 1e-12 * (self.wall.abs() + sizes[0])
                     && y[1] == 0.0
-                    && lexicographic_sign(&pull, &flows[1].m, &y, &sizes) <= 0.0;
+                    && lexicographic_sign(&pull, &flows[1].m, &y, &sizes, ZERO) <= 0.0;
             // Either the gap would close at once, or the body rests there and is pressed.
             if touches {
                 y[0] = self.wall;
                 y[1] = -self.restitution * y[1].min(0.0);
-                let presses = lexicographic_sign(&pull, &flows[1].m, &y, &sizes) <= 0.0;
+                let presses = lexicographic_sign(&pull, &flows[1].m, &y, &sizes, ZERO) <= 0.0;
                 if y[1] <= REST * sizes[1] && presses {
                     y[1] = 0.0;
                 }

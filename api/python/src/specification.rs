@@ -1,0 +1,74 @@
+//! A specification, read and checked: to be described, and solved any number of times.
+
+use super::answer::Answer;
+use super::interruptible::{self, Interrupted};
+use super::text;
+use problem::Control;
+use pyo3::create_exception;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use specification::SpecificationError;
+use std::sync::Arc;
+
+create_exception!(
+    _dvi,
+    Malformed,
+    PyValueError,
+    "A specification with errors; its one argument is their list, as JSON."
+);
+
+/// A specification that has passed every check.
+#[pyclass(frozen, module = "dvi._dvi")]
+pub struct Specification(Arc<specification::Specification>);
+
+#[pymethods]
+impl Specification {
+    /// Reads and checks a JSON document; raises `Malformed` with all that is wrong with it.
+    #[new]
+    fn new(py: Python<'_>, document: &[u8]) -> PyResult<Self> {
+        let control = Control::new();
+        let read = || specification::Specification::from_json_with(document, &control);
+        let read = interruptible::run(py, &control, None, read).map_err(|interrupted| interrupted.error)?;
+        read.map(|specification| Self(Arc::new(specification))).map_err(|errors| malformed(&errors))
+    }
+
+    /// The user's own words for it.
+    #[getter]
+    fn label(&self) -> Option<&str> {
+        self.0.label()
+    }
+
+    /// What it comes to, without a solve: sizes, what the theory says, what would be built, as JSON.
+    fn summary(&self, py: Python<'_>) -> PyResult<String> {
+        text(&py.detach(|| self.0.summary()))
+    }
+
+    /// Solves it, and reports at `times` in place of what it asks for, where they are given. On Ctrl-C the exception has the
+    /// answer so far as `answer`.
+    #[pyo3(signature = (progress = None, times = None))]
+    fn solve(&self, py: Python<'_>, progress: Option<&Bound<'_, PyAny>>, times: Option<Vec<f64>>) -> PyResult<Answer> {
+        let specification = match times {
+            None => Arc::clone(&self.0),
+            Some(times) => Arc::new(self.0.reporting_at(times).map_err(|errors| malformed(&errors))?),
+        };
+        let control = specification.control();
+        let solved = interruptible::run(py, &control, progress, || study::solve(&specification, &control));
+        let label = specification.label();
+        solved.map(|solution| Answer::new(solution, label)).map_err(|Interrupted { error, so_far }| {
+            if let Some(solution) = so_far
+                && let Ok(answer) = Py::new(py, Answer::new(solution, label))
+            {
+                // An exception that takes no attributes is raised without the answer.
+                let _ = error.value(py).setattr("answer", answer);
+            }
+            error
+        })
+    }
+}
+
+fn malformed(errors: &[SpecificationError]) -> PyErr {
+    match text(&errors) {
+        Ok(errors) => Malformed::new_err(errors),
+        Err(error) => error,
+    }
+}

@@ -1,0 +1,63 @@
+//! `dvi man`: pages for `man`, of the same words as `--help`.
+
+use super::{UNWRITABLE, USAGE};
+use clap::{Args, Command};
+use clap_mangen::{Man, generate_to};
+use std::io::{self, Write};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Write a page for man
+///
+/// Without a subcommand, that of the program.
+#[derive(Args)]
+#[command(after_help = HELP, verbatim_doc_comment)]
+pub struct Arguments {
+    /// The subcommand to write the page of
+    #[arg(conflicts_with = "folder")]
+    subcommand: Option<String>,
+
+    /// Write all pages to this folder, dvi.1, dvi-solve.1 and so on
+    #[arg(long, value_name = "FOLDER")]
+    folder: Option<PathBuf>,
+}
+
+const HELP: &str = "\
+Examples:
+  dvi man | man -l -
+  dvi man solve | man -l -
+  dvi man --folder ~/.local/share/man/man1";
+
+/// Writes to standard output, or into the folder.
+pub fn run(arguments: &Arguments, mut program: Command) -> ExitCode {
+    if let Some(folder) = &arguments.folder {
+        let written = std::fs::create_dir_all(folder).and_then(|()| generate_to(program, folder));
+        return finished(
+            written.map_err(|error| io::Error::new(error.kind(), format!("{}: {error}", folder.display()))),
+        );
+    }
+    program.build();
+    let page = match &arguments.subcommand {
+        None => program,
+        Some(name) => match program.find_subcommand(name) {
+            Some(found) => found.clone(),
+            None => {
+                eprintln!("dvi: there is no subcommand `{name}`: `dvi --help` lists all");
+                return ExitCode::from(USAGE);
+            }
+        },
+    };
+    let mut text = Vec::new();
+    finished(Man::new(page).render(&mut text).and_then(|()| io::stdout().write_all(&text)))
+}
+
+fn finished(written: io::Result<()>) -> ExitCode {
+    match written {
+        // The reader has seen enough.
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
+            eprintln!("dvi: cannot write the page: {error}");
+            ExitCode::from(UNWRITABLE)
+        }
+        _ => ExitCode::SUCCESS,
+    }
+}

@@ -1,0 +1,561 @@
+//! Parameters and initial values fitted to data: the sum of a loss over the residuals `(x(t_i; p) - x_i)/sd_i` is made least by
+//! Levenberg and Marquardt's method on derivatives that are exact through switches ([`radau::Tangents`]), from several starts
+//! where they are asked for. The first start is the one given; the others fill the bounds evenly, as multiples of the powers of
+//! the generalised golden ratio do (Roberts 2018, *The unreasonable effectiveness of quasirandom sequences*), on a logarithmic
+//! scale where bounds are positive and far apart.
+
+mod intervals;
+mod least_squares;
+
+pub use least_squares::Loss;
+
+use super::integrate::{integrate, integrate_once};
+use super::observables::Observables;
+use super::run::{Ended, Plan, ending};
+use super::sensitivities::{By, Sensitivities};
+use super::{CheckCode, Failure, Solution, Status};
+use analysis::Analysis;
+use intervals::{Intervals, intervals, is_too_large};
+use least_squares::{LeastSquares, Minimum, Residuals};
+use models::DviModel;
+use nalgebra::{DMatrix, DVector};
+use problem::Control;
+use radau::Settings;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::time::Instant;
+use utoipa::ToSchema;
+
+/// Bounds are filled on a logarithmic scale where both are positive and one is so many times the other.
+const FAR_APART: f64 = 100.0;
+/// Directions of parameters are told apart to so many tolerances: derivatives are as exact as a run.
+const TOLERANCES: f64 = 10.0;
+/// The cube root of the rounding of doubles: by this part of its size a parameter is moved for a central difference of a
+/// definition, whose states have derivatives that are exact.
+const MOVED: f64 = 6e-6;
+/// The share of the work that the search makes up; the last run is checked against others.
+const SHARE: f64 = 0.9;
+/// Where the search begins, so that its runs are not heard as that of the answer.
+const BEGIN: f64 = 1e-9;
+/// The part of the size of a loss by which minima from different starts are the same.
+const SAME: f64 = 1e-3;
+
+/// What is fitted to which data.
+#[derive(Clone, Debug)]
+pub struct Fit {
+    /// What is fitted.
+    pub parameters: Vec<Fitted>,
+    /// The times of the data, increasing, within the horizon.
+    pub t: Vec<f64>,
+    /// The data.
+    pub data: Vec<Column>,
+    /// Whether the standard deviations of the data are known; else all are one.
+    pub is_scaled: bool,
+    /// What is made least.
+    pub loss: Loss,
+    /// The number of starts.
+    pub starts: u64,
+}
+
+/// A parameter, or a state at the start, that is fitted.
+#[derive(Clone, Debug)]
+pub struct Fitted {
+    /// Its name.
+    pub name: String,
+    /// Which it is.
+    pub by: By,
+    /// Where the search begins.
+    pub initial: f64,
+    /// Its least value.
+    pub lower: f64,
+    /// Its largest value.
+    pub upper: f64,
+}
+
+/// What was measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Quantity {
+    /// A state.
+    State(usize),
+    /// A definition of the user, which depends on states, parameters and time alone.
+    Definition(usize),
+}
+
+/// The data of a state or a definition.
+#[derive(Clone, Debug)]
+pub struct Column {
+    /// Its name.
+    pub name: String,
+    /// Which it is.
+    pub of: Quantity,
+    /// Its values; none where it was not measured.
+    pub values: Vec<Option<f64>>,
+    /// Their standard deviations.
+    pub sd: Vec<f64>,
+}
+
+/// What came of a fit.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
+pub struct FitAnswer {
+    /// The estimates by name.
+    pub parameters: BTreeMap<String, Estimate>,
+    /// The names in the order of the rows and columns of `covariance`.
+    pub names: Vec<String>,
+    /// The covariance of the estimates. Null where the data do not determine one, or a bound holds it.
+    pub covariance: Vec<Vec<Option<f64>>>,
+    /// The sum of the loss over all residuals, these in standard deviations where `sd` is given.
+    pub loss: f64,
+    /// The root of the mean of squared residuals over the degrees of freedom: about 1 where `sd` is given and right, else the
+    /// standard deviation of the data.
+    pub spread: f64,
+    /// The number of values that were fitted.
+    pub observations: u64,
+    /// Of the Jacobian by relative changes of the parameters, in standard deviations, falling: the inverse of one is the
+    /// standard error of a combination of relative changes.
+    pub singular_values: Vec<f64>,
+    /// The combinations of relative changes that the data do not determine, by name: `{"a": 1, "b": -1}` says that `a` may be
+    /// raised by a percent while `b` is lowered by one.
+    pub undetermined: Vec<BTreeMap<String, f64>>,
+    /// The data less the fitted values, at the times of the data.
+    pub residuals: BTreeMap<String, Vec<Option<f64>>>,
+    /// From where the search began and where it came to, in order.
+    pub starts: Vec<FitStart>,
+}
+
+/// A parameter as the data tell it.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
+pub struct Estimate {
+    /// Its most likely value.
+    pub estimate: f64,
+    /// Its standard error. Absent where the data do not determine it, or a bound holds it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sd: Option<f64>,
+    /// The lower end of its 95 % interval, within the bounds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lower: Option<f64>,
+    /// The upper end.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub upper: Option<f64>,
+}
+
+/// One search.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
+pub struct FitStart {
+    /// Where it began.
+    pub from: BTreeMap<String, f64>,
+    /// Where it ended; absent where the problem could not be solved at its start.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub to: Option<BTreeMap<String, f64>>,
+    /// The loss there.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub loss: Option<f64>,
+    /// The runs that it took.
+    pub runs: u64,
+}
+
+impl Fit {
+    fn observations(&self) -> usize {
+        self.data.iter().flat_map(|column| &column.values).flatten().count()
+    }
+
+    fn named(&self, point: &[f64]) -> BTreeMap<String, f64> {
+        self.parameters.iter().map(|fitted| fitted.name.clone()).zip(point.iter().copied()).collect()
+    }
+
+    /// The start of this number, from zero.
+    fn start(&self, number: u64) -> Vec<f64> {
+        if number == 0 {
+            return self.parameters.iter().map(|fitted| fitted.initial).collect();
+        }
+        let ratio = generalised_golden_ratio(self.parameters.len());
+        let parts = (1..).map(|k: i32| (0.5 + number as f64 * ratio.powi(-k)).fract());
+        let of = |(fitted, part): (&Fitted, f64)| match fitted.lower > 0.0 && fitted.upper >= FAR_APART * fitted.lower {
+            true => fitted.lower * (fitted.upper / fitted.lower).powf(part),
+            false => fitted.lower + part * (fitted.upper - fitted.lower),
+        };
+        self.parameters.iter().zip(parts).map(of).collect()
+    }
+}
+
+/// The positive root of `x^(d+1) = x + 1`.
+fn generalised_golden_ratio(d: usize) -> f64 {
+    let mut x = 2.0_f64;
+    // A contraction by at least a half in each step.
+    for _ in 0..f64::MANTISSA_DIGITS {
+        x = (1.0 + x).powf(1.0 / (d as f64 + 1.0));
+    }
+    x
+}
+
+/// Definitions of the user as functions of states and parameters.
+struct Definitions {
+    of: Observables,
+    parameters: Vec<f64>,
+    outputs: Vec<f64>,
+    values: Vec<f64>,
+}
+
+impl Definitions {
+    fn new(of: Observables, outputs: usize, parameters: &[f64]) -> Self {
+        let values = vec![0.0; of.names.len() + of.monitors.len()];
+        Self { values, parameters: parameters.to_vec(), outputs: vec![0.0; outputs], of }
+    }
+
+    fn at(&mut self, definition: usize, t: f64, x: &[f64]) -> f64 {
+        self.outputs[..x.len()].copy_from_slice(x);
+        self.of.program.evaluate(t, &self.outputs, &mut self.values);
+        self.values[definition]
+    }
+
+    /// The difference of the values a step forwards and one back, along which states change by `dx` and a parameter by `step`.
+    fn difference(
+        &mut self,
+        definition: usize,
+        t: f64,
+        (x, dx): (&[f64], &[f64]),
+        (parameter, step): (Option<usize>, f64),
+    ) -> f64 {
+        let mut moved = self.parameters.clone();
+        let [above, below] = [1.0, -1.0].map(|sign| {
+            if let Some(parameter) = parameter {
+                moved[parameter] = self.parameters[parameter] + sign * step;
+                self.of.program.bind(&moved);
+            }
+            let x: Vec<f64> = x.iter().zip(dx).map(|(x, dx)| x + sign * dx).collect();
+            self.at(definition, t, &x)
+        });
+        if parameter.is_some() {
+            self.of.program.bind(&self.parameters);
+        }
+        above - below
+    }
+}
+
+/// A search on its way.
+struct Search<'a> {
+    model: &'a DviModel,
+    plan: &'a Plan,
+    fit: &'a Fit,
+    settings: &'a Settings,
+    analysis: &'a Analysis,
+    control: &'a Control,
+}
+
+/// Fits a problem to data, and runs it with the estimates.
+pub fn fit(
+    model: &DviModel,
+    plan: &Plan,
+    fit: &Fit,
+    settings: &Settings,
+    analysis: &Analysis,
+    control: &Control,
+) -> Solution {
+    let began = Instant::now();
+    let search = Search { model, plan, fit, settings, analysis, control };
+    let (found, starts) = search.from_all_starts();
+    let start = fit.start(0);
+    let point = found.as_ref().map_or(&start, |minimum| &minimum.point);
+    let derivatives = Sensitivities { by: fit.parameters.iter().map(|fitted| fitted.by).collect(), ..search.columns() };
+    let bound = search.bound(point, Some(derivatives));
+    let (bound, along) = bound.unwrap_or_else(|_| (model.clone(), plan.clone()));
+    let analysis = bound.analyse(plan.start);
+    let mut solution = control.part(SHARE..1.0, || integrate(&bound, &along, settings, &analysis, control));
+    solution.diagnostics.wall_seconds = began.elapsed().as_secs_f64();
+    match found {
+        Ok(minimum) if solution.status == Status::Completed => search.answer(&minimum, starts, &mut solution),
+        Ok(_) => {}
+        Err(failure) => {
+            let (status, failure) = ending(control, failure);
+            (solution.status, solution.error) = (status, Some(failure));
+        }
+    }
+    solution
+}
+
+impl Search<'_> {
+    fn problem<'a>(&self, bounds: &'a [Vec<f64>; 2]) -> LeastSquares<'a> {
+        let [lower, upper] = bounds;
+        let rank = TOLERANCES * self.settings.rtol;
+        LeastSquares { lower, upper, loss: self.fit.loss, is_scaled: self.fit.is_scaled, rank }
+    }
+
+    fn bounds(&self) -> [Vec<f64>; 2] {
+        let of = |end: fn(&Fitted) -> f64| self.fit.parameters.iter().map(end).collect();
+        [of(|fitted| fitted.lower), of(|fitted| fitted.upper)]
+    }
+
+    /// The least of the minima from all starts; where there is none, why the first start has none.
+    fn from_all_starts(&self) -> (Result<Minimum, Failure>, Vec<FitStart>) {
+        let bounds = self.bounds();
+        let problem = self.problem(&bounds);
+        let mut best: Result<Minimum, Option<Failure>> = Err(None);
+        let mut starts = Vec::new();
+        let share = SHARE / self.fit.starts.max(1) as f64;
+        for number in 0..self.fit.starts.max(1) {
+            if number > 0 && self.control.poll().is_some() {
+                break;
+            }
+            let start = self.fit.start(number);
+            let from = self.fit.named(&start);
+            let begin = (number as f64 * share).max(BEGIN);
+            let found = self.control.part(begin..(number + 1) as f64 * share, || {
+                let first = self.residuals(&start)?;
+                let goes_on = || self.control.poll().is_none();
+                Ok(problem.minimise(start, first, |point, run| self.at(point, run), goes_on))
+            });
+            let loss = found.as_ref().ok().map(|minimum| minimum.loss);
+            let to = found.as_ref().ok().map(|minimum| self.fit.named(&minimum.point));
+            starts.push(FitStart { from, to, loss, runs: found.as_ref().map_or(1, |minimum| minimum.runs) });
+            best = match (best, found) {
+                (Ok(best), Ok(minimum)) if minimum.loss >= best.loss => Ok(best),
+                (_, Ok(minimum)) => Ok(minimum),
+                (Ok(best), Err(_)) => Ok(best),
+                (Err(first), Err(failure)) => Err(first.or(Some(failure))),
+            };
+        }
+        let best = best.map_err(|failure| {
+            let failure = failure.unwrap_or_else(|| self.failure("there is no start".to_owned()));
+            match failure.code.as_ref() {
+                "cancelled" | "wall_time" => failure,
+                _ => {
+                    let at = if self.fit.starts > 1 { "at no start of the fit" } else { "at the start of the fit" };
+                    let message = format!("{at} can the problem be solved: {}", failure.message);
+                    Failure { message, ..failure }
+                }
+            }
+        });
+        (best, starts)
+    }
+
+    fn failure(&self, message: String) -> Failure {
+        Failure { code: "no_fit".into(), message, time: self.plan.start, state: self.plan.initial.clone() }
+    }
+
+    /// The states that what was measured depends on, by what is fitted.
+    fn columns(&self) -> Sensitivities {
+        let states = || self.fit.data.iter().map(|column| column.of);
+        let of: Vec<usize> = match states().all(|of| matches!(of, Quantity::State(_))) {
+            true => {
+                states().filter_map(|of| if let Quantity::State(state) = of { Some(state) } else { None }).collect()
+            }
+            false => (0..self.plan.initial.len()).collect(),
+        };
+        let by: Vec<By> = self.fit.parameters.iter().map(|fitted| fitted.by).collect();
+        let names = of.iter().flat_map(|&state| {
+            let of = &self.plan.names[state];
+            self.fit.parameters.iter().map(move |fitted| format!("d{of}/d{}", fitted.name))
+        });
+        Sensitivities { names: names.collect(), by, of }
+    }
+
+    /// The problem with these parameters, and the plan of its run.
+    fn bound(&self, point: &[f64], sensitivities: Option<Sensitivities>) -> Result<(DviModel, Plan), Failure> {
+        let values = self.model.parameters.as_ref().map_or(&[][..], |parameters| parameters.values());
+        let mut values = values.to_vec();
+        for (fitted, &value) in self.fit.parameters.iter().zip(point) {
+            if let By::Parameter(k) = fitted.by {
+                values[k] = value;
+            }
+        }
+        let model = match &self.model.parameters {
+            Some(_) => self.model.with_parameters(&values).map_err(|error| self.failure(error.to_string()))?,
+            None => self.model.clone(),
+        };
+        let mut plan = Plan { initial: model.initial.clone(), sensitivities, ..self.plan.clone() };
+        plan.observables.program.bind(&values);
+        for (fitted, &value) in self.fit.parameters.iter().zip(point) {
+            if let By::Initial(state) = fitted.by {
+                plan.initial[state] = value;
+            }
+        }
+        Ok((model, plan))
+    }
+
+    fn at(&self, point: &[f64], run: u64) -> Option<Residuals> {
+        // No one knows how many runs there will be: each takes a part of what is left.
+        let done = |run: u64| 1.0 - 1.0 / run as f64;
+        self.control.part(done(run)..done(run + 1), || self.residuals(point).ok())
+    }
+
+    /// The residuals and their derivatives from one run up to the last of the data.
+    fn residuals(&self, point: &[f64]) -> Result<Residuals, Failure> {
+        let (fit, p) = (self.fit, point.len());
+        let columns = self.columns();
+        let of = columns.of.clone();
+        let (model, mut plan) = self.bound(point, Some(columns))?;
+        let observables = std::mem::take(&mut plan.observables);
+        let first = plan.names.len();
+        plan.fields = of.iter().copied().chain(first..first + of.len() * p).collect();
+        plan.times = Some(fit.t.clone());
+        plan.end = fit.t.last().copied().filter(|last| *last > plan.start).unwrap_or(plan.end);
+        plan.global_error = false;
+        let Ended { solution, .. } = integrate_once(&model, &plan, self.settings, self.analysis, self.control);
+        if let Some(failure) = solution.error {
+            return Err(failure);
+        }
+        let fields: Vec<&[f64]> = solution.trajectory.fields.iter().map(|field| field.values.as_slice()).collect();
+        let (states, derivatives) = fields.split_at(of.len());
+        let parameters = model.parameters.as_ref().map_or(&[][..], |parameters| parameters.values());
+        let mut definitions = Definitions::new(observables, first, parameters);
+        let m = fit.observations();
+        let mut values = DVector::zeros(m);
+        let mut jacobian = DMatrix::zeros(m, p);
+        let (mut row, mut noise) = (0, 0.0);
+        for (number, column) in fit.data.iter().enumerate() {
+            for (i, (value, sd)) in column.values.iter().zip(&column.sd).enumerate() {
+                let Some(value) = value else { continue };
+                let (found, error) = match column.of {
+                    Quantity::State(state) => {
+                        // Where all are states they are in the order of the data.
+                        let at = of.iter().position(|of| *of == state).unwrap_or(number);
+                        derivatives[at * p..][..p]
+                            .iter()
+                            .enumerate()
+                            .for_each(|(k, by)| jacobian[(row, k)] = by[i] / sd);
+                        let found = states[at][i];
+                        (found, self.settings.atol[state] + self.settings.rtol * found.abs())
+                    }
+                    Quantity::Definition(definition) => {
+                        let x: Vec<f64> = states.iter().map(|state| state[i]).collect();
+                        let found = definitions.at(definition, fit.t[i], &x);
+                        for (k, fitted) in fit.parameters.iter().enumerate() {
+                            let step = MOVED * size(point[k], fitted);
+                            let dx: Vec<f64> =
+                                (0..of.len()).map(|state| step * derivatives[state * p + k][i]).collect();
+                            let parameter =
+                                if let By::Parameter(parameter) = fitted.by { Some(parameter) } else { None };
+                            let difference = definitions.difference(definition, fit.t[i], (&x, &dx), (parameter, step));
+                            jacobian[(row, k)] = difference / (2.0 * step * sd);
+                        }
+                        (found, self.settings.rtol * found.abs())
+                    }
+                };
+                values[row] = (found - value) / sd;
+                noise += (error / sd).powi(2);
+                row += 1;
+            }
+        }
+        // Their squares are summed.
+        if !(values.norm_squared().is_finite() && jacobian.norm_squared().is_finite() && noise.is_finite()) {
+            let message =
+                "a residual or its derivative is not finite beside its standard deviation, or its square is not";
+            return Err(self.failure(message.to_owned()));
+        }
+        Ok(Residuals { values, jacobian, noise: noise.sqrt() })
+    }
+
+    /// Takes a minimum into the answer, with what speaks against it.
+    fn answer(&self, minimum: &Minimum, starts: Vec<FitStart>, solution: &mut Solution) {
+        let (fit, bounds) = (self.fit, self.bounds());
+        let problem = self.problem(&bounds);
+        let checks = &mut solution.diagnostics.checks;
+        checks.record(CheckCode::FitDistance, minimum.distance, minimum.allowed, || {
+            format!(
+                "the estimates are {:.1e} standard errors from the minimum that the derivatives there predict: the search ended \
+                 after {} runs without reaching it",
+                minimum.distance, minimum.runs
+            )
+        });
+        let size: Vec<f64> =
+            minimum.point.iter().zip(&fit.parameters).map(|(value, fitted)| size(*value, fitted)).collect();
+        let Some(found) = intervals(&problem, minimum, &size) else {
+            let message = "the Jacobian of the fit has no singular values: there are no intervals";
+            checks.caveat("no_intervals", message.to_owned());
+            return;
+        };
+        let Intervals { sd, width, covariance, singular_values, undetermined, held } = found;
+        let estimate = |k: usize| {
+            let (fitted, estimate) = (&fit.parameters[k], minimum.point[k]);
+            let end = |sign: f64| sd[k].map(|sd| (estimate + sign * width * sd).clamp(fitted.lower, fitted.upper));
+            Estimate { estimate, sd: sd[k], lower: end(-1.0), upper: end(1.0) }
+        };
+        let parameters = fit.parameters.iter().enumerate().map(|(k, fitted)| (fitted.name.clone(), estimate(k)));
+        let undetermined: Vec<BTreeMap<String, f64>> = undetermined
+            .iter()
+            .map(|parts| {
+                let parts = fit.parameters.iter().zip(parts).filter(|(_, part)| **part != 0.0);
+                parts.map(|(fitted, part)| (fitted.name.clone(), *part)).collect()
+            })
+            .collect();
+        let m = fit.observations();
+        let freedoms = m.saturating_sub(held.iter().filter(|held| !**held).count());
+        let squares = minimum.residuals.values.norm_squared();
+        let mut values = minimum.residuals.values.iter();
+        let mut residual = |(value, sd): (&Option<f64>, &f64)| value.and_then(|_| values.next()).map(|r| -r * sd);
+        let residuals = fit
+            .data
+            .iter()
+            .map(|column| (column.name.clone(), column.values.iter().zip(&column.sd).map(&mut residual).collect()))
+            .collect();
+        let answer = FitAnswer {
+            parameters: parameters.collect(),
+            names: fit.parameters.iter().map(|fitted| fitted.name.clone()).collect(),
+            covariance,
+            loss: minimum.loss,
+            spread: (squares / freedoms.max(1) as f64).sqrt(),
+            observations: m as u64,
+            singular_values,
+            undetermined,
+            residuals,
+            starts,
+        };
+        self.warn(minimum, &answer, (&held, freedoms), solution);
+        solution.fit = Some(answer);
+    }
+
+    /// Tells what the user should know of the estimates.
+    fn warn(&self, minimum: &Minimum, answer: &FitAnswer, (held, freedoms): (&[bool], usize), solution: &mut Solution) {
+        let (fit, checks) = (self.fit, &mut solution.diagnostics.checks);
+        for parts in &answer.undetermined {
+            let parts: Vec<String> = parts.iter().map(|(name, part)| format!("{part:.3} for `{name}`")).collect();
+            let message = format!(
+                "the data do not determine one combination of the parameters: relative changes in the proportion {} leave all \
+                 that was measured as it is; fix one of them, or measure something that tells them apart",
+                parts.join(", ")
+            );
+            checks.caveat("undetermined", message);
+        }
+        if let Some(k) = held.iter().position(|held| *held) {
+            let (name, value) = (&fit.parameters[k].name, minimum.point[k]);
+            let message = format!(
+                "`{name}` is at its bound {value:?}, beyond which the loss falls further: the intervals of the others hold if it \
+                 is that"
+            );
+            checks.caveat("at_bound", message);
+        }
+        let squares = minimum.residuals.values.norm_squared();
+        if fit.is_scaled && fit.loss == Loss::Squares && is_too_large(squares, freedoms) {
+            let message = format!(
+                "residuals are {:.2} times the standard deviations given, more than chance makes them: the model does not \
+                 describe the data, or `sd` is too small, and the intervals are too narrow",
+                answer.spread
+            );
+            checks.caveat("misfit", message);
+        }
+        let noise = minimum.residuals.noise;
+        let unit = self.problem(&self.bounds()).unit(&minimum.residuals, minimum.loss);
+        let rms = noise / (answer.observations as f64).sqrt();
+        if fit.is_scaled && rms > 0.1 * unit {
+            let message = format!(
+                "runs are as exact as {rms:.1e} standard deviations of the data: tighten `rtol` and `atol`, so that the fit is one \
+                 of the model and not of its errors"
+            );
+            checks.caveat("fit_tolerance", message);
+        }
+        let others = answer.starts.iter().filter_map(|start| start.loss);
+        let worse = others.filter(|loss| *loss - minimum.loss > SAME * minimum.loss.max(1.0)).count();
+        if worse > 0 {
+            let all = answer.starts.len();
+            let message = format!(
+                "from {worse} of {all} starts the search ended elsewhere, with a larger loss; see `fit.starts`"
+            );
+            checks.caveat("several_minima", message);
+        }
+    }
+}
+
+/// The size that changes of a parameter are told in parts of.
+fn size(value: f64, fitted: &Fitted) -> f64 {
+    let span = fitted.upper - fitted.lower;
+    [value.abs(), fitted.initial.abs(), span].into_iter().find(|size| *size > 0.0 && size.is_finite()).unwrap_or(1.0)
+}

@@ -1,0 +1,183 @@
+//! What data say of parameters that were fitted to them: covariance, 95 % intervals, and what they leave open.
+//!
+//! With residuals in standard deviations `s` of the data the covariance is that of the linear problem at the minimum,
+//! `s^2 (J'J)^-1`. Where the standard deviations are not given `s^2` is the loss over the degrees of freedom, and intervals
+//! are Student's. For Huber's loss `s^2 = K^2 [sum psi^2/(m - p)]/[mean psi']^2`, `K = 1 + (p/m) var(psi')/(mean psi')^2`
+//! (Huber and Ronchetti 2009, equation 7.81).
+//!
+//! Singular values are those of `J diag(size)/s`, `size` that of each parameter: the inverse of one is the standard error of
+//! its combination of relative changes. Where it is zero to the accuracy of `J` that combination is not determined.
+
+use super::least_squares::{LeastSquares, Loss, Minimum};
+use nalgebra::DMatrix;
+
+/// Many times the iterations that any singular value decomposition takes.
+pub const ITERATIONS: usize = 10_000;
+/// The part of a direction that is none: to the accuracy of singular vectors.
+const PART: f64 = 1e-6;
+/// The probability of an interval.
+const CONFIDENCE: f64 = 0.95;
+/// The value of a normal variable beyond which, on either side, 5 % are.
+const NORMAL: f64 = 1.959_963_984_540_054;
+/// The degrees of freedom from which on Student's distribution is the normal one to four digits.
+const MANY: usize = 20_000;
+/// The value that a normal variable exceeds once in a thousand times.
+const RARE: f64 = 3.090;
+
+/// Of all parameters, in order.
+#[derive(Clone, Debug)]
+pub struct Intervals {
+    /// Standard errors; none of what is not determined, or held by a bound.
+    pub sd: Vec<Option<f64>>,
+    /// Half the width of an interval, in standard errors.
+    pub width: f64,
+    /// Their covariance.
+    pub covariance: Vec<Vec<Option<f64>>>,
+    /// Of the parameters that are free, falling.
+    pub singular_values: Vec<f64>,
+    /// The combinations of relative changes that are not determined, one part for each parameter.
+    pub undetermined: Vec<Vec<f64>>,
+    /// The parameters that a bound holds.
+    pub held: Vec<bool>,
+}
+
+/// Of a minimum; parameters have these sizes.
+pub fn intervals(problem: &LeastSquares<'_>, minimum: &Minimum, size: &[f64]) -> Option<Intervals> {
+    let here = &minimum.residuals;
+    let (m, p) = here.jacobian.shape();
+    let held: Vec<bool> = (0..p).map(|k| problem.is_held(k, &minimum.point, here)).collect();
+    let free: Vec<usize> = (0..p).filter(|&k| !held[k]).collect();
+    let freedoms = m.saturating_sub(free.len()).max(1);
+    let unit = match problem.loss {
+        Loss::Squares => problem.unit(here, minimum.loss),
+        Loss::Huber => {
+            let psi: f64 = here.values.iter().map(|r| problem.loss.psi(*r).powi(2)).sum::<f64>() / freedoms as f64;
+            let inside = here.values.iter().filter(|r| problem.loss.is_quadratic(**r)).count() as f64 / m as f64;
+            let k = 1.0 + free.len() as f64 / m as f64 * (1.0 - inside) / inside;
+            k * psi.sqrt() / inside
+        }
+    };
+    let is_normal = problem.loss == Loss::Squares && problem.is_scaled;
+    let width = if is_normal { NORMAL } else { student(freedoms) };
+    let mut matrix = here.jacobian.select_columns(&free);
+    matrix.column_iter_mut().zip(&free).for_each(|(mut column, &k)| column *= size[k] / unit);
+    let mut covariance = vec![vec![None; p]; p];
+    let mut sd = vec![None; p];
+    let (mut singular_values, mut undetermined) = (Vec::new(), Vec::new());
+    if !free.is_empty() {
+        // Rows of zeros, so that there is a singular value for each parameter.
+        let rows = m.max(free.len());
+        let matrix = matrix.resize(rows, free.len(), 0.0);
+        let mut svd = matrix.try_svd(false, true, f64::EPSILON, ITERATIONS)?;
+        svd.sort_by_singular_values();
+        let v_t = svd.v_t?;
+        singular_values.extend(svd.singular_values.iter().copied());
+        let least = problem.rank * svd.singular_values.max();
+        let rank = singular_values.iter().filter(|sigma| **sigma > least).count();
+        let open: Vec<bool> = (0..free.len()).map(|j| (rank..free.len()).any(|i| v_t[(i, j)].abs() > PART)).collect();
+        for (a, &k) in free.iter().enumerate() {
+            for (b, &l) in free.iter().enumerate().filter(|(b, _)| !open[a] && !open[*b]) {
+                let sum: f64 = (0..rank).map(|i| v_t[(i, a)] * v_t[(i, b)] / singular_values[i].powi(2)).sum();
+                covariance[k][l] = Some(size[k] * size[l] * sum).filter(|value| value.is_finite());
+            }
+            sd[k] = covariance[k][k].map(f64::sqrt);
+        }
+        undetermined = combinations(&v_t.rows(rank, free.len() - rank).into_owned(), &free, p);
+    }
+    Some(Intervals { sd, width, covariance, singular_values, undetermined, held })
+}
+
+/// A basis of the rows with as few parts as they have: each has a parameter that no other has, whose part is one.
+fn combinations(rows: &DMatrix<f64>, free: &[usize], p: usize) -> Vec<Vec<f64>> {
+    let mut rows = rows.clone();
+    for i in 0..rows.nrows() {
+        let lead = (0..rows.ncols()).max_by(|a, b| rows[(i, *a)].abs().total_cmp(&rows[(i, *b)].abs())).unwrap_or(0);
+        let size = rows[(i, lead)];
+        if size.abs() <= PART {
+            continue;
+        }
+        rows.row_mut(i).scale_mut(size.recip());
+        let row = rows.row(i).into_owned();
+        for other in (0..rows.nrows()).filter(|other| *other != i) {
+            let part = rows[(other, lead)];
+            let mut changed = rows.row_mut(other);
+            changed -= &row * part;
+        }
+    }
+    let of = |row: usize| {
+        let mut parts = vec![0.0; p];
+        let largest = rows.row(row).amax();
+        for (j, &k) in free.iter().enumerate() {
+            let part = rows[(row, j)] / largest;
+            parts[k] = if part.abs() > PART { part } else { 0.0 };
+        }
+        parts
+    };
+    (0..rows.nrows()).map(of).collect()
+}
+
+/// The value of Student's variable beyond which, on either side, 5 % are: the root of its distribution for whole degrees of
+/// freedom (Abramowitz and Stegun 1972, 26.7.3 and 26.7.4).
+fn student(freedoms: usize) -> f64 {
+    if freedoms > MANY {
+        return NORMAL;
+    }
+    let (mut low, mut high) = (0.0, std::f64::consts::FRAC_PI_2);
+    // The angle whose tangent is t over the root of the degrees of freedom.
+    loop {
+        let middle = 0.5 * (low + high);
+        if middle <= low || middle >= high {
+            return middle.tan() * (freedoms as f64).sqrt();
+        }
+        if within(middle, freedoms) < CONFIDENCE { low = middle } else { high = middle }
+    }
+}
+
+/// The probability that Student's variable is within `tan(angle) sqrt(freedoms)` of zero.
+fn within(angle: f64, freedoms: usize) -> f64 {
+    let (sin, cos) = angle.sin_cos();
+    let is_odd = freedoms % 2 == 1;
+    let mut term = if is_odd { cos } else { 1.0 };
+    let mut sum = if freedoms == 1 { 0.0 } else { term };
+    let mut k = if is_odd { 3 } else { 2 };
+    while k < freedoms {
+        term *= cos * cos * (k - 1) as f64 / k as f64;
+        sum += term;
+        k += 2;
+    }
+    if is_odd { std::f64::consts::FRAC_2_PI * (angle + sin * sum) } else { sin * sum }
+}
+
+/// Whether a sum of squares of so many standard normal variables would be larger once in a thousand times only (Wilson and
+/// Hilferty 1931).
+pub fn is_too_large(squares: f64, freedoms: usize) -> bool {
+    let part = 2.0 / (9.0 * freedoms as f64);
+    freedoms > 0 && ((squares / freedoms as f64).cbrt() - (1.0 - part)) / part.sqrt() > RARE
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn student_has_the_values_of_tables() {
+        for (freedoms, value) in [
+            (1, 12.706_204_736_432_095),
+            (2, 4.302_652_729_696_142),
+            (5, 2.570_581_835_636_314),
+            (10, 2.228_138_851_964_939),
+            (30, 2.042_272_456_301_238),
+            (120, 1.979_930_405_082_424),
+        ] {
+            assert!((student(freedoms) - value).abs() < 1e-11 * value, "{freedoms}: {}", student(freedoms));
+        }
+        assert!((student(MANY) - NORMAL).abs() < 2e-4 && student(MANY + 1) == NORMAL);
+    }
+
+    #[test]
+    fn a_sum_of_squares_is_too_large_beyond_its_quantile() {
+        // The 0.999 quantiles of chi squared: 29.588 for 10 degrees of freedom, 149.449 for 100.
+        assert!(is_too_large(29.7, 10) && !is_too_large(29.3, 10));
+        assert!(is_too_large(149.6, 100) && !is_too_large(149.2, 100));
+    }
+}

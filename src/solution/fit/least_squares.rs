@@ -1,0 +1,291 @@
+//! Nonlinear least squares within bounds by the method of Levenberg and Marquardt: with residuals `r(p)`, weights `w` and the
+//! Jacobian `J`, scaled by `D` to columns of length one (Moré 1978, *The Levenberg-Marquardt algorithm*, section 6),
+//!
+//! ```text
+//! (D^-1 J' W J D^-1 + lambda I) D d = -D^-1 J' W r,    p+ = P(p + d)
+//! ```
+//!
+//! over the parameters that are free: those that are not at a bound which the gradient pushes them against (Kanzow, Yamashita
+//! and Fukushima 2004, *Levenberg-Marquardt methods for constrained nonlinear equations with strong local convergence
+//! properties*). The damping follows the ratio of what a step gained to what was predicted (Nielsen 1999, *Damping parameter in
+//! Marquardt's method*). Huber's loss enters by its weights `psi(r)/r` (Huber and Ronchetti 2009, section 7.8).
+
+use super::intervals::ITERATIONS;
+use nalgebra::{DMatrix, DVector, Dyn, SVD};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// The most evaluations from one start.
+const MOST_RUNS: u64 = 100;
+/// The damping at the start, in parts of the scaled matrix, whose diagonal is one.
+const DAMPING: f64 = 1e-3;
+/// The damping at which steps are shorter than rounding.
+const MOST_DAMPING: f64 = 1e20;
+/// The distance to the minimum, in standard errors of the parameters, at which the search ends.
+const CLOSE: f64 = 1e-4;
+/// The distance at which estimates still are those of the minimum.
+const ALLOWED: f64 = 1e-2;
+/// The part of what inexact residuals make of the distance to which the search goes on: at that of the tolerance itself their
+/// errors, which are alike at points that are close, do not show yet.
+const BELOW_NOISE: f64 = 1e-2;
+/// The part of its least value by which a loss may be wrong, as a sum of many terms.
+const ROUNDING: f64 = 1e-14;
+/// Huber's bound on residuals, in standard deviations, for an efficiency of 95 % where errors are normal (Huber and Ronchetti
+/// 2009, section 4.5).
+const HUBER: f64 = 1.345;
+
+/// What is made as small as it can be: the sum of `rho` over all residuals.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Loss {
+    /// `r^2`.
+    #[default]
+    Squares,
+    /// `r^2` up to `1.345 sd`, and beyond as its tangent, so that single values that are far off count little.
+    Huber,
+}
+
+impl Loss {
+    fn rho(self, r: f64) -> f64 {
+        match self {
+            Self::Huber if r.abs() > HUBER => HUBER * (2.0 * r.abs() - HUBER),
+            _ => r * r,
+        }
+    }
+
+    /// Half the derivative of `rho`.
+    pub fn psi(self, r: f64) -> f64 {
+        match self {
+            Self::Huber => r.clamp(-HUBER, HUBER),
+            Self::Squares => r,
+        }
+    }
+
+    /// Whether a residual counts in full.
+    pub fn is_quadratic(self, r: f64) -> bool {
+        self == Self::Squares || r.abs() <= HUBER
+    }
+
+    /// The sum over all residuals.
+    pub fn of(self, residuals: &DVector<f64>) -> f64 {
+        residuals.iter().map(|r| self.rho(*r)).sum()
+    }
+}
+
+/// Residuals and their derivatives at a point.
+#[derive(Clone, Debug)]
+pub struct Residuals {
+    /// `r`, in standard deviations of the data.
+    pub values: DVector<f64>,
+    /// `J`, a column for each parameter.
+    pub jacobian: DMatrix<f64>,
+    /// How exact the residuals are, in the same unit: the root of the sum of squares.
+    pub noise: f64,
+}
+
+/// Where a search ended.
+#[derive(Clone, Debug)]
+pub struct Minimum {
+    /// The parameters.
+    pub point: Vec<f64>,
+    /// What is there.
+    pub residuals: Residuals,
+    /// Its loss.
+    pub loss: f64,
+    /// The distance to the minimum that the linear problem predicts, in standard errors.
+    pub distance: f64,
+    /// The distance that accuracy allows.
+    pub allowed: f64,
+    /// Evaluations that it took.
+    pub runs: u64,
+}
+
+/// The problem.
+#[derive(Clone, Copy, Debug)]
+pub struct LeastSquares<'a> {
+    /// The bounds, which may be infinite.
+    pub lower: &'a [f64],
+    /// See `lower`.
+    pub upper: &'a [f64],
+    /// The loss.
+    pub loss: Loss,
+    /// Whether residuals are in units of standard deviations that are known; else these are as large as the residuals are.
+    pub is_scaled: bool,
+    /// Singular values of the scaled matrix below this part of the largest are zero.
+    pub rank: f64,
+}
+
+/// The linear problem at a point, over the parameters that are free.
+struct Linear {
+    free: Vec<usize>,
+    /// The lengths of the columns.
+    scale: Vec<f64>,
+    svd: SVD<f64, Dyn, Dyn>,
+    /// `U' W^(1/2) r`.
+    right: DVector<f64>,
+}
+
+impl LeastSquares<'_> {
+    /// Searches from a point within the bounds. `evaluate` gives nothing where a point has no residuals; `goes_on` is asked
+    /// before each evaluation.
+    pub fn minimise(
+        &self,
+        start: Vec<f64>,
+        first: Residuals,
+        mut evaluate: impl FnMut(&[f64], u64) -> Option<Residuals>,
+        goes_on: impl Fn() -> bool,
+    ) -> Minimum {
+        let (mut point, mut here) = (start, first);
+        let mut loss = self.loss.of(&here.values);
+        let (mut damping, mut growth, mut runs) = (DAMPING, 2.0, 1);
+        let mut linear = self.linearised(&point, &here);
+        loop {
+            let distance = self.distance(&linear, &here, loss);
+            let noise = here.noise / self.unit(&here, loss);
+            let allowed = ALLOWED.max(noise);
+            let ended =
+                distance <= CLOSE.max(BELOW_NOISE * noise) || runs >= MOST_RUNS || damping > MOST_DAMPING || !goes_on();
+            let Some(linear_here) = linear.as_ref().filter(|_| !ended) else {
+                return Minimum { point, residuals: here, loss, distance, allowed, runs };
+            };
+            let next = self.step(linear_here, &point, damping);
+            let moved: Vec<f64> = next.iter().zip(&point).map(|(next, point)| next - point).collect();
+            if next == point {
+                return Minimum { point, residuals: here, loss, distance, allowed, runs };
+            }
+            runs += 1;
+            let there = evaluate(&next, runs);
+            let gain = there.as_ref().map_or(f64::NAN, |there| loss - self.loss.of(&there.values));
+            // What the linear problem predicts of the step within the bounds.
+            let change = &here.jacobian * DVector::from_column_slice(&moved);
+            let terms = here.values.iter().zip(change.iter());
+            let predicted: f64 = terms.map(|(r, d)| -(2.0 * self.loss.psi(*r) * d + self.weight(*r) * d * d)).sum();
+            let ratio = gain / predicted.max(f64::MIN_POSITIVE);
+            match there {
+                Some(there) if gain > 0.0 && predicted > 0.0 => {
+                    loss -= gain;
+                    (point, here) = (next, there);
+                    linear = self.linearised(&point, &here);
+                    damping *= (1.0 - (2.0 * ratio - 1.0).powi(3)).max(1.0 / 3.0);
+                    growth = 2.0;
+                }
+                // What is left of the way is within the errors of the residuals.
+                Some(_) if predicted <= (here.noise * here.noise).max(ROUNDING * loss) && distance <= allowed => {
+                    return Minimum { point, residuals: here, loss, distance, allowed, runs };
+                }
+                _ => {
+                    damping *= growth;
+                    growth *= 2.0;
+                }
+            }
+        }
+    }
+
+    fn weight(&self, r: f64) -> f64 {
+        if r == 0.0 { 1.0 } else { self.loss.psi(r) / r }
+    }
+
+    /// Whether a parameter is at a bound that the gradient pushes it against.
+    pub fn is_held(&self, k: usize, point: &[f64], here: &Residuals) -> bool {
+        let column = here.jacobian.column(k);
+        let slope: f64 = column.iter().zip(here.values.iter()).map(|(j, r)| j * self.loss.psi(*r)).sum();
+        (point[k] <= self.lower[k] && slope >= 0.0) || (point[k] >= self.upper[k] && slope <= 0.0)
+    }
+
+    fn linearised(&self, point: &[f64], here: &Residuals) -> Option<Linear> {
+        let free: Vec<usize> = (0..point.len()).filter(|&k| !self.is_held(k, point, here)).collect();
+        let roots: Vec<f64> = here.values.iter().map(|r| self.weight(*r).sqrt()).collect();
+        let mut matrix = here.jacobian.select_columns(&free);
+        matrix.row_iter_mut().zip(&roots).for_each(|(mut row, root)| row *= *root);
+        let scale: Vec<f64> = matrix.column_iter().map(|column| column.norm()).collect();
+        let scale: Vec<f64> = scale.into_iter().map(|norm| if norm > 0.0 { norm } else { 1.0 }).collect();
+        matrix.column_iter_mut().zip(&scale).for_each(|(mut column, scale)| column /= *scale);
+        let weighted = DVector::from_iterator(roots.len(), here.values.iter().zip(&roots).map(|(r, root)| r * root));
+        if free.is_empty() {
+            return None;
+        }
+        let svd = matrix.try_svd(true, true, f64::EPSILON, ITERATIONS)?;
+        let right = svd.u.as_ref()?.tr_mul(&weighted);
+        Some(Linear { free, scale, svd, right })
+    }
+
+    /// The point after a step of the linear problem with this damping.
+    fn step(&self, linear: &Linear, point: &[f64], damping: f64) -> Vec<f64> {
+        let Linear { free, scale, svd, right } = linear;
+        let damped = svd.singular_values.zip_map(right, |sigma, right| -sigma * right / (sigma * sigma + damping));
+        let mut next = point.to_vec();
+        if let Some(v_t) = &svd.v_t {
+            let direction = v_t.tr_mul(&damped);
+            for ((&k, scale), d) in free.iter().zip(scale).zip(direction.iter()) {
+                next[k] = (point[k] + d / scale).clamp(self.lower[k], self.upper[k]);
+            }
+        }
+        next
+    }
+
+    /// The length of the undamped step in standard errors, over the directions that the data determine.
+    fn distance(&self, linear: &Option<Linear>, here: &Residuals, loss: f64) -> f64 {
+        let Some(Linear { svd, right, .. }) = linear else { return 0.0 };
+        let least = self.rank * svd.singular_values.max();
+        let parts = svd.singular_values.iter().zip(right.iter()).filter(|(sigma, _)| **sigma > least);
+        parts.map(|(_, right)| right * right).sum::<f64>().sqrt() / self.unit(here, loss)
+    }
+
+    /// The standard deviation of a residual.
+    pub fn unit(&self, here: &Residuals, loss: f64) -> f64 {
+        let freedoms = here.values.len().saturating_sub(here.jacobian.ncols()).max(1);
+        if self.is_scaled { 1.0 } else { (loss / freedoms as f64).sqrt().max(f64::MIN_POSITIVE) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn search(
+        start: &[f64],
+        bounds: [f64; 2],
+        loss: Loss,
+        evaluate: impl Fn(&[f64]) -> (Vec<f64>, Vec<f64>),
+    ) -> Minimum {
+        let p = start.len();
+        let (lower, upper) = (vec![bounds[0]; p], vec![bounds[1]; p]);
+        let problem = LeastSquares { lower: &lower, upper: &upper, loss, is_scaled: true, rank: 1e-12 };
+        let at = |point: &[f64]| {
+            let (values, jacobian) = evaluate(point);
+            let jacobian = DMatrix::from_row_slice(values.len(), p, &jacobian);
+            Residuals { values: DVector::from_vec(values), jacobian, noise: 1e-12 }
+        };
+        problem.minimise(start.to_vec(), at(start), |point, _| Some(at(point)), || true)
+    }
+
+    fn rosenbrock(p: &[f64]) -> (Vec<f64>, Vec<f64>) {
+        (vec![10.0 * (p[1] - p[0] * p[0]), 1.0 - p[0]], vec![-20.0 * p[0], 10.0, -1.0, 0.0])
+    }
+
+    #[test]
+    fn rosenbrocks_valley_is_followed_to_its_end() {
+        let found = search(&[-1.2, 1.0], [-1e9, 1e9], Loss::Squares, rosenbrock);
+        assert!((found.point[0] - 1.0).abs() < 1e-4 && (found.point[1] - 1.0).abs() < 2e-4, "{found:?}");
+        assert!(found.runs < 40, "{}", found.runs);
+    }
+
+    #[test]
+    fn a_bound_holds_where_the_minimum_is_beyond_it() {
+        // On p_1 <= 1/2 the minimum of Rosenbrock's function is at (1/2, 1/4).
+        let at = |p: &[f64]| rosenbrock(p);
+        let found = search(&[-1.2, 0.4], [-2.0, 0.5], Loss::Squares, at);
+        assert!((found.point[0] - 0.5).abs() < 1e-12 && (found.point[1] - 0.25).abs() < 1e-5, "{found:?}");
+    }
+
+    #[test]
+    fn one_value_that_is_far_off_moves_hubers_mean_by_its_bound_alone() {
+        // The mean m of 9 zeros and one value far off: 9 m = 1.345.
+        let at = |p: &[f64]| {
+            let values = (0..10).map(|k| p[0] - if k == 0 { 1e3 } else { 0.0 }).collect();
+            (values, vec![1.0; 10])
+        };
+        let found = search(&[0.3], [-1e9, 1e9], Loss::Huber, at);
+        assert!((found.point[0] - HUBER / 9.0).abs() < 1e-4, "{found:?}");
+    }
+}

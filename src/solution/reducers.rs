@@ -1,0 +1,396 @@
+//! Numbers and words of one run, in the place of its trajectory: values at its ends, extremes, means and integrals along the
+//! dense output, counts and times of located events, the word of its modes. Output times play no part.
+
+use super::columnar::checksum;
+use super::quadrature::integrate;
+use super::run::Stepper;
+use super::statistics::{Extremes, Samples};
+use super::{Event, EventKind};
+use expression::Tape;
+
+/// The bytes at which a word of modes is cut.
+const LONGEST_WORD: usize = 4 << 10;
+
+/// What is collected of a run.
+#[derive(Clone, Debug, Default)]
+pub struct Reducers {
+    /// The names of the columns.
+    pub names: Vec<String>,
+    /// What each is.
+    pub reductions: Vec<Reduction>,
+    /// The expressions as a program in `t` and all outputs of the problem.
+    pub program: Tape,
+}
+
+/// One number or word.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Reduction {
+    /// Of the value of an expression, by its place in the program.
+    Value {
+        /// The place.
+        at: usize,
+        /// What of its values.
+        over: Over,
+    },
+    /// A derivative at the end, by its place in [`Sensitivities::names`](super::Sensitivities::names).
+    Derivative(usize),
+    /// The number of events.
+    Count(Selected),
+    /// The time of the first event.
+    First(Selected),
+    /// The time of the last event.
+    Last(Selected),
+    /// The modes in the order in which they were met.
+    ModeWord,
+}
+
+/// What of the values over a run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Over {
+    /// The value at the end.
+    Final,
+    /// The value at the start.
+    Initial,
+    /// The least value.
+    Min,
+    /// The largest value.
+    Max,
+    /// The largest less the least.
+    Ripple,
+    /// The mean over time.
+    Mean,
+    /// The root of the mean of the square.
+    Rms,
+    /// The integral over time.
+    Integral,
+    /// The value at a time.
+    At(f64),
+}
+
+/// The events that count.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Selected {
+    /// Their kind.
+    pub kind: EventKind,
+    /// What they are of; anything, where that is left out.
+    pub of: Option<String>,
+}
+
+/// What came of a reduction.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Collected {
+    /// A number; none where it has no finite value, or the run did not come so far.
+    Number(Option<f64>),
+    /// A count; none where the run did not come to its end.
+    Count(Option<u32>),
+    /// A word; none where the run did not come to its end.
+    Word(Option<String>),
+}
+
+impl Reducers {
+    /// Whether values within steps are taken.
+    pub fn is_dense(&self) -> bool {
+        self.reductions.iter().any(|reduction| match reduction {
+            Reduction::Value { over, .. } => !matches!(over, Over::Final | Over::Initial),
+            _ => false,
+        })
+    }
+
+    /// What a run gives that never began.
+    pub fn nothing(&self) -> Vec<Collected> {
+        self.reductions.iter().map(Reduction::nothing).collect()
+    }
+}
+
+impl Reduction {
+    fn nothing(&self) -> Collected {
+        match self {
+            Self::Value { .. } | Self::Derivative(_) | Self::First(_) | Self::Last(_) => Collected::Number(None),
+            Self::Count(_) => Collected::Count(None),
+            Self::ModeWord => Collected::Word(None),
+        }
+    }
+}
+
+impl Selected {
+    fn takes(&self, event: &Event) -> bool {
+        event.kind == self.kind && self.of.as_ref().is_none_or(|of| *of == event.of)
+    }
+}
+
+/// Reducers on the way of one run.
+pub(super) struct Reducing<'a> {
+    of: &'a Reducers,
+    program: Tape,
+    outputs: Vec<f64>,
+    values: Vec<f64>,
+    start: f64,
+    end: f64,
+    at_start: Vec<f64>,
+    at_end: Vec<f64>,
+    /// The values at the times that are asked for, a place a reduction.
+    at_times: Vec<Option<f64>>,
+    /// The places of values of which there are integrals, whether of their squares.
+    integrands: Vec<(usize, bool)>,
+    integrals: Vec<f64>,
+    /// The places of values of which there are extremes.
+    extremes: Vec<usize>,
+    found: Extremes,
+    samples: Samples,
+    word: Option<Word>,
+    has_times: bool,
+}
+
+impl<'a> Reducing<'a> {
+    /// Begins at the start of a run with so many outputs of the problem.
+    pub fn new(of: &'a Reducers, outputs: usize, stepper: &mut impl Stepper) -> Self {
+        let mut integrands = Vec::new();
+        let mut extremes = Vec::new();
+        let mut count = 0;
+        let mut has_times = false;
+        for reduction in &of.reductions {
+            let Reduction::Value { at, over } = reduction else { continue };
+            count = count.max(at + 1);
+            match over {
+                Over::Mean | Over::Integral => integrands.push((*at, false)),
+                Over::Rms => integrands.push((*at, true)),
+                Over::Min | Over::Max | Over::Ripple => extremes.push(*at),
+                Over::At(_) => has_times = true,
+                Over::Final | Over::Initial => {}
+            }
+        }
+        integrands.sort_unstable();
+        integrands.dedup();
+        extremes.sort_unstable();
+        extremes.dedup();
+        let t = stepper.t();
+        let word = of.reductions.contains(&Reduction::ModeWord).then(Word::default);
+        let mut reducing = Self {
+            of,
+            program: of.program.clone(),
+            outputs: vec![0.0; outputs],
+            values: vec![0.0; count],
+            start: t,
+            end: t,
+            at_start: vec![0.0; count],
+            at_end: vec![0.0; count],
+            at_times: vec![None; of.reductions.len()],
+            integrals: vec![0.0; integrands.len()],
+            integrands,
+            found: Extremes::new(extremes.len()),
+            extremes,
+            samples: Samples::default(),
+            word,
+            has_times,
+        };
+        if count > 0 {
+            reducing.evaluate(stepper, t);
+            reducing.at_start.copy_from_slice(&reducing.values);
+            reducing.at_end.copy_from_slice(&reducing.values);
+        }
+        reducing.look_at(stepper, t, t);
+        if let Some(word) = &mut reducing.word
+            && let Some(mode) = stepper.mode()
+        {
+            word.push(&mode);
+        }
+        reducing
+    }
+
+    fn evaluate(&mut self, stepper: &mut impl Stepper, t: f64) {
+        stepper.values(t, &mut self.outputs);
+        self.program.evaluate(t, &self.outputs, &mut self.values);
+    }
+
+    /// Takes the last step into account, from `begin` to `end`, with what happened in it.
+    pub fn step(&mut self, stepper: &mut impl Stepper, begin: f64, end: f64, events: &[Event]) {
+        self.end = end;
+        if let Some(word) = &mut self.word {
+            match stepper.mode() {
+                Some(mode) => word.push(&mode),
+                None => events.iter().for_each(|event| word.push(&told(event))),
+            }
+        }
+        if !self.integrands.is_empty() {
+            let Self { program, outputs, values, integrands, integrals, .. } = self;
+            integrate(begin, end, integrals, |t, out| {
+                stepper.values(t, outputs);
+                program.evaluate(t, outputs, values);
+                for (out, &(at, squared)) in out.iter_mut().zip(&*integrands) {
+                    *out = if squared { values[at] * values[at] } else { values[at] };
+                }
+            });
+        }
+        if !self.extremes.is_empty() {
+            let Self { program, outputs, values, extremes, found, samples, .. } = self;
+            samples.step(found, begin, end, |t, out| {
+                stepper.values(t, outputs);
+                program.evaluate(t, outputs, values);
+                out.iter_mut().zip(&*extremes).for_each(|(out, &at)| *out = values[at]);
+            });
+        }
+        self.look_at(stepper, begin, end);
+    }
+
+    /// Takes the values at those of the times that are asked for which lie within a step.
+    fn look_at(&mut self, stepper: &mut impl Stepper, begin: f64, end: f64) {
+        if !self.has_times {
+            return;
+        }
+        let of = self.of;
+        for (k, reduction) in of.reductions.iter().enumerate() {
+            if let Reduction::Value { at, over: Over::At(t) } = reduction
+                && (begin..=end).contains(t)
+            {
+                self.evaluate(stepper, *t);
+                self.at_times[k] = Some(self.values[*at]);
+            }
+        }
+    }
+
+    /// Takes the values at the end of the run.
+    pub fn end(&mut self, stepper: &mut impl Stepper) {
+        if !self.values.is_empty() && self.end > self.start {
+            self.evaluate(stepper, self.end);
+            self.at_end.copy_from_slice(&self.values);
+        }
+    }
+
+    /// What has come of each; what a run tells that has not come to its end is left out, but for values at times that were met.
+    pub fn finish(self, is_complete: bool, events: &[Event], derivatives: &[f64]) -> Vec<Collected> {
+        let time = self.end - self.start;
+        let integral = |at: usize, squared: bool| {
+            let place = self.integrands.iter().position(|known| *known == (at, squared));
+            place.map_or(f64::NAN, |place| self.integrals[place])
+        };
+        let extremes = |at: usize| {
+            let place = self.extremes.iter().position(|known| *known == at);
+            place.map_or((f64::NAN, f64::NAN), |place| self.found.of(place))
+        };
+        let number = |value: f64| Collected::Number(Some(value).filter(|value| value.is_finite()));
+        let word = self.word.map(Word::finish);
+        let reduced = |(k, reduction): (usize, &Reduction)| match reduction {
+            Reduction::Value { at, over: Over::Initial } => number(self.at_start[*at]),
+            Reduction::Value { over: Over::At(_), .. } => number(self.at_times[k].unwrap_or(f64::NAN)),
+            _ if !is_complete => reduction.nothing(),
+            Reduction::Value { at, over } => number(match over {
+                Over::Final | Over::Initial | Over::At(_) => self.at_end[*at],
+                Over::Min => extremes(*at).0,
+                Over::Max => extremes(*at).1,
+                Over::Ripple => extremes(*at).1 - extremes(*at).0,
+                Over::Mean => integral(*at, false) / time,
+                Over::Rms => (integral(*at, true) / time).max(0.0).sqrt(),
+                Over::Integral => integral(*at, false),
+            }),
+            Reduction::Derivative(at) => number(derivatives.get(*at).copied().unwrap_or(f64::NAN)),
+            Reduction::Count(selected) => {
+                let count = events.iter().filter(|event| selected.takes(event)).count();
+                Collected::Count(u32::try_from(count).ok())
+            }
+            Reduction::First(selected) => {
+                Collected::Number(events.iter().find(|event| selected.takes(event)).map(|event| event.t))
+            }
+            Reduction::Last(selected) => {
+                Collected::Number(events.iter().rev().find(|event| selected.takes(event)).map(|event| event.t))
+            }
+            Reduction::ModeWord => Collected::Word(word.clone()),
+        };
+        self.of.reductions.iter().enumerate().map(reduced).collect()
+    }
+}
+
+/// An event as a letter of a word.
+fn told(event: &Event) -> String {
+    let kind = match event.kind {
+        EventKind::Activated => "activated",
+        EventKind::Deactivated => "deactivated",
+        EventKind::Impact => "impact",
+        EventKind::LiftOff => "lift_off",
+        EventKind::Stick => "stick",
+        EventKind::Slip => "slip",
+        EventKind::Crossed => "crossed",
+    };
+    format!("{}:{kind}", event.of)
+}
+
+/// A word in the making: letters joined by `>`, runs of one as `*n`.
+#[derive(Debug, Default)]
+struct Word {
+    text: String,
+    /// The last letter, and how often it has been met.
+    last: String,
+    times: u64,
+    /// Of what does not fit any more.
+    hash: Option<u64>,
+}
+
+impl Word {
+    /// Adds a letter; a mode is one for as long as it lasts, and events are counted.
+    fn push(&mut self, letter: &str) {
+        let is_mode = !letter.contains(':');
+        if letter == self.last {
+            self.times += u64::from(!is_mode);
+            return;
+        }
+        self.flush();
+        letter.clone_into(&mut self.last);
+        self.times = 1;
+    }
+
+    fn flush(&mut self) {
+        if self.times == 0 {
+            return;
+        }
+        let mut letter = if self.text.is_empty() { String::new() } else { ">".to_owned() };
+        letter.push_str(&self.last);
+        if self.times > 1 {
+            letter.push_str(&format!("*{}", self.times));
+        }
+        match self.hash {
+            None if self.text.len() + letter.len() <= LONGEST_WORD => self.text.push_str(&letter),
+            hash => {
+                let mut bytes = hash.unwrap_or_else(|| checksum(self.text.as_bytes())).to_le_bytes().to_vec();
+                bytes.extend_from_slice(letter.as_bytes());
+                self.hash = Some(checksum(&bytes));
+            }
+        }
+    }
+
+    fn finish(mut self) -> String {
+        self.flush();
+        if let Some(hash) = self.hash {
+            self.text.push_str(&format!(">...#{hash:016x}"));
+        }
+        self.text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn runs_of_events_are_counted_and_modes_are_not() {
+        let mut word = Word::default();
+        ["F.upper", "F.upper", "free", "F.upper"].iter().for_each(|letter| word.push(letter));
+        assert_eq!(word.finish(), "F.upper>free>F.upper");
+        let mut word = Word::default();
+        ["a:impact", "a:impact", "b:impact", "a:impact"].iter().for_each(|letter| word.push(letter));
+        assert_eq!(word.finish(), "a:impact*2>b:impact>a:impact");
+    }
+
+    #[test]
+    fn a_long_word_is_cut_and_still_tells_one_from_another() {
+        let word = |last: &str| {
+            let mut word = Word::default();
+            for k in 0..3000 {
+                word.push(if k % 2 == 0 { "F.upper" } else { "F.lower" });
+            }
+            word.push(last);
+            word.finish()
+        };
+        let (one, other) = (word("free"), word("F.upper"));
+        assert!(one.len() < LONGEST_WORD + 30 && one != other, "{}", one.len());
+        assert_eq!(one, word("free"));
+    }
+}

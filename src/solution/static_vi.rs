@@ -1,0 +1,367 @@
+//! A static variational inequality: its solution, or why there is none, with what is certain of either.
+
+use super::run::{Plan, Stepper, run};
+use super::{CheckCode, Diagnostics, Event, Failure, Solution, Status, ViCounts};
+use models::{Inequality, StaticModel};
+use nalgebra::DMatrix;
+use numerics::Interval;
+use problem::{Control, ConvexSet};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::time::Instant;
+use utoipa::ToSchema;
+use vi::{AffineVi, Certificate, Found, MOST_VARIABLES, Outcome, Portfolio, SolverKind, SparseVi, certificate, start};
+
+/// The most variables of a problem that is solved again from other starts to find other solutions, and the starts.
+const MOST_SEARCHED: usize = 60;
+const SEARCHES: usize = 8;
+/// Solutions further apart than this part of their size are two.
+const APART: f64 = 1e-4;
+/// The most variables that a message names.
+const NAMED: usize = 6;
+/// Eigenvalues of a symmetric part above minus this part of the largest entry are not negative.
+const ROUNDING: f64 = 1e-11;
+
+/// How a static problem is solved.
+#[derive(Clone, Copy, Debug)]
+pub struct StaticPlan {
+    /// The solver of affine problems.
+    pub kind: SolverKind,
+    /// The natural-map residual to reach, relative to the terms of `G`.
+    pub tolerance: f64,
+}
+
+/// The solution of a static variational inequality.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
+#[expect(non_snake_case, reason = "the function goes by the name that it has in the formula")]
+pub struct StaticSolution {
+    /// The variables by name.
+    pub z: BTreeMap<String, f64>,
+    /// `G` there, by the variable that each component is paired with.
+    pub G: BTreeMap<String, f64>,
+    /// `max |z - P_K(z - G)|`, the residual of the natural map.
+    pub residual: f64,
+    /// Whether it is the only solution, the only one near, or one of many, and why.
+    pub certificate: String,
+}
+
+/// The end of a search, as a run that is over when it begins.
+struct Point<'a> {
+    z: &'a [f64],
+}
+
+impl Stepper for Point<'_> {
+    fn t(&self) -> f64 {
+        0.0
+    }
+
+    fn is_done(&self) -> bool {
+        true
+    }
+
+    fn accepted(&self) -> u64 {
+        0
+    }
+
+    fn states(&self) -> &[f64] {
+        &[]
+    }
+
+    fn step(&mut self) -> Result<(), Failure> {
+        Ok(())
+    }
+
+    fn values(&mut self, _t: f64, out: &mut [f64]) {
+        out.copy_from_slice(self.z);
+    }
+
+    fn take_events(&mut self, _events: &mut Vec<Event>) {}
+
+    fn observe(&mut self, _switched: bool, _diagnostics: &mut Diagnostics) {}
+
+    fn finish(&mut self, _diagnostics: &mut Diagnostics) {}
+}
+
+/// What is said of a static problem before it is solved.
+pub fn describe_static(model: &StaticModel) -> Diagnostics {
+    let mut diagnostics =
+        Diagnostics { method: "josephy_newton", built: vec!["variational inequality"], ..Diagnostics::default() };
+    diagnostics.left_out.push("time: the problem is static".to_owned());
+    if model.equations.structure().constant_jacobian {
+        diagnostics.left_out.push("new Jacobians: the problem is linear".to_owned());
+    }
+    diagnostics
+}
+
+/// Solves a static variational inequality.
+pub fn solve_static(model: &StaticModel, plan: &Plan, asked: StaticPlan, control: &Control) -> Solution {
+    let began = Instant::now();
+    let mut problem = model.inequality();
+    let mut z = model.start.clone();
+    let mut portfolio = Portfolio::new(z.len(), asked.kind);
+    let found = portfolio.solve(&mut problem, asked.tolerance, &mut z, control);
+    let plan = Plan { times: Some(vec![plan.start]), ..plan.clone() };
+    let mut solution = run(&plan, control, describe_static(model), || Ok(Point { z: &z }));
+    let mut search = Search { model, problem, portfolio, asked, control };
+    let at = search.at(&z);
+    record(model, &z, &at, asked, found, &mut solution.diagnostics);
+    if found.report.outcome == Outcome::Solved && solution.status == Status::Completed {
+        let names = &model.equations.variable_names;
+        let certificate = search.certify(&z, &at, &mut solution.diagnostics);
+        let by_name = |values: &[f64]| names.iter().cloned().zip(values.iter().copied()).collect();
+        solution.solution =
+            Some(StaticSolution { z: by_name(&z), G: by_name(&at.g), residual: at.residual, certificate });
+    } else if solution.status == Status::Completed {
+        let (status, code, message) = search.why_not(&z, &at, found);
+        let failure = Failure { code: code.into(), message, time: plan.start, state: Vec::new() };
+        (solution.status, solution.error) = (status, Some(failure));
+    }
+    solution.diagnostics.wall_seconds = began.elapsed().as_secs_f64();
+    solution
+}
+
+/// `G` and its derivative at a point.
+struct At {
+    g: Vec<f64>,
+    derivatives: Vec<f64>,
+    /// `|G| + |J| |z|`.
+    terms: Vec<f64>,
+    residual: f64,
+}
+
+/// Takes the evidence into the diagnostics.
+fn record(model: &StaticModel, z: &[f64], at: &At, asked: StaticPlan, found: Found, diagnostics: &mut Diagnostics) {
+    let set = &model.equations.structure().set;
+    let solver = found.method;
+    diagnostics.method = solver;
+    diagnostics.newton_iterations = found.iterations as u64;
+    let largest_residual = if at.residual.is_finite() { at.residual } else { f64::MAX };
+    let solves = found.starts as u64 + 1;
+    diagnostics.vi = Some(ViCounts { solver, solves, largest_residual, ..ViCounts::default() });
+    let bounded: Vec<usize> = (0..z.len()).filter(|&k| !set.is_free(k) || set.block_of(k).is_some()).collect();
+    if !bounded.is_empty() && at.residual.is_finite() {
+        diagnostics.complementarity.get_or_insert_default().observe(set, &bounded, z, &at.g, false);
+    }
+    let terms = at.terms.iter().chain(z).fold(0.0_f64, |most, x| most.max(x.abs()));
+    let allowed = asked.tolerance * terms.max(f64::MIN_POSITIVE);
+    diagnostics.checks.record(CheckCode::LawResidual, at.residual, allowed, || {
+        format!(
+            "the residual of the natural map is {:.1e}, where the terms of the inequality are up to {terms:.1e}",
+            at.residual
+        )
+    });
+}
+
+/// A problem with what solves it.
+struct Search<'a> {
+    model: &'a StaticModel,
+    problem: Inequality,
+    portfolio: Portfolio,
+    asked: StaticPlan,
+    control: &'a Control,
+}
+
+impl Search<'_> {
+    fn at(&mut self, z: &[f64]) -> At {
+        let structure = self.model.equations.structure();
+        let mut g = vec![0.0; z.len()];
+        let mut derivatives = vec![0.0; structure.pattern.len()];
+        self.problem.evaluate(z, &mut g);
+        self.problem.derivatives(z, &mut derivatives);
+        let mut terms: Vec<f64> = g.iter().map(|g| g.abs()).collect();
+        for (&(i, j), a) in structure.pattern.iter().zip(&derivatives) {
+            terms[i] += (a * z[j]).abs();
+        }
+        let residual = structure.set.natural_residual(z, &g);
+        At { g, derivatives, terms, residual }
+    }
+
+    fn jacobian(&self, at: &At) -> DMatrix<f64> {
+        let m = at.g.len();
+        let mut matrix = DMatrix::zeros(m, m);
+        for (&place, value) in self.model.equations.structure().pattern.iter().zip(&at.derivatives) {
+            matrix[place] += value;
+        }
+        matrix
+    }
+
+    fn name(&self, i: usize) -> &str {
+        self.model.equations.variable_names.get(i).map_or("?", String::as_str)
+    }
+
+    /// What is certain of a solution, in words; that there are others is a caveat too.
+    fn certify(&mut self, z: &[f64], at: &At, diagnostics: &mut Diagnostics) -> String {
+        let structure = self.model.equations.structure();
+        let is_affine = structure.constant_jacobian;
+        if z.len() > MOST_VARIABLES {
+            let message = format!(
+                "{} variables are more than the {MOST_VARIABLES} that are looked at for other solutions",
+                z.len()
+            );
+            diagnostics.checks.caveat("uniqueness_not_guaranteed", format!("uniqueness is not guaranteed: {message}"));
+            return format!("a solution: {message}");
+        }
+        let found = certificate(&self.jacobian(at), is_affine, (z, &at.g), &at.terms, &structure.set);
+        let told = match &found {
+            Certificate::Unique(least) => {
+                return format!(
+                    "the only solution: G is affine and its matrix positive definite, with {least:.3e} the least eigenvalue of \
+                     its symmetric part"
+                );
+            }
+            Certificate::UniqueOfConvex => {
+                return "the only solution: G is affine and its matrix positive semidefinite, so that solutions form a convex \
+                        set, and there is no other near"
+                    .to_owned();
+            }
+            Certificate::Continuum(direction) => {
+                let moves = self.listed(direction);
+                let message =
+                    format!("there are infinitely many solutions near this one: {moves} may be changed together");
+                diagnostics.checks.caveat("many_solutions", message.clone());
+                return format!("one of many: {message}");
+            }
+            Certificate::Isolated(least, inside, undecided) => {
+                let also =
+                    if *undecided > 0 { format!(" and {undecided} at an end with G = 0 there") } else { String::new() };
+                format!(
+                    "the only solution near: the derivative by the {inside} variables inside their intervals{also} is regular, \
+                     with {least:.3e} its least singular value"
+                )
+            }
+            Certificate::Nothing(why) => format!("a solution: {why}"),
+        };
+        match self.another(z) {
+            Some(other) => {
+                let moved: Vec<f64> = other.iter().zip(z).map(|(other, z)| other - z).collect();
+                let shown: Vec<String> = (0..z.len())
+                    .filter(|&i| moved[i].abs() > APART * z[i].abs().max(1.0))
+                    .take(NAMED)
+                    .map(|i| format!("`{}` = {:.6}", self.name(i), other[i]))
+                    .collect();
+                let message = format!("there is another solution, with {}", shown.join(", "));
+                diagnostics.checks.caveat("many_solutions", message.clone());
+                format!("{told}; {message}")
+            }
+            None => {
+                let message = format!("uniqueness is not guaranteed: {told}; no other was found from other starts");
+                diagnostics.checks.caveat("uniqueness_not_guaranteed", message);
+                told
+            }
+        }
+    }
+
+    /// The variables that a direction changes most, by how much of the largest.
+    fn listed(&self, direction: &[f64]) -> String {
+        let largest = direction.iter().fold(0.0_f64, |most, v| if v.abs() > most.abs() { *v } else { most });
+        let mut moved: Vec<usize> =
+            (0..direction.len()).filter(|&i| direction[i].abs() > APART * largest.abs()).collect();
+        moved.sort_by(|a, b| direction[*b].abs().total_cmp(&direction[*a].abs()));
+        let parts: Vec<String> =
+            moved.iter().take(NAMED).map(|&i| format!("`{}` by {:.3}", self.name(i), direction[i] / largest)).collect();
+        let more = if moved.len() > NAMED { format!(" and {} more", moved.len() - NAMED) } else { String::new() };
+        format!("{}{more}", parts.join(", "))
+    }
+
+    /// Another solution, from other starts.
+    fn another(&mut self, z: &[f64]) -> Option<Vec<f64>> {
+        if z.len() > MOST_SEARCHED {
+            return None;
+        }
+        let size = z.iter().fold(1.0_f64, |most, z| most.max(z.abs()));
+        let mut other = z.to_vec();
+        for number in 1..=SEARCHES {
+            if self.control.poll().is_some() {
+                return None;
+            }
+            start(number, z, self.problem.set(), &mut other);
+            let found = self.portfolio.once(&mut self.problem, self.asked.tolerance, &mut other, self.control);
+            let distance = other.iter().zip(z).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            if found.report.outcome == Outcome::Solved && distance > APART * size {
+                return Some(other);
+            }
+        }
+        None
+    }
+
+    /// Why no solution was found: a proof that there is none, where there is one.
+    fn why_not(&mut self, z: &[f64], at: &At, found: Found) -> (Status, &'static str, String) {
+        if let Some(stop) = self.control.poll() {
+            let (code, message) = match stop {
+                problem::Stop::Cancelled => ("cancelled", "cancelled before a solution was found".to_owned()),
+                problem::Stop::Deadline => {
+                    ("wall_time", "the wall time allowed ended; allow more with limits.wall_seconds".to_owned())
+                }
+            };
+            return (Status::Stopped, code, message);
+        }
+        if let Some(why) = self.impossible(at, found) {
+            return (Status::Failed, "no_solution", format!("there is no solution: {why}"));
+        }
+        let worst = (0..z.len()).max_by(|&a, &b| {
+            let set = self.problem.set();
+            let r = |i: usize| (z[i] - set.project(i, z[i] - at.g[i])).abs();
+            r(a).total_cmp(&r(b))
+        });
+        let broken = at.g.iter().position(|g| !g.is_finite());
+        let message = match broken {
+            Some(i) => format!(
+                "the inequality of `{}` is not finite where the search came to: a division by zero, a function outside its \
+                 domain, or a number too large; give `initial` values at which it has a value, or bounds that keep it there",
+                self.name(i)
+            ),
+            None => format!(
+                "no solution was found, and none was proven not to exist: from {} starts the residual came down to {:.1e}, most \
+                 of it in the inequality of `{}`. Begin nearer with `initial`, give bounds, or look at its sign",
+                found.starts + 1,
+                at.residual,
+                self.name(worst.unwrap_or(0))
+            ),
+        };
+        (Status::Failed, "vi_unsolved", message)
+    }
+
+    /// A proof that there is no solution.
+    fn impossible(&mut self, at: &At, found: Found) -> Option<String> {
+        let structure = self.model.equations.structure();
+        let set = &structure.set;
+        let m = at.g.len();
+        let ranges: Vec<Interval> = (0..m).map(|i| Interval::new(set.lower[i], set.upper[i])).collect();
+        let mut enclosed = vec![Interval::LINE; structure.rows()];
+        if self.problem.0.enclose(Interval::point(0.0), &ranges, &mut enclosed) {
+            for (i, range) in enclosed.iter().enumerate().take(m).filter(|(i, _)| set.block_of(*i).is_none()) {
+                if let Some(side) = presses(*range, set, i) {
+                    return Some(format!("the inequality of `{}` is {side} whatever the variables are", self.name(i)));
+                }
+            }
+        }
+        if !structure.constant_jacobian || m > MOST_VARIABLES || m == 0 {
+            return None;
+        }
+        let matrix = self.jacobian(at);
+        let mut q = vec![0.0; m];
+        self.problem.evaluate(&vec![0.0; m], &mut q);
+        if let Some(i) = (AffineVi { matrix: &matrix, q: &q, set }).contradiction() {
+            return Some(format!("the inequality of `{}` fails whatever the variables are", self.name(i)));
+        }
+        let symmetric = (&matrix + matrix.transpose()) * 0.5;
+        let least = symmetric.symmetric_eigenvalues().min();
+        (found.ray && least >= -ROUNDING * matrix.amax() * m as f64).then(|| {
+            "G is affine and its matrix positive semidefinite, and the path of Lemke's method ends on a ray: its inequalities \
+             contradict each other within the set"
+                .to_owned()
+        })
+    }
+}
+
+/// What an inequality is everywhere, where that leaves its variable no place to rest.
+fn presses(range: Interval, set: &ConvexSet, i: usize) -> Option<&'static str> {
+    if !range.defined || range.is_empty() {
+        return None;
+    }
+    match () {
+        () if range.hi < 0.0 && set.upper[i] == f64::INFINITY => Some("negative"),
+        () if range.lo > 0.0 && set.lower[i] == f64::NEG_INFINITY => Some("positive"),
+        () => None,
+    }
+}

@@ -1,0 +1,98 @@
+//! The numbers of a table in a few: how many there are, mean, standard deviation, extremes and quantiles.
+
+use super::table::Table;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use utoipa::ToSchema;
+
+/// The quantiles that are given.
+const QUANTILES: [(&str, f64); 5] = [("0.05", 0.05), ("0.25", 0.25), ("0.5", 0.5), ("0.75", 0.75), ("0.95", 0.95)];
+
+/// Of each number that was collected, by its name.
+pub type Summary = BTreeMap<String, OfNumber>;
+
+/// The distribution of a number over the members that have it.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
+pub struct OfNumber {
+    /// Members that have it.
+    pub count: u64,
+    /// Its mean.
+    pub mean: f64,
+    /// Its standard deviation, with `count - 1`; zero of one.
+    pub sd: f64,
+    /// Its least value.
+    pub min: f64,
+    /// Its largest value.
+    pub max: f64,
+    /// By their parts, such as `0.5`: linear between the values in order (Hyndman and Fan 1996, type 7).
+    pub quantiles: BTreeMap<String, f64>,
+}
+
+impl Table {
+    /// The distribution of each number that was collected.
+    pub fn summary(&self) -> Summary {
+        let mut summary = Summary::new();
+        for name in &self.collected {
+            let Some(values) = self.column(name) else { continue };
+            let numbers: Vec<f64> = (0..values.len()).filter_map(|row| values.number(row)).collect();
+            if let Some(of) = OfNumber::of(numbers) {
+                summary.insert(name.clone(), of);
+            }
+        }
+        summary
+    }
+}
+
+impl OfNumber {
+    fn of(mut numbers: Vec<f64>) -> Option<Self> {
+        if numbers.is_empty() {
+            return None;
+        }
+        let count = numbers.len() as f64;
+        let size = numbers.iter().fold(0.0_f64, |size, x| size.max(x.abs()));
+        // In parts of the largest, so that neither the sum nor a square overflows.
+        let unit = if size > 0.0 { size } else { 1.0 };
+        let mean = numbers.iter().map(|x| x / unit).sum::<f64>() / count;
+        let squares = numbers.iter().map(|x| (x / unit - mean).powi(2)).sum::<f64>();
+        let sd = if numbers.len() > 1 { (squares / (count - 1.0)).sqrt() * unit } else { 0.0 };
+        numbers.sort_by(f64::total_cmp);
+        let quantile = |part: f64| {
+            let place = part * (count - 1.0);
+            let below = place as usize;
+            let (low, high) = (numbers[below], numbers[(below + 1).min(numbers.len() - 1)]);
+            low + (place - below as f64) * (high / unit - low / unit) * unit
+        };
+        let quantiles = QUANTILES.map(|(name, part)| (name.to_owned(), quantile(part)));
+        let (min, max) = (numbers[0], numbers[numbers.len() - 1]);
+        let finite = |x: f64| if x.is_finite() { x } else { f64::MAX };
+        Some(Self {
+            count: numbers.len() as u64,
+            mean: mean * unit,
+            sd: finite(sd),
+            min,
+            max,
+            quantiles: quantiles.into(),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_are_those_of_r_and_numpy() {
+        let of = OfNumber::of(vec![4.0, 1.0, 3.0, 2.0]).unwrap();
+        assert_eq!((of.count, of.mean, of.min, of.max), (4, 2.5, 1.0, 4.0));
+        assert!((of.sd - (5.0_f64 / 3.0).sqrt()).abs() < 1e-15);
+        let told = [("0.05", 1.15), ("0.25", 1.75), ("0.5", 2.5), ("0.75", 3.25), ("0.95", 3.85)];
+        assert!(told.iter().all(|(name, value)| (of.quantiles[*name] - value).abs() < 1e-14), "{of:?}");
+    }
+
+    #[test]
+    fn nothing_overflows() {
+        let of = OfNumber::of(vec![f64::MAX, -f64::MAX]).unwrap();
+        assert!(of.mean == 0.0 && of.sd.is_finite() && of.quantiles.values().all(|value| value.is_finite()), "{of:?}");
+        assert!(OfNumber::of(vec![]).is_none());
+    }
+}

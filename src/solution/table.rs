@@ -1,0 +1,653 @@
+//! The table of a sweep: one row a member, a column for each name that was swept, for each number that was collected, and for how
+//! the member ended.
+//!
+//! Columns are kept as such: eight bytes a number, four bytes a count, one or four a word (words that come again are kept once). A number
+//! that is missing is NaN here, and null or nothing wherever it is written.
+
+use rustc_hash::FxHashMap;
+use serde::de::{Error, MapAccess, SeqAccess, Visitor};
+use serde::ser::{SerializeMap, SerializeSeq};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use std::fmt;
+use utoipa::openapi::RefOr;
+use utoipa::openapi::schema::{AdditionalProperties, ArrayBuilder, ObjectBuilder, Schema, Type};
+use utoipa::{PartialSchema, ToSchema};
+
+/// A count or a word that is missing.
+const MISSING: u32 = u32::MAX;
+
+/// One row for each member of a sweep, in the order of members.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
+pub struct Table {
+    /// By name: `member`, from zero; what was swept; what was collected; `status`, `trusted`, `error`, `steps`, `switches`, `residual`,
+    /// `warnings`. A value that is missing is null.
+    #[serde(with = "by_name")]
+    #[schema(schema_with = schema_of_columns)]
+    pub columns: Vec<Column>,
+    /// Members of the sweep; there may be fewer rows, where it was stopped or this is a part of it.
+    pub members: u64,
+    /// Rows of members that failed.
+    pub failed: u64,
+    /// The names of the columns that were swept.
+    #[serde(default)]
+    pub swept: Vec<String>,
+    /// The names of the columns that were collected.
+    #[serde(default)]
+    pub collected: Vec<String>,
+    /// What made it.
+    #[serde(flatten)]
+    pub provenance: TableProvenance,
+}
+
+/// What a table was made by, and of: parts that differ in it are not parts of one table.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
+pub struct TableProvenance {
+    /// The version of the program.
+    #[serde(default, rename = "program")]
+    pub version: String,
+    /// The machine's instructions that the program makes use of.
+    #[serde(default)]
+    pub features: String,
+    /// SHA-256 of the specification, however it is laid out.
+    #[serde(default)]
+    pub digest: String,
+}
+
+/// A column.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Column {
+    /// Its name.
+    pub name: String,
+    /// A value a row.
+    pub values: Values,
+}
+
+/// The values of a column.
+#[derive(Clone, Debug)]
+pub enum Values {
+    /// Numbers; NaN where there is none.
+    Numbers(Vec<f64>),
+    /// Counts; [`u32::MAX`] where there is none.
+    Counts(Vec<u32>),
+    /// Truths.
+    Flags(Vec<bool>),
+    /// Words by their places in a list.
+    Words(Words),
+}
+
+/// Words, each kept once.
+#[derive(Clone, Debug, Default)]
+pub struct Words {
+    places: Places,
+    words: Vec<String>,
+    known: FxHashMap<String, u32>,
+}
+
+/// Places in a list of words: a byte each, for as long as there are few words, as of columns that say how a member ended.
+#[derive(Clone, Debug)]
+enum Places {
+    Narrow(Vec<u8>),
+    Wide(Vec<u32>),
+}
+
+impl Default for Places {
+    fn default() -> Self {
+        Self::Narrow(Vec::new())
+    }
+}
+
+impl Places {
+    fn len(&self) -> usize {
+        match self {
+            Self::Narrow(places) => places.len(),
+            Self::Wide(places) => places.len(),
+        }
+    }
+
+    fn get(&self, row: usize) -> Option<u32> {
+        match self {
+            Self::Narrow(places) => {
+                places.get(row).map(|place| if *place == u8::MAX { MISSING } else { u32::from(*place) })
+            }
+            Self::Wide(places) => places.get(row).copied(),
+        }
+    }
+
+    fn push(&mut self, place: u32) {
+        if let Self::Narrow(places) = self {
+            match u8::try_from(place) {
+                _ if place == MISSING => return places.push(u8::MAX),
+                Ok(place) if place < u8::MAX => return places.push(place),
+                _ => {}
+            }
+            let wide = (0..self.len()).map(|row| self.get(row).unwrap_or(MISSING)).collect();
+            *self = Self::Wide(wide);
+        }
+        if let Self::Wide(places) = self {
+            places.push(place);
+        }
+    }
+
+    fn reserve(&mut self, rows: usize) {
+        match self {
+            Self::Narrow(places) => places.reserve_exact(rows),
+            Self::Wide(places) => places.reserve_exact(rows),
+        }
+    }
+}
+
+/// Why tables are not parts of one.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Unmergeable(pub String);
+
+impl fmt::Display for Unmergeable {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl Words {
+    /// Adds a word, or that there is none.
+    pub fn push(&mut self, word: Option<&str>) {
+        let place = word.map_or(MISSING, |word| self.place(word));
+        self.places.push(place);
+    }
+
+    fn place(&mut self, word: &str) -> u32 {
+        if let Some(place) = self.known.get(word) {
+            return *place;
+        }
+        let place = self.words.len() as u32;
+        self.words.push(word.to_owned());
+        self.known.insert(word.to_owned(), place);
+        place
+    }
+
+    /// The word of a row.
+    pub fn get(&self, row: usize) -> Option<&str> {
+        self.words.get(self.places.get(row)? as usize).map(String::as_str)
+    }
+
+    fn append(&mut self, other: &Self) {
+        let places: Vec<u32> = other.words.iter().map(|word| self.place(word)).collect();
+        for row in 0..other.places.len() {
+            let place = other.places.get(row).and_then(|place| places.get(place as usize)).copied();
+            self.places.push(place.unwrap_or(MISSING));
+        }
+    }
+}
+
+impl PartialEq for Words {
+    fn eq(&self, other: &Self) -> bool {
+        self.places.len() == other.places.len() && (0..self.places.len()).all(|row| self.get(row) == other.get(row))
+    }
+}
+
+impl PartialEq for Values {
+    fn eq(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Numbers(a), Self::Numbers(b)) => {
+                a.len() == b.len()
+                    && a.iter().zip(b).all(|(a, b)| a.to_bits() == b.to_bits() || a.is_nan() && b.is_nan())
+            }
+            (Self::Counts(a), Self::Counts(b)) => a == b,
+            (Self::Flags(a), Self::Flags(b)) => a == b,
+            (Self::Words(a), Self::Words(b)) => a == b,
+            // Of what has no value at all the type is not told by the text.
+            (a, b) => a.len() == b.len() && (0..a.len()).all(|row| a.is_missing(row) && b.is_missing(row)),
+        }
+    }
+}
+
+impl Values {
+    /// The number of rows.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Numbers(values) => values.len(),
+            Self::Counts(values) => values.len(),
+            Self::Flags(values) => values.len(),
+            Self::Words(words) => words.places.len(),
+        }
+    }
+
+    /// Whether there is no row.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Whether there is nothing in a row.
+    pub fn is_missing(&self, row: usize) -> bool {
+        match self {
+            Self::Numbers(values) => values.get(row).is_none_or(|value| !value.is_finite()),
+            Self::Counts(values) => values.get(row).is_none_or(|value| *value == MISSING),
+            Self::Flags(values) => values.get(row).is_none(),
+            Self::Words(words) => words.get(row).is_none(),
+        }
+    }
+
+    /// The number or count in a row.
+    pub fn number(&self, row: usize) -> Option<f64> {
+        match self {
+            Self::Numbers(values) => values.get(row).copied().filter(|value| value.is_finite()),
+            Self::Counts(values) => values.get(row).copied().filter(|value| *value != MISSING).map(f64::from),
+            Self::Flags(_) | Self::Words(_) => None,
+        }
+    }
+
+    /// The word in a row.
+    pub fn word(&self, row: usize) -> Option<&str> {
+        match self {
+            Self::Words(words) => words.get(row),
+            Self::Numbers(_) | Self::Counts(_) | Self::Flags(_) => None,
+        }
+    }
+
+    /// Makes room for so many rows more.
+    pub fn reserve(&mut self, rows: usize) {
+        match self {
+            Self::Numbers(values) => values.reserve_exact(rows),
+            Self::Counts(values) => values.reserve_exact(rows),
+            Self::Flags(values) => values.reserve_exact(rows),
+            Self::Words(words) => words.places.reserve(rows),
+        }
+    }
+
+    /// Adds a number, or that there is none.
+    pub fn push_number(&mut self, value: Option<f64>) {
+        match self {
+            Self::Numbers(values) => values.push(value.unwrap_or(f64::NAN)),
+            Self::Counts(values) => values.push(value.map_or(MISSING, |value| value as u32)),
+            Self::Flags(values) => values.push(value.is_some_and(|value| value != 0.0)),
+            Self::Words(words) => words.push(None),
+        }
+    }
+
+    /// Adds a word, or that there is none.
+    pub fn push_word(&mut self, word: Option<&str>) {
+        match self {
+            Self::Words(words) => words.push(word),
+            other => other.push_number(None),
+        }
+    }
+
+    fn append(&mut self, other: Self) -> bool {
+        let is_empty = |values: &Self| (0..values.len()).all(|row| values.is_missing(row));
+        if std::mem::discriminant(self) != std::mem::discriminant(&other) {
+            // Of what has no value at all the kind is not told by the text.
+            if is_empty(self) {
+                let mut values = other.emptied();
+                (0..self.len()).for_each(|_| values.push_number(None));
+                *self = values;
+            } else if is_empty(&other) {
+                (0..other.len()).for_each(|_| self.push_number(None));
+                return true;
+            } else {
+                return false;
+            }
+        }
+        match (self, other) {
+            (Self::Numbers(values), Self::Numbers(other)) => values.extend(other),
+            (Self::Counts(values), Self::Counts(other)) => values.extend(other),
+            (Self::Flags(values), Self::Flags(other)) => values.extend(other),
+            (Self::Words(words), Self::Words(other)) => words.append(&other),
+            _ => return false,
+        }
+        true
+    }
+
+    /// The same kind of values, without any.
+    pub fn emptied(&self) -> Self {
+        match self {
+            Self::Numbers(_) => Self::Numbers(Vec::new()),
+            Self::Counts(_) => Self::Counts(Vec::new()),
+            Self::Flags(_) => Self::Flags(Vec::new()),
+            Self::Words(_) => Self::Words(Words::default()),
+        }
+    }
+
+    fn reordered(&self, order: &[usize]) -> Self {
+        match self {
+            Self::Numbers(values) => Self::Numbers(order.iter().map(|row| values[*row]).collect()),
+            Self::Counts(values) => Self::Counts(order.iter().map(|row| values[*row]).collect()),
+            Self::Flags(values) => Self::Flags(order.iter().map(|row| values[*row]).collect()),
+            Self::Words(words) => {
+                let mut ordered = Words::default();
+                order.iter().for_each(|row| ordered.push(words.get(*row)));
+                Self::Words(ordered)
+            }
+        }
+    }
+}
+
+impl Table {
+    /// The number of rows.
+    pub fn rows(&self) -> usize {
+        self.columns.first().map_or(0, |column| column.values.len())
+    }
+
+    /// Makes room for so many rows more.
+    pub fn reserve(&mut self, rows: usize) {
+        self.columns.iter_mut().for_each(|column| column.values.reserve(rows));
+    }
+
+    /// The column of that name.
+    pub fn column(&self, name: &str) -> Option<&Values> {
+        self.columns.iter().find(|column| column.name == name).map(|column| &column.values)
+    }
+
+    /// Columns behind those of what was swept and collected.
+    pub fn own(&self) -> usize {
+        self.columns.len().saturating_sub(1 + self.swept.len() + self.collected.len())
+    }
+
+    /// Whether there is a column of that name behind those of what was swept and collected.
+    pub fn has(&self, name: &str) -> bool {
+        self.columns[self.columns.len() - self.own()..].iter().any(|column| column.name == name)
+    }
+
+    /// Rows of members that reached their end and are not trusted.
+    pub fn untrusted(&self) -> u64 {
+        let (Some(Values::Flags(trusted)), Some(status)) = (self.column("trusted"), self.column("status")) else {
+            return 0;
+        };
+        let is_untrusted = |row: &usize| !trusted[*row] && status.word(*row) == Some("completed");
+        (0..trusted.len()).filter(is_untrusted).count() as u64
+    }
+
+    /// The same columns, without any row.
+    pub fn emptied(&self) -> Self {
+        let emptied = |column: &Column| Column { name: column.name.clone(), values: column.values.emptied() };
+        Self { columns: self.columns.iter().map(emptied).collect(), failed: 0, ..self.clone_heads() }
+    }
+
+    fn clone_heads(&self) -> Self {
+        Self {
+            columns: Vec::new(),
+            members: self.members,
+            failed: self.failed,
+            swept: self.swept.clone(),
+            collected: self.collected.clone(),
+            provenance: self.provenance.clone(),
+        }
+    }
+
+    /// Adds the rows of a part of the same sweep.
+    ///
+    /// # Errors
+    /// It is a part of another.
+    pub fn append(&mut self, part: Self) -> Result<(), Unmergeable> {
+        let refuse = |what: &str, this: &str, other: &str| {
+            Err(Unmergeable(format!("the parts differ in {what}: {this} and {other}")))
+        };
+        let (this, other) = (&self.provenance, &part.provenance);
+        if this.digest != other.digest {
+            return refuse("their specification (SHA-256)", &this.digest, &other.digest);
+        }
+        if this.version != other.version {
+            return refuse("the version of the program", &this.version, &other.version);
+        }
+        if this.features != other.features {
+            return refuse("the instructions of their machines", &this.features, &other.features);
+        }
+        let names =
+            |table: &Self| table.columns.iter().map(|column| column.name.as_str()).collect::<Vec<_>>().join(", ");
+        if self.members != part.members || names(self) != names(&part) {
+            return refuse("their columns or members", &names(self), &names(&part));
+        }
+        self.failed += part.failed;
+        for (column, other) in self.columns.iter_mut().zip(part.columns) {
+            if !column.values.append(other.values) {
+                return Err(Unmergeable(format!("the values of `{}` are of different kinds", column.name)));
+            }
+        }
+        Ok(())
+    }
+
+    /// Puts rows in the order of members.
+    ///
+    /// # Errors
+    /// A member has two rows.
+    pub fn sort(&mut self) -> Result<(), Unmergeable> {
+        let members: Vec<u64> =
+            (0..self.rows()).map(|row| self.columns[0].values.number(row).unwrap_or(0.0) as u64).collect();
+        if members.windows(2).all(|pair| pair[0] < pair[1]) {
+            return Ok(());
+        }
+        let mut order: Vec<usize> = (0..members.len()).collect();
+        order.sort_by_key(|row| members[*row]);
+        if let Some(pair) = order.windows(2).find(|pair| members[pair[0]] == members[pair[1]]) {
+            return Err(Unmergeable(format!("member {} has a row in two parts", members[pair[0]])));
+        }
+        for column in &mut self.columns {
+            column.values = column.values.reordered(&order);
+        }
+        Ok(())
+    }
+}
+
+fn schema_of_columns() -> Schema {
+    let list =
+        ArrayBuilder::new().items(ObjectBuilder::new().schema_type(utoipa::openapi::schema::SchemaType::AnyValue));
+    let columns = ObjectBuilder::new().schema_type(Type::Object);
+    columns
+        .additional_properties(Some(AdditionalProperties::RefOr(RefOr::T(Schema::Array(list.build())))))
+        .description(Some(
+            "By name: `member`, from zero; what was swept; what was collected; `status`, `trusted`, `error`, `steps`, `switches`, \
+             `residual`, `warnings`. A value that is missing is null.",
+        ))
+        .into()
+}
+
+mod by_name {
+    use super::*;
+
+    pub fn serialize<S: Serializer>(columns: &[Column], serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(Some(columns.len()))?;
+        for column in columns {
+            map.serialize_entry(&column.name, &column.values)?;
+        }
+        map.end()
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<Column>, D::Error> {
+        deserializer.deserialize_map(ColumnsVisitor)
+    }
+}
+
+struct ColumnsVisitor;
+
+impl<'de> Visitor<'de> for ColumnsVisitor {
+    type Value = Vec<Column>;
+
+    fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str("columns by name")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut access: A) -> Result<Self::Value, A::Error> {
+        let mut columns: Vec<Column> = Vec::new();
+        while let Some((name, values)) = access.next_entry::<String, Values>()? {
+            columns.push(Column { name, values });
+        }
+        let rows = columns.first().map_or(0, |column| column.values.len());
+        if columns.iter().any(|column| column.values.len() != rows) {
+            return Err(A::Error::custom("the columns are not of one length"));
+        }
+        Ok(columns)
+    }
+}
+
+impl Serialize for Values {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut list = serializer.serialize_seq(Some(self.len()))?;
+        match self {
+            Self::Numbers(values) => {
+                for value in values {
+                    list.serialize_element(&Some(*value).filter(|value| value.is_finite()))?;
+                }
+            }
+            Self::Counts(values) => {
+                for value in values {
+                    list.serialize_element(&Some(*value).filter(|value| *value != MISSING))?;
+                }
+            }
+            Self::Flags(values) => {
+                for value in values {
+                    list.serialize_element(value)?;
+                }
+            }
+            Self::Words(words) => {
+                for row in 0..words.places.len() {
+                    list.serialize_element(&words.get(row))?;
+                }
+            }
+        }
+        list.end()
+    }
+}
+
+impl<'de> Deserialize<'de> for Values {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_seq(ValuesVisitor)
+    }
+}
+
+struct ValuesVisitor;
+
+/// One value as it is written: whole numbers without a point are counts.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Value {
+    Flag(bool),
+    Count(u32),
+    Number(f64),
+    Word(String),
+}
+
+impl<'de> Visitor<'de> for ValuesVisitor {
+    type Value = Values;
+
+    fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str("numbers, words or truths, or null")
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut access: A) -> Result<Values, A::Error> {
+        let mut found: Option<Values> = None;
+        let mut missing = 0;
+        while let Some(value) = access.next_element::<Option<Value>>()? {
+            let Some(value) = value else {
+                match &mut found {
+                    Some(values) => values.push_number(None),
+                    None => missing += 1,
+                }
+                continue;
+            };
+            let values = found.get_or_insert_with(|| {
+                let mut values = match &value {
+                    Value::Flag(_) => Values::Flags(Vec::new()),
+                    Value::Count(_) => Values::Counts(Vec::new()),
+                    Value::Number(_) => Values::Numbers(Vec::new()),
+                    Value::Word(_) => Values::Words(Words::default()),
+                };
+                (0..missing).for_each(|_| values.push_number(None));
+                values
+            });
+            match (values, value) {
+                (Values::Flags(values), Value::Flag(value)) => values.push(value),
+                (Values::Counts(values), Value::Count(value)) => values.push(value),
+                (Values::Numbers(values), Value::Number(value)) => values.push(value),
+                (Values::Numbers(values), Value::Count(value)) => values.push(f64::from(value)),
+                (Values::Words(words), Value::Word(word)) => words.push(Some(&word)),
+                _ => return Err(A::Error::custom("a column has values of one kind")),
+            }
+        }
+        Ok(found.unwrap_or_else(|| Values::Numbers(vec![f64::NAN; missing])))
+    }
+}
+
+impl PartialSchema for Values {
+    fn schema() -> RefOr<Schema> {
+        ArrayBuilder::new().into()
+    }
+}
+
+impl ToSchema for Values {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn words(all: &[Option<&str>]) -> Values {
+        let mut words = Words::default();
+        all.iter().for_each(|word| words.push(*word));
+        Values::Words(words)
+    }
+
+    fn table(members: &[u32], numbers: &[f64], errors: &[Option<&str>]) -> Table {
+        let column = |name: &str, values: Values| Column { name: name.to_owned(), values };
+        Table {
+            columns: vec![
+                column("member", Values::Counts(members.to_vec())),
+                column("x", Values::Numbers(numbers.to_vec())),
+                column("error", words(errors)),
+            ],
+            members: 4,
+            failed: errors.iter().flatten().count() as u64,
+            swept: vec!["x".to_owned()],
+            collected: Vec::new(),
+            provenance: TableProvenance { version: "1".to_owned(), ..TableProvenance::default() },
+        }
+    }
+
+    #[test]
+    fn what_is_missing_is_null_and_reads_back() {
+        let table = table(&[0, 1, 2], &[1.5, f64::NAN, 3.0], &[None, Some("a"), None]);
+        let json = serde_json::to_string(&table).unwrap();
+        assert!(json.contains(r#""x":[1.5,null,3.0],"error":[null,"a",null]"#), "{json}");
+        assert_eq!(serde_json::from_str::<Table>(&json).unwrap(), table);
+    }
+
+    #[test]
+    fn parts_in_any_order_are_the_whole() {
+        let whole = table(&[0, 1, 2, 3], &[0.5, 1.5, 2.5, 3.5], &[None, Some("b"), Some("a"), Some("b")]);
+        let mut merged = table(&[1, 3], &[1.5, 3.5], &[Some("b"), Some("b")]);
+        merged.append(table(&[0, 2], &[0.5, 2.5], &[None, Some("a")])).unwrap();
+        merged.sort().unwrap();
+        assert_eq!(merged, whole);
+        assert_eq!(serde_json::to_string(&merged).unwrap(), serde_json::to_string(&whole).unwrap());
+        // A column of nothing but what is missing has no kind.
+        let text = serde_json::to_string(&table(&[0, 2], &[0.5, 2.5], &[None, None])).unwrap();
+        let mut merged: Table = serde_json::from_str(&text).unwrap();
+        merged.append(table(&[1], &[1.5], &[Some("b")])).unwrap();
+        merged.sort().unwrap();
+        assert_eq!(merged, table(&[0, 1, 2], &[0.5, 1.5, 2.5], &[None, Some("b"), None]));
+    }
+
+    #[test]
+    fn many_words_are_told_apart() {
+        let mut words = Words::default();
+        for k in 0..1000 {
+            words.push(if k % 7 == 0 { None } else { Some("a") });
+            words.push(Some(&format!("word {}", k % 300)));
+        }
+        for k in 0..1000 {
+            assert_eq!(words.get(2 * k), if k % 7 == 0 { None } else { Some("a") });
+            assert_eq!(words.get(2 * k + 1), Some(format!("word {}", k % 300).as_str()));
+        }
+        assert_eq!(words.get(2000), None);
+    }
+
+    #[test]
+    fn mixtures_are_refused() {
+        let whole = || table(&[0], &[0.5], &[None]);
+        let refused = |part: Table| whole().append(part).unwrap_err().0;
+        let mut part = whole();
+        part.provenance.version = "2".to_owned();
+        assert!(refused(part).contains("version"));
+        let mut part = whole();
+        part.provenance.digest = "f".to_owned();
+        assert!(refused(part).contains("specification"));
+        let mut twice = whole();
+        twice.append(whole()).unwrap();
+        assert!(twice.sort().unwrap_err().0.contains("member 0"));
+    }
+}

@@ -1,0 +1,278 @@
+//! What is collected of each member of a sweep: reducers of expressions along the dense output, and of located events.
+
+use crate::error::{Errors, SpecificationError};
+use crate::expression::Expression;
+use crate::lowering::{Lowering, Named, Start};
+use crate::ordered::Ordered;
+use crate::place::Place;
+use crate::wording::{abridged, listed};
+use expression::{Node, Tape, nearest};
+use problem::EventKind;
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{Error, IntoDeserializer, MapAccess, Visitor};
+use serde::{Deserialize, Deserializer};
+use solution::{Over, Reducers, Reduction};
+use std::fmt;
+use utoipa::openapi::RefOr;
+use utoipa::openapi::schema::{AdditionalProperties, ObjectBuilder, OneOfBuilder, Schema, Type};
+use utoipa::{PartialSchema, ToSchema};
+
+/// The most columns that are collected.
+const MOST: usize = 1000;
+
+/// A number or a word of one run, to the accuracy of the solve: output times play no part.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Reducer {
+    /// The value at the end of the run; of an integral or a derivative as well, by its name.
+    Final(Expression),
+    /// The value at the start.
+    Initial(Expression),
+    /// The least value.
+    Min(Expression),
+    /// The largest value.
+    Max(Expression),
+    /// The largest less the least.
+    Ripple(Expression),
+    /// The mean over time.
+    Mean(Expression),
+    /// The root of the mean of the square over time.
+    Rms(Expression),
+    /// The integral over time.
+    Integral(Expression),
+    /// The value at a time.
+    At(AtTime),
+    /// The number of events.
+    Count(Selector),
+    /// When the first of the events happened; missing where none did.
+    TimeOfFirst(Selector),
+    /// When the last of the events happened; missing where none did.
+    TimeOfLast(Selector),
+    /// The active sets in the order in which they were met, joined by `>`, such as `F.lower>free>F.upper`; of problems with
+    /// contacts the events, runs of one as `*n`. Beyond 4 KiB it is cut, and a digest of the whole is added.
+    ModeWord,
+}
+
+/// A value at a time.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct AtTime {
+    /// The time, within the horizon.
+    pub t: f64,
+    /// Of what.
+    pub of: Expression,
+}
+
+/// Which events: of a kind, and of one variable, contact or label where that is named.
+#[derive(Clone, Debug)]
+pub struct Selector {
+    kind: EventKind,
+    of: Option<String>,
+}
+
+/// A selector in full.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct InFull {
+    kind: EventKind,
+    of: Option<String>,
+}
+
+impl<'de> Deserialize<'de> for Selector {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_any(SelectorVisitor)
+    }
+}
+
+struct SelectorVisitor;
+
+impl<'de> Visitor<'de> for SelectorVisitor {
+    type Value = Selector;
+
+    fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str("a kind of events such as \"impact\", or {\"kind\": \"impact\", \"of\": \"floor\"}")
+    }
+
+    fn visit_str<E: Error>(self, text: &str) -> Result<Selector, E> {
+        Ok(Selector { kind: EventKind::deserialize(text.into_deserializer())?, of: None })
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, access: A) -> Result<Selector, A::Error> {
+        InFull::deserialize(MapAccessDeserializer::new(access)).map(|InFull { kind, of }| Selector { kind, of })
+    }
+}
+
+impl PartialSchema for Selector {
+    fn schema() -> RefOr<Schema> {
+        let name = || ObjectBuilder::new().schema_type(Type::String);
+        let full = ObjectBuilder::new()
+            .schema_type(Type::Object)
+            .property("kind", EventKind::schema())
+            .property("of", name().description(Some("A variable, a contact, or a label of `stop`.")))
+            .required("kind")
+            .additional_properties(Some(AdditionalProperties::FreeForm(false)));
+        OneOfBuilder::new()
+            .item(EventKind::schema())
+            .item(full)
+            .description(Some("Which events: of a kind, or `{\"kind\": \"impact\", \"of\": \"floor\"}`."))
+            .into()
+    }
+}
+
+impl ToSchema for Selector {}
+
+/// What reducers can name.
+#[derive(Clone, Copy, Debug)]
+pub struct Nameable<'a> {
+    /// The outputs of the problem, the states first.
+    pub outputs: &'a [&'a str],
+    /// How many states there are.
+    pub states: usize,
+    /// Definitions, integrals and tables.
+    pub named: Named<'a>,
+    /// The columns of derivatives.
+    pub derivatives: &'a [String],
+    /// What events may be of, where that is known.
+    pub of_events: Option<&'a [String]>,
+    /// The labels of `stop`.
+    pub labels: &'a [String],
+    /// Whether parameters are inputs of the programs of the model.
+    pub are_inputs: bool,
+}
+
+/// Compiles what is collected; where nothing is asked for, the final values of all states.
+pub fn lower(
+    asked: Option<&Ordered<Reducer>>,
+    nameable: &Nameable<'_>,
+    horizon: (f64, f64),
+    (problem, start): (&Place<'_>, Start<'_>),
+    errors: &mut Errors,
+) -> Reducers {
+    let of_sweep = Place::Root.key("sweep");
+    let place = of_sweep.key("collect");
+    let default: Ordered<Reducer>;
+    let asked = match asked {
+        Some(asked) => asked,
+        None => {
+            let states = &nameable.outputs[..nameable.states.min(nameable.outputs.len())];
+            default = states
+                .iter()
+                .map(|&name| (name.to_owned(), Reducer::Final(Expression::Text(name.to_owned()))))
+                .collect();
+            &default
+        }
+    };
+    if asked.len() > MOST {
+        let error =
+            SpecificationError::new(place.to_string(), "too_many_unknowns", format!("{} reducers", asked.len()));
+        errors.push(error.expected(format!("at most {MOST}")));
+        return Reducers::default();
+    }
+    let named = nameable.named;
+    let mut lowering = match nameable.are_inputs {
+        true => Lowering::with_inputs(start, named, problem),
+        false => Lowering::new(start, named, problem),
+    };
+    lowering.bind_outputs(nameable.outputs);
+    lowering.define(named.definitions, problem);
+    let mut lowered = Lowered { lowering, nodes: Vec::new(), nameable, horizon };
+    let mut reducers = Reducers::default();
+    for (name, reducer) in asked.iter() {
+        if let Some(reduction) = lowered.reduction(reducer, &place.key(name)) {
+            reducers.names.push(name.to_owned());
+            reducers.reductions.push(reduction);
+        }
+    }
+    let Lowered { lowering, nodes, .. } = lowered;
+    reducers.program = Tape::compile(&lowering.graph, &nodes);
+    let mut found = lowering.errors;
+    // What is wrong with parameters and definitions is reported where they are lowered for themselves.
+    found.retain(|pointer| pointer.starts_with("/sweep"));
+    errors.append(found);
+    reducers
+}
+
+/// Reducers in the course of being lowered.
+struct Lowered<'a, 'c> {
+    lowering: Lowering<'c>,
+    nodes: Vec<Node>,
+    nameable: &'a Nameable<'a>,
+    horizon: (f64, f64),
+}
+
+impl Lowered<'_, '_> {
+    fn reduction(&mut self, reducer: &Reducer, place: &Place<'_>) -> Option<Reduction> {
+        let (expression, over, key) = match reducer {
+            Reducer::Final(expression) => (expression, Over::Final, "final"),
+            Reducer::Initial(expression) => (expression, Over::Initial, "initial"),
+            Reducer::Min(expression) => (expression, Over::Min, "min"),
+            Reducer::Max(expression) => (expression, Over::Max, "max"),
+            Reducer::Ripple(expression) => (expression, Over::Ripple, "ripple"),
+            Reducer::Mean(expression) => (expression, Over::Mean, "mean"),
+            Reducer::Rms(expression) => (expression, Over::Rms, "rms"),
+            Reducer::Integral(expression) => (expression, Over::Integral, "integral"),
+            Reducer::At(AtTime { t, of }) => {
+                let (from, to) = self.horizon;
+                if !(from..=to).contains(t) {
+                    let place = place.key("at");
+                    let detail = format!("{t} lies outside the time horizon");
+                    let error = SpecificationError::new(place.key("t").to_string(), "outside_horizon", detail);
+                    self.lowering.errors.push(error.expected(format!("from {from} to {to}")));
+                }
+                (of, Over::At(*t), "at")
+            }
+            Reducer::Count(selector) => return self.selected(selector, &place.key("count")).map(Reduction::Count),
+            Reducer::TimeOfFirst(selector) => {
+                return self.selected(selector, &place.key("time_of_first")).map(Reduction::First);
+            }
+            Reducer::TimeOfLast(selector) => {
+                return self.selected(selector, &place.key("time_of_last")).map(Reduction::Last);
+            }
+            Reducer::ModeWord => return Some(Reduction::ModeWord),
+        };
+        let place = place.key(key);
+        if let (Expression::Text(text), Over::Final) = (expression, over) {
+            if let Some(at) = self.nameable.derivatives.iter().position(|name| name == text.trim()) {
+                return Some(Reduction::Derivative(at));
+            }
+            // An integral at the end is the integral of its integrand.
+            if let Some((_, integrand)) = self.nameable.named.integrals.iter().find(|(name, _)| *name == text.trim()) {
+                return self.value(integrand, Over::Integral, &place);
+            }
+        }
+        if let Expression::Text(text) = expression
+            && self.nameable.named.integrals.names().any(|name| name == text.trim())
+        {
+            let detail = format!("`{}` is an integral, which is collected at the end", abridged(text));
+            let error = SpecificationError::new(place.to_string(), "conflict", detail);
+            self.lowering.errors.push(error.expected(format!("{{\"final\": \"{}\"}}", abridged(text.trim()))));
+            return None;
+        }
+        let of = if matches!(reducer, Reducer::At(_)) { place.key("of") } else { place };
+        self.value(expression, over, &of)
+    }
+
+    fn value(&mut self, expression: &Expression, over: Over, place: &Place<'_>) -> Option<Reduction> {
+        let node = self.lowering.node(expression, place)?;
+        let at = self.nodes.iter().position(|known| *known == node).unwrap_or_else(|| {
+            self.nodes.push(node);
+            self.nodes.len() - 1
+        });
+        Some(Reduction::Value { at, over })
+    }
+
+    fn selected(&mut self, selector: &Selector, place: &Place<'_>) -> Option<solution::Selected> {
+        let Selector { kind, of } = selector;
+        let known = if *kind == EventKind::Crossed { Some(self.nameable.labels) } else { self.nameable.of_events };
+        if let (Some(known), Some(of)) = (known, of)
+            && !known.contains(of)
+        {
+            let names = || known.iter().map(String::as_str);
+            let detail = format!("no event is of `{}`", abridged(of));
+            let error = SpecificationError::new(place.key("of").to_string(), "unknown_name", detail);
+            self.lowering.errors.push(error.expected(listed(names())).did_you_mean(nearest(of, names())));
+            return None;
+        }
+        Some(solution::Selected { kind: *kind, of: of.clone() })
+    }
+}

@@ -1,0 +1,378 @@
+//! A sweep: the problem solved for many values of some of its numbers, each a row of one table.
+
+mod collect;
+mod design;
+mod range;
+mod sobol;
+mod target;
+
+pub use collect::{AtTime, Reducer, Selector};
+pub use design::{Design, DesignName};
+pub use range::{Range, Rule};
+pub use target::Target;
+
+pub(super) use collect::Nameable;
+pub(super) use target::{lift, set};
+
+use super::checked::Specification;
+use super::choices::choices;
+use super::error::{Errors, SpecificationError};
+use super::json::Json;
+use super::lowering::Start;
+use super::method::out_of_range;
+use super::ordered::Ordered;
+use super::place::Place;
+use super::{reading, vectors};
+use problem::Control;
+use serde::Deserialize;
+use sha2::{Digest, Sha256};
+use solution::Reducers;
+use std::sync::Arc;
+use target::{targets, unknown};
+use utoipa::ToSchema;
+
+choices! {
+    /// What is kept of each run of a sweep beside its row.
+    KeepName {
+        "nothing" Nothing: "The row alone: trajectories would take as much for each member as a solve does."
+    }
+}
+
+/// The most members.
+const MOST_MEMBERS: usize = 10_000_000;
+/// The most slices of a latin hypercube: four bytes each.
+const MOST_SLICES: u64 = 1 << 25;
+/// The most names that are swept: each is a column.
+const MOST_NAMES: usize = 256;
+
+/// The problem solved for many values of some of its numbers: the answer is a table with one row a member, `table`, and a
+/// `summary` of its numbers. A member that fails is a row like others.
+///
+/// Names: a parameter `m`; `x.initial`, the start of a state; `theta.velocity`, that of a coordinate; `R1`, the value of a component;
+/// `ball.mass`, a number of anything that has a name.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SweepRequest {
+    /// The values of each name.
+    #[schema(value_type = Option<std::collections::BTreeMap<String, Range>>)]
+    pub over: Option<Ordered<Range>>,
+    /// The values of all members, in the place of `over`.
+    pub table: Option<TableOfMembers>,
+    /// How the members are made of `over`. Default `grid`, or `table` where there is one.
+    pub design: Option<DesignName>,
+    /// The number of members of `random`, `sobol` and `latin_hypercube`.
+    #[schema(minimum = 1, maximum = 10_000_000)]
+    pub count: Option<u64>,
+    /// What is kept of each run, by the name of its column. Default the final value of every state.
+    #[schema(value_type = Option<std::collections::BTreeMap<String, Reducer>>)]
+    pub collect: Option<Ordered<Reducer>>,
+    /// What is kept of each run beside its row.
+    #[serde(default)]
+    #[schema(value_type = KeepName, default = "nothing")]
+    pub keep: KeepName,
+    /// Draws depend on it and on the number of a member alone. Default 0.
+    #[serde(default)]
+    #[schema(default = 0)]
+    pub seed: u64,
+}
+
+/// The values of members, a row each.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TableOfMembers {
+    /// The names.
+    pub columns: Vec<String>,
+    /// A value for each name.
+    pub rows: Vec<Vec<f64>>,
+}
+
+/// A sweep that has passed every check.
+#[derive(Clone, Debug)]
+pub struct SweepPlan {
+    /// What is swept, in the order of the document.
+    pub targets: Vec<Target>,
+    /// The values of members.
+    pub design: Arc<Design>,
+    /// What is collected.
+    pub reducers: Reducers,
+    /// SHA-256 of the document, however it is laid out.
+    pub digest: Arc<str>,
+    /// The document, with vectors as they are written.
+    source: Arc<Json>,
+}
+
+/// What a sweep is checked with: what was found while the document was read.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Prepared {
+    /// The names and their parameters.
+    pub targets: Vec<Target>,
+    /// The document; none where there is no sweep.
+    pub source: Option<Arc<Json>>,
+}
+
+impl SweepRequest {
+    /// Checks it.
+    pub(super) fn check(
+        &self,
+        prepared: &Prepared,
+        nameable: &Nameable<'_>,
+        horizon: (f64, f64),
+        (problem, start): (&Place<'_>, Start<'_>),
+        errors: &mut Errors,
+    ) -> Option<SweepPlan> {
+        let place = Place::Root.key("sweep");
+        let mut found = Errors::default();
+        let design = self.design(&place, &mut found);
+        let reducers = collect::lower(self.collect.as_ref(), nameable, horizon, (problem, start), &mut found);
+        self.check_names(&reducers, &place, &mut found);
+        let is_whole = found.is_empty();
+        errors.append(found);
+        let source = Arc::clone(prepared.source.as_ref()?);
+        let (design, targets) = (design?, prepared.targets.clone());
+        if !is_whole || targets.len() != design.ranges().len() {
+            return None;
+        }
+        let hash = Sha256::digest(source.to_string().as_bytes());
+        let digest: String = hash.iter().map(|byte| format!("{byte:02x}")).collect();
+        Some(SweepPlan { targets, design: Arc::new(design), reducers, digest: digest.into(), source })
+    }
+
+    /// Names of columns are not to stand twice.
+    fn check_names(&self, reducers: &Reducers, place: &Place<'_>, errors: &mut Errors) {
+        let own =
+            ["member", "status", "trusted", "error", "steps", "switches", "residual", "warnings", "period", "stable"];
+        let swept: Vec<&str> = match (&self.over, &self.table) {
+            (Some(over), _) => over.names().collect(),
+            (None, Some(table)) => table.columns.iter().map(String::as_str).collect(),
+            (None, None) => Vec::new(),
+        };
+        if self.collect.is_none() {
+            return;
+        }
+        let place = place.key("collect");
+        for name in &reducers.names {
+            if own.contains(&name.as_str()) || swept.contains(&name.as_str()) {
+                errors.report(&place.key(name), "duplicate_name", "the table has a column of that name");
+            }
+        }
+    }
+
+    fn design(&self, place: &Place<'_>, errors: &mut Errors) -> Option<Design> {
+        let ranges = match (&self.over, &self.table) {
+            (Some(_), Some(_)) => {
+                errors.report(&place.key("table"), "conflict", "`over` and `table` both have values for the members");
+                return None;
+            }
+            (None, None) => {
+                let error = SpecificationError::new(place.to_string(), "missing_key", "`over` is missing");
+                errors.push(error.expected("`over`, such as `{\"m\": {\"linspace\": [0.1, 1, 10]}}`, or `table`"));
+                return None;
+            }
+            (Some(over), None) => {
+                let place = place.key("over");
+                over.iter().for_each(|(name, range)| range.check(&place.key(name), errors));
+                if over.is_empty() {
+                    errors.report(&place, "empty", "no name is swept");
+                }
+                over.iter().map(|(_, range)| range.clone()).collect()
+            }
+            (None, Some(table)) => table.ranges(&place.key("table"), errors)?,
+        };
+        if ranges.len() > MOST_NAMES {
+            let error =
+                SpecificationError::new(place.to_string(), "too_many_unknowns", format!("{} names", ranges.len()));
+            errors.push(error.expected(format!("at most {MOST_NAMES}")));
+            return None;
+        }
+        let name = match (self.design, &self.table) {
+            (None, Some(_)) => DesignName::Table,
+            (None, None) => DesignName::Grid,
+            (Some(DesignName::Table), None) => {
+                errors.report(&place.key("design"), "conflict", "`table` is missing: the columns and rows of values");
+                return None;
+            }
+            (Some(name), Some(_)) if name != DesignName::Table => {
+                errors.report(&place.key("design"), "conflict", "`table` has the values of all members already");
+                return None;
+            }
+            (Some(name), _) => name,
+        };
+        if !errors.is_empty() {
+            return None;
+        }
+        let members = self.members(name, &ranges, place, errors)?;
+        if !(1..=MOST_MEMBERS).contains(&members) {
+            let error = SpecificationError::new(place.to_string(), "too_many_runs", format!("{members} members"));
+            errors.push(error.expected(format!("at most {MOST_MEMBERS}")));
+            return None;
+        }
+        Some(Design::new(name, ranges, members, self.seed))
+    }
+
+    fn members(&self, name: DesignName, ranges: &[Range], place: &Place<'_>, errors: &mut Errors) -> Option<usize> {
+        let is_drawn = matches!(name, DesignName::Random | DesignName::Sobol | DesignName::LatinHypercube);
+        let key = place.key("count");
+        match self.count {
+            None if is_drawn => {
+                let error = SpecificationError::new(place.to_string(), "missing_key", "`count` is missing");
+                errors.push(error.expected(format!("`count`, the number of members of `{}`", name.name())));
+                return None;
+            }
+            Some(0) => {
+                out_of_range(&key, 0.0, "at least 1", errors);
+                return None;
+            }
+            Some(_) if !is_drawn => {
+                let detail = format!("`{}` has as many members as `over` and `table` say", name.name());
+                let error = SpecificationError::new(key.to_string(), "conflict", detail);
+                errors
+                    .push(error.expected("no `count`, or one of the designs `random`, `sobol` and `latin_hypercube`"));
+                return None;
+            }
+            _ => {}
+        }
+        if name == DesignName::Sobol && ranges.len() > design::MOST_SOBOL {
+            let detail = format!("{} names in a Sobol sequence", ranges.len());
+            let error = SpecificationError::new(place.key("over").to_string(), "too_many_unknowns", detail);
+            errors.push(error.expected(format!("at most {}, or the design `latin_hypercube`", design::MOST_SOBOL)));
+            return None;
+        }
+        if name == DesignName::LatinHypercube
+            && self.count.is_some_and(|count| count.saturating_mul(ranges.len() as u64) > MOST_SLICES)
+        {
+            let detail = "names times members of a latin hypercube, whose slices are kept";
+            let error = SpecificationError::new(key.to_string(), "too_many_runs", detail);
+            errors.push(error.expected(format!("at most {MOST_SLICES}, or the design `random` or `sobol`")));
+            return None;
+        }
+        if is_drawn {
+            return Some(self.count.and_then(|count| usize::try_from(count).ok()).unwrap_or(usize::MAX));
+        }
+        let names: Vec<&str> = self.over.iter().flat_map(|over| over.names()).collect();
+        let mut counts = Vec::with_capacity(ranges.len());
+        for (i, range) in ranges.iter().enumerate() {
+            match range.points() {
+                Some(points) => counts.push(points),
+                None => {
+                    let place = place.key("over");
+                    let detail = format!("a distribution has no points for the design `{}`", name.name());
+                    let error = SpecificationError::new(
+                        place.key(names.get(i).copied().unwrap_or("")).to_string(),
+                        "conflict",
+                        detail,
+                    );
+                    errors.push(error.expected(
+                        "a list, `linspace` or `logspace`, or `\"design\": \"random\"` (`sobol`, `latin_hypercube`) with a `count`",
+                    ));
+                }
+            }
+        }
+        if counts.len() < ranges.len() {
+            return None;
+        }
+        if name == DesignName::Grid {
+            return Some(counts.iter().fold(1, |product: usize, count| product.saturating_mul(*count)));
+        }
+        let first = counts.first().copied().unwrap_or(0);
+        if let Some(i) = counts.iter().position(|count| *count != first) {
+            let place = place.key("over");
+            let detail =
+                format!("{} values beside the {first} of `{}`", counts[i], names.first().copied().unwrap_or(""));
+            let error = SpecificationError::new(
+                place.key(names.get(i).copied().unwrap_or("")).to_string(),
+                "wrong_count",
+                detail,
+            );
+            errors.push(error.expected("the same number of values for all names"));
+            return None;
+        }
+        Some(first)
+    }
+}
+
+impl TableOfMembers {
+    fn ranges(&self, place: &Place<'_>, errors: &mut Errors) -> Option<Vec<Range>> {
+        let rows = place.key("rows");
+        if self.columns.is_empty() || self.rows.is_empty() {
+            errors.report(place, "empty", "a table of members has at least one column and one row");
+            return None;
+        }
+        if let Some(i) = (1..self.columns.len()).find(|&i| self.columns[..i].contains(&self.columns[i])) {
+            errors.report(&place.key("columns").index(i), "duplicate_name", "the name stands in another column");
+            return None;
+        }
+        let count = self.columns.len();
+        if let Some(i) = self.rows.iter().position(|row| row.len() != count) {
+            let detail = format!("{} values for {count} columns", self.rows[i].len());
+            let error = SpecificationError::new(rows.index(i).to_string(), "wrong_count", detail);
+            errors.push(error.expected("one value for each column"));
+            return None;
+        }
+        let column = |i: usize| Range::List(self.rows.iter().filter_map(|row| row.get(i).copied()).collect());
+        Some((0..count).map(column).collect())
+    }
+}
+
+impl SweepPlan {
+    /// How many members there are.
+    pub fn members(&self) -> usize {
+        self.design.members()
+    }
+}
+
+impl Specification {
+    /// The specification of a member with these values: those of its parameters are bound, unless they change the structure.
+    ///
+    /// # Errors
+    /// Why it has no such member.
+    pub fn member(&self, values: &[f64]) -> Result<Self, Vec<SpecificationError>> {
+        let Some(plan) = self.sweep() else { return Ok(self.clone()) };
+        let given: Vec<(&str, f64)> =
+            plan.targets.iter().map(|target| target.parameter.as_str()).zip(values.iter().copied()).collect();
+        self.with_parameters(&given)
+    }
+
+    /// The same, read anew: for values that change the structure, and types of problems that keep their parameters as constants.
+    ///
+    /// # Errors
+    /// Why there is no such member.
+    pub fn member_anew(&self, values: &[f64], control: &Control) -> Result<Self, Vec<SpecificationError>> {
+        let Some(plan) = self.sweep() else { return Ok(self.clone()) };
+        let given: Vec<(String, f64)> =
+            plan.targets.iter().map(|target| target.name.clone()).zip(values.iter().copied()).collect();
+        Self::from_tree((*plan.source).clone(), &given, control)
+    }
+}
+
+/// The text of a document with other values of some of its numbers, by name or by JSON pointer; a value is JSON, or the text of an
+/// expression.
+///
+/// # Errors
+/// The text is no JSON, or it has nothing of that name.
+pub fn edited(text: &[u8], settings: &[(String, String)]) -> Result<Vec<u8>, Vec<SpecificationError>> {
+    let mut json = reading::tree(text)?;
+    let mut errors = Errors::default();
+    let mut is_written_out = false;
+    for (name, value) in settings {
+        let value = serde_json::from_str(value).unwrap_or_else(|_| Json::Text(value.clone()));
+        if name.is_empty() || name.starts_with('/') {
+            target::put_at(&mut json, name, value, &mut errors);
+            continue;
+        }
+        let mut known = targets(&json);
+        if !known.iter().any(|(known, _)| known == name) && !is_written_out {
+            let mut written = json.clone();
+            vectors::write_out(&mut written, &mut Errors::default());
+            let others = targets(&written);
+            if others.iter().any(|(known, _)| known == name) {
+                (json, is_written_out) = (written, true);
+            }
+            known = others;
+        }
+        match known.iter().find(|(known, _)| known == name) {
+            Some((_, path)) => target::put(&mut json, path, value),
+            None => errors.push(unknown(name, String::new(), &known)),
+        }
+    }
+    if errors.is_empty() { Ok(json.to_string().into_bytes()) } else { Err(errors.into_list()) }
+}

@@ -1,0 +1,280 @@
+//! The rows of members, one after the other on one thread.
+
+use super::features;
+use problem::Control;
+use solution::{
+    CheckCode, Collected, Column, Plan, Reducers, Reduction, Solution, Status, Table, TableProvenance, Values, Words,
+};
+use specification::{Search, Specification, SpecificationError, SweepPlan};
+use std::ops::Range;
+use std::sync::Arc;
+
+/// Problems that are compiled beforehand at most, for members whose structure is another.
+const STRUCTURES: usize = 4;
+/// Members that are looked at for this.
+const PROBES: usize = 32;
+/// The characters of an error in a row.
+const ERROR: usize = 160;
+
+/// What all members have in common.
+#[derive(Debug)]
+pub struct Template<'s> {
+    specification: &'s Specification,
+    plan: &'s SweepPlan,
+    reducers: Arc<Reducers>,
+    /// The problem as it is written, then those with another structure that members were found to have.
+    structures: Vec<Specification>,
+    empty: Table,
+}
+
+/// Rows of some members in the making.
+struct Rows {
+    table: Table,
+}
+
+/// Why a member has no solution at all.
+struct Refused {
+    code: &'static str,
+    message: String,
+}
+
+impl<'s> Template<'s> {
+    /// Compiles what members need.
+    pub fn new(specification: &'s Specification, control: &Control) -> Self {
+        let plan = specification.sweep().expect("a sweep is asked for");
+        let reducers = Arc::new(plan.reducers.clone());
+        let empty = empty(specification, plan, &reducers);
+        let mut template = Self { specification, plan, reducers, structures: vec![specification.clone()], empty };
+        template.find_structures(control);
+        template
+    }
+
+    /// A table with all columns and no row.
+    pub fn empty(&self) -> Table {
+        self.empty.clone()
+    }
+
+    /// Compiles the structures of some members, the same ones whoever asks.
+    fn find_structures(&mut self, control: &Control) {
+        if self.specification.model().parameters().is_none() {
+            return;
+        }
+        let members = self.plan.members();
+        let mut values = vec![0.0; self.plan.targets.len()];
+        for probe in 0..PROBES.min(members) {
+            if self.structures.len() > STRUCTURES || control.poll().is_some() {
+                return;
+            }
+            let last = (members - 1) as u128;
+            self.plan
+                .design
+                .write((probe as u128 * last / (PROBES.min(members).max(2) - 1) as u128) as usize, &mut values);
+            if let Err(Unbound::Structure) = self.bind(&values)
+                && let Ok(anew) = self.specification.member_anew(&values, control)
+            {
+                self.structures.push(anew);
+            }
+        }
+    }
+
+    /// Binds values to the first of the compiled problems that takes them.
+    fn bind(&self, values: &[f64]) -> Result<Specification, Unbound> {
+        let mut refused = Unbound::Structure;
+        for structure in &self.structures {
+            match structure.member(values) {
+                Ok(bound) => return Ok(bound),
+                Err(errors) if errors.iter().all(|error| ["structure_changes", "folded"].contains(&error.code)) => {}
+                Err(errors) => refused = Unbound::Refused(errors),
+            }
+        }
+        Err(refused)
+    }
+
+    fn member(&self, values: &[f64], control: &Control) -> Result<Specification, Refused> {
+        if let Some(k) = values.iter().position(|value| !value.is_finite()) {
+            let message = format!("`{}` is {}", self.plan.targets[k].name, values[k]);
+            return Err(Refused { code: "not_finite", message });
+        }
+        let errors = match self.bind(values) {
+            Ok(bound) => return Ok(bound),
+            Err(Unbound::Structure) => match self.specification.member_anew(values, control) {
+                Ok(anew) => return Ok(anew),
+                Err(errors) => errors,
+            },
+            Err(Unbound::Refused(errors)) => errors,
+        };
+        let first = errors.into_iter().next();
+        Err(first.map_or(Refused { code: "defect", message: String::new() }, |error| {
+            let message = error.detail.lines().next().unwrap_or_default().to_owned();
+            Refused { code: error.code, message }
+        }))
+    }
+
+    /// The rows of these members; those that were stopped on the way have none. `told` is given the steps of each.
+    pub fn rows(&self, members: Range<usize>, control: &Control, mut told: impl FnMut(u64)) -> Table {
+        let mut rows = Rows { table: self.empty() };
+        let mut values = vec![0.0; self.plan.targets.len()];
+        for k in members {
+            self.plan.design.write(k, &mut values);
+            let row = self.member(&values, control).map(|member| {
+                let plan = self.plan_of(&member);
+                let mut solution = member.model().run(&member, &plan, control);
+                solution.diagnostics.warnings.extend(member.model().warnings().iter().cloned());
+                let end = solution.orbit.as_ref().map_or(plan.end, |orbit| plan.start + orbit.period);
+                solution.judge(end);
+                solution
+            });
+            if control.poll().is_some() {
+                return rows.table;
+            }
+            let steps = row.as_ref().map_or(0, |solution| solution.diagnostics.steps.accepted);
+            rows.push(k, &values, row, &self.reducers);
+            told(steps);
+        }
+        rows.table
+    }
+
+    /// What to run: no trajectory but its end, where derivatives are taken.
+    fn plan_of(&self, member: &Specification) -> Plan {
+        let mut plan = member.plan();
+        plan.times = Some(vec![plan.end]);
+        plan.fields = Vec::new();
+        // The program has the parameters of the member bound.
+        plan.reducers = member.sweep().map(|sweep| Arc::new(sweep.reducers.clone()));
+        plan
+    }
+}
+
+/// Why values are not bound.
+enum Unbound {
+    /// The structure is another.
+    Structure,
+    /// The values are wrong.
+    Refused(Vec<SpecificationError>),
+}
+
+impl Rows {
+    fn push(&mut self, k: usize, values: &[f64], row: Result<Solution, Refused>, reducers: &Reducers) {
+        let mut columns = self.table.columns.iter_mut().map(|column| &mut column.values);
+        let mut number = |value: Option<f64>| {
+            if let Some(column) = columns.next() {
+                column.push_number(value);
+            }
+        };
+        number(Some(k as f64));
+        values.iter().for_each(|value| number(Some(*value)));
+        let nothing;
+        let collected = match &row {
+            Ok(solution) => &solution.collected,
+            Err(_) => {
+                nothing = reducers.nothing();
+                &nothing
+            }
+        };
+        for value in collected {
+            let Some(column) = columns.next() else { return };
+            match value {
+                Collected::Number(value) => column.push_number(*value),
+                Collected::Count(count) => column.push_number(count.map(f64::from)),
+                Collected::Word(word) => column.push_word(word.as_deref()),
+            }
+        }
+        let solution = row.as_ref().ok();
+        let is_completed = solution.is_some_and(|solution| solution.status == Status::Completed);
+        self.table.failed += u64::from(!is_completed);
+        let trusted = solution.is_some_and(|solution| solution.verdict.trusted);
+        let status = match solution.map(|solution| solution.status) {
+            Some(Status::Completed) => "completed",
+            Some(Status::Stopped) => "stopped",
+            Some(Status::Failed) | None => "failed",
+        };
+        let error = match &row {
+            Ok(solution) => solution.error.as_ref().map(|error| (&*error.code, error.message.as_str())),
+            Err(refused) => Some((refused.code, refused.message.as_str())),
+        };
+        let error = error.map(|(code, message)| format!("{code}: {message}").chars().take(ERROR).collect::<String>());
+        let (steps, switches) =
+            solution.map_or((0, 0), |solution| (solution.diagnostics.steps.accepted, solution.diagnostics.switches));
+        let of_law = |solution: &Solution| solution.diagnostics.checks.get(CheckCode::LawResidual);
+        let residual = solution.and_then(of_law).map(|(value, _)| value);
+        let orbit = solution.and_then(|solution| solution.orbit.as_ref());
+        let rest = solution.and_then(|solution| solution.steady_state.as_ref());
+        let stable = match (orbit, rest) {
+            (Some(orbit), _) => orbit.stable,
+            (None, Some(rest)) => rest.stable,
+            (None, None) => None,
+        };
+        let warnings = solution.map(warnings).filter(|warnings| !warnings.is_empty());
+        let own = self.table.columns.len() - self.table.own();
+        for Column { name, values } in &mut self.table.columns[own..] {
+            match name.as_str() {
+                "period" => values.push_number(orbit.map(|orbit| orbit.period)),
+                "stable" => values.push_word(stable.map(|stable| if stable { "yes" } else { "no" })),
+                "status" => values.push_word(Some(status)),
+                "trusted" => values.push_number(Some(f64::from(u8::from(trusted)))),
+                "error" => values.push_word(error.as_deref()),
+                "steps" => values.push_number(Some(steps as f64)),
+                "switches" => values.push_number(Some(switches as f64)),
+                "residual" => values.push_number(residual),
+                _ => values.push_word(warnings.as_deref()),
+            }
+        }
+    }
+}
+
+/// The codes of what the user should know of a run, joined by commas.
+fn warnings(solution: &Solution) -> String {
+    let mut codes: Vec<&str> = solution.verdict.because.iter().map(|reason| reason.code.name()).collect();
+    codes.extend(solution.diagnostics.warnings.iter().map(|warning| warning.code));
+    codes.extend(solution.verdict.caveats.iter().map(|caveat| caveat.code.as_str()));
+    let mut told: Vec<&str> = Vec::with_capacity(codes.len());
+    for code in codes {
+        if !told.contains(&code) {
+            told.push(code);
+        }
+    }
+    told.join(",")
+}
+
+/// A table with all columns and no row.
+fn empty(specification: &Specification, plan: &SweepPlan, reducers: &Reducers) -> Table {
+    let words = || Values::Words(Words::default());
+    let mut columns = vec![("member", Values::Counts(Vec::new()))];
+    columns.extend(plan.targets.iter().map(|target| (target.name.as_str(), Values::Numbers(Vec::new()))));
+    for (name, reduction) in reducers.names.iter().zip(&reducers.reductions) {
+        let values = match reduction {
+            Reduction::Count(_) => Values::Counts(Vec::new()),
+            Reduction::ModeWord => words(),
+            _ => Values::Numbers(Vec::new()),
+        };
+        columns.push((name, values));
+    }
+    match specification.search() {
+        Some(Search::Periodic(_)) => {
+            columns.extend([("period", Values::Numbers(Vec::new())), ("stable", words())]);
+        }
+        Some(Search::SteadyState) => columns.push(("stable", words())),
+        None => {}
+    }
+    columns.extend([
+        ("status", words()),
+        ("trusted", Values::Flags(Vec::new())),
+        ("error", words()),
+        ("steps", Values::Counts(Vec::new())),
+        ("switches", Values::Counts(Vec::new())),
+        ("residual", Values::Numbers(Vec::new())),
+        ("warnings", words()),
+    ]);
+    Table {
+        columns: columns.into_iter().map(|(name, values)| Column { name: name.to_owned(), values }).collect(),
+        members: plan.members() as u64,
+        failed: 0,
+        swept: plan.targets.iter().map(|target| target.name.clone()).collect(),
+        collected: reducers.names.clone(),
+        provenance: TableProvenance {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            features: features(),
+            digest: plan.digest.to_string(),
+        },
+    }
+}

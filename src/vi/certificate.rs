@@ -1,0 +1,138 @@
+//! What is certain of a solution of a variational inequality: whether it is the only one, the only one near, or one of a
+//! continuum. On intervals, with `J = G'(z)`, `a` the variables inside and `b` those at an end with `G = 0`:
+//!
+//! - `G` affine and `J` positive definite: the only one (Facchinei and Pang 2003, theorem 2.3.3);
+//! - `J_aa` regular and the Schur complement `J_bb - J_ba J_aa^-1 J_ab` a P-matrix: the only one near (Robinson 1980, *Strongly
+//!   regular generalized equations*), and, where `G` is affine and `J` positive semidefinite, so that solutions form a convex
+//!   set, the only one;
+//! - `G` affine, `b` empty and `J_aa` singular: solutions are all points `z + s v`, `J_aa v = 0`, near it.
+
+use factorisation::{Singular, least_eigenvalue};
+use nalgebra::DMatrix;
+use problem::ConvexSet;
+
+/// The part of the largest singular value, or eigenvalue, below which one is zero: that of rounding in matrices of this size.
+const ZERO: f64 = 1e-11;
+/// A component rests on an end, and its `G` is zero, to this part of their terms: solutions of nonlinear problems are known to
+/// half their digits where they are degenerate.
+const REST: f64 = 1e-7;
+/// The most components in `b`: all principal minors are looked at.
+const MOST_UNDECIDED: usize = 12;
+/// The most variables: values and vectors of full matrices.
+pub const MOST_VARIABLES: usize = 400;
+
+/// What is certain.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Certificate {
+    /// The matrix of an affine `G` is positive definite: the least eigenvalue of its symmetric part.
+    Unique(f64),
+    /// The only one near, and the matrix of an affine `G` positive semidefinite.
+    UniqueOfConvex,
+    /// The only one near: the least singular value of `J_aa`, and the numbers of variables in `a` and in `b`.
+    Isolated(f64, usize, usize),
+    /// One of a continuum, along this direction.
+    Continuum(Vec<f64>),
+    /// Nothing, for this reason.
+    Nothing(&'static str),
+}
+
+/// The solution `z` with `g = G(z)` and `J = G'(z)`; `g` and `z` are sums of terms of these sizes.
+pub fn certificate(
+    jacobian: &DMatrix<f64>,
+    is_affine: bool,
+    (z, g): (&[f64], &[f64]),
+    terms: &[f64],
+    set: &ConvexSet,
+) -> Certificate {
+    let m = z.len();
+    if m > MOST_VARIABLES {
+        return Certificate::Nothing("there are too many variables to look at all singular values");
+    }
+    let symmetric = (jacobian + jacobian.transpose()) * 0.5;
+    let zero = ZERO * jacobian.amax() * m as f64;
+    let least = least_eigenvalue(&symmetric).unwrap_or(f64::NAN);
+    if is_affine && least > zero {
+        return Certificate::Unique(least);
+    }
+    if set.has_blocks() {
+        return Certificate::Nothing("it lies in a set that binds variables together, and G is not certified monotone");
+    }
+    let (mut inside, mut undecided) = (Vec::new(), Vec::new());
+    for i in 0..m {
+        let at_end = |end: f64| (z[i] - end).abs() <= REST * (1.0 + z[i].abs());
+        let is_fixed = set.lower[i] == set.upper[i];
+        match (at_end(set.lower[i]) || at_end(set.upper[i]), g[i].abs() <= REST * terms[i].max(f64::MIN_POSITIVE)) {
+            _ if is_fixed => {}
+            (false, _) => inside.push(i),
+            (true, true) => undecided.push(i),
+            (true, false) => {}
+        }
+    }
+    let part = |rows: &[usize], columns: &[usize]| jacobian.select_rows(rows).select_columns(columns);
+    let Some(own) = Singular::of(&part(&inside, &inside)) else {
+        return Certificate::Nothing("its derivatives have no singular values");
+    };
+    let is_regular = own.rank(ZERO * m as f64) == inside.len();
+    let is_convex = is_affine && least >= -zero;
+    if !is_regular {
+        return match (is_affine && undecided.is_empty(), own.v_t.nrows()) {
+            (true, rows) if rows > 0 => {
+                let mut direction = vec![0.0; m];
+                let row = own.v_t.row(rows - 1);
+                inside.iter().zip(row.iter()).for_each(|(&i, v)| direction[i] = *v);
+                Certificate::Continuum(direction)
+            }
+            _ => Certificate::Nothing("the derivative by the variables inside is singular"),
+        };
+    }
+    if undecided.len() > MOST_UNDECIDED {
+        return Certificate::Nothing("many variables are at an end with G = 0 there");
+    }
+    let correction = part(&inside, &inside).lu().solve(&part(&inside, &undecided));
+    let Some(correction) = correction.or_else(|| inside.is_empty().then(|| DMatrix::zeros(0, undecided.len()))) else {
+        return Certificate::Nothing("the derivative by the variables inside is singular");
+    };
+    let schur = part(&undecided, &undecided) - part(&undecided, &inside) * correction;
+    if !is_p_matrix(&schur) {
+        return Certificate::Nothing("variables at an end have G = 0 there, and may leave it in several ways");
+    }
+    match is_convex {
+        true => Certificate::UniqueOfConvex,
+        false => {
+            Certificate::Isolated(own.values.last().copied().unwrap_or(f64::INFINITY), inside.len(), undecided.len())
+        }
+    }
+}
+
+/// Whether all principal minors of a small matrix are positive.
+fn is_p_matrix(matrix: &DMatrix<f64>) -> bool {
+    let k = matrix.nrows();
+    (1_usize..1 << k).all(|subset| {
+        let members: Vec<usize> = (0..k).filter(|i| subset >> i & 1 == 1).collect();
+        matrix.select_rows(&members).select_columns(&members).determinant() > 0.0
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(jacobian: &[f64], is_affine: bool, z: &[f64], g: &[f64]) -> Certificate {
+        let m = z.len();
+        let jacobian = DMatrix::from_row_slice(m, m, jacobian);
+        certificate(&jacobian, is_affine, (z, g), &vec![1.0; m], &ConvexSet::nonnegative(m))
+    }
+
+    #[test]
+    fn definite_regular_and_singular_matrices_are_told_apart() {
+        assert!(matches!(of(&[2.0, 1.0, -1.0, 1.0], true, &[1.0, 1.0], &[0.0, 0.0]), Certificate::Unique(_)));
+        assert_eq!(of(&[1.0, 0.0, 0.0, 0.0], true, &[1.0, 0.0], &[0.0, 2.0]), Certificate::UniqueOfConvex);
+        // Not monotone: w = z2 - 1, z1 - 1 has solutions (1, 1), and none near it.
+        assert!(matches!(of(&[0.0, 1.0, 1.0, 0.0], true, &[1.0, 1.0], &[0.0; 2]), Certificate::Isolated(_, 2, 0)));
+        // z1 + z2 = 2.
+        let Certificate::Continuum(v) = of(&[1.0; 4], true, &[1.5, 0.5], &[0.0; 2]) else { panic!("a continuum") };
+        assert!((v[0] + v[1]).abs() < 1e-12 && v[0].abs() > 0.5);
+        // w = -z at z = 0: any step leaves it, as z = 0 is one end of nothing; not certified.
+        assert!(matches!(of(&[-1.0], true, &[0.0], &[0.0]), Certificate::Nothing(_)));
+    }
+}

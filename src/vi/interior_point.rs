@@ -1,0 +1,264 @@
+//! A primal-dual interior-point method for nonlinear variational inequalities over intervals with sparse Jacobians. With
+//! distances `a = z - l`, `b = u - z` to the ends and multipliers `y`, `v`, all positive,
+//!
+//! ```text
+//! F(z) - y + v = 0,    a_i y_i = mu,    b_i v_i = mu,    mu -> 0
+//! ```
+//!
+//! by Newton's method with the predictor and corrector of Mehrotra (1992), on the system `F' + diag(y/a + v/b)`. Its directions
+//! exist and point the right way where `F` is monotone, whether the solution is one point or a set (Facchinei and Pang 2003,
+//! chapter 11; Ralph and Wright 2000, *Superlinear convergence of an interior-point method despite dependent constraints*);
+//! elsewhere it is a try.
+
+use super::sparse_jacobian::{Fit, SparseJacobian, SparseVi};
+use super::{Outcome, Report};
+use problem::{Control, ConvexSet};
+
+/// Steps; problems take 15 to 50, hardly more where they are large.
+const ITERATIONS: usize = 150;
+/// The part of the way to the nearest end that a step takes at most.
+const TO_BOUNDARY: f64 = 0.995;
+/// The halvings of a step whose residuals grow.
+const HALVINGS: usize = 25;
+/// Armijo's fraction.
+const ARMIJO: f64 = 1e-4;
+/// Where a mean product of distances and multipliers is below this part of its start, there is no more to come but rounding.
+const LEAST: f64 = 1e-26;
+/// The diagonal that is added where a system is singular, beside its rows.
+const REGULAR: f64 = 1e-12;
+
+/// The method, for problems of one pattern.
+pub(super) struct InteriorPoint {
+    jacobian: SparseJacobian,
+    scale: Vec<f64>,
+    f: Vec<f64>,
+    /// Multipliers of the lower and of the upper ends, and their steps.
+    y: Vec<f64>,
+    v: Vec<f64>,
+    dy: Vec<f64>,
+    dv: Vec<f64>,
+    dz: Vec<f64>,
+    trial: Vec<f64>,
+    trial_f: Vec<f64>,
+}
+
+impl InteriorPoint {
+    /// For `m` variables and a pattern; nothing where the factors do not fit into memory, or `control` asks to stop.
+    pub fn new(m: usize, pattern: &[(usize, usize)], control: &Control) -> Option<Self> {
+        let vector = || vec![0.0; m];
+        Some(Self {
+            jacobian: SparseJacobian::new(m, pattern, control)?,
+            scale: vec![1.0; m],
+            f: vector(),
+            y: vector(),
+            v: vector(),
+            dy: vector(),
+            dv: vector(),
+            dz: vector(),
+            trial: vector(),
+            trial_f: vector(),
+        })
+    }
+
+    /// Solves from near `z` until the natural-map residual is below `tolerance` beside its terms; leaves the best point in `z`.
+    pub fn solve(&mut self, vi: &mut dyn SparseVi, tolerance: f64, z: &mut [f64], control: &Control) -> Report {
+        if vi.set().has_blocks() {
+            return Report::UNSUITABLE;
+        }
+        self.begin(vi, z);
+        let mut best: Option<(Fit, Vec<f64>)> = None;
+        let mut first = 0.0;
+        let mut outcome = Outcome::Limit;
+        let mut iterations = 0;
+        while iterations < ITERATIONS {
+            if !self.jacobian.evaluate(vi, z) || !self.f.iter().all(|f| f.is_finite()) {
+                outcome = Outcome::Breakdown;
+                break;
+            }
+            self.jacobian.scales(&mut self.scale);
+            let fit = Fit::of(&self.jacobian, vi.set(), (z, &self.f), &self.scale);
+            if best.as_ref().is_none_or(|(best, _)| fit.relative() < best.relative()) {
+                best = Some((fit, z.to_vec()));
+            }
+            if fit.relative() <= tolerance {
+                outcome = Outcome::Solved;
+                break;
+            }
+            if control.poll().is_some() {
+                outcome = Outcome::Interrupted;
+                break;
+            }
+            let mu = self.mean_product(vi.set(), z);
+            first = f64::max(first, mu);
+            if mu <= LEAST * first || !self.step(vi, z, mu, control) {
+                break;
+            }
+            iterations += 1;
+        }
+        let Some((fit, point)) = best else { return Report { iterations, ..Report::BREAKDOWN } };
+        z.copy_from_slice(&point);
+        Report { outcome, residual: fit.residual, iterations }
+    }
+
+    /// A point inside all intervals, with multipliers of the size of `F`.
+    fn begin(&mut self, vi: &mut dyn SparseVi, z: &mut [f64]) {
+        let size = z.iter().filter(|z| z.is_finite()).fold(1.0_f64, |most, z| most.max(z.abs()));
+        let set = vi.set();
+        for (i, z) in z.iter_mut().enumerate() {
+            let (lower, upper) = (set.lower[i], set.upper[i]);
+            let inside = size.min(0.25 * (upper - lower));
+            *z = if z.is_finite() { *z } else { 0.0 };
+            if lower < upper {
+                *z = z.clamp(lower + inside.min(size), upper - inside.min(size));
+            } else {
+                *z = lower;
+            }
+        }
+        vi.evaluate(z, &mut self.f);
+        let largest = self.f.iter().filter(|f| f.is_finite()).fold(1.0_f64, |most, f| most.max(f.abs()));
+        let set = vi.set();
+        for i in 0..z.len() {
+            let is_kept = set.lower[i] < set.upper[i];
+            self.y[i] = if is_kept && set.lower[i].is_finite() { self.f[i].abs().max(0.1 * largest) } else { 0.0 };
+            self.v[i] = if is_kept && set.upper[i].is_finite() { self.f[i].abs().max(0.1 * largest) } else { 0.0 };
+        }
+    }
+
+    fn mean_product(&self, set: &ConvexSet, z: &[f64]) -> f64 {
+        let (mut sum, mut count) = (0.0, 0_u32);
+        for i in 0..z.len() {
+            for (distance, multiplier) in [(z[i] - set.lower[i], self.y[i]), (set.upper[i] - z[i], self.v[i])] {
+                if multiplier > 0.0 {
+                    sum += distance * multiplier;
+                    count += 1;
+                }
+            }
+        }
+        sum / f64::from(count.max(1))
+    }
+
+    /// One step; false if none lowers the residuals.
+    fn step(&mut self, vi: &mut dyn SparseVi, z: &mut [f64], mu: f64, control: &Control) -> bool {
+        let m = z.len();
+        let set = vi.set();
+        let distances = |i: usize, z: &[f64]| (z[i] - set.lower[i], set.upper[i] - z[i]);
+        let diagonal: Vec<f64> = (0..m)
+            .map(|i| {
+                let (a, b) = distances(i, z);
+                let of = |multiplier: f64, distance: f64| if multiplier > 0.0 { multiplier / distance } else { 0.0 };
+                of(self.y[i], a) + of(self.v[i], b)
+            })
+            .collect();
+        let is_fixed = |i: usize| set.lower[i] == set.upper[i];
+        let scale = &self.scale;
+        // Predictor: the ends themselves; corrector: a place on the central path, and what the products lack.
+        let mut centre = 0.0;
+        for corrects in [false, true] {
+            let mut right: Vec<f64> = (0..m)
+                .map(|i| {
+                    let (a, b) = distances(i, z);
+                    let (mut right, da) = (-self.f[i], self.dz[i]);
+                    if corrects && self.y[i] > 0.0 {
+                        right += (centre - da * self.dy[i]) / a;
+                    }
+                    if corrects && self.v[i] > 0.0 {
+                        right -= (centre + da * self.dv[i]) / b;
+                    }
+                    if is_fixed(i) { 0.0 } else { right }
+                })
+                .collect();
+            let solved = if corrects {
+                self.jacobian.solve(&mut right)
+            } else {
+                let kept = right.clone();
+                [0.0, REGULAR].into_iter().any(|regular| {
+                    right.copy_from_slice(&kept);
+                    let row = |i: usize| match is_fixed(i) {
+                        true => (0.0, 1.0),
+                        false => (1.0, diagonal[i] + regular / scale[i]),
+                    };
+                    self.jacobian.factorise(row, control) && self.jacobian.solve(&mut right)
+                })
+            };
+            if !solved {
+                return false;
+            }
+            for i in 0..m {
+                let (a, b) = distances(i, z);
+                let (dz, old) = (right[i], self.dz[i]);
+                let product = |other: f64| if corrects { centre - old * other } else { 0.0 };
+                let (to_lower, to_upper) = (product(self.dy[i]), product(-self.dv[i]));
+                self.dy[i] = if self.y[i] > 0.0 { to_lower / a - self.y[i] - self.y[i] / a * dz } else { 0.0 };
+                self.dv[i] = if self.v[i] > 0.0 { to_upper / b - self.v[i] + self.v[i] / b * dz } else { 0.0 };
+            }
+            self.dz.copy_from_slice(&right);
+            if !corrects {
+                let reach = self.reach(set, z);
+                let (mut sum, mut count) = (0.0, 0_u32);
+                for i in 0..m {
+                    let (a, b) = distances(i, z);
+                    let dz = reach * self.dz[i];
+                    for (distance, multiplier, change) in
+                        [(a + dz, self.y[i], self.dy[i]), (b - dz, self.v[i], self.dv[i])]
+                    {
+                        if multiplier > 0.0 {
+                            sum += distance * (multiplier + reach * change);
+                            count += 1;
+                        }
+                    }
+                }
+                let reached = sum / f64::from(count.max(1));
+                centre = if count > 0 { mu * (reached / mu).clamp(0.0, 1.0).powi(3) } else { 0.0 };
+            }
+        }
+        let mut length = (TO_BOUNDARY * self.reach(set, z)).min(1.0);
+        let merit = self.merit(set, (z, &self.f), 0.0);
+        for _ in 0..HALVINGS {
+            for ((trial, z), dz) in self.trial.iter_mut().zip(&*z).zip(&self.dz) {
+                *trial = z + length * dz;
+            }
+            vi.evaluate(&self.trial, &mut self.trial_f);
+            let reached = self.merit(vi.set(), (&self.trial, &self.trial_f), length);
+            if reached <= (1.0 - ARMIJO * length) * merit {
+                z.copy_from_slice(&self.trial);
+                self.f.copy_from_slice(&self.trial_f);
+                self.y.iter_mut().zip(&self.dy).for_each(|(y, dy)| *y += length * dy);
+                self.v.iter_mut().zip(&self.dv).for_each(|(v, dv)| *v += length * dv);
+                return true;
+            }
+            length *= 0.5;
+        }
+        false
+    }
+
+    /// How far the step can be taken with all distances and multipliers positive, at most 1.
+    fn reach(&self, set: &ConvexSet, z: &[f64]) -> f64 {
+        let mut reach = 1.0_f64;
+        for i in 0..z.len() {
+            let pairs = [
+                (z[i] - set.lower[i], self.dz[i], self.y[i]),
+                (set.upper[i] - z[i], -self.dz[i], self.v[i]),
+                (self.y[i], self.dy[i], self.y[i]),
+                (self.v[i], self.dv[i], self.v[i]),
+            ];
+            for (value, change, multiplier) in pairs {
+                if multiplier > 0.0 && change < 0.0 {
+                    reach = reach.min(-value / change);
+                }
+            }
+        }
+        reach
+    }
+
+    /// The sum of the residuals of the equations, scaled, and of all products, after a step of this length.
+    fn merit(&self, set: &ConvexSet, (z, f): (&[f64], &[f64]), length: f64) -> f64 {
+        let (mut squares, mut products) = (0.0, 0.0);
+        for i in (0..z.len()).filter(|&i| set.lower[i] < set.upper[i]) {
+            let (y, v) = (self.y[i] + length * self.dy[i], self.v[i] + length * self.dv[i]);
+            squares += (f[i] - y + v).powi(2);
+            let of = |multiplier: f64, distance: f64| if multiplier > 0.0 { multiplier * distance } else { 0.0 };
+            products += of(y, z[i] - set.lower[i]) + of(v, set.upper[i] - z[i]);
+        }
+        squares.sqrt() + products
+    }
+}

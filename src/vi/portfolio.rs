@@ -1,0 +1,273 @@
+//! One nonlinear variational inequality of any size, by the methods that fit it, one after the other: of few variables, or over
+//! sets that bind them together, Josephy and Newton's with pivots or conic programs, which finds solutions where Jacobians are
+//! singular; of many over intervals, semismooth Newton and interior points on sparse factors; and where all fail, from other
+//! starts.
+
+use super::auto::SolverKind;
+use super::interior_point::InteriorPoint;
+use super::{JosephyNewton, NonlinearVi, Outcome, Report, SparseNewton, SparseVi};
+use nalgebra::DMatrix;
+use problem::{Control, ConvexSet, Workspace};
+
+/// Up to this many variables pivots come first: a tableau is in the cache.
+const PIVOTS_AT_MOST: usize = 300;
+/// So often the terms that a residual is measured beside are taken anew: at the start they are larger than at a solution.
+const ROUNDS: usize = 4;
+/// Up to this many variables there are full matrices.
+const DENSE_AT_MOST: usize = 1000;
+/// The starts beside the one given, and where there are many variables.
+const STARTS: usize = 12;
+const FEW_STARTS: usize = 2;
+
+/// What came of it.
+#[derive(Clone, Copy, Debug)]
+pub struct Found {
+    /// How the best attempt ended.
+    pub report: Report,
+    /// The method that it ended with.
+    pub method: &'static str,
+    /// The starts tried beside the one given.
+    pub starts: usize,
+    /// Iterations in all.
+    pub iterations: usize,
+    /// Whether pivots on an affine problem met a ray.
+    pub ray: bool,
+}
+
+/// A problem with its full Jacobian.
+struct Dense<'a>(&'a mut dyn SparseVi, Vec<f64>);
+
+impl NonlinearVi for Dense<'_> {
+    fn set(&self) -> &ConvexSet {
+        self.0.set()
+    }
+
+    fn evaluate(&mut self, z: &[f64], f: &mut [f64]) {
+        self.0.evaluate(z, f);
+    }
+
+    fn jacobian(&mut self, z: &[f64], derivative: &mut DMatrix<f64>) {
+        self.0.derivatives(z, &mut self.1);
+        derivative.fill(0.0);
+        for (&at, value) in self.0.pattern().iter().zip(&self.1) {
+            derivative[at] += value;
+        }
+    }
+}
+
+/// The methods, built when they are needed.
+pub struct Portfolio {
+    m: usize,
+    kind: SolverKind,
+    dense: Option<JosephyNewton>,
+    sparse: Option<SparseNewton>,
+    interior: Option<InteriorPoint>,
+}
+
+/// What is tried.
+#[derive(Clone, Copy, Debug)]
+enum Method {
+    JosephyNewton,
+    Newton { searches: bool },
+    InteriorPoint,
+}
+
+impl Method {
+    fn name(self) -> &'static str {
+        match self {
+            Self::JosephyNewton => "josephy_newton",
+            Self::Newton { .. } => "semismooth_newton",
+            Self::InteriorPoint => "interior_point",
+        }
+    }
+}
+
+impl Portfolio {
+    /// For `m` variables; affine problems are solved by `kind`, and unless that is chosen by size, by nothing else.
+    pub fn new(m: usize, kind: SolverKind) -> Self {
+        Self { m, kind, dense: None, sparse: None, interior: None }
+    }
+
+    /// Solves from `z` until the natural map is below `tolerance` beside the terms of `F`, and leaves the best point there.
+    pub fn solve(&mut self, vi: &mut dyn SparseVi, tolerance: f64, z: &mut [f64], control: &Control) -> Found {
+        let first = z.to_vec();
+        let mut found = self.once(vi, tolerance, z, control);
+        let mut best = z.to_vec();
+        let starts = if self.m <= PIVOTS_AT_MOST { STARTS } else { FEW_STARTS };
+        for number in 1..=starts {
+            let is_over = matches!(found.report.outcome, Outcome::Solved | Outcome::Interrupted);
+            // A ray of an affine problem is met from everywhere.
+            if is_over || found.ray || control.poll().is_some() {
+                break;
+            }
+            start(number, &first, vi.set(), z);
+            let next = self.once(vi, tolerance, z, control);
+            let (tried, iterations) = (number, found.iterations + next.iterations);
+            let is_better = next.report.outcome == Outcome::Solved
+                || next.report.residual < found.report.residual
+                || found.report.residual.is_nan();
+            if is_better {
+                best.copy_from_slice(z);
+                found = next;
+            }
+            (found.starts, found.iterations) = (tried, iterations);
+        }
+        z.copy_from_slice(&best);
+        found
+    }
+
+    /// From one start.
+    pub fn once(&mut self, vi: &mut dyn SparseVi, tolerance: f64, z: &mut [f64], control: &Control) -> Found {
+        let only_dense = vi.set().has_blocks() || self.kind != SolverKind::Auto;
+        let order: &[Method] = match (only_dense, self.m) {
+            (true, _) => &[Method::JosephyNewton],
+            (false, ..=PIVOTS_AT_MOST) => {
+                &[Method::JosephyNewton, Method::Newton { searches: true }, Method::InteriorPoint]
+            }
+            (false, ..=DENSE_AT_MOST) => &[
+                Method::Newton { searches: false },
+                Method::InteriorPoint,
+                Method::Newton { searches: true },
+                Method::JosephyNewton,
+            ],
+            (false, _) => {
+                &[Method::Newton { searches: false }, Method::InteriorPoint, Method::Newton { searches: true }]
+            }
+        };
+        let first = z.to_vec();
+        let mut best: Option<(Found, Vec<f64>)> = None;
+        let (mut iterations, mut ray) = (0, false);
+        for &method in order {
+            let mut point = first.clone();
+            let report = match method {
+                Method::JosephyNewton => self.josephy_newton(vi, tolerance, &mut point, &mut ray, control),
+                Method::Newton { searches } => self.newton(vi, tolerance, &mut point, searches, control),
+                Method::InteriorPoint => self.interior_point(vi, tolerance, &mut point, control),
+            };
+            iterations += report.iterations;
+            let is_better = best.as_ref().is_none_or(|(best, _)| {
+                report.outcome == Outcome::Solved
+                    || report.residual < best.report.residual
+                    || best.report.residual.is_nan()
+            });
+            if is_better {
+                best = Some((Found { report, method: method.name(), starts: 0, iterations, ray }, point));
+            }
+            if matches!(report.outcome, Outcome::Solved | Outcome::Interrupted) {
+                break;
+            }
+        }
+        let Some((found, point)) = best else {
+            return Found { report: Report::UNSUITABLE, method: "none", starts: 0, iterations, ray };
+        };
+        z.copy_from_slice(&point);
+        Found { iterations, ray, ..found }
+    }
+
+    fn newton(
+        &mut self,
+        vi: &mut dyn SparseVi,
+        tolerance: f64,
+        z: &mut [f64],
+        searches: bool,
+        control: &Control,
+    ) -> Report {
+        if self.sparse.is_none() {
+            self.sparse = SparseNewton::new(self.m, vi.pattern(), control);
+        }
+        self.sparse.as_mut().map_or(Report::UNSUITABLE, |sparse| sparse.solve(vi, tolerance, z, searches, control))
+    }
+
+    /// The interior-point method, and Newton's from where it ends: what rests on an end is on it then.
+    fn interior_point(&mut self, vi: &mut dyn SparseVi, tolerance: f64, z: &mut [f64], control: &Control) -> Report {
+        if self.interior.is_none() {
+            self.interior = InteriorPoint::new(self.m, vi.pattern(), control);
+        }
+        let Some(interior) = &mut self.interior else { return Report::UNSUITABLE };
+        let report = interior.solve(vi, tolerance, z, control);
+        let mut ended = z.to_vec();
+        let polished = self.newton(vi, tolerance, &mut ended, false, control);
+        if polished.residual < report.residual
+            && (polished.outcome == Outcome::Solved || report.outcome != Outcome::Solved)
+        {
+            z.copy_from_slice(&ended);
+            return Report { iterations: report.iterations + polished.iterations, ..polished };
+        }
+        report
+    }
+
+    /// Josephy and Newton's method, and on intervals further steps of Newton's where these converge fast.
+    fn josephy_newton(
+        &mut self,
+        vi: &mut dyn SparseVi,
+        tolerance: f64,
+        z: &mut [f64],
+        ray: &mut bool,
+        control: &Control,
+    ) -> Report {
+        vi.set().project_all(z, &mut Workspace::default());
+        let entries = vi.pattern().len();
+        let dense = self.dense.get_or_insert_with(|| JosephyNewton::new(self.m, self.kind));
+        let mut report = Report::BREAKDOWN;
+        let mut iterations = 0;
+        for _ in 0..ROUNDS {
+            let allowed = tolerance * terms(vi, z);
+            if report.residual <= allowed {
+                break;
+            }
+            report = dense.solve(&mut Dense(vi, vec![0.0; entries]), allowed, z, control);
+            iterations += report.iterations;
+            if report.outcome != Outcome::Solved {
+                break;
+            }
+        }
+        report.iterations = iterations;
+        *ray |=
+            report.outcome != Outcome::Solved && dense.attempts().iter().any(|attempt| attempt.outcome == Outcome::Ray);
+        if report.outcome == Outcome::Solved && self.kind == SolverKind::Auto && !vi.set().has_blocks() {
+            let mut polished = z.to_vec();
+            let newton = self.newton(vi, tolerance, &mut polished, false, control);
+            if newton.outcome == Outcome::Solved && newton.residual <= report.residual {
+                z.copy_from_slice(&polished);
+                report = Report { iterations: report.iterations + newton.iterations, ..newton };
+            }
+        }
+        report
+    }
+}
+
+/// The largest of the terms of `F`, `|F| + |F'| |z|`, and of `z`.
+fn terms(vi: &mut dyn SparseVi, z: &[f64]) -> f64 {
+    let mut f = vec![0.0; z.len()];
+    let mut derivatives = vec![0.0; vi.pattern().len()];
+    vi.evaluate(z, &mut f);
+    vi.derivatives(z, &mut derivatives);
+    f.iter_mut().for_each(|f| *f = f.abs());
+    for (&(i, j), a) in vi.pattern().iter().zip(&derivatives) {
+        f[i] += (a * z[j]).abs();
+    }
+    f.iter().chain(z).fold(f64::MIN_POSITIVE, |most, x| most.max(x.abs()))
+}
+
+/// Start number `number`, from one: around the one given, ever farther, by multiples of the golden ratio.
+pub fn start(number: usize, first: &[f64], set: &ConvexSet, z: &mut [f64]) {
+    /// The golden ratio less one.
+    const RATIO: f64 = 0.618_033_988_749_894_8;
+    let size = first.iter().fold(1.0_f64, |most, z| most.max(z.abs()));
+    // Sizes 0, 1, 1, 1, 10, 10, 10, 100, ..
+    let reach = if number == 1 { 0.0 } else { size * 10.0_f64.powi(((number - 2) / 3) as i32) };
+    let free = number > 1 && number.is_multiple_of(2);
+    for (i, (z, first)) in z.iter_mut().zip(first).enumerate() {
+        let part = ((i + 1) as f64 * RATIO * (number as f64).sqrt()).fract();
+        let (lower, upper) = (set.lower[i], set.upper[i]);
+        *z = match (lower.is_finite(), upper.is_finite()) {
+            (true, true) if number > 1 && upper - lower <= 2.0 * reach => lower + part * (upper - lower),
+            (true, false) if number > 1 => lower + part * reach,
+            (false, true) if number > 1 => upper - part * reach,
+            _ if number == 1 => 0.0,
+            _ if free => reach * (2.0 * part - 1.0),
+            _ => first + reach * (2.0 * part - 1.0),
+        };
+    }
+    set.project_all(z, &mut Workspace::default());
+}

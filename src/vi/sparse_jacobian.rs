@@ -1,0 +1,147 @@
+//! The sparse derivative of a nonlinear variational inequality, `F'(z)`, and factors of it with rows scaled and a diagonal added:
+//! of one pattern, which is analysed once.
+
+use factorisation::{Analysis, SparseLu, SparseMatrix};
+use faer::sparse::Triplet;
+use problem::{Control, ConvexSet};
+
+/// A diagonal entry below this part of the largest in its row says nothing about the scale of the row.
+const SMALL_DIAGONAL: f64 = 1.0 / 64.0;
+
+/// A nonlinear variational inequality with a sparse derivative.
+pub trait SparseVi {
+    /// `K`, of dimension `m`.
+    fn set(&self) -> &ConvexSet;
+
+    /// The places of `F'` that may be nonzero, as `(row, column)`.
+    fn pattern(&self) -> &[(usize, usize)];
+
+    /// Writes `F(z)` (m). What is not defined comes out as NaN or an infinity.
+    fn evaluate(&mut self, z: &[f64], f: &mut [f64]);
+
+    /// Writes the entries of `F'(z)`, in the order of the pattern.
+    fn derivatives(&mut self, z: &[f64], values: &mut [f64]);
+}
+
+/// `F'` and the factors of a system that it makes up.
+pub(super) struct SparseJacobian {
+    /// `F'`, with a place for each entry of the diagonal.
+    matrix: SparseMatrix,
+    /// The place of each entry of the pattern in the values of the matrix, and of each of the diagonal.
+    places: Vec<usize>,
+    diagonal: Vec<usize>,
+    system: SparseMatrix,
+    factors: SparseLu<f64>,
+    derivatives: Vec<f64>,
+}
+
+impl SparseJacobian {
+    /// For `m` variables and a pattern; nothing where the factors do not fit into memory, or `control` asks to stop.
+    pub fn new(m: usize, pattern: &[(usize, usize)], control: &Control) -> Option<Self> {
+        let entries = pattern.iter().copied().chain((0..m).map(|i| (i, i)));
+        let triplets: Vec<Triplet<usize, usize, f64>> = entries.map(|(i, j)| Triplet::new(i, j, 0.0)).collect();
+        let matrix = SparseMatrix::try_new_from_triplets(m, m, &triplets).ok()?;
+        let place = |(i, j): (usize, usize)| {
+            let range = matrix.symbolic().col_range(j);
+            let rows = &matrix.symbolic().row_idx()[range.clone()];
+            rows.binary_search(&i).ok().map(|at| range.start + at)
+        };
+        let places = pattern.iter().map(|&at| place(at)).collect::<Option<Vec<usize>>>()?;
+        let diagonal = (0..m).map(|i| place((i, i))).collect::<Option<Vec<usize>>>()?;
+        let analysis = Analysis::new_unless(matrix.symbolic(), || control.poll().is_some())?;
+        Some(Self {
+            system: matrix.clone(),
+            matrix,
+            factors: SparseLu::new(&analysis)?,
+            derivatives: vec![0.0; places.len()],
+            places,
+            diagonal,
+        })
+    }
+
+    /// Takes `F'(z)`; false where an entry is not finite.
+    pub fn evaluate(&mut self, vi: &mut dyn SparseVi, z: &[f64]) -> bool {
+        vi.derivatives(z, &mut self.derivatives);
+        let (_, values) = self.matrix.parts_mut();
+        values.fill(0.0);
+        self.places.iter().zip(&self.derivatives).for_each(|(&place, value)| values[place] += value);
+        values.iter().all(|value| value.is_finite())
+    }
+
+    /// The scales of rows that bring `z` and `S F` to one unit: the inverse of the diagonal where that says something, else of
+    /// the largest entry.
+    pub fn scales(&self, scale: &mut [f64]) {
+        let mut largest = vec![0.0_f64; scale.len()];
+        for (&i, a) in self.matrix.symbolic().row_idx().iter().zip(self.matrix.val()) {
+            largest[i] = largest[i].max(a.abs());
+        }
+        for ((scale, largest), &place) in scale.iter_mut().zip(&largest).zip(&self.diagonal) {
+            let own = self.matrix.val()[place].abs();
+            let size = if own >= SMALL_DIAGONAL * largest { own } else { *largest };
+            *scale = if size > 0.0 { size.recip() } else { 1.0 };
+        }
+    }
+
+    /// The entries of a column with their rows.
+    pub fn column(&self, j: usize) -> impl Iterator<Item = (&usize, &f64)> {
+        self.matrix.symbolic().row_idx_of_col_raw(j).iter().zip(self.matrix.val_of_col(j))
+    }
+
+    /// Factorises the system whose row `i` is that of `F'` times the first number, with the second added on the diagonal.
+    pub fn factorise(&mut self, row: impl Fn(usize) -> (f64, f64), control: &Control) -> bool {
+        let (symbolic, values) = self.system.parts_mut();
+        for ((value, a), &i) in values.iter_mut().zip(self.matrix.val()).zip(symbolic.row_idx()) {
+            *value = row(i).0 * a;
+        }
+        for (i, &place) in self.diagonal.iter().enumerate() {
+            values[place] += row(i).1;
+        }
+        self.factors.factorise_unless(&self.system, || control.poll().is_some())
+    }
+
+    /// Solves the system that was factorised, in place; false where the solution is not finite.
+    pub fn solve(&mut self, right: &mut [f64]) -> bool {
+        self.factors.solve(right)
+    }
+}
+
+/// How well a point solves a problem.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Fit {
+    /// `max |z - P(z - F)|`
+    pub residual: f64,
+    /// `max |z - P(z - S F)|`
+    scaled: f64,
+    /// The largest of the terms that cancel in each.
+    terms: [f64; 2],
+}
+
+impl Fit {
+    /// Of a point `z` with `F(z)`, where the Jacobian is that there.
+    pub fn of(jacobian: &SparseJacobian, set: &ConvexSet, (z, f): (&[f64], &[f64]), scale: &[f64]) -> Self {
+        let mut terms: Vec<f64> = f.iter().map(|f| f.abs()).collect();
+        for (j, z) in z.iter().enumerate() {
+            jacobian.column(j).for_each(|(&i, a)| terms[i] += (a * z).abs());
+        }
+        let mut fit = Self { residual: 0.0, scaled: 0.0, terms: [0.0; 2] };
+        for (i, ((z, f), s)) in z.iter().zip(f).zip(scale).enumerate() {
+            let of = |s: f64| (z - set.project(i, z - s * f)).abs();
+            let (residual, scaled) = (of(1.0), of(*s));
+            if residual.is_nan() {
+                return Self { residual, scaled, terms: [1.0; 2] };
+            }
+            fit.residual = fit.residual.max(residual);
+            fit.scaled = fit.scaled.max(scaled);
+            for (most, s) in fit.terms.iter_mut().zip([1.0, *s]) {
+                *most = most.max(z.abs()).max(s * terms[i]);
+            }
+        }
+        fit
+    }
+
+    /// The residuals beside their terms.
+    pub fn relative(&self) -> f64 {
+        let of = |residual: f64, terms: f64| if residual == 0.0 { 0.0 } else { residual / terms };
+        of(self.residual, self.terms[0]).max(of(self.scaled, self.terms[1]))
+    }
+}

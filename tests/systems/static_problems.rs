@@ -1,0 +1,357 @@
+//! Static variational inequalities, held to published solutions and closed forms; what is certain of each is told, and that
+//! there are many solutions or none.
+
+use crate::systems::harness::solve;
+use dvi::problem::Control;
+use dvi::solution::{Solution, StaticSolution, Status};
+use dvi::specification::Specification;
+use serde_json::{Map, Value, json};
+
+fn problem(variables: &[(&str, &str, f64)], set: Value) -> Value {
+    let variables: Map<String, Value> = variables
+        .iter()
+        .map(|(name, inequality, initial)| ((*name).to_owned(), json!({"inequality": inequality, "initial": initial})))
+        .collect();
+    json!({"problem": {"vi": {"variables": variables, "set": set}}})
+}
+
+/// Nonnegative variables `x1`, `x2`, ..
+fn complementarity(rows: &[&str], start: &[f64]) -> Value {
+    let names: Vec<String> = (1..=rows.len()).map(|i| format!("x{i}")).collect();
+    let variables: Vec<(&str, &str, f64)> =
+        names.iter().zip(rows).zip(start).map(|((name, row), start)| (name.as_str(), *row, *start)).collect();
+    problem(&variables, json!([{"nonnegative": names}]))
+}
+
+fn solved(specification: &Value) -> (Solution, StaticSolution) {
+    let mut solution = solve(specification);
+    assert!(solution.verdict.trusted, "{:?}", solution.verdict);
+    let found = solution.solution.take().expect("a solution");
+    (solution, found)
+}
+
+fn failed(specification: &Value) -> (String, String) {
+    let specification = Specification::from_json(specification.to_string().as_bytes()).expect("a specification");
+    let solution = dvi::solve(&specification, &Control::new());
+    assert!(solution.status == Status::Failed && !solution.verdict.trusted && solution.solution.is_none());
+    let error = solution.error.expect("an error");
+    (error.code.into_owned(), error.message)
+}
+
+fn is_told(solution: &Solution, code: &str) -> bool {
+    solution.verdict.caveats.iter().any(|caveat| caveat.code == code)
+}
+
+#[track_caller]
+fn assert_point(found: &StaticSolution, exact: &[f64], tolerance: f64) {
+    for (i, exact) in exact.iter().enumerate() {
+        let value = found.z[&format!("x{}", i + 1)];
+        assert!((value - exact).abs() <= tolerance * exact.abs().max(1.0), "x{}: {value} for {exact}", i + 1);
+    }
+}
+
+/// Firms that sell at `p(Q) = (5000/Q)^(1/g)` with marginal costs `c + (q/L)^(1/b)`.
+fn cournot(costs: &[f64], capacity: f64, elasticities: &[f64], demand: f64, start: f64) -> Value {
+    let firms = costs.len();
+    let total = (1..=firms).map(|i| format!("x{i}")).collect::<Vec<_>>().join(" + ");
+    let rows: Vec<String> = costs
+        .iter()
+        .zip(elasticities)
+        .enumerate()
+        .map(|(i, (c, b))| format!("{c} + (x{k}/{capacity})^(1/{b}) - price*(1 - x{k}/({demand}*total))", k = i + 1))
+        .collect();
+    let rows: Vec<&str> = rows.iter().map(String::as_str).collect();
+    let mut specification = complementarity(&rows, &vec![start; firms]);
+    specification["problem"]["vi"]["definitions"] =
+        json!({"total": total, "price": format!("(5000/total)^(1/{demand})")});
+    specification
+}
+
+#[test]
+fn firms_in_a_market_come_to_their_published_equilibrium() {
+    // Murphy, Sherali and Soyster 1982, in the figures of Harker 1984; more digits by Newton's method in another program.
+    let specification = cournot(&[10.0, 8.0, 6.0, 4.0, 2.0], 5.0, &[1.2, 1.1, 1.0, 0.9, 0.8], 1.1, 10.0);
+    let (solution, found) = solved(&specification);
+    let exact = [
+        36.932_510_815_735_77,
+        41.818_141_660_437_62,
+        43.706_578_522_274_21,
+        42.659_239_743_305_12,
+        39.178_952_516_625_02,
+    ];
+    assert_point(&found, &exact, 1e-10);
+    assert!(found.certificate.starts_with("the only solution near"), "{}", found.certificate);
+    assert!((solution.trajectory.field("total").unwrap()[0] - exact.iter().sum::<f64>()).abs() < 1e-8);
+    assert_eq!(solution.trajectory.t, [0.0]);
+    // The ten firms of the collection MCPLIB (Dirkse and Ferris 1995).
+    let elasticities = [1.2, 1.0, 0.9, 0.6, 1.5, 1.0, 0.7, 1.1, 0.95, 0.75];
+    let costs = [5.0, 3.0, 8.0, 5.0, 1.0, 3.0, 7.0, 4.0, 6.0, 3.0];
+    let (_, found) = solved(&cournot(&costs, 10.0, &elasticities, 1.2, 1.0));
+    assert_point(
+        &found,
+        &[35.352_785_782_468_914, 46.561_140_974_408_27, 4.712_421_097_006_069, 19.910_456_562_854_602],
+        1e-10,
+    );
+}
+
+#[test]
+fn the_problems_of_josephy_and_of_kojima_and_shindoh_are_solved_from_their_starts() {
+    let root = 6.0_f64.sqrt() / 2.0;
+    let first = "3*x1^2 + 2*x1*x2 + 2*x2^2 + x3 + 3*x4 - 6";
+    let last = "x1^2 + 3*x2^2 + 2*x3 + 3*x4 - 3";
+    let josephy = [first, "2*x1^2 + x1 + x2^2 + 3*x3 + 2*x4 - 2", "3*x1^2 + x1*x2 + 2*x2^2 + 2*x3 + 3*x4 - 1", last];
+    for start in [[0.0; 4], [1.0, 1.0, 1.0, 1.0], [100.0; 4], [1.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 0.0]] {
+        let (_, found) = solved(&complementarity(&josephy, &start));
+        assert_point(&found, &[root, 0.0, 0.0, 0.5], 1e-9);
+    }
+    // Two solutions, one of them degenerate (Facchinei and Pang 2003, page 42).
+    let kojima = [first, "2*x1^2 + x1 + x2^2 + 10*x3 + 2*x4 - 2", "3*x1^2 + x1*x2 + 2*x2^2 + 2*x3 + 9*x4 - 9", last];
+    let mut met = [false; 2];
+    for start in [[0.0; 4], [1.0, 1.0, 1.0, 1.0], [100.0; 4], [1.0, 0.0, 1.0, 0.0], [1.0, 0.0, 0.0, 0.0]] {
+        let (solution, found) = solved(&complementarity(&kojima, &start));
+        let at = |exact: [f64; 4]| (1..=4).all(|i| (found.z[&format!("x{i}")] - exact[i - 1]).abs() < 1e-5);
+        let which = [at([root, 0.0, 0.0, 0.5]), at([1.0, 0.0, 3.0, 0.0])];
+        assert!(which[0] != which[1], "{found:?}");
+        (0..2).for_each(|k| met[k] |= which[k]);
+        assert!(is_told(&solution, "many_solutions"), "{:?} {}", solution.verdict, found.certificate);
+    }
+    assert!(met[0] || met[1]);
+}
+
+#[test]
+fn billups_problem_is_solved_past_its_local_minimum() {
+    // Billups 1995: merit functions have a minimum near zero that is no solution.
+    let (_, found) = solved(&complementarity(&["(x1 - 1)^2 - 1.01"], &[0.0]));
+    assert_point(&found, &[1.0 + 1.01_f64.sqrt()], 1e-9);
+}
+
+#[test]
+fn murtys_exponential_problem_is_solved() {
+    // Murty 1978: pivots go through exponentially many bases for some methods; w = M z - e, ones on and twos left of the diagonal.
+    let m = 16;
+    let rows: Vec<String> = (1..=m)
+        .map(|i| {
+            let twos: Vec<String> = (1..i).map(|j| format!("2*x{j}")).collect();
+            format!("x{i} + {} - 1", if twos.is_empty() { "0".to_owned() } else { twos.join(" + ") })
+        })
+        .collect();
+    let rows: Vec<&str> = rows.iter().map(String::as_str).collect();
+    let (_, found) = solved(&complementarity(&rows, &vec![0.0; m]));
+    let mut exact = vec![0.0; m];
+    exact[0] = 1.0;
+    assert_point(&found, &exact, 1e-12);
+}
+
+#[test]
+fn mathiesens_market_has_prices_up_to_a_factor() {
+    // Mathiesen 1987, with endowments 1 and 1/2: (1/2, 3 s, s, 2 s) for every s.
+    let rows = ["-x2 + x3 + x4", "x1 - 0.75*(x3 + 0.5*x4)/x2", "1 - x1 - 0.25*(x3 + 0.5*x4)/x3", "0.5 - x1"];
+    let (_, found) = solved(&complementarity(&rows, &[1.0, 1.0, 1.0, 1.0]));
+    let s = found.z["x3"];
+    assert!(s > 1e-3);
+    assert_point(&found, &[0.5, 3.0 * s, s, 2.0 * s], 1e-8);
+    assert!(!found.certificate.starts_with("the only"), "{}", found.certificate);
+}
+
+#[test]
+fn colvilles_first_problem_has_its_published_prices_and_quantities() {
+    // Problems 86 and 117 of Hock and Schittkowski 1981, the optimality of both at once: `y` of one and `u` of the other.
+    let e = [-15.0, -27.0, -36.0, -18.0, -12.0];
+    let c = [
+        [30.0, -20.0, -10.0, 32.0, -10.0],
+        [-20.0, 39.0, -6.0, -31.0, 32.0],
+        [-10.0, -6.0, 10.0, -6.0, -10.0],
+        [32.0, -31.0, -6.0, 39.0, -20.0],
+        [-10.0, 32.0, -10.0, -20.0, 30.0],
+    ];
+    let d = [4.0, 8.0, 10.0, 6.0, 2.0];
+    let b = [-40.0, -2.0, -0.25, -4.0, -4.0, -1.0, -40.0, -60.0, 5.0, 1.0];
+    let a = [
+        [-16.0, 2.0, 0.0, 1.0, 0.0],
+        [0.0, -2.0, 0.0, 0.4, 2.0],
+        [-3.5, 0.0, 2.0, 0.0, 0.0],
+        [0.0, -2.0, 0.0, -4.0, -1.0],
+        [0.0, -9.0, -2.0, 1.0, -2.8],
+        [2.0, 0.0, -4.0, 0.0, 0.0],
+        [-1.0, -1.0, -1.0, -1.0, -1.0],
+        [-1.0, -2.0, -3.0, -2.0, -1.0],
+        [1.0, 2.0, 3.0, 4.0, 5.0],
+        [1.0, 1.0, 1.0, 1.0, 1.0],
+    ];
+    let mut rows: Vec<String> = (0..5)
+        .map(|j| {
+            let of_y: String = (0..5).map(|k| format!(" + ({})*x{}", 2.0 * c[k][j], k + 1)).collect();
+            let of_u: String = (0..10).map(|i| format!(" - ({})*x{}", a[i][j], i + 6)).collect();
+            format!("{}{of_y} + {}*x{}^2{of_u}", e[j], 3.0 * d[j], j + 1)
+        })
+        .collect();
+    rows.extend((0..10).map(|i| {
+        let of_y: String = (0..5).map(|j| format!(" + ({})*x{}", a[i][j], j + 1)).collect();
+        format!("-({}){of_y}", b[i])
+    }));
+    let rows: Vec<&str> = rows.iter().map(String::as_str).collect();
+    let (_, found) = solved(&complementarity(&rows, &[0.0; 15]));
+    assert_point(&found, &[0.3, 0.333_467_61, 0.4, 0.428_310_10, 0.223_964_87], 1e-8);
+    assert_point(
+        &found,
+        &[0.3, 0.3335, 0.4, 0.4283, 0.224, 0.0, 0.0, 5.1741, 0.0, 3.0611, 11.8395, 0.0, 0.0, 0.1039, 0.0],
+        6e-5,
+    );
+}
+
+#[test]
+fn dantzigs_transport_has_its_published_cost_and_several_plans() {
+    // Dantzig 1963, section 3.3: two plants, three markets, 153.675 thousand dollars.
+    let cost = [[0.225, 0.153, 0.162], [0.225, 0.162, 0.126]];
+    let mut variables = Vec::new();
+    for (i, row) in cost.iter().enumerate() {
+        for (j, cost) in row.iter().enumerate() {
+            variables.push((format!("x{i}{j}"), format!("s{i} + {cost} - p{j}")));
+        }
+    }
+    variables.extend([
+        ("s0".to_owned(), "350 - x00 - x01 - x02".to_owned()),
+        ("s1".to_owned(), "600 - x10 - x11 - x12".to_owned()),
+    ]);
+    variables.extend(
+        [325, 300, 275].iter().enumerate().map(|(j, demand)| (format!("p{j}"), format!("x0{j} + x1{j} - {demand}"))),
+    );
+    let names: Vec<&String> = variables.iter().map(|(name, _)| name).collect();
+    let rows: Vec<(&str, &str, f64)> = variables.iter().map(|(name, row)| (name.as_str(), row.as_str(), 0.0)).collect();
+    let mut specification = problem(&rows, json!([{"nonnegative": names}]));
+    specification["problem"]["vi"]["definitions"] =
+        json!({"cost": "0.225*x00 + 0.153*x01 + 0.162*x02 + 0.225*x10 + 0.162*x11 + 0.126*x12"});
+    let (solution, _) = solved(&specification);
+    assert!((solution.trajectory.field("cost").unwrap()[0] - 153.675).abs() < 1e-9);
+    assert!(is_told(&solution, "many_solutions"), "{:?}", solution.verdict);
+}
+
+/// Three routes and the demand that they carry; `u` is the time that they take.
+fn braess(bridge: bool) -> Value {
+    let mut variables = vec![("h1", "10*(h1 + h3) + 50 + h1 - u", 0.0), ("h2", "50 + h2 + 10*(h2 + h3) - u", 0.0)];
+    variables.push(("h3", if bridge { "10*(h1 + h3) + 10 + h3 + 10*(h2 + h3) - u" } else { "h3 + 1000" }, 0.0));
+    variables.push(("u", "h1 + h2 + h3 - 6", 0.0));
+    problem(&variables, json!([{"nonnegative": ["h1", "h2", "h3"]}, {"free": ["u"]}]))
+}
+
+#[test]
+fn braess_bridge_makes_everyone_slower() {
+    let (_, with) = solved(&braess(true));
+    for (name, exact) in [("h1", 2.0), ("h2", 2.0), ("h3", 2.0), ("u", 92.0)] {
+        assert!((with.z[name] - exact).abs() < 1e-9, "{with:?}");
+    }
+    assert!(with.certificate.starts_with("the only solution: "), "{}", with.certificate);
+    let (_, without) = solved(&braess(false));
+    assert!((without.z["u"] - 83.0).abs() < 1e-9 && (without.z["h1"] - 3.0).abs() < 1e-9);
+}
+
+#[test]
+fn a_simplex_a_ball_and_a_cone_hold_their_solutions() {
+    // The nearest point of the simplex to (0.9, 0.4, -1): (0.75, 0.25, 0).
+    let rows = [("a", "a - 0.9", 0.0), ("b", "b - 0.4", 0.0), ("c", "c + 1", 0.0)];
+    let (_, found) = solved(&problem(&rows, json!([{"simplex": ["a", "b", "c"]}])));
+    for (name, exact) in [("a", 0.75), ("b", 0.25), ("c", 0.0)] {
+        assert!((found.z[name] - exact).abs() < 1e-9, "{found:?}");
+    }
+    assert!(found.certificate.starts_with("the only solution: "));
+    let rows = [("a", "a - 3", 0.0), ("b", "b - 4", 0.0)];
+    let (_, found) = solved(&problem(&rows, json!([{"ball": {"of": ["a", "b"], "radius": 2}}])));
+    assert!((found.z["a"] - 1.2).abs() < 1e-9 && (found.z["b"] - 1.6).abs() < 1e-9, "{found:?}");
+}
+
+#[test]
+fn a_string_on_a_floor_is_solved_at_its_nodes() {
+    // -u'' + 1 >= 0 above 0 on [-1, 1] with u(+-1) = 1/8: u = (|x| - 1/2)^2/2 off the floor, which differences keep.
+    let n = 399;
+    let h = 2.0 / f64::from(n + 1);
+    let specification = json!({"problem": {"vi": {"parameters": {"n": n, "h": h},
+        "definitions": {"u[0]": 0.125, "u[n+1]": 0.125},
+        "variables": {"u[1..n]": {"inequality": "(2*u[i] - u[i-1] - u[i+1])/h^2 + 1"}},
+        "set": [{"nonnegative": ["u[1..n]"]}]}}});
+    let (_, found) = solved(&specification);
+    for i in 1..=n {
+        let x = -1.0 + f64::from(i) * h;
+        let exact = 0.5 * (x.abs() - 0.5).max(0.0).powi(2);
+        let value = found.z[&format!("u[{i}]")];
+        assert!((value - exact).abs() < 1e-11, "{i}: {value} for {exact}");
+    }
+    assert!(found.certificate.starts_with("the only solution: "), "{}", found.certificate);
+}
+
+#[test]
+fn a_continuum_of_solutions_is_told() {
+    let (solution, found) = solved(&complementarity(&["x1 + x2 - 2", "x1 + x2 - 2"], &[0.5, 0.1]));
+    assert!((found.z["x1"] + found.z["x2"] - 2.0).abs() < 1e-10);
+    assert!(is_told(&solution, "many_solutions"), "{:?}", solution.verdict);
+}
+
+#[test]
+fn a_problem_without_solution_says_why_there_is_none() {
+    // A row that is negative everywhere; one that is so by the bounds of the others; rows that contradict each other.
+    for (rows, part) in [
+        (vec!["-1 - exp(x1)"], "the inequality of `x1` is negative"),
+        (vec!["x1 + x2", "-x1 - 1"], "the inequality of `x2`"),
+        (vec!["x1 - x2 - 1", "x2 - x1 - 1"], "contradict each other"),
+    ] {
+        let (code, message) = failed(&complementarity(&rows, &vec![1.0; rows.len()]));
+        assert_eq!(code, "no_solution", "{message}");
+        assert!(message.contains(part), "{message}");
+    }
+    // x^2 + 1 = 0 for a free x has none either, which intervals show; and (x - 1)^2 + 0.01 = 0, which they do not.
+    let free = |row: &str| problem(&[("x1", row, 0.3)], json!([{"free": ["x1"]}]));
+    assert_eq!(failed(&free("x1^2 + 1")).0, "no_solution");
+    let (code, message) = failed(&free("x1^2 - 2*x1 + 1.01"));
+    assert_eq!(code, "vi_unsolved");
+    assert!(message.contains("none was proven not to exist"), "{message}");
+}
+
+#[test]
+fn the_traffic_of_sioux_falls_comes_to_its_published_flows() {
+    // In thousands of vehicles, by link and destination, with the time from each node to each destination.
+    let data: Value = serde_json::from_str(include_str!("../reference/sioux_falls.json")).unwrap();
+    let number = |value: &Value| value.as_f64().unwrap();
+    let links: Vec<Vec<f64>> = data["links"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|link| link.as_array().unwrap().iter().map(number).collect())
+        .collect();
+    let (mut definitions, mut variables) = (Map::new(), Map::new());
+    for a in 0..links.len() {
+        let all: Vec<String> = (1..=24).map(|d| format!("x{a}_{d}")).collect();
+        definitions.insert(format!("v{a}"), json!(all.join(" + ")));
+    }
+    for d in 1..=24_usize {
+        let time = |node: f64| if node == d as f64 { "0".to_owned() } else { format!("p{node}_{d}") };
+        for (a, link) in links.iter().enumerate() {
+            let row =
+                format!("{}*(1 + 0.15*(v{a}/{})^4) + {} - {}", link[3], link[2] / 1000.0, time(link[1]), time(link[0]));
+            variables.insert(format!("x{a}_{d}"), json!({"inequality": row}));
+        }
+        for node in (1..=24_usize).filter(|node| *node != d) {
+            let sum = |end: usize, sign: &str| -> String {
+                let at = links.iter().enumerate().filter(|(_, link)| link[end] == node as f64);
+                at.map(|(a, _)| format!(" {sign} x{a}_{d}")).collect()
+            };
+            let trips = number(&data["trips"][node - 1][d - 1]) / 1000.0;
+            let row = format!("0{}{} - {trips}", sum(0, "+"), sum(1, "-"));
+            variables.insert(format!("p{node}_{d}"), json!({"inequality": row}));
+        }
+    }
+    let names: Vec<String> = variables.keys().cloned().collect();
+    let (solution, found) = solved(&json!({"problem": {"vi": {"definitions": definitions, "variables": variables,
+        "set": [{"nonnegative": names}]}}}));
+    let (mut total, mut shortest) = (0.0, 0.0);
+    for (a, link) in links.iter().enumerate() {
+        let flow = 1000.0 * solution.trajectory.field(&format!("v{a}")).unwrap()[0];
+        assert!((flow - link[4]).abs() <= 1e-6 * link[4], "link {a}: {flow} for {}", link[4]);
+        total += flow * link[3] * (1.0 + 0.15 * (flow / link[2]).powi(4));
+    }
+    for d in 1..=24_usize {
+        for node in (1..=24_usize).filter(|node| *node != d) {
+            shortest += number(&data["trips"][node - 1][d - 1]) * found.z[&format!("p{node}_{d}")];
+        }
+    }
+    let gap = (total - shortest) / total;
+    assert!(gap.abs() <= 1e-10, "relative gap {gap:e}");
+}
